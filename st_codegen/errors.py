@@ -1,0 +1,120 @@
+"""The exceptions of st-codegen.
+
+Every message names what is wrong (file, model, operator, feature) and what to do about it. Input errors are collected,
+so that one run reports all of them: see `Problems`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+class StCodegenError(Exception):
+    """Base class: everything that the command line reports with exit code 2 and no traceback."""
+
+
+class InputError(StCodegenError):
+    """Something the user gave us cannot be used: a file, a model, a bundle, a name."""
+
+
+class UnsupportedModelError(InputError):
+    """A model, operator or option that no walker or target can express."""
+
+
+class UntrustedFileError(InputError):
+    """A file whose loading can run code, given without `--trust-pickle`."""
+
+
+class MissingExtraError(InputError):
+    """An optional dependency is not installed."""
+
+    def __init__(self, package: str, extra: str, purpose: str) -> None:
+        super().__init__(
+            f"{purpose} needs the package '{package}', which is not installed: pip install 'st-codegen[{extra}]'"
+        )
+
+
+class TargetError(InputError):
+    """A model is valid but the chosen target cannot hold it."""
+
+
+class GeneratedCodeError(StCodegenError):
+    """Generated files are missing, changed by hand, or left by an interrupted run."""
+
+
+class Problems:
+    """Collects input errors and raises them as one.
+
+    >>> problems = Problems("bundle.toml")
+    >>> with problems.collect():
+    ...     raise InputError("no [bundle] table")
+    >>> problems.add("feature 'speed': no unit")
+    >>> problems.raise_if_any()
+    Traceback (most recent call last):
+    ...
+    st_codegen.errors.InputError: bundle.toml: 2 problems
+      - no [bundle] table
+      - feature 'speed': no unit
+    """
+
+    def __init__(self, subject: str) -> None:
+        self.subject = subject
+        self.errors: list[InputError] = []
+
+    def add(self, message: str) -> None:
+        """Note a problem and go on."""
+        self.errors.append(InputError(message))
+
+    def collect(self) -> _Collector:
+        """A context in which an `InputError` is noted instead of raised."""
+        return _Collector(self)
+
+    def raise_if_any(self) -> None:
+        """Raise all that was noted as one error.
+
+        Raises the single error unchanged (with its own class) when there is just one that already names the subject.
+        Several errors are raised as UnsupportedModelError when all of them are, otherwise as InputError.
+        """
+        if not self.errors:
+            return
+        if len(self.errors) == 1:
+            only = self.errors[0]
+            text = str(only)
+            raise type(only)(text) if text.startswith(self.subject) else with_subject(only, self.subject)
+        lines = "\n".join(f"  - {error}".replace("\n", "\n  ") for error in self.errors)
+        unsupported = all(isinstance(error, UnsupportedModelError) for error in self.errors)
+        kind = UnsupportedModelError if unsupported else InputError
+        raise kind(f"{self.subject}: {len(self.errors)} problems\n{lines}")
+
+
+class _Collector:
+    """Notes the InputError of a `with` block, and lets the program go on behind it."""
+
+    def __init__(self, problems: Problems) -> None:
+        self.problems = problems
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> bool:
+        if isinstance(error, InputError):
+            self.problems.errors.append(error)
+            return True
+        return False
+
+
+def with_subject(error: InputError, subject: str) -> InputError:
+    """The same error with the subject in front; classes with their own constructor stay as they are."""
+    if isinstance(error, MissingExtraError):
+        return error
+    return type(error)(f"{subject}: {error}")
+
+
+@contextmanager
+def errors_name(subject: str) -> Iterator[None]:
+    """Put the file or class that is read in front of the message of any InputError in a block."""
+    try:
+        yield
+    except InputError as error:
+        raise with_subject(error, subject) from None
