@@ -1,0 +1,1 @@
+"""Exact rewrites of the intermediate representation, and the analyses that they need."""

@@ -1,0 +1,201 @@
+"""The numbers a model can be computed for without overflow.
+
+On a PLC an overflow may stop the controller, so inputs beyond the limit found here are refused by the generated block.
+Interval arithmetic on magnitudes: each operation maps a bound on its inputs to a bound on its intermediate results.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import singledispatch
+
+import numpy as np
+
+from st_codegen.errors import InputError
+from st_codegen.ir import (
+    CEILING,
+    FLOAT32_OVERFLOW,
+    Activation,
+    Clip,
+    Combine,
+    FillMissing,
+    FloatArray,
+    Function,
+    Kernel,
+    KernelSum,
+    Linear,
+    ModelIR,
+    Norm,
+    Normalize,
+    Operation,
+    Operator,
+    Precision,
+    Round,
+    Scale,
+    Select,
+    TreeEnsemble,
+)
+
+#: Limits tried for the arguments of exponentials, largest first: e**690 is about 1e299, e**88 about 1.7e38.
+_EXP_LIMITS = {Precision.FLOAT64: (690.0, 345.0, 170.0, 80.0, 40.0), Precision.FLOAT32: (88.0, 44.0, 22.0, 11.0, 5.0)}
+
+_EXPONENTS = range(300, -1, -1)
+
+
+def limit_inputs(model: ModelIR) -> ModelIR:
+    """The model with `magnitude_limits`, and `limit` of exponentials, narrowed so that no operation overflows.
+
+    Models that only compare their inputs stay as they are. Every output is then finite. Raises InputError where not
+    even inputs of magnitude 1, or not all of the declared ranges, are safe.
+    """
+    if _is_safe(model, math.inf):
+        return model
+    for attempt in range(len(_EXP_LIMITS[Precision.FLOAT64])):
+        candidate = dataclasses.replace(model, ops=tuple(_limited(op, attempt) for op in model.ops))
+        for exponent in _EXPONENTS:
+            if _is_safe(candidate, 10.0**exponent):
+                limit = 10.0**exponent
+                _check_ranges(candidate, limit)
+                limits = tuple(limit if known is None else min(limit, known) for known in model.magnitude_limits)
+                return dataclasses.replace(candidate, magnitude_limits=limits)
+    raise InputError(
+        f"model '{model.name}': its coefficients are so large that the result overflows for inputs of magnitude 1; "
+        "check the training data and scale the target"
+    )
+
+
+def _limited(op: Operation, attempt: int) -> Operation:
+    """An exponential with the limit of an attempt; any other operation as it is."""
+    if isinstance(op, Activation) and op.function in (Function.EXP, Function.EXPM1):
+        return dataclasses.replace(op, limit=_EXP_LIMITS[op.precision][attempt])
+    return op
+
+
+def _check_ranges(model: ModelIR, limit: float) -> None:
+    for feature in model.features:
+        if feature.lower is not None and feature.upper is not None and max(-feature.lower, feature.upper) >= limit:
+            raise InputError(
+                f"model '{model.name}', feature '{feature.name}': within the range {feature.lower} .. {feature.upper} "
+                f"the computation can overflow (limit {limit:g}); narrow the range or scale the feature"
+            )
+
+
+def _is_safe(model: ModelIR, limit: float) -> bool:
+    bounds = [np.full(len(model.features), limit)]
+    with np.errstate(all="ignore"):
+        for op in model.ops:
+            peak, bound = _bound(op, [bounds[value] for value in op.inputs])
+            ceiling = CEILING[getattr(op, "precision", Precision.FLOAT64)]
+            if not peak <= ceiling:  # NaN is not safe either
+                return False
+            bounds.append(bound)
+    return bool(np.all(np.isfinite(bounds[-1])))
+
+
+@singledispatch
+def _bound(op: Operation, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    """Largest magnitude of any intermediate result, and bounds on the magnitude of each output column."""
+    raise NotImplementedError(type(op).__name__)
+
+
+def _peak(bound: FloatArray) -> tuple[float, FloatArray]:
+    return float(np.max(bound)), bound
+
+
+@_bound.register
+def _(op: Select, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    return 0.0, np.concatenate(operands)[op.columns]
+
+
+@_bound.register
+def _(op: Scale, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    constant = np.abs(op.constant)
+    if op.operator in (Operator.ADD, Operator.SUBTRACT):
+        return _peak(operands[0] + constant)
+    if op.operator is Operator.MULTIPLY:
+        return _peak(operands[0] * constant)
+    # constant / x is guarded at run time against results above the ceiling
+    return _peak(np.full(len(constant), CEILING[op.precision]) if op.reverse else operands[0] / constant)
+
+
+@_bound.register
+def _(op: Combine, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    if op.operator in (Operator.ADD, Operator.SUBTRACT):
+        return _peak(operands[0] + operands[1])
+    if op.operator is Operator.MULTIPLY:
+        return _peak(operands[0] * operands[1])
+    return _peak(np.full(op.width, CEILING[op.precision]))
+
+
+@_bound.register
+def _(_: Round, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    largest = float(np.max(operands[0]))
+    return (largest if largest < FLOAT32_OVERFLOW else math.inf), operands[0]
+
+
+@_bound.register
+def _(op: FillMissing, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    return 0.0, np.maximum(operands[0], abs(op.fill))
+
+
+@_bound.register
+def _(op: Clip, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    return 0.0, np.minimum(operands[0], np.maximum(np.abs(op.lower), np.abs(op.upper)))
+
+
+@_bound.register
+def _(op: Linear, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    return _peak(np.abs(op.weights) @ operands[0] + np.abs(op.bias))
+
+
+@_bound.register
+def _(op: Activation, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    x = operands[0]
+    if op.function in (Function.TANH, Function.LOGISTIC):
+        return 0.0, np.ones(op.width)
+    if op.function is Function.SIGNED_SQUARE:
+        return _peak(x * x)
+    if op.function in (Function.EXP, Function.EXPM1):
+        return _peak(np.exp(np.minimum(x, op.limit)))
+    if op.function is Function.LOG1P:
+        return float(np.max(x)), np.maximum(np.log1p(x), 37.0)  # LN(2**-53) is -36.7
+    return _peak((1.0 + abs(op.parameter)) * x + 1.0)
+
+
+@_bound.register
+def _(op: Normalize, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    peak = float(np.sum(operands[0] * operands[0]) + np.sum(operands[0]))
+    return peak, np.full(op.width, CEILING[op.precision] if op.norm is Norm.MAX else 2.0)
+
+
+@_bound.register
+def _(op: KernelSum, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    vectors = np.abs(op.support_vectors)
+    weights = np.sum(np.abs(op.coefficients), axis=1)
+    if op.kernel is Kernel.RBF:
+        distance = np.max(np.sum((operands[0] + vectors) ** 2, axis=1))
+        return max(float(distance) * max(op.gamma, 1.0), float(np.max(weights))), weights + np.abs(op.intercept)
+    argument = vectors @ operands[0]
+    kernel = argument
+    if op.kernel is not Kernel.LINEAR:
+        argument = abs(op.gamma) * argument + abs(op.coef0)
+        kernel = np.ones(len(argument)) if op.kernel is Kernel.SIGMOID else argument**op.degree
+    total = np.abs(op.coefficients) @ kernel + np.abs(op.intercept)
+    return max(float(np.max(argument)), float(np.max(kernel)), float(np.max(total))), total
+
+
+@_bound.register
+def _(op: TreeEnsemble, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    value = np.max(np.abs(op.leaf_value), axis=0)
+    if op.linear is not None:
+        longest = int(np.max(np.diff(op.linear.start), initial=0))
+        coefficient = float(np.max(np.abs(op.linear.coefficient), initial=0.0))
+        largest_input = float(np.max(operands[0])) if longest else 0.0
+        value = np.maximum(
+            value, np.max(np.abs(op.linear.constant), initial=0.0) + longest * coefficient * largest_input
+        )
+    total = np.abs(op.base) + op.n_trees * value
+    ceiling = CEILING[op.sum_precision]
+    bound = total / abs(op.divisor)
+    return (float(np.max(total)) if np.max(total) <= ceiling else math.inf), np.broadcast_to(bound, (op.width,))

@@ -1,0 +1,246 @@
+"""Rows that try a model where it can go wrong: its range, its thresholds with neighbours, and what is no number."""
+
+from __future__ import annotations
+
+from functools import singledispatch
+
+import numpy as np
+
+from st_codegen.ir import (
+    FloatArray,
+    KernelSum,
+    ModelIR,
+    Operation,
+    Operator,
+    Scale,
+    Select,
+    TreeEnsemble,
+)
+
+#: Values that libraries and controllers treat in special ways. They are tried in every column.
+SPECIAL = np.array(
+    [
+        np.nan,
+        np.inf,
+        -np.inf,
+        0.0,
+        -0.0,
+        5e-324,
+        -5e-324,
+        1e-35,
+        1.0000000180025095e-35,
+        -1e-36,
+        1.0,
+        -1.0,
+        -0.5,
+        2.5,
+        255.0,
+        256.0,
+        16777216.0,
+        -16777217.0,
+        2147483648.0,
+        3.4028234663852886e38,
+        3.4028235677973366e38,
+        -3.5e38,
+        1e300,
+        -1.7976931348623157e308,
+    ]
+)
+
+
+def probe_rows(model: ModelIR, rows: int, seed: int = 0) -> FloatArray:
+    """At least `rows` rows (rows, features), deterministic: special values, thresholds, and the rest at random.
+
+    Every threshold that can be traced back to an input is there with its two neighbours in float64 and in float32, even
+    where that takes more rows; the points where rounding to float32 changes over are there as far as there is room.
+    Special values stand one at a time in a row, thresholds of different columns share rows.
+    """
+    random = np.random.default_rng(seed)
+    lower, upper = trained_range(model)
+    points = _critical_points(model)
+    special = _special_rows(lower, upper, random)
+    edges = _rows_of([near for near, _ in points], lower, upper, random)
+    more = _rows_of([changeover for _, changeover in points], lower, upper, random)
+    room = max(rows - len(special) - len(edges), 0)
+    if len(more) > room:
+        more = more[np.sort(random.choice(len(more), room, replace=False))]
+    inside = _random_rows(max(room - len(more), 0), lower, upper, random)
+    return np.vstack([special, edges, more, inside])
+
+
+def _random_rows(count: int, lower: FloatArray, upper: FloatArray, random: np.random.Generator) -> FloatArray:
+    """Rows in the trained range; one in ten may leave it by half its width."""
+    wide = random.random(count) < 0.1
+    margin = 0.5 * (upper - lower) * wide[:, None]
+    inside: FloatArray = lower - margin + (upper - lower + 2 * margin) * random.random((count, len(lower)))
+    return inside
+
+
+def _rows_of(points: list[FloatArray], lower: FloatArray, upper: FloatArray, random: np.random.Generator) -> FloatArray:
+    """Rows that hold every point of every column, each column's in an order of its own."""
+    count = max((len(p) for p in points), default=0)
+    rows = lower + (upper - lower) * random.random((count, len(lower)))
+    for column, values in enumerate(points):
+        rows[: len(values), column] = random.permutation(values)
+    return rows
+
+
+def trained_range(model: ModelIR) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper ends of each feature: as declared, else as the thresholds, vectors and scalers suggest."""
+    low, high = _suggested_range(model)
+    for number, feature in enumerate(model.features):
+        if feature.lower is not None and feature.upper is not None:
+            low[number], high[number] = feature.lower, feature.upper
+    return low, high
+
+
+def _special_rows(lower: FloatArray, upper: FloatArray, random: np.random.Generator) -> FloatArray:
+    """Each special value in each column, the others inside the range; then all columns at once."""
+    width = len(lower)
+    ends = np.array(
+        [[np.nextafter(a, -np.inf), a, b, np.nextafter(b, np.inf)] for a, b in zip(lower, upper, strict=True)]
+    )
+    values = np.hstack([np.broadcast_to(SPECIAL, (width, len(SPECIAL))), ends])
+    rows = lower + (upper - lower) * random.random((values.size, width))
+    column = np.repeat(np.arange(width), values.shape[1])
+    rows[np.arange(values.size), column] = values.ravel()
+    everywhere = np.repeat(SPECIAL[:, None], width, axis=1)
+    return np.vstack([rows, everywhere])
+
+
+def _critical_points(model: ModelIR) -> list[tuple[FloatArray, FloatArray]]:
+    """For each feature, the inputs at which some split changes its mind.
+
+    First thresholds and neighbours, then the points around them where rounding to float32 changes over.
+    """
+    near: list[list[FloatArray]] = [[] for _ in model.features]
+    changeover: list[list[FloatArray]] = [[] for _ in model.features]
+    for op in model.ops:
+        if not isinstance(op, TreeEnsemble):
+            continue
+        for number, column in enumerate(op.columns):
+            feature, steps = _origin(model, op.inputs[0], column.column)
+            if feature is None:
+                continue
+            if column.categorical:
+                codes = np.arange(-1, column.n_categories + 2, dtype=np.float64)
+                known = np.array(column.categories) if column.categories is not None else codes
+                near[feature].append(np.concatenate([codes, known, known + 0.5]))
+                continue
+            thresholds = np.unique(op.threshold[op.split == number])
+            inputs = _undone(thresholds[np.isfinite(thresholds)], steps)
+            near[feature].append(_neighbours(inputs))
+            changeover[feature].append(_changeovers(inputs))
+    return [(_unique(n), _unique(c)) for n, c in zip(near, changeover, strict=True)]
+
+
+def _unique(parts: list[FloatArray]) -> FloatArray:
+    values = np.unique(np.concatenate(parts)) if parts else np.zeros(0)
+    return values[np.isfinite(values)]
+
+
+def _singles(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The float32 numbers below, at and above."""
+    with np.errstate(over="ignore"):
+        single = values.astype(np.float32)
+        below, above = np.nextafter(single, np.float32(-np.inf)), np.nextafter(single, np.float32(np.inf))
+    return below.astype(np.float64), single.astype(np.float64), above.astype(np.float64)
+
+
+def _neighbours(values: FloatArray) -> FloatArray:
+    """Values with their neighbours in float64 and in float32."""
+    return np.concatenate([values, np.nextafter(values, -np.inf), np.nextafter(values, np.inf), *_singles(values)])
+
+
+def _changeovers(values: FloatArray) -> FloatArray:
+    """The midpoints between the float32 numbers around each value, with their neighbours."""
+    below, at, above = _singles(values)
+    halves = np.concatenate([(below + at) / 2, (at + above) / 2])
+    return np.concatenate([halves, np.nextafter(halves, -np.inf), np.nextafter(halves, np.inf)])
+
+
+def _origin(model: ModelIR, value: int, column: int) -> tuple[int | None, list[tuple[Operator, bool, float]]]:
+    """The feature that a column is a scaled copy of, and the scaling steps from feature to column; None if none."""
+    steps: list[tuple[Operator, bool, float]] = []
+    while value:
+        op = model.ops[value - 1]
+        if isinstance(op, Select):
+            at = int(op.columns[column])
+            for operand in op.inputs:
+                width = model.value_width(operand)
+                if at < width:
+                    value, column = operand, at
+                    break
+                at -= width
+        elif isinstance(op, Scale):
+            steps.append((op.operator, op.reverse, float(op.constant[column])))
+            value = op.inputs[0]
+        else:
+            return None, []
+    return column, steps[::-1]
+
+
+def _undone(values: FloatArray, steps: list[tuple[Operator, bool, float]]) -> FloatArray:
+    """The inputs that scaling steps take to the given values, up to rounding."""
+    with np.errstate(all="ignore"):
+        for operator, reverse, constant in reversed(steps):
+            if operator is Operator.ADD:
+                values = values - constant
+            elif operator is Operator.SUBTRACT:
+                values = constant - values if reverse else values + constant
+            elif operator is Operator.MULTIPLY:
+                values = values / constant
+            else:
+                values = constant / values if reverse else values * constant
+    return values[np.isfinite(values)]
+
+
+def _suggested_range(model: ModelIR) -> tuple[FloatArray, FloatArray]:
+    """A range for features that declare none, from the numbers inside the model."""
+    low, high = np.full(len(model.features), np.inf), np.full(len(model.features), -np.inf)
+    for op in model.ops:
+        for column, values in enumerate(_typical(op)):
+            feature, steps = _origin(model, op.inputs[0], column)
+            inputs = _undone(values, steps)
+            if feature is not None and len(inputs):
+                low[feature] = min(low[feature], np.min(inputs))
+                high[feature] = max(high[feature], np.max(inputs))
+    unknown = ~np.isfinite(low)
+    low[unknown], high[unknown] = -1.0, 1.0
+    margin = np.where(high > low, 0.1 * (high - low), np.maximum(np.abs(low), 1.0))
+    return low - margin, high + margin
+
+
+@singledispatch
+def _typical(_: Operation) -> list[FloatArray]:
+    """For each column that the operation reads, numbers in the middle of what it was trained on."""
+    return []
+
+
+@_typical.register
+def _(op: KernelSum) -> list[FloatArray]:
+    return list(op.support_vectors.T)
+
+
+@_typical.register
+def _(op: Scale) -> list[FloatArray]:
+    # what follows a scaler is of the order of 1
+    if op.reverse:
+        return []
+    ends = np.array([-3.0, 3.0]) if op.operator in (Operator.MULTIPLY, Operator.DIVIDE) else np.array([-1.0, 1.0])
+    return [_undone(ends, [(op.operator, False, float(constant))]) for constant in op.constant]
+
+
+@_typical.register
+def _(op: TreeEnsemble) -> list[FloatArray]:
+    width = 1 + max((column.column for column in op.columns), default=-1)
+    values: list[FloatArray] = [np.zeros(0)] * width
+    for number, column in enumerate(op.columns):
+        if column.categorical:
+            known = (
+                np.array(column.categories) if column.categories else np.arange(column.n_categories, dtype=np.float64)
+            )
+        else:
+            known = op.threshold[op.split == number]
+        values[column.column] = np.concatenate([values[column.column], known[np.isfinite(known)]])
+    return values

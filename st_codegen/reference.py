@@ -1,0 +1,341 @@
+"""Evaluates the intermediate representation in NumPy by the source library's exact rules.
+
+This is the middle of the proof: library = reference pins an error on a walker, reference = emitted text pins it on the
+back end. It shares no code with either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import singledispatch
+
+import numpy as np
+from numpy.typing import NDArray
+
+from st_codegen.ir import (
+    CEILING,
+    Activation,
+    Aggregate,
+    BoolArray,
+    Clip,
+    Combine,
+    Comparison,
+    FillMissing,
+    FloatArray,
+    Function,
+    IntArray,
+    Kernel,
+    KernelSum,
+    Linear,
+    ModelIR,
+    NanRule,
+    Norm,
+    Normalize,
+    Operation,
+    Operator,
+    Precision,
+    Round,
+    Scale,
+    Select,
+    SummationOrder,
+    TreeColumn,
+    TreeEnsemble,
+)
+
+
+def evaluate(model: ModelIR, x: FloatArray) -> FloatArray:
+    """Predict rows of `x` (rows, features) -> (rows, outputs).
+
+    A row that the library refuses (NaN where it takes none, too large a number), in which a number ceases to exist on
+    the way (a logarithm of a negative number) or whose result is infinite gives NaN in every output.
+    """
+    x = limited(model, x)
+    values = trace(model, x)
+    usable = valid_rows(model, x)
+    for op, result in zip(model.ops, values[1:], strict=True):
+        read = np.hstack([values[number] for number in op.inputs])
+        usable &= ~np.any(np.isnan(result), axis=1) | np.any(np.isnan(read), axis=1)
+    usable &= np.all(np.isfinite(values[-1]), axis=1)
+    return np.where(usable[:, None], values[-1], np.nan)
+
+
+def limited(model: ModelIR, x: FloatArray) -> FloatArray:
+    """Rows with every feature limited to its declared range, as the generated block limits them; NaN stays NaN."""
+    lower = [-np.inf if feature.lower is None else feature.lower for feature in model.features]
+    upper = [np.inf if feature.upper is None else feature.upper for feature in model.features]
+    return np.clip(np.array(x, dtype=np.float64), lower, upper)
+
+
+def valid_rows(model: ModelIR, x: FloatArray) -> BoolArray:
+    """Which rows the source library accepts, shape (rows,)."""
+    refused = np.zeros(x.shape, np.bool_) if model.accepts_nan else np.isnan(x)
+    for column, limit in enumerate(model.magnitude_limits):
+        if limit is not None:
+            refused[:, column] |= np.abs(x[:, column]) >= limit
+    accepted: BoolArray = ~np.any(refused, axis=1)
+    return accepted
+
+
+def trace(model: ModelIR, x: FloatArray) -> list[FloatArray]:
+    """All values of the model for rows of `x`: the inputs, then the result of each operation, each (rows, width)."""
+    values = [np.array(x, dtype=np.float64)]
+    with np.errstate(all="ignore"):
+        for op in model.ops:
+            values.append(_apply(op, [values[number] for number in op.inputs]))
+    return values
+
+
+def rounded(value: FloatArray, precision: Precision) -> FloatArray:
+    """`value` rounded to `precision`, as float64."""
+    return value if precision is Precision.FLOAT64 else value.astype(np.float32).astype(np.float64)
+
+
+_OPERATORS: dict[Operator, Callable[[FloatArray, FloatArray], FloatArray]] = {
+    Operator.ADD: np.add,
+    Operator.SUBTRACT: np.subtract,
+    Operator.MULTIPLY: np.multiply,
+    Operator.DIVIDE: np.divide,
+}
+
+
+@singledispatch
+def _apply(op: Operation, operands: list[FloatArray]) -> FloatArray:
+    raise NotImplementedError(type(op).__name__)
+
+
+@_apply.register
+def _(op: Select, operands: list[FloatArray]) -> FloatArray:
+    return np.hstack(operands)[:, op.columns]
+
+
+@_apply.register
+def _(op: Scale, operands: list[FloatArray]) -> FloatArray:
+    left, right = (op.constant[None, :], operands[0]) if op.reverse else (operands[0], op.constant[None, :])
+    # + - * / of two float32 numbers computed in float64 and rounded once equal the float32 operation
+    result = rounded(_OPERATORS[op.operator](left, right), op.precision)
+    return _guarded(result, left, right, op) if op.reverse and op.operator is Operator.DIVIDE else result
+
+
+@_apply.register
+def _(op: Combine, operands: list[FloatArray]) -> FloatArray:
+    left, right = operands
+    result = rounded(_OPERATORS[op.operator](left, right), op.precision)
+    return _guarded(result, left, right, op) if op.operator is Operator.DIVIDE else result
+
+
+def _guarded(quotient: FloatArray, left: FloatArray, right: FloatArray, op: Scale | Combine | Normalize) -> FloatArray:
+    """A quotient, NaN where the divisor is too small for it."""
+    return np.where(np.abs(right) <= np.abs(left) * (1.0 / CEILING[op.precision]), np.nan, quotient)
+
+
+@_apply.register
+def _(_: Round, operands: list[FloatArray]) -> FloatArray:
+    return rounded(operands[0], Precision.FLOAT32)
+
+
+@_apply.register
+def _(op: FillMissing, operands: list[FloatArray]) -> FloatArray:
+    x = operands[0]
+    missing = np.isnan(x) if op.sentinel is None else np.isnan(x) | (x == op.sentinel)
+    return np.where(missing, op.fill, x)
+
+
+@_apply.register
+def _(op: Clip, operands: list[FloatArray]) -> FloatArray:
+    return np.clip(operands[0], op.lower, op.upper)
+
+
+@_apply.register
+def _(op: Linear, operands: list[FloatArray]) -> FloatArray:
+    x = operands[0]
+    total = np.broadcast_to(op.bias, (len(x), op.width)).copy()
+    if op.order is SummationOrder.SEQUENTIAL:
+        for column in range(x.shape[1]):
+            product = rounded(x[:, column, None] * op.weights[None, :, column], op.precision)
+            total = rounded(total + product, op.precision)
+        return total
+    for column in range(x.shape[1]):
+        total += x[:, column, None] * op.weights[None, :, column]
+    return rounded(total, op.precision)
+
+
+@_apply.register
+def _(op: Activation, operands: list[FloatArray]) -> FloatArray:
+    x = np.where(operands[0] > op.limit, np.nan, operands[0])
+    return rounded(_FUNCTIONS[op.function](x, op.parameter), op.precision)
+
+
+def _logistic(x: FloatArray, _: float) -> FloatArray:
+    decay = np.exp(-np.abs(x))  # never overflows
+    return np.where(x >= 0, 1.0, decay) / (1.0 + decay)
+
+
+_FUNCTIONS: dict[Function, Callable[[FloatArray, float], FloatArray]] = {
+    Function.IDENTITY: lambda x, _: x,
+    Function.TANH: lambda x, _: np.tanh(x),
+    Function.LOGISTIC: _logistic,
+    Function.RELU: lambda x, _: np.maximum(x, 0.0),
+    Function.LEAKY_RELU: lambda x, slope: np.where(x < 0, slope * x, x),
+    Function.ELU: lambda x, scale: np.where(x < 0, scale * np.expm1(np.minimum(x, 0.0)), x),
+    Function.SOFTPLUS: lambda x, _: np.maximum(x, 0.0) + np.log1p(np.exp(-np.abs(x))),
+    Function.EXP: lambda x, _: np.exp(x),
+    Function.EXPM1: lambda x, _: np.expm1(x),
+    Function.LOG1P: lambda x, _: np.log1p(np.where(x > -1.0, x, np.nan)),
+    Function.SIGNED_SQUARE: lambda x, _: np.sign(x) * x * x,
+}
+
+
+@_apply.register
+def _(op: Normalize, operands: list[FloatArray]) -> FloatArray:
+    x = operands[0]
+    if op.norm is Norm.MAX:
+        size = np.max(x, axis=1)
+    else:
+        terms = np.abs(x) if op.norm is Norm.L1 else rounded(x * x, op.precision)
+        size = np.zeros(len(x))
+        for column in range(op.width):
+            size = rounded(size + terms[:, column], op.precision)
+    divisor = np.where(size == 0, 1.0, size)[:, None]
+    if op.norm is Norm.L2:
+        root = rounded(np.sqrt(rounded(terms / divisor, op.precision)), op.precision)
+        quotient = np.where(x < 0, -root, root)
+    else:
+        quotient = _guarded(rounded(x / divisor, op.precision), x, divisor, op)
+    return np.where((size == 0)[:, None], x, quotient)
+
+
+@_apply.register
+def _(op: KernelSum, operands: list[FloatArray]) -> FloatArray:
+    x = operands[0]
+    total = np.broadcast_to(op.intercept, (len(x), op.width)).copy()
+    for vector, coefficients in zip(op.support_vectors, op.coefficients.T, strict=True):
+        total += kernel_value(op, x, vector)[:, None] * coefficients[None, :]
+    return rounded(total, op.precision)
+
+
+def kernel_value(op: KernelSum, x: FloatArray, vector: FloatArray) -> FloatArray:
+    """The kernel between rows of `x` and one support vector, shape (rows,)."""
+    if op.kernel is Kernel.RBF:
+        distance: FloatArray = np.sum((x - vector) ** 2, axis=1)
+        return np.exp(-op.gamma * distance)
+    product: FloatArray = np.sum(x * vector, axis=1)
+    if op.kernel is Kernel.LINEAR:
+        return product
+    argument = op.gamma * product + op.coef0
+    return np.tanh(argument) if op.kernel is Kernel.SIGMOID else argument**op.degree
+
+
+@_apply.register
+def _(op: TreeEnsemble, operands: list[FloatArray]) -> FloatArray:
+    return _TreeEvaluator(op, operands[0]).total()
+
+
+class _TreeEvaluator:
+    """One ensemble on one set of rows."""
+
+    def __init__(self, op: TreeEnsemble, x: FloatArray) -> None:
+        self.op = op
+        self.raw = x
+        rows = len(x)
+        columns = max(len(op.columns), 1)
+        self.value = np.zeros((columns, rows))
+        self.missing = np.zeros((columns, rows), np.bool_)
+        self.code = np.zeros((columns, rows), np.int64)
+        for number, column in enumerate(op.columns):
+            self._read(number, column, rounded(x[:, column.column], op.input_precision))
+        self.any_missing = bool(self.missing.any())
+        self.any_infinite = bool(np.isinf(op.threshold).any())
+
+    def _read(self, number: int, column: TreeColumn, value: FloatArray) -> None:
+        nan = np.isnan(value)
+        missing = nan & (column.nan is NanRule.MISSING)
+        value = np.where(nan, 0.0, value)
+        if column.missing_interval is not None:
+            low, high = column.missing_interval
+            missing |= (value >= low) & (value <= high)
+        self.value[number] = value
+        self.missing[number] = missing
+        if column.categorical:
+            self.code[number] = np.where(missing, column.n_categories + 1, category_code(column, value))
+
+    def leaves(self, tree: int) -> NDArray[np.int64]:
+        """The leaf node that each row reaches in a tree, shape (rows,)."""
+        op = self.op
+        node = np.full(self.value.shape[1], op.roots[tree], np.int64)
+        active = np.arange(len(node)) if op.split[op.roots[tree]] >= 0 else np.zeros(0, np.int64)
+        while active.size:
+            here = node[active]
+            go_left = self._goes_left(here, op.split[here], active)
+            here = np.where(go_left, op.left[here], op.right[here])
+            node[active] = here
+            active = active[op.split[here] >= 0]
+        return node
+
+    def _goes_left(self, node: NDArray[np.int64], column: IntArray, row: NDArray[np.int64]) -> BoolArray:
+        op = self.op
+        value = self.value[column, row]
+        threshold = op.threshold[node]
+        go_left = value < threshold if op.comparison is Comparison.LESS else value <= threshold
+        if self.any_infinite:
+            go_left |= threshold == np.inf
+        if self.any_missing:
+            go_left = np.where(self.missing[column, row], op.missing_left[node], go_left)
+        if op.has_categories:
+            at = np.flatnonzero(np.array([c.categorical for c in op.columns])[column])
+            go_left[at] = op.category_left[op.category_row[node[at]] + self.code[column[at], row[at]]]
+        return np.asarray(go_left, np.bool_)
+
+    def leaf_values(self, tree: int) -> FloatArray:
+        """What a tree gives each row, shape (rows, width of a leaf)."""
+        op = self.op
+        leaf = op.leaf[self.leaves(tree)]
+        value: FloatArray = op.leaf_value[leaf]
+        if op.linear is None:
+            return value
+        linear = op.linear
+        total = linear.constant[leaf].copy()
+        nan = np.zeros(len(total), np.bool_)
+        counts = linear.start[leaf + 1] - linear.start[leaf]
+        for term in range(int(counts.max(initial=0))):
+            rows = np.flatnonzero(counts > term)
+            entry = linear.start[leaf[rows]] + term
+            x = self.raw[rows, linear.column[entry]]
+            x = np.where(np.abs(x) <= linear.zero_magnitude, 0.0, x)
+            nan[rows] |= np.isnan(x)
+            total[rows] += linear.coefficient[entry] * x
+        return np.where(nan[:, None], value, total[:, None])
+
+    def total(self) -> FloatArray:
+        """The ensemble's result, shape (rows, outputs), with every addition rounded as the library rounds it."""
+        op = self.op
+        dtype = np.float32 if op.sum_precision is Precision.FLOAT32 else np.float64
+        base = op.base.astype(dtype)
+        combine = {Aggregate.SUM: np.add, Aggregate.MINIMUM: np.minimum, Aggregate.MAXIMUM: np.maximum}[op.aggregate]
+        neutral = {Aggregate.SUM: 0.0, Aggregate.MINIMUM: np.inf, Aggregate.MAXIMUM: -np.inf}[op.aggregate]
+        first = np.full(op.width, neutral, dtype) if op.base_last or op.aggregate is not Aggregate.SUM else base
+        result = np.broadcast_to(first, (len(self.raw), op.width)).copy()
+        for tree in range(op.n_trees):
+            value = self.leaf_values(tree).astype(dtype)
+            if value.shape[1] == 1 and op.width > 1:
+                output = op.tree_output[tree]
+                result[:, output] = combine(result[:, output], value[:, 0])
+            else:
+                result = combine(result, value)
+        if op.divisor != 1.0:
+            result = result / dtype(op.divisor)
+        if op.base_last or op.aggregate is not Aggregate.SUM:
+            result = result + base
+        return np.asarray(result, np.float64)
+
+
+def category_code(column: TreeColumn, value: FloatArray) -> NDArray[np.int64]:
+    """Category codes 0 .. n_categories-1 of numbers, n_categories for all others, shape of `value`."""
+    n = column.n_categories
+    if column.categories is not None:
+        known = np.array(column.categories)
+        order = np.argsort(known, kind="stable")
+        position = order[np.minimum(np.searchsorted(known[order], value), len(known) - 1)]
+        return np.where(known[position] == value, position, np.int64(n))
+    whole = np.trunc(value)
+    not_negative = (whole if column.negative_fraction_is_zero else value) >= 0
+    return np.where(not_negative & (whole < n), whole, n).astype(np.int64)
