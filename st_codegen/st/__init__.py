@@ -1,0 +1,71 @@
+"""Structured Text: parser, checker and interpreters. Knows nothing of the code generator, whose output it judges."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from st_codegen.st.check import check
+from st_codegen.st.errors import (
+    Position,
+    Problem,
+    StCheckError,
+    StError,
+    StRuntimeError,
+    StSyntaxError,
+    StUsageError,
+)
+from st_codegen.st.lanes import LaneMachine
+from st_codegen.st.natives import Library, NativeBlock, NativeCall
+from st_codegen.st.scalar import ScalarMachine
+from st_codegen.st.source import Source, read_paths, read_texts
+from st_codegen.st.typed import Project
+from st_codegen.st.types import Dialect
+
+__all__ = [
+    "Dialect",
+    "LaneMachine",
+    "Library",
+    "NativeBlock",
+    "NativeCall",
+    "Position",
+    "Problem",
+    "Project",
+    "ScalarMachine",
+    "StCheckError",
+    "StError",
+    "StRuntimeError",
+    "StSyntaxError",
+    "StUsageError",
+    "load_project",
+    "parse_project",
+]
+
+
+def load_project(
+    paths: Iterable[Path | str], dialect: Dialect | str = Dialect.TWINCAT, libraries: Iterable[Library] = ()
+) -> Project:
+    """Read and check files and folders of Structured Text.
+
+    Folders are searched for `.st`, `.TcPOU`, `.TcGVL` and `.TcDUT` files. Raises `StSyntaxError` or `StCheckError` with
+    all problems, `InputError` for paths that cannot be read.
+    """
+    return _checked(read_paths(paths), dialect, libraries)
+
+
+def parse_project(
+    texts: Mapping[str, str], dialect: Dialect | str = Dialect.TWINCAT, libraries: Iterable[Library] = ()
+) -> Project:
+    """Check texts given by file name. Raises `StSyntaxError` or `StCheckError` with all problems."""
+    return _checked(read_texts(texts), dialect, libraries)
+
+
+def _checked(source: Source, dialect: Dialect | str, libraries: Iterable[Library]) -> Project:
+    native, ordinary = [], []
+    libraries = tuple(libraries)
+    for library in libraries:
+        parts = library.declarations()
+        native += parts[0]
+        ordinary += parts[1]
+    together = Source((*ordinary, *source.declarations), source.scans)
+    return check(together, Dialect(dialect), native, (library.name for library in libraries))

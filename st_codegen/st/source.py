@@ -1,0 +1,94 @@
+"""Where Structured Text comes from: texts, plain `.st` files, TwinCAT files, folders of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from st_codegen.errors import InputError
+from st_codegen.st import nodes as n
+from st_codegen.st.errors import Position, Problem, StSyntaxError
+from st_codegen.st.parser import parse_scanned
+from st_codegen.st.scan import Scanned, Segment, scan
+from st_codegen.st.twincat_xml import read_xml
+
+MAX_BYTES = 1 << 30
+_XML = {".tcpou", ".tcgvl", ".tcdut"}
+_TEXT = {".st"}
+
+
+@dataclass(frozen=True)
+class Source:
+    """All declarations of a project, in the order of the files, and the texts they came from."""
+
+    declarations: tuple[n.Declaration, ...]
+    scans: tuple[Scanned, ...]
+
+
+def read_texts(texts: Mapping[str, str]) -> Source:
+    """Parse texts given by name; a name that ends in .TcPOU, .TcGVL or .TcDUT is TwinCAT's XML.
+
+    Raises `StSyntaxError` with the first error of every text.
+    """
+    return _read((name, text.encode("utf-8", "surrogatepass")) for name, text in texts.items())
+
+
+def read_paths(paths: Iterable[Path | str]) -> Source:
+    """Parse files and folders; of folders all `.st`, `.TcPOU`, `.TcGVL` and `.TcDUT` files, in name order.
+
+    Raises `StSyntaxError` with the first error of every file, `InputError` for a path that does not exist, a file that
+    is no Structured Text, or a folder without any.
+    """
+    return _read((path.as_posix(), _content(path)) for path in _files(paths))
+
+
+def _files(paths: Iterable[Path | str]) -> Iterator[Path]:
+    for path in map(Path, paths):
+        if path.is_dir():
+            found = sorted(file for file in path.rglob("*") if file.suffix.lower() in _XML | _TEXT and file.is_file())
+            if not found:
+                raise InputError(f"{path}: no .st, .TcPOU, .TcGVL or .TcDUT file in this folder")
+            yield from found
+        elif not path.is_file():
+            raise InputError(f"{path}: no such file or folder")
+        elif path.suffix.lower() not in _XML | _TEXT:
+            raise InputError(f"{path}: not Structured Text: .st, .TcPOU, .TcGVL or .TcDUT is expected")
+        else:
+            yield path
+
+
+def _content(path: Path) -> bytes:
+    size = path.stat().st_size
+    if size > MAX_BYTES:
+        raise InputError(f"{path}: {size} bytes are more than the limit of {MAX_BYTES}")
+    return path.read_bytes()
+
+
+def _read(files: Iterable[tuple[str, bytes]]) -> Source:
+    declarations: list[n.Declaration] = []
+    scans: list[Scanned] = []
+    problems: list[Problem] = []
+    for name, content in files:
+        try:
+            found, scanned = _read_one(name, content)
+        except StSyntaxError as error:
+            problems += error.problems
+        else:
+            declarations += found
+            scans += scanned
+    if problems:
+        raise StSyntaxError(problems)
+    return Source(tuple(declarations), tuple(scans))
+
+
+def _read_one(name: str, content: bytes) -> tuple[list[n.Declaration], list[Scanned]]:
+    if Path(name).suffix.lower() in _XML:
+        return read_xml(name, content)
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        message = f"not UTF-8 text ({error.reason} at byte {error.start})"
+        raise StSyntaxError([Problem(Position(name, 1, 1), message)]) from None
+    scanned = scan(Segment(text, name))
+    return parse_scanned(scanned), [scanned]

@@ -1,0 +1,239 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from st_codegen.errors import InputError
+from st_codegen.st import LaneMachine, Library, NativeBlock, NativeCall, ScalarMachine, parse_project
+from st_codegen.st.library import TC2_STANDARD, TCUNIT, TestSuite
+from st_codegen.st.natives import Host
+
+MS = 1_000_000
+
+
+class Prediction(NativeBlock):
+    """What a block of an inference engine looks like to the project: it takes addresses of arrays."""
+
+    def __init__(self, machine: Host) -> None:
+        super().__init__(machine)
+        self.files: list[str] = []
+
+    def Configure(self, call: NativeCall) -> None:  # noqa: N802
+        self.files.append(str(call["SFILE"][0]))
+        call["CONFIGURE"] = np.ones(len(call.lanes), bool)
+
+    def Predict(self, call: NativeCall) -> None:  # noqa: N802
+        given = call["PDATAINP"]
+        if given is None:
+            call["PREDICT"] = False
+            return
+        values = given.read()
+        call["PDATAOUT"].write(values.sum(axis=1, keepdims=True) * [1.0, -1.0])
+        call["NCOUNT"] = call["NCOUNT"] + call["NDIM"]
+        call["PREDICT"] = values[:, 0] > 0
+
+
+def _halve(call: NativeCall) -> None:
+    call["FC_HALF"] = call["A"] / 2
+    call["NREST"] = call["A"] % 2
+
+
+LIBRARY = Library(
+    "Tc3_MLL",
+    """
+TYPE E_Kind : (FP32 := 1, FP64) DINT; END_TYPE
+FUNCTION_BLOCK FB_MllPrediction
+VAR_INPUT eKind : E_Kind; END_VAR
+METHOD Configure : BOOL
+VAR_INPUT sFile : STRING(255); END_VAR
+END_METHOD
+METHOD Predict : BOOL
+VAR_INPUT pDataInp : PVOID; nDim : UDINT; pDataOut : PVOID; END_VAR
+VAR_IN_OUT nCount : UDINT; END_VAR
+END_METHOD
+END_FUNCTION_BLOCK
+FUNCTION FC_Half : DINT
+VAR_INPUT a : DINT; END_VAR
+VAR_OUTPUT nRest : DINT; END_VAR
+END_FUNCTION
+VAR_GLOBAL CONSTANT MAX_DIM : UDINT := 3; END_VAR
+""",
+    blocks={"FB_MllPrediction": Prediction},
+    functions={"FC_Half": _halve},
+)
+USER = """
+FUNCTION_BLOCK FB_T
+VAR_INPUT f : LREAL; n : DINT; bOn : BOOL := TRUE; END_VAR
+VAR_OUTPUT bDone : BOOL; nHalf : DINT; nRest : DINT; END_VAR
+VAR fb : FB_MllPrediction; aIn : ARRAY[0..2] OF LREAL; aOut : ARRAY[0..1] OF LREAL; nCount : UDINT; END_VAR
+aIn[0] := f; aIn[1] := 2.0; aIn[2] := 3.0;
+fb.eKind := E_Kind.FP64;
+IF bOn THEN
+    fb.Configure('model.xml');
+    bDone := fb.Predict(ADR(aIn), MAX_DIM, pDataOut := ADR(aOut), nCount := nCount);
+    nHalf := Tc3_MLL.FC_Half(n, nRest => nRest);
+END_IF;
+END_FUNCTION_BLOCK
+"""
+
+
+def test_native_blocks_take_addresses_and_references_in_the_active_lanes() -> None:
+    project = parse_project({"t.st": USER}, "twincat", [LIBRARY])
+    instance = LaneMachine(project, 3, libraries=[LIBRARY]).instance("FB_T")
+    instance(f=np.array([1.0, -1.0, 5.0]), n=np.array([7, 8, 9]), bOn=np.array([True, True, False]))
+    assert instance["bDone"].tolist() == [True, False, False]
+    assert instance["aOut"].tolist() == [[6.0, -6.0], [4.0, -4.0], [0.0, 0.0]]
+    assert instance["nCount"].tolist() == [3, 3, 0]
+    assert (instance["nHalf"].tolist(), instance["nRest"].tolist()) == ([3, 4, 0], [1, 0, 0])
+    assert instance["fb.eKind"].tolist() == [2, 2, 2]
+
+
+def test_native_blocks_run_on_the_scalar_machine_too() -> None:
+    project = parse_project({"t.st": USER}, "twincat", [LIBRARY])
+    instance = ScalarMachine(project, libraries=[LIBRARY]).instance("FB_T")
+    instance(f=1.0, n=7)
+    assert (instance["bDone"], instance["aOut"].tolist(), instance["nCount"]) == (True, [6.0, -6.0], 3)
+    assert (instance["nHalf"], instance["nRest"]) == (3, 1)
+
+
+def test_a_machine_needs_the_libraries_of_its_project() -> None:
+    project = parse_project({"t.st": USER}, "twincat", [LIBRARY])
+    for machine in (LaneMachine, ScalarMachine):
+        with pytest.raises(InputError, match="give the machine the libraries"):
+            machine(project)
+
+
+def test_a_library_whose_class_lacks_a_method_is_refused() -> None:
+    broken = Library("X", "FUNCTION_BLOCK FB_X METHOD Go END_METHOD END_FUNCTION_BLOCK", blocks={"FB_X": NativeBlock})
+    with pytest.raises(InputError, match="library X: the class of FB_X lacks Go"):
+        parse_project({"t.st": "PROGRAM P END_PROGRAM"}, "twincat", [broken])
+
+
+def test_the_project_can_call_native_code_directly() -> None:
+    project = parse_project({"t.st": USER}, "twincat", [LIBRARY])
+    machine = LaneMachine(project, 2, libraries=[LIBRARY])
+    half, rest = machine.call("FC_Half", np.array([4, 5]))
+    assert (half.tolist(), rest.tolist()) == ([2, 2], [0, 1])
+    instance = machine.instance("FB_MllPrediction")
+    assert instance.method("Configure", "a.xml").tolist() == [True, True]
+    assert isinstance(instance.native, Prediction)
+    assert instance.native.files == ["a.xml"]
+
+
+TIMERS = """
+FUNCTION_BLOCK FB_T
+VAR_INPUT bIn : BOOL; END_VAR
+VAR on : TON; off : TOF; pulse : TP; rise : R_TRIG; fall : F_TRIG; END_VAR
+on(IN := bIn, PT := T#20ms); off(IN := bIn, PT := T#20ms); pulse(IN := bIn, PT := T#20ms);
+rise(CLK := bIn); fall(CLK := bIn);
+END_FUNCTION_BLOCK
+"""
+
+
+def expected(signal: list[bool]) -> dict[str, list[object]]:
+    """The timers of the standard for cycles of 10 ms and 20 ms delay, from their timing diagrams."""
+    shown: dict[str, list[object]] = {name: [] for name in ("on", "off", "pulse", "rise", "fall", "et")}
+    on_for = off_for = pulse_for = None
+    ever = False
+    for index, value in enumerate(signal):
+        before = signal[index - 1] if index else False
+        on_for = (0 if on_for is None else on_for + 10) if value else None
+        off_for = (0 if value is False and before else None if off_for is None else off_for + 10) if not value else None
+        ever = ever or value
+        if pulse_for is None:
+            pulse_for = 0 if value and not before else None
+        else:
+            pulse_for += 10
+            if pulse_for >= 20 and not value:
+                pulse_for = None
+        shown["on"].append(on_for is not None and on_for >= 20)
+        shown["et"].append(0 if on_for is None else min(on_for, 20))
+        shown["off"].append(value or (off_for is not None and off_for < 20))
+        shown["pulse"].append(pulse_for is not None and pulse_for < 20)
+        shown["rise"].append(value and not before)
+        shown["fall"].append(before and not value)
+    return shown
+
+
+@pytest.mark.parametrize("dialect", ["twincat", "iec"])
+def test_timers_and_edges(dialect: str) -> None:
+    signals = [[bool(int(c)) for c in text] for text in ("0111110000011010", "1101110001111111", "0000000000000000")]
+    text = TIMERS if dialect == "twincat" else TIMERS.replace("20ms", "20000us")
+    project = parse_project({"t.st": text}, dialect, [TC2_STANDARD])
+    machine = LaneMachine(project, 3, libraries=[TC2_STANDARD])
+    instance = machine.instance("FB_T")
+    names = {"on": "on.Q", "off": "off.Q", "pulse": "pulse.Q", "rise": "rise.Q", "fall": "fall.Q", "et": "on.ET"}
+    found: list[dict[str, list[object]]] = [{name: [] for name in names} for _ in signals]
+    for cycle in range(len(signals[0])):
+        machine.time_ns = cycle * 10 * MS
+        instance(bIn=np.array([signal[cycle] for signal in signals]))
+        for lane in range(3):
+            for name, path in names.items():
+                value = instance[path][lane].item()
+                found[lane][name].append(value // (MS if dialect == "iec" else 1) if name == "et" else value)
+    for lane, signal in enumerate(signals):
+        assert found[lane] == expected(signal)
+
+
+SUITE = """
+FUNCTION_BLOCK FB_Add_Test EXTENDS FB_TestSuite
+VAR nRuns : DINT; END_VAR
+METHOD Sums
+TEST('sums');
+AssertEquals_DINT(Expected := 3, Actual := 1 + 2, Message := 'one and two');
+AssertEquals_LREAL(0.3, 0.1 + 0.2, 1.0E-12, 'tenths');
+AssertTrue(nRuns > 0, 'it runs');
+TEST_FINISHED();
+END_METHOD
+METHOD Wrong
+TEST('wrong');
+AssertEquals_LREAL(1.0, 1.5, 0.1, 'too far');
+AssertFalse(TRUE, 'no');
+AssertEquals_STRING('a', 'b', 'letters');
+TEST_FINISHED_NAMED('wrong');
+END_METHOD
+METHOD Open
+TEST('open');
+END_METHOD
+nRuns := nRuns + 1;
+Sums();
+Wrong();
+Open();
+END_FUNCTION_BLOCK
+PROGRAM PRG_TEST
+VAR fbTest : FB_Add_Test; END_VAR
+TcUnit.RUN();
+END_PROGRAM
+"""
+
+
+@pytest.mark.parametrize("machine_type", [LaneMachine, ScalarMachine])
+def test_tcunit_suites_run(machine_type: type[LaneMachine] | type[ScalarMachine]) -> None:
+    project = parse_project({"t.st": SUITE}, "twincat", [TCUNIT])
+    machine = machine_type(project, libraries=[TCUNIT])
+    machine.program("PRG_TEST")()
+    (suite,) = machine.rt.natives
+    assert isinstance(suite, TestSuite)
+    assert suite.tests == ["sums", "wrong", "open"]
+    assert suite.finished == {"sums", "wrong"}
+    assert [(f.test, f.expected, f.actual, f.message) for f in suite.failures] == [
+        ("wrong", 1.0, 1.5, "too far"),
+        ("wrong", False, True, "no"),
+        ("wrong", "a", "b", "letters"),
+    ]
+    assert np.ravel(machine.program("PRG_TEST")["fbTest.nRuns"])[0] == 1
+    instance = machine.instance("FB_Add_Test")
+    instance.method("Sums")
+    assert [f.message for f in instance.native.failures] == ["it runs"]
+
+
+def test_failures_name_their_lane() -> None:
+    text = SUITE.replace("VAR nRuns : DINT; END_VAR", "VAR_INPUT x : LREAL; END_VAR VAR nRuns : DINT; END_VAR").replace(
+        "AssertEquals_LREAL(1.0, 1.5, 0.1, 'too far');", "AssertEquals_LREAL(1.0, x, 0.1, 'x');"
+    )
+    project = parse_project({"t.st": text}, "twincat", [TCUNIT])
+    instance = LaneMachine(project, 4, libraries=[TCUNIT]).instance("FB_Add_Test")
+    instance(x=np.array([1.0, 2.0, np.nan, 1.05]))
+    found = [(f.lane, f.actual) for f in instance.native.failures if f.message == "x"]
+    assert found[0] == (1, 2.0)
+    assert [lane for lane, _ in found] == [1, 2]
