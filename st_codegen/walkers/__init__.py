@@ -1,0 +1,1 @@
+"""Trained models in: one file a library or kind turns them into the intermediate representation."""

@@ -1,0 +1,179 @@
+"""What all walkers share: the object they build, the registry they enter, and the flattening of trees."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.ir import Feature, FloatArray, IntArray, ModelIR, Operation, Source
+
+#: Rows (rows, features) -> predictions (rows, outputs), computed by the source library alone. Only rows that the
+#: library accepts (`reference.valid_rows`) are passed.
+Predictor = Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True)
+class LoadedModel:
+    """A model as the compiler sees it, beside the library's own answer."""
+
+    ir: ModelIR
+    predict: Predictor
+
+
+class GraphBuilder:
+    """Collects the operations of one model; value 0 is its inputs.
+
+    `accepts_nan` and `magnitude_limits` start at "takes everything"; each part of the model narrows them.
+    """
+
+    def __init__(self, n_features: int) -> None:
+        self.n_features = n_features
+        self.ops: list[Operation] = []
+        self.accepts_nan = True
+        self.magnitude_limits: list[float | None] = [None] * n_features
+
+    def add(self, op: Operation) -> int:
+        """Append an operation; returns the number of the value it makes."""
+        self.ops.append(op)
+        return len(self.ops)
+
+    def width(self, value: int) -> int:
+        """Number of columns of a value."""
+        return self.n_features if value == 0 else self.ops[value - 1].width
+
+    def refuse_nan(self) -> None:
+        """The library raises for a row with NaN."""
+        self.accepts_nan = False
+
+    def refuse_magnitude(self, limit: float, features: Iterable[int] | None = None) -> None:
+        """The library raises for numbers of magnitude `limit` and above (infinity: for infinities only) in features."""
+        for feature in range(self.n_features) if features is None else features:
+            known = self.magnitude_limits[feature]
+            self.magnitude_limits[feature] = limit if known is None else min(limit, known)
+
+    def model(self, name: str, features: tuple[Feature, ...], source: Source) -> ModelIR:
+        """The finished model; its outputs are the columns of the last value."""
+        width = self.width(len(self.ops))
+        outputs = ("out1",) if width == 1 else tuple(f"out{number + 1}" for number in range(width))
+        return ModelIR(
+            name=name,
+            features=features,
+            ops=tuple(self.ops),
+            outputs=outputs,
+            source=source,
+            accepts_nan=self.accepts_nan,
+            magnitude_limits=tuple(self.magnitude_limits),
+        )
+
+
+#: Adds the operations of a fitted estimator that reads value `value` to a builder; returns the value it computes.
+EstimatorWalker = Callable[[Any, GraphBuilder, int], int]
+
+_WALKERS: dict[tuple[str, str], EstimatorWalker] = {}
+_MODULES = {
+    "sklearn": (
+        "st_codegen.walkers.sklearn_trees",
+        "st_codegen.walkers.sklearn_models",
+        "st_codegen.walkers.sklearn_compose",
+    ),
+    "lightgbm": ("st_codegen.walkers.lightgbm",),
+    "xgboost": ("st_codegen.walkers.xgboost",),
+}
+
+
+def walks(*classes: str) -> Callable[[EstimatorWalker], EstimatorWalker]:
+    """Register a function as the walker of classes given as 'package.Class', such as 'sklearn.SVR'."""
+
+    def register(walker: EstimatorWalker) -> EstimatorWalker:
+        for name in classes:
+            package, class_name = name.split(".")
+            _WALKERS[package, class_name] = walker
+        return walker
+
+    return register
+
+
+def walk_estimator(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """Add the operations of any fitted estimator.
+
+    Raises UnsupportedModelError that lists the known classes of the package when there is no walker for the class.
+    """
+    package = type(estimator).__module__.partition(".")[0]
+    for module in _MODULES.get(package, ()):
+        importlib.import_module(module)
+    walker = _WALKERS.get((package, type(estimator).__name__))
+    if walker is None:
+        known = sorted(name for owner, name in _WALKERS if owner == package)
+        raise UnsupportedModelError(
+            f"no walker for {type(estimator).__module__}.{type(estimator).__qualname__}; "
+            + (
+                f"supported classes of {package}: {', '.join(known)}"
+                if known
+                else "supported packages: scikit-learn, LightGBM, XGBoost, ONNX files"
+            )
+        )
+    return walker(estimator, builder, value)
+
+
+def require_fitted(estimator: Any, attribute: str) -> None:
+    """Raise InputError unless `fit` has set an attribute."""
+    if not hasattr(estimator, attribute):
+        raise InputError(f"{type(estimator).__name__} is not fitted: call fit() before saving it")
+
+
+@dataclass(frozen=True)
+class Preorder:
+    """Trees laid out parent first, left child next: `order[i]` is the old number of new node `i`."""
+
+    order: NDArray[np.int64]
+    roots: IntArray
+    left: IntArray
+    right: IntArray
+
+
+def preorder(roots: NDArray[Any], left: NDArray[Any], right: NDArray[Any]) -> Preorder:
+    """Lay trees out in preorder; nodes that no root reaches are dropped. Linear in nodes, without recursion.
+
+    `left` and `right` are node numbers over all trees, negative for a leaf. Raises InputError where the nodes do not
+    form trees (a node with two parents, a cycle, a child out of range, a split with one child).
+    """
+    total = len(left)
+    levels = [np.asarray(roots, np.int64)]
+    seen = np.zeros(total, np.bool_)
+    while levels[-1].size:
+        here = levels[-1]
+        if np.any(here >= total):
+            raise InputError("tree: a child number outside the tree; the model file is damaged")
+        if np.any(seen[here]) or len(np.unique(here)) != len(here):
+            raise InputError("tree: a node with two parents or a cycle; the model file is damaged")
+        seen[here] = True
+        if np.any((left[here] < 0) != (right[here] < 0)):
+            raise InputError("tree: a split with only one child; the model file is damaged")
+        inner = here[left[here] >= 0]
+        levels.append(np.concatenate([left[inner], right[inner]]).astype(np.int64))
+    size = np.ones(total, np.int64)
+    for here in reversed(levels):
+        inner = here[left[here] >= 0]
+        size[inner] += size[left[inner]] + size[right[inner]]
+    position = np.full(total, -1, np.int64)
+    position[levels[0]] = np.concatenate([[0], np.cumsum(size[levels[0]])[:-1]])
+    for here in levels:
+        inner = here[left[here] >= 0]
+        position[left[inner]] = position[inner] + 1
+        position[right[inner]] = position[inner] + 1 + size[left[inner]]
+    order = np.empty(int(seen.sum()), np.int64)
+    reached = np.flatnonzero(seen)
+    order[position[reached]] = reached
+    split = left[order] >= 0
+    return Preorder(
+        order=order,
+        roots=position[levels[0]].astype(np.int32),
+        left=np.where(split, position[left[order]], -1).astype(np.int32),
+        right=np.where(split, position[right[order]], -1).astype(np.int32),
+    )

@@ -1,0 +1,253 @@
+"""Trees as boosting libraries store them -> the flat arrays of `ir.TreeEnsemble`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.ir import (
+    BoolArray,
+    Comparison,
+    FloatArray,
+    IntArray,
+    LinearLeaves,
+    Precision,
+    TreeColumn,
+    TreeEnsemble,
+)
+from st_codegen.walkers.base import preorder
+
+#: Answers of all category splits together; more would not fit a controller by orders of magnitude.
+MAX_CATEGORY_CELLS = 50_000_000
+
+#: Ways of reading a column, numbered by each library; a bound that makes (feature, reading) one integer key.
+_READINGS = 8
+
+
+@dataclass(frozen=True)
+class CategorySets:
+    """The category sets of some splits: `nodes[i]` owns the next `counts[i]` entries of `codes`."""
+
+    nodes: NDArray[np.int64]
+    counts: NDArray[np.int64]
+    codes: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class LeafModels:
+    """Linear models in the leaves of one tree: leaf `i` owns the next `counts[i]` terms."""
+
+    constant: FloatArray
+    counts: NDArray[np.int64]
+    column: NDArray[np.int64]
+    coefficient: FloatArray
+
+
+@dataclass(frozen=True)
+class ParsedTree:
+    """One tree in its library's node order; node 0 is the root.
+
+    Arrays have one entry a node. `left`, `right` are -1 and `leaf` (a row of `leaf_value`) is 0 or more at leaves;
+    `reading` says in which of the library's ways a split reads column `feature`.
+    """
+
+    feature: NDArray[np.int64]
+    reading: NDArray[np.int64]
+    threshold: FloatArray
+    left: NDArray[np.int64]
+    right: NDArray[np.int64]
+    missing_left: BoolArray
+    leaf: NDArray[np.int64]
+    leaf_value: FloatArray
+    categories: CategorySets | None = None
+    linear: LeafModels | None = None
+
+
+@dataclass(frozen=True)
+class FlatForest:
+    """The arrays of `ir.TreeEnsemble` that say which leaf a row reaches."""
+
+    columns: tuple[TreeColumn, ...]
+    roots: IntArray
+    split: IntArray
+    threshold: FloatArray
+    left: IntArray
+    right: IntArray
+    missing_left: BoolArray
+    leaf: IntArray
+    leaf_value: FloatArray
+    category_row: IntArray
+    category_left: BoolArray
+    linear: LinearLeaves | None
+
+    def ensemble(
+        self,
+        inputs: tuple[int, ...],
+        *,
+        base: FloatArray,
+        tree_output: IntArray,
+        comparison: Comparison,
+        precision: Precision,
+        divisor: float = 1.0,
+    ) -> TreeEnsemble:
+        """The operation that reads `inputs` and sums the leaves by the library's rule."""
+        return TreeEnsemble(
+            inputs=inputs,
+            columns=self.columns,
+            roots=self.roots,
+            split=self.split,
+            threshold=self.threshold,
+            left=self.left,
+            right=self.right,
+            missing_left=self.missing_left,
+            leaf=self.leaf,
+            leaf_value=self.leaf_value,
+            tree_output=tree_output,
+            base=base,
+            comparison=comparison,
+            input_precision=precision,
+            sum_precision=precision,
+            divisor=divisor,
+            category_row=self.category_row,
+            category_left=self.category_left,
+            linear=self.linear,
+        )
+
+
+#: Makes the column of a feature read in a numbered way, with that many category codes (0: numbers).
+ColumnMaker = Callable[[int, int, int], TreeColumn]
+
+
+def flatten(trees: Sequence[ParsedTree], make_column: ColumnMaker, *, members_left: bool, zero: float) -> FlatForest:
+    """Lay trees out parent first, left child next, and number leaves, columns and category tables accordingly.
+
+    `members_left`: the categories of a set go left and all others right, or the reverse. `zero`: magnitude up to which
+    linear leaves read an input as 0. Linear in nodes. Raises InputError where the nodes do not form trees.
+    """
+    sizes = np.array([len(tree.left) for tree in trees], np.int64)
+    first = np.cumsum(sizes) - sizes
+    left, right = (_joined_children(trees, first, side) for side in ("left", "right"))
+    layout = preorder(first, left, right)
+    order = layout.order
+    is_split = layout.left >= 0
+    new_position = np.full(len(left), -1, np.int64)
+    new_position[order] = np.arange(len(order))
+
+    leaf_counts = np.array([len(tree.leaf_value) for tree in trees], np.int64)
+    first_leaf = np.repeat(np.cumsum(leaf_counts) - leaf_counts, sizes)
+    leaf_rows = (np.concatenate([tree.leaf for tree in trees]) + first_leaf)[order][~is_split]
+    leaf = np.full(len(order), -1, np.int32)
+    leaf[~is_split] = np.arange(len(leaf_rows))
+
+    key = np.concatenate([tree.feature * _READINGS + tree.reading for tree in trees])[order]
+    keys, split = np.unique(key[is_split], return_inverse=True)
+    column_of = np.full(len(order), -1, np.int32)
+    column_of[is_split] = split
+    missing_left = np.concatenate([tree.missing_left for tree in trees])[order]
+    widths, row, table = _category_tables(
+        _joined_categories(trees, first, new_position), column_of, missing_left, members_left
+    )
+    return FlatForest(
+        columns=tuple(
+            make_column(int(k) // _READINGS, int(k) % _READINGS, widths.get(number, 0)) for number, k in enumerate(keys)
+        ),
+        roots=layout.roots,
+        split=column_of,
+        threshold=np.where(is_split, np.concatenate([tree.threshold for tree in trees])[order], 0.0),
+        left=layout.left,
+        right=layout.right,
+        missing_left=missing_left & is_split,
+        leaf=leaf,
+        leaf_value=np.concatenate([tree.leaf_value for tree in trees])[leaf_rows],
+        category_row=row,
+        category_left=table,
+        linear=_linear_leaves(trees, leaf_rows, zero),
+    )
+
+
+def _joined_children(trees: Sequence[ParsedTree], first: NDArray[np.int64], side: str) -> NDArray[np.int64]:
+    """Child numbers over all trees; every child must be a node of its own tree."""
+    children = []
+    for number, (tree, offset) in enumerate(zip(trees, first, strict=True)):
+        child: NDArray[np.int64] = getattr(tree, side)
+        if np.any(child >= len(child)):
+            raise InputError(f"tree {number}: a {side} child outside the tree; the model file is damaged")
+        children.append(np.where(child >= 0, child + offset, -1))
+    return np.concatenate(children)
+
+
+def _joined_categories(
+    trees: Sequence[ParsedTree], first: NDArray[np.int64], new_position: NDArray[np.int64]
+) -> CategorySets | None:
+    """All category sets with their nodes in the new numbering (-1: a node that no root reaches)."""
+    sets = [(tree.categories, offset) for tree, offset in zip(trees, first, strict=True) if tree.categories is not None]
+    if not sets:
+        return None
+    return CategorySets(
+        nodes=new_position[np.concatenate([one.nodes + offset for one, offset in sets])],
+        counts=np.concatenate([one.counts for one, _ in sets]),
+        codes=np.concatenate([one.codes for one, _ in sets]),
+    )
+
+
+def _category_tables(
+    sets: CategorySets | None, column_of: IntArray, missing_left: BoolArray, members_left: bool
+) -> tuple[dict[int, int], IntArray, BoolArray]:
+    """Codes of each category column, and the answers of each split for its codes, "other" and a missing value."""
+    if sets is None:
+        return {}, np.zeros(0, np.int32), np.zeros(0, np.bool_)
+    reached = sets.nodes >= 0
+    owner = np.repeat(np.arange(len(sets.nodes)), sets.counts)
+    codes, owner = sets.codes[reached[owner]], owner[reached[owner]]
+    nodes = sets.nodes[reached]
+    columns = column_of[nodes]
+    n_codes = np.ones(int(columns.max(initial=-1)) + 1, np.int64)
+    np.maximum.at(n_codes, column_of[sets.nodes[owner]], codes + 1)
+    cells = n_codes[columns] + 2
+    if cells.sum() > MAX_CATEGORY_CELLS:
+        raise UnsupportedModelError(
+            f"category codes up to {n_codes.max() - 1} in {len(nodes)} splits would need {cells.sum()} table entries; "
+            "number the categories 0, 1, 2, .. before training"
+        )
+    start = np.cumsum(cells) - cells
+    row = np.zeros(len(column_of), np.int32)
+    row[nodes] = start
+    table = np.full(int(cells.sum()), not members_left)
+    table[row[sets.nodes[owner]] + codes] = members_left
+    table[start + cells - 1] = missing_left[nodes]
+    return {int(c): int(n_codes[c]) for c in np.unique(columns)}, row, table
+
+
+def _linear_leaves(trees: Sequence[ParsedTree], leaf_rows: NDArray[np.int64], zero: float) -> LinearLeaves | None:
+    """Linear models of all leaves in their new order; leaves of plain trees become constants."""
+    if all(tree.linear is None for tree in trees):
+        return None
+    models = [
+        tree.linear
+        or LeafModels(
+            tree.leaf_value[:, 0], np.zeros(len(tree.leaf_value), np.int64), np.zeros(0, np.int64), np.zeros(0)
+        )
+        for tree in trees
+    ]
+    counts = np.concatenate([model.counts for model in models])
+    start = np.cumsum(counts) - counts
+    taken = counts[leaf_rows]
+    new_start = np.concatenate([[0], np.cumsum(taken)])
+    entry = np.repeat(start[leaf_rows] - new_start[:-1], taken) + np.arange(new_start[-1])
+    return LinearLeaves(
+        constant=np.concatenate([model.constant for model in models])[leaf_rows],
+        start=new_start.astype(np.int32),
+        column=np.concatenate([model.column for model in models])[entry].astype(np.int32),
+        coefficient=np.concatenate([model.coefficient for model in models])[entry],
+        zero_magnitude=zero,
+    )
+
+
+def category_note(feature: str, categories: Sequence[object]) -> str:
+    """A line for `Source.notes`: which code of a feature stands for which category (at most 20 are named)."""
+    named = ", ".join(f"{code} = {category}" for code, category in enumerate(categories[:20]))
+    return f"feature '{feature}' is a category code: {named}{', ..' if len(categories) > 20 else ''}"

@@ -1,0 +1,208 @@
+"""The pieces of an ONNX file, read with every check that keeps damaged bytes from doing harm."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import onnx
+import onnx.numpy_helper
+from numpy.typing import NDArray
+
+from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.ir import FloatArray
+
+Numbers = NDArray[np.int64]
+
+#: Numbers in one tensor of the file.
+MAX_TENSOR_SIZE = 2**27
+_ATTRIBUTE_TYPES = dict(onnx.AttributeProto.AttributeType.items())
+
+#: Fields of TensorProto that hold numbers when `raw_data` does not, by type; all others are in `int32_data`.
+_TYPED_FIELDS: dict[int, str] = {
+    onnx.TensorProto.FLOAT: "float_data",
+    onnx.TensorProto.DOUBLE: "double_data",
+    onnx.TensorProto.INT64: "int64_data",
+    onnx.TensorProto.UINT64: "uint64_data",
+    onnx.TensorProto.UINT32: "uint64_data",
+}
+#: Bytes of a number.
+_NUMBER_TYPES: dict[int, int] = {
+    onnx.TensorProto.FLOAT: 4,
+    onnx.TensorProto.DOUBLE: 8,
+    onnx.TensorProto.FLOAT16: 2,
+    onnx.TensorProto.BFLOAT16: 2,
+    onnx.TensorProto.INT8: 1,
+    onnx.TensorProto.INT16: 2,
+    onnx.TensorProto.INT32: 4,
+    onnx.TensorProto.INT64: 8,
+    onnx.TensorProto.UINT8: 1,
+    onnx.TensorProto.UINT16: 2,
+    onnx.TensorProto.UINT32: 4,
+    onnx.TensorProto.UINT64: 8,
+    onnx.TensorProto.BOOL: 1,
+}
+
+
+def check_names(model: onnx.ModelProto) -> None:
+    """Raise InputError where a name is not UTF-8: protobuf hands such names on as bytes."""
+    if not all(isinstance(name, str) for name in _names(model)):
+        raise InputError("it has names that are not text; the model file is damaged")
+
+
+def _names(model: onnx.ModelProto) -> Iterator[object]:
+    yield from (model.producer_name, model.producer_version)
+    yield from (entry.domain for entry in model.opset_import)
+    yield from (function.name for function in model.functions)
+    yield from (value.name for values in (model.graph.input, model.graph.output) for value in values)
+    yield from (tensor.name for tensor in model.graph.initializer)
+    for node in model.graph.node:
+        yield from (node.name, node.op_type, node.domain, *node.input, *node.output)
+        yield from (attribute.name for attribute in node.attribute)
+
+
+def printable(text: str, length: int = 80) -> str:
+    """A name from the file as a message can show it: ASCII, on one line, not too long."""
+    text = text.encode("unicode_escape").decode("ascii")
+    return text if len(text) <= length else f"{text[:length]}.."
+
+
+def domain_of(name: str) -> str:
+    """The domain of an operator; the standard one has two names."""
+    return "" if name == "ai.onnx" else name
+
+
+def node_label(node: onnx.NodeProto) -> str:
+    """A node as a message names it: by its name, or by what it computes."""
+    if node.name:
+        return f"node '{printable(node.name)}'"
+    return f"the node of '{printable(node.output[0])}'" if node.output else "a node without name and outputs"
+
+
+def type_name(elem_type: int) -> str:
+    """The name of an element type, such as FLOAT."""
+    known = onnx.TensorProto.DataType.items()
+    return next((name for name, number in known if number == elem_type), f"type {elem_type}")
+
+
+def read_tensor(tensor: onnx.TensorProto) -> NDArray[Any]:
+    """The numbers of a tensor as a read-only array of its type and shape (float32 for bfloat16).
+
+    Raises InputError where the data does not fit the declared shape, UnsupportedModelError for external data and for
+    anything but numbers.
+    """
+    if tensor.data_location == onnx.TensorProto.EXTERNAL or tensor.external_data:
+        raise UnsupportedModelError(
+            "its numbers are in another file; save the model with its weights inside "
+            "(onnx.save_model(model, path, save_as_external_data=False))"
+        )
+    if tensor.data_type not in _NUMBER_TYPES:
+        raise UnsupportedModelError(f"tensors of {type_name(tensor.data_type)} are not supported, only numbers")
+    shape = tuple(tensor.dims)
+    size = math.prod(shape)
+    if any(length < 0 for length in shape):
+        raise InputError(f"its shape {shape} has a negative length; the model file is damaged")
+    if size > MAX_TENSOR_SIZE:
+        raise UnsupportedModelError(f"its shape {shape} has {size} numbers, at most {MAX_TENSOR_SIZE} are supported")
+    if tensor.HasField("raw_data"):
+        found, unit = len(tensor.raw_data), "bytes"
+        expected = size * _NUMBER_TYPES[tensor.data_type]
+    else:
+        found, unit = len(getattr(tensor, _TYPED_FIELDS.get(tensor.data_type, "int32_data"))), "numbers"
+        expected = size
+    if found != expected:
+        raise InputError(f"its shape {shape} needs {expected} {unit}, it has {found}; the model file is damaged")
+    try:
+        array = np.array(onnx.numpy_helper.to_array(tensor))
+    except (ValueError, TypeError, OverflowError) as error:
+        raise InputError(f"its numbers cannot be read ({error}); the model file is damaged") from error
+    if tensor.data_type == onnx.TensorProto.BFLOAT16:
+        array = array.astype(np.float32)
+    array.flags.writeable = False
+    return array
+
+
+class Node:
+    """A node with its attributes, checked against the operator's schema."""
+
+    def __init__(self, proto: onnx.NodeProto, schema: onnx.defs.OpSchema) -> None:
+        self.proto = proto
+        self.schema = schema
+        self.op_type = proto.op_type
+        self.version = schema.since_version
+        self.attributes = {attribute.name: attribute for attribute in proto.attribute}
+
+    def check(self) -> None:
+        """Raise InputError unless the node has the inputs, outputs and attributes that its operator takes."""
+        for kind, count, low, high in (
+            ("inputs", len(self.proto.input), self.schema.min_input, self.schema.max_input),
+            ("outputs", len(self.proto.output), self.schema.min_output, self.schema.max_output),
+        ):
+            if not low <= count <= high:
+                raise InputError(f"{count} {kind}, expected {low} to {high}; the model file is damaged")
+        for number, name in enumerate(self.proto.input[: self.schema.min_input]):
+            if not name:
+                raise InputError(f"input {number} is missing; the model file is damaged")
+        if len(self.attributes) < len(self.proto.attribute):
+            raise InputError("an attribute appears twice; the model file is damaged")
+        for name, attribute in self.attributes.items():
+            known = self.schema.attributes.get(name)
+            if known is None:
+                raise UnsupportedModelError(
+                    f"attribute '{printable(name)}' is not one of this operator's version {self.version}; "
+                    "export the model with another target_opset"
+                )
+            expected = str(known.type).rpartition(".")[2]
+            if attribute.ref_attr_name or attribute.type != _ATTRIBUTE_TYPES[expected]:
+                raise InputError(f"attribute '{name}' is not of type {expected}; the model file is damaged")
+        for name, known in self.schema.attributes.items():
+            if known.required and name not in self.attributes:
+                raise InputError(f"attribute '{name}' is missing; the model file is damaged")
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.attributes
+
+    def integer(self, name: str, default: int = 0) -> int:
+        """An attribute of type INT."""
+        return int(self.attributes[name].i) if name in self.attributes else default
+
+    def number(self, name: str, default: float = 0.0) -> float:
+        """An attribute of type FLOAT, which is a float32 number; so is the default."""
+        return float(self.attributes[name].f if name in self.attributes else np.float32(default))
+
+    def text(self, name: str, default: str = "") -> str:
+        """An attribute of type STRING."""
+        return _decoded(name, self.attributes[name].s) if name in self.attributes else default
+
+    def integers(self, name: str) -> Numbers:
+        """An attribute of type INTS."""
+        listed = self.attributes[name].ints if name in self.attributes else ()
+        return np.fromiter(listed, np.int64, len(listed))
+
+    def floats(self, name: str) -> FloatArray:
+        """An attribute of type FLOATS, which are float32 numbers, as float64."""
+        listed = self.attributes[name].floats if name in self.attributes else ()
+        return np.fromiter(listed, np.float64, len(listed))
+
+    def texts(self, name: str) -> list[str]:
+        """An attribute of type STRINGS."""
+        listed = self.attributes[name].strings if name in self.attributes else ()
+        return [_decoded(name, text) for text in listed]
+
+    def tensor(self, name: str) -> NDArray[Any] | None:
+        """An attribute of type TENSOR."""
+        if name not in self.attributes:
+            return None
+        try:
+            return read_tensor(self.attributes[name].t)
+        except InputError as error:
+            raise type(error)(f"attribute '{name}': {error}") from None
+
+
+def _decoded(name: str, text: bytes) -> str:
+    try:
+        return text.decode("utf-8")
+    except UnicodeDecodeError:
+        raise InputError(f"attribute '{name}' is not text; the model file is damaged") from None

@@ -1,0 +1,142 @@
+"""The nodes of an ONNX tree ensemble as arrays, and what its two operators read in the same way."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.ir import Aggregate, BoolArray, FloatArray
+
+Numbers = NDArray[np.int64]
+NumberType = type[np.float32] | type[np.float64]
+
+#: Outputs of one ensemble.
+MAX_TARGETS = 2**16
+#: Node and tree numbers, and categories, are 32 bits wide in onnxruntime.
+MAX_ID = 2**31 - 1
+
+
+class Mode(IntEnum):
+    """What a node asks, numbered as the attribute `nodes_modes` of TreeEnsemble is."""
+
+    LEQ = 0
+    LT = 1
+    GTE = 2
+    GT = 3
+    EQ = 4
+    NEQ = 5
+    MEMBER = 6
+    LEAF = 7
+    MEMBER_INTEGER = 8  # the integer part of x is a member
+
+
+#: (aggregate, whether the sum is divided by the number of trees)
+_AGGREGATES: Mapping[str | int, tuple[Aggregate, bool]] = {
+    "AVERAGE": (Aggregate.SUM, True),
+    "SUM": (Aggregate.SUM, False),
+    "MIN": (Aggregate.MINIMUM, False),
+    "MAX": (Aggregate.MAXIMUM, False),
+}
+_AGGREGATE_NAMES = ("AVERAGE", "SUM", "MIN", "MAX")
+_POST_TRANSFORMS = ("NONE", "SOFTMAX", "LOGISTIC", "SOFTMAX_ZERO", "PROBIT")
+
+
+class Attributes(Protocol):
+    """The attributes of a node; absent ones are empty or the given default."""
+
+    def integer(self, name: str, default: int = 0) -> int: ...
+    def integers(self, name: str) -> Numbers: ...
+    def floats(self, name: str) -> FloatArray: ...
+    def text(self, name: str, default: str = "") -> str: ...
+    def texts(self, name: str) -> list[str]: ...
+    def tensor(self, name: str) -> NDArray[Any] | None: ...
+
+
+@dataclass(frozen=True)
+class Forest:
+    """An ONNX tree ensemble before any node is moved.
+
+    Arrays with one entry a node: `tree_id` (-1: not in the file) and `node_id` for messages, `mode`, `feature`, `value`
+    (threshold), `true` and `false` (node numbers, -1 for a leaf), `missing_true` (NaN counts as true), `leaf` (row of
+    the leaf, -1 for a split). Members of node n are `member[member_start[n]:member_start[n + 1]]`. The weights of the
+    `n_leaves` leaf rows are a list of (row, target, value), sorted by row.
+    """
+
+    roots: Numbers
+    tree_id: Numbers
+    node_id: Numbers
+    mode: NDArray[np.int8]
+    feature: Numbers
+    value: FloatArray
+    true: Numbers
+    false: Numbers
+    missing_true: BoolArray
+    leaf: Numbers
+    member_start: Numbers
+    member: FloatArray
+    n_leaves: int
+    weight_leaf: Numbers
+    weight_target: Numbers
+    weight: FloatArray
+    n_targets: int
+    base: FloatArray
+    aggregate: Aggregate
+    average: bool
+    number_type: NumberType
+
+    def where(self, node: int) -> str:
+        """A node as a message names it."""
+        tree = f"tree {self.tree_id[node]}, " if self.tree_id[node] >= 0 else ""
+        return f"{tree}node {self.node_id[node]}"
+
+    def members(self, node: int) -> FloatArray:
+        """The values that a test of equality or membership compares with."""
+        if self.mode[node] in (Mode.EQ, Mode.NEQ):
+            return self.value[node : node + 1]
+        return self.member[self.member_start[node] : self.member_start[node + 1]]
+
+
+def refuse_post_transform(given: str | int) -> None:
+    """Raise UnsupportedModelError unless nothing follows the sum of the trees."""
+    if given in (0, "NONE"):
+        return
+    name = given if isinstance(given, str) else dict(enumerate(_POST_TRANSFORMS)).get(given, str(given))
+    raise UnsupportedModelError(f"post_transform {name}: only NONE is supported; export the model as a plain regressor")
+
+
+def read_aggregate(given: str | int) -> tuple[Aggregate, bool]:
+    """How leaf values become one number, and whether the sum is divided by the number of trees."""
+    name = given if isinstance(given, str) else dict(enumerate(_AGGREGATE_NAMES)).get(given, str(given))
+    if name not in _AGGREGATES:
+        raise UnsupportedModelError(f"aggregate_function {name}: known are {', '.join(_AGGREGATE_NAMES)}")
+    return _AGGREGATES[name]
+
+
+def target_count(attributes: Attributes) -> int:
+    """The number of outputs; raises InputError where the file gives none."""
+    n_targets = attributes.integer("n_targets", 0)
+    if not 1 <= n_targets <= MAX_TARGETS:
+        raise InputError(f"n_targets is {n_targets}, expected 1 to {MAX_TARGETS}")
+    return n_targets
+
+
+def of_length(name: str, array: NDArray[Any], total: int, optional: bool = False) -> NDArray[Any]:
+    """`array` with one entry a node; an optional one may be empty and then holds zeros. Raises InputError."""
+    if optional and len(array) == 0:
+        return np.zeros(total, array.dtype)
+    if len(array) != total:
+        raise InputError(f"{name} has {len(array)} entries for {total} nodes; the model file is damaged")
+    return array
+
+
+def check_range(name: str, array: Numbers, end: int) -> None:
+    """Raise InputError that names the first entry outside 0 .. end - 1."""
+    bad = np.flatnonzero((array < 0) | (array >= end))
+    if bad.size:
+        raise InputError(f"{name}[{bad[0]}] is {array[bad[0]]}, expected 0 to {end - 1}; the model file is damaged")

@@ -1,0 +1,119 @@
+"""The conformance cases that the onnx package ships: every operator that is walked computes what the standard says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from onnx import helper, numpy_helper
+
+from st_codegen import reference
+from st_codegen.errors import UnsupportedModelError
+from st_codegen.walkers import onnx_ml  # noqa: F401  (registers the operators)
+from st_codegen.walkers.onnx_graph import RULES
+from tests.walkers import onnx_builders as build
+
+DATA = Path(onnx.__file__).parent / "backend" / "test" / "data" / "node"
+pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the onnx package is installed without its test data")
+
+_NAMES = "add sub mul div sum gemm matmul tanh relu sigmoid leakyrelu elu softplus exp neg clip reduce_mean reduce_sum"
+_NAMES += " identity reshape flatten squeeze unsqueeze transpose concat gather cast constant dropout_default shape"
+PREFIXES = tuple(f"test_{name}" for name in _NAMES.split())
+#: What the walker turns down: several rows of a matrix product, integers, sequences, strings, random numbers.
+REFUSED_ONLY = {"MatMul", "Gemm", "Dropout", "Shape", "Constant"}
+
+
+def cases():
+    if not DATA.is_dir():
+        return []
+    found = []
+    for folder in sorted(DATA.iterdir()):
+        if folder.name.startswith(PREFIXES) and not folder.name.endswith("_expanded"):
+            model = onnx.load(folder / "model.onnx")
+            if len(model.graph.node) == 1 and ("", model.graph.node[0].op_type) in RULES:
+                found.append(folder.name)
+    return found
+
+
+def tensors(folder, kind):
+    paths = sorted(folder.glob(f"{kind}_*.pb"), key=lambda path: int(path.stem.split("_")[1]))
+    return [numpy_helper.to_array(onnx.TensorProto.FromString(path.read_bytes())) for path in paths]
+
+
+def as_one_row(model, inputs):
+    """The model of a case for one row: its computed inputs cut from rows, all others as constants."""
+    node = model.graph.node[0]
+    n_computed = len(inputs) if node.op_type in ("Add", "Sub", "Mul", "Div", "Sum", "Concat") else 1
+    constants, rows, nodes = [], [], []
+    for number, (value, array) in enumerate(zip(model.graph.input, inputs, strict=True)):
+        if number >= n_computed:
+            constants.append(numpy_helper.from_array(array, value.name))
+            continue
+        constants.append(build.constant(f"shape{number}", array.shape, np.int64))
+        rows.append(build.info(f"row{number}", (1, array.size), build.ELEM_TYPES[array.dtype]))
+        nodes.append(helper.make_node("Reshape", [f"row{number}", f"shape{number}"], [value.name]))
+    outputs = [build.info(value.name, None, value.type.tensor_type.elem_type) for value in model.graph.output]
+    graph = helper.make_graph([*nodes, node], "case", rows, outputs, constants)
+    opset = helper.make_opsetid("", model.opset_import[0].version)
+    row = np.concatenate([np.ravel(array) for array in inputs[:n_computed]])
+    return helper.make_model(graph, opset_imports=[opset], ir_version=model.ir_version), row
+
+
+def run(name, tmp_path):
+    """None where a case is out of scope, else whether the walker's numbers are those of the case."""
+    folder = DATA / name
+    model = onnx.load(folder / "model.onnx")
+    data = folder / "test_data_set_0"
+    try:
+        inputs, outputs = tensors(data, "input"), tensors(data, "output")
+    except Exception:  # sequences and optionals are no tensors
+        return None
+    if not inputs or inputs[0].dtype not in build.ELEM_TYPES or any(array.size == 0 for array in inputs[:1]):
+        return None
+    one_row, row = as_one_row(model, inputs)
+    try:
+        loaded = build.load(one_row, tmp_path)
+    except UnsupportedModelError:
+        return None
+    ours = reference.trace(loaded.ir, row[None, :].astype(np.float64))[-1]
+    expected = np.concatenate([np.ravel(output) for output in outputs]).astype(np.float64)
+    return np.allclose(ours[0], expected, rtol=1e-5, atol=1e-6, equal_nan=True)
+
+
+def test_cases_of_the_standard(tmp_path):
+    results = {name: run(name, tmp_path) for name in cases()}
+    assert [name for name, equal in results.items() if equal is False] == []
+    walked = {onnx.load(DATA / name / "model.onnx").graph.node[0].op_type for name, equal in results.items() if equal}
+    given = {onnx.load(DATA / name / "model.onnx").graph.node[0].op_type for name in results}
+    assert given - walked <= REFUSED_ONLY
+    assert sum(equal is True for equal in results.values()) >= 100
+
+
+GEMMS = "alpha beta default_no_bias default_scalar_bias default_vector_bias default_zero_bias transposeB"
+
+
+@pytest.mark.parametrize("name", ["matmul_2d", *(f"gemm_{case}" for case in GEMMS.split())])
+def test_matrix_products_of_the_standard_row_by_row(tmp_path, name):
+    folder = DATA / f"test_{name}"
+    inputs, (expected,) = (tensors(folder / "test_data_set_0", kind) for kind in ("input", "output"))
+    model = onnx.load(folder / "model.onnx")
+    names = [value.name for value in model.graph.input]
+    constants = [numpy_helper.from_array(array, given) for given, array in zip(names[1:], inputs[1:], strict=True)]
+    rows = [build.info(names[0], (None, inputs[0].shape[1]))]
+    outputs = [build.info(model.graph.output[0].name, None)]
+    one_row = build.graph_model(model.graph.node, rows, outputs, constants, opset=model.opset_import[0].version)
+    ours = reference.evaluate(build.load(one_row, tmp_path).ir, inputs[0].astype(np.float64))
+    np.testing.assert_allclose(ours, expected, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["single_tree", "set_membership"])
+def test_tree_ensembles_of_the_standard(tmp_path, name):
+    folder = DATA / f"test_ai_onnx_ml_tree_ensemble_{name}"
+    (x,), (expected,) = (tensors(folder / "test_data_set_0", kind) for kind in ("input", "output"))
+    model = onnx.load(folder / "model.onnx")
+    model.graph.input[0].type.tensor_type.shape.dim[0].dim_param = "rows"
+    loaded = build.load(model, tmp_path)
+    ours = build.assert_equal_bits(loaded, x)
+    np.testing.assert_array_equal(ours, expected)

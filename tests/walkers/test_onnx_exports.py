@@ -1,0 +1,195 @@
+"""Models as skl2onnx writes them: trees equal to the bit, the others within their bound."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sklearn.compose import ColumnTransformer
+from sklearn.ensemble import (
+    AdaBoostRegressor,
+    BaggingRegressor,
+    ExtraTreesRegressor,
+    GradientBoostingRegressor,
+    HistGradientBoostingRegressor,
+    RandomForestRegressor,
+    StackingRegressor,
+    VotingRegressor,
+)
+from sklearn.linear_model import Lasso, LinearRegression, Ridge
+from sklearn.neural_network import MLPRegressor
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import (
+    FunctionTransformer,
+    MaxAbsScaler,
+    MinMaxScaler,
+    Normalizer,
+    RobustScaler,
+    StandardScaler,
+)
+from sklearn.svm import SVR, LinearSVR, NuSVR
+from sklearn.tree import DecisionTreeRegressor, ExtraTreeRegressor
+
+from st_codegen import reference
+from st_codegen.errors import UnsupportedModelError
+from st_codegen.ir import TreeEnsemble
+from tests.walkers import onnx_builders as build
+from tests.walkers.onnx_builders import assert_equal_bits, assert_within_bound
+
+skl2onnx = pytest.importorskip("skl2onnx")
+from skl2onnx.common.data_types import (  # noqa: E402
+    DoubleTensorType,
+    FloatTensorType,
+    Int64TensorType,
+)
+
+pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+RNG = np.random.default_rng(0)
+X = RNG.uniform(-2, 2, size=(300, 3)).astype(np.float32)
+Y = np.column_stack([X[:, 0] * X[:, 1] + np.sin(3 * X[:, 2]), X[:, 1] ** 2 - X[:, 0]])
+SINGLE = Y[:, 0]
+ROWS = np.vstack([RNG.uniform(-3, 3, size=(200, 3)), X[:50].astype(np.float64)])
+
+
+def seeded(kind, *arguments, **keywords):
+    return kind(*arguments, random_state=0, **keywords)
+
+
+def stack(*steps):
+    return make_pipeline(ColumnTransformer([("s", StandardScaler(), [2, 0]), ("m", MinMaxScaler(), [1])]), *steps)
+
+
+TREES = {
+    "decision tree": seeded(DecisionTreeRegressor, max_depth=8),
+    "extra tree": seeded(ExtraTreeRegressor, max_depth=8),
+    "random forest": seeded(RandomForestRegressor, n_estimators=30, max_depth=6),
+    "extra trees": seeded(ExtraTreesRegressor, n_estimators=30, max_depth=6),
+    "gradient boosting": seeded(GradientBoostingRegressor, n_estimators=40, max_depth=3),
+    "histogram gradient boosting": seeded(HistGradientBoostingRegressor, max_iter=40, max_leaf_nodes=15),
+    "scaled tree": make_pipeline(RobustScaler(), seeded(DecisionTreeRegressor, max_depth=5)),
+    "columns": stack(seeded(GradientBoostingRegressor, n_estimators=20)),
+}
+OTHERS = {
+    "svr": SVR(),
+    "svr poly": NuSVR(kernel="poly"),
+    "svr linear": SVR(kernel="linear"),
+    "svr sigmoid": SVR(kernel="sigmoid", C=0.01),
+    "linear svr": seeded(LinearSVR, max_iter=10000),
+    **{
+        f"mlp {name}": seeded(
+            MLPRegressor, hidden_layer_sizes=(15, 7), activation=name, max_iter=80, early_stopping=True
+        )
+        for name in ("tanh", "relu", "logistic", "identity")
+    },
+    "linear": LinearRegression(),
+    "ridge": Ridge(),
+    "lasso": Lasso(0.01),
+    "standard": make_pipeline(StandardScaler(), LinearRegression()),
+    "min max": make_pipeline(MinMaxScaler(), LinearRegression()),
+    "min max clipped": make_pipeline(MinMaxScaler(clip=True), LinearRegression()),
+    "max abs": make_pipeline(MaxAbsScaler(), LinearRegression()),
+    "function": make_pipeline(FunctionTransformer(), LinearRegression()),
+    "columns linear": stack(LinearRegression()),
+    "normalized": make_pipeline(Normalizer(), LinearRegression()),
+    "normalized l1": make_pipeline(Normalizer("l1"), LinearRegression()),
+    "normalized max": make_pipeline(Normalizer("max"), LinearRegression()),
+    "vote": VotingRegressor([("a", LinearRegression()), ("b", seeded(DecisionTreeRegressor, max_depth=3))]),
+    "bag": seeded(BaggingRegressor, seeded(DecisionTreeRegressor, max_depth=3), 3),
+    "stack": StackingRegressor([("a", LinearRegression()), ("b", seeded(DecisionTreeRegressor, max_depth=3))]),
+}
+TWO_OUTPUTS = {
+    "decision tree": seeded(DecisionTreeRegressor, max_depth=6),
+    "random forest": seeded(RandomForestRegressor, n_estimators=10, max_depth=5),
+    "linear": LinearRegression(),
+    "mlp": seeded(MLPRegressor, hidden_layer_sizes=(10,), max_iter=60),
+}
+
+
+def export(model, tensor_type=FloatTensorType, target_opset=None):
+    initial = [("X", tensor_type([None, 3]))]
+    return skl2onnx.convert_sklearn(model, initial_types=initial, target_opset=target_opset)
+
+
+@pytest.mark.parametrize("name", TREES)
+@pytest.mark.parametrize("target_opset", [None, {"": 15, "ai.onnx.ml": 3}])
+def test_tree_families_are_equal_to_the_bit(tmp_path, name, target_opset):
+    model = TREES[name].fit(X, SINGLE)
+    loaded = build.load(export(model, target_opset=target_opset), tmp_path)
+    op = loaded.ir.ops[-1]
+    assert isinstance(op, TreeEnsemble)
+    build.check_layout(op)
+    thresholds = op.threshold[op.split >= 0]
+    assert_equal_bits(loaded, build.special_rows(3, thresholds[:200], np.random.default_rng(1), n=800))
+    assert_equal_bits(loaded, ROWS)
+    np.testing.assert_allclose(loaded.predict(X.astype(np.float64))[:, 0], model.predict(X), rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_other_families_stay_within_their_bound(tmp_path, name):
+    model = OTHERS[name].fit(X, SINGLE)
+    loaded = build.load(export(model), tmp_path)
+    assert_within_bound(loaded, ROWS)
+    if name != "normalized max":  # ONNX divides by the largest number, scikit-learn by the largest magnitude
+        ours = reference.evaluate(loaded.ir, X.astype(np.float64))[:, 0]
+        np.testing.assert_allclose(ours, model.predict(X), rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", ["linear", "linear svr", "mlp tanh", "mlp relu", "standard", "min max clipped"])
+def test_double_graphs_stay_within_their_bound(tmp_path, name):
+    model = OTHERS[name].fit(X.astype(np.float64), SINGLE)
+    loaded = build.load(export(model, DoubleTensorType), tmp_path)
+    np.testing.assert_allclose(reference.evaluate(loaded.ir, ROWS)[:, 0], model.predict(ROWS), rtol=1e-11, atol=1e-11)
+    assert_within_bound(loaded, ROWS)
+
+
+@pytest.mark.parametrize("name", TWO_OUTPUTS)
+def test_two_outputs(tmp_path, name):
+    model = TWO_OUTPUTS[name].fit(X, Y)
+    loaded = build.load(export(model), tmp_path)
+    assert loaded.ir.outputs == ("out1", "out2")
+    np.testing.assert_allclose(reference.evaluate(loaded.ir, X.astype(float)), model.predict(X), rtol=1e-3, atol=1e-3)
+    if loaded.ir.exact:
+        assert_equal_bits(loaded, ROWS)
+    else:
+        assert_within_bound(loaded, ROWS)
+
+
+def test_missing_values_of_histogram_gradient_boosting(tmp_path):
+    x = np.where(RNG.random(X.shape) < 0.2, np.nan, X)
+    model = seeded(HistGradientBoostingRegressor, max_iter=20).fit(x, SINGLE)
+    loaded = build.load(export(model), tmp_path)
+    assert loaded.ir.accepts_nan
+    assert_equal_bits(loaded, x.astype(np.float64))
+    np.testing.assert_allclose(loaded.predict(x.astype(np.float64))[:, 0], model.predict(x), rtol=1e-4, atol=1e-4)
+
+
+def test_one_input_for_each_column(tmp_path):
+    columns = [("speed", FloatTensorType([None, 1])), ("torque", FloatTensorType([None, 1]))]
+    columns.append(("gear", Int64TensorType([None, 1])))
+    whole = np.column_stack([X[:, :2], np.round(X[:, 2])])
+    model = make_pipeline(StandardScaler(), seeded(GradientBoostingRegressor, n_estimators=10)).fit(whole, SINGLE)
+    loaded = build.load(skl2onnx.convert_sklearn(model, initial_types=columns), tmp_path)
+    assert [feature.name for feature in loaded.ir.features] == ["speed", "torque", "gear"]
+    rows = np.column_stack([ROWS[:, :2], np.round(ROWS[:, 2])])
+    assert_equal_bits(loaded, rows)
+
+
+def test_integer_matrix(tmp_path):
+    model = TREES["random forest"].fit(np.round(X * 3), SINGLE)
+    loaded = build.load(export(model, Int64TensorType), tmp_path)
+    assert_equal_bits(loaded, np.round(ROWS * 3))
+
+
+def test_tree_exports_with_double_inputs_are_refused_with_advice(tmp_path):
+    model = TREES["decision tree"].fit(X, SINGLE)
+    with pytest.raises(UnsupportedModelError, match=r"'variable' is declared as DOUBLE.*FloatTensorType"):
+        build.load(export(model, DoubleTensorType), tmp_path)
+
+
+def test_all_operators_that_are_missing_are_listed_at_once(tmp_path):
+    model = seeded(AdaBoostRegressor, n_estimators=3).fit(X, SINGLE)
+    with pytest.raises(UnsupportedModelError) as caught:
+        build.load(export(model), tmp_path)
+    message = str(caught.value)
+    for name in ("TopK", "CumSum", "Less", "ArgMin", "GatherElements"):
+        assert f"operator {name} (opset 22) is not supported: node '" in message
+    assert "supported operators: Add, ArrayFeatureExtractor," in message

@@ -1,0 +1,394 @@
+"""Files that cannot be used: each refusal names file, node, operator or field; only an InputError escapes."""
+
+from __future__ import annotations
+
+import importlib
+
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper
+
+from st_codegen.errors import InputError, MissingExtraError, UnsupportedModelError
+from st_codegen.walkers.onnx import load_file
+from tests.walkers import onnx_builders as build
+from tests.walkers.onnx_builders import DOUBLE, FLOAT, constant, graph_model, info, leaf, ml, single
+
+
+def refused(model, tmp_path, kind=InputError):
+    with pytest.raises(kind) as caught:
+        build.load(model, tmp_path)
+    message = str(caught.value)
+    assert message.startswith("model.onnx: ")
+    return message
+
+
+FILES = {
+    "empty": b"",
+    "text": b"tree\nversion=v4\nnum_class=1\n",
+    "zeros": bytes(1000),
+    "noise": np.random.default_rng(0).bytes(2000),
+    "graphless": onnx.ModelProto(ir_version=8).SerializeToString(),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_files_that_are_no_models(tmp_path, name):
+    assert "not an ONNX model" in refused(FILES[name], tmp_path)
+
+
+def test_every_truncation_of_a_model_is_refused_or_loads(tmp_path):
+    data = single("Add", 3, [constant("C", [1.0, 2.0, 3.0])]).SerializeToString()
+    for length in range(len(data)):
+        try:
+            build.load(data[:length], tmp_path)
+        except InputError:
+            continue
+        assert length > len(data) - 40  # only the end, the list of opsets, can go
+
+
+def test_missing_and_oversized_files(tmp_path, monkeypatch):
+    with pytest.raises(InputError, match=r"absent\.onnx: cannot be read \(No such file"):
+        load_file(tmp_path / "absent.onnx", "absent")
+    monkeypatch.setattr("st_codegen.walkers.onnx_model.MAX_FILE_SIZE", 10)
+    assert "at most 10 are supported" in refused(single("Neg"), tmp_path)
+
+
+@pytest.mark.parametrize("package", ["onnx", "onnxruntime"])
+def test_missing_packages_name_the_extra(tmp_path, monkeypatch, package):
+    def no_such_module(name, *arguments):
+        if name == package:
+            raise ImportError(name)
+        return real(name, *arguments)
+
+    real = importlib.import_module
+    monkeypatch.setattr(importlib, "import_module", no_such_module)
+    with pytest.raises(MissingExtraError, match=rf"'{package}'.*st-codegen\[onnx\]"):
+        load_file(tmp_path / "model.onnx", "model")
+
+
+def test_unknown_operators_domains_and_types_are_listed_together(tmp_path):
+    nodes = [
+        helper.make_node("Softmax", ["X"], ["a"], name="soft"),
+        helper.make_node("Softmax", ["X"], ["b"]),
+        helper.make_node("FusedGelu", ["a"], ["c"], name="fused", domain="com.microsoft"),
+        helper.make_node("Cast", ["X"], ["d"], name="narrowing", to=TensorProto.FLOAT16),
+        helper.make_node("LinearRegressor", ["X"], ["e"], name="post", domain="ai.onnx.ml", post_transform="SOFTMAX"),
+        helper.make_node("Add", ["c", "d"], ["Y"], name="reader"),
+    ]
+    message = refused(graph_model(nodes, [info("X", (None, 2))], [info("Y", None)]), tmp_path, UnsupportedModelError)
+    assert message.startswith("model.onnx: 5 problems\n")
+    assert "operator Softmax (opset 18) is not supported: node 'soft', the node of 'b'" in message
+    assert "operator com.microsoft.FusedGelu (opset unknown) is not supported: node 'fused'" in message
+    assert "node 'narrowing' (Cast, opset 18): casts to FLOAT16; FLOAT and DOUBLE are supported" in message
+    assert "node 'post' (LinearRegressor, opset 3): post_transform SOFTMAX: only NONE is supported" in message
+    assert "supported operators: " in message
+    assert "reader" not in message
+
+
+@pytest.mark.parametrize("op_type", ["Add", "Gemm", "Relu"])
+def test_old_opsets_are_refused(tmp_path, op_type):
+    message = refused(single(op_type, 3, [constant("C", np.eye(3))][: op_type != "Relu"], opset=5), tmp_path)
+    assert f"node 'the_node' ({op_type}, opset 5): version 1 of this operator is not supported (known: " in message
+    assert "export the model with another target_opset" in message
+
+
+def test_opsets_that_are_unknown_missing_or_double(tmp_path):
+    model = single("Neg")
+    model.opset_import[0].version = 999
+    assert "opset 999 of the domain 'ai.onnx': the installed onnx package knows 1 to" in refused(model, tmp_path)
+    model.opset_import[0].version = 0
+    assert "opset 0 of the domain" in refused(model, tmp_path)
+    model = single("Neg")
+    del model.opset_import[0]
+    assert "the file names no opset for the domain 'ai.onnx'" in refused(model, tmp_path)
+    model = single("Neg")
+    model.opset_import.append(helper.make_opsetid("", 17))
+    assert "two opsets of the domain 'ai.onnx'" in refused(model, tmp_path)
+    model.opset_import[-1].version = 18
+    build.load(model, tmp_path)
+
+
+def test_operators_of_another_opset_are_refused(tmp_path):
+    message = refused(build.regressor([leaf(1.0)], ml_opset=5), tmp_path)
+    assert "node 'trees' (TreeEnsembleRegressor, opset 5): version 5 of this operator is not supported" in message
+    model = build.ensemble([leaf(1.0)])
+    model.opset_import[1].version = 4
+    assert "this opset has no such operator" in refused(model, tmp_path)
+
+
+def test_functions_and_sparse_tensors_are_refused(tmp_path):
+    model = single("Neg")
+    model.functions.append(helper.make_function("own", "F", ["x"], ["y"], [], []))
+    assert "functions of its own (F) are not supported; inline them" in refused(model, tmp_path)
+    model = single("Neg")
+    model.graph.sparse_initializer.add()
+    assert "sparse initializers are not supported" in refused(model, tmp_path)
+
+
+def inputs_of(tmp_path, *values):
+    return refused(graph_model([helper.make_node("Neg", ["X"], ["Y"])], values, [info("Y", None)]), tmp_path)
+
+
+def test_inputs_that_cannot_be_features(tmp_path):
+    assert "input 'X' has no shape" in inputs_of(tmp_path, info("X", None))
+    for shape in ((None, None), ("N",), (None, "features"), (1, 3, None), (1, -1)):
+        message = inputs_of(tmp_path, info("X", shape))
+        assert "the number of features is not known; export the model with a fixed number of columns" in message
+    assert "takes 5 rows at once" in inputs_of(tmp_path, info("X", (5, 3)))
+    assert "has a dimension of length 0" in inputs_of(tmp_path, info("X", (None, 0)))
+    assert "is of STRING; export the model with float inputs" in inputs_of(
+        tmp_path, info("X", (None, 1), TensorProto.STRING)
+    )
+    assert "is of FLOAT16" in inputs_of(tmp_path, info("X", (None, 1), TensorProto.FLOAT16))
+    assert "at most 65536 features" in inputs_of(tmp_path, info("X", (None, 2**40)))
+    assert "two inputs 'X'" in inputs_of(tmp_path, info("X", (None, 1)), info("X", (None, 1)))
+    assert "the graph has no inputs" in inputs_of(tmp_path)
+    sequence = helper.make_tensor_sequence_value_info("X", FLOAT, (None, 1))
+    assert "input 'X' is not a tensor" in inputs_of(tmp_path, sequence)
+
+
+def test_integers_without_a_cast_are_refused(tmp_path):
+    inputs = [info("X", (None, 2), TensorProto.INT64)]
+    scaler = helper.make_node("Scaler", ["X"], ["Y"], name="s", domain="ai.onnx.ml", offset=[0.0], scale=[1.0])
+    message = refused(graph_model([scaler], inputs, [info("Y", None)]), tmp_path)
+    assert "node 's' (Scaler, opset 3): reads integers; export the model with float inputs" in message
+    plain = graph_model([helper.make_node("Identity", ["X"], ["Y"])], inputs, [info("Y", None, TensorProto.INT64)])
+    assert "the output 'Y' holds integers" in refused(plain, tmp_path)
+    cast = helper.make_node("Cast", ["X"], ["Y"], to=TensorProto.INT64)
+    message = refused(graph_model([cast], [info("X", (None, 2))], [info("Y", None)]), tmp_path)
+    assert "casts numbers to integers, which has no exact counterpart" in message
+
+
+def test_outputs_that_are_not_computed(tmp_path):
+    def graph(nodes, *outputs, constants=()):
+        return graph_model(nodes, [info("X", (None, 2))], outputs, constants)
+
+    neg = helper.make_node("Neg", ["X"], ["Y"])
+    assert "the output 'Z' is not computed by any node" in refused(graph([neg], info("Z", None)), tmp_path)
+    assert "the graph has no outputs" in refused(graph([neg]), tmp_path)
+    message = refused(graph([neg], info("C", None), constants=[constant("C", 1.0)]), tmp_path)
+    assert "the output 'C' is a constant" in message
+    message = refused(graph([neg], info("Y", None, DOUBLE)), tmp_path)
+    assert "the output 'Y' is declared as DOUBLE, its operator computes FLOAT" in message
+
+
+def test_graphs_with_cycles_gaps_and_double_names(tmp_path):
+    def graph(*nodes, constants=()):
+        return graph_model(nodes, [info("X", (None, 2))], [info("Y", None)], constants)
+
+    neg = helper.make_node("Neg", ["X"], ["Y"], name="neg")
+    late = helper.make_node("Relu", ["b"], ["a"], name="one"), helper.make_node("Relu", ["a"], ["b"], name="two")
+    message = refused(graph(*late, neg), tmp_path)
+    assert (
+        "node 'one' (Relu, opset 18): reads 'b', which node 'two' computes only later: the graph has a cycle" in message
+    )
+    message = refused(graph(helper.make_node("Relu", ["ghost"], ["Y"])), tmp_path)
+    assert "the node of 'Y' (Relu, opset 18): reads 'ghost', which nothing computes" in message
+    assert "node 'neg' (Neg, opset 18): 'Y' is computed twice" in refused(graph(neg, neg), tmp_path)
+    twice = [constant("c", 1.0), constant("c", 2.0)]
+    assert "the initializer 'c' appears twice" in refused(graph(neg, constants=twice), tmp_path)
+
+
+def test_nodes_that_do_not_fit_their_schema(tmp_path):
+    def message(op_type, inputs=("X",), **attributes):
+        node = helper.make_node(op_type, list(inputs), ["Y"], name="n", **attributes)
+        return refused(graph_model([node], [info("X", (None, 2))], [info("Y", None)]), tmp_path)
+
+    assert "node 'n' (Neg, opset 18): 2 inputs, expected 1 to 1" in message("Neg", ("X", "X"))
+    assert "node 'n' (Add, opset 18): input 1 is missing" in message("Add", ("X", ""))
+    assert "attribute 'colour' is not one of this operator's version 13" in message("Neg", colour=1)
+    assert "attribute 'alpha' is not of type FLOAT" in message("Elu", alpha=[1.0])
+    assert "attribute 'axis' is missing" in message("Concat")
+    assert "axis 5 of a tensor with 2 dimensions" in message("Concat", axis=5)
+    assert "perm [0, 0] for 2 dimensions" in message("Transpose", perm=[0, 0])
+    model = single("Elu", 2, alpha=1.0)
+    model.graph.node[0].attribute.append(model.graph.node[0].attribute[0])
+    assert "an attribute appears twice" in refused(model, tmp_path)
+
+
+DAMAGE = {
+    "needs 4096 numbers, it has 2": lambda t: t.dims.__setitem__(0, 4096),
+    "negative length": lambda t: t.dims.__setitem__(0, -2),
+    "at most 134217728 are supported": lambda t: t.dims.__setitem__(0, 2**40),
+    "tensors of STRING are not supported": lambda t: setattr(t, "data_type", TensorProto.STRING),
+    "tensors of COMPLEX64 are not supported": lambda t: setattr(t, "data_type", TensorProto.COMPLEX64),
+    "tensors of type 77 are not supported": lambda t: setattr(t, "data_type", 77),
+    "needs 8 bytes, it has 5": lambda t: setattr(t, "raw_data", b"12345"),
+    "its numbers are in another file; save the model with its weights inside": lambda t: setattr(
+        t, "data_location", TensorProto.EXTERNAL
+    ),
+}
+
+
+@pytest.mark.parametrize("message", DAMAGE)
+def test_damaged_initializers(tmp_path, message):
+    model = single("Add", 2, [helper.make_tensor("C", FLOAT, [2], [1.0, 2.0])])
+    DAMAGE[message](model.graph.initializer[0])
+    text = refused(model, tmp_path)
+    assert "initializer 'C': " in text
+    assert message in text
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_coefficients_that_are_not_finite(tmp_path, value):
+    bad = [1.0, value, 0.0]
+    assert "node 'the_node' (Add, opset 18): Scale.constant: 1 coefficients are not finite" in refused(
+        single("Add", 3, [constant("C", bad)]), tmp_path
+    )
+    weights = np.where(np.eye(3) == 1, value, 0.0)
+    message = refused(single("MatMul", 3, [constant("C", weights)]), tmp_path)
+    assert "node 'the_node' (MatMul, opset 18): Linear.weights: 3 coefficients are not finite" in message
+    for attributes in ({"coefficients": bad}, {"coefficients": [0.0] * 3, "intercepts": [value]}):
+        assert "coefficients are not finite" in refused(ml("LinearRegressor", 3, **attributes), tmp_path)
+    assert "not finite" in refused(ml("Scaler", 3, offset=bad, scale=[1.0, 1.0, 1.0]), tmp_path)
+    svm = {"kernel_type": "RBF", "kernel_params": [value, 0.0, 0.0], "n_supports": 1, "rho": [0.0]}
+    message = refused(ml("SVMRegressor", 3, support_vectors=[0.0] * 3, coefficients=[1.0], **svm), tmp_path)
+    assert "not finite" in message
+
+
+def test_division_by_zero(tmp_path):
+    message = refused(single("Div", 2, [constant("C", [1.0, 0.0])]), tmp_path)
+    assert "node 'the_node' (Div, opset 18): Scale: division by a constant that is zero" in message
+
+
+LISTS = {
+    "offset has 2 entries for 3 features": ("Scaler", {"offset": [0.0, 1.0], "scale": [1.0]}),
+    "offset and scale have different lengths": ("Scaler", {"offset": [0.0], "scale": [1.0] * 3}),
+    "norm L7: known are MAX, L1, L2": ("Normalizer", {"norm": "L7"}),
+    "4 coefficients for 1 targets and 3 features": ("LinearRegressor", {"coefficients": [1.0] * 4}),
+    "2 intercepts for 1 targets": ("LinearRegressor", {"coefficients": [1.0] * 3, "intercepts": [0.0, 1.0]}),
+    "post_transform LOGISTIC: only NONE": ("LinearRegressor", {"post_transform": "LOGISTIC"}),
+    "one_class: a detector of outliers": ("SVMRegressor", {"one_class": 1}),
+    "rho has 2 entries": ("SVMRegressor", {"rho": [0.0, 1.0]}),
+    "2 coefficients for 3 features": ("SVMRegressor", {"rho": [0.0], "coefficients": [1.0, 2.0]}),
+    "n_supports is 2, with 1 coefficients and 3 numbers": (
+        "SVMRegressor",
+        {"rho": [0.0], "coefficients": [1.0], "n_supports": 2, "support_vectors": [0.0] * 3},
+    ),
+    "kernel_type CUBIC: known are LINEAR, POLY, RBF, SIGMOID": ("SVMRegressor", {"kernel_type": "CUBIC"}),
+    "kernel_params has 2 entries, expected 3": ("SVMRegressor", {"kernel_params": [0.0, 1.0]}),
+    "degree 2.5 of the polynomial kernel": (
+        "SVMRegressor",
+        {"kernel_type": "POLY", "kernel_params": [1.0, 0.0, 2.5]},
+    ),
+    "gamma -1.0 is negative": ("SVMRegressor", {"kernel_type": "RBF", "kernel_params": [-1.0, 0.0, 0.0]}),
+}
+SVM = {"rho": [0.0], "coefficients": [1.0], "n_supports": 1, "support_vectors": [0.0] * 3}
+
+
+@pytest.mark.parametrize("message", LISTS)
+def test_attributes_of_the_wrong_length_or_value(tmp_path, message):
+    op_type, attributes = LISTS[message]
+    if op_type == "SVMRegressor" and "rho" not in attributes:
+        attributes = {**SVM, **attributes}
+    text = refused(ml(op_type, 3, **attributes), tmp_path)
+    assert text.startswith(f"model.onnx: node 'the_node' ({op_type}, opset 3): ")
+    assert message in text
+
+
+def test_operands_of_the_wrong_kind(tmp_path):
+    def message(op_type, constants, **attributes):
+        return refused(single(op_type, 3, constants, **attributes), tmp_path)
+
+    assert "the inputs have different types, float32 and float64" in message("Add", [constant("C", 1.0, float)])
+    assert "shapes (1, 3) and (2,) do not fit" in message("Add", [constant("C", [1.0, 2.0])])
+    assert "the result has 98304 numbers for one row" in message("Add", [constant("C", np.zeros((32768, 1)))])
+    assert "the result has no elements" in message("Add", [constant("C", np.zeros((0, 1)))])
+    assert "multiplies tensors of shapes (1, 3) and (2, 2)" in message("MatMul", [constant("C", np.eye(2))])
+    assert "weights of 3 dimensions" in message("MatMul", [constant("C", np.ones((1, 3, 2)))])
+    assert "the weights are float64, the input float32" in message("MatMul", [constant("C", np.eye(3), float)])
+    assert "multiplies shapes (1, 3) and (2, 2)" in message("Gemm", [constant("C", np.eye(2))])
+    assert "C has shape (2,) for 3 columns" in message("Gemm", [constant("B", np.eye(3)), constant("C", [1.0, 2.0])])
+    assert "joins computed and constant numbers" in message("Concat", [constant("C", [[1.0]])], axis=1)
+    assert "positions outside 0 .. 2" in message("Gather", [constant("C", [3], np.int64)], axis=1)
+    assert "positions are missing or not integers" in message("Gather", [constant("C", [1.0])], axis=1)
+    assert "shape is float32 of shape (2,), expected a list of integers" in message(
+        "Reshape", [constant("C", [1.0, 3.0])]
+    )
+    assert "drops axes [1] of shape (1, 3)" in message("Squeeze", [constant("C", [1], np.int64)])
+    assert "inserts axes [0, 0] twice" in message("Unsqueeze", [constant("C", [0, 0], np.int64)])
+    assert "min is float32 of shape (3,), expected one float32" in message("Clip", [constant("C", [0.0] * 3)])
+    assert "Clip.lower: 3 coefficients are not finite" in message("Clip", [constant("C", np.nan)])
+    training = [constant("ratio", 0.5), constant("on", True, bool)]
+    assert "Dropout in training mode; export the model for inference" in message("Dropout", training)
+
+
+def test_tensors_that_cannot_be_joined(tmp_path):
+    node = helper.make_node("Concat", ["A", "B"], ["Y"], axis=1)
+    flat = [info("A", (None, 1, 2)), info("B", (None, 3, 3))]
+    message = refused(graph_model([node], flat, [info("Y", None)]), tmp_path)
+    assert "tensors of shapes (1, 1, 2), (1, 3, 3) cannot be joined along axis 1" in message
+    mixed = [info("A", (None, 2)), info("B", (None, 2), DOUBLE)]
+    assert "joins tensors of different types" in refused(graph_model([node], mixed, [info("Y", None)]), tmp_path)
+
+
+def test_names_that_are_not_text(tmp_path):
+    data = single("Neg").SerializeToString().replace(b"the_node", b"\xff\xfe\xfd_node")
+    assert "it has names that are not text" in refused(data, tmp_path)
+
+
+def test_products_of_two_computed_tensors_are_refused(tmp_path):
+    inputs, outputs = [info("X", (None, 3))], [info("Y", None)]
+    for op_type in ("MatMul", "Gemm"):
+        node = helper.make_node(op_type, ["X", "X"], ["Y"], name="n")
+        assert f"node 'n' ({op_type}, opset 18): " in refused(graph_model([node], inputs, outputs), tmp_path)
+    node = helper.make_node("Reshape", ["X", "S"], ["Y"])
+    model = graph_model([node], [*inputs, info("S", (2,), TensorProto.INT64)], outputs)
+    assert "shape is computed from the inputs; it has to be a constant" in refused(model, tmp_path)
+    neg = graph_model([helper.make_node("Neg", ["C"], ["Y"])], inputs, outputs, [constant("C", [1.0])])
+    assert "reads a constant; fold constants when exporting" in refused(neg, tmp_path)
+
+
+def test_ml_operators_want_one_row(tmp_path):
+    nodes = [
+        helper.make_node("Reshape", ["X", "shape"], ["grid"]),
+        helper.make_node("Normalizer", ["grid"], ["Y"], domain="ai.onnx.ml"),
+    ]
+    for shape in ([2, 2], [1, 2, 2]):
+        constants = [constant("shape", shape, np.int64)]
+        model = graph_model(nodes, [info("X", (None, 4))], [info("Y", None)], constants)
+        assert f"reads a tensor of shape {tuple(shape)} (for one row)" in refused(model, tmp_path)
+
+
+def test_linear_and_svm_regressors_of_doubles_are_refused(tmp_path):
+    model = ml("LinearRegressor", 3, DOUBLE, coefficients=[1.0] * 3)
+    assert "reads double numbers; onnxruntime has it for float only" in refused(model, tmp_path)
+
+
+def test_graphs_that_ask_for_too_much_memory(tmp_path):
+    """Forty doublings of a constant, or many wide results, end before they cost anything."""
+    doublings = [helper.make_node("Concat", [f"c{n}", f"c{n}"], [f"c{n + 1}"], axis=0) for n in range(40)]
+    model = graph_model(
+        [helper.make_node("Neg", ["X"], ["Y"]), *doublings],
+        [info("X", (None, 1))],
+        [info("Y", None)],
+        [constant("c0", np.ones(100))],
+    )
+    assert "numbers" in refused(model, tmp_path, UnsupportedModelError)
+    wide = [helper.make_node("Identity", ["X"], [f"y{n}"]) for n in range(1500)]
+    model = graph_model(wide, [info("X", (None, 60000))], [info("y0", None)])
+    assert "the graph needs more than 67108864 numbers in all" in refused(model, tmp_path)
+    many = [helper.make_node("MatMul", ["X", "W"], [f"y{n}"]) for n in range(100)]
+    model = graph_model(many, [info("X", (None, 1000))], [info("y0", None)], [constant("W", np.ones((1000, 1000)))])
+    assert "the graph needs more than 67108864 numbers in all" in refused(model, tmp_path)
+    nodes = [
+        helper.make_node("Reshape", ["X", "shape"], ["grid"]),
+        helper.make_node("ReduceSum", ["grid", "axes"], ["Y"], name="sums"),
+    ]
+    constants = [constant("shape", [2, 30000], np.int64), constant("axes", [0], np.int64)]
+    model = graph_model(nodes, [info("X", (None, 60000))], [info("Y", None)], constants)
+    assert "reduces 60000 numbers to 30000; the table of both is too large" in refused(model, tmp_path)
+
+
+def test_what_onnxruntime_itself_refuses(tmp_path):
+    model = single("Clip", 3, [constant("low", 0.0, float)], DOUBLE, opset=11)
+    assert "onnxruntime refuses the model: " in refused(model, tmp_path)
+
+
+def test_names_in_messages_are_printable_and_short(tmp_path):
+    node = helper.make_node("Softmax", ["X"], ["Y"], name="évil\n*)]]>" + "x" * 500)
+    message = refused(graph_model([node], [info("X", (None, 1))], [info("Y", None)]), tmp_path)
+    assert message.isascii()
+    assert "\\xe9vil\\n*)]]>" in message
+    assert "x" * 81 not in message

@@ -1,0 +1,207 @@
+"""Inputs, outputs, constants, and the operators that only move numbers about."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from onnx import TensorProto, helper
+
+from st_codegen import reference
+from st_codegen.errors import InputError
+from st_codegen.ir import Round, Scale
+from tests.walkers import onnx_builders as build
+from tests.walkers.onnx_builders import DOUBLE, FLOAT, assert_equal_bits, constant, graph_model, info, rows
+
+
+def test_an_input_without_dimensions(tmp_path):
+    nodes = [helper.make_node("Add", ["A", "B"], ["Y"])]
+    model = graph_model(nodes, [info("A", ()), info("B", (None, 1), FLOAT)], [info("Y", None)])
+    assert assert_equal_bits(build.load(model, tmp_path), [[1.5, 2.0]]).tolist() == [[3.5]]
+
+
+def test_names_of_inputs_that_would_collide_are_numbered(tmp_path):
+    inputs = [info("a", (None, 2)), info("a_0", (None, 1))]
+    model = graph_model([helper.make_node("Concat", ["a", "a_0"], ["Y"], axis=1)], inputs, [info("Y", None)])
+    assert [feature.name for feature in build.load(model, tmp_path).ir.features] == ["f0", "f1", "f2"]
+
+
+def test_source_says_where_a_model_comes_from_in_plain_text(tmp_path):
+    model = graph_model([helper.make_node("Neg", ["X"], ["Y"])], [info("X", (None, 1))], [info("Y", None)])
+    model.producer_name, model.producer_version = "evil *)\n]]>", "1.2"
+    source = build.load(model, tmp_path).ir.source
+    assert source.library == "ONNX"
+    assert source.version == "file by evil ?????? 1.2; opsets: ai.onnx 18, ai.onnx.ml 3"
+    assert source.model_class == "Neg"
+    assert source.file == source.sha256 == ""
+
+
+def moved(tmp_path, nodes, constants=(), shape=(None, 6), opset=18):
+    """Columns that a graph of operators without arithmetic picks."""
+    model = graph_model(nodes, [info("X", shape, DOUBLE)], [info("Y", None, DOUBLE)], constants, opset)
+    loaded = build.load(model, tmp_path)
+    x = rows(6)
+    assert_equal_bits(loaded, x)
+    return reference.evaluate(loaded.ir, np.arange(6.0)[None, :])[0].tolist()
+
+
+def test_operators_that_move_numbers(tmp_path):
+    make = helper.make_node
+    numbers = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    assert moved(tmp_path, [make("Identity", ["X"], ["Y"])]) == numbers
+    shape = constant("shape", [3, 2], np.int64)
+    axes = constant("axes", [0, 2], np.int64)
+    grid = make("Reshape", ["X", "shape"], ["grid"])
+    turned = [0.0, 2.0, 4.0, 1.0, 3.0, 5.0]
+    assert moved(tmp_path, [grid, make("Transpose", ["grid"], ["Y"])], [shape]) == turned
+    assert moved(tmp_path, [grid, make("Transpose", ["grid"], ["Y"], perm=[0, 1])], [shape]) == numbers
+    assert moved(tmp_path, [grid, make("Flatten", ["grid"], ["Y"], axis=0)], [shape]) == numbers
+    assert moved(tmp_path, [grid, make("Flatten", ["grid"], ["Y"], axis=-1)], [shape]) == numbers
+    assert moved(tmp_path, [grid, make("Unsqueeze", ["grid", "axes"], ["Y"])], [shape, axes]) == numbers
+    assert moved(tmp_path, [make("Unsqueeze", ["X"], ["Y"], axes=[0, 3])], opset=11) == numbers
+    assert moved(tmp_path, [make("Squeeze", ["X"], ["Y"])]) == numbers
+    assert moved(tmp_path, [make("Squeeze", ["X"], ["Y"], axes=[0])], opset=11) == numbers
+    assert moved(tmp_path, [make("Concat", ["X", "X"], ["Y"], axis=-1)]) == numbers * 2
+    picks = constant("picks", [5, 0, -1], np.int64)
+    assert moved(tmp_path, [make("Gather", ["X", "picks"], ["Y"], axis=1)], [picks]) == [5.0, 0.0, 5.0]
+    one = constant("one", 4, np.int64)
+    assert moved(tmp_path, [make("Gather", ["X", "one"], ["Y"], axis=-1)], [one]) == [4.0]
+    picks = constant("picks", [[5, 1]], np.int64)
+    extractor = make("ArrayFeatureExtractor", ["X", "picks"], ["Y"], domain="ai.onnx.ml")
+    assert moved(tmp_path, [extractor], [picks]) == [5.0, 1.0]
+    assert moved(tmp_path, [extractor], [picks], shape=(6,)) == [5.0, 1.0]
+
+
+def test_shapes_computed_in_the_graph(tmp_path):
+    """What torch writes for x.view(x.size(0), -1)."""
+    make = helper.make_node
+    nodes = [
+        make("Shape", ["X"], ["shape"]),
+        make("Constant", [], ["zero"], value_int=0),
+        make("Gather", ["shape", "zero"], ["batch"]),
+        make("Unsqueeze", ["batch", "axis"], ["first"]),
+        make("Constant", [], ["rest"], value_ints=[-1]),
+        make("Concat", ["first", "rest"], ["target"], axis=0),
+        make("Reshape", ["X", "target"], ["Y"]),
+    ]
+    picked = moved(tmp_path, nodes, [constant("axis", [0], np.int64)], shape=("N", 2, 3))
+    assert picked == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    nodes = [make("Shape", ["X"], ["shape"], start=1), make("Reshape", ["X", "shape"], ["Y"])]
+    assert moved(tmp_path, nodes) == picked
+
+
+def test_reshape_copies_dimensions_and_infers_one(tmp_path):
+    reshape = helper.make_node("Reshape", ["X", "shape"], ["Y"])
+    for shape in ([0, -1], [-1, 6], [1, 2, 3], [0, 0]):
+        assert moved(tmp_path, [reshape], [constant("shape", shape, np.int64)])[-1] == 5.0
+    with pytest.raises(InputError, match=r"6 numbers .* do not fill the shape \[4\]"):
+        moved(tmp_path, [reshape], [constant("shape", [4], np.int64)])
+    zero = helper.make_node("Reshape", ["X", "shape"], ["Y"], allowzero=1)
+    with pytest.raises(InputError, match="do not fill the shape"):
+        moved(tmp_path, [zero], [constant("shape", [0, -1], np.int64)])
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value"),
+    [
+        ("value", constant("c", [2.0], np.float64)),
+        ("value", constant("c", [2.0], np.float16)),
+        ("value", constant("c", [2], np.uint8)),
+        ("value_float", 2.0),
+        ("value_floats", [2.0]),
+        ("value_int", 2),
+        ("value_ints", [2]),
+    ],
+)
+def test_constant_nodes_of_all_types(tmp_path, attribute, value):
+    nodes = [
+        helper.make_node("Constant", [], ["raw"], **{attribute: value}),
+        helper.make_node("Cast", ["raw"], ["two"], to=DOUBLE),
+        helper.make_node("Mul", ["X", "two"], ["Y"]),
+    ]
+    assert moved(tmp_path, nodes) == [0.0, 2.0, 4.0, 6.0, 8.0, 10.0]
+
+
+@pytest.mark.parametrize("name", ["FLOAT", "DOUBLE", "FLOAT16", "BFLOAT16", "INT8", "INT16", "INT32", "UINT32", "BOOL"])
+@pytest.mark.parametrize("raw", [False, True])
+def test_initializers_of_all_types(tmp_path, name, raw):
+    elem_type = TensorProto.DataType.Value(name)
+    values = np.ones(1, helper.tensor_dtype_to_np_dtype(elem_type))
+    tensor = (
+        helper.make_tensor("c", elem_type, [1], values.tobytes(), raw=True)
+        if raw
+        else helper.make_tensor("c", elem_type, [1], [1])
+    )
+    nodes = [helper.make_node("Cast", ["c"], ["one"], to=DOUBLE), helper.make_node("Add", ["X", "one"], ["Y"])]
+    assert moved(tmp_path, nodes, [tensor])[0] == 1.0
+
+
+def test_constants_are_folded_in_their_own_type(tmp_path):
+    nodes = [
+        helper.make_node("Div", ["one", "three"], ["third"]),
+        helper.make_node("Mul", ["X", "third"], ["Y"]),
+    ]
+    constants = [constant("one", 1.0), constant("three", 3.0)]
+    loaded = build.load(graph_model(nodes, [info("X", (None, 2))], [info("Y", None)], constants), tmp_path)
+    assert loaded.ir.ops[-1].constant[0] == np.float32(1) / np.float32(3)
+    assert_equal_bits(loaded, rows(2))
+
+
+def test_casts_between_float_and_double(tmp_path):
+    nodes = [
+        helper.make_node("Cast", ["X"], ["narrow"], to=FLOAT),
+        helper.make_node("Cast", ["narrow"], ["wide"], to=DOUBLE),
+        helper.make_node("Mul", ["wide", "c"], ["Y"]),
+    ]
+    model = graph_model(nodes, [info("X", (None, 2), DOUBLE)], [info("Y", None, DOUBLE)], [constant("c", 0.1, float)])
+    loaded = build.load(model, tmp_path)
+    assert [type(op) for op in loaded.ir.ops] == [Round, Scale]
+    assert_equal_bits(loaded, rows(2))
+
+
+def test_inputs_of_several_types_and_shapes_become_features_in_order(tmp_path):
+    make = helper.make_node
+    nodes = [
+        make("Cast", ["count"], ["count_float"], to=FLOAT),
+        make("Cast", ["wide"], ["wide_float"], to=FLOAT),
+        make("Concat", ["wide_float", "count_float", "pair"], ["Y"], axis=1),
+    ]
+    inputs = [info("count", (None, 1), TensorProto.INT64), info("pair", (-1, 2)), info("wide", (1, 1), DOUBLE)]
+    loaded = build.load(graph_model(nodes, inputs, [info("Y", None)]), tmp_path)
+    assert [feature.name for feature in loaded.ir.features] == ["count", "pair_0", "pair_1", "wide"]
+    x = [[7.0, 0.1, 0.2, 0.3], [-3.0, 1.0, 2.0, 1e30]]
+    assert assert_equal_bits(loaded, x)[0].tolist() == [np.float32(v) for v in (0.3, 7.0, 0.1, 0.2)]
+    assert any("integer inputs are read as numbers" in note for note in loaded.ir.source.notes)
+    assert loaded.predict(np.array([[2.5, 0.0, 0.0, 0.0]]))[0, 1] == 2.5
+
+
+def test_joined_numbers_are_rounded_wherever_they_come_from(tmp_path):
+    for order in (["X", "n"], ["n", "X"]):
+        nodes = [helper.make_node("Neg", ["X"], ["n"]), helper.make_node("Concat", order, ["Y"], axis=1)]
+        loaded = build.load(graph_model(nodes, [info("X", (None, 1))], [info("Y", None)]), tmp_path)
+        assert_equal_bits(loaded, rows(1))
+
+
+def test_feature_vectorizer(tmp_path):
+    node = helper.make_node("FeatureVectorizer", ["A", "B"], ["Y"], domain="ai.onnx.ml", inputdimensions=[1, 2])
+    model = graph_model([node], [info("A", (None, 1)), info("B", (None, 2))], [info("Y", None)])
+    assert_equal_bits(build.load(model, tmp_path), rows(3))
+    node.attribute[0].ints[1] = 3
+    with pytest.raises(InputError, match=r"inputdimensions \[1, 3\] for inputs of \[1, 2\] columns"):
+        build.load(graph_model([node], [info("A", (None, 1)), info("B", (None, 2))], [info("Y", None)]), tmp_path)
+
+
+def test_several_outputs_are_laid_end_to_end(tmp_path):
+    nodes = [helper.make_node("Relu", ["X"], ["first"]), helper.make_node("Neg", ["X"], ["second"])]
+    outputs = [info("second", None), info("X2", None), info("first", None)]
+    nodes.append(helper.make_node("Identity", ["X"], ["X2"]))
+    loaded = build.load(graph_model(nodes, [info("X", (None, 2))], outputs), tmp_path)
+    assert loaded.ir.outputs == ("out1", "out2", "out3", "out4", "out5", "out6")
+    assert assert_equal_bits(loaded, [[1.5, -2.0]]).tolist() == [[-1.5, 2.0, 1.5, -2.0, 1.5, 0.0]]
+    assert "outputs in order: second, X2, first" in loaded.ir.source.notes
+
+
+def test_output_of_two_rows_for_one_is_read_as_columns(tmp_path):
+    """skl2onnx reshapes networks with two outputs to one column."""
+    node = helper.make_node("Reshape", ["X", "shape"], ["Y"])
+    model = graph_model([node], [info("X", (None, 2))], [info("Y", (None, 1))], [constant("shape", [-1, 1], np.int64)])
+    assert assert_equal_bits(build.load(model, tmp_path), [[1.0, 2.0]]).tolist() == [[1.0, 2.0]]
