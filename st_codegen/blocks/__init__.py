@@ -1,0 +1,1 @@
+"""Intermediate representation -> what a function block declares and computes, ready for templates."""

@@ -1,0 +1,208 @@
+"""A model's function block: inputs, checks, operations, outputs."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from st_codegen.blocks import trees  # noqa: F401 - registers the code of tree ensembles
+from st_codegen.blocks.listing import LINE_LENGTH, Block, Listing, Variable
+from st_codegen.blocks.operations import Step, lay_out
+from st_codegen.errors import InputError, errors_name
+from st_codegen.ir import FLOAT32_OVERFLOW, Feature, ModelIR, Operation, Select, TreeEnsemble
+from st_codegen.literals import capitalised, check_text, identifier, real, unit_text
+
+#: Names a block uses itself; an input may not be called so.
+_OUTPUT_STEM = "fOut"
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a target holds: elements of an array, and the range of scalar real literals (None: all)."""
+
+    max_array: int
+    real_range: tuple[float, float] | None = None
+
+
+def block_name(model: str) -> str:
+    """The name of a model's function block."""
+    return f"FB_{capitalised(identifier(model, 'model name'))}"
+
+
+def model_block(model: ModelIR, limits: Limits) -> Block:
+    """The function block of a model.
+
+    Raises InputError for names that Structured Text cannot have, TargetError for tables that the target cannot hold.
+    """
+    with errors_name(f"model '{model.name}'"):
+        return _block(model, Listing(limits.max_array, limits.real_range))
+
+
+def _block(model: ModelIR, listing: Listing) -> Block:
+    inputs = input_variables(model.features)
+    outputs = (
+        *(
+            Variable(f"{_OUTPUT_STEM}{number + 1}", "LREAL", comment=f"prediction: {name}")
+            for number, name in enumerate(model.outputs)
+        ),
+        Variable("bValid", "BOOL", comment="the outputs belong to the inputs of this call"),
+        *(
+            [Variable("bInRange", "BOOL", comment="no input had to be limited to its trained range")]
+            if _ranged(model)
+            else []
+        ),
+    )
+    _check_inputs(model, inputs, listing)
+    _operations(model, listing)
+    clash = {name.lower() for name in listing.variables} | {variable.name.lower() for variable in outputs}
+    inputs = tuple(_renamed(variable) if variable.name.lower() in clash else variable for variable in inputs)
+    return Block(
+        name=block_name(model.name),
+        header=_header(model),
+        inputs=inputs,
+        outputs=outputs,
+        variables=tuple(listing.variables.values()),
+        constants=tuple(listing.constants),
+        tables=tuple(listing.tables),
+        sections=tuple(listing.sections),
+    )
+
+
+def _ranged(model: ModelIR) -> bool:
+    return any(feature.lower is not None for feature in model.features)
+
+
+def input_variables(features: tuple[Feature, ...]) -> tuple[Variable, ...]:
+    """One LREAL input a feature, in order. Raises InputError for names that become equal."""
+    variables: dict[str, Variable] = {}
+    for feature in features:
+        name = "f" + capitalised(identifier(feature.name, "feature name"))
+        if name.lower() in variables:
+            raise InputError(
+                f"feature '{feature.name}': its input would be called {name}, as that of another feature: rename one"
+            )
+        variables[name.lower()] = Variable(name, "LREAL", comment=feature_text(feature))
+    return tuple(variables.values())
+
+
+def _renamed(variable: Variable) -> Variable:
+    return Variable(f"fInput_{variable.name[1:]}", variable.type, variable.length, variable.initial, variable.comment)
+
+
+def feature_text(feature: Feature) -> str:
+    """Name, unit and range of a feature, for comments."""
+    text = feature.name
+    if feature.unit:
+        text += f", {unit_text(feature.unit, f'unit of feature {feature.name}')}"
+    if feature.lower is not None and feature.upper is not None:
+        text += f", trained {real(feature.lower)} .. {real(feature.upper)}"
+    return text
+
+
+def _header(model: ModelIR) -> tuple[str, ...]:
+    source = model.source
+    lines = [f"{block_name(model.name)}: {source.model_class}", f"Source: {source.library} {source.version}"]
+    if source.file:
+        lines.append(f"File: {source.file}")
+    if source.sha256:
+        lines.append(f"SHA-256: {source.sha256}")
+    lines.extend(f"Note: {note}" for note in source.notes)
+    lines.extend(f"Input {number}: {feature_text(feature)}" for number, feature in enumerate(model.features, 1))
+    lines.append(
+        "Equals the library bit for bit." if model.exact else "Equals the library within the bound that verify states."
+    )
+    return header_lines(lines)
+
+
+def header_lines(lines: Iterable[str]) -> tuple[str, ...]:
+    """Lines of a header comment: harmless text, cut to the width of a line."""
+    return tuple(
+        part
+        for line in lines
+        for part in textwrap.wrap(check_text(line, "the header text"), LINE_LENGTH - 4, subsequent_indent="    ")
+    )
+
+
+def _check_inputs(model: ModelIR, inputs: tuple[Variable, ...], listing: Listing) -> None:
+    """Copying and checking the inputs: NaN by its bits, the trained range, the largest magnitude."""
+    listing.local("aInput", "LREAL", len(inputs))
+    listing.locals("DINT", "nColumn")
+    listing.locals("BOOL", "bUsable", *(["bInside"] if _ranged(model) else []))
+    if model.accepts_nan:
+        listing.local("abMissing", "BOOL", len(inputs))
+    ranged = _ranged(model)
+    largest = float(np.finfo(np.float64).max)  # the range of a feature that declares none
+    lower = upper = limit = None
+    if ranged:
+        lower = listing.table(
+            "RANGE_LOWER", "LREAL", [-largest if f.lower is None else f.lower for f in model.features]
+        )
+        upper = listing.table("RANGE_UPPER", "LREAL", [largest if f.upper is None else f.upper for f in model.features])
+    limits = model.magnitude_limits
+    if any(value is not None for value in limits):
+        # the largest number that is accepted; 0: no limit
+        limit = listing.table(
+            "INPUT_LIMIT", "LREAL", [0.0 if v is None else float(np.nextafter(v, 0.0)) for v in limits]
+        )
+    listing.section(
+        "inputs, checked",
+        "inputs",
+        accepts_nan=model.accepts_nan,
+        last=len(inputs) - 1,
+        lower=lower,
+        upper=upper,
+        limit=limit,
+        some_unlimited=any(value is None for value in limits),
+    )
+
+
+def _operations(model: ModelIR, listing: Listing) -> None:
+    names = ["aInput"]
+    missing = _missing_inputs(model)
+    for number, op in enumerate(model.ops, 1):
+        result = f"aStep{number}"
+        operands = tuple(names[value] for value in op.inputs)
+        step = Step(
+            number=number,
+            operands=operands,
+            widths=tuple(model.value_width(value) for value in op.inputs),
+            result=result,
+            missing=missing[op.inputs[0]] if model.accepts_nan else None,
+            fits_real=op.inputs == (0,)
+            and all((limit or np.inf) <= FLOAT32_OVERFLOW for limit in model.magnitude_limits),
+        )
+        lay_out(op, step, listing)
+        names.append(result)
+    listing.section(
+        "outputs",
+        "outputs",
+        assignments=[
+            {"output": f"{_OUTPUT_STEM}{number + 1}", "value": f"{names[-1]}[{number}]"}
+            for number in range(len(model.outputs))
+        ],
+        ranged=_ranged(model),
+    )
+
+
+def _missing_inputs(model: ModelIR) -> list[tuple[int, ...]]:
+    """For each value and column, the input that decides whether it is missing.
+
+    An operation that mixes columns passes no missing value on: `walkers` let a model accept NaN only where its trees
+    read columns that came through one by one.
+    """
+    values = [tuple(range(len(model.features)))]
+    for op in model.ops:
+        values.append(_missing_after(op, [values[value] for value in op.inputs]))
+    return values
+
+
+def _missing_after(op: Operation, operands: list[tuple[int, ...]]) -> tuple[int, ...]:
+    if isinstance(op, Select):
+        joined = sum(operands, ())
+        return tuple(joined[column] for column in op.columns)
+    if isinstance(op, TreeEnsemble):
+        return (0,) * op.width
+    return operands[0] if op.width == len(operands[0]) else (0,) * op.width

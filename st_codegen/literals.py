@@ -1,0 +1,102 @@
+"""Numbers and names as Structured Text.
+
+Every real number is written with the fewest digits that read back as the same float64, always with a dot, as strict
+compilers require.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+
+from st_codegen.errors import InputError
+
+#: Reserved words of IEC 61131-3 and TwinCAT, in upper case, that no name may be. Short ones that are unlikely to be
+#: mistaken (DT, LEFT) are left out: generated names carry a prefix.
+KEYWORDS = frozenset(
+    """
+    ABS ACOS ACTION ADD ADR AND AND_THEN ANY ANY_BIT ANY_DATE ANY_INT ANY_NUM ANY_REAL ARRAY ASIN AT ATAN ATAN2 BIT
+    BITADR BOOL BY BYTE CASE CHAR CLASS CONFIGURATION CONSTANT CONTINUE COS DATE DATE_AND_TIME DINT DIV DO DWORD
+    ELSE ELSIF END_ACTION END_CASE END_CLASS END_CONFIGURATION END_FOR END_FUNCTION END_FUNCTION_BLOCK END_IF
+    END_INTERFACE END_METHOD END_NAMESPACE END_PROGRAM END_PROPERTY END_REPEAT END_RESOURCE END_STEP END_STRUCT
+    END_TRANSITION END_TYPE END_UNION END_VAR END_WHILE EXIT EXP EXPT EXTENDS FALSE FOR FROM FUNCTION FUNCTION_BLOCK
+    IF IMPLEMENTS INDEXOF INITIAL_STEP INT INTERFACE LDATE LIMIT LINT LN LOG LREAL LTIME LWORD MAX METHOD MIN MOD
+    MOVE MUL NAMESPACE NON_RETAIN NOT NULL OF OR OR_ELSE PERSISTENT POINTER PRIVATE PROGRAM PROPERTY PROTECTED
+    PUBLIC READ_ONLY READ_WRITE REAL REFERENCE REF_TO REPEAT RESOURCE RETAIN RETURN ROL ROR RTC SHL SHR SIN SINT
+    SIZEOF SQRT STEP STRING STRUCT SUB SUPER TAN THEN THIS TIME TIME_OF_DAY TO TRANSITION TRUE TRUNC TYPE UDINT UINT
+    ULINT UNION UNTIL USING USINT VAR VAR_ACCESS VAR_CONFIG VAR_EXTERNAL VAR_GENERIC VAR_GLOBAL VAR_INPUT VAR_INST
+    VAR_IN_OUT VAR_OUTPUT VAR_STAT VAR_TEMP VOID WCHAR WHILE WORD WSTRING XOR
+    """.split()
+)
+
+#: Longer names are cut by some tools without a word.
+MAX_IDENTIFIER = 48
+
+_UNITS = str.maketrans({"°": "deg", "µ": "u", "μ": "u", "·": " ", "²": "^2", "³": "^3", "Ω": "Ohm"})
+
+
+def real(value: float) -> str:
+    """A finite float64 as a real literal that reads back as the same bits: 1.0, -2.5E-7, 1.0E16.
+
+    Raises InputError for NaN and infinities, which Structured Text cannot write.
+    """
+    if not math.isfinite(value):
+        raise InputError(f"{value} cannot be written as a number in Structured Text")
+    text = repr(float(value))
+    if "e" not in text:
+        return text
+    mantissa, exponent = text.split("e")
+    return f"{mantissa if '.' in mantissa else mantissa + '.0'}E{int(exponent)}"
+
+
+def real_list(values: Iterable[float]) -> list[str]:
+    """`real` for many numbers."""
+    return [real(value) for value in values]
+
+
+def check_text(text: str, what: str) -> str:
+    """`text` if it may stand in a comment of a generated file, else InputError that names `what` it is.
+
+    A comment must not end early, CDATA must not end early, and files stay ASCII on every controller.
+    """
+    for forbidden, name in (
+        ("*)", "'*)'"),
+        ("(*", "'(*'"),
+        ("]]>", "']]>'"),
+        ("\n", "a line end"),
+        ("\r", "a line end"),
+    ):
+        if forbidden in text:
+            raise InputError(f"{what} {text!r} contains {name}, which would break the generated file: rename it")
+    if not text.isascii() or not text.isprintable():
+        bad = next(character for character in text if not character.isascii() or not character.isprintable())
+        raise InputError(f"{what} {text!r} contains {bad!r}: use printable ASCII characters only")
+    return text
+
+
+def unit_text(unit: str, what: str) -> str:
+    """A unit in ASCII (degC for °C), checked like any other text."""
+    return check_text(unit.translate(_UNITS), what)
+
+
+def identifier(name: str, what: str) -> str:
+    """`name` as the inner part of an ST identifier: blanks and punctuation become single underscores.
+
+    Raises InputError, naming `what` it is, for an empty or over-long name, a keyword, non-ASCII and what `check_text`
+    refuses.
+    """
+    check_text(name, what)
+    text = re.sub(r"_+", "_", re.sub(r"[^A-Za-z0-9_]", "_", name)).strip("_")
+    if not text:
+        raise InputError(f"{what} {name!r} has no letter or digit: rename it")
+    if text.upper() in KEYWORDS:
+        raise InputError(f"{what} {name!r} is a reserved word of Structured Text: rename it")
+    if len(text) > MAX_IDENTIFIER:
+        raise InputError(f"{what} {name!r} is longer than {MAX_IDENTIFIER} characters: shorten it")
+    return text
+
+
+def capitalised(name: str) -> str:
+    """First letter upper case, the rest as it is: the inner part of a block's name."""
+    return name[:1].upper() + name[1:]

@@ -1,0 +1,18 @@
+"""What a dialect allows and which files it wants."""
+
+from st_codegen.errors import InputError
+from st_codegen.targets.base import FilePlan, Target
+from st_codegen.targets.iec import IecTarget
+from st_codegen.targets.twincat import TwinCatTarget
+
+TARGETS: dict[str, Target] = {target.name: target for target in (TwinCatTarget(), IecTarget())}
+
+__all__ = ["TARGETS", "FilePlan", "Target", "target_named"]
+
+
+def target_named(name: str) -> Target:
+    """The target of a name. Raises InputError that lists all names."""
+    try:
+        return TARGETS[name]
+    except KeyError:
+        raise InputError(f"no target '{name}'; choose from {', '.join(sorted(TARGETS))}") from None
