@@ -1,0 +1,57 @@
+"""What all commands share: messages on standard error, progress bars, common options."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+#: Messages and progress; results go to standard output.
+console = Console(stderr=True, width=None if Console(stderr=True).is_terminal else 120)
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+def models_argument(function: Command) -> Command:
+    """The argument MODELS."""
+    return click.argument("models", type=click.Path(path_type=Path))(function)
+
+
+def trust_option(function: Command) -> Command:
+    """The option --trust-pickle."""
+    return click.option(
+        "--trust-pickle", is_flag=True, help="Load .joblib and .pkl files. A pickle can run code: only your own files."
+    )(function)
+
+
+def quiet_option(function: Command) -> Command:
+    """The option --quiet."""
+    return click.option("-q", "--quiet", is_flag=True, help="No progress, no summary: errors only.")(function)
+
+
+def array_option(function: Command) -> Command:
+    """The option --max-array."""
+    return click.option(
+        "--max-array",
+        type=click.IntRange(min=1),
+        default=None,
+        help="Largest number of elements in one array (default: the target's). Larger tables are cut into several.",
+    )(function)
+
+
+@contextmanager
+def progress_bar(title: str, *, quiet: bool) -> Iterator[Callable[[int, int, str], None]]:
+    """A bar fed by (done, total, what is next); silent with `quiet` and where standard error is no terminal."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal) as progress:
+        task = progress.add_task(title, total=None)
+
+        def update(done: int, total: int, what: str) -> None:
+            progress.update(task, completed=done, total=total, description=f"{title} {what}".rstrip())
+
+        yield update

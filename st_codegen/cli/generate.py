@@ -1,0 +1,83 @@
+"""`st-codegen generate`: models in, Structured Text out."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+from rich.table import Table
+
+from st_codegen.bundle import load
+from st_codegen.cli.console import array_option, console, models_argument, progress_bar, quiet_option, trust_option
+from st_codegen.generate import check, generate
+from st_codegen.targets import TARGETS, target_named
+
+
+@click.command(
+    "generate",
+    epilog="""\b
+Examples:
+  st-codegen models/ --target twincat
+  st-codegen generate models/ --target iec --target twincat --out plc/
+  st-codegen generate models/ --target twincat --check      in CI: fail when the files are not up to date""",
+)
+@models_argument
+@click.option(
+    "-t",
+    "--target",
+    "targets",
+    multiple=True,
+    metavar="NAME",
+    help=f"Dialect to write, may be given several times: {', '.join(TARGETS)}. Default: twincat.",
+)
+@click.option(
+    "-o",
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("generated"),
+    show_default=True,
+    help="Folder to write to; each target gets a folder of its own inside.",
+)
+@click.option(
+    "--check",
+    "only_check",
+    is_flag=True,
+    help="Write nothing; print a diff and exit 1 if the files are not up to date.",
+)
+@array_option
+@trust_option
+@quiet_option
+def command(
+    models: Path,
+    targets: tuple[str, ...],
+    out: Path,
+    only_check: bool,
+    max_array: int | None,
+    trust_pickle: bool,
+    quiet: bool,
+) -> None:
+    """Compile MODELS, a folder of model files (or one file), to Structured Text.
+
+    With a bundle.toml the folder is a transmission error bundle and FB_TEPredict and FB_Compensator are generated from
+    its models; without one, every model file becomes a function block of its own.
+    """
+    chosen = [target_named(name) for name in targets or ("twincat",)]
+    with progress_bar("loading", quiet=quiet) as progress:
+        bundle = load(models, trust_pickle=trust_pickle, progress=progress)
+    if only_check:
+        different = False
+        for target in chosen:
+            for line in check(bundle, target, out, max_array=max_array):
+                different = True
+                click.echo(line if line.endswith("\n") else line + "\n", nl=False)
+        sys.exit(1 if different else 0)
+    for target in chosen:
+        generated = generate(bundle, target, out, max_array=max_array)
+        if not quiet:
+            table = Table(title=f"{generated.folder}: {len(generated.files)} files", title_justify="left")
+            table.add_column("file")
+            table.add_column("bytes", justify="right")
+            for name, size in generated.files.items():
+                table.add_row(name, f"{size:,}")
+            console.print(table)

@@ -1,0 +1,48 @@
+"""`st-codegen predict`: the same numbers by three ways."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from st_codegen.bundle import load
+from st_codegen.cli.console import models_argument, progress_bar, quiet_option, trust_option
+from st_codegen.predict import Engine, predict, read_table, write_table
+
+
+@click.command(
+    "predict",
+    epilog="""\b
+Examples:
+  st-codegen predict models/ --input X.csv --output Y.csv
+  st-codegen predict models/ --input X.csv --output Y.csv --engine source     by the library itself""",
+)
+@models_argument
+@click.option(
+    "-i",
+    "--input",
+    "source",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="CSV with a header of feature names (f0, f1, .. by place); nan and inf are allowed.",
+)
+@click.option(
+    "-o", "--output", "result", type=click.Path(path_type=Path), required=True, help="CSV to write: a column a model."
+)
+@click.option(
+    "-e",
+    "--engine",
+    type=click.Choice([engine.value for engine in Engine]),
+    default=Engine.ST.value,
+    show_default=True,
+    help="Who computes: the generated text in the interpreter, the reference in NumPy, or the source library.",
+)
+@trust_option
+@quiet_option
+def command(models: Path, source: Path, result: Path, engine: str, trust_pickle: bool, quiet: bool) -> None:
+    """Predict MODELS for the rows of a table. A row that a model does not take gives nan."""
+    table = read_table(source)
+    with progress_bar("loading", quiet=quiet) as progress:
+        bundle = load(models, trust_pickle=trust_pickle, progress=progress)
+    write_table(result, predict(bundle, table, Engine(engine)))

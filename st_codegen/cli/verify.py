@@ -1,0 +1,80 @@
+"""`st-codegen verify`: library = reference = emitted text."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import click
+from rich.table import Table
+
+from st_codegen.bundle import load
+from st_codegen.cli.console import console, models_argument, progress_bar, quiet_option, trust_option
+from st_codegen.verify import VerifyReport, verify
+
+
+@click.command(
+    "verify",
+    epilog="""\b
+Examples:
+  st-codegen verify models/ --generated generated
+  st-codegen verify models/ --generated generated --rows 100000 --json report.json""",
+)
+@models_argument
+@click.option(
+    "-g",
+    "--generated",
+    type=click.Path(path_type=Path),
+    default=Path("generated"),
+    show_default=True,
+    help="Folder that `generate` wrote; every target in it is verified.",
+)
+@click.option("-n", "--rows", type=click.IntRange(min=1), default=10_000, show_default=True, help="Rows a model.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the random rows.")
+@click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write the report to this file.")
+@trust_option
+@quiet_option
+def command(
+    models: Path, generated: Path, rows: int, seed: int, json_file: Path | None, trust_pickle: bool, quiet: bool
+) -> None:
+    """Prove that the generated text computes the same numbers as MODELS.
+
+    Library, reference and emitted text are compared on the trained range, on thresholds and their neighbours, on NaN,
+    infinities and values outside the range. Exit code 0 when all agree, 1 when not.
+    """
+    with progress_bar("loading", quiet=quiet) as progress:
+        bundle = load(models, trust_pickle=trust_pickle, progress=progress)
+    with progress_bar("verifying", quiet=quiet) as progress:
+        report = verify(bundle, generated, rows=rows, seed=seed, progress=progress)
+    if json_file is not None:
+        json_file.parent.mkdir(parents=True, exist_ok=True)
+        json_file.write_text(json.dumps(report.as_json(), indent=1) + "\n", encoding="utf-8")
+    if not quiet:
+        console.print(_table(report))
+    for model in report.models:
+        for failure in model.failures[:3]:
+            console.print(
+                f"[red]{model.name}[/]: {failure.between} differ at {list(failure.input)}: "
+                f"{list(failure.expected)} and {list(failure.got)}, allowed {failure.bound:g}",
+                highlight=False,
+                soft_wrap=True,
+            )
+    sys.exit(0 if report.passed else 1)
+
+
+def _table(report: VerifyReport) -> Table:
+    table = Table(title="library = reference = generated text", title_justify="left")
+    for name in ("model", "rows", "max error", "allowed", "ulp", "result"):
+        table.add_column(name, justify="left" if name in ("model", "result") else "right")
+    for model in report.models:
+        verdict = "[green]exact[/]" if model.exact else "[green]within bound[/]"
+        table.add_row(
+            model.name,
+            f"{model.n:,}",
+            f"{model.max_abs_err:.2g}",
+            f"{model.bound:.2g}",
+            f"{model.max_ulp:,}",
+            verdict if model.passed else "[bold red]FAILED[/]",
+        )
+    return table

@@ -1,0 +1,111 @@
+"""The compiler: a bundle and a target -> a folder of reviewed-to-be text."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from st_codegen import output
+from st_codegen.blocks.model import Limits, block_name
+from st_codegen.bundle import Bundle
+from st_codegen.ir import KernelSum, ModelIR, TransmissionError, TreeEnsemble
+from st_codegen.probes import trained_range
+from st_codegen.render import render
+from st_codegen.targets import Target
+
+
+@dataclass(frozen=True)
+class Generated:
+    """What one run wrote: the folder of the target, and its files with their sizes in bytes."""
+
+    target: str
+    folder: Path
+    files: dict[str, int]
+
+
+def generate(bundle: Bundle, target: Target, out: Path, *, max_array: int | None = None) -> Generated:
+    """Write the files of a bundle for one target to `out/<target>`.
+
+    Raises InputError or TargetError, with nothing written, for what the target cannot express. Files in the folder that
+    were not generated stay; generated files of an earlier run that are no longer needed are removed.
+    """
+    folder = out / target.name
+    with output.staged(out, render(bundle.project, target, limits_for(target, max_array)), facts(bundle)) as stage:
+        files = {
+            path.relative_to(stage).as_posix(): path.stat().st_size
+            for path in sorted(stage.rglob("*"))
+            if path.is_file() and path.name != output.MANIFEST
+        }
+        output.install(stage, folder)
+    return Generated(target.name, folder, files)
+
+
+def check(bundle: Bundle, target: Target, out: Path, *, max_array: int | None = None) -> Iterator[str]:
+    """The unified diff, line by line, between the files on disk and what would be generated; empty when equal.
+
+    Line ends do not count: version control may change them.
+    """
+    folder = out / target.name
+    with output.staged(out, render(bundle.project, target, limits_for(target, max_array)), facts(bundle)) as stage:
+        wanted = {path.relative_to(stage).as_posix() for path in stage.rglob("*") if path.is_file()}
+        for name in sorted(wanted | {name for name in output.generated_names(folder) if (folder / name).exists()}):
+            yield from difflib.unified_diff(
+                _lines(folder / name),
+                _lines(stage / name),
+                f"{folder / name} (on disk)",
+                f"{folder / name} (generated)",
+            )
+
+
+def _lines(path: Path) -> list[str]:
+    return path.read_text(encoding="utf-8").splitlines(keepends=True) if path.is_file() else []
+
+
+def limits_for(target: Target, max_array: int | None) -> Limits:
+    """The target's limits, with the user's own bound on the length of an array."""
+    return target.limits if max_array is None else dataclasses.replace(target.limits, max_array=max_array)
+
+
+def facts(bundle: Bundle) -> dict[str, Any]:
+    """What a reviewer asks first, for the manifest: models with their sizes and ranges, and what they are for."""
+    return {
+        "models": {model.ir.name: _model_facts(model.ir) for model in bundle.models},
+        "transmission_error": _te_facts(bundle.transmission_error),
+    }
+
+
+def _model_facts(model: ModelIR) -> dict[str, Any]:
+    trees = [op for op in model.ops if isinstance(op, TreeEnsemble)]
+    kernels = [op for op in model.ops if isinstance(op, KernelSum)]
+    lower, upper = trained_range(model)
+    return {
+        "block": block_name(model.name),
+        "library": f"{model.source.library} {model.source.version}",
+        "class": model.source.model_class,
+        "sha256": model.source.sha256,
+        "exact": model.exact,
+        "accepts_nan": model.accepts_nan,
+        "features": [
+            {"name": f.name, "unit": f.unit, "limited": f.lower is not None, "range": [float(low), float(high)]}
+            for f, low, high in zip(model.features, lower, upper, strict=True)
+        ],
+        "outputs": list(model.outputs),
+        "trees": sum(op.n_trees for op in trees),
+        "nodes": sum(op.n_nodes for op in trees),
+        "support_vectors": sum(len(op.support_vectors) for op in kernels),
+    }
+
+
+def _te_facts(te: TransmissionError | None) -> dict[str, Any]:
+    if te is None:
+        return {}
+    return {
+        "name": te.name,
+        "reduction_ratio": te.reduction_ratio,
+        "orders": list(te.orders),
+        "directions": [str(direction) for direction in te.directions],
+    }

@@ -1,0 +1,135 @@
+"""What FB_TEPredict and FB_Compensator must compute, from the models alone (Eq. 2, 3 and 6)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from st_codegen import bounds, reference
+from st_codegen.blocks.model import input_variables
+from st_codegen.engine import GeneratedCode
+from st_codegen.ir import Direction, FloatArray, ProjectIR, Quantity, TransmissionError
+
+#: SQRT, ATAN, COS and the few operations around them: relative error of each result, in units of roundoff.
+_ROUNDINGS = 16
+_UNIT = 2.0**-53
+
+
+@dataclass(frozen=True)
+class BlockCheck:
+    """Rows for one block, its expected and its actual outputs, and how far these may lie apart."""
+
+    block: str
+    inputs: FloatArray
+    expected: FloatArray
+    got: FloatArray
+    bound: FloatArray
+
+
+@dataclass(frozen=True)
+class HarmonicSet:
+    """Amplitudes (deg) and phases (rad) of one direction for some operating points, each (rows, orders).
+
+    The bounds say how far the generated code may lie from them: what the models may differ, and the rounding of square
+    root and arc tangent.
+    """
+
+    amplitude: FloatArray
+    phase: FloatArray
+    amplitude_bound: FloatArray
+    phase_bound: FloatArray
+
+
+def harmonics(project: ProjectIR, te: TransmissionError, direction: Direction, x: FloatArray) -> HarmonicSet:
+    """Amplitudes and phases that the models predict at operating points `x` (rows, features)."""
+    models = {model.name: model for model in project.models}
+    values = {name: reference.evaluate(models[name], x) for name in {output.model for output in te.outputs}}
+    errors = {name: bounds.difference_bound(models[name], x) for name in values}
+    zero = np.zeros(len(x))
+    columns = []
+    for order in te.orders:
+        outputs = te.quantities(direction, order)
+        value = {quantity: values[of.model][:, of.output] for quantity, of in outputs.items()}
+        error = {quantity: errors[of.model][:, of.output] for quantity, of in outputs.items()}
+        if Quantity.COSINE in value:
+            amplitude = np.hypot(value[Quantity.COSINE], value[Quantity.SINE])
+            phase = np.arctan2(value[Quantity.SINE], value[Quantity.COSINE])
+            moved = error[Quantity.COSINE] + error[Quantity.SINE]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                turned = np.where(moved > 0, moved / np.maximum(amplitude - moved, 0.0), 0.0)
+            columns.append(
+                (amplitude, phase, moved + _ROUNDINGS * _UNIT * amplitude, turned + _ROUNDINGS * _UNIT * np.pi)
+            )
+        else:
+            columns.append(
+                (
+                    value[Quantity.AMPLITUDE],
+                    value.get(Quantity.PHASE, zero),
+                    error[Quantity.AMPLITUDE],
+                    error.get(Quantity.PHASE, zero),
+                )
+            )
+    return HarmonicSet(*(np.column_stack(part) for part in zip(*columns, strict=True)))
+
+
+def check_transmission_error(
+    project: ProjectIR, te: TransmissionError, code: GeneratedCode, rows: int, seed: int
+) -> list[BlockCheck]:
+    """Run both blocks at random operating points inside the trained range, and compute what they must give."""
+    random = np.random.default_rng(seed)
+    lower = np.array([feature.lower for feature in te.features], dtype=np.float64)
+    upper = np.array([feature.upper for feature in te.features], dtype=np.float64)
+    x = lower + (upper - lower) * random.random((rows, len(te.features)))
+    theta = random.uniform(-2 * np.pi, 2 * np.pi, rows)
+    sets = {direction: harmonics(project, te, direction, x) for direction in te.directions}
+    return [_check_predict(te, code, x, sets), _check_sum(te, code, x, theta, sets)]
+
+
+def _feature_inputs(te: TransmissionError, x: FloatArray) -> dict[str, FloatArray]:
+    return dict(zip((variable.name for variable in input_variables(te.features)), x.T, strict=True))
+
+
+def _check_predict(
+    te: TransmissionError, code: GeneratedCode, x: FloatArray, sets: dict[Direction, HarmonicSet]
+) -> BlockCheck:
+    result = code.call("FB_TEPredict", _feature_inputs(te, x), len(x))
+    expected, got, bound = [], [], []
+    for direction, harmonic in sets.items():
+        suffix = {Direction.FORWARD: "Fw", Direction.BACKWARD: "Bw"}[direction]
+        amplitude = np.where(result["bValid"][:, None], result[f"aAmplitude{suffix}"], np.nan)
+        phase = result[f"aPhase{suffix}"]
+        # the same angle may come as +pi and -pi
+        turns = np.round((phase - harmonic.phase) / (2 * np.pi))
+        phase = phase - 2 * np.pi * turns
+        expected += [harmonic.amplitude, harmonic.phase]
+        got += [amplitude, phase]
+        bound += [harmonic.amplitude_bound, harmonic.phase_bound]
+    return BlockCheck("FB_TEPredict", x, np.hstack(expected), np.hstack(got), np.hstack(bound))
+
+
+def _check_sum(
+    te: TransmissionError,
+    code: GeneratedCode,
+    x: FloatArray,
+    theta: FloatArray,
+    sets: dict[Direction, HarmonicSet],
+) -> BlockCheck:
+    """TE of Eq. 3; the sign of the speed chooses the direction."""
+    backward = np.arange(len(x)) % 2 == 1 if len(sets) == 2 else np.full(len(x), Direction.BACKWARD in sets)
+    signed = x.copy()
+    signed[backward, te.speed_feature] *= -1.0
+    inputs = _feature_inputs(te, signed) | {"fThetaOut_rad": theta, "bEnable": np.ones(len(x), np.bool_)}
+    result = code.call("FB_Compensator", inputs, len(x))
+    expected, bound = np.zeros(len(x)), np.zeros(len(x))
+    for direction, harmonic in sets.items():
+        angle = np.array(te.orders) * theta[:, None] + harmonic.phase
+        chosen = backward if direction is Direction.BACKWARD else ~backward
+        expected = np.where(chosen, np.sum(harmonic.amplitude * np.cos(angle), axis=1), expected)
+        # an angle of many turns is rounded before its cosine is taken
+        size = np.abs(harmonic.amplitude)
+        rounding = (_ROUNDINGS + len(te.orders)) * _UNIT * size * (1 + np.abs(angle))
+        own = harmonic.amplitude_bound + size * harmonic.phase_bound + rounding
+        bound = np.where(chosen, np.sum(own, axis=1), bound)
+    got = np.where(result["bValid"], result["fTE_deg"], np.nan)
+    return BlockCheck("FB_Compensator", signed, expected[:, None], got[:, None], bound[:, None])
