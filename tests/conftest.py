@@ -1,0 +1,93 @@
+"""Fixtures that many tests share, and the option that updates golden files."""
+
+import numpy as np
+import pytest
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--update-golden",
+        action="store_true",
+        help="rewrite the expected files in golden/ and show what changes (see tests/test_golden.py)",
+    )
+
+
+@pytest.fixture(scope="session")
+def lightgbm_text():
+    """A small LightGBM model as text."""
+    lightgbm = pytest.importorskip("lightgbm")
+    random = np.random.default_rng(0)
+    x = random.uniform([100, 0, 25], [1800, 1800, 35], size=(300, 3))
+    y = np.sin(x[:, 0] / 300) + x[:, 1] * 1e-3
+    data = lightgbm.Dataset(x, y, feature_name=["speed_rpm", "torque_Nm", "temperature_C"])
+    return lightgbm.train({"verbose": -1, "num_leaves": 7, "num_threads": 1}, data, 5).model_to_string()
+
+
+BUNDLE = """
+[bundle]
+name = "small"
+reduction_ratio = 81.0
+speed_feature = "speed_rpm"
+directions = ["forward", "backward"]
+orders = [0, 1]
+
+[[feature]]
+name = "speed_rpm"
+unit = "rpm"
+min = 100.0
+max = 1800.0
+
+[[feature]]
+name = "torque_Nm"
+unit = "N m"
+min = 0.0
+max = 1800.0
+
+[[feature]]
+name = "temperature_C"
+unit = "°C"
+min = 25.0
+max = 35.0
+
+[[harmonic]]
+direction = "forward"
+order = 0
+amplitude = "a.txt"
+
+[[harmonic]]
+direction = "forward"
+order = 1
+amplitude = "a.txt"
+phase = "b.txt"
+
+[[harmonic]]
+direction = "backward"
+order = 0
+amplitude = "b.txt"
+
+[[harmonic]]
+direction = "backward"
+order = 1
+cosine = "a.txt"
+sine = {file = "b.txt", output = 0}
+"""
+
+
+@pytest.fixture
+def bundle_folder(tmp_path, lightgbm_text):
+    """A transmission error bundle of two models."""
+    folder = tmp_path / "models"
+    folder.mkdir()
+    (folder / "a.txt").write_text(lightgbm_text)
+    (folder / "b.txt").write_text(lightgbm_text)
+    (folder / "bundle.toml").write_text(BUNDLE, encoding="utf-8")
+    return folder
+
+
+@pytest.fixture
+def lone_folder(tmp_path, lightgbm_text):
+    """A folder with one LightGBM text file and nothing else."""
+    folder = tmp_path / "lone"
+    folder.mkdir()
+    (folder / "te.txt").write_text(lightgbm_text)
+    return folder

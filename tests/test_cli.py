@@ -1,0 +1,125 @@
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from st_codegen.cli.main import main
+
+
+def run(*arguments):
+    """Exit code of the command line."""
+    with pytest.raises(SystemExit) as caught:
+        main([str(argument) for argument in arguments])
+    return caught.value.code or 0
+
+
+def test_a_folder_without_a_command_is_compiled(lone_folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run(lone_folder, "--target", "twincat") == 0
+    assert (tmp_path / "generated" / "twincat" / "POUs" / "FB_Te.TcPOU").is_file()
+    assert run("--target", "iec", lone_folder, "--out", "plc") == 0
+    assert (tmp_path / "plc" / "iec" / "FB_Te.st").is_file()
+
+
+def test_the_program_runs_as_a_module_and_says_its_version(lone_folder, tmp_path):
+    def module(*arguments):
+        return subprocess.run(
+            [sys.executable, "-m", "st_codegen", *map(str, arguments)], capture_output=True, text=True, check=False
+        )
+
+    assert re.search(r"st-codegen, version \d", module("--version").stdout)
+    done = module(lone_folder, "--target", "iec", "--out", tmp_path / "out")
+    assert done.returncode == 0
+    assert done.stdout == ""
+    assert "FB_Te.st" in done.stderr
+    assert "\r" not in done.stderr  # no progress bar without a terminal
+    quiet = module(lone_folder, "--target", "iec", "--out", tmp_path / "out", "--quiet")
+    assert (quiet.stdout, quiet.stderr) == ("", "")
+    failed = module(lone_folder, "--target", "s7")
+    assert failed.returncode == 2
+    assert "no target 's7'; choose from" in failed.stderr
+    assert "Traceback" not in failed.stderr
+
+
+@pytest.mark.parametrize("command", ["", "generate", "verify", "predict", "diff"])
+def test_help_has_examples(command, capsys):
+    assert run(*([command] if command else []), "--help") == 0
+    assert "Examples:" in capsys.readouterr().out
+
+
+def test_input_errors_end_with_code_2_and_write_nothing(lone_folder, tmp_path, capsys):
+    (lone_folder / "bad.json").write_text("{")
+    out = tmp_path / "out"
+    assert run(lone_folder, "--target", "twincat", "--out", out) == 2
+    assert "bad.json" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_messages_with_brackets_are_shown_as_they_are(bundle_folder, capsys):
+    path = bundle_folder / "bundle.toml"
+    path.write_text(path.read_text(encoding="utf-8").replace("[bundle]", "[bold]"), encoding="utf-8")
+    assert run(bundle_folder) == 2
+    assert "unknown table [bold]" in capsys.readouterr().err
+
+
+def test_check_exits_with_1_and_a_diff(lone_folder, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert run(lone_folder, "--check", "--out", out, "-q") == 1
+    assert "+FUNCTION_BLOCK FB_Te" in capsys.readouterr().out
+    assert not (out / "twincat").exists()
+    assert run(lone_folder, "--out", out, "-q") == 0
+    capsys.readouterr()
+    assert run(lone_folder, "--check", "--out", out, "-q") == 0
+    assert capsys.readouterr().out == ""
+
+
+def test_verify_reports_and_exits_with_0_or_1(lone_folder, tmp_path, capsys):
+    out, report = tmp_path / "out", tmp_path / "deep" / "report.json"
+    run(lone_folder, "--out", out, "-q")
+    assert run("verify", lone_folder, "--generated", out, "--json", report, "--rows", 300) == 0
+    assert "exact" in capsys.readouterr().err
+    content = json.loads(report.read_text())
+    assert content["passed"] is True
+    assert content["models"]["te"]["n"] >= 300
+    path = out / "twincat" / "POUs" / "FB_Te.TcPOU"
+    path.write_text(path.read_text(encoding="utf-8").replace("<=", "<"), encoding="utf-8")
+    assert run("verify", lone_folder, "--generated", out, "--json", report, "--rows", 300) == 1
+    error = capsys.readouterr().err
+    assert "FAILED" in error
+    assert re.search(r"te: reference and twincat differ at \[", error)
+    assert json.loads(report.read_text())["passed"] is False
+    assert run("verify", lone_folder, "--generated", tmp_path / "none") == 2
+
+
+@pytest.mark.parametrize("engine", ["st", "reference", "source"])
+def test_predict_writes_full_precision(lone_folder, tmp_path, engine):
+    (tmp_path / "x.csv").write_text("torque_Nm,speed_rpm,temperature_C\n300,500,27\nnan,1e3,inf\n")
+    files = ["--input", tmp_path / "x.csv", "--output", tmp_path / "y.csv"]
+    assert run("predict", lone_folder, *files, "--engine", engine) == 0
+    lines = Path(tmp_path / "y.csv").read_text().splitlines()
+    assert lines[0] == "te"
+    assert len(lines) == 3
+    assert float(lines[1]) == float(f"{float(lines[1]):.17g}")
+
+
+def test_diff_exits_with_1_on_a_difference(lone_folder, tmp_path, capsys):
+    run(lone_folder, "--out", tmp_path / "a", "-q")
+    run(lone_folder, "--out", tmp_path / "b", "-q")
+    capsys.readouterr()
+    assert run("diff", tmp_path / "a", tmp_path / "b") == 0
+    assert "no difference" in capsys.readouterr().out
+    path = tmp_path / "b" / "twincat" / "POUs" / "FB_Te.TcPOU"
+    path.write_text(
+        path.read_text(encoding="utf-8").replace("fOut1 := aStep1[0]", "fOut1 := aStep1[0] + 1.0"), encoding="utf-8"
+    )
+    assert run("diff", tmp_path / "a", tmp_path / "b") == 1
+    assert "files: 1 changed" in capsys.readouterr().out
+    assert run("diff", tmp_path / "a", tmp_path / "b", "--json") == 1
+    content = json.loads(capsys.readouterr().out)
+    assert content["models"][0]["outputs"][0]["largest"] == pytest.approx(1.0)
+    assert run("diff", tmp_path / "a", tmp_path / "b", "--json", tmp_path / "r.json", "-q") == 1
+    assert json.loads((tmp_path / "r.json").read_text())["changed"] is True
+    assert run("diff", tmp_path / "a", tmp_path / "nowhere") == 2

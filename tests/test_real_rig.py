@@ -1,0 +1,71 @@
+"""Models trained on the table measured on the real rig: ten families, and the bundle of 38 models of the paper.
+
+The table stands beside the checkout, not in it.
+"""
+
+import numpy as np
+import pytest
+
+from st_codegen.blocks.model import block_name
+from st_codegen.bundle import Bundle, load
+from st_codegen.generate import generate
+from st_codegen.passes.domain import limit_inputs
+from st_codegen.probes import probe_rows
+from st_codegen.targets import TARGETS
+from st_codegen.verify import verify
+from st_codegen.walkers.base import LoadedModel
+from st_codegen.walkers.objects import from_estimator
+from tests.families import SHARED, families, harmonic_table, write_bundle
+
+pytestmark = [
+    pytest.mark.skipif(
+        not SHARED.is_dir(), reason=f"the measured tables are not here ({SHARED.name}/ beside the checkout)"
+    ),
+    pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning"),
+]
+pytest.importorskip("sklearn")
+pytest.importorskip("lightgbm")
+pytest.importorskip("xgboost")
+
+TREES = {"rf", "dt", "et", "ert", "gbm", "hgbm", "lgbm", "xgbm"}
+ROWS = 100_000
+
+
+@pytest.mark.parametrize("family", sorted(TREES | {"svr", "mlp"}))
+def test_every_family_is_verified_on_a_hundred_thousand_inputs(family, tmp_path):
+    x, columns = harmonic_table("forward")
+    loaded = from_estimator(families()[family].fit(x, columns["A39"]), family)
+    bundle = Bundle((LoadedModel(limit_inputs(loaded.ir), loaded.predict),), None)
+    generate(bundle, TARGETS["twincat"], tmp_path)
+    report = verify(bundle, tmp_path, rows=ROWS)
+    (model,) = report.models
+    assert report.passed, model.failures
+    assert model.n >= ROWS
+    assert model.must_be_exact == (family in TREES)
+    if family in TREES:
+        assert model.exact
+        assert model.max_ulp == 0
+    else:
+        assert model.max_abs_err <= model.bound < 1e-9
+    # every threshold and both its neighbours are among the inputs
+    probes = probe_rows(bundle.models[0].ir, ROWS)
+    if family in TREES:
+        op = bundle.models[0].ir.ops[0]
+        for number, column in enumerate(op.columns):
+            thresholds = np.unique(op.threshold[op.split == number])
+            if not len(thresholds):
+                continue
+            for points in (thresholds, np.nextafter(thresholds, np.inf), np.nextafter(thresholds, -np.inf)):
+                assert np.isin(points, probes[:, column.column]).all()
+
+
+def test_the_bundle_of_the_paper_is_compiled_and_verified(tmp_path):
+    write_bundle(tmp_path / "models")
+    bundle = load(tmp_path / "models", trust_pickle=True)
+    assert len(bundle.models) == 38
+    for target in TARGETS.values():
+        generate(bundle, target, tmp_path / "out")
+    names = {path.stem for path in (tmp_path / "out" / "twincat" / "POUs").iterdir()}
+    assert names >= {block_name(model.ir.name) for model in bundle.models} | {"FB_TEPredict", "FB_Compensator"}
+    report = verify(bundle, tmp_path / "out", rows=1_000)
+    assert report.passed, [model.failures for model in report.models if not model.passed]
