@@ -43,10 +43,13 @@ class Variable:
     @property
     def comment_above(self) -> bool:
         """Whether declaration and comment together are too long for a line."""
-        own = len(f"    {self.name} : {self.type} := {self.initial}; ") + (
-            len(f"ARRAY[0..{self.last}] OF ") * bool(self.length)
-        )
+        words = [self.name, self.type, self.initial, f"ARRAY[0..{self.last}] OF " * bool(self.length)]
+        own = sum(map(len, words)) + _DECLARATION_MARKS
         return bool(self.comment) and own + len(f"(* {self.comment} *)") > LINE_LENGTH
+
+
+#: Indent, colon, assignment sign, semicolon and the blanks between them.
+_DECLARATION_MARKS = 13
 
 
 @dataclass(frozen=True)
