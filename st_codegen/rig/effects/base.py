@@ -231,7 +231,7 @@ class Effect(ABC):
 
     def table(self) -> dict[str, Any]:
         """Name and parameters in the order of the catalogue, for a rig file."""
-        known = self.keys()
+        known = self.known_keys()
         rest = sorted((key for key in self.values if key in known), key=known.index)
         found: dict[str, Any] = {"name": self.name}
         for key in rest:
@@ -242,7 +242,7 @@ class Effect(ABC):
         return found
 
     @classmethod
-    def keys(cls) -> list[str]:
+    def known_keys(cls) -> list[str]:
         """All keys that the effect knows."""
         keys = [] if cls.orders_key is None else [cls.orders_key]
         keys += [scalar.key for scalar in cls.scalars]
@@ -252,7 +252,7 @@ class Effect(ABC):
 
     def _check(self) -> None:
         problems = Problems(self.name)
-        known = self.keys()
+        known = self.known_keys()
         for key in sorted(set(self.values) - set(known)):
             problems.add(f"unknown key '{key}'; known are {', '.join(known)}")
         count = self._check_orders(problems)
