@@ -110,7 +110,10 @@ class Stage(IntEnum):
 
 @dataclass(frozen=True)
 class Scalar:
-    """A real parameter. `starts` are where a fit begins (SHAPE); `default` None: the key is required."""
+    """A real parameter. `starts` are where a fit begins (SHAPE); `default` None: the key is required.
+
+    shapes: the key of the scalar that this one only shapes; without that it means nothing.
+    """
 
     key: str
     unit: str
@@ -120,6 +123,7 @@ class Scalar:
     default: float | None = 0.0
     form: Form = Form.LINEAR
     starts: tuple[float, ...] = ()
+    shapes: str = ""
 
 
 @dataclass(frozen=True)
