@@ -16,8 +16,8 @@ class Conditions:
     """The runs of a campaign in the order of time; all arrays of shape (runs,)."""
 
     speed_rpm: np.ndarray
-    torque_Nm: np.ndarray  # noqa: N815
-    temperature_C: np.ndarray  # noqa: N815
+    torque_Nm: np.ndarray
+    temperature_C: np.ndarray
 
     def __len__(self) -> int:
         return len(self.speed_rpm)

@@ -199,7 +199,7 @@ def main(values: Sequence[str] | None = None) -> int:
     todo = [case for case in wanted if case.name not in results]
     say(f"{len(wanted)} cases on {options.seeds} seeds, {len(results)} already there, program {mark}")
     with ThreadPoolExecutor(options.jobs) as pool, partial.open("w") as file:
-        for result in results.values():
+        for result in kept.values():
             file.write(json.dumps({"program": mark, "result": result}) + "\n")
         running = {pool.submit(run_case, case, options.work, options.keep): case for case in todo}
         for future in as_completed(running):
@@ -210,10 +210,8 @@ def main(values: Sequence[str] | None = None) -> int:
             file.flush()
             said = ", ".join(claim["name"] for claim in result.get("claims", ())) or "-"
             mark_of = "ok  " if _passed(result) else "FAIL"
-            say(
-                f"[{len(results)}/{len(wanted)}] {mark_of} {running[future].name}: {result['status']}, {said}",
-                flush=True,
-            )
+            name = running[future].name
+            say(f"[{len(results)}/{len(wanted)}] {mark_of} {name}: {result['status']}, {said}")
     ordered = [results[case.name] for case in wanted]
     table = summary(ordered)
     seeds = f"{options.seeds} ({cases.FIRST_SEED[options.seeds]} and up)"
