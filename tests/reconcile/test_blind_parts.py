@@ -153,6 +153,9 @@ def test_silence_is_right_where_nothing_is_missing():
     nothing = score.Expected("none")
     assert score.score(report(verdict="nothing_missing"), nothing).passed
     assert not score.score(report(effect("wear")), nothing).passed
+    assert not score.score(report(verdict="explained"), nothing).passed
+    # known parameters that were off are no missing effect: they are fitted, and nothing is added
+    assert score.score(report(verdict="explained"), score.Expected("none", drifted=True)).passed
     assert not score.score(report(verdict="unexplained", unexplained=[7]), nothing).passed
 
 

@@ -241,7 +241,7 @@ def expectation(case: Case, gone: Sequence[hidden.Hidden], corrupt: int) -> Expe
     mesh = {one.name: int(one.table["order"]) for one in gone if one.name in on_mesh}
     groups = (frozenset(CONFOUNDED[case.variant][1]),) if case.kind == "confounded" else ()
     orders = foreign.KINDS[case.variant].orders if case.kind == "foreign" else ()
-    return Expected(case.kind, scored, groups, orders, corrupt, mesh)
+    return Expected(case.kind, scored, groups, orders, corrupt, mesh, case.drifted)
 
 
 def _bars(case: Case) -> tuple[str, ...]:
