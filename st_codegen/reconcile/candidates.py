@@ -321,19 +321,19 @@ class Scorer:
     def scored(self, candidate: Candidate) -> Candidate:
         """The candidate with its gain, its linear coordinates where the step puts them."""
         columns = self.columns(candidate)
-        step, gain = self.step(columns)
-        new = candidate.coordinates()
+        step, matrix, pull = self.step(columns)
         vector = candidate.piece.vector()
-        for (place, c), x in zip(new, step, strict=True):
+        taken = np.array(step)
+        for number, ((place, c), x) in enumerate(zip(candidate.coordinates(), step, strict=True)):
             if c.linear:
-                vector[place] = np.clip(vector[place] + x, c.lower, c.upper)
-                # a size that wants to be negative is another effect
-                if c.part == 0 and vector[place] - c.lower < 1e-9 * c.scale and x < 0:
-                    gain = 0.0
+                # a size beyond its bounds (a negative one, say) is another effect: what is left of the gain counts
+                taken[number] = np.clip(vector[place] + x, c.lower, c.upper) - vector[place]
+                vector[place] += taken[number]
+        gain = float(2 * taken @ pull - taken @ matrix @ taken)
         return Candidate(candidate.piece.with_vector(vector), candidate.number, candidate.grown, gain)
 
-    def step(self, columns: Sequence[Column]) -> tuple[FloatArray, float]:
-        """Linear step of new columns beside all fitted ones, and what it takes off twice the loss."""
+    def step(self, columns: Sequence[Column]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Linear step of new columns beside all fitted ones, their reduced normal matrix, and right side."""
         count, size = len(columns), len(self.fit.inverse)
         own, cross, pull = np.zeros((count, count)), np.zeros((count, size)), np.zeros(count)
         by_place: dict[int, list[tuple[int, ComplexArray]]] = {}
@@ -359,7 +359,7 @@ class Scorer:
             matrix = (reduced / scale[:, None] / scale[None, :])[np.ix_(seen, seen)]
             right = (pull / scale)[seen]
             step[seen] = np.linalg.pinv(matrix, rcond=1e-8, hermitian=True) @ right
-        return step / scale, float(step @ (pull / scale))
+        return step / scale, reduced, pull
 
 
 def _real(values: ComplexArray) -> FloatArray:

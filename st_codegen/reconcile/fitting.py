@@ -33,6 +33,7 @@ class State:
     rig: RigModel
     offset: float
     pieces: tuple[Piece, ...]
+    offset_free: bool = True
 
     def model(self) -> RigModel:
         """The rig with the present values."""
@@ -61,7 +62,7 @@ class State:
     def with_vector(self, vector: FloatArray) -> State:
         """The same with other values."""
         pieces = tuple(piece.with_vector(vector[s]) for piece, s in zip(self.pieces, self.slices(), strict=True))
-        return State(self.rig, float(vector[0]), pieces)
+        return replace(self, offset=float(vector[0]), pieces=pieces)
 
     def with_piece(self, piece: Piece) -> State:
         """The same with one more piece."""
@@ -118,6 +119,7 @@ class Target:
     sigma: FloatArray
     good: BoolArray
     groups: Groups
+    reduction_ratio: float = 81.0
 
     def subset(self, rows: BoolArray) -> Target:
         """The same with fewer rows that count."""
@@ -283,6 +285,11 @@ class Fit:
         """Inverse of the whole normal matrix with the prior, (p, p)."""
         return inverse(self.normal.total()[0] + np.diag(self.prior))
 
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Bounds of the coordinates."""
+        return _bounds(self.state)
+
     @cached_property
     def propagation(self) -> Propagation:
         """How effects reach the measured coefficients in this fit."""
@@ -321,7 +328,8 @@ def inverse(matrix: FloatArray) -> FloatArray:
 
 def _prior(state: State) -> tuple[FloatArray, FloatArray]:
     """Weak beliefs: centre and inverse variance of each coordinate. What is added has none, but for its range."""
-    centre, weight = [state.offset], [1e-6]
+    # an offset that is not free is held by a belief that no data overrule
+    centre, weight = [state.offset], [1e-6 if state.offset_free else 1e30]
     for piece in state.pieces:
         origin = piece.origin or piece.effect
         own = Piece(origin, piece.free & frozenset(origin.values)) if piece.origin else piece

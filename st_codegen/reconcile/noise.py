@@ -132,7 +132,7 @@ def estimate(data: Observations, residual: ComplexArray, least: FloatArray | Non
     rows = good & local.usable
     if rows.sum() >= 8:
         e = local.apply(residual)
-        sigma = _sigma_by_direction(data, e, rows)
+        sigma = np.minimum(_sigma_by_direction(data, e, rows), _sigma_by_regression(data, residual, good))
         kept = np.where(data.orders == 0, e[rows].real ** 2, np.abs(e[rows]) ** 2 / 2)
         floor = np.sqrt(kept.mean(axis=0))
     else:
@@ -159,6 +159,36 @@ def _sigma_by_direction(data: Observations, e: ComplexArray, rows: BoolArray) ->
                 # the median of 12 or more scatters by a third: only what is beyond that counts
                 sigma[of_sign & (level == number)] = np.where(louder > 1.6 * common, louder, common)
     return np.maximum(sigma, 1e-12)
+
+
+def _sigma_by_regression(data: Observations, residual: ComplexArray, good: BoolArray) -> FloatArray:
+    """Noise from what a smooth function of the conditions leaves; inf where there are too few runs for one.
+
+    On a coarse grid neighbours lie far apart, and this is the better estimate.
+    """
+    sigma = np.full(residual.shape, np.inf)
+    n, m, t = (_unit(values) for values in (data.at.speed_rpm, data.at.torque_Nm, data.at.temperature_C))
+    near_zero = np.exp(-np.abs(data.at.torque_Nm) / 60.0)
+    design = np.stack([np.ones(len(n)), n, m, t, n * n, m * m, n * m, n * t, m * t, near_zero], axis=1)
+    for sign in (1.0, -1.0):
+        rows = good & (data.at.sign == sign)
+        if rows.sum() < 30:
+            continue
+        basis, _ = np.linalg.qr(design[rows])
+        weights = np.ones(residual[rows].shape)
+        left = residual[rows]
+        for _ in range(4):  # a few runs (near a resonance) must not bend it
+            left = residual[rows] - basis @ (basis.T @ (weights * left + (residual[rows] - left)))
+            size = np.abs(left)
+            weights = np.minimum(1.0, 2.5 * np.median(size, axis=0) / np.maximum(size, 1e-300))
+        free = rows.sum() / (rows.sum() - design.shape[1])
+        sigma[data.at.sign == sign] = sigma_of(left, data.orders) * np.sqrt(free)
+    return sigma
+
+
+def _unit(values: FloatArray) -> FloatArray:
+    found: FloatArray = (values - values.mean()) / max(float(np.ptp(values)), 1e-9)
+    return found
 
 
 def speed_levels(speed_rpm: FloatArray) -> IntArray:

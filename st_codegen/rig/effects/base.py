@@ -162,6 +162,8 @@ class Effect(ABC):
     phasors: ClassVar[tuple[Phasor, ...]] = ()
     orders_key: ClassVar[str | None] = None
     stage: ClassVar[Stage] = Stage.ADDITIVE
+    #: what tells this effect from its look-alikes where no operating point does
+    experiment: ClassVar[str] = ""
 
     def __init__(self, values: Mapping[str, Any], constants: Constants, *, check: bool = True) -> None:
         self.values: Mapping[str, Value] = MappingProxyType(_plain(values))
