@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from st_codegen.reconcile.candidates import Candidate, Search
+from st_codegen.reconcile.candidates import STAGES, Candidate, Search
 from st_codegen.reconcile.evidence import P_CLUSTERS, Evidence, chi_square_tail, judge, p_of_clusters
 from st_codegen.reconcile.fitting import Fit, State, fit, inverse
 from st_codegen.reconcile.observations import rms_deg
 from st_codegen.reconcile.parameters import Coordinate, Piece
 from st_codegen.reconcile.remaining import structure
-from st_codegen.rig.effects import Catalogue, Conditions, Effect
+from st_codegen.rig.effects import Catalogue, Conditions, Effect, Stage
 from st_codegen.rig.effects.base import ComplexArray
 from st_codegen.rig.model import RigModel
 
@@ -226,7 +226,9 @@ def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> list[tu
     """Other effects that explain what this one does about as well."""
     piece = joint.state.pieces[number]
     own = set(piece.effect.touched_orders())
-    finder = Search(known, smaller)
+    # one order more or less is no resonance; it stands against other effects on many orders only
+    stages = STAGES if len(own) > 2 else tuple(stage for stage in STAGES if stage is not Stage.STRUCTURE)
+    finder = Search(known, smaller, stages=stages, touching=sorted(own))
     limit = joint.loss + _AS_GOOD
     best: dict[str, Candidate] = {}
     for c in finder.ranked(least=20.0):
