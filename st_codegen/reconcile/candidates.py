@@ -200,9 +200,7 @@ class Search:
                 for phasor in effect.phasors:
                     for backward in (False, True)[: 1 + self.data.both_directions()]:
                         keys |= set(phasor.keys(backward))
-                yield Candidate(
-                    _started(effect, frozenset(keys), fixed | optional, tuple(chosen), self.constants)
-                )
+                yield Candidate(_started(effect, frozenset(keys), fixed | optional, tuple(chosen), self.constants))
 
     def _scan(
         self, effect: type[Effect], key: str, fixed: dict[str, float], orders: list[int], step: float
@@ -227,16 +225,18 @@ class Search:
             w = self.scorer.weights[np.ix_(rows, places)]
             level = (inverse[:, None] == np.arange(len(speeds))).astype(float)
             weight, sums = level.T @ w, level.T @ (w * self.fit.residual[np.ix_(rows, places)])
-            chosen = np.array([orders[j] for j in promising])
+            loud = np.array([orders[j] for j in promising])
             for i, frequency in enumerate(grid):
                 values = fixed | {
                     key: frequency,
-                    "orders": tuple(chosen.tolist()),
-                    effect.phasors[0].key: (1.0,) * len(chosen),
+                    "orders": tuple(loud.tolist()),
+                    effect.phasors[0].key: (1.0,) * len(loud),
                 }
-                h = effect(values, self.constants, check=False).contribution(point, chosen)
-                gain = np.abs((h.conj() * sums).sum(axis=0)) ** 2 / np.maximum((weight * np.abs(h) ** 2).sum(axis=0), 1e-300)
-                turns = frequency / chosen * 60 * self.constants.reduction_ratio
+                h = effect(values, self.constants, check=False).contribution(point, loud)
+                gain = np.abs((h.conj() * sums).sum(axis=0)) ** 2 / np.maximum(
+                    (weight * np.abs(h) ** 2).sum(axis=0), 1e-300
+                )
+                turns = frequency / loud * 60 * self.constants.reduction_ratio
                 gains[i, promising] += gain * ((turns > 0.9 * speeds[0]) & (turns < 1.1 * speeds[-1]))
         found = []
         for i, f in enumerate(grid):
@@ -351,15 +351,14 @@ class Scorer:
                 by_place.setdefault(int(place), []).append((number, values[:, j]))
         for place, found in by_place.items():
             index = np.array([n for n, _ in found])
-            block = np.stack([v for _, v in found], axis=1)
-            block = _real(block)
-            weighted = block * np.tile(self.weights[:, place], 2)[:, None]
+            design = _real(np.stack([v for _, v in found], axis=1))
+            weighted = design * np.tile(self.weights[:, place], 2)[:, None]
             r = _real(self.fit.residual[:, place, None])[:, 0]
-            own[np.ix_(index, index)] += weighted.T @ block
+            own[np.ix_(index, index)] += weighted.T @ design
             pull[index] += r @ weighted
             if place in self._by_place:
-                fitted, design = self._by_place[place]
-                cross[np.ix_(index, fitted)] += weighted.T @ design
+                fitted, other = self._by_place[place]
+                cross[index[:, None], np.array(fitted)[None, :]] += weighted.T @ other
         reduced = own - cross @ self.fit.inverse @ cross.T
         scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
         seen = np.diag(reduced) > 1e-6 * np.diag(own)

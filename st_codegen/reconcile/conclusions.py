@@ -115,7 +115,9 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
     held = _held(joint, changed, offset_changed)
     final = fit(joint.target, held) if added or changed or offset_changed else joint
     if not (added or changed or offset_changed):
-        final = replace(joint, state=_original(joint.state), residual=joint.target.residual(_original(joint.state).model()))
+        final = replace(
+            joint, state=_original(joint.state), residual=joint.target.residual(_original(joint.state).model())
+        )
     claims = []
     for i in added:
         smaller = fit(joint.target, joint.state.without(i))
@@ -195,16 +197,16 @@ def standard_errors(joint: Fit, number: int) -> dict[str, float]:
     listed = piece.effect.orders_key == "orders"
     for i, c in enumerate(coordinates):
         suffix = f"[{piece.effect.orders[c.place]}]" if listed and c.part else ""
-        spread = float(np.sqrt(max(covariance[i, i], 0.0)))
+        spread = float(np.sqrt(max(float(covariance[i, i]), 0.0)))
         if c.part == 0:
             found[c.key] = spread / vector[i] ** 2 if _is_inverse(c) else spread
         elif c.part == 1:
-            re, im = vector[i], vector[i + 1]
+            re, im = float(vector[i]), float(vector[i + 1])
             size = max(float(np.hypot(re, im)), 1e-300)
             along, across = np.array([re, im]) / size, np.array([-im, re]) / size
             block = covariance[i : i + 2, i : i + 2]
-            found[c.key + suffix] = float(np.sqrt(max(along @ block @ along, 0.0)))
-            found[c.phase_key + suffix] = float(np.sqrt(max(across @ block @ across, 0.0)) / size)
+            found[c.key + suffix] = float(np.sqrt(max(float(along @ block @ along), 0.0)))
+            found[c.phase_key + suffix] = float(np.sqrt(max(float(across @ block @ across), 0.0)) / size)
     return found
 
 
@@ -260,8 +262,8 @@ def _experiment(joint: Fit, other_fit: Fit, number: int, other: Candidate) -> Ex
     size = float(np.sqrt((np.abs(explained(joint, joint.state.pieces[number])) ** 2).sum(axis=1).mean()))
     if largest < 0.02 * size:
         effect = other.piece.effect
-        text = effect.experiment or joint.state.pieces[number].effect.experiment or (
-            "no operating point tells them apart"
+        text = (
+            effect.experiment or joint.state.pieces[number].effect.experiment or ("no operating point tells them apart")
         )
     else:
         direction = "forward" if points.sign[row] > 0 else "backward"

@@ -199,10 +199,7 @@ class Propagation:
         found = []
         coordinates, vector = piece.coordinates(), piece.vector()
         for number, c in enumerate(coordinates):
-            if c.linear:
-                change = self.change(piece.unit(c))
-            else:
-                change = self._slope(piece, vector, number, c)
+            change = self.change(piece.unit(c)) if c.linear else self._slope(piece, vector, number, c)
             found.append(self._column(self.measured(change, piece.effect.stage)))
         return found
 
@@ -271,7 +268,9 @@ def gather(
         index = np.array([number for number, _ in entries])
         block = np.stack([values for _, values in entries], axis=1)[order_of_rows]
         r, w = residual[order_of_rows, place], weights[order_of_rows, place]
-        parts = [(block.real, r.real)] if target.data.orders[place] == 0 else [(block.real, r.real), (block.imag, r.imag)]
+        parts = (
+            [(block.real, r.real)] if target.data.orders[place] == 0 else [(block.real, r.real), (block.imag, r.imag)]
+        )
         square = (slice(None), index[:, None], index[None, :])
         local, pull = np.zeros((groups, len(index), len(index))), np.zeros((groups, len(index)))
         for part, right in parts:

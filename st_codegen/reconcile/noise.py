@@ -139,7 +139,7 @@ def estimate(data: Observations, residual: ComplexArray, least: FloatArray | Non
         ]
         if not worst or (~good).sum() + len(worst) > 0.1 * len(data):
             break
-        for row in worst:
+        for row in map(int, worst):
             good[row] = False
             suspects[row] = float(distance[row] / usual)
     local = contrasts(data.at, good)

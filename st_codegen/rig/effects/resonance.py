@@ -44,7 +44,9 @@ class StructuralResonance(Effect):
         own = np.array(self.orders)
         places = np.flatnonzero(np.isin(own, orders))
         if len(places):
-            heights = [[self.complex_value("amplitude_deg", side, p) for p in places] for side in (False, True)]
+            heights = [
+                [self.complex_value("amplitude_deg", side, p) for p in places.tolist()] for side in (False, True)
+            ]
             height = np.where(at.sign[:, None] > 0, *np.array(heights)[:, None, :])
             growth = 1 + self.scalar("growth_per_kNm") * at.torque_Nm / 1000
             # orders are rising wherever coefficients are computed
