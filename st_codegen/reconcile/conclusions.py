@@ -10,15 +10,18 @@ import numpy as np
 from st_codegen.reconcile.candidates import STAGES, Candidate, Search
 from st_codegen.reconcile.evidence import P_CLUSTERS, Evidence, chi_square_tail, judge, p_of_clusters
 from st_codegen.reconcile.fitting import Fit, State, fit, inverse
-from st_codegen.reconcile.noise import estimate
 from st_codegen.reconcile.observations import rms_deg
 from st_codegen.reconcile.parameters import Coordinate, Piece
 from st_codegen.rig.effects import Catalogue, Conditions, Effect, Stage
-from st_codegen.rig.effects.base import ComplexArray, FloatArray
+from st_codegen.rig.effects.base import ComplexArray
 from st_codegen.rig.model import RigModel
 
-#: an effect whose orders keep more structure than this share of what it explains is not named
+#: an effect is not named when its orders keep more loss, beyond noise, than this share of what it saves
 _MISFIT = 0.3
+#: loss of a run by noise with heavy tails, which a robust noise estimate takes for one
+_TAILS = 1.4
+#: the same as _MISFIT for a resonance, never quite that of one oscillator: it must explain more than is left
+_MISFIT_OF_PEAKS = 1.0
 #: twice the loss by which another name may be worse and still be as good a name: 1 in 1000 by chance for one parameter
 _AS_GOOD = 11.0
 _P_CHANGED = 1e-7
@@ -80,27 +83,18 @@ def without_misfits(current: Fit) -> tuple[Fit, list[Piece]]:
     """Take back additions whose orders keep too much structure: the data want something else there."""
     dropped: list[Piece] = []
     while True:
-        left = _left(current)
         worst: tuple[float, int] | None = None
         for number, piece in enumerate(current.state.pieces):
             if not piece.added:
                 continue
-            ratio = _misfit(current, piece, left)
-            if ratio > _MISFIT and (worst is None or ratio > worst[0]):
+            ratio = _misfit(current, piece)
+            limit = _MISFIT_OF_PEAKS if piece.effect.stage is Stage.STRUCTURE else _MISFIT
+            if ratio > limit and (worst is None or ratio > worst[0]):
                 worst = (ratio, number)
         if worst is None:
             return current, dropped
         dropped.append(current.state.pieces[worst[1]])
         current = fit(current.target, current.state.without(worst[1]))
-
-
-def _left(current: Fit) -> FloatArray:
-    """Mean square of the residual above the noise floor, by order, deg^2: tails count in both."""
-    target = current.target
-    floor = estimate(target.data, current.residual).floor_rms ** 2 * np.where(target.data.orders == 0, 1, 2)
-    power = (np.abs(current.residual[target.good]) ** 2).mean(axis=0)
-    found: FloatArray = np.maximum(power - 1.1 * floor, 0.0)
-    return found
 
 
 def explained(current: Fit, piece: Piece) -> ComplexArray:
@@ -109,12 +103,15 @@ def explained(current: Fit, piece: Piece) -> ComplexArray:
     return propagation.measured(propagation.change(piece.effect), piece.effect.stage)
 
 
-def _misfit(current: Fit, piece: Piece, left: np.ndarray) -> float:
-    """Structure left on the orders of a piece, over what it explains there, by the order that matters most."""
-    weight = np.where(current.target.data.orders == 0, 1.0, 0.5)
-    own = (np.abs(explained(current, piece)[current.target.good]) ** 2).mean(axis=0) * weight
-    mine = own > 0.05 * own.sum()
-    return float((left * weight)[mine].sum() / max(own[mine].sum(), 1e-300))
+def _misfit(current: Fit, piece: Piece) -> float:
+    """Loss left on the orders of a piece beyond what noise costs, over the loss that the piece saves there."""
+    target = current.target
+    with_it = target.losses(current.residual)[target.good].sum(axis=0)
+    without = target.losses(current.residual + explained(current, piece))[target.good].sum(axis=0)
+    noise = _TAILS * target.good.sum() * np.where(target.data.orders == 0, 1, 2)
+    left, saved = np.maximum(with_it - noise, 0.0), without - with_it
+    mine = saved > 0.05 * saved.sum()
+    return float(left[mine].sum() / max(saved[mine].sum(), 1e-300))
 
 
 def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
@@ -246,7 +243,7 @@ def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> list[tu
         touched = set(c.piece.effect.touched_orders())
         if c.name == piece.effect.name or not touched & own or c.name in best:
             continue
-        if c.gain > 0.3 * (smaller.loss - joint.loss):
+        if c.gain > 0.6 * (smaller.loss - joint.loss):
             best[c.name] = c
     found = []
     for c in list(best.values())[:_TRIES]:
