@@ -18,14 +18,20 @@ from st_codegen.rig.model import RigModel
 
 #: an effect is not named when its orders keep more loss, beyond noise, than this share of what it saves
 _MISFIT = 0.3
+#: an effect acts where its contribution is more than this part of its largest
+_ACTS = 0.3
 #: loss of a run by noise with heavy tails, which a robust noise estimate takes for one
 _TAILS = 1.4
 #: the same as _MISFIT for a resonance, never quite that of one oscillator: it must explain more than is left
 _MISFIT_OF_PEAKS = 1.0
+#: and when as many orders peak at one frequency, each at its own speed
+_ORDERS_THAT_AGREE, _MISFIT_OF_AGREEING = 3, 10.0
 #: twice the loss by which another name may be worse and still be as good a name: 1 in 1000 by chance for one parameter
 _AS_GOOD = 11.0
 _P_CHANGED = 1e-7
 _TRIES = 3
+#: damping ratio whose peak fits between two speeds of a campaign
+_NARROW = 0.006
 
 
 @dataclass(frozen=True)
@@ -88,13 +94,18 @@ def without_misfits(current: Fit) -> tuple[Fit, list[Piece]]:
             if not piece.added:
                 continue
             ratio = _misfit(current, piece)
-            limit = _MISFIT_OF_PEAKS if piece.effect.stage is Stage.STRUCTURE else _MISFIT
+            limit = _MISFIT if piece.effect.stage is not Stage.STRUCTURE else _misfit_of_peaks(piece)
             if ratio > limit and (worst is None or ratio > worst[0]):
                 worst = (ratio, number)
         if worst is None:
             return current, dropped
         dropped.append(current.state.pieces[worst[1]])
         current = fit(current.target, current.state.without(worst[1]))
+
+
+def _misfit_of_peaks(piece: Piece) -> float:
+    """The limit for a resonance: its frequency is sure when several orders peak there, whatever their exact shape."""
+    return _MISFIT_OF_PEAKS if len(piece.effect.orders) < _ORDERS_THAT_AGREE else _MISFIT_OF_AGREEING
 
 
 def explained(current: Fit, piece: Piece) -> ComplexArray:
@@ -104,11 +115,14 @@ def explained(current: Fit, piece: Piece) -> ComplexArray:
 
 
 def _misfit(current: Fit, piece: Piece) -> float:
-    """Loss left on the orders of a piece beyond what noise costs, over the loss that the piece saves there."""
+    """Loss left where a piece acts, beyond what noise costs, over the loss that it saves there."""
     target = current.target
-    with_it = target.losses(current.residual)[target.good].sum(axis=0)
-    without = target.losses(current.residual + explained(current, piece))[target.good].sum(axis=0)
-    noise = _TAILS * target.good.sum() * np.where(target.data.orders == 0, 1, 2)
+    own = explained(current, piece)
+    size = np.abs(own)
+    acts = (size > _ACTS * size.max(axis=0)) & target.good[:, None]
+    with_it = (target.losses(current.residual) * acts).sum(axis=0)
+    without = (target.losses(current.residual + own) * acts).sum(axis=0)
+    noise = _TAILS * acts.sum(axis=0) * np.where(target.data.orders == 0, 1, 2)
     left, saved = np.maximum(with_it - noise, 0.0), without - with_it
     mine = saved > 0.05 * saved.sum()
     return float(left[mine].sum() / max(saved[mine].sum(), 1e-300))
@@ -318,6 +332,8 @@ def _extrapolates(joint: Fit, piece: Piece) -> tuple[str, ...]:
     if isinstance(frequency, float):
         turn = at.speed_rpm / (60 * piece.effect.constants.reduction_ratio)
         outside = [k for k in piece.effect.orders if not k * turn.min() < frequency < k * turn.max()]
+        if float(piece.effect.scalar("damping_ratio")) < _NARROW:
+            remarks.append("narrower than the steps of speed: height and damping are uncertain, the frequency is not")
         if outside:
             remarks.append(f"orders {', '.join(map(str, outside))} do not reach the frequency in the measured speeds")
     return tuple(remarks)
