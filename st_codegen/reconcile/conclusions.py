@@ -257,7 +257,7 @@ def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> list[tu
         touched = set(c.piece.effect.touched_orders())
         if c.name == piece.effect.name or not touched & own or c.name in best:
             continue
-        if c.gain > 0.6 * (smaller.loss - joint.loss):
+        if c.gain > 0.3 * (smaller.loss - joint.loss):
             best[c.name] = c
     found = []
     for c in list(best.values())[:_TRIES]:
