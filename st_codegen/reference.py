@@ -53,10 +53,18 @@ def evaluate(model: ModelIR, x: FloatArray) -> FloatArray:
     values = trace(model, x)
     usable = valid_rows(model, x)
     for op, result in zip(model.ops, values[1:], strict=True):
-        read = np.hstack([values[number] for number in op.inputs])
-        usable &= ~np.any(np.isnan(result), axis=1) | np.any(np.isnan(read), axis=1)
+        usable &= ~_lost(result, [values[number] for number in op.inputs])
     usable &= np.all(np.isfinite(values[-1]), axis=1)
     return np.where(usable[:, None], values[-1], np.nan)
+
+
+def _lost(result: FloatArray, operands: list[FloatArray]) -> BoolArray:
+    """Rows in which an operation made NaN of numbers; where columns stay apart, each for itself."""
+    missing = [np.isnan(operand) for operand in operands]
+    if all(operand.shape == result.shape for operand in operands):
+        lost: BoolArray = np.any(np.isnan(result) & ~np.any(missing, axis=0), axis=1)
+        return lost
+    return np.any(np.isnan(result), axis=1) & ~np.any(np.hstack(missing), axis=1)
 
 
 def limited(model: ModelIR, x: FloatArray) -> FloatArray:

@@ -85,12 +85,24 @@ def _is_safe(model: ModelIR, limit: float) -> bool:
     bounds = [np.full(len(model.features), limit)]
     with np.errstate(all="ignore"):
         for op in model.ops:
-            peak, bound = _bound(op, [bounds[value] for value in op.inputs])
+            operands = [bounds[value] for value in op.inputs]
+            peak, bound = _bound(op, operands)
+            if op.inputs != (0,) and _refuses_overflow(op, operands):
+                return False
             ceiling = CEILING[getattr(op, "precision", Precision.FLOAT64)]
             if not peak <= ceiling:  # NaN is not safe either
                 return False
             bounds.append(bound)
     return bool(np.all(np.isfinite(bounds[-1])))
+
+
+def _refuses_overflow(op: Operation, operands: list[FloatArray]) -> bool:
+    """Trees that compare in float32 after other operations: libraries refuse what overflows in the conversion.
+
+    For trees that read the inputs themselves the model's own `magnitude_limits` say so.
+    """
+    single = isinstance(op, TreeEnsemble) and op.input_precision is Precision.FLOAT32
+    return single and not all(float(np.max(operand)) < FLOAT32_OVERFLOW for operand in operands)
 
 
 @singledispatch
