@@ -61,10 +61,12 @@ def evaluate(model: ModelIR, x: FloatArray) -> FloatArray:
 def _lost(result: FloatArray, operands: list[FloatArray]) -> BoolArray:
     """Rows in which an operation made NaN of numbers; where columns stay apart, each for itself."""
     missing = [np.isnan(operand) for operand in operands]
+    lost: BoolArray
     if all(operand.shape == result.shape for operand in operands):
-        lost: BoolArray = np.any(np.isnan(result) & ~np.any(missing, axis=0), axis=1)
+        lost = np.any(np.isnan(result) & ~np.any(missing, axis=0), axis=1)
         return lost
-    return np.any(np.isnan(result), axis=1) & ~np.any(np.hstack(missing), axis=1)
+    lost = np.any(np.isnan(result), axis=1) & ~np.any(np.hstack(missing), axis=1)
+    return lost
 
 
 def limited(model: ModelIR, x: FloatArray) -> FloatArray:

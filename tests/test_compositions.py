@@ -1,33 +1,33 @@
-"""Whole pipelines, from the estimator to the executed text: what one part refuses or misses must reach the other end."""
+"""Whole pipelines, from estimator to executed text: what one part refuses or misses must reach the other end."""
 
 import numpy as np
 import pytest
 
 pytest.importorskip("sklearn")
 
-from sklearn.compose import ColumnTransformer, TransformedTargetRegressor  # noqa: E402
-from sklearn.ensemble import (  # noqa: E402
+from sklearn.compose import ColumnTransformer, TransformedTargetRegressor
+from sklearn.ensemble import (
     ExtraTreesRegressor,
     GradientBoostingRegressor,
     HistGradientBoostingRegressor,
     RandomForestRegressor,
 )
-from sklearn.linear_model import Ridge  # noqa: E402
-from sklearn.pipeline import make_pipeline  # noqa: E402
-from sklearn.preprocessing import (  # noqa: E402
+from sklearn.linear_model import Ridge
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import (
     FunctionTransformer,
     MinMaxScaler,
     RobustScaler,
     StandardScaler,
 )
-from sklearn.tree import DecisionTreeRegressor  # noqa: E402
+from sklearn.tree import DecisionTreeRegressor
 
-import st_codegen  # noqa: E402
-from st_codegen.bundle import Bundle  # noqa: E402
-from st_codegen.passes.domain import limit_inputs  # noqa: E402
-from st_codegen.targets import TARGETS  # noqa: E402
-from st_codegen.walkers.base import LoadedModel  # noqa: E402
-from st_codegen.walkers.objects import from_estimator  # noqa: E402
+import st_codegen
+from st_codegen.bundle import Bundle
+from st_codegen.passes.domain import limit_inputs
+from st_codegen.targets import TARGETS
+from st_codegen.walkers.base import LoadedModel
+from st_codegen.walkers.objects import from_estimator
 
 RANDOM = np.random.default_rng(0)
 X = RANDOM.normal(size=(200, 4))
