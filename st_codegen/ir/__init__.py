@@ -29,6 +29,7 @@ from st_codegen.ir.cells import (
     CellTable,
     Rank,
     RankColumn,
+    TableAxis,
 )
 from st_codegen.ir.model import (
     Feature,
@@ -97,6 +98,7 @@ __all__ = [
     "Select",
     "Source",
     "SummationOrder",
+    "TableAxis",
     "TransmissionError",
     "TreeColumn",
     "TreeEnsemble",
