@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from st_codegen.blocks.model import block_name
 from st_codegen.errors import GeneratedCodeError, InputError
 from st_codegen.render import RenderedFile
 
@@ -62,7 +63,7 @@ def block_of(folder: Path, model: str) -> tuple[str, tuple[int, ...]]:
     manifest = read_manifest(folder)
     facts = None if manifest is None else manifest.facts["models"].get(model)
     if facts is None:
-        raise GeneratedCodeError(f"{folder}: no block for model '{model}'; the models have changed: generate again")
+        raise GeneratedCodeError(f"{folder}: no block {block_name(model)}; the models have changed: generate again")
     return facts["block"], tuple(facts.get("block_outputs", range(len(facts["outputs"]))))
 
 

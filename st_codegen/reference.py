@@ -350,7 +350,9 @@ def _(op: CellTable, operands: list[FloatArray]) -> FloatArray:
     row = np.zeros(len(ranks), np.int64)
     for axis in op.axes:
         row += axis.offset[ranks[:, axis.column]]
-    result: FloatArray = np.where(op.stored < 0, op.constant, op.values[row][:, op.stored])
+    result = np.broadcast_to(op.constant, (len(row), op.width)).copy()
+    kept = np.flatnonzero(op.stored >= 0)
+    result[:, kept] = op.values[row[:, None], op.stored[kept]]
     return result
 
 

@@ -124,10 +124,11 @@ def _joined_tables(searches: list[_Search], step: Step, listing: Listing) -> dic
 @lay_out.register
 def _(op: CellTable, step: Step, listing: Listing) -> None:
     listing.local(step.result, "LREAL", op.width)
-    listing.locals("DINT", "nCell", *(["nBase"] if op.values.shape[1] > 1 else []))
     cells, width = op.values.shape
-    rows = max(listing.max_array // width, 1)
-    starts = range(0, cells, rows)
+    if width:
+        listing.locals("DINT", "nCell", *(["nBase"] if width > 1 else []))
+    rows = max(listing.max_array // max(width, 1), 1)
+    starts = range(0, cells if width else 0, rows)
     parts = []
     for number, start in enumerate(starts):
         suffix = "" if len(starts) == 1 else f"_{number}"
@@ -152,7 +153,7 @@ def _(op: CellTable, step: Step, listing: Listing) -> None:
     cell = " + ".join(_skipped(axis, position, step, listing) for position, axis in enumerate(op.axes))
     size = " x ".join(map(str, op.shape))
     listing.section(
-        f"one row of a table of {size} cells",
+        f"one row of a table of {size} cells" if width else "a constant",
         "cells",
         step=step,
         cell=cell,

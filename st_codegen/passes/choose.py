@@ -8,7 +8,7 @@ measures the emitted text.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import singledispatch
 
@@ -36,12 +36,12 @@ class Layout(StrEnum):
 class Options:
     """How models are rewritten before they are printed.
 
-    `table_bytes`: no table of one model is larger. `merged_bytes`: no table of several models is larger. `max_array`:
-    elements of an array that the target holds; longer lists of thresholds have no layout.
+    `table_bytes`: no table has more for one output of a model. `merged_bytes`: no table of several models is larger.
+    `max_array`: elements of an array that the target holds; longer lists of thresholds have no layout.
     """
 
     layout: Layout = Layout.AUTO
-    table_bytes: int = 256 * 1024
+    table_bytes: int = 64 * 1024
     merged_bytes: int = 1024 * 1024
     max_array: int = 65_536
 
@@ -152,9 +152,3 @@ def _(op: Linear) -> Cost:
     return Cost(
         instructions=6.0 * op.weights.size, lines=_touched(op.weights.nbytes), table_bytes=int(op.weights.nbytes)
     )
-
-
-def without_limits(options: Options) -> Options:
-    """The same options for a user who asked for tables: a table is limited by memory only."""
-    largest = 64 * 1024 * 1024
-    return replace(options, table_bytes=largest, merged_bytes=largest)

@@ -210,5 +210,7 @@ def _(op: Rank, operands: list[FloatArray]) -> tuple[float, FloatArray]:
 
 @_bound.register
 def _(op: CellTable, operands: list[FloatArray]) -> tuple[float, FloatArray]:
-    largest = np.max(np.abs(op.values), axis=0)
-    return 0.0, np.where(op.stored < 0, np.abs(op.constant), largest[op.stored])
+    bound = np.abs(op.constant)
+    kept = np.flatnonzero(op.stored >= 0)
+    bound[kept] = np.max(np.abs(op.values), axis=0)[op.stored[kept]]
+    return 0.0, bound

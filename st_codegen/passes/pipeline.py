@@ -81,8 +81,10 @@ def compile_project(project: ProjectIR, options: Options | None = None, cost: Co
 
 
 def _cells(model: ModelIR, options: Options) -> tables.Cells | None:
-    found = tables.cells_of(model, 4 * options.table_bytes // 8)
-    if found is None or found.n_bytes > options.table_bytes:
+    """The table of a model where it stays below the limits; equal slices may make a large grid small."""
+    limit = options.table_bytes // 8 * len(model.outputs)
+    found = tables.cells_of(model, 4 * limit)
+    if found is None or found.values.size > limit:
         return None
     if any(len(axis.edges) > options.max_array for axis in found.axes):
         return None

@@ -72,8 +72,7 @@ def cells_of(model: ModelIR, most: int) -> Cells | None:
     values = np.vstack([reference.evaluate(model, x) for x in _rows(model, axes, grid)])
     if not np.all(np.isfinite(values)):
         return None
-    cells = without_equal_slices(Cells(axes, values.reshape(*shape, len(model.outputs)), model.exact))
-    return cells if cells.axes else None
+    return without_equal_slices(Cells(axes, values.reshape(*shape, len(model.outputs)), model.exact))
 
 
 def _axes(model: ModelIR, most: int) -> tuple[Axis, ...] | None:
@@ -96,8 +95,6 @@ def _axes(model: ModelIR, most: int) -> tuple[Axis, ...] | None:
     axes = [Axis(f, e, len(e) + 1 if model.accepts_nan else 0) for f, e in joined.items()]
     axes = [axis for axis in axes if axis.cells > 1]
     size = len(model.outputs)
-    if not axes:
-        return None  # a constant is no table
     for axis in axes:
         size *= axis.cells
         if size > most:
@@ -174,6 +171,8 @@ def table_operations(parts: Sequence[Cells]) -> tuple[Operation, ...]:
     axes = [_union(feature, parts) for feature in sorted({axis.feature for cells in parts for axis in cells.axes})]
     rank = Rank((0,), tuple(RankColumn(axis.feature, axis.edges, axis.missing) for axis in axes))
     lookups = [_lookup(cells, axes) for cells in parts]
+    if not axes:
+        return (dataclasses.replace(lookups[0], inputs=(0,)),)  # a constant
     if len(parts) == 1:
         return rank, lookups[0]
     width = sum(table.width for table in lookups)
