@@ -30,6 +30,7 @@ from st_codegen.ir.cells import (
     CellTable,
     Rank,
     RankColumn,
+    TableAxis,
 )
 from st_codegen.ir.model import (
     Feature,
@@ -99,6 +100,7 @@ __all__ = [
     "Select",
     "Source",
     "SummationOrder",
+    "TableAxis",
     "TransmissionError",
     "TreeColumn",
     "TreeEnsemble",
