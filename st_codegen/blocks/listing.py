@@ -130,16 +130,24 @@ class Section:
 
 @dataclass(frozen=True)
 class Block:
-    """A function block ready for printing."""
+    """A function block, or another kind of code, ready for printing.
+
+    `kind` is the opening keyword: FUNCTION_BLOCK, PROGRAM or FUNCTION; `result` the type that a function returns;
+    `extends` the block that a function block is built on.
+    """
 
     name: str
     header: tuple[str, ...]
-    inputs: tuple[Variable, ...]
-    outputs: tuple[Variable, ...]
-    variables: tuple[Variable, ...]
-    constants: tuple[Variable, ...]
-    tables: tuple[Table, ...]
-    sections: tuple[Section, ...]
+    inputs: tuple[Variable, ...] = ()
+    outputs: tuple[Variable, ...] = ()
+    variables: tuple[Variable, ...] = ()
+    constants: tuple[Variable, ...] = ()
+    tables: tuple[Table, ...] = ()
+    sections: tuple[Section, ...] = ()
+    kind: str = "FUNCTION_BLOCK"
+    result: str = ""
+    extends: str = ""
+    in_outs: tuple[Variable, ...] = ()
 
     @property
     def table_bytes(self) -> int:
