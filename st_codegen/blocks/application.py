@@ -21,6 +21,7 @@ class Structure:
     comment: tuple[str, ...]
     fields: tuple[Variable, ...]
     template: ClassVar[str] = "structure"
+    portable: ClassVar[bool] = True
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,7 @@ class Overlay:
     comment: tuple[str, ...]
     fields: tuple[Variable, ...]
     template: ClassVar[str] = "overlay"
+    portable: ClassVar[bool] = False
 
 
 @dataclass(frozen=True)
@@ -44,13 +46,14 @@ class EnumValue:
 
 @dataclass(frozen=True)
 class Enumeration:
-    """Named numbers; `base` is the integer type that holds them."""
+    """Named numbers; `base` is the integer type that holds them. The portable subset has constants instead."""
 
     name: str
     comment: tuple[str, ...]
     values: tuple[EnumValue, ...]
     base: str = "DINT"
     template: ClassVar[str] = "enumeration"
+    portable: ClassVar[bool] = False
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,7 @@ class ArrayAlias:
     element: str
     length: int
     template: ClassVar[str] = "array"
+    portable: ClassVar[bool] = True
 
     @property
     def last(self) -> int:
