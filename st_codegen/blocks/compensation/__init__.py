@@ -9,14 +9,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from st_codegen.blocks.application import ArrayAlias, DataType, GlobalList, Task
-from st_codegen.blocks.compensation.codes import TE_ERROR
+from st_codegen.blocks.compensation.codes import EXPERIMENT_ERROR, EXPERIMENT_STATE, LOAD_ERROR, TE_ERROR
 from st_codegen.blocks.compensation.compensator import compensator_block
 from st_codegen.blocks.compensation.correction import correction_block
+from st_codegen.blocks.compensation.experiment import experiment_block
 from st_codegen.blocks.compensation.harmonic_sum import harmonic_sum_block
+from st_codegen.blocks.compensation.load_torque import load_torque_block
 from st_codegen.blocks.compensation.parts import HARMONICS_TYPE, within_function
 from st_codegen.blocks.compensation.predict import predict_block
 from st_codegen.blocks.compensation.programs import (
     SINGLE_TASK,
+    experiment_program,
+    experiment_signals,
     fast_program,
     main_program,
     signals,
@@ -40,8 +44,13 @@ class Compensation:
 def compensation(te: TransmissionError) -> Compensation:
     """All parts for a bundle. Raises InputError for names that clash and a ratio that is none."""
     return Compensation(
-        types=(_harmonics_type(te), TE_ERROR.enumeration, set_structure(te), exchange_structure()),
-        globals=(signals(te),),
+        types=(
+            _harmonics_type(te),
+            *(codes.enumeration for codes in (TE_ERROR, LOAD_ERROR, EXPERIMENT_STATE, EXPERIMENT_ERROR)),
+            set_structure(te),
+            exchange_structure(),
+        ),
+        globals=(signals(te), experiment_signals()),
         blocks=(
             within_function(),
             predict_block(te),
@@ -50,9 +59,12 @@ def compensation(te: TransmissionError) -> Compensation:
             compensator_block(te),
             slow_block(te),
             fast_block(te),
+            load_torque_block(),
+            experiment_block(te),
             main_program(te),
             slow_program(te),
             fast_program(te),
+            experiment_program(),
         ),
         tasks=SINGLE_TASK,
     )

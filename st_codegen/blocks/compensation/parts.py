@@ -44,11 +44,11 @@ def check(name: str, lower: float, upper: float, code: Code, kept: str = "") -> 
 
 @dataclass(frozen=True)
 class Argument:
-    """One argument of a call, and whether its value is a signal that programs share."""
+    """One argument of a call; with the list of signals that its value stands in, where it is one."""
 
     name: str
     value: str
-    is_signal: bool = False
+    list: str = ""
 
 
 def same(names: Iterable[str]) -> list[Argument]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from st_codegen.blocks.application import GlobalList, Task
+from st_codegen.blocks.compensation import experiment
 from st_codegen.blocks.compensation.compensator import ANGLE, IN_RANGE
 from st_codegen.blocks.compensation.correction import parameters, results
 from st_codegen.blocks.compensation.parts import Argument, block, lreal
@@ -19,12 +20,16 @@ FAST_US = 250
 SLOW_US = 500
 
 #: Everything in one task.
-SINGLE_TASK = (Task("PlcTask", SLOW_US, 10, ("PRG_Main",)),)
+SINGLE_TASK = (Task("PlcTask", SLOW_US, 10, ("PRG_Experiment", "PRG_Main")),)
 #: Models in a slow task of lower priority (a larger number), sum and correction in the fast one.
-TWO_TASKS = (Task("FastTask", FAST_US, 10, ("PRG_Fast",)), Task("SlowTask", SLOW_US, 20, ("PRG_Slow",)))
+TWO_TASKS = (
+    Task("FastTask", FAST_US, 10, ("PRG_Fast",)),
+    Task("SlowTask", SLOW_US, 20, ("PRG_Experiment", "PRG_Slow")),
+)
 
-#: The list of signals; templates name it, too, in the dialects that have global variables.
+#: Lists of signals, for the dialects that have global variables.
 SIGNALS = "GVL_Machine"
+EXPERIMENT_SIGNALS = "GVL_Experiment"
 
 
 def compensation_inputs(te: TransmissionError) -> tuple[Variable, ...]:
@@ -51,16 +56,35 @@ def signals(te: TransmissionError) -> GlobalList:
     )
 
 
-def _given(names: Iterable[str]) -> list[Argument]:
-    return [Argument(name, name, is_signal=True) for name in names]
+def experiment_inputs() -> tuple[Variable, ...]:
+    """Commands, settings and sensors of a measurement; the cycle time belongs to the task."""
+    return tuple(variable for variable in experiment.inputs() if variable.name != "fCycle_s")
+
+
+def experiment_outputs() -> tuple[Variable, ...]:
+    """What a measurement gives to the axes, and what happens in it."""
+    return (*experiment.outputs(), lreal("fMotorTorque_Nm", "torque of the loading motor, N m"))
+
+
+def experiment_signals() -> GlobalList:
+    """GVL_Experiment: the signals of PRG_Experiment."""
+    return GlobalList(
+        EXPERIMENT_SIGNALS,
+        ("Signals of a measurement: link the inputs to sensors and the operator, the outputs to the axes.",),
+        (*experiment_inputs(), *experiment_outputs()),
+    )
+
+
+def _given(names: Iterable[str], signals: str = SIGNALS) -> list[Argument]:
+    return [Argument(name, name, signals) for name in names]
 
 
 def _call(instance: str, arguments: list[Argument], title: str) -> Section:
     return Section(title, "te_call", {"instance": instance, "arguments": arguments})
 
 
-def _results(instance: str, names: Iterable[str], title: str) -> Section:
-    return Section(title, "te_results", {"instance": instance, "names": list(names)})
+def _results(instance: str, names: Iterable[str], title: str, signals: str = SIGNALS) -> Section:
+    return Section(title, "te_results", {"instance": instance, "names": list(names), "list": signals})
 
 
 def _names(variables: Iterable[Variable]) -> list[str]:
@@ -77,7 +101,7 @@ def main_program(te: TransmissionError) -> Block:
     return block(
         "PRG_Main",
         (
-            "PRG_Main: the whole application in one task",
+            "PRG_Main: prediction and correction in one task",
             f"Bundle: {te.name}",
             "To be called by one task with the cycle time CYCLE_S, in place of PRG_Fast and PRG_Slow.",
         ),
@@ -130,4 +154,36 @@ def fast_program(te: TransmissionError) -> Block:
         ),
         kind="PROGRAM",
         needs_globals=True,
+    )
+
+
+def experiment_program() -> Block:
+    """PRG_Experiment: a measurement, and the loading side."""
+    cycle = Argument("fCycle_s", "CYCLE_S")
+    load = [
+        Argument("fTorque_Nm", "fbExperiment.fLoadTorque_Nm"),
+        Argument("bEnable", "fbExperiment.bLoadEnable"),
+        cycle,
+    ]
+    return block(
+        "PRG_Experiment",
+        (
+            "PRG_Experiment: measurements of the transmission error, and the torque of the loading side",
+            "To be called by a task with the cycle time CYCLE_S. While bBusy is TRUE the motor follows "
+            "fMotorSpeed_rpm, without correction.",
+        ),
+        inputs=experiment_inputs(),
+        outputs=experiment_outputs(),
+        variables=(
+            Variable("fbExperiment", "FB_Experiment", comment="the measurement, step by step"),
+            Variable("fbLoadTorque", "FB_LoadTorque", comment="the loading side"),
+        ),
+        constants=(_cycle(SLOW_US),),
+        sections=(
+            _call("fbExperiment", [*_given(_names(experiment_inputs()), EXPERIMENT_SIGNALS), cycle], "measurement"),
+            _call("fbLoadTorque", load, "loading side"),
+            _results("fbExperiment", _names(experiment.outputs()), "signals of the measurement", EXPERIMENT_SIGNALS),
+            _results("fbLoadTorque", ["fMotorTorque_Nm"], "signal to the loading motor", EXPERIMENT_SIGNALS),
+        ),
+        kind="PROGRAM",
     )
