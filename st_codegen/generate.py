@@ -16,7 +16,7 @@ from st_codegen.ir import KernelSum, ModelIR, TransmissionError, TreeEnsemble
 from st_codegen.passes.choose import Options
 from st_codegen.passes.pipeline import Compiled, compile_project, unchanged
 from st_codegen.probes import trained_range
-from st_codegen.render import render_plans
+from st_codegen.render import print_plans
 from st_codegen.targets import FilePlan, Target, target_named
 
 
@@ -51,7 +51,7 @@ def generate(
     out = Path(out)
     folder = out / target.name
     work = _prepared(bundle, target, max_array, options)
-    with output.staged(out, render_plans(work.plans, target), work.facts) as stage:
+    with output.staged(out, print_plans(target, work.plans), work.facts) as stage:
         files = {
             path.relative_to(stage).as_posix(): path.stat().st_size
             for path in sorted(stage.rglob("*"))
@@ -70,7 +70,7 @@ def check(
     """
     folder = out / target.name
     work = _prepared(bundle, target, max_array, options)
-    with output.staged(out, render_plans(work.plans, target), work.facts) as stage:
+    with output.staged(out, print_plans(target, work.plans), work.facts) as stage:
         wanted = {path.relative_to(stage).as_posix() for path in stage.rglob("*") if path.is_file()}
         for name in sorted(wanted | {name for name in output.generated_names(folder) if (folder / name).exists()}):
             yield from difflib.unified_diff(

@@ -130,9 +130,9 @@ def test_a_bundle_is_verified_with_its_two_blocks(bundle_folder, tmp_path):
     assert report.passed
     assert [model.name for model in report.models] == ["a", "b", "FB_TEPredict", "FB_Compensator"]
     change(
-        tmp_path / "out" / "twincat" / "POUs" / "FB_Compensator.TcPOU",
-        r"COS\(ORDER\[nOrder\] \* fThetaOut_rad \+",
-        "COS(ORDER[nOrder] * fThetaOut_rad -",
+        tmp_path / "out" / "twincat" / "POUs" / "FB_HarmonicSum.TcPOU",
+        r"fSum_deg \+ aCosine\[1\]",
+        "fSum_deg - aCosine[1]",
     )
     report = verify(bundle, tmp_path / "out", rows=300)
     assert [model.name for model in report.models if not model.passed] == ["FB_Compensator"]
