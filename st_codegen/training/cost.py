@@ -8,6 +8,7 @@ text is `verify`, not this file.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,7 @@ def model_cost_us(model: ModelIR) -> float:
 
 def _cycles(operation: Any) -> float:
     count = _COUNTS.get(type(operation))
-    return count(operation) if count else _MULTIPLY_ADD * 4
+    return _MULTIPLY_ADD * 4 if count is None else count(operation)
 
 
 def _numbers(count: int) -> float:
@@ -51,19 +52,20 @@ def _trees(ensemble: TreeEnsemble) -> float:
 
 
 def _kernels(kernel: KernelSum) -> float:
-    vectors, features = kernel.support_vectors.shape
+    vectors, features = map(int, kernel.support_vectors.shape)
     return vectors * (features * _MULTIPLY_ADD + _FUNCTION) + _numbers(vectors * (features + 1))
 
 
 def _linear(linear: Linear) -> float:
-    return linear.weights.size * _MULTIPLY_ADD + _numbers(linear.weights.size)
+    size = int(linear.weights.size)
+    return size * _MULTIPLY_ADD + _numbers(size)
 
 
 def _activation(activation: Activation) -> float:
     return activation.width * _FUNCTION
 
 
-_COUNTS: dict[type, Any] = {
+_COUNTS: dict[type, Callable[[Any], float]] = {
     TreeEnsemble: _trees,
     KernelSum: _kernels,
     Linear: _linear,

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from st_codegen.errors import InputError, MissingExtraError
+from st_codegen.training.cost import worst_case_us
 from st_codegen.training.families import Candidate
 from st_codegen.training.store import FitStore
 
@@ -52,10 +53,14 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Predictions of a task: of each row by the model that did not see it (n,), and of the test points."""
+    """Predictions of a task: of each row by the model that did not see it (n,), and of the test points.
+
+    cost_us: worst case of one evaluation (see `cost`), infinite for what cannot be compiled.
+    """
 
     folds: FloatArray
     test: FloatArray
+    cost_us: float
 
 
 @lru_cache(maxsize=1)
@@ -75,6 +80,8 @@ def fold_numbers(rows: int, folds: int, seed: int) -> npt.NDArray[np.intp]:
 
 def run_task(task: Task) -> Outcome:
     """Fit and predict, in one thread of every library."""
+    import sklearn.ensemble
+    import sklearn.svm  # noqa: F401
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(limits=1):
@@ -85,10 +92,13 @@ def run_task(task: Task) -> Outcome:
                 left_out = number == fold
                 model = task.candidate.fit(task.x[~left_out], task.y[~left_out], task.seed)
                 folds[left_out] = model.predict(task.x[left_out])
-        test = np.empty(0)
-        if len(task.x_test):
-            test = task.candidate.fit(task.x, task.y, task.seed).predict(task.x_test)
-    return Outcome(folds, np.asarray(test, np.float64))
+        model = task.candidate.fit(task.x, task.y, task.seed)
+        test = model.predict(task.x_test) if len(task.x_test) else np.empty(0)
+    try:
+        cost = worst_case_us(model)
+    except InputError:
+        cost = np.inf
+    return Outcome(folds, np.asarray(test, np.float64), cost)
 
 
 @dataclass(frozen=True)
@@ -136,7 +146,7 @@ def run_tasks(
             missing.setdefault(key, task)
     done = len(tasks) - len(missing)
     for key, outcome in _run(missing, backend):
-        store.put(key, outcome.folds, outcome.test)
+        store.put(key, outcome.folds, outcome.test, outcome.cost_us)
         outcomes[key] = outcome
         done += 1
         if progress:

@@ -27,7 +27,9 @@ class FitStore:
             path.parent.mkdir(parents=True, exist_ok=True)
         self._database = sqlite3.connect(":memory:" if path is None else path)
         try:
-            self._database.execute("CREATE TABLE IF NOT EXISTS fits (key TEXT PRIMARY KEY, folds BLOB, test BLOB)")
+            self._database.execute(
+                "CREATE TABLE IF NOT EXISTS fits (key TEXT PRIMARY KEY, folds BLOB, test BLOB, cost REAL)"
+            )
         except sqlite3.DatabaseError:
             raise InputError(f"{path} is not a file of finished fits: name another one, or delete it") from None
 
@@ -39,14 +41,13 @@ class FitStore:
     ) -> None:
         self._database.close()
 
-    def get(self, key: str) -> tuple[FloatArray, FloatArray] | None:
-        """The predictions of a finished fit."""
-        row = self._database.execute("SELECT folds, test FROM fits WHERE key = ?", (key,)).fetchone()
-        return None if row is None else (np.frombuffer(row[0], np.float64), np.frombuffer(row[1], np.float64))
+    def get(self, key: str) -> tuple[FloatArray, FloatArray, float] | None:
+        """The predictions of a finished fit, and its cost."""
+        row = self._database.execute("SELECT folds, test, cost FROM fits WHERE key = ?", (key,)).fetchone()
+        return None if row is None else (np.frombuffer(row[0]), np.frombuffer(row[1]), float(row[2]))
 
-    def put(self, key: str, folds: FloatArray, test: FloatArray) -> None:
-        """Keep the predictions of a fit."""
+    def put(self, key: str, folds: FloatArray, test: FloatArray, cost: float) -> None:
+        """Keep the predictions and the cost of a fit."""
         with self._database:
-            self._database.execute(
-                "INSERT OR REPLACE INTO fits VALUES (?, ?, ?)", (key, folds.tobytes(), test.tobytes())
-            )
+            row = (key, folds.tobytes(), test.tobytes(), cost)
+            self._database.execute("INSERT OR REPLACE INTO fits VALUES (?, ?, ?, ?)", row)
