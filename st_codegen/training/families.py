@@ -27,7 +27,10 @@ Fit = Callable[[Params, FloatArray, FloatArray, int], Any]
 
 @dataclass(frozen=True)
 class Family:
-    """A family of regressors. `name` is the paper's; `robust_units`: our search hands it targets in robust units."""
+    """A family of regressors. `name` is the paper's; `robust_units`: our search hands it targets in robust units.
+
+    forms: in which form its models can be saved (see `export.FORMATS`).
+    """
 
     name: str
     title: str
@@ -35,8 +38,7 @@ class Family:
     authors: Params
     grid: tuple[Params, ...]
     robust_units: bool = False
-    can_be_exported: bool = True
-    can_be_onnx: bool = True
+    forms: tuple[str, ...] = ("native", "skops", "onnx")
 
 
 def family_named(name: str) -> Family:
@@ -293,7 +295,7 @@ FAMILIES: dict[str, Family] = {
                     "objective": "l1",
                 },
             ),
-            can_be_onnx=False,
+            forms=("native", "skops"),
         ),
         Family(
             "XGBM",
@@ -303,7 +305,7 @@ FAMILIES: dict[str, Family] = {
             ({"learning_rate": 0.07, "n_estimators": 200, "max_depth": 5, "subsample": 0.7, "reg_lambda": 1.0},),
             # XGBoost splits only where the loss falls by 1e-6 (kRtEps), more than an amplitude of 1e-4 deg has to give
             robust_units=True,
-            can_be_onnx=False,
+            forms=("native", "skops"),
         ),
         Family(
             "ELM",
@@ -311,8 +313,7 @@ FAMILIES: dict[str, Family] = {
             _elm,
             {"neurons": 250},
             ({"neurons": 250},),
-            can_be_exported=False,
-            can_be_onnx=False,
+            forms=(),
         ),
     )
 }
