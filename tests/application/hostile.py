@@ -101,7 +101,9 @@ def finite(block, outputs):
     for name in outputs:
         value = np.asarray(block[name])
         if value.dtype.kind == "f":
-            assert np.isfinite(value).all(), f"{name} is not finite in sequence {np.flatnonzero(~np.isfinite(value))[0]}"
+            assert np.isfinite(value).all(), (
+                f"{name} is not finite in sequence {np.flatnonzero(~np.isfinite(value))[0]}"
+            )
 
 
 class Kept:
@@ -193,6 +195,7 @@ def run_compensator(target, lanes, seed, *, directions=BOTH, two_tasks=False):
     block = machine.instance("FB_Pair" if two_tasks else "FB_Compensator")
     outputs = [port.name for port in block.outputs]
     kept, before = Kept(PARAMETERS, lanes), np.zeros(lanes)
+    age_limit = Kept({"fAgeLimit_s": Parameter(0.0, 10.0, 0.02)}, lanes)
     phases = [sequences.anything] * sequences.ANYTHING + [sequences.faulty] * sequences.BAD
     phases += [sequences.good] * sequences.GOOD
     for cycle, phase in enumerate(phases):
@@ -211,6 +214,9 @@ def run_compensator(target, lanes, seed, *, directions=BOTH, two_tasks=False):
         assert np.all(np.abs(correction) <= limit * (1 + 2 * UNIT)), cycle
         assert np.all((block["fWeight"] >= 0.0) & (block["fWeight"] <= 1.0))
         assert np.array_equal(block["bValid"], block["eError"] == 0)
+        if two_tasks:
+            age_limit.see({"fAgeLimit_s": block["fAgeLimit_s"]})
+            assert not np.any(block["bValid"] & (block["fAge_s"] > age_limit.value["fAgeLimit_s"])), cycle
         if cycle == sequences.ANYTHING + sequences.BAD - 1:
             assert not np.any(correction), "not faded out"
             assert not np.any(block["bValid"])
@@ -238,10 +244,10 @@ def _disturb(block, random, lanes, anything):
         old = np.asarray(block[f"stExchange.{buffer}.{name}"])
         wrong = hostile(random, old.size).reshape(old.shape)
         block[f"stExchange.{buffer}.{name}"] = np.where(random.random(old.shape) < 0.1, wrong, old)
-        numbers = random.integers(-(2**31), 2**31, lanes)
+        numbers = random.integers(-(2**30), 2**30, lanes) * 2 + (buffer == "stOdd")
+        chosen = random.random(lanes) < 0.05
         for path in ("stExchange.nSequence", f"stExchange.{buffer}.nNumber"):
-            old = np.asarray(block[path])
-            block[path] = np.where(random.random(lanes) < 0.05, numbers, old).astype(np.int32)
+            block[path] = np.where(chosen, numbers, np.asarray(block[path])).astype(np.int32)
 
 
 LOAD_PARAMETERS = {
@@ -307,7 +313,9 @@ def run_experiment(target, lanes, seed, cycles=60):
         if cycle >= end:
             given["fCycle_s"] = np.ones(lanes)
         kept.see(given)
-        block(bStart=random.random(lanes) < 0.95, bAbort=cycle >= end, bEncodersReady=random.random(lanes) < 0.99, **given)
+        block(
+            bStart=random.random(lanes) < 0.95, bAbort=cycle >= end, bEncodersReady=random.random(lanes) < 0.99, **given
+        )
         finite(block, [port.name for port in block.outputs])
         speed = block["fMotorSpeed_rpm"]
         step = block["fAcceleration"] * kept.value["fCycle_s"]
