@@ -1,7 +1,7 @@
 """Sequences of arbitrary inputs for the blocks of the compensation, many at a time, and what must hold in each cycle.
 
-Every lane of the machine is a sequence of its own. In each cycle each input is either sensible or, with a probability of
-the lane, any 64 bits: NaN with any payload, infinities, denormals, huge numbers, -0.0, jumps, times that stand still
+Every lane of the machine is a sequence of its own. In each cycle each input is either sensible or, with a probability
+of the lane, any 64 bits: NaN with any payload, infinities, denormals, huge numbers, -0.0, jumps, times that stand still
 or run backwards. A floating point exception, an overflow, an index out of range or a loop beyond its bound stops the
 interpreter. Run as `python -m tests.application.hostile` for 100,000 sequences and more.
 """
@@ -21,9 +21,11 @@ UNIT = 2.0**-53
 LOOPS = 64  # rounds of one loop; the bundle has 3 orders, the model 3 inputs and 10 outputs
 
 SPECIAL = np.array(
-    [0.0, -0.0, 5e-324, -5e-324, 2.2e-308, -2.2e-308, 1.0, -1.0, 1e9, -1e9, np.nextafter(1e9, 2e9), 1e300, -1e300]
-    + [1.7976931348623157e308, -1.7976931348623157e308, np.inf, -np.inf, np.nan, -np.nan, 1e-6, 1e-7, 360.0, 1e6, -1e6]
-    + [np.pi, -np.pi, 2.0**31, -(2.0**31), 2.0**63, 4294967296.5]
+    [
+        *(0.0, -0.0, 5e-324, -5e-324, 2.2e-308, -2.2e-308, 1.0, -1.0, 1e9, -1e9, np.nextafter(1e9, 2e9), 1e300, -1e300),
+        *(1.7976931348623157e308, -1.7976931348623157e308, np.inf, -np.inf, np.nan, -np.nan, 1e-6, 1e-7, 360.0, 1e6),
+        *(-1e6, np.pi, -np.pi, 2.0**31, -(2.0**31), 2.0**63, 4294967296.5),
+    ]
 )
 
 
@@ -243,9 +245,9 @@ def _disturb(block, random, lanes, anything):
         name = random.choice(["aCosineFw", "aSineFw", "aCosineBw", "aSineBw"])
         old = np.asarray(block[f"stExchange.{buffer}.{name}"])
         wrong = hostile(random, old.size).reshape(old.shape)
-        block[f"stExchange.{buffer}.{name}"] = np.where(random.random(old.shape) < 0.1, wrong, old)
+        block[f"stExchange.{buffer}.{name}"] = np.where(random.random(old.shape) < 0.3, wrong, old)
         numbers = random.integers(-(2**30), 2**30, lanes) * 2 + (buffer == "stOdd")
-        chosen = random.random(lanes) < 0.05
+        chosen = random.random(lanes) < 0.3
         for path in ("stExchange.nSequence", f"stExchange.{buffer}.nNumber"):
             block[path] = np.where(chosen, numbers, np.asarray(block[path])).astype(np.int32)
 

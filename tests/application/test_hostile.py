@@ -14,6 +14,7 @@ def test_no_input_whatever_breaks_a_limit(kind, target):
     assert KINDS[kind](target, 300, 7) >= 300 * 60
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("good", "bad"),
     [
