@@ -60,6 +60,7 @@ from st_codegen.ir.trees import (
     LinearLeaves,
     TreeColumn,
     TreeEnsemble,
+    depth_of,
 )
 
 __all__ = [
@@ -104,4 +105,5 @@ __all__ = [
     "TransmissionError",
     "TreeColumn",
     "TreeEnsemble",
+    "depth_of",
 ]
