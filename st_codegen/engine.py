@@ -19,6 +19,12 @@ from st_codegen.st.types import ArrayType, Elementary, Type
 #: Rows that the interpreter takes at once: bounds its memory.
 _BATCH = 20_000
 
+#: Where a block begins and ends in files that hold several.
+_PART_OF_FILE = {
+    ".st": r"^FUNCTION_BLOCK {}$.*?^END_FUNCTION_BLOCK",
+    ".xml": r'^ *<pou name="{}" .*?</pou>',
+}
+
 
 @dataclass(frozen=True)
 class BlockResult:
@@ -54,10 +60,9 @@ class GeneratedCode:
         for path in sorted(self.folder.rglob("*")):
             if path.suffix == ".TcPOU" and path.stem == block:
                 return path.read_text(encoding="utf-8-sig")
-            if path.suffix == ".st":
-                found = re.search(
-                    rf"^FUNCTION_BLOCK {block}$.*?^END_FUNCTION_BLOCK", path.read_text(encoding="utf-8"), re.M | re.S
-                )
+            if path.suffix in _PART_OF_FILE:
+                pattern = _PART_OF_FILE[path.suffix].format(block)
+                found = re.search(pattern, path.read_text(encoding="utf-8"), re.M | re.S)
                 if found is not None:
                     return found[0]
         raise GeneratedCodeError(f"{self.folder}: no block {block}")

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
+from xml.sax.saxutils import escape
 
 import jinja2
 
@@ -43,6 +44,7 @@ def environment(target: Target) -> jinja2.Environment:
         keep_trailing_newline=True,
         autoescape=False,
     )
+    templates.filters["xml"] = _as_xml_text
 
     def code(block: Block, section: Section) -> str:
         template = templates.get_template(f"common/operations/{section.template}.st.j2")
@@ -53,6 +55,11 @@ def environment(target: Target) -> jinja2.Environment:
     macros = templates.get_template("common/macros.st.j2").module
     templates.globals.update({name: macro for name, macro in vars(macros).items() if not name.startswith("_")})
     return templates
+
+
+def _as_xml_text(text: str) -> str:
+    """Text between tags or in double quotes."""
+    return escape(str(text), {'"': "&quot;"})
 
 
 def render(project: ProjectIR, target: Target, limits: Limits | None = None) -> Iterator[RenderedFile]:

@@ -109,7 +109,7 @@ def verify(
 
     Raises GeneratedCodeError where there is nothing to verify, or the text cannot be read or would stop a controller.
     """
-    targets = {folder.name: GeneratedCode(folder, folder.name) for folder in target_folders(generated)}
+    targets = {folder.name: GeneratedCode(folder, TARGETS[folder.name].dialect) for folder in target_folders(generated)}
     reports = []
     total = len(bundle.models)
     for number, model in enumerate(bundle.models):

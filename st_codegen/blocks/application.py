@@ -51,6 +51,7 @@ class Enumeration:
     values: tuple[EnumValue, ...]
     base: str = "DINT"
     template: ClassVar[str] = "enumeration"
+    fields: ClassVar[tuple[Variable, ...]] = ()
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,7 @@ class ArrayAlias:
     element: str
     length: int
     template: ClassVar[str] = "array"
+    fields: ClassVar[tuple[Variable, ...]] = ()
 
     @property
     def last(self) -> int:

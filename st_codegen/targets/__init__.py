@@ -3,9 +3,10 @@
 from st_codegen.errors import InputError
 from st_codegen.targets.base import FilePlan, Target
 from st_codegen.targets.iec import IecTarget
+from st_codegen.targets.plcopen import PlcOpenTarget
 from st_codegen.targets.twincat import TwinCatTarget
 
-TARGETS: dict[str, Target] = {target.name: target for target in (TwinCatTarget(), IecTarget())}
+TARGETS: dict[str, Target] = {target.name: target for target in (TwinCatTarget(), IecTarget(), PlcOpenTarget())}
 
 __all__ = ["TARGETS", "FilePlan", "Target", "target_named"]
 
