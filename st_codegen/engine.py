@@ -11,6 +11,7 @@ import numpy as np
 
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import BoolArray, FloatArray
+from st_codegen.mll_library import mll_library
 from st_codegen.st import LaneMachine, Project, StError, StRuntimeError, load_project
 from st_codegen.st.machine import Instance
 from st_codegen.st.typed import Pou
@@ -45,8 +46,9 @@ class GeneratedCode:
         if not folder.is_dir():
             raise GeneratedCodeError(f"{folder}: no generated files; run st-codegen generate first")
         self.folder = folder
+        self.libraries = (mll_library(folder),) if any(folder.glob("Models/*/*.xml")) else ()
         try:
-            self.project: Project = load_project([folder], dialect)
+            self.project: Project = load_project([folder], dialect, self.libraries)
         except StError as error:
             raise GeneratedCodeError(f"{folder}: the text is not valid Structured Text\n{error}") from error
 
@@ -97,7 +99,7 @@ class GeneratedCode:
         return self._run(self._instance(block, lanes), block, inputs)
 
     def _instance(self, block: str, lanes: int) -> Instance:
-        return LaneMachine(self.project, lanes=lanes).instance(self._pou(block).name)
+        return LaneMachine(self.project, lanes=lanes, libraries=self.libraries).instance(self._pou(block).name)
 
     def _run(self, instance: Instance, block: str, inputs: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         try:

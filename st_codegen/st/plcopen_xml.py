@@ -61,6 +61,7 @@ def _open(name: str, content: bytes) -> _Reader:
     events = etree.iterparse(
         io.BytesIO(content),
         events=("end",),
+        encoding="utf-8",  # the text is what was checked, whatever the file says
         resolve_entities=False,
         no_network=True,
         load_dtd=False,

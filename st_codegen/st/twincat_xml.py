@@ -53,7 +53,9 @@ def read_xml(name: str, content: bytes) -> tuple[list[n.Declaration], list[Scann
 
 def _open(name: str, content: bytes) -> XmlFile:
     text = checked_text(name, content)
+    # the text is what was checked: UTF-8, whatever the file says
     parser = etree.XMLParser(
+        encoding="utf-8",
         resolve_entities=False,
         no_network=True,
         load_dtd=False,
