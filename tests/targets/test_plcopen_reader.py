@@ -119,6 +119,11 @@ def test_a_million_entities_are_refused_before_they_are_expanded():
     bomb = f'<!DOCTYPE project [<!ENTITY e0 "x">{levels}]>{unit("", "&e9;")}'
     with pytest.raises(StError, match="is not allowed"):
         read_texts({"x.xml": bomb})
+    hidden = f'<?xml version="1.0" encoding="UTF-7"?>{bomb}'.encode("utf-7").decode("ascii")
+    with pytest.raises(StError):
+        read_texts({"x.xml": hidden})
+    with pytest.raises(StError):
+        read_texts({"x.TcPOU": hidden})
 
 
 def test_every_cut_of_a_file_is_an_error_with_its_place():
