@@ -18,6 +18,7 @@ from st_codegen import reference
 from st_codegen.ir import (
     Activation,
     BoolArray,
+    CellTable,
     Clip,
     Combine,
     Comparison,
@@ -33,6 +34,7 @@ from st_codegen.ir import (
     Operation,
     Operator,
     Precision,
+    Rank,
     Round,
     Scale,
     Select,
@@ -230,6 +232,13 @@ def _kernel_difference(
         return kernel, change + function * np.abs(kernel)
     larger = (base + change) ** op.degree
     return kernel, larger - base**op.degree + op.degree * both * larger
+
+
+@step.register(Rank)
+@step.register(CellTable)
+def _(op: Operation, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    unsure = np.any(np.hstack(given) > 0, axis=1, keepdims=True)
+    return np.where(unsure, np.inf, np.zeros_like(result))
 
 
 @step.register

@@ -21,6 +21,7 @@ class Structure:
     comment: tuple[str, ...]
     fields: tuple[Variable, ...]
     template: ClassVar[str] = "structure"
+    portable: ClassVar[bool] = True
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,7 @@ class Overlay:
     comment: tuple[str, ...]
     fields: tuple[Variable, ...]
     template: ClassVar[str] = "overlay"
+    portable: ClassVar[bool] = False
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ class EnumValue:
 
 @dataclass(frozen=True)
 class Enumeration:
-    """Named numbers; `base` is the integer type that holds them."""
+    """Named numbers; `base` is the integer type that holds them. The portable subset has constants instead."""
 
     name: str
     comment: tuple[str, ...]
@@ -52,6 +54,7 @@ class Enumeration:
     base: str = "DINT"
     template: ClassVar[str] = "enumeration"
     fields: ClassVar[tuple[Variable, ...]] = ()
+    portable: ClassVar[bool] = False
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,7 @@ class ArrayAlias:
     length: int
     template: ClassVar[str] = "array"
     fields: ClassVar[tuple[Variable, ...]] = ()
+    portable: ClassVar[bool] = True
 
     @property
     def last(self) -> int:

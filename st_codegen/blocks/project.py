@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from st_codegen.blocks.application import Application, ArrayAlias, GlobalList
+from st_codegen.blocks.application import Application, GlobalList
+from st_codegen.blocks.compensation import compensation
 from st_codegen.blocks.listing import Block, Table, Variable
-from st_codegen.blocks.transmission_error import HARMONICS_TYPE, compensator_block, predict_block
 from st_codegen.ir import ModelIR, ProjectIR, TransmissionError
 from st_codegen.literals import identifier, real
 
@@ -25,18 +25,14 @@ def application_of(project: ProjectIR, block_of: Callable[[ModelIR], Block]) -> 
     te = project.transmission_error
     if te is None:
         return Application(LONE_NAME, connected=False, blocks=blocks)
+    parts = compensation(te)
     return Application(
         name=identifier(te.name, "bundle name"),
-        types=(harmonics_type(te),),
-        globals=(bundle_globals(te),),
-        blocks=(*blocks, predict_block(te), compensator_block(te)),
+        types=parts.types,
+        globals=(bundle_globals(te), *parts.globals),
+        blocks=(*blocks, *parts.blocks),
+        tasks=parts.tasks,
     )
-
-
-def harmonics_type(te: TransmissionError) -> ArrayAlias:
-    """One number for each harmonic, as the blocks hand them on."""
-    comment = "One number for each harmonic, in the order of the table ORDER of FB_Compensator."
-    return ArrayAlias(HARMONICS_TYPE, (comment,), "LREAL", len(te.orders))
 
 
 def bundle_globals(te: TransmissionError) -> GlobalList:

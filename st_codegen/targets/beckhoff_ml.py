@@ -30,6 +30,7 @@ class BeckhoffMlTarget(Target):
     summary = "TwinCAT machine learning: XML model files for FB_MllPrediction, and a PLC project that calls it"
     dialect = "twincat"
     limits = Limits(max_array=65_536)
+    compiles = False
 
     def plan(self, project: ProjectIR, limits: Limits) -> Iterable[FilePlan]:
         problems = Problems("TwinCAT machine learning")

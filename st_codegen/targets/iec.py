@@ -23,7 +23,9 @@ class IecTarget(Target):
 
     def files(self, application: Application) -> Iterable[FilePlan]:
         if application.connected:
-            return [_file(application.name, application.types, application.blocks)]
+            types = tuple(item for item in application.types if item.portable)
+            blocks = tuple(block for block in application.blocks if not block.needs_globals)
+            return [_file(application.name, types, blocks)]
         return [_file(block.name, (), (block,)) for block in application.blocks]
 
 

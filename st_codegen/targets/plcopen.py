@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from st_codegen.blocks.application import Application
+from st_codegen.blocks.application import Application, Enumeration
 from st_codegen.blocks.listing import LINE_LENGTH, Block, Table, Variable
 from st_codegen.blocks.model import Limits
 from st_codegen.errors import Problems, TargetError
@@ -26,7 +26,7 @@ _ELEMENTARY = frozenset(
 _STRING = re.compile(r"STRING(?:\((\d+)\))?")
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(?:\.[A-Za-z_][A-Za-z0-9_]*)?")
 _POU_TYPES = {"FUNCTION": "function", "FUNCTION_BLOCK": "functionBlock", "PROGRAM": "program"}
-_KINDS_OF_TYPES = ("array", "enumeration", "structure")
+_KINDS_OF_TYPES = ("array", "structure")
 
 
 @dataclass(frozen=True)
@@ -69,72 +69,88 @@ class PlcOpenTarget(Target):
 
     def files(self, application: Application) -> Iterable[FilePlan]:
         problems = Problems("PLCopen XML")
-        for data_type in application.types:
-            if data_type.template not in _KINDS_OF_TYPES:
-                problems.add(f"type {data_type.name}: a {data_type.template} cannot be expressed; use --target twincat")
-        for block in application.blocks:
+        blocks = tuple(block for block in application.blocks if not block.needs_globals)
+        numbers = {item.name: item.base for item in application.types if isinstance(item, Enumeration)}
+        writer = _Writer(numbers)
+        types, units = [], []
+        for item in application.types:
+            if item.template not in (*_KINDS_OF_TYPES, Enumeration.template):
+                problems.add(f"type {item.name}: a {item.template} cannot be expressed; use --target twincat")
+            elif item.name not in numbers:
+                with problems.collect():
+                    types.append({"type": item, "fields": writer.variables(item.fields)})
+        for block in blocks:
             if block.extends:
                 problems.add(f"{block.name} extends {block.extends}: not expressible; use --target twincat")
-        units, types = [], []
-        for data_type in application.types:
             with problems.collect():
-                types.append({"type": data_type, "fields": _variables(data_type.fields)})
-        for block in application.blocks:
-            with problems.collect():
-                units.append({"block": block, "type": _POU_TYPES[block.kind], "sections": _sections(block)})
+                units.append({"block": block, "type": _POU_TYPES[block.kind], "sections": writer.sections(block)})
         problems.raise_if_any()
+        programs = {block.name for block in blocks}
         values = {
             "application": application,
+            "blocks": blocks,
             "created": CREATED,
             "types": types,
             "units": units,
-            "type_of": xml_type,
+            "type_of": writer.type,
+            # signals are inputs and outputs of programs in this dialect; lists of constants are for reading
             "globals": [
-                {"list": variables, "variables": _variables(variables.variables, variables.tables)}
-                for variables in application.globals
+                {"list": item, "variables": writer.variables(item.variables, item.tables)}
+                for item in application.globals
+                if item.constant
             ],
-            "tasks": application.own_tasks,
+            "tasks": [task for task in application.own_tasks if programs.issuperset(task.programs)],
         }
         return [FilePlan(f"{application.name}.xml", "plcopen/project.xml.j2", values)]
 
 
-def _sections(block: Block) -> tuple[XmlSection, ...]:
-    sections = (
-        XmlSection("inputVars", False, _variables(block.inputs)),
-        XmlSection("outputVars", False, _variables(block.outputs)),
-        XmlSection("inOutVars", False, _variables(block.in_outs)),
-        XmlSection("localVars", False, _variables(block.variables)),
-        XmlSection("localVars", True, _variables(block.constants, block.tables)),
-    )
-    return tuple(section for section in sections if section.variables)
+@dataclass(frozen=True)
+class _Writer:
+    """Variables and types as elements; `numbers` has the integer type of each enumeration, which stands for it."""
 
+    numbers: Mapping[str, str]
 
-def _variables(variables: Iterable[Variable], tables: Iterable[Table] = ()) -> tuple[XmlVariable, ...]:
-    plain = tuple(xml_variable(variable) for variable in variables)
-    return plain + tuple(
-        XmlVariable(table.name, xml_type(table.type, table.last), "", _lines(table.comment), table) for table in tables
-    )
+    def sections(self, block: Block) -> tuple[XmlSection, ...]:
+        """The variables of a unit in their groups."""
+        codes = [Variable(code.constant, "DINT", initial=str(code.value), comment=code.comment) for code in block.codes]
+        sections = (
+            XmlSection("inputVars", False, self.variables(block.inputs)),
+            XmlSection("outputVars", False, self.variables(block.outputs)),
+            XmlSection("inOutVars", False, self.variables(block.in_outs)),
+            XmlSection("localVars", False, self.variables(block.variables)),
+            XmlSection("localVars", True, self.variables((*codes, *block.constants), block.tables)),
+        )
+        return tuple(section for section in sections if section.variables)
 
+    def variables(self, variables: Iterable[Variable], tables: Iterable[Table] = ()) -> tuple[XmlVariable, ...]:
+        """Variables, and constant arrays with their values."""
+        plain = tuple(self._variable(variable) for variable in variables)
+        return plain + tuple(
+            XmlVariable(table.name, self.type(table.type, table.last), "", _lines(table.comment), table)
+            for table in tables
+        )
 
-def xml_variable(variable: Variable) -> XmlVariable:
-    """A variable as elements. Raises TargetError for a type or an initial value that has no element."""
-    if variable.initial[:1] in ("[", "("):
-        raise TargetError(f"{variable.name}: the initial value {variable.initial} is a list; only tables have one here")
-    last = variable.last if variable.length is not None else None
-    return XmlVariable(variable.name, xml_type(variable.type, last), variable.initial, _lines(variable.comment))
+    def _variable(self, variable: Variable) -> XmlVariable:
+        """Raises TargetError for a type or an initial value that has no element."""
+        if variable.initial[:1] in ("[", "("):
+            raise TargetError(
+                f"{variable.name}: the initial value {variable.initial} is a list; only tables have one here"
+            )
+        last = variable.last if variable.length is not None else None
+        return XmlVariable(variable.name, self.type(variable.type, last), variable.initial, _lines(variable.comment))
+
+    def type(self, name: str, last: int | None = None) -> XmlType:
+        """The element of a type by its name. Raises TargetError for what is no plain name."""
+        name = self.numbers.get(name, name)
+        if name in _ELEMENTARY:
+            return XmlType(name, last=last)
+        string = _STRING.fullmatch(name)
+        if string is not None:
+            return XmlType("string", "length" if string[1] else "", string[1] or "", last)
+        if not _NAME.fullmatch(name):
+            raise TargetError(f"the type {name} has no element in PLCopen XML; use --target twincat")
+        return XmlType("derived", "name", name, last)
 
 
 def _lines(comment: str) -> tuple[str, ...]:
     return tuple(textwrap.wrap(comment, LINE_LENGTH - 10))
-
-
-def xml_type(name: str, last: int | None = None) -> XmlType:
-    """The element of a type by its name. Raises TargetError for what is no plain name."""
-    if name in _ELEMENTARY:
-        return XmlType(name, last=last)
-    string = _STRING.fullmatch(name)
-    if string is not None:
-        return XmlType("string", "length" if string[1] else "", string[1] or "", last)
-    if not _NAME.fullmatch(name):
-        raise TargetError(f"the type {name} has no element in PLCopen XML; use --target twincat")
-    return XmlType("derived", "name", name, last)
