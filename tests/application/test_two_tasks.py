@@ -1,4 +1,4 @@
-"""The exchange between slow and fast task: never a torn set, whatever the two do to each other; stale sets; the programs.
+"""The exchange between slow and fast task: never a torn set, whatever the two do to each other; stale sets; programs.
 
 Every statement of both blocks that touches the exchange variable is a point at which the other task may run, for as
 many statements as it likes: the two are stepped through as threads that hand control to each other at these points.
@@ -163,7 +163,7 @@ def test_the_sets_are_what_they_are_taken_for(stepped):
 
 
 def test_no_torn_set_is_used_wherever_the_slow_task_cuts_in(stepped):
-    """The fast task stops at each of its statements, the slow one goes on for any number of its own, up to four sets."""
+    """The fast task stops at each of its statements, the slow one goes on for any number of its own (in twos)."""
     _, _, steps, _ = run_schedule(stepped, [])
     seen, discarded = set(), 0
     for stop in range(steps["fast"] + 1):
@@ -205,7 +205,7 @@ def test_no_torn_set_is_used_when_both_run_at_once(stepped):
 def test_no_torn_set_is_used_in_any_of_many_schedules(stepped):
     random = np.random.default_rng(12)
     _, _, steps, _ = run_schedule(stepped, [])
-    for before in range(0, 40):
+    for before in range(40):
         for stop in range(steps["fast"] + 1):
             for _ in range(4):
                 count = int(random.integers(0, steps["slow"]))
