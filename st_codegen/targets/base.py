@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from st_codegen.blocks.application import Application
+from st_codegen.blocks.listing import Block
 from st_codegen.blocks.model import Limits
 from st_codegen.blocks.project import application_of
 from st_codegen.ir import ProjectIR
@@ -25,18 +26,26 @@ class FilePlan:
     values: Mapping[str, Any]
     twincat_xml: bool = False
 
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """The function blocks that the file prints."""
+        one = self.values.get("block")
+        return tuple(self.values.get("blocks", () if one is None else (one,)))
+
 
 class Target(ABC):
     """A dialect of Structured Text and the files it comes in.
 
     `dialect` is twincat or iec: the folder of templates whose `dialect.st.j2` says how the dialect writes what differs,
-    and the rules by which the text is checked and executed.
+    and the rules by which the text is checked and executed. `compiles`: the passes rewrite the models first; False for
+    a target that hands the models themselves on.
     """
 
     name: str
     summary: str
     dialect: str
     limits: Limits
+    compiles: bool = True
 
     def plan(self, project: ProjectIR, limits: Limits) -> Iterable[FilePlan]:
         """The files of a project, in a fixed order. Raises InputError or TargetError before anything is printed."""
