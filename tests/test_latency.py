@@ -1,7 +1,10 @@
 """Delays through tasks: the paper's, and cases small enough to count by hand."""
 
+import json
+
 import pytest
 
+from st_codegen.cli.main import main
 from st_codegen.errors import InputError
 from st_codegen.latency import Exchange, TaskTiming, latency, paper_latency
 
@@ -62,3 +65,38 @@ def test_a_lead_of_the_mean_delay_leaves_no_phase():
 def test_times_that_make_no_sense_are_refused(make, message):
     with pytest.raises(InputError, match=message):
         make()
+
+
+def run(*arguments):
+    with pytest.raises(SystemExit) as exit_:
+        main(["latency", *arguments])
+    return exit_.value.code
+
+
+def test_the_command_prints_the_papers_numbers(capsys):
+    assert run("--fast", "250", "--slow", "500", "--output", "75.3") == 0
+    printed = capsys.readouterr().out
+    assert "1325.3 us at most" in printed
+    assert "754.5 Hz" in printed
+    assert "188.6 rpm" in printed
+    assert "fLead_s := 0.0012003" in printed
+
+
+def test_the_command_prints_json(capsys):
+    assert run("--fast", "250", "--json", "--order", "40") == 0
+    numbers = json.loads(capsys.readouterr().out)
+    assert numbers == {
+        "best_us": 250.0,
+        "mean_us": 250.0,
+        "worst_us": 250.0,
+        "frequency_hz": 4000.0,
+        "order": 40,
+        "output_speed_rpm": 6000.0,
+        "lead_s": 0.00025,
+    }
+
+
+def test_times_that_make_no_sense_end_the_command_with_a_message(capsys):
+    assert run("--fast", "0") == 2
+    assert "cycle time" in capsys.readouterr().err
+    assert run("--fast", "250", "--slow", "500", "--slow-offset", "600") == 2

@@ -20,6 +20,7 @@ _COMMANDS = {
     "verify": "st_codegen.cli.verify",
     "predict": "st_codegen.cli.predict",
     "diff": "st_codegen.cli.diff",
+    "latency": "st_codegen.cli.latency",
 }
 
 

@@ -43,7 +43,7 @@ class TransmissionError:
 
     `speed_feature` is the number of the feature that holds the input speed in rpm, `reduction_ratio` is
     theta_in / theta_out. `outputs` has, for every order and direction, amplitude and phase or cosine and sine part
-    (order 0: amplitude only).
+    (order 0: amplitude only). `tasks`: 1, or 2 where the models run in a slow task and the sum in a fast one.
     """
 
     name: str
@@ -53,6 +53,7 @@ class TransmissionError:
     orders: tuple[int, ...]
     directions: tuple[Direction, ...]
     outputs: tuple[HarmonicOutput, ...]
+    tasks: int = 1
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.reduction_ratio) and self.reduction_ratio > 0):

@@ -1,4 +1,4 @@
-"""The exchange between slow and fast task: never a torn set, whatever both do; stale sets; the programs.
+"""The exchange between slow and fast task: never a torn set, whatever the two do to each other; stale sets; programs.
 
 Every statement of both blocks that touches the exchange variable is a point at which the other task may run, for as
 many statements as it likes: the two are stepped through as threads that hand control to each other at these points.
@@ -163,7 +163,7 @@ def test_the_sets_are_what_they_are_taken_for(stepped):
 
 
 def test_no_torn_set_is_used_wherever_the_slow_task_cuts_in(stepped):
-    """The fast task stops at each of its statements, the slow one goes on for any number of its own, up to 4 sets."""
+    """The fast task stops at each of its statements, the slow one goes on for any number of its own (in twos)."""
     _, _, steps, _ = run_schedule(stepped, [])
     seen, discarded = set(), 0
     for stop in range(steps["fast"] + 1):
