@@ -89,12 +89,13 @@ def command(
     for target in chosen:
         generated = generate(bundle, target, out, max_array=max_array, options=options)
         if not quiet:
+            console.print(f"{generated.folder}: {len(generated.files)} file(s)", highlight=False, soft_wrap=True)
             console.print(_files_table(generated))
             console.print(_models_table(generated))
 
 
 def _files_table(generated: Generated) -> Table:
-    table = Table(title=f"{generated.folder}: {len(generated.files)} files", title_justify="left")
+    table = Table()
     table.add_column("file")
     table.add_column("bytes", justify="right")
     for name, size in generated.files.items():
@@ -104,7 +105,7 @@ def _files_table(generated: Generated) -> Table:
 
 def _models_table(generated: Generated) -> Table:
     """Where each model went, and what its block's tables take in the controller's memory."""
-    table = Table(title="models", title_justify="left")
+    table = Table()
     for name in ("model", "layout", "block", "bytes of tables"):
         table.add_column(name, justify="right" if name.startswith("bytes") else "left")
     for name, facts in generated.facts["models"].items():
