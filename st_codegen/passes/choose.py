@@ -40,7 +40,8 @@ class Options:
 
     `table_bytes`: no table has more for one output of a model. `merged_bytes`: no table of several models is larger.
     `max_array`: elements of an array that the target holds; longer lists of thresholds have no layout.
-    `ranks`: trees may compare ranks; False leaves them as their library has them.
+    `ranks`: trees may compare ranks; False leaves them as their library has them. `outputs_per_cycle`: models are
+    spread over successive calls, at most so many outputs in each (one model is never cut); None: all in every call.
     """
 
     layout: Layout = Layout.AUTO
@@ -48,6 +49,7 @@ class Options:
     merged_bytes: int = 1024 * 1024
     max_array: int = 65_536
     ranks: bool = True
+    outputs_per_cycle: int | None = None
 
 
 @dataclass(frozen=True)

@@ -79,7 +79,7 @@ def compile_project(project: ProjectIR, options: Options | None = None, cost: Co
             if decisions[model.name].chosen == "table" and (found := _cells(model, options)) is not None
         }
         models, places = _merged(project, chosen, cells, options, places)
-        te = _moved(te, places)
+        te = _spread(_moved(te, places), models, options.outputs_per_cycle)
     return Compiled(ProjectIR(tuple(models), te), places, tuple(decisions.values()))
 
 
@@ -218,6 +218,24 @@ def _free_name(name: str, project: ProjectIR) -> str:
     while name.lower() in taken:
         name += "_"
     return name
+
+
+def _spread(te: TransmissionError, models: Sequence[ModelIR], most: int | None) -> TransmissionError:
+    """The models shared out among successive calls, each call in the order of the blocks' names."""
+    if most is None:
+        return te
+    used = {output.model for output in te.outputs}
+    cycles: list[list[str]] = []
+    room = 0
+    for model in models:
+        if model.name not in used:
+            continue
+        if not cycles or len(model.outputs) > room:
+            cycles.append([])
+            room = most
+        cycles[-1].append(model.name)
+        room -= len(model.outputs)
+    return dataclasses.replace(te, cycles=tuple(map(tuple, cycles)) if len(cycles) > 1 else ())
 
 
 def _moved(te: TransmissionError, places: dict[str, Place]) -> TransmissionError:
