@@ -115,7 +115,7 @@ def facts(bundle: Bundle, compiled: Compiled, plans: Sequence[FilePlan]) -> dict
     return {
         "models": {model.ir.name: _model_facts(model.ir, compiled) for model in bundle.models},
         "blocks": {block.name: {"data_bytes": block.table_bytes} for plan in plans for block in plan.blocks},
-        "transmission_error": _te_facts(bundle.transmission_error),
+        "transmission_error": _te_facts(compiled.project.transmission_error),
     }
 
 
@@ -154,4 +154,5 @@ def _te_facts(te: TransmissionError | None) -> dict[str, Any]:
         "reduction_ratio": te.reduction_ratio,
         "orders": list(te.orders),
         "directions": [str(direction) for direction in te.directions],
+        **({"calls": len(te.cycles)} if te.cycles else {}),
     }

@@ -75,7 +75,11 @@ def command(
     With a bundle.toml the folder is a transmission error bundle and FB_TEPredict and FB_Compensator are generated from
     its models; without one, every model file becomes a function block of its own.
     """
-    options = Options(Layout(layout["layout"]), table_bytes=layout["table_limit"] * 1024)
+    options = Options(
+        Layout(layout["layout"]),
+        table_bytes=layout["table_limit"] * 1024,
+        outputs_per_cycle=layout["outputs_per_cycle"],
+    )
     chosen = [target_named(name) for name in targets or ("twincat",)]
     with progress_bar("loading", quiet=quiet) as progress:
         bundle = load(models, trust_pickle=trust_pickle, progress=progress)
@@ -92,6 +96,12 @@ def command(
             console.print(f"{generated.folder}: {len(generated.files)} file(s)", highlight=False, soft_wrap=True)
             console.print(_files_table(generated))
             console.print(_models_table(generated))
+            if calls := generated.facts["transmission_error"].get("calls"):
+                console.print(
+                    f"The models are spread over {calls} calls of FB_TEPredict: its outputs belong to the operating "
+                    f"point of {calls - 1} to {2 * calls - 2} calls before.",
+                    soft_wrap=True,
+                )
 
 
 def _files_table(generated: Generated) -> Table:
