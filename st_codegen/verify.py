@@ -257,6 +257,7 @@ def _merged(reports: list[ModelReport]) -> list[ModelReport]:
         known.targets += report.targets
         known.failures += report.failures
         known.exact &= report.exact
+        known.bound = max(known.bound, report.bound)
         known.max_ulp = max(known.max_ulp, report.max_ulp)
         if report.max_abs_err > known.max_abs_err:
             known.max_abs_err, known.worst_input = report.max_abs_err, report.worst_input
