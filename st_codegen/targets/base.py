@@ -42,7 +42,8 @@ class Target(ABC):
 
     `dialect` is twincat or iec: the folder of templates whose `dialect.st.j2` says how the dialect writes what differs,
     and the rules by which the text is checked and executed. `compiles`: the passes rewrite the models first; False for
-    a target that hands the models themselves on. `has_tests`: test suites can be written.
+    a target that hands the models themselves on. `has_tests`: test suites can be written. `proof`: what
+    verification does not show, where it is less than the text that runs on the controller.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Target(ABC):
     limits: Limits
     compiles: bool = True
     has_tests: bool = False
+    proof: str = ""
 
     def plan(self, project: ProjectIR, limits: Limits, vectors: Sequence[ReferenceVectors] = ()) -> Iterable[FilePlan]:
         """The files of a project, in a fixed order, with test suites for `vectors`.

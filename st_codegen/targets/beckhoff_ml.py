@@ -32,6 +32,10 @@ class BeckhoffMlTarget(Target):
     dialect = "twincat"
     limits = Limits(max_array=65_536)
     compiles = False
+    proof = (
+        "the model files were evaluated by the arithmetic that their format prescribes, not by the vendor's runtime; "
+        "the bounds are those of that arithmetic"
+    )
 
     def plan(self, project: ProjectIR, limits: Limits, vectors: Sequence[ReferenceVectors] = ()) -> Iterable[FilePlan]:
         del vectors  # `has_tests` is False: model files are read over several cycles, suites would run before that
