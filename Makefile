@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: run test real lint bench soak clean
+.PHONY: run test real blark soak lint bench clean
 
 run: $(INSTALLED)  ## compile the example bundle, verify the result
 	$(BIN)/st-codegen examples/rv160n/models/ --target twincat --out build/rv160n
@@ -16,6 +16,9 @@ test: $(INSTALLED)  ## the whole test suite
 
 real: $(INSTALLED)  ## the models of the real rig, each on 100,000 inputs; needs the measured tables
 	$(BIN)/python -m pytest -q -m slow tests/test_real_rig.py
+
+blark: $(INSTALLED)  ## every generated TwinCAT file through an independent parser
+	$(BIN)/python -m pytest -q -m slow tests/targets/test_blark.py
 
 lint: $(INSTALLED)  ## style and types
 	$(BIN)/ruff check .

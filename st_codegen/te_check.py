@@ -46,6 +46,8 @@ class HarmonicSet:
 
 #: Bound on |library - generated code| of a model for rows, (rows, outputs).
 Bound = Callable[[ModelIR, FloatArray], FloatArray]
+#: Predictions of a model for rows, (rows, outputs).
+Evaluation = Callable[[ModelIR, FloatArray], FloatArray]
 
 
 def harmonics(
@@ -54,10 +56,11 @@ def harmonics(
     direction: Direction,
     x: FloatArray,
     bound: Bound = bounds.difference_bound,
+    evaluate: Evaluation = reference.evaluate,
 ) -> HarmonicSet:
     """Amplitudes and phases that the models predict at operating points `x` (rows, features)."""
     models = {model.name: model for model in project.models}
-    values = {name: reference.evaluate(models[name], x) for name in {output.model for output in te.outputs}}
+    values = {name: evaluate(models[name], x) for name in {output.model for output in te.outputs}}
     errors = {name: bound(models[name], x) for name in values}
     zero = np.zeros(len(x))
     columns = []
