@@ -201,7 +201,10 @@ FAMILIES: dict[str, Family] = {
             "support vector machine",
             _svm,
             {"C": 1.0, "epsilon": 1e-4, "gamma": 1.1e-6},
-            tuple({"C": 10.0, "epsilon": 0.05, "lengths": lengths} for lengths in _LENGTHS),
+            (
+                *({"C": 10.0, "epsilon": 0.05, "lengths": lengths} for lengths in _LENGTHS),
+                {"C": 300.0, "epsilon": 0.01, "lengths": _LENGTHS[0]},
+            ),
             robust_units=True,
         ),
         Family(
@@ -231,21 +234,33 @@ FAMILIES: dict[str, Family] = {
             "random forest",
             _sklearn("ensemble", "RandomForestRegressor", one_thread=True),
             {"max_depth": 14, "min_samples_split": 3, "n_estimators": 90},
-            ({"n_estimators": 60}, {"n_estimators": 60, "max_features": 2}),
+            (
+                {"max_depth": 14, "min_samples_split": 3, "n_estimators": 90},
+                {"n_estimators": 60},
+                {"n_estimators": 60, "max_features": 2},
+            ),
         ),
         Family(
             "DT",
             "decision tree",
             _sklearn("tree", "DecisionTreeRegressor"),
             {"max_depth": 16, "min_samples_split": 6},
-            ({"min_samples_leaf": 2}, {"min_samples_leaf": 2, "criterion": "absolute_error"}),
+            (
+                {"max_depth": 16, "min_samples_split": 6},
+                {"min_samples_leaf": 2},
+                {"min_samples_leaf": 2, "criterion": "absolute_error"},
+            ),
         ),
         Family(
             "ET",
             "extra tree",
             _sklearn("tree", "ExtraTreeRegressor"),
             {"max_depth": 15, "min_samples_split": 5},
-            ({"min_samples_leaf": 2}, {"min_samples_split": 4, "max_features": None}),
+            (
+                {"max_depth": 15, "min_samples_split": 5},
+                {"min_samples_leaf": 2},
+                {"min_samples_split": 4, "max_features": None},
+            ),
         ),
         Family(
             "ERT",
@@ -253,6 +268,7 @@ FAMILIES: dict[str, Family] = {
             _sklearn("ensemble", "ExtraTreesRegressor", one_thread=True),
             {"max_depth": 15, "min_samples_split": 3, "n_estimators": 60},
             (
+                {"max_depth": 15, "min_samples_split": 3, "n_estimators": 60},
                 {"n_estimators": 100, "min_samples_split": 2},
                 {"n_estimators": 100, "min_samples_split": 5, "max_features": 2},
             ),
@@ -262,7 +278,10 @@ FAMILIES: dict[str, Family] = {
             "gradient boosting",
             _sklearn("ensemble", "GradientBoostingRegressor"),
             {"learning_rate": 0.1, "max_depth": 14, "min_samples_split": 14, "n_estimators": 36},
-            ({"learning_rate": 0.07, "max_depth": 6, "n_estimators": 150, "min_samples_split": 8, "subsample": 0.5},),
+            (
+                {"learning_rate": 0.1, "max_depth": 14, "min_samples_split": 14, "n_estimators": 36},
+                {"learning_rate": 0.07, "max_depth": 6, "n_estimators": 150, "min_samples_split": 8, "subsample": 0.5},
+            ),
         ),
         Family(
             "HGBM",
@@ -270,6 +289,7 @@ FAMILIES: dict[str, Family] = {
             _sklearn("ensemble", "HistGradientBoostingRegressor"),
             {"learning_rate": 0.21, "max_depth": 11, "max_leaf_nodes": 27},
             (
+                {"learning_rate": 0.21, "max_depth": 11, "max_leaf_nodes": 27},
                 {
                     "learning_rate": 0.1,
                     "max_iter": 150,
@@ -286,6 +306,7 @@ FAMILIES: dict[str, Family] = {
             _lgbm,
             {"learning_rate": 0.39, "max_depth": 12, "subsample": 0.1},
             (
+                {"learning_rate": 0.39, "max_depth": 12, "subsample": 0.1},
                 {"learning_rate": 0.07, "n_estimators": 200, "num_leaves": 15, "min_child_samples": 5},
                 {
                     "learning_rate": 0.1,
