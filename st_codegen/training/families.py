@@ -201,10 +201,7 @@ FAMILIES: dict[str, Family] = {
             "support vector machine",
             _svm,
             {"C": 1.0, "epsilon": 1e-4, "gamma": 1.1e-6},
-            (
-                *({"C": 10.0, "epsilon": 0.05, "lengths": lengths} for lengths in _LENGTHS),
-                {"C": 300.0, "epsilon": 0.01, "lengths": _LENGTHS[0]},
-            ),
+            tuple({"C": 10.0, "epsilon": 0.05, "lengths": lengths} for lengths in _LENGTHS),
             robust_units=True,
         ),
         Family(
@@ -246,7 +243,6 @@ FAMILIES: dict[str, Family] = {
             _sklearn("tree", "DecisionTreeRegressor"),
             {"max_depth": 16, "min_samples_split": 6},
             (
-                {"max_depth": 16, "min_samples_split": 6},
                 {"min_samples_leaf": 2},
                 {"min_samples_leaf": 2, "criterion": "absolute_error"},
             ),
@@ -257,7 +253,6 @@ FAMILIES: dict[str, Family] = {
             _sklearn("tree", "ExtraTreeRegressor"),
             {"max_depth": 15, "min_samples_split": 5},
             (
-                {"max_depth": 15, "min_samples_split": 5},
                 {"min_samples_leaf": 2},
                 {"min_samples_split": 4, "max_features": None},
             ),
@@ -278,10 +273,7 @@ FAMILIES: dict[str, Family] = {
             "gradient boosting",
             _sklearn("ensemble", "GradientBoostingRegressor"),
             {"learning_rate": 0.1, "max_depth": 14, "min_samples_split": 14, "n_estimators": 36},
-            (
-                {"learning_rate": 0.1, "max_depth": 14, "min_samples_split": 14, "n_estimators": 36},
-                {"learning_rate": 0.07, "max_depth": 6, "n_estimators": 150, "min_samples_split": 8, "subsample": 0.5},
-            ),
+            ({"learning_rate": 0.07, "max_depth": 6, "n_estimators": 150, "min_samples_split": 8, "subsample": 0.5},),
         ),
         Family(
             "HGBM",
@@ -289,7 +281,6 @@ FAMILIES: dict[str, Family] = {
             _sklearn("ensemble", "HistGradientBoostingRegressor"),
             {"learning_rate": 0.21, "max_depth": 11, "max_leaf_nodes": 27},
             (
-                {"learning_rate": 0.21, "max_depth": 11, "max_leaf_nodes": 27},
                 {
                     "learning_rate": 0.1,
                     "max_iter": 150,
