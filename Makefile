@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: run test real lint bench clean
+.PHONY: run test real lint bench soak clean
 
 run: $(INSTALLED)  ## compile the example bundle, verify the result
 	$(BIN)/st-codegen examples/rv160n/models/ --target twincat --out build/rv160n
@@ -24,6 +24,10 @@ lint: $(INSTALLED)  ## style and types
 
 bench: $(INSTALLED)  ## times and memory of the compiler and the interpreter
 	$(BIN)/python benchmarks/compiler.py
+
+soak: $(INSTALLED)  ## 100,000 hostile sequences through the blocks of the compensation, about 5 minutes
+	$(BIN)/python -m pytest -q -m slow tests/application
+	$(BIN)/python -m tests.application.hostile
 
 clean:
 	rm -rf build $(VENV)
