@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: run test real blark soak lint bench clean
+.PHONY: run test real blark soak lint bench clean tables train-long
 
 run: $(INSTALLED)  ## compile the example bundle, verify the result
 	$(BIN)/st-codegen examples/rv160n/models/ --target twincat --out build/rv160n
@@ -20,6 +20,16 @@ real: $(INSTALLED)  ## the models of the real rig, each on 100,000 inputs; needs
 blark: $(INSTALLED)  ## every generated TwinCAT file through an independent parser
 	$(BIN)/python -m pytest -q -m slow tests/targets/test_blark.py
 
+# the measured tables, and how thoroughly to search: DATA=FOLDER FOLDS=10 for the paper's own number of folds
+DATA ?= ../shared/data
+FOLDS ?= 3
+
+tables: $(INSTALLED)  ## tables 2 to 6 of the paper, ours beside theirs; some 25 minutes of two cores, stopped runs go on
+	$(BIN)/st-codegen tables $(DATA) --folds $(FOLDS) --out build/tables --work build/fits.sqlite
+
+train-long: $(INSTALLED)  ## the search on a Dask cluster of which a worker is killed
+	$(BIN)/python -m pytest -q -m slow tests/training
+
 lint: $(INSTALLED)  ## style and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -27,6 +37,7 @@ lint: $(INSTALLED)  ## style and types
 
 bench: $(INSTALLED)  ## times and memory of the compiler and the interpreter
 	$(BIN)/python benchmarks/compiler.py
+	$(BIN)/python benchmarks/campaign.py
 
 soak: $(INSTALLED)  ## 100,000 hostile sequences through the blocks of the compensation, about 5 minutes
 	$(BIN)/python -m pytest -q -m slow tests/application
