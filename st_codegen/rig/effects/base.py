@@ -110,7 +110,10 @@ class Stage(IntEnum):
 
 @dataclass(frozen=True)
 class Scalar:
-    """A real parameter. `starts` are where a fit begins (SHAPE); `default` None: the key is required."""
+    """A real parameter. `starts` are where a fit begins (SHAPE); `default` None: the key is required.
+
+    shapes: the key of the scalar that this one only shapes; without that it means nothing.
+    """
 
     key: str
     unit: str
@@ -120,6 +123,7 @@ class Scalar:
     default: float | None = 0.0
     form: Form = Form.LINEAR
     starts: tuple[float, ...] = ()
+    shapes: str = ""
 
 
 @dataclass(frozen=True)
@@ -158,6 +162,8 @@ class Effect(ABC):
     phasors: ClassVar[tuple[Phasor, ...]] = ()
     orders_key: ClassVar[str | None] = None
     stage: ClassVar[Stage] = Stage.ADDITIVE
+    #: what tells this effect from its look-alikes where no operating point does
+    experiment: ClassVar[str] = ""
 
     def __init__(self, values: Mapping[str, Any], constants: Constants, *, check: bool = True) -> None:
         self.values: Mapping[str, Value] = MappingProxyType(_plain(values))
