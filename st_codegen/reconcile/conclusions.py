@@ -120,7 +120,7 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
     for i in added:
         smaller = fit(joint.target, joint.state.without(i))
         places = list(range(joint.state.slices()[i].start, joint.state.slices()[i].stop))
-        evidence = judge(smaller, joint, places)
+        evidence = judge(smaller, joint, places, i)
         others = _as_good(smaller, joint, i, known)
         piece = final.state.pieces[i]
         claims.append(

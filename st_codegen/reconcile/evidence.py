@@ -10,12 +10,15 @@ import numpy as np
 
 from st_codegen.reconcile.fitting import Fit, by_group, inverse
 from st_codegen.reconcile.noise import BoolArray
+from st_codegen.rig.effects import Form
 from st_codegen.rig.effects.base import FloatArray
 
 #: chance of a false addition that each test of one candidate is allowed; about 100 candidates are tried on a data set,
 #: and the tests must all pass, so that well under 1 % of data sets without a missing effect see a false name
 P_CHANCE = 1e-6
 P_CLUSTERS = 1e-4
+#: an effect must stand as high as the noise of a single coefficient: noise that lasts over runs can look like less
+LEAST_SIZE = 1.0
 _RESAMPLINGS = 60
 _STABLE = 0.9
 
@@ -27,7 +30,8 @@ class Evidence:
     loss_saved: of twice the loss; parameters: how many it has; p_chance: of that much saved by noise that is
     independent from run to run; p_clusters: the same when runs of about the same speed and temperature may have noise
     in common; held_out: loss saved (per run) on conditions that were left out of the fit, by axis; stability: share of
-    resampled data sets in which the effect keeps its size and sign.
+    resampled data sets in which the effect keeps its size and sign; size_in_noise: RMS of its contribution to the
+    coefficients that it touches over the noise of one of them.
     """
 
     loss_saved: float
@@ -36,17 +40,19 @@ class Evidence:
     p_clusters: float
     held_out: Mapping[str, float]
     stability: float
+    size_in_noise: float
 
     @property
     def passed(self) -> bool:
         """Whether all tests agree."""
         losses = list(self.held_out.values())
         held = sum(x > 0 for x in losses) >= max(1, len(losses) - 1) and sum(losses) > 0 if losses else True
-        return self.p_chance < P_CHANCE and self.p_clusters < P_CLUSTERS and held and self.stability >= _STABLE
+        likely = self.p_chance < P_CHANCE and self.p_clusters < P_CLUSTERS
+        return likely and held and self.stability >= _STABLE and self.size_in_noise >= LEAST_SIZE
 
 
-def judge(without: Fit, with_it: Fit, places: list[int], seed: int = 0) -> Evidence:
-    """Compare two fits of the same data; `places`: coordinates of the effect in the larger one."""
+def judge(without: Fit, with_it: Fit, places: list[int], number: int, seed: int = 0) -> Evidence:
+    """Compare two fits of the same data; `places`: coordinates of the effect in the larger one, `number`: its piece."""
     saved = without.loss - with_it.loss
     count = len(places)
     return Evidence(
@@ -56,7 +62,27 @@ def judge(without: Fit, with_it: Fit, places: list[int], seed: int = 0) -> Evide
         p_clusters=p_of_clusters(with_it, places, with_it.state.vector()[places]),
         held_out=held_out(without, with_it),
         stability=stability(with_it, places, seed),
+        size_in_noise=size_in_noise(with_it, places, number),
     )
+
+
+def size_in_noise(fit: Fit, places: list[int], number: int) -> float:
+    """RMS of what coordinates contribute, in standard deviations of one measured number, over the orders they touch."""
+    piece, place = fit.state.pieces[number], fit.state.slices()[number]
+    vector = piece.vector()
+    without = vector.copy()
+    for i, c in enumerate(piece.coordinates()):
+        if place.start + i in places and c.linear:
+            without[i] = c.lower if c.form is Form.INVERSE else 0.0
+    propagation = fit.propagation
+    changes = [propagation.change(p.effect) for p in (piece, piece.with_vector(without))]
+    if all(not c.linear for c in piece.coordinates()):
+        changes[1] = np.zeros_like(changes[0])
+    part = propagation.measured(changes[0] - changes[1], piece.effect.stage)[fit.target.good]
+    squares = ((np.abs(part) / fit.target.sigma[fit.target.good]) ** 2).mean(axis=0)
+    parts = np.where(fit.target.data.orders == 0, 1, 2)
+    touched = squares / parts > 0.1 * (squares / parts).max(initial=0.0)
+    return float(np.sqrt(squares[touched].sum() / max(parts[touched].sum(), 1)))
 
 
 def p_of_clusters(fit: Fit, places: list[int], difference: FloatArray) -> float:

@@ -126,6 +126,7 @@ def _evidence(e: Evidence) -> dict[str, Any]:
         "p_clusters": e.p_clusters,
         "held_out_loss_saved_per_curve": dict(e.held_out),
         "stability": e.stability,
+        "size_in_noise": e.size_in_noise,
     }
 
 

@@ -16,7 +16,7 @@ RATE = 1e-4
 #: residuals are cut here (noise units), so that single wild runs make no structure
 _CUT = 5.0
 #: structure is noise of the estimate of the noise below this part of it (power)
-_LEAST_EXCESS = 0.05
+_LEAST_EXCESS = 0.4
 
 
 @dataclass(frozen=True)

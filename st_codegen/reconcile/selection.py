@@ -98,7 +98,7 @@ def _first_that_passes(
     for fitted, candidate in tried:
         start = fitted.state.slices()[candidate.place(fitted.state)].start
         places = [start + i for i, _ in candidate.coordinates()]
-        evidence = judge(current, fitted, places)
+        evidence = judge(current, fitted, places, candidate.place(fitted.state))
         judged.append((candidate, evidence))
         if evidence.passed and at_two_frequencies(current, fitted, candidate):
             return fitted
