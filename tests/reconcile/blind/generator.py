@@ -332,7 +332,7 @@ def _strange(
 
 
 def _make_recording(case: Case, rng: np.random.Generator, gone: list[hidden.Hidden], folder: Path) -> Made:
-    """Recordings in time: three of them in a folder, of an axis with a lag and a coupling."""
+    """Recordings in time, three in a folder or one long one: an axis with a lag and a coupling."""
     known = hidden.healthy(rng, gone, _bars(case), case.drifted)
     axis = [hidden.MAKERS[name](rng).table for name in effects.IN_TIME if name not in case.effects]
     true_known = (*known.true, *axis)
@@ -346,12 +346,15 @@ def _make_recording(case: Case, rng: np.random.Generator, gone: list[hidden.Hidd
         stiffness = torque / (60.0 * case.size * timed.OUT_NOISE_DEG)
         gone = [replace(gone[0], table={**gone[0].table, key: float(min(stiffness, 20000.0))})]
     true = (*true_known, *(one.table for one in gone))
-    measured = folder / "recordings"
-    measured.mkdir()
+    if case.seed % 2:
+        measured, counts = folder / "recordings", (4, 4, 4)
+        measured.mkdir()
+    else:
+        measured, counts = folder / "recording.csv", (12,)
     rows = 0
-    for number in range(3):
-        columns = timed.record(rng, head, true)
-        write.recording(measured / f"recording_{number}.csv", columns)
+    for number, moves in enumerate(counts):
+        columns = timed.record(rng, head, true, moves)
+        write.recording(measured / f"recording_{number}.csv" if measured.is_dir() else measured, columns)
         rows += len(columns["t"])
     rig = folder / "rig.toml"
     write.rig(rig, {"rig": head}, stated)
