@@ -21,6 +21,7 @@ from st_codegen.rig.effects.base import BACKWARD, ComplexArray, FloatArray
 #: a resonance takes in the orders of which it takes this much off the loss (four parameters: 1 in 10,000 by chance)
 _ORDER_GAIN = 25.0
 _RESONANCE_POINTS = 5
+STAGES = (Stage.ADDITIVE, Stage.MODULATION, Stage.STRUCTURE, Stage.MEASURING)
 
 
 @dataclass(frozen=True)
@@ -89,11 +90,13 @@ def variants(effect: type[Effect], both_directions: bool) -> list[frozenset[str]
 class Search:
     """Candidates for a fit, with their scores."""
 
-    def __init__(self, known: Catalogue, fit: Fit, *, stages: Sequence[Stage] = (), skip: Sequence[str] = ()) -> None:
+    def __init__(
+        self, known: Catalogue, fit: Fit, *, stages: Sequence[Stage] = STAGES, touching: Sequence[int] = ()
+    ) -> None:
         self.known = known
         self.fit = fit
-        self.stages = tuple(stages) or (Stage.ADDITIVE, Stage.MODULATION, Stage.STRUCTURE, Stage.MEASURING)
-        self.skip = set(skip)
+        self.stages = tuple(stages)
+        self.touching = np.array(touching, np.int64)
         self.target = fit.target
         self.data = fit.target.data
         self.constants: Constants = fit.state.rig.constants
@@ -121,8 +124,8 @@ class Search:
 
     def all(self) -> Iterator[Candidate]:
         """Every candidate at every start."""
-        for name, effect in self.known.items():
-            if name in self.skip or effect.stage not in self.stages:
+        for effect in self.known.values():
+            if effect.stage not in self.stages:
                 continue
             if effect.orders_key == "orders":
                 yield from self._many_orders(effect)
@@ -170,7 +173,9 @@ class Search:
     def _is_seen(self, piece: Piece) -> bool:
         """Whether the effect touches an order that was measured."""
         touched = piece.effect.touched_orders()
-        return piece.effect.stage is Stage.MEASURING or bool(np.isin(touched, self.data.orders).any())
+        seen = bool(np.isin(touched, self.data.orders).any())
+        wanted = not len(self.touching) or bool(np.isin(touched, self.touching).any())
+        return piece.effect.stage is Stage.MEASURING or (seen and wanted)
 
     def _starts(self, effect: type[Effect], keys: frozenset[str]) -> Iterator[dict[str, float]]:
         shapes = [s for s in effect.scalars if s.form is Form.SHAPE and s.key in keys]
@@ -195,9 +200,7 @@ class Search:
                 for phasor in effect.phasors:
                     for backward in (False, True)[: 1 + self.data.both_directions()]:
                         keys |= set(phasor.keys(backward))
-                yield Candidate(
-                    _started(effect, frozenset(keys), fixed | optional, tuple(chosen), self.constants)
-                )
+                yield Candidate(_started(effect, frozenset(keys), fixed | optional, tuple(chosen), self.constants))
 
     def _scan(
         self, effect: type[Effect], key: str, fixed: dict[str, float], orders: list[int], step: float
@@ -207,28 +210,34 @@ class Search:
         low, high = min(orders) * turn.min(), max(orders) * turn.max()
         bounds = next(s for s in effect.scalars if s.key == key)
         low, high = max(low, bounds.lower), min(high, bounds.upper)
-        if low >= high:
+        promising = self._loud_orders(orders)
+        if low >= high or not promising:
             return []
         grid = np.exp(np.arange(np.log(low), np.log(high), step))
         gains = np.zeros((len(grid), len(orders)))
-        promising = self._loud_orders(orders)
         for sign in (1.0, -1.0):
             rows = np.flatnonzero((at.sign == sign) & self.target.good)
             if not len(rows):
                 continue
             speeds, inverse = np.unique(at.speed_rpm[rows], return_inverse=True)
             point = at.rows(rows[np.unique(inverse, return_index=True)[1]])
-            for j in promising:
-                place = int(np.searchsorted(self.data.orders, orders[j]))
-                weight = np.bincount(inverse, self.scorer.weights[rows, place], len(speeds))
-                r = self.fit.residual[rows, place] * self.scorer.weights[rows, place]
-                sums = np.bincount(inverse, r.real, len(speeds)) + 1j * np.bincount(inverse, r.imag, len(speeds))
-                turns = grid / orders[j] * 60 * self.constants.reduction_ratio
-                for i in np.flatnonzero((turns > 0.9 * speeds[0]) & (turns < 1.1 * speeds[-1])):
-                    values = fixed | {key: grid[i], "orders": [orders[j]], effect.phasors[0].key: [1.0]}
-                    unit = effect(values, self.constants, check=False)
-                    h = unit.contribution(point, np.array([orders[j]]))[:, 0]
-                    gains[i, j] += abs((h.conj() * sums).sum()) ** 2 / max((weight * np.abs(h) ** 2).sum(), 1e-300)
+            places = np.searchsorted(self.data.orders, [orders[j] for j in promising])
+            w = self.scorer.weights[np.ix_(rows, places)]
+            level = (inverse[:, None] == np.arange(len(speeds))).astype(float)
+            weight, sums = level.T @ w, level.T @ (w * self.fit.residual[np.ix_(rows, places)])
+            loud = np.array([orders[j] for j in promising])
+            for i, frequency in enumerate(grid):
+                values = fixed | {
+                    key: frequency,
+                    "orders": tuple(loud.tolist()),
+                    effect.phasors[0].key: (1.0,) * len(loud),
+                }
+                h = effect(values, self.constants, check=False).contribution(point, loud)
+                gain = np.abs((h.conj() * sums).sum(axis=0)) ** 2 / np.maximum(
+                    (weight * np.abs(h) ** 2).sum(axis=0), 1e-300
+                )
+                turns = frequency / loud * 60 * self.constants.reduction_ratio
+                gains[i, promising] += gain * ((turns > 0.9 * speeds[0]) & (turns < 1.1 * speeds[-1]))
         found = []
         for i, f in enumerate(grid):
             chosen = [order for j, order in enumerate(orders) if gains[i, j] > _ORDER_GAIN]
@@ -342,15 +351,14 @@ class Scorer:
                 by_place.setdefault(int(place), []).append((number, values[:, j]))
         for place, found in by_place.items():
             index = np.array([n for n, _ in found])
-            block = np.stack([v for _, v in found], axis=1)
-            block = _real(block)
-            weighted = block * np.tile(self.weights[:, place], 2)[:, None]
+            design = _real(np.stack([v for _, v in found], axis=1))
+            weighted = design * np.tile(self.weights[:, place], 2)[:, None]
             r = _real(self.fit.residual[:, place, None])[:, 0]
-            own[np.ix_(index, index)] += weighted.T @ block
+            own[np.ix_(index, index)] += weighted.T @ design
             pull[index] += r @ weighted
             if place in self._by_place:
-                fitted, design = self._by_place[place]
-                cross[np.ix_(index, fitted)] += weighted.T @ design
+                fitted, other = self._by_place[place]
+                cross[index[:, None], np.array(fitted)[None, :]] += weighted.T @ other
         reduced = own - cross @ self.fit.inverse @ cross.T
         scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
         seen = np.diag(reduced) > 1e-6 * np.diag(own)

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from st_codegen.reconcile.candidates import Candidate, Search
+from st_codegen.reconcile.candidates import STAGES, Candidate, Search
 from st_codegen.reconcile.evidence import P_CLUSTERS, Evidence, chi_square_tail, judge, p_of_clusters
 from st_codegen.reconcile.fitting import Fit, State, fit, inverse
 from st_codegen.reconcile.observations import rms_deg
 from st_codegen.reconcile.parameters import Coordinate, Piece
 from st_codegen.reconcile.remaining import structure
-from st_codegen.rig.effects import Catalogue, Conditions, Effect
+from st_codegen.rig.effects import Catalogue, Conditions, Effect, Stage
 from st_codegen.rig.effects.base import ComplexArray
 from st_codegen.rig.model import RigModel
 
@@ -115,7 +115,9 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
     held = _held(joint, changed, offset_changed)
     final = fit(joint.target, held) if added or changed or offset_changed else joint
     if not (added or changed or offset_changed):
-        final = replace(joint, state=_original(joint.state), residual=joint.target.residual(_original(joint.state).model()))
+        final = replace(
+            joint, state=_original(joint.state), residual=joint.target.residual(_original(joint.state).model())
+        )
     claims = []
     for i in added:
         smaller = fit(joint.target, joint.state.without(i))
@@ -195,16 +197,16 @@ def standard_errors(joint: Fit, number: int) -> dict[str, float]:
     listed = piece.effect.orders_key == "orders"
     for i, c in enumerate(coordinates):
         suffix = f"[{piece.effect.orders[c.place]}]" if listed and c.part else ""
-        spread = float(np.sqrt(max(covariance[i, i], 0.0)))
+        spread = float(np.sqrt(max(float(covariance[i, i]), 0.0)))
         if c.part == 0:
             found[c.key] = spread / vector[i] ** 2 if _is_inverse(c) else spread
         elif c.part == 1:
-            re, im = vector[i], vector[i + 1]
+            re, im = float(vector[i]), float(vector[i + 1])
             size = max(float(np.hypot(re, im)), 1e-300)
             along, across = np.array([re, im]) / size, np.array([-im, re]) / size
             block = covariance[i : i + 2, i : i + 2]
-            found[c.key + suffix] = float(np.sqrt(max(along @ block @ along, 0.0)))
-            found[c.phase_key + suffix] = float(np.sqrt(max(across @ block @ across, 0.0)) / size)
+            found[c.key + suffix] = float(np.sqrt(max(float(along @ block @ along), 0.0)))
+            found[c.phase_key + suffix] = float(np.sqrt(max(float(across @ block @ across), 0.0)) / size)
     return found
 
 
@@ -226,7 +228,9 @@ def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> list[tu
     """Other effects that explain what this one does about as well."""
     piece = joint.state.pieces[number]
     own = set(piece.effect.touched_orders())
-    finder = Search(known, smaller)
+    # one order more or less is no resonance; it stands against other effects on many orders only
+    stages = STAGES if len(own) > 2 else tuple(stage for stage in STAGES if stage is not Stage.STRUCTURE)
+    finder = Search(known, smaller, stages=stages, touching=sorted(own))
     limit = joint.loss + _AS_GOOD
     best: dict[str, Candidate] = {}
     for c in finder.ranked(least=20.0):
@@ -258,8 +262,8 @@ def _experiment(joint: Fit, other_fit: Fit, number: int, other: Candidate) -> Ex
     size = float(np.sqrt((np.abs(explained(joint, joint.state.pieces[number])) ** 2).sum(axis=1).mean()))
     if largest < 0.02 * size:
         effect = other.piece.effect
-        text = effect.experiment or joint.state.pieces[number].effect.experiment or (
-            "no operating point tells them apart"
+        text = (
+            effect.experiment or joint.state.pieces[number].effect.experiment or ("no operating point tells them apart")
         )
     else:
         direction = "forward" if points.sign[row] > 0 else "backward"

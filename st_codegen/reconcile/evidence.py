@@ -11,7 +11,7 @@ import numpy as np
 from st_codegen.reconcile.fitting import Fit, by_group, inverse
 from st_codegen.reconcile.noise import BoolArray
 from st_codegen.rig.effects import Form
-from st_codegen.rig.effects.base import FloatArray
+from st_codegen.rig.effects.base import FloatArray, IntArray
 
 #: chance of a false addition that each test of one candidate is allowed; about 100 candidates are tried on a data set,
 #: and the tests must all pass, so that well under 1 % of data sets without a missing effect see a false name
@@ -109,7 +109,7 @@ def held_out(without: Fit, with_it: Fit) -> dict[str, float]:
     return found
 
 
-def predicted_loss(fit: Fit, folds: FloatArray) -> float:
+def predicted_loss(fit: Fit, folds: IntArray) -> float:
     """Weighted squares of the residuals of each fold under the parameters of the others, in one linear step."""
     matrix, gradient = (by_group(part, folds) for part in (fit.normal.matrix, fit.normal.gradient))
     whole, pull = matrix.sum(axis=0) + np.diag(fit.prior), gradient.sum(axis=0)

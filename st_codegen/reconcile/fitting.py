@@ -8,7 +8,7 @@ cluster-robust errors are made from them.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,6 +24,8 @@ from st_codegen.rig.model import RigModel
 HUBER = 3.0
 #: values of the rig are believed this far (relative) before the data speak: keeps what the data do not see in place
 _PRIOR = 1.0
+#: pieces whose columns are kept
+_MOST_CACHED = 300
 
 
 @dataclass(frozen=True)
@@ -120,6 +122,7 @@ class Target:
     good: BoolArray
     groups: Groups
     reduction_ratio: float = 81.0
+    cache: dict[object, tuple[Column, ...]] = field(default_factory=dict, compare=False)
 
     def subset(self, rows: BoolArray) -> Target:
         """The same with fewer rows that count."""
@@ -196,12 +199,24 @@ class Propagation:
         found = []
         coordinates, vector = piece.coordinates(), piece.vector()
         for number, c in enumerate(coordinates):
-            if c.linear:
-                change = self.change(piece.unit(c))
-            else:
-                change = self._slope(piece, vector, number, c)
+            change = self.change(piece.unit(c)) if c.linear else self._slope(piece, vector, number, c)
             found.append(self._column(self.measured(change, piece.effect.stage)))
         return found
+
+    def cached_columns(self, piece: Piece, cache: dict[object, tuple[Column, ...]]) -> tuple[Column, ...]:
+        """The same, kept from step to step where it depends on nothing that changes."""
+        effect = piece.effect
+        if effect.stage not in (Stage.ADDITIVE, Stage.STRUCTURE) or not all(c.linear for c in piece.coordinates()):
+            return tuple(self.columns(piece))
+        later = [e for stage in (Stage.MODULATION, Stage.MEASURING) for e in self.model.of_stage(stage)]
+        tables = tuple((e.name, *sorted(e.values.items())) for e in later)
+        fixed = tuple(sorted((key, value) for key, value in effect.values.items() if key not in piece.free))
+        key = (effect.name, effect.orders, piece.free, fixed, tables)
+        if key not in cache:
+            if len(cache) > _MOST_CACHED:
+                cache.clear()
+            cache[key] = tuple(self.columns(piece))
+        return cache[key]
 
     def offset_column(self) -> Column:
         """Derivative by the rig's constant offset."""
@@ -253,7 +268,9 @@ def gather(
         index = np.array([number for number, _ in entries])
         block = np.stack([values for _, values in entries], axis=1)[order_of_rows]
         r, w = residual[order_of_rows, place], weights[order_of_rows, place]
-        parts = [(block.real, r.real)] if target.data.orders[place] == 0 else [(block.real, r.real), (block.imag, r.imag)]
+        parts = (
+            [(block.real, r.real)] if target.data.orders[place] == 0 else [(block.real, r.real), (block.imag, r.imag)]
+        )
         square = (slice(None), index[:, None], index[None, :])
         local, pull = np.zeros((groups, len(index), len(index))), np.zeros((groups, len(index)))
         for part, right in parts:
@@ -276,14 +293,20 @@ class Fit:
     state: State
     residual: ComplexArray
     loss: float
-    normal: Normal
     columns: tuple[Column, ...]
     prior: FloatArray
 
     @cached_property
     def inverse(self) -> FloatArray:
         """Inverse of the whole normal matrix with the prior, (p, p)."""
-        return inverse(self.normal.total()[0] + np.diag(self.prior))
+        weights = self.target.weights(self.residual)
+        whole = gather(self.target, self.columns, self.residual, weights, by_cell=False)
+        return inverse(whole.total()[0] + np.diag(self.prior))
+
+    @cached_property
+    def normal(self) -> Normal:
+        """Normal equations by cell, at the solution."""
+        return gather(self.target, self.columns, self.residual, self.target.weights(self.residual))
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
@@ -378,19 +401,18 @@ def fit(target: Target, state: State, *, steps: int = 12, tolerance: float = 1e-
             damping = max(damping * 30, 1e-3)
             if damping > 1e6:
                 break
-    columns, normal = _linearised(target, state, residual, by_cell=True)
+    if normal is None:
+        columns, _ = _linearised(target, state, residual)
     plain = float(target.losses(residual).sum())
-    return Fit(target, state, residual, plain, normal, tuple(columns), prior)
+    return Fit(target, state, residual, plain, tuple(columns), prior)
 
 
-def _linearised(
-    target: Target, state: State, residual: ComplexArray, *, by_cell: bool = False
-) -> tuple[list[Column], Normal]:
+def _linearised(target: Target, state: State, residual: ComplexArray) -> tuple[list[Column], Normal]:
     propagation = Propagation(state.model(), target.data)
     columns = [propagation.offset_column()]
     for piece in state.pieces:
-        columns += propagation.columns(piece)
-    return columns, gather(target, columns, residual, target.weights(residual), by_cell=by_cell)
+        columns += propagation.cached_columns(piece, target.cache)
+    return columns, gather(target, columns, residual, target.weights(residual), by_cell=False)
 
 
 def _penalised(

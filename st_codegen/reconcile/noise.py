@@ -48,7 +48,20 @@ class Contrasts:
 
 
 def contrasts(at: Conditions, good: BoolArray) -> Contrasts:
-    """Contrasts of each run against good runs of the same direction."""
+    """Contrasts of each run against good runs of the same direction. The last few are kept."""
+    key = (id(at.sign), id(at.speed_rpm), good.tobytes())
+    if key not in _KEPT:
+        if len(_KEPT) > 8:
+            _KEPT.clear()
+        _KEPT[key] = (at, _contrasts(at, good))
+    return _KEPT[key][1]
+
+
+#: the conditions are kept with the contrasts, so that their identity is theirs
+_KEPT: dict[tuple[int, int, bytes], tuple[Conditions, Contrasts]] = {}
+
+
+def _contrasts(at: Conditions, good: BoolArray) -> Contrasts:
     n = len(at)
     scaled = np.stack([_scaled(at.speed_rpm, 4.0), _scaled(at.torque_Nm, 1.0), _scaled(at.temperature_C, 1.0)], axis=1)
     count = _NEIGHBOURS
@@ -62,7 +75,8 @@ def contrasts(at: Conditions, good: BoolArray) -> Contrasts:
             continue
         distance = ((scaled[rows][:, None] - scaled[pool][None]) ** 2).sum(axis=2)
         distance[rows[:, None] == pool[None]] = np.inf
-        chosen = pool[np.argsort(distance, axis=1, kind="stable")[:, :count]]
+        nearest = np.argpartition(distance, count, axis=1)[:, :count]
+        chosen = pool[nearest]
         offsets = scaled[chosen] - scaled[rows][:, None]
         # coordinates that do not vary among the neighbours drop out of the pseudo-inverse
         design = np.concatenate([np.ones((len(rows), count, 1)), offsets], axis=2)
@@ -125,7 +139,7 @@ def estimate(data: Observations, residual: ComplexArray, least: FloatArray | Non
         ]
         if not worst or (~good).sum() + len(worst) > 0.1 * len(data):
             break
-        for row in worst:
+        for row in map(int, worst):
             good[row] = False
             suspects[row] = float(distance[row] / usual)
     local = contrasts(data.at, good)

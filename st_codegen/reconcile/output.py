@@ -111,9 +111,7 @@ def _retuned(entry: Retuned) -> dict[str, Any]:
     return {
         "name": entry.after.name,
         "orders": list(entry.after.orders),
-        "parameters": {
-            key: {"before": before.get(key, {}).get("value"), **value} for key, value in after.items()
-        },
+        "parameters": {key: {"before": before.get(key, {}).get("value"), **value} for key, value in after.items()},
         "digits_of_chance": round(digits(entry.p), 1),
     }
 

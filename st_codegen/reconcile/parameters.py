@@ -72,9 +72,7 @@ class Piece:
     def unit(self, chosen: Coordinate) -> Effect:
         """The effect with this linear coordinate at 1 and the other linear ones at 0."""
         coordinates = self.coordinates()
-        vector = np.array(
-            [_read(self.effect, c) if c.form is Form.SHAPE else float(c == chosen) for c in coordinates]
-        )
+        vector = np.array([_read(self.effect, c) if c.form is Form.SHAPE else float(c == chosen) for c in coordinates])
         values = _written(self.effect, coordinates, vector)
         for scalar in self.effect.scalars:
             if scalar.key not in self.free and scalar.form is not Form.SHAPE:
@@ -112,9 +110,7 @@ def _of_phasor(phasor: Phasor, effect: Effect, free: frozenset[str]) -> Iterator
             continue
         for place in range(places):
             for part in (1, 2):
-                yield Coordinate(
-                    amplitude, Form.LINEAR, -phasor.upper, phasor.upper, phasor.upper, phase, place, part
-                )
+                yield Coordinate(amplitude, Form.LINEAR, -phasor.upper, phasor.upper, phasor.upper, phase, place, part)
 
 
 def _read(effect: Effect, c: Coordinate) -> float:

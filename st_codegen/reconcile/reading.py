@@ -44,7 +44,7 @@ def columns_of(path: Path) -> list[str]:
 
 def _campaign(folder: Path, rig: RigModel, progress: Progress | None) -> Observations:
     campaign = read_campaign(folder, progress=progress)
-    band = min(min(curve.sums.band for curve in campaign.curves), BAND)
+    band = min(*(curve.sums.band for curve in campaign.curves), BAND)
     wanted = [order for order in rig.orders() if order <= band]
     first = campaign.fits(wanted, progress)
     signs = np.array([1.0 if curve.direction.value == "forward" else -1.0 for curve in campaign.curves])

@@ -74,7 +74,8 @@ def _levels(values: FloatArray) -> IntArray:
 def _dummies(level: IntArray, sign: FloatArray) -> FloatArray:
     """One column for each level and direction."""
     code = level * 2 + (sign > 0)
-    return (code[:, None] == np.unique(code)[None, :]).astype(np.float64)
+    found: FloatArray = (code[:, None] == np.unique(code)[None, :]).astype(np.float64)
+    return found
 
 
 def _basis(design: FloatArray) -> FloatArray:
@@ -83,7 +84,7 @@ def _basis(design: FloatArray) -> FloatArray:
     return found
 
 
-def _shares(design: dict[str, FloatArray], z: ComplexArray) -> dict[str, float]:
+def _shares(design: dict[str, FloatArray], z: ComplexArray | FloatArray) -> dict[str, float]:
     """What each factor explains beyond the constant, and the constant itself, as shares of their sum."""
     constant = _basis(design["constant"])
     mean = constant @ (constant.T @ z)
@@ -143,9 +144,7 @@ def _direction(target: Target, r: ComplexArray) -> str:
     return loud if power[loud] > 9 * min(power.values()) else "both"
 
 
-def _words(
-    target: Target, r: ComplexArray, order: int, shares: dict[str, float], direction: str, rms: float
-) -> str:
+def _words(target: Target, r: ComplexArray, order: int, shares: dict[str, float], direction: str, rms: float) -> str:
     at, good = target.data.at, target.good
     main = max(shares, key=lambda name: shares[name])
     where = f"order {order}" if order else "the mean"
@@ -161,8 +160,10 @@ def _words(
         values = {"speed": at.speed_rpm, "torque": at.torque_Nm, "temperature": at.temperature_C}[main]
         size = np.abs(r)
         levels = _levels(values) if main != "speed" else speed_levels(values)
-        means = {float(np.median(values[good & (levels == n)])): float(np.sqrt((size[good & (levels == n)] ** 2).mean()))
-                 for n in np.unique(levels[good])}  # fmt: skip
+        means = {}
+        for n in np.unique(levels[good]):
+            rows = good & (levels == n)
+            means[float(np.median(values[rows]))] = float(np.sqrt((size[rows] ** 2).mean()))
         top = max(means, key=lambda value: means[value])
         unit = {"speed": "rpm", "torque": "N m", "temperature": "degC"}[main]
         text += f", most at {top:g} {unit}"

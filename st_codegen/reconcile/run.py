@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from st_codegen.reconcile.candidates import Candidate
 from st_codegen.reconcile.conclusions import Conclusions, conclude, held_out_gap, without_misfits
 from st_codegen.reconcile.evidence import Evidence
-from st_codegen.reconcile.candidates import Candidate
 from st_codegen.reconcile.fitting import Fit, State, Target, groups_of
 from st_codegen.reconcile.noise import Noise, estimate
 from st_codegen.reconcile.observations import Observations, rms_deg
@@ -116,9 +116,7 @@ def reconcile_observations(
         for k, order in enumerate(data.orders)
     )
     new_rig = _new_rig(rig, final, conclusions)
-    return Result(
-        rig, new_rig, data, target, noise, conclusions, tuple(judged), found, left, gaps, held, per_order
-    )
+    return Result(rig, new_rig, data, target, noise, conclusions, tuple(judged), found, left, gaps, held, per_order)
 
 
 def _own(effect: Effect) -> Piece:

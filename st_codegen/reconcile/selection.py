@@ -25,6 +25,8 @@ _ROUNDS = 4
 _CLEAR = 0.5
 #: loss that a resonance must save at two frequencies at least, each
 _POINT_GAIN = 12.0
+#: two resonances of the same orders lie this far apart at least (relative)
+_APART = 0.1
 
 
 def search(
@@ -48,9 +50,7 @@ def search(
     return current, judged
 
 
-def _next(
-    current: Fit, known: Catalogue, refused: set[object], judged: list[tuple[Candidate, Evidence]]
-) -> Fit | None:
+def _next(current: Fit, known: Catalogue, refused: set[object], judged: list[tuple[Candidate, Evidence]]) -> Fit | None:
     finder = Search(known, current)
     ranked = [c for c in finder.ranked(least=20.0) if finder.net(c) > 0]
     for _ in range(_ROUNDS):
@@ -93,7 +93,7 @@ def _first_that_passes(
 ) -> Fit | None:
     # a clear first needs no comparison with others
     likely = [c for c in ranked[:_TRIES] if finder.net(c) > _CLEAR * finder.net(ranked[0])]
-    tried = [(fit(current.target, c.put_into(current.state)), c) for c in likely]
+    tried = [_tried(current, c) for c in likely]
     tried.sort(key=lambda pair: pair[0].loss + finder.penalty * len(pair[1].coordinates()))
     for fitted, candidate in tried:
         start = fitted.state.slices()[candidate.place(fitted.state)].start
@@ -104,6 +104,26 @@ def _first_that_passes(
             return fitted
         refused.add(candidate.identity)
     return None
+
+
+def _tried(current: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:
+    """The fit with a candidate; of a resonance only the orders stay that reach its frequency."""
+    fitted = fit(current.target, candidate.put_into(current.state))
+    piece = fitted.state.pieces[candidate.place(fitted.state)]
+    effect = piece.effect
+    if effect.orders_key != "orders":
+        return fitted, candidate
+    turn = current.target.data.at.speed_rpm / (60 * effect.constants.reduction_ratio)
+    frequency = effect.scalar("frequency_Hz")
+    reaching = [i for i, k in enumerate(effect.orders) if 0.98 * k * turn.min() < frequency < 1.02 * k * turn.max()]
+    if len(reaching) in (0, len(effect.orders)):
+        return fitted, candidate
+    values = {
+        key: tuple(value[i] for i in reaching) if isinstance(value, tuple) else value
+        for key, value in effect.values.items()
+    }
+    smaller = replace(candidate, piece=replace(piece, effect=effect.with_values(values)))
+    return fit(current.target, smaller.put_into(current.state)), smaller
 
 
 def at_two_frequencies(without: Fit, with_it: Fit, candidate: Candidate) -> bool:
@@ -122,8 +142,14 @@ def at_two_frequencies(without: Fit, with_it: Fit, candidate: Candidate) -> bool
             for speed in np.unique(data.at.speed_rpm):
                 if saved[data.at.speed_rpm == speed, column].sum() > _POINT_GAIN:
                     points.add(round(order * speed / 10))
-    frequency = float(effect.values["frequency_Hz"])  # type: ignore[arg-type]
-    return len(points) >= 2 and 1.02 * low < frequency < 0.98 * high
+    frequency = effect.scalar("frequency_Hz")
+    others = [piece.effect for piece in without.state.pieces if piece.effect.name == effect.name]
+    # what is left of a resonance that is not quite an oscillator's is not a second one
+    apart = all(
+        abs(frequency / other.scalar("frequency_Hz") - 1) > _APART or not set(other.orders) & set(effect.orders)
+        for other in others
+    )
+    return len(points) >= 2 and 1.02 * low < frequency < 0.98 * high and apart
 
 
 def _pruned(current: Fit, refused: set[object]) -> Fit:

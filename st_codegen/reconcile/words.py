@@ -14,7 +14,7 @@ from st_codegen.rig.effects.base import ARCMIN
 
 VERDICT_TEXT = {
     "explained": "What was missing is named, and what is left is noise.",
-    "partly_explained": "Part of what was missing is named; something is left that no effect of the catalogue explains.",
+    "partly_explained": "Part of what was missing is named; the rest is explained by no effect of the catalogue.",
     "nothing_missing": "Nothing is missing: the differences are noise.",
     "unexplained": "Something is missing that no effect of the catalogue explains.",
 }
@@ -34,10 +34,11 @@ def summary(result: Result) -> str:
         lines.append(f"- and {len(result.unexplained) - 8} more unexplained orders")
     gap = result.held_out
     lines.append(
-        f"Gap on held-out conditions: {gap.before:.3g} -> {gap.after:.3g} deg RMS, noise floor {gap.noise_floor:.3g} deg"
+        f"Gap on held-out runs: {gap.before:.3g} -> {gap.after:.3g} deg RMS, noise floor {gap.noise_floor:.3g} deg"
     )
     if result.noise.suspects:
-        lines.append(f"Suspected bad runs: {len(result.noise.suspects)}, the worst {result.data.labels[result.noise.suspects[0][0]]}")
+        worst = result.data.labels[result.noise.suspects[0][0]]
+        lines.append(f"Suspected bad runs: {len(result.noise.suspects)}, the worst {worst}")
     return "\n".join(lines)
 
 
@@ -61,7 +62,9 @@ def _plain(effect: Effect, result: Result) -> str:
 def _compliance(effect: Effect, result: Result) -> str:
     stiffness = _value(effect, "stiffness_Nm_per_arcmin")
     twist = float(result.data.at.torque_Nm.max()) / stiffness
-    return f"the transmission twists under load: {stiffness:.0f} N m per arcmin, {twist:.1f} arcmin at the largest torque"
+    return (
+        f"the transmission twists under load: {stiffness:.0f} N m per arcmin, {twist:.1f} arcmin at the largest torque"
+    )
 
 
 def _backlash(effect: Effect, result: Result) -> str:
@@ -79,7 +82,12 @@ def _resonance(effect: Effect, result: Result) -> str:
     without = final.state.model().with_effects(e for e in final.state.model().effects if e is not effect)
     parts = []
     for order in effect.orders:
-        speed = float(min(np.unique(at.speed_rpm), key=lambda n: abs(order * n / 60 / effect.constants.reduction_ratio - frequency)))
+        speed = float(
+            min(
+                np.unique(at.speed_rpm),
+                key=lambda n: abs(order * n / 60 / effect.constants.reduction_ratio - frequency),
+            )
+        )
         rows = at.rows(np.flatnonzero(at.speed_rpm == speed))
         with_it = np.abs(final.state.model().coefficients(rows, [order])).mean()
         alone = np.abs(without.coefficients(rows, [order])).mean()
@@ -110,7 +118,8 @@ def _sidebands(effect: Effect, result: Result) -> str:
 
 
 def _delay(effect: Effect, result: Result) -> str:
-    return f"a delay of the measuring chain: {_value(effect, 'delay_us'):.0f} us, skew of the encoders {_value(effect, 'skew_us'):.1f} us"
+    delay, skew = _value(effect, "delay_us"), _value(effect, "skew_us")
+    return f"the measuring chain is late: delay {delay:.0f} us, skew of the encoders {skew:.1f} us"
 
 
 def _friction(effect: Effect, result: Result) -> str:
