@@ -301,7 +301,7 @@ def make(case: Case, folder: Path) -> Made:
             labels, values, bad = corrupt_table(rng, runs, values)
         measured = folder / "harmonics.csv"
         write.harmonic_table(measured, labels, orders, values)
-        names = [f"{labels.speed_rpm[run]:g} rpm {labels.torque_Nm[run]:g} Nm" for run in bad]
+        names = [_condition(labels, run) for run in bad]
     else:
         te = effects.curve(spectrum, SAMPLES) + sample_noise + more
         if case.corrupt:
@@ -309,9 +309,13 @@ def make(case: Case, folder: Path) -> Made:
         measured = folder / "campaign"
         # off a grid two runs could share a rounded name
         files = write.curves(measured, runs, te, names_in_file=case.layout != "scattered" and case.seed % 2 == 0)
-        names = [files[run] for run in bad]
+        names = [f"{files[run]} = {_condition(runs, run)}" for run in bad]
     expected = expectation(case, gone, len(bad))
     return Made(rig, measured, expected, known.head, true, orders, floor, snr, len(runs), tuple(names))
+
+
+def _condition(runs: Conditions, run: int) -> str:
+    return f"{runs.speed_rpm[run]:g} rpm, {runs.torque_Nm[run]:g} N m"
 
 
 def _strange(

@@ -297,6 +297,17 @@ def score(report: Report, expected: Expected) -> Score:
     )
 
 
+def suspected(bad_runs: Sequence[str], suspects: Sequence[str]) -> int:
+    """How many of `bad_runs` ("1000 rpm, 200 N m", with "file = " in front for curves) a report suspects."""
+    texts = [text.replace("Nm", "N m") for text in suspects]
+    found = 0
+    for bad in bad_runs:
+        file, _, condition = bad.rpartition(" = ")
+        marks = condition.split(", ")
+        found += any(all(mark in text for mark in marks) or (file and file in text) for text in texts)
+    return found
+
+
 # ------------------------------------------------------------------------------------------------ rates
 
 
