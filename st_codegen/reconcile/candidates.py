@@ -128,7 +128,8 @@ class Search:
             if effect.stage not in self.stages:
                 continue
             if effect.orders_key == "orders":
-                yield from self._many_orders(effect)
+                if self.data.angle_rad is None:
+                    yield from self._many_orders(effect)
             else:
                 yield from self._growths(effect)
                 yield from self._additions(effect)
@@ -173,7 +174,7 @@ class Search:
     def _is_seen(self, piece: Piece) -> bool:
         """Whether the effect touches an order that was measured."""
         touched = piece.effect.touched_orders()
-        seen = bool(np.isin(touched, self.data.orders).any())
+        seen = bool(np.isin(touched, self.data.model_orders()).any())
         wanted = not len(self.touching) or bool(np.isin(touched, self.touching).any())
         return piece.effect.stage is Stage.MEASURING or (seen and wanted)
 

@@ -130,8 +130,7 @@ class Target:
 
     def residual(self, model: RigModel) -> ComplexArray:
         """measured - model, (n, K)."""
-        found: ComplexArray = self.data.values - model.coefficients(self.data.at, self.data.orders.tolist())
-        return found
+        return self.data.values - self.data.observed(model.coefficients(self.data.at, self.data.model_orders()))
 
     def losses(self, residual: ComplexArray) -> FloatArray:
         """Twice Huber's loss of each row and order, float64 (n, K); behaves like a chi-square for small residuals."""
@@ -156,8 +155,8 @@ class Propagation:
 
     def __init__(self, model: RigModel, data: Observations) -> None:
         self.model, self.data = model, data
-        self.orders = model.closure(data.orders.tolist())
-        self.places = np.searchsorted(self.orders, data.orders)
+        self.orders = model.closure(data.model_orders())
+        self.places = np.searchsorted(self.orders, data.model_orders())
         at = data.at
         self.base = np.zeros((len(data), len(self.orders)), np.complex128)
         self.base[:, self.orders == 0] = model.zero_offset_deg
@@ -182,8 +181,7 @@ class Propagation:
         if stage is not Stage.MEASURING:
             for effect in self.model.of_stage(Stage.MEASURING):
                 change = effect.passed_on_change(at, self.orders, change)
-        found: ComplexArray = change[:, self.places]
-        return found
+        return self.data.observed(change[:, self.places])
 
     def change(self, effect: Effect) -> ComplexArray:
         """The part of the coefficients that an effect makes, at its own stage (n, all orders)."""

@@ -122,6 +122,8 @@ class Noise:
 
 def estimate(data: Observations, residual: ComplexArray, least: FloatArray | None = None) -> Noise:
     """Noise from the contrasts of residuals (n, K); bad runs are found one after the other and left out."""
+    if data.angle_rad is not None:
+        return _of_samples(data, residual)
     good = np.ones(len(data), bool)
     suspects: dict[int, float] = {}
     for _ in range(6):
@@ -173,6 +175,17 @@ def _sigma_by_direction(data: Observations, e: ComplexArray, rows: BoolArray) ->
                 # the median of 12 or more scatters by a third: only what is beyond that counts
                 sigma[of_sign & (level == number)] = np.where(louder > 1.6 * common, louder, common)
     return np.maximum(sigma, 1e-12)
+
+
+def _of_samples(data: Observations, residual: ComplexArray) -> Noise:
+    """Noise of samples over time: from third differences of neighbours, and from the residual itself."""
+    smooth = np.diff(residual.real, n=3, axis=0) / np.sqrt(20.0)
+    size = np.median(np.abs(smooth), axis=0) / _MEDIAN_1
+    sigma = np.maximum(np.minimum(size, np.median(np.abs(residual.real), axis=0) / _MEDIAN_1), 1e-12)
+    floor = np.sqrt((np.minimum(np.abs(smooth), 6 * size) ** 2).mean(axis=0))
+    return Noise(
+        np.broadcast_to(sigma, residual.shape).copy(), np.minimum(floor, 1.3 * sigma), np.ones(len(data), bool), ()
+    )
 
 
 def _sigma_by_regression(data: Observations, residual: ComplexArray, good: BoolArray) -> FloatArray:

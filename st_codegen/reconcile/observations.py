@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,13 +22,33 @@ class Observations:
     """Measured coefficients.
 
     at: conditions (n,); labels: name of each row for messages; orders: int (K,), rising; values: complex128 (n, K),
-    deg; phase_free: the phases of the values mean nothing (a spectrum).
+    deg. Samples over time are rows of their own, with the TE in the place of order 0: then `angle_rad` (n,) is the
+    angle of each and `inside` the orders of which its TE is the sum.
     """
 
     at: Conditions
     labels: tuple[str, ...]
     orders: IntArray
     values: ComplexArray
+    angle_rad: FloatArray | None = None
+    inside: tuple[int, ...] = ()
+
+    def model_orders(self) -> tuple[int, ...]:
+        """The orders whose coefficients a model must give."""
+        return tuple(self.orders.tolist()) if self.angle_rad is None else self.inside
+
+    def observed(self, coefficients: ComplexArray) -> ComplexArray:
+        """What is measured of coefficients (n, model orders): themselves, or their sum at the angle of each row."""
+        if self.angle_rad is None:
+            return coefficients
+        found: ComplexArray = (coefficients * self._waves).real.sum(axis=1, keepdims=True).astype(np.complex128)
+        return found
+
+    @cached_property
+    def _waves(self) -> ComplexArray:
+        angle = np.zeros(len(self)) if self.angle_rad is None else self.angle_rad
+        waves: ComplexArray = np.exp(1j * np.outer(angle, self.inside))
+        return waves
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -36,7 +57,11 @@ class Observations:
         """The rows that a mask or an index array chooses."""
         index = np.arange(len(self))[choice]
         return replace(
-            self, at=self.at.rows(index), labels=tuple(self.labels[i] for i in index), values=self.values[index]
+            self,
+            at=self.at.rows(index),
+            labels=tuple(self.labels[i] for i in index),
+            values=self.values[index],
+            angle_rad=None if self.angle_rad is None else self.angle_rad[index],
         )
 
     def both_directions(self) -> bool:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,7 +17,15 @@ from st_codegen.reconcile.noise import Noise, estimate
 from st_codegen.reconcile.observations import Observations, rms_deg
 from st_codegen.reconcile.parameters import Piece, piece_of
 from st_codegen.reconcile.reading import check, read_measured
-from st_codegen.reconcile.remaining import Signature, Structure, signatures, structure
+from st_codegen.reconcile.recordings import (
+    Recording,
+    coupling_link,
+    is_recording,
+    observations,
+    read_recordings,
+    servo_link,
+)
+from st_codegen.reconcile.remaining import Signature, Structure, lines_in_samples, signatures, structure
 from st_codegen.reconcile.selection import search, with_noise_of
 from st_codegen.rig.effects import Catalogue, Effect, Stage
 from st_codegen.rig.model import RigModel
@@ -74,6 +83,9 @@ def reconcile_files(
     rig: RigModel, measured: Path, known: Catalogue, *, scale: float | None = None, progress: Progress | None = None
 ) -> Result:
     """Read measured data and reconcile. Raises InputError for data that cannot be compared with the rig."""
+    files = recordings_in(measured)
+    if files:
+        return reconcile_recordings(rig, read_recordings(files), known, progress)
     data = read_measured(measured, rig, progress)
     if scale is None:
         check(data, rig, measured)
@@ -82,11 +94,56 @@ def reconcile_files(
     return reconcile_observations(rig, data, known, progress)
 
 
+def recordings_in(path: Path) -> list[Path]:
+    """The recordings that a path names: the file itself, or those of a folder; none where it is something else."""
+    files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
+    return [file for file in files if file.is_file() and is_recording(file)]
+
+
+def reconcile_recordings(
+    rig: RigModel, recordings: Sequence[Recording], known: Catalogue, progress: Progress | None = None
+) -> Result:
+    """Links of the axis, then the reducer's transmission error sample by sample."""
+    result = reconcile_observations(rig, observations(recordings, rig), known, progress)
+    links = [link for link in (servo_link(recordings, rig), coupling_link(recordings, rig)) if link is not None]
+    claims = tuple(link.claim for link in links if link.claim is not None)
+    retuned = tuple(link.retuned for link in links if link.retuned is not None)
+    found = result.conclusions
+    conclusions = replace(found, claims=(*found.claims, *claims), retuned=(*found.retuned, *retuned))
+    changed = {entry.before: entry.after for entry in retuned}
+    effects = [changed.get(effect, effect) for effect in result.new_rig.effects]
+    new_rig = replace(result.new_rig, effects=(*effects, *(claim.piece.effect for claim in claims)))
+    rest = tuple(
+        Signature(0, link.after, 1.0, {"constant": 1.0}, "both", link.unexplained) for link in links if link.unexplained
+    )
+
+    def whole(gap: Gap) -> Gap:
+        """The gap of all links together, at the output."""
+        sums = [
+            math.hypot(own, *others)
+            for own, others in (
+                (gap.before, [link.before for link in links]),
+                (gap.after, [link.after for link in links]),
+                (gap.noise_floor, [link.floor for link in links]),
+            )
+        ]
+        return Gap(*sums)
+
+    return replace(
+        result,
+        conclusions=conclusions,
+        new_rig=new_rig,
+        unexplained=(*result.unexplained, *rest),
+        fitted=whole(result.fitted),
+        held_out=whole(result.held_out),
+    )
+
+
 def reconcile_observations(
     rig: RigModel, data: Observations, known: Catalogue, progress: Progress | None = None
 ) -> Result:
     """The statistical core on observations."""
-    model = rig.coefficients(data.at, data.orders.tolist())
+    model = data.observed(rig.coefficients(data.at, data.model_orders()))
     noise = estimate(data, data.values - model)
     target = Target(data, noise.sigma, noise.good, groups_of(data.at), rig.constants.reduction_ratio)
     state = State(rig, rig.zero_offset_deg, tuple(map(_own, (e for e in rig.effects if e.stage is not Stage.AXIS))))
@@ -100,7 +157,8 @@ def reconcile_observations(
     weight = np.where(data.orders == 0, 1.0, 0.5)
     found = structure(target, final_residual)
     gap_power = float((weight * (np.abs(before[target.good]) ** 2).mean(axis=0)).sum())
-    left = tuple(signatures(target, final_residual, gap_power))
+    describe = signatures if data.angle_rad is None else lines_in_samples
+    left = tuple(describe(target, final_residual, gap_power))
     floor_power = weight * np.where(data.orders == 0, 1, 2) * noise.floor_rms**2
     floor = float(np.sqrt(floor_power.sum()))
     good = target.good

@@ -70,7 +70,7 @@ def _without_collectors(finder: Search, ranked: list[Candidate]) -> list[Candida
     """
     data = finder.data
     of_order: dict[int, float] = {}
-    touched = {id(c): [k for k in c.piece.effect.touched_orders() if k in data.orders] for c in ranked}
+    touched = {id(c): [k for k in c.piece.effect.touched_orders() if k in data.model_orders()] for c in ranked}
     for c in ranked:
         if 0 < len(touched[id(c)]) <= 2 and c.piece.effect.stage is not Stage.STRUCTURE:
             for order in touched[id(c)]:
