@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: run test lint bench clean
+.PHONY: run test real lint bench clean
 
 run: $(INSTALLED)  ## compile the example bundle, verify the result
 	$(BIN)/st-codegen examples/rv160n/models/ --target twincat --out build/rv160n
@@ -13,6 +13,9 @@ run: $(INSTALLED)  ## compile the example bundle, verify the result
 
 test: $(INSTALLED)  ## the whole test suite
 	$(BIN)/python -m pytest -n 2 -q
+
+real: $(INSTALLED)  ## the models of the real rig, each on 100,000 inputs; needs the measured tables
+	$(BIN)/python -m pytest -q -m slow tests/test_real_rig.py
 
 lint: $(INSTALLED)  ## style and types
 	$(BIN)/ruff check .

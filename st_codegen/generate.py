@@ -15,7 +15,7 @@ from st_codegen.bundle import Bundle
 from st_codegen.ir import KernelSum, ModelIR, TransmissionError, TreeEnsemble
 from st_codegen.probes import trained_range
 from st_codegen.render import render
-from st_codegen.targets import Target
+from st_codegen.targets import Target, target_named
 
 
 @dataclass(frozen=True)
@@ -27,12 +27,14 @@ class Generated:
     files: dict[str, int]
 
 
-def generate(bundle: Bundle, target: Target, out: Path, *, max_array: int | None = None) -> Generated:
-    """Write the files of a bundle for one target to `out/<target>`.
+def generate(bundle: Bundle, target: Target | str, out: Path | str, *, max_array: int | None = None) -> Generated:
+    """Write the files of a bundle for one target (or its name) to `out/<target>`.
 
     Raises InputError or TargetError, with nothing written, for what the target cannot express. Files in the folder that
     were not generated stay; generated files of an earlier run that are no longer needed are removed.
     """
+    target = target_named(target) if isinstance(target, str) else target
+    out = Path(out)
     folder = out / target.name
     with output.staged(out, render(bundle.project, target, limits_for(target, max_array)), facts(bundle)) as stage:
         files = {

@@ -103,13 +103,13 @@ def _plain(value: Any) -> Any:
 
 
 def verify(
-    bundle: Bundle, generated: Path, *, rows: int = 10_000, seed: int = 0, progress: Progress | None = None
+    bundle: Bundle, generated: Path | str, *, rows: int = 10_000, seed: int = 0, progress: Progress | None = None
 ) -> VerifyReport:
     """Compare the library, the reference and every generated target below `generated` on about `rows` rows a model.
 
     Raises GeneratedCodeError where there is nothing to verify, or the text cannot be read or would stop a controller.
     """
-    targets = {folder.name: GeneratedCode(folder, folder.name) for folder in target_folders(generated)}
+    targets = {folder.name: GeneratedCode(folder, folder.name) for folder in target_folders(Path(generated))}
     reports = []
     total = len(bundle.models)
     for number, model in enumerate(bundle.models):
