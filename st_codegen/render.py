@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import jinja2
 
@@ -64,6 +65,19 @@ def render(project: ProjectIR, target: Target, limits: Limits | None = None) -> 
     plans = list(target.plan(project, limits or target.limits))
     templates = environment(target)
     return (RenderedFile(plan.path, _print(templates, plan)) for plan in plans)
+
+
+def render_report(template: str, values: Mapping[str, Any]) -> str:
+    """A page of a report from `templates/`; text is escaped for HTML, an undefined name is an error."""
+    templates = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(templates_folder()),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=True,
+    )
+    return templates.get_template(template).render(**values)
 
 
 def _print(templates: jinja2.Environment, plan: FilePlan) -> Iterator[str]:
