@@ -1,4 +1,5 @@
-"""The servo axis in time: theta_ref -> theta_mot (drive) -> theta_in (coupling) -> theta_out (reducer with friction and TE).
+"""The servo axis in time: theta_ref -> theta_mot (drive) -> theta_in (coupling) -> theta_out (reducer with friction
+and TE).
 
 Fixed step, reproducible. Angles of the fast side are motor-side degrees, theta_out is in output degrees, all unwrapped.
 """
@@ -19,7 +20,8 @@ from st_codegen.rig.axis_parameters import AxisParameters, Load
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-#: A loop whose disturbances grow by more than this in a cycle is unstable; below it lies the rounding of the finite differences.
+#: A loop whose disturbances grow by more than this in a cycle is unstable; below it lies the rounding of the finite
+#: differences.
 _MARGINAL = 1.0 + 1e-6
 _DEG = math.pi / 180.0
 
@@ -39,13 +41,16 @@ class ErrorModel(Protocol):
 
 @dataclass(frozen=True)
 class Harmonics:
-    """c_k along a motion: `orders` (K,), `parts` (cycles, 4, K): forward cosine, sine, backward cosine, sine part, deg."""
+    """c_k along a motion: `orders` (K,), `parts` (cycles, 4, K): forward cosine, sine, backward cosine, sine part,
+    deg."""
 
     orders: FloatArray
     parts: FloatArray
 
     @classmethod
-    def along(cls, model: ErrorModel, speed_rpm: FloatArray, torque_Nm: FloatArray, temperature_C: FloatArray) -> Harmonics:
+    def along(
+        cls, model: ErrorModel, speed_rpm: FloatArray, torque_Nm: FloatArray, temperature_C: FloatArray
+    ) -> Harmonics:
         """Of a model at operating points, one a cycle."""
         orders, forward = model.harmonics(False, speed_rpm, torque_Nm, temperature_C)
         also, backward = model.harmonics(True, speed_rpm, torque_Nm, temperature_C)
@@ -74,11 +79,14 @@ def load_kernel() -> ModuleType:
 class Axis:
     """The axis between PLC cycles of `cycle_s`.
 
-    Raises InputError for steps that do not fit the cycle, for a step that the coupling's resonance makes unstable, and for control
+    Raises InputError for steps that do not fit the cycle, for a step that the coupling's resonance makes unstable, and
+    for control
     loops that are unstable.
     """
 
-    def __init__(self, parameters: AxisParameters, ratio: float, *, cycle_s: float = 250e-6, loops: bool = True) -> None:
+    def __init__(
+        self, parameters: AxisParameters, ratio: float, *, cycle_s: float = 250e-6, loops: bool = True
+    ) -> None:
         self.parameters = parameters
         self.ratio = ratio
         self.cycle_s = cycle_s
@@ -117,7 +125,9 @@ class Axis:
             k.KV: p.drive.position_gain_per_s,
             k.KP: p.drive.speed_gain_Nms_per_rad,
             k.KI: p.drive.speed_gain_Nms_per_rad / p.drive.speed_integral_time_s,
-            k.CURRENT_GAIN: -math.expm1(-p.step_s / p.drive.current_time_constant_s) if p.drive.current_time_constant_s else 1.0,
+            k.CURRENT_GAIN: -math.expm1(-p.step_s / p.drive.current_time_constant_s)
+            if p.drive.current_time_constant_s
+            else 1.0,
             k.SPEED_FF: p.drive.speed_feedforward,
             k.ACC_FF: p.drive.acceleration_feedforward * inertia,
             k.STEP: p.step_s,
@@ -139,7 +149,8 @@ class Axis:
         if p.step_s * frequency >= 2.0 or p.step_s * decay >= 2.0:
             longest = min(2.0 / frequency, 2.0 / decay if decay else math.inf)
             raise InputError(
-                f"axis.step_s = {p.step_s:g} s is unstable: the coupling swings at {frequency / 2 / math.pi:.0f} Hz and needs steps "
+                f"axis.step_s = {p.step_s:g} s is unstable: the coupling swings at {frequency / 2 / math.pi:.0f} Hz "
+                f"and needs steps "
                 f"below {longest:.3g} s; make the step shorter or the coupling softer"
             )
 
@@ -147,14 +158,16 @@ class Axis:
         growth = self.growth()
         if not growth <= _MARGINAL:
             raise InputError(
-                f"the control loops are unstable: a disturbance grows by {growth:.4g} in each cycle of {self.cycle_s * 1e6:g} us; "
+                f"the control loops are unstable: a disturbance grows by {growth:.4g} in each "
+                f"cycle of {self.cycle_s * 1e6:g} us; "
                 "lower axis.drive.speed_gain_Nms_per_rad or position_gain_per_s, or lengthen speed_integral_time_s"
             )
 
     def growth(self) -> float:
         """Largest factor by which a small disturbance grows in a cycle: spectral radius of the map over one cycle.
 
-        Without friction, play and TE, and far from the torque limit, the map is linear: its columns are differences, exact to rounding.
+        Without friction, play and TE, and far from the torque limit, the map is linear: its columns are differences,
+        exact to rounding.
         """
         k = self._kernel
         linear = self.packed.copy()
@@ -188,7 +201,9 @@ class Axis:
         """When within a cycle the reference gets to the drive, rounded to integration steps."""
         step = round(delay_s / self.parameters.step_s)
         if not 0 <= step < self._steps:
-            raise InputError(f"a transfer of {delay_s * 1e6:g} us to the drive does not fit a cycle of {self.cycle_s * 1e6:g} us")
+            raise InputError(
+                f"a transfer of {delay_s * 1e6:g} us to the drive does not fit a cycle of {self.cycle_s * 1e6:g} us"
+            )
         self._counts[2] = step
 
     def advance(self, reference_deg: float, load_Nm: FloatArray, orders: FloatArray, parts: FloatArray) -> None:
@@ -220,7 +235,7 @@ class Axis:
         """Speed of the fast shaft, deg/s."""
         return float(self.state[self._kernel.W_IN]) / _DEG
 
-    def energy_J(self) -> float:
+    def energy(self) -> float:
         """Kinetic energy of all masses and the coupling's twist (the load's work is not in it)."""
         k, p, x = self._kernel, self.packed, self.state
         g = 1.0 / (self.ratio * (1.0 - x[k.TE1]))
@@ -238,7 +253,8 @@ def _whole(length: float, part: float, what: str, divisor: str) -> int:
 
 
 def controlled_torque(wanted_Nm: FloatArray, load: Load, cycle_s: float, random: np.random.Generator) -> FloatArray:
-    """What the torque-controlled load side makes of its set-points (cycles,): a second-order lag, and the ripple it leaves.
+    """What the torque-controlled load side makes of its set-points (cycles,): a second-order lag, and the ripple it
+    leaves.
 
     Exact for set-points that are held for a cycle.
     """
@@ -248,8 +264,13 @@ def controlled_torque(wanted_Nm: FloatArray, load: Load, cycle_s: float, random:
     step = _matrix_exponential(augmented)
     state = np.array([wanted_Nm[0], 0.0, 0.0])
     result = np.empty_like(wanted_Nm)
-    ripple = random.normal(0.0, load.torque_ripple_Nm, wanted_Nm.shape) if load.torque_ripple_Nm else np.zeros_like(wanted_Nm)
-    # the ripple passes the same lag, scaled so that its standard deviation comes out as stated: variance w / (4 d) of white noise
+    ripple = (
+        random.normal(0.0, load.torque_ripple_Nm, wanted_Nm.shape)
+        if load.torque_ripple_Nm
+        else np.zeros_like(wanted_Nm)
+    )
+    # the ripple passes the same lag, scaled so that its standard deviation comes out as stated: variance w / (4 d) of
+    # white noise
     scale = math.sqrt(4.0 * d / (w * cycle_s))
     for number, value in enumerate(wanted_Nm + ripple * scale):
         result[number] = state[0]

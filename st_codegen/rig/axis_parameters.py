@@ -1,9 +1,11 @@
 """Parameters of the servo axis in time: units in the names, bounds and sources beside the values.
 
-In `rig.toml` they stand in the tables `[axis]`, `[axis.motor]`, `[axis.drive]`, `[axis.coupling]`, `[axis.reducer]`, `[axis.load]`,
+In `rig.toml` they stand in the tables `[axis]`, `[axis.motor]`, `[axis.drive]`, `[axis.coupling]`, `[axis.reducer]`,
+`[axis.load]`,
 `[axis.encoders]` and `[axis.thermal]`; each key may be left out and has the value given here then.
 
-Sources: [P] the paper, [R] the real rig's data, [C] catalogues and handbooks of such machines (order of size only; the rig's own
+Sources: [P] the paper, [R] the real rig's data, [C] catalogues and handbooks of such machines (order of size only; the
+rig's own
 values are not published).
 """
 
@@ -70,7 +72,9 @@ class Reducer:
 class Load:
     """Central shaft and torque-controlled load side, at the output shaft."""
 
-    inertia_kgm2: float = parameter(40.0, 0.0, 1e6, "[C] a motor of 1.6e-3 kg m2 behind the ratio 156 of the load side [P]")
+    inertia_kgm2: float = parameter(
+        40.0, 0.0, 1e6, "[C] a motor of 1.6e-3 kg m2 behind the ratio 156 of the load side [P]"
+    )
     torque_bandwidth_Hz: float = parameter(40.0, 0.1, 1e4, "[C] torque control through a reducer")
     torque_damping: float = parameter(0.7, 0.1, 10.0, "[C]")
     torque_ripple_Nm: float = parameter(1.0, 0.0, 1e4, "[C] standard deviation of what the torque control leaves")

@@ -1,8 +1,11 @@
 """The generated Structured Text itself as the compensator: emitted files, read back, compiled to Python once.
 
-FB_TEPredict needs most of the time and depends on speed, torque and temperature only, which the motion profile and the oil's sensor give
-without the loop. So it is run for all cycles of a motion in advance, by the interpreter over lanes, from the same text; in the loop a call
-with exactly these inputs takes its outputs from there, any other call runs the text. Both interpreters give the same bits (see the tests).
+FB_TEPredict needs most of the time and depends on speed, torque and temperature only, which the motion profile and the
+oil's sensor give
+without the loop. So it is run for all cycles of a motion in advance, by the interpreter over lanes, from the same
+text; in the loop a call
+with exactly these inputs takes its outputs from there, any other call runs the text. Both interpreters give the same
+bits (see the tests).
 """
 
 from __future__ import annotations
@@ -44,7 +47,8 @@ class Roles:
 
 
 def roles_of(te: TransmissionError) -> Roles:
-    """Which feature is the torque and which the temperature, by name or unit. Raises InputError where that is not clear."""
+    """Which feature is the torque and which the temperature, by name or unit. Raises InputError where that is not
+    clear."""
     names = [variable.name for variable in input_variables(te.features)]
     found: dict[str, str] = {}
     units = {"torque": ("Nm",), "temperature": ("°C", "degC", "C", "K")}
@@ -55,12 +59,15 @@ def roles_of(te: TransmissionError) -> Roles:
         for role, known in units.items():
             if feature.name.lower().startswith(role) or feature.unit.replace(" ", "") in known:
                 if role in found:
-                    raise InputError(f"bundle '{te.name}': two features look like a {role}; name them torque_Nm and temperature_C")
+                    raise InputError(
+                        f"bundle '{te.name}': two features look like a {role}; name them torque_Nm and temperature_C"
+                    )
                 found[role] = name
                 break
         else:
             raise InputError(
-                f"bundle '{te.name}': the rig does not know the feature '{feature.name}' ({feature.unit}); it simulates speed, torque "
+                f"bundle '{te.name}': the rig does not know the feature '{feature.name}' ({feature.unit}); it "
+                f"simulates speed, torque "
                 "and oil temperature"
             )
     for role in ("torque", "temperature"):
@@ -74,7 +81,8 @@ def restricted(bundle: Bundle, orders: Sequence[int]) -> Bundle:
     unknown = sorted(set(orders) - set(te.orders))
     if unknown:
         raise InputError(
-            f"bundle '{te.name}' has no model for order {', '.join(map(str, unknown))}; it has {', '.join(map(str, te.orders))}"
+            f"bundle '{te.name}' has no model for order {', '.join(map(str, unknown))}; "
+            f"it has {', '.join(map(str, te.orders))}"
         )
     chosen = tuple(order for order in te.orders if order in set(orders))
     outputs = tuple(output for output in te.outputs if output.order in chosen)
@@ -88,7 +96,10 @@ def restricted(bundle: Bundle, orders: Sequence[int]) -> Bundle:
 def transmission_error(bundle: Bundle) -> TransmissionError:
     """What the models of a bundle are for. Raises InputError for a folder of lone models."""
     if bundle.transmission_error is None:
-        raise InputError("the models have no bundle.toml, so they do not say which harmonics they predict: there is nothing to simulate")
+        raise InputError(
+            "the models have no bundle.toml, so they do not say which harmonics they predict: there is nothing to "
+            "simulate"
+        )
     return bundle.transmission_error
 
 
@@ -112,7 +123,13 @@ class EmittedCompensator:
 
     def foresee(self, speed_rpm: FloatArray, torque_Nm: FloatArray, temperature_C: FloatArray) -> None:
         """Run FB_TEPredict at operating points, (rows,) each, so that the loop need not."""
-        by_role = dict(zip((self.roles.speed, self.roles.torque, self.roles.temperature), (speed_rpm, torque_Nm, temperature_C), strict=True))
+        by_role = dict(
+            zip(
+                (self.roles.speed, self.roles.torque, self.roles.temperature),
+                (speed_rpm, torque_Nm, temperature_C),
+                strict=True,
+            )
+        )
         rows = np.stack([np.abs(by_role[n]) if n == self.roles.speed else by_role[n] for n in self._names], axis=1)
         rows = np.unique(rows, axis=0)
         for start in range(0, len(rows), _BATCH):
@@ -141,7 +158,8 @@ class EmittedCompensator:
         return ()
 
     def start(self, *, published: bool, cycle_s: float, lead_s: float = 0.0) -> RunningCompensator:
-        """A new instance of FB_Compensator, enabled, called each `cycle_s`; `lead_s`: how far ahead the angle is taken."""
+        """A new instance of FB_Compensator, enabled, called each `cycle_s`; `lead_s`: how far ahead the angle is
+        taken."""
         instance = self._machine.instance(_COMPENSATE)
         instance["fCycle_s"] = cycle_s
         instance["bEnable"] = True

@@ -4,8 +4,10 @@ Mechanics: two masses on the coupling. The reducer ties the output to its fast s
 
     theta_out = theta_in / ratio + TE(theta_out),    g = d theta_out / d theta_in = 1 / (ratio * (1 - TE')),
 
-so that what stands at the output acts on the fast shaft as the inertia J_in + J_out g^2, with the term -J_out g g' w_in^2 of
-Lagrange's equation. Integrated by velocity Verlet. TE = Re sum c_k exp(i k theta_out), with one set of c_k in each direction; at a
+so that what stands at the output acts on the fast shaft as the inertia J_in + J_out g^2, with the term -J_out g g'
+w_in^2 of
+Lagrange's equation. Integrated by velocity Verlet. TE = Re sum c_k exp(i k theta_out), with one set of c_k in each
+direction; at a
 reversal the output stands still until the difference of their means is travelled (a play).
 """
 
@@ -20,9 +22,24 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 #: Places in the state vector: angles in rad, speeds in rad/s, torques in N m.
-(TH_MOT, W_MOT, TH_IN, W_IN, TORQUE, INTEGRAL, SETPOINT, SEEN, REF_FROM, REF_TO, REF_SLOPE, REF_ACC, SIDE, TE, TE1, TE2) = (
-    range(16)
-)
+(
+    TH_MOT,
+    W_MOT,
+    TH_IN,
+    W_IN,
+    TORQUE,
+    INTEGRAL,
+    SETPOINT,
+    SEEN,
+    REF_FROM,
+    REF_TO,
+    REF_SLOPE,
+    REF_ACC,
+    SIDE,
+    TE,
+    TE1,
+    TE2,
+) = range(16)
 STATES = 16
 #: Places in the parameter vector, SI units, all at the shaft they belong to.
 (
@@ -60,8 +77,10 @@ _NARROWEST = 3e-4
 def transmission(x: FloatArray, p: FloatArray, orders: FloatArray, c: FloatArray) -> None:
     """TE at the present angle and its first two derivatives with respect to theta_out, into the state.
 
-    `c` has rows forward cosine, forward sine, backward cosine, backward sine part (deg): TE = a cos - b sin. theta_out is
-    implicit; TE' is a few thousandths, so that the last TE and one correction leave less than 1e-5 of its change in a step.
+    `c` has rows forward cosine, forward sine, backward cosine, backward sine part (deg): TE = a cos - b sin. theta_out
+    is
+    implicit; TE' is a few thousandths, so that the last TE and one correction leave less than 1e-5 of its change in a
+    step.
     """
     forward, backward = 0.5 * (1.0 + x[SIDE]), 0.5 * (1.0 - x[SIDE])
     theta = x[TH_IN] / p[RATIO] + x[TE]
@@ -131,7 +150,8 @@ def advance(
     reference: float,
     counts: NDArray[np.int64],
 ) -> None:
-    """One PLC cycle: `counts` = steps in it, steps between two runs of the drive's loops, step at which `reference` (rad) arrives.
+    """One PLC cycle: `counts` = steps in it, steps between two runs of the drive's loops, step at which `reference`
+    (rad) arrives.
 
     `load` (2,) is the output torque at the begin and end of the cycle. The state changes in place.
     """

@@ -1,10 +1,10 @@
-"""Motions with and without compensation: profile -> PLC tasks with the generated text -> axis -> error of the output."""
+"""Motions with and without compensation: profile -> PLC tasks with the generated text -> axis -> error of the
+output."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from st_codegen.errors import InputError
 from st_codegen.rig.axis import Axis, ErrorModel, Harmonics, controlled_torque
 from st_codegen.rig.axis_parameters import AxisParameters, Encoders, Thermal
-from st_codegen.rig.compensator import EmittedCompensator
+from st_codegen.rig.compensator import EmittedCompensator, RunningCompensator
 from st_codegen.rig.profiles import Profile
-from st_codegen.rig.tasks import Correct, Form, Inputs, Plc, TaskSettings
+from st_codegen.rig.tasks import Form, Inputs, Plc, TaskSettings
 
 FloatArray = NDArray[np.float64]
 
@@ -28,15 +28,16 @@ class Rig:
     """All that a motion needs of the machine: TE, axis, tasks."""
 
     model: ErrorModel
-    axis: AxisParameters = AxisParameters()
-    tasks: TaskSettings = TaskSettings()
+    axis: AxisParameters = field(default_factory=AxisParameters)
+    tasks: TaskSettings = field(default_factory=TaskSettings)
 
 
 @dataclass(frozen=True)
 class Plan:
     """A profile on the PLC's ticks, with the operating points on the way. All arrays (ticks,).
 
-    `torque_Nm` opposes the motion; `wanted_Nm` is the profile's, which the PLC knows; `sensor_C` is what the oil's sensor says.
+    `torque_Nm` opposes the motion; `wanted_Nm` is the profile's, which the PLC knows; `sensor_C` is what the oil's
+    sensor says.
     """
 
     profile: Profile
@@ -62,7 +63,8 @@ class Plan:
 
 @dataclass(frozen=True)
 class Recording:
-    """A run, one row a tick: angles in deg (fast side and output), what the encoders showed, and what the compensator did."""
+    """A run, one row a tick: angles in deg (fast side and output), what the encoders showed, and what the compensator
+    did."""
 
     theta_ref_deg: FloatArray
     theta_mot_deg: FloatArray
@@ -72,6 +74,7 @@ class Recording:
     seen_out_deg: FloatArray
     correction_deg: FloatArray
     weight: FloatArray
+    predicted_deg: FloatArray
 
 
 def plan(rig: Rig, profile: Profile, *, seed: int = 0) -> Plan:
@@ -123,16 +126,16 @@ def _sensed(temperature_C: FloatArray, thermal: Thermal, cycle_s: float) -> Floa
     return result
 
 
-def run(rig: Rig, plan: Plan, form: Form = Form.ONE, correct: Correct | None = None) -> Recording:
-    """Move once, with the compensator `correct` in the loop or without."""
+def run(rig: Rig, plan: Plan, form: Form = Form.ONE, running: RunningCompensator | None = None) -> Recording:
+    """Move once, with the compensator `running` in the loop or without."""
     ticks = len(plan.angle_deg)
     axis = Axis(rig.axis, rig.model.reduction_ratio, cycle_s=plan.cycle_s)
     axis.set_arrival(rig.tasks.transfer_us * 1e-6)
     references = plan.angle_deg * rig.model.reduction_ratio
     axis.place(float(references[0]), plan.harmonics, backward=bool(plan.profile.direction[0] < 0.0))
-    plc = Plc(rig.tasks, form, correct)
+    plc = Plc(rig.tasks, form, running)
     encoders, ratio = rig.axis.encoders, rig.model.reduction_ratio
-    rows = np.zeros((ticks, 8))
+    rows = np.zeros((ticks, 9))
     orders, parts, load = plan.harmonics.orders, plan.harmonics.parts, plan.load_Nm
     setpoint, radians = float(references[0]), np.pi / 180.0
     for n in range(ticks):
@@ -143,10 +146,13 @@ def run(rig: Rig, plan: Plan, form: Form = Form.ONE, correct: Correct | None = N
             setpoint = published
         rows[n, :6] = setpoint, axis.theta_mot_deg, axis.theta_in_deg, axis.theta_out_deg, seen_in, seen_out
         rows[n, 6] = setpoint - references[n - 1] if n else 0.0
-        rows[n, 7] = getattr(correct, "weight", 0.0)
+        if running is not None:
+            rows[n, 7:] = running.weight, running.te_deg
         axis.advance(setpoint, load[n : n + 2] if n + 1 < ticks else load[[n, n]], orders, parts[n])
     if not np.isfinite(rows).all():
-        raise InputError("the simulation left all bounds; the parameters of [axis] do not describe a machine that can move like this")
+        raise InputError(
+            "the simulation left all bounds; the parameters of [axis] do not describe a machine that can move like this"
+        )
     return Recording(*rows.T)
 
 
@@ -190,7 +196,8 @@ class Case:
 class Outcome:
     """One case on one profile. `before`, `after`: the whole motion; `full_..`: where the law's weight is 1.
 
-    The error after is theta_out with compensation against theta_in / ratio of the same motion without it: what is left of TE at the output,
+    The error after is theta_out with compensation against theta_in / ratio of the same motion without it: what is left
+    of TE at the output,
     without the drive's own lag, which both have. `following`: theta_out against the profile, drive included.
     """
 
@@ -203,6 +210,7 @@ class Outcome:
     following_after: Size
     error_before_deg: FloatArray
     error_after_deg: FloatArray
+    predicted_deg: FloatArray
 
     @property
     def reduction(self) -> tuple[float, float]:
@@ -230,21 +238,19 @@ def compare(rig: Rig, plan: Plan, before: Recording, compensator: EmittedCompens
         following_after=Size.of(after.theta_out_deg[moving] - wanted),
         error_before_deg=old,
         error_after_deg=new,
+        predicted_deg=after.predicted_deg[moving],
     )
 
 
 def lead_time_s(rig: Rig, form: Form) -> float:
-    """All delays between a latched angle and the motor's answer that are known: tasks, transfer, hold, the drive's interpolation and lag.
+    """All delays between a latched angle and the motor's answer that are known: tasks, transfer, hold, the drive's
+    interpolation and lag.
 
-    The interpolator reaches a set-point one main cycle after its arrival. Without feedforward of the speed the position loop follows
+    The interpolator reaches a set-point one main cycle after its arrival. Without feedforward of the speed the
+    position loop follows
     1 / gain later.
     """
     drive = rig.axis.drive
     lag = max(1.0 - drive.speed_feedforward, 0.0) / drive.position_gain_per_s if drive.position_gain_per_s else 0.0
     chain = rig.tasks.latency_us(form) + rig.tasks.hold_us(form) + rig.tasks.main_us
     return chain * 1e-6 + lag + rig.axis.encoders.delay_s
-
-
-def shifted(parameters: AxisParameters, **thermal: float) -> AxisParameters:
-    """The same axis with other values of its thermal part."""
-    return dataclasses.replace(parameters, thermal=dataclasses.replace(parameters.thermal, **thermal))

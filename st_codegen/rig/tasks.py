@@ -1,12 +1,15 @@
 """The PLC's tasks in time: who sees which value when (section 4.2 of the paper).
 
-Rules, as the paper states them: signals go over the fieldbus once in a main cycle, and variables are exchanged at the beginning of tasks.
+Rules, as the paper states them: signals go over the fieldbus once in a main cycle, and variables are exchanged at the
+beginning of tasks.
 So at each tick the tasks that start publish what they computed in their last cycle, then read what is published:
 
-    encoder latched at tick 0 -> read by the main task at 1 -> published to the slow task at 2 -> published by it at 2 + slow/main
+    encoder latched at tick 0 -> read by the main task at 1 -> published to the slow task at 2 -> published by it at 2
+    + slow/main
     -> used by the main task, published to the bus one tick later -> at the drive after the transfer
 
-With 250 and 500 us that is 5 * 250 us and the transfer. The paper's 1325.3 us leave 75.3 us for it; the parts of its time diagram are not in
+With 250 and 500 us that is 5 * 250 us and the transfer. The paper's 1325.3 us leave 75.3 us for it; the parts of its
+time diagram are not in
 the text, so this split is ours. The main task alone needs 2 * 250 us and the transfer.
 """
 
@@ -19,7 +22,7 @@ from enum import StrEnum
 from typing import Any, NamedTuple
 
 from st_codegen.errors import InputError, Problems
-from st_codegen.rig.axisparameters import parameter, read_table
+from st_codegen.rig.axis_parameters import parameter, read_table
 
 
 class Form(StrEnum):
@@ -75,7 +78,8 @@ def read_tasks(table: Mapping[str, Any], problems: Problems) -> TaskSettings:
 
 
 class Inputs(NamedTuple):
-    """What the blocks are given: angle of the output from its encoder (rad), the rest from the motion profile and the oil's sensor."""
+    """What the blocks are given: angle of the output from its encoder (rad), the rest from the motion profile and the
+    oil's sensor."""
 
     theta_rad: float
     speed_rpm: float
@@ -106,7 +110,8 @@ class Plc:
     _reader: Callable[[Any], None] | None = dataclasses.field(default=None)
 
     def tick(self, number: int, sample: Inputs, reference_deg: float) -> float | None:
-        """One main cycle: `sample` is latched now; returns the set-point published now (deg), None in the first cycle."""
+        """One main cycle: `sample` is latched now; returns the set-point published now (deg), None in the first
+        cycle."""
         slow_starts = self.form is not Form.ONE and number % self.settings.ratio == 0
         # publish what the last cycles computed
         published, to_slow = self._setpoint, self._main_inputs
