@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen import bounds, reference
+from st_codegen.blocks.compensation.harmonic_sum import ERROR_PER_ORDER
 from st_codegen.blocks.model import input_variables
 from st_codegen.engine import GeneratedCode
 from st_codegen.ir import Direction, FloatArray, ProjectIR, Quantity, TransmissionError
@@ -126,9 +127,10 @@ def _check_sum(
         angle = np.array(te.orders) * theta[:, None] + harmonic.phase
         chosen = backward if direction is Direction.BACKWARD else ~backward
         expected = np.where(chosen, np.sum(harmonic.amplitude * np.cos(angle), axis=1), expected)
-        # an angle of many turns is rounded before its cosine is taken
+        # here an angle of many turns is rounded before its cosine is taken; the block multiplies along its chain
         size = np.abs(harmonic.amplitude)
-        rounding = (_ROUNDINGS + len(te.orders)) * _UNIT * size * (1 + np.abs(angle))
+        chain = ERROR_PER_ORDER * np.array(te.orders)
+        rounding = size * (chain + (_ROUNDINGS + len(te.orders)) * _UNIT * (1 + np.abs(angle)))
         own = harmonic.amplitude_bound + size * harmonic.phase_bound + rounding
         bound = np.where(chosen, np.sum(own, axis=1), bound)
     got = np.where(result["bValid"], result["fTE_deg"], np.nan)

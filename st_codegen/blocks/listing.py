@@ -129,17 +129,39 @@ class Section:
 
 
 @dataclass(frozen=True)
+class Code:
+    """A named number: a value of the enumeration `type`, or, where a dialect has none, the DINT constant `constant`."""
+
+    type: str
+    constant: str
+    name: str
+    value: int
+    comment: str
+
+
+@dataclass(frozen=True)
 class Block:
-    """A function block ready for printing."""
+    """A function block, or another kind of code, ready for printing.
+
+    `kind` is the opening keyword: FUNCTION_BLOCK, PROGRAM or FUNCTION; `result` the type that a function returns;
+    `extends` the block that a function block is built on. `codes` are the named numbers that its text uses. A program
+    with `needs_globals` shares variables with another; others have inputs and outputs where a dialect has no globals.
+    """
 
     name: str
     header: tuple[str, ...]
-    inputs: tuple[Variable, ...]
-    outputs: tuple[Variable, ...]
-    variables: tuple[Variable, ...]
-    constants: tuple[Variable, ...]
-    tables: tuple[Table, ...]
-    sections: tuple[Section, ...]
+    inputs: tuple[Variable, ...] = ()
+    outputs: tuple[Variable, ...] = ()
+    variables: tuple[Variable, ...] = ()
+    constants: tuple[Variable, ...] = ()
+    tables: tuple[Table, ...] = ()
+    sections: tuple[Section, ...] = ()
+    kind: str = "FUNCTION_BLOCK"
+    result: str = ""
+    extends: str = ""
+    in_outs: tuple[Variable, ...] = ()
+    codes: tuple[Code, ...] = ()
+    needs_globals: bool = False
 
     @property
     def table_bytes(self) -> int:

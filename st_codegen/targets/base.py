@@ -7,7 +7,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from st_codegen.blocks.application import Application
 from st_codegen.blocks.model import Limits
+from st_codegen.blocks.project import application_of
 from st_codegen.ir import ProjectIR
 
 
@@ -25,12 +27,21 @@ class FilePlan:
 
 
 class Target(ABC):
-    """A dialect of Structured Text and the files it comes in."""
+    """A dialect of Structured Text and the files it comes in.
+
+    `dialect` is twincat or iec: the folder of templates whose `dialect.st.j2` says how the dialect writes what differs,
+    and the rules by which the text is checked and executed.
+    """
 
     name: str
     summary: str
+    dialect: str
     limits: Limits
 
-    @abstractmethod
     def plan(self, project: ProjectIR, limits: Limits) -> Iterable[FilePlan]:
         """The files of a project, in a fixed order. Raises InputError or TargetError before anything is printed."""
+        return self.files(application_of(project, limits))
+
+    @abstractmethod
+    def files(self, application: Application) -> Iterable[FilePlan]:
+        """The files of an application, in a fixed order. Raises TargetError for what they cannot express."""
