@@ -39,10 +39,10 @@ Examples:
 )
 @click.option(
     "--law",
-    type=click.Choice(["published", "continuous", "both"]),
+    type=click.Choice(["published", "continuous", "full", "both"]),
     default="both",
     show_default=True,
-    help="Weight below 100 rpm, Eq. 6.",
+    help="Weight at low speed: Eq. 6; speed / 100 rpm below 100 rpm; full correction everywhere; both: the first two.",
 )
 @click.option(
     "--tasks",
@@ -56,6 +56,13 @@ Examples:
     show_default=True,
     metavar="US",
     help="Take the angle ahead by so many microseconds; auto: by all known delays.",
+)
+@click.option(
+    "--set",
+    "inputs",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Another input of FB_Compensator, as fBlendTime_s=0.05.",
 )
 @click.option("--temperature", type=click.FloatRange(-40, 150), help="Oil at the start, degC (default: the rig's).")
 @click.option("--drift", type=click.FloatRange(-60, 60), help="Its drift, K a minute (default: the rig's).")
@@ -77,6 +84,7 @@ def command(
     law: str,
     tasks: tuple[str, ...],
     lead: str,
+    inputs: tuple[str, ...],
     temperature: float | None,
     drift: float | None,
     seed: int,
@@ -105,6 +113,7 @@ def command(
         forms=tuple(Form(name) for name in tasks) or (Form.TWO, Form.ONE),
         lead=study.parse_lead(lead),
         target=target,
+        inputs=study.parse_inputs(inputs),
     )
     with progress_bar("moving", quiet=quiet) as progress:
         result = study.simulate(machine, bundle, profile, wish, seed=seed, progress=progress)

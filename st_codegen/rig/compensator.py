@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import dataclasses
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from st_codegen.bundle import Bundle
 from st_codegen.errors import GeneratedCodeError, InputError
 from st_codegen.generate import generate
 from st_codegen.ir import TransmissionError
-from st_codegen.rig.tasks import Inputs
+from st_codegen.rig.tasks import Form, Inputs, TaskSettings
 from st_codegen.st import LaneMachine, ScalarMachine, StError, StRuntimeError, load_project
 from st_codegen.st.typed import Project
 from st_codegen.targets import target_named
@@ -33,6 +34,15 @@ from st_codegen.targets import target_named
 FloatArray = NDArray[np.float64]
 
 _PREDICT, _COMPENSATE = "FB_TEPredict", "FB_Compensator"
+PRG_FAST, PRG_SLOW, SIGNALS = "PRG_FAST", "PRG_SLOW", "GVL_Machine"
+_FAST_US = 250.0
+_LONGEST_LEAD_S = 0.1
+#: Laws by name, as inputs of the blocks: Eq. 6; speed / 100 rpm below 100 rpm; full correction at all speeds.
+LAWS: dict[str, dict[str, Any]] = {
+    "published": {"bPublishedLaw": True},
+    "continuous": {"bPublishedLaw": False},
+    "full": {"bPublishedLaw": False, "fFullSpeed_rpm": 0.0},
+}
 #: Rows that the interpreter takes at once; larger batches fall out of the caches.
 _BATCH = 20_000
 
@@ -157,45 +167,104 @@ class EmittedCompensator:
             setattr(memory, slot, list(value) if is_array else value)
         return ()
 
-    def start(self, *, published: bool, cycle_s: float, lead_s: float = 0.0) -> RunningCompensator:
-        """A new instance of FB_Compensator, enabled, called each `cycle_s`; `lead_s`: how far ahead the angle is
-        taken."""
-        instance = self._machine.instance(_COMPENSATE)
-        instance["fCycle_s"] = cycle_s
-        instance["bEnable"] = True
-        instance["bPublishedLaw"] = published
-        return RunningCompensator(instance, self.roles, self.te.reduction_ratio, lead_s)
+    def start(
+        self,
+        form: Form,
+        law: str,
+        tasks: TaskSettings,
+        lead_s: float = 0.0,
+        inputs: Mapping[str, float] = MappingProxyType({}),
+    ) -> RunningCompensator:
+        """The blocks of a form, enabled, from their first state; `lead_s`: how far ahead the angle is taken.
+
+        `inputs`: other inputs of the block by name, such as fBlendTime_s.
+
+        Raises InputError for a lead time or a form that the generated code does not take.
+        """
+        if not 0.0 <= lead_s <= _LONGEST_LEAD_S:
+            raise InputError(f"a lead of {lead_s * 1e6:g} us: the compensator takes 0 .. {_LONGEST_LEAD_S * 1e6:g} us")
+        settings = {"bEnable": True, "fLead_s": lead_s, **LAWS[law], **self._checked(inputs)}
+        if form is not Form.SPLIT:
+            block = self._machine.instance(_COMPENSATE)
+            for name, value in settings.items():
+                block[name] = value
+            block["fCycle_s"] = (tasks.slow_us if form is Form.TWO else tasks.main_us) * 1e-6
+            return RunningCompensator(block, block, None, self.roles)
+        if PRG_FAST not in self.project.pous:
+            raise InputError("two tasks that share the work exchange global variables: choose the target twincat")
+        if tasks.main_us != _FAST_US:
+            raise InputError(
+                f"PRG_Fast is made for a cycle of {_FAST_US:g} us, [tasks] has main_us = {tasks.main_us:g}"
+            )
+        machine = ScalarMachine(self.project, replaced={_PREDICT: self._predict})  # programs exist once in a machine
+        signals = _Signals(machine)
+        for name, value in settings.items():
+            signals[name] = value
+        return RunningCompensator(signals, machine.program(PRG_FAST), machine.program(PRG_SLOW), self.roles)
+
+    def _checked(self, inputs: Mapping[str, float]) -> Mapping[str, float]:
+        own = {"fThetaOut_rad", "fCycle_s", *self._names}
+        ports = self._machine.instance(_COMPENSATE).inputs
+        known = [port.name for port in ports if port.name.startswith("f") and port.name not in own]
+        unknown = sorted(set(inputs) - set(known))
+        if unknown:
+            raise InputError(f"{_COMPENSATE} has no input {', '.join(unknown)} to set; it has {', '.join(known)}")
+        return inputs
+
+
+class _Signals:
+    """The global variables of the programs, by their plain names."""
+
+    def __init__(self, machine: ScalarMachine) -> None:
+        self._globals = machine.globals
+
+    def __getitem__(self, name: str) -> Any:
+        return self._globals[f"{SIGNALS}.{name}"]
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        self._globals[f"{SIGNALS}.{name}"] = value
 
 
 class RunningCompensator:
-    """One instance in the loop. What it said last: `te_deg`, `weight`."""
+    """The generated code in the loop: `correct` each cycle of the task that corrects, `prepare` each cycle of the slow
+    one."""
 
-    def __init__(self, instance: Any, roles: Roles, ratio: float, lead_s: float) -> None:
-        self._instance = instance
+    def __init__(self, ports: Any, fast: Any, slow: Any, roles: Roles) -> None:
+        self._ports = ports
+        self._fast = fast
+        self._slow = slow
         self._roles = roles
-        self._rad_per_rpm = lead_s * 2.0 * np.pi / 60.0 / ratio
 
-    def __call__(self, inputs: Inputs) -> float:
-        """One call. Raises GeneratedCodeError where the controller would stop."""
-        block, roles = self._instance, self._roles
-        block["fThetaOut_rad"] = inputs.theta_rad + self._rad_per_rpm * inputs.speed_rpm
-        block[roles.speed] = inputs.speed_rpm
-        if roles.torque:
-            block[roles.torque] = inputs.torque_Nm
-        if roles.temperature:
-            block[roles.temperature] = inputs.temperature_C
-        _guarded(block)
-        return float(block["fCorrection_deg"])
+    def correct(self, inputs: Inputs) -> float:
+        """The correction of the motor's reference, deg. Raises GeneratedCodeError where the controller would stop."""
+        self._ports["fThetaOut_rad"] = inputs.theta_rad
+        self._ports[self._roles.speed] = inputs.speed_rpm
+        if self._slow is None:
+            self._operating_point(inputs)
+        _guarded(self._fast)
+        return float(self._ports["fCorrection_deg"])
+
+    def prepare(self, inputs: Inputs) -> None:
+        """The slow task of the split form: new coefficients."""
+        self._ports[self._roles.speed] = inputs.speed_rpm
+        self._operating_point(inputs)
+        _guarded(self._slow)
+
+    def _operating_point(self, inputs: Inputs) -> None:
+        if self._roles.torque:
+            self._ports[self._roles.torque] = inputs.torque_Nm
+        if self._roles.temperature:
+            self._ports[self._roles.temperature] = inputs.temperature_C
 
     @property
     def te_deg(self) -> float:
-        """The predicted transmission error."""
-        return float(self._instance["fTE_deg"])
+        """The transmission error it predicted last."""
+        return float(self._ports["fTE_deg"])
 
     @property
     def weight(self) -> float:
-        """Weight of the law."""
-        return float(self._instance["fWeight"])
+        """Weight of the law in the last call."""
+        return float(self._ports["fWeight"])
 
 
 def _read(folder: Path, dialect: str) -> Project:

@@ -181,7 +181,11 @@ def advance(
         if orders.shape[0] > 0 and orders[0] == 0.0:
             width = max(abs(c[0, 0] - c[2, 0]), _NARROWEST)
         x[SIDE] = min(max(x[SIDE] + 2.0 * travel / p[RATIO] / (width * _DEG), -1.0), 1.0)
+        x[TE] += x[TE1] * travel / (p[RATIO] * (1.0 - x[TE1]))  # a first guess, right to the second order
         transmission(x, p, orders, c)
-        motor, inner = accelerations(x, p, torque)
-        x[W_MOT] += 0.5 * h * motor
-        x[W_IN] += 0.5 * h * inner
+        # forces that depend on the speed want the speed at the end of the step: once with half of it, then with all
+        half_mot, half_in = x[W_MOT], x[W_IN]
+        for _ in range(2):
+            motor, inner = accelerations(x, p, torque)
+            x[W_MOT] = half_mot + 0.5 * h * motor
+            x[W_IN] = half_in + 0.5 * h * inner

@@ -3,7 +3,7 @@ output."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -58,7 +58,7 @@ class Plan:
     @property
     def time_s(self) -> FloatArray:
         """0 where the profile starts."""
-        return (np.arange(len(self.angle_deg)) - self.first) * self.cycle_s
+        return (np.arange(len(self.angle_deg), dtype=np.float64) - self.first) * self.cycle_s
 
 
 @dataclass(frozen=True)
@@ -184,12 +184,13 @@ class Size:
 
 @dataclass(frozen=True)
 class Case:
-    """One way to compensate."""
+    """One way to compensate; `inputs`: other inputs of the block, by name."""
 
     orders: tuple[int, ...]
     law: str
     form: Form
     lead_s: float = 0.0
+    inputs: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -220,8 +221,7 @@ class Outcome:
 
 def compare(rig: Rig, plan: Plan, before: Recording, compensator: EmittedCompensator, case: Case) -> Outcome:
     """Move with the compensator and compare with the same motion without it."""
-    cycle_us = rig.tasks.slow_us if case.form is Form.TWO else rig.tasks.main_us
-    running = compensator.start(published=case.law == "published", cycle_s=cycle_us * 1e-6, lead_s=case.lead_s)
+    running = compensator.start(case.form, case.law, rig.tasks, case.lead_s, case.inputs)
     after = run(rig, plan, case.form, running)
     ratio, moving = rig.model.reduction_ratio, slice(plan.first, None)
     old = (before.seen_out_deg - before.seen_in_deg / ratio)[moving]

@@ -70,11 +70,15 @@ class Profile:
         }
 
 
+def _times(count: int, cycle_s: float) -> FloatArray:
+    return np.arange(count, dtype=np.float64) * cycle_s
+
+
 def cycloidal(
     cycle_s: float, *, period_s: float = 20.0, height_deg: float = 360.0, torque_Nm: float = 370.0
 ) -> Profile:
     """Eq. 7: theta = h (t/T - sin(2 pi t/T) / (2 pi)), the load likewise up to its maximum."""
-    time = np.arange(round(period_s / cycle_s) + 1) * cycle_s
+    time = _times(round(period_s / cycle_s) + 1, cycle_s)
     phase = 2.0 * np.pi * time / period_s
     rise = time / period_s - np.sin(phase) / (2.0 * np.pi)
     return Profile(
@@ -108,7 +112,8 @@ def robot(cycle_s: float) -> Profile:
         rest = round(dwell / cycle_s)
         parts.append(np.stack([np.full(rest, angle), np.zeros(rest), np.full(rest, 0.1 * load)]))
     angles, speeds, torques = np.concatenate(parts, axis=1)
-    return Profile("robot", np.arange(len(angles)) * cycle_s, angles, speeds, _smooth(torques, round(0.05 / cycle_s)))
+    time = _times(len(angles), cycle_s)
+    return Profile("robot", time, angles, speeds, _smooth(torques, round(0.05 / cycle_s)))
 
 
 def _smooth(values: FloatArray, width: int) -> FloatArray:

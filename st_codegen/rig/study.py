@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 from st_codegen.bundle import Bundle
 from st_codegen.errors import InputError
@@ -28,6 +28,7 @@ class Wish:
     forms: tuple[Form, ...] = (Form.TWO, Form.ONE)
     lead: float = 0.0
     target: str = "twincat"
+    inputs: Mapping[str, float] = field(default_factory=dict)
 
 
 def parse_orders(texts: Sequence[str], bundle: Bundle) -> tuple[tuple[int, ...], ...]:
@@ -58,6 +59,18 @@ def parse_lead(text: str) -> float:
     if not 0.0 <= value <= _LONGEST_LEAD_US:
         raise InputError(f"lead '{text}': give microseconds from 0 to {_LONGEST_LEAD_US:g}, or auto")
     return value * 1e-6
+
+
+def parse_inputs(texts: Sequence[str]) -> dict[str, float]:
+    """Inputs of the block from texts such as `fBlendTime_s=0.05`. Raises InputError."""
+    found = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            found[name.strip()] = float(value)
+        except ValueError:
+            raise InputError(f"'{text}': give an input of FB_Compensator as in fBlendTime_s=0.05") from None
+    return found
 
 
 def with_oil(rig: Rig, temperature_C: float | None, drift_K_per_min: float | None) -> Rig:
@@ -94,7 +107,7 @@ def simulate(
             for form in wish.forms:
                 lead = lead_time_s(rig, form) if wish.lead == AUTO else wish.lead
                 next_is(f"{len(orders)} orders, {law}, {form}")
-                outcomes.append(compare(rig, planned, before, compensator, Case(orders, law, form, lead)))
+                outcomes.append(compare(rig, planned, before, compensator, Case(orders, law, form, lead, wish.inputs)))
                 done += 1
     next_is("")
     return Study(rig, planned, before, tuple(outcomes))

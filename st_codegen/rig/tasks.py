@@ -15,11 +15,10 @@ the text, so this split is ours. The main task alone needs 2 * 250 us and the tr
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from st_codegen.errors import InputError, Problems
 from st_codegen.rig.axis_parameters import parameter, read_table
@@ -87,56 +86,50 @@ class Inputs(NamedTuple):
     temperature_C: float
 
 
-#: Computes the correction of the motor's reference, deg; called once a cycle of the task it runs in.
-Correct = Callable[[Inputs], float]
-#: The slow part of the split form: hands coefficients on; returns what the fast part is given.
-Prepare = Callable[[Inputs], Any]
+class Application(Protocol):
+    """The compensator as the tasks call it."""
+
+    def correct(self, inputs: Inputs) -> float:
+        """The correction of the motor's reference, deg."""
+
+    def prepare(self, inputs: Inputs) -> None:
+        """The slow part of the split form, which leaves its result to the fast one."""
 
 
 @dataclass
 class Plc:
-    """The tasks, tick by tick. `correct` runs where `form` says; in the split form `prepare` runs in the slow task."""
+    """The tasks, tick by tick; without an application the motor's reference goes out as it is."""
 
     settings: TaskSettings
     form: Form
-    correct: Correct | None
-    prepare: Prepare | None = None
+    application: Application | None
     _latched: Inputs | None = None
-    _setpoint: float | None = None
-    _to_slow: Inputs | None = None
-    _from_slow: Any = None
-    _slow_result: Any = None
     _main_inputs: Inputs | None = None
-    _reader: Callable[[Any], None] | None = dataclasses.field(default=None)
+    _setpoint: float | None = None
+    _from_slow: float = 0.0
+    _slow_result: float = 0.0
 
     def tick(self, number: int, sample: Inputs, reference_deg: float) -> float | None:
-        """One main cycle: `sample` is latched now; returns the set-point published now (deg), None in the first
+        """One main cycle: `sample` is latched now; returns the set-point published now, deg; None in the first
         cycle."""
         slow_starts = self.form is not Form.ONE and number % self.settings.ratio == 0
-        # publish what the last cycles computed
+        # all tasks that start publish what their last cycle computed
         published, to_slow = self._setpoint, self._main_inputs
         if slow_starts:
             self._from_slow = self._slow_result
-        # read and run: the main task first, it has the higher priority
-        inputs, self._latched = self._latched, sample
-        if inputs is None:
-            inputs = sample
+        # then they read and run, the main task first: it has the higher priority
+        inputs, self._latched = self._latched or sample, sample
         self._main_inputs = inputs
         self._setpoint = reference_deg + self._main(inputs)
-        if slow_starts and to_slow is not None and self.correct is not None:
-            self._slow_result = self._slow(to_slow)
+        if slow_starts and to_slow is not None and self.application is not None:
+            if self.form is Form.SPLIT:
+                # the blocks hand their sets on in shared memory themselves
+                self.application.prepare(to_slow)
+            else:
+                self._slow_result = self.application.correct(to_slow)
         return published
 
     def _main(self, inputs: Inputs) -> float:
-        if self.correct is None:
+        if self.application is None:
             return 0.0
-        if self.form is Form.TWO:
-            return float(self._from_slow or 0.0)
-        if self._reader is not None and self._from_slow is not None:
-            self._reader(self._from_slow)
-        return self.correct(inputs)
-
-    def _slow(self, inputs: Inputs) -> Any:
-        if self.form is Form.SPLIT:
-            return None if self.prepare is None else self.prepare(inputs)
-        return self.correct(inputs) if self.correct is not None else 0.0
+        return self._from_slow if self.form is Form.TWO else self.application.correct(inputs)
