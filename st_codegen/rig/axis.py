@@ -187,12 +187,19 @@ class Axis:
 
     # --- motion ---
 
-    def place(self, theta_in_deg: float, harmonics: Harmonics, backward: bool = False) -> None:
-        """Put the axis at rest at an angle of the fast side, on the flank of a direction."""
-        k, angle = self._kernel, theta_in_deg * _DEG
+    def place(
+        self, theta_mot_deg: float, harmonics: Harmonics, *, backward: bool = False, load_Nm: float = 0.0
+    ) -> None:
+        """Put the axis at rest at an angle of the motor, on the flank of a direction, in balance with a load."""
+        k, angle = self._kernel, theta_mot_deg * _DEG
         self.state[:] = 0.0
+        torque = load_Nm / self.ratio
+        for place in (k.TORQUE, k.INTEGRAL, k.SETPOINT):
+            self.state[place] = torque
+        wound = torque / self.packed[k.STIFFNESS] + math.copysign(self.packed[k.HALF_PLAY], torque)
         for place in (k.TH_MOT, k.TH_IN, k.SEEN, k.REF_FROM, k.REF_TO):
             self.state[place] = angle
+        self.state[k.TH_IN] -= wound
         self.state[k.SIDE] = -1.0 if backward else 1.0
         for _ in range(8):  # each round leaves about TE'**2 = 1e-5 of the error
             k.transmission(self.state, self.packed, harmonics.orders, harmonics.parts[0])

@@ -132,7 +132,12 @@ def run(rig: Rig, plan: Plan, form: Form = Form.ONE, running: RunningCompensator
     axis = Axis(rig.axis, rig.model.reduction_ratio, cycle_s=plan.cycle_s)
     axis.set_arrival(rig.tasks.transfer_us * 1e-6)
     references = plan.angle_deg * rig.model.reduction_ratio
-    axis.place(float(references[0]), plan.harmonics, backward=bool(plan.profile.direction[0] < 0.0))
+    axis.place(
+        float(references[0]),
+        plan.harmonics,
+        backward=bool(plan.profile.direction[0] < 0.0),
+        load_Nm=float(plan.load_Nm[0]),
+    )
     plc = Plc(rig.tasks, form, running)
     encoders, ratio = rig.axis.encoders, rig.model.reduction_ratio
     rows = np.zeros((ticks, 9))

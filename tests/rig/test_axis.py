@@ -44,7 +44,8 @@ def spun(parameters, harmonics, cycles, twist_rate=5.0, speed=100.0):
 def test_without_friction_and_loops_energy_stays_within_the_integrators_bound():
     """Velocity Verlet keeps H - (h w / 2)^2 U exactly, U the energy of the twist (linear forces, one frequency w).
 
-    So H swings by at most (h w / 2)^2 * max U; from rest of the twist max U = kinetic energy of the twist / (1 - (h w / 2)^2).
+    So H swings by at most (h w / 2)^2 * max U; from rest of the twist max U = kinetic energy of the twist / (1 - (h w
+    / 2)^2).
     """
     energies = spun(FREE, Harmonics.none(1), 8000)
     behind = FREE.reducer.inertia_kgm2 + FREE.load.inertia_kgm2 / RATIO**2
@@ -74,7 +75,8 @@ def test_friction_takes_energy():
 
 
 def test_a_stiff_coupling_keeps_theta_in_at_theta_mot():
-    """The twist is the carried torque over the stiffness: at constant speed the load and the friction behind it, to 1 %."""
+    """The twist is the carried torque over the stiffness: at constant speed the load and the friction behind it, to 1
+    %."""
     twists = []
     for stiffness in (2e4, 2e5):
         parameters = dataclasses.replace(

@@ -38,7 +38,7 @@ def test_every_effect_is_documented_with_its_keys():
     text = (ROOT / "docs" / "effects.md").read_text()
     for name, effect in KNOWN.items():
         assert f"`{name}`" in text
-        for key in effect:
+        for key in effect.known_keys():
             assert f"`{key}`" in text or f"`{key.removeprefix('backward_')}`" in text, key
 
 
