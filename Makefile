@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: run test real lint bench clean
+.PHONY: run test real lint bench blind clean
 
 run: $(INSTALLED)  ## compile the example bundle, verify the result
 	$(BIN)/st-codegen examples/rv160n/models/ --target twincat --out build/rv160n
@@ -24,6 +24,9 @@ lint: $(INSTALLED)  ## style and types
 
 bench: $(INSTALLED)  ## times and memory of the compiler and the interpreter
 	$(BIN)/python benchmarks/compiler.py
+
+blind: $(INSTALLED)  ## hidden effects on held-out seeds: three rounds of cases, rates in build/blind.json; takes an hour
+	$(BIN)/python -m tests.reconcile.blind.run --seeds heldout --cases 348 --jobs 2 --json build/blind.json
 
 clean:
 	rm -rf build $(VENV)

@@ -59,7 +59,8 @@ class Conditions:
 
     def file_name(self) -> str:
         """The name that the rig gives a run: `1000.0rpm1100.0Nm25.0deg.csv`."""
-        return f"{self.speed_rpm!r}rpm{self.torque_Nm!r}Nm{self.temperature_C!r}deg.csv"
+        speed, torque, temperature = map(float, (self.speed_rpm, self.torque_Nm, self.temperature_C))
+        return f"{speed!r}rpm{torque!r}Nm{temperature!r}deg.csv"
 
     def rig_path(self) -> Path:
         """Where the rig puts a run below the campaign's folder: `Test_25degree/1000rpm/..`."""

@@ -19,6 +19,7 @@ _COMMANDS = {
     "predict": "st_codegen.cli.predict",
     "diff": "st_codegen.cli.diff",
     "simulate": "st_codegen.cli.simulate",
+    "reconcile": "st_codegen.cli.reconcile",
 }
 
 

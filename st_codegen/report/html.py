@@ -13,7 +13,8 @@ from st_codegen.render import render_report
 class Table:
     """A table: names of the columns, and rows of text, numbers or truth values.
 
-    strong: places (row, column) in bold. Numbers of a column stand right; floats are shown with four digits: hand over text where that is not right.
+    strong: places (row, column) in bold. Numbers stand right; floats are shown with four digits: hand over text where
+    that is not right.
     """
 
     columns: Sequence[str]
@@ -45,7 +46,8 @@ class Table:
 class Section:
     """A part of a page, top to bottom: title, text, table, pictures, folded text.
 
-    text: plain; an empty line parts paragraphs. figures: SVG as `figure` and `figures` return it. details: a long text (a log, a TOML file) that opens on a click.
+    text: plain; an empty line parts paragraphs. figures: SVG as `figure` and `figures` return it. details: a long text
+    (a log, a TOML file) that opens on a click.
     """
 
     title: str

@@ -110,7 +110,10 @@ class Stage(IntEnum):
 
 @dataclass(frozen=True)
 class Scalar:
-    """A real parameter. `starts` are where a fit begins (SHAPE); `default` None: the key is required."""
+    """A real parameter. `starts` are where a fit begins (SHAPE); `default` None: the key is required.
+
+    shapes: the key of the scalar that this one only shapes; without that it means nothing.
+    """
 
     key: str
     unit: str
@@ -120,6 +123,7 @@ class Scalar:
     default: float | None = 0.0
     form: Form = Form.LINEAR
     starts: tuple[float, ...] = ()
+    shapes: str = ""
 
 
 @dataclass(frozen=True)
@@ -158,6 +162,8 @@ class Effect(ABC):
     phasors: ClassVar[tuple[Phasor, ...]] = ()
     orders_key: ClassVar[str | None] = None
     stage: ClassVar[Stage] = Stage.ADDITIVE
+    #: what tells this effect from its look-alikes where no operating point does
+    experiment: ClassVar[str] = ""
 
     def __init__(self, values: Mapping[str, Any], constants: Constants, *, check: bool = True) -> None:
         self.values: Mapping[str, Value] = MappingProxyType(_plain(values))
@@ -231,7 +237,7 @@ class Effect(ABC):
 
     def table(self) -> dict[str, Any]:
         """Name and parameters in the order of the catalogue, for a rig file."""
-        known = self.keys()
+        known = self.known_keys()
         rest = sorted((key for key in self.values if key in known), key=known.index)
         found: dict[str, Any] = {"name": self.name}
         for key in rest:
@@ -242,7 +248,7 @@ class Effect(ABC):
         return found
 
     @classmethod
-    def keys(cls) -> list[str]:
+    def known_keys(cls) -> list[str]:
         """All keys that the effect knows."""
         keys = [] if cls.orders_key is None else [cls.orders_key]
         keys += [scalar.key for scalar in cls.scalars]
@@ -252,7 +258,7 @@ class Effect(ABC):
 
     def _check(self) -> None:
         problems = Problems(self.name)
-        known = self.keys()
+        known = self.known_keys()
         for key in sorted(set(self.values) - set(known)):
             problems.add(f"unknown key '{key}'; known are {', '.join(known)}")
         count = self._check_orders(problems)

@@ -66,7 +66,15 @@ class FrictionWindup(_MeanEffect):
         Scalar("coulomb_arcmin", "arcmin", 0, 5, "wind-up by dry friction"),
         Scalar("viscous_arcmin_per_krpm", "arcmin/krpm", 0, 5, "wind-up by the oil at the reference temperature"),
         Scalar(
-            "viscosity_decay_per_K", "1/K", 0.01, 0.1, "fall of the viscosity", 0.04, Form.SHAPE, (0.02, 0.04, 0.08)
+            "viscosity_decay_per_K",
+            "1/K",
+            0.01,
+            0.1,
+            "fall of the viscosity",
+            0.04,
+            Form.SHAPE,
+            (0.02, 0.04, 0.08),
+            "viscous_arcmin_per_krpm",
         ),
     )
 

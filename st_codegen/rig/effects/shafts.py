@@ -50,6 +50,10 @@ class EncoderEccentricity(_Wave):
 
     name = "encoder_eccentricity"
     title = "eccentricity of the output encoder"
+    experiment = (
+        "turn the output encoder by 90 deg against the shaft and measure again: the phase of order 1 turns with an "
+        "eccentric encoder, and stays with an eccentric shaft"
+    )
     phasors = (Phasor("amplitude_deg", "phase_rad", "deg", 1, "amplitude"),)
 
     def wave_order(self) -> int:
