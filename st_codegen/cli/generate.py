@@ -75,7 +75,8 @@ def command(
     for target in chosen:
         generated = generate(bundle, target, out, max_array=max_array)
         if not quiet:
-            table = Table(title=f"{generated.folder}: {len(generated.files)} files", title_justify="left")
+            console.print(f"{generated.folder}: {len(generated.files)} file(s)", highlight=False, soft_wrap=True)
+            table = Table()
             table.add_column("file")
             table.add_column("bytes", justify="right")
             for name, size in generated.files.items():
