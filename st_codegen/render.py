@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import escape
 
 import jinja2
 
@@ -44,6 +45,7 @@ def environment(target: Target) -> jinja2.Environment:
         keep_trailing_newline=True,
         autoescape=False,
     )
+    templates.filters["xml"] = _as_xml_text
 
     def code(block: Block, section: Section) -> str:
         template = templates.get_template(f"common/operations/{section.template}.st.j2")
@@ -54,6 +56,11 @@ def environment(target: Target) -> jinja2.Environment:
     macros = templates.get_template("common/macros.st.j2").module
     templates.globals.update({name: macro for name, macro in vars(macros).items() if not name.startswith("_")})
     return templates
+
+
+def _as_xml_text(text: str) -> str:
+    """Text between tags or in double quotes."""
+    return escape(str(text), {'"': "&quot;"})
 
 
 def render(project: ProjectIR, target: Target, limits: Limits | None = None) -> Iterator[RenderedFile]:

@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from st_codegen import bounds, reference
-from st_codegen.blocks.model import block_name
 from st_codegen.bundle import Bundle
 from st_codegen.engine import GeneratedCode
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import BoolArray, FloatArray, TransmissionError
-from st_codegen.output import MANIFEST
+from st_codegen.output import MANIFEST, block_of
 from st_codegen.probes import probe_rows, trained_range
 from st_codegen.targets import TARGETS
 from st_codegen.te_check import check_transmission_error
@@ -109,7 +108,9 @@ def verify(
 
     Raises GeneratedCodeError where there is nothing to verify, or the text cannot be read or would stop a controller.
     """
-    targets = {folder.name: GeneratedCode(folder, folder.name) for folder in target_folders(Path(generated))}
+    targets = {
+        folder.name: GeneratedCode(folder, TARGETS[folder.name].dialect) for folder in target_folders(Path(generated))
+    }
     reports = []
     total = len(bundle.models)
     for number, model in enumerate(bundle.models):
@@ -138,9 +139,10 @@ def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: i
     x = probe_rows(ir, rows, seed)
     expected = reference.evaluate(ir, x)
     usable = np.all(np.isfinite(expected), axis=1)
-    bound = np.where(usable[:, None], bounds.difference_bound(ir, reference.limited(ir, x)), 0.0)
+    limited = reference.limited(ir, x)
+    bound = np.where(usable[:, None], bounds.difference_bound(ir, limited), 0.0)
     library = np.full_like(expected, np.nan)
-    library[usable] = _by_library(model, reference.limited(ir, x)[usable])
+    library[usable] = _by_library(model, limited[usable])
     report = ModelReport(ir.name, n=len(x), must_be_exact=ir.exact)
     report.unbounded = int(np.sum(~np.all(np.isfinite(bound), axis=1)))
     lower, upper = trained_range(ir)
@@ -149,11 +151,16 @@ def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: i
     _compare(report, "library and reference", x, library, expected, bound)
     for name, code in targets.items():
         report.targets.append(name)
-        result = code.run_model(block_name(ir.name), x, len(ir.outputs))
+        block, outputs = block_of(code.folder, ir.name)
+        result = code.run_model(block, x, outputs)
         got = np.where(result.valid[:, None], result.values, np.nan)
-        _compare(report, f"reference and {name}", x, expected, got, bound)
-        report.exact &= not np.any(library[usable] != got[usable])
-        _measure(report, x, library, got, inside & result.valid)
+        answered = usable & TARGETS[name].answers(ir, limited)
+        allowed = np.where(answered[:, None], TARGETS[name].difference_bound(ir, limited), 0.0)
+        report.must_be_exact &= not np.any(allowed)
+        report.bound = max(report.bound, float(np.max(allowed[inside & np.isfinite(allowed).all(axis=1)], initial=0.0)))
+        _compare(report, f"reference and {name}", x, np.where(answered[:, None], expected, np.nan), got, allowed)
+        report.exact &= not np.any(library[answered] != got[answered])
+        _measure(report, x, library, got, inside & answered & result.valid)
     return report
 
 
@@ -228,7 +235,8 @@ def _te_reports(
 ) -> list[ModelReport]:
     """FB_TEPredict and FB_Compensator against the models that they are made of."""
     reports = []
-    for check in check_transmission_error(bundle.project, te, code, _TE_ROWS, seed):
+    bound = TARGETS[target].difference_bound
+    for check in check_transmission_error(bundle.project, te, code, _TE_ROWS, seed, bound):
         report = ModelReport(check.block, n=len(check.inputs), must_be_exact=False, targets=[target])
         report.bound = float(np.max(check.bound, initial=0.0))
         _compare(report, f"models and {target}", check.inputs, check.expected, check.got, check.bound)

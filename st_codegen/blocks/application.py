@@ -53,6 +53,7 @@ class Enumeration:
     values: tuple[EnumValue, ...]
     base: str = "DINT"
     template: ClassVar[str] = "enumeration"
+    fields: ClassVar[tuple[Variable, ...]] = ()
     portable: ClassVar[bool] = False
 
 
@@ -65,6 +66,7 @@ class ArrayAlias:
     element: str
     length: int
     template: ClassVar[str] = "array"
+    fields: ClassVar[tuple[Variable, ...]] = ()
     portable: ClassVar[bool] = True
 
     @property

@@ -92,16 +92,20 @@ class Table:
 
     def lines(self) -> Iterator[str]:
         """The initialiser line by line, without brackets."""
-        groups = self.groups or (Group("", 0, len(self.values)),)
-        last_group = len(groups) - 1
-        for number, group in enumerate(groups):
-            if group.label:
-                yield f"(* {group.label} *)"
-            texts = self._texts(group)
-            step = min(self.per_line or _PER_LINE[self.type], _PER_LINE[self.type])
+        left = len(self.values)
+        step = min(self.per_line or _PER_LINE[self.type], _PER_LINE[self.type])
+        for label, texts in self.labelled():
+            if label:
+                yield f"(* {label} *)"
             for at in range(0, len(texts), step):
-                final = number == last_group and at + step >= len(texts)
-                yield from _fit(texts[at : at + step], final=final)
+                line = texts[at : at + step]
+                left -= len(line)
+                yield from _fit(line, final=not left)
+
+    def labelled(self) -> Iterator[tuple[str, list[str]]]:
+        """The label of each group (empty: none) and its numbers as text."""
+        for group in self.groups or (Group("", 0, len(self.values)),):
+            yield group.label, self._texts(group)
 
     def _texts(self, group: Group) -> list[str]:
         values = self.values[group.start : group.stop].tolist()

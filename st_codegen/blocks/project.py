@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from st_codegen.blocks.application import Application, GlobalList
 from st_codegen.blocks.compensation import compensation
-from st_codegen.blocks.listing import Table, Variable
-from st_codegen.blocks.model import Limits, model_block
-from st_codegen.ir import ProjectIR, TransmissionError
+from st_codegen.blocks.listing import Block, Table, Variable
+from st_codegen.ir import ModelIR, ProjectIR, TransmissionError
 from st_codegen.literals import identifier, real
 
 #: The name of a project of models that have nothing to do with each other.
 LONE_NAME = "Models"
 
 
-def application_of(project: ProjectIR, limits: Limits) -> Application:
-    """All that is generated for a project, before a target lays it out.
+def application_of(project: ProjectIR, block_of: Callable[[ModelIR], Block]) -> Application:
+    """All that is generated for a project, before a target lays it out; `block_of` makes the block of a model.
 
     Raises InputError for names that Structured Text cannot have, TargetError for tables that the target cannot hold.
     """
-    blocks = tuple(model_block(model, limits) for model in project.models)
+    blocks = tuple(block_of(model) for model in project.models)
     te = project.transmission_error
     if te is None:
         return Application(LONE_NAME, connected=False, blocks=blocks)

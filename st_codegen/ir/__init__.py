@@ -30,6 +30,7 @@ from st_codegen.ir.cells import (
     CellTable,
     Rank,
     RankColumn,
+    TableAxis,
 )
 from st_codegen.ir.model import (
     Feature,
@@ -59,6 +60,7 @@ from st_codegen.ir.trees import (
     LinearLeaves,
     TreeColumn,
     TreeEnsemble,
+    depth_of,
 )
 
 __all__ = [
@@ -99,7 +101,9 @@ __all__ = [
     "Select",
     "Source",
     "SummationOrder",
+    "TableAxis",
     "TransmissionError",
     "TreeColumn",
     "TreeEnsemble",
+    "depth_of",
 ]

@@ -64,15 +64,35 @@ class Rank:
 
 
 @dataclass(frozen=True)
-class CellTable:
-    """One row of numbers for each cell of a grid; column `d` of the input is the cell number along axis `d`.
+class TableAxis:
+    """One axis of a cell table: `offset[r]` is how many rows rank r of column `column` of the input skips."""
 
-    `shape` has the number of cells of each axis. `values` (cells, stored numbers) is in row-major order of the axes,
+    column: int
+    offset: IntArray
+
+    def __post_init__(self) -> None:
+        offset = freeze(self, "offset", np.int32, (None,))
+        if len(offset) == 0 or np.any(offset < 0):
+            raise InputError("TableAxis.offset: empty, or before the table")
+
+    @property
+    def stride(self) -> int | None:
+        """Rows that one rank skips, where that is the same for all; None where it is not."""
+        stride = int(self.offset[1]) if len(self.offset) > 1 else 0
+        return stride if np.array_equal(self.offset, stride * np.arange(len(self.offset))) else None
+
+
+@dataclass(frozen=True)
+class CellTable:
+    """One row of numbers for each cell of a grid; the row is the sum of what the ranks of the input skip.
+
+    `shape` has the number of cells of each axis; `values` (cells, stored numbers) is in row-major order of the axes,
     the last one fastest. Output `o` is number `stored[o]` of the cell's row, or `constant[o]` where `stored[o]` is -1.
     `exact`: the values are those of the source library to the bit (no inexact operation was folded into the table).
     """
 
     inputs: tuple[int, ...]
+    axes: tuple[TableAxis, ...]
     shape: tuple[int, ...]
     values: FloatArray
     stored: IntArray
@@ -86,19 +106,16 @@ class CellTable:
         require_finite(self, "values", "constant")
         if np.any(stored < -1) or np.any(stored >= values.shape[1]):
             raise InputError("CellTable.stored: a column that the table does not have")
+        if sum(int(axis.offset.max()) for axis in self.axes) >= len(values):
+            raise InputError("CellTable.axes: a row behind the end of the table")
 
     @property
     def width(self) -> int:
         return len(self.stored)
 
     @property
-    def operand_width(self) -> int:
-        return len(self.shape)
+    def operand_width(self) -> None:
+        return None
 
     def check_operands(self, total: int) -> None:
-        """Nothing beyond the width."""
-
-    @property
-    def strides(self) -> tuple[int, ...]:
-        """How many rows one step along each axis skips."""
-        return tuple(math.prod(self.shape[axis + 1 :]) for axis in range(len(self.shape)))
+        check_columns(self, (axis.column for axis in self.axes), total)

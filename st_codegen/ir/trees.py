@@ -31,7 +31,8 @@ class TreeColumn:
     counts as missing, as NaN does under `NanRule.MISSING`. With `n_categories` the column holds a category code: the
     number cut to an integer, or, where `categories` lists the known values, the position of the equal value in that
     list. Codes outside 0 .. n_categories-1 are "other", and so is every negative number, unless
-    `negative_fraction_is_zero`: then numbers between -1 and 0 are cut to code 0 (a plain C cast).
+    `negative_fraction_is_zero`: then numbers between -1 and 0 are cut to code 0 (a plain C cast). `seen_missing`: the
+    model file says that the training data had missing values here (most files do not say).
     """
 
     column: int
@@ -40,6 +41,7 @@ class TreeColumn:
     n_categories: int = 0
     categories: tuple[float, ...] | None = None
     negative_fraction_is_zero: bool = False
+    seen_missing: bool = False
 
     @property
     def categorical(self) -> bool:
@@ -184,3 +186,15 @@ class TreeEnsemble:
     @property
     def n_nodes(self) -> int:
         return len(self.split)
+
+
+def depth_of(op: TreeEnsemble) -> int:
+    """The largest number of splits on a path from a root to a leaf."""
+    node = op.roots.astype(np.int64)
+    depth = 0
+    while True:
+        node = node[op.split[node] >= 0]
+        if not node.size:
+            return depth
+        node = np.concatenate([op.left[node], op.right[node]])
+        depth += 1
