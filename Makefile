@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: run test real blark soak lint bench clean tables train-long blind
+.PHONY: run test real blark soak lint bench clean tables train-long blind example
 
 run: $(INSTALLED)  ## compile the example bundle, verify the result
 	$(BIN)/st-codegen examples/rv160n/models/ --target twincat --out build/rv160n
@@ -45,6 +45,16 @@ soak: $(INSTALLED)  ## 100,000 hostile sequences through the blocks of the compe
 
 blind: $(INSTALLED)  ## hidden effects on held-out seeds: three rounds of cases, rates in build/blind.json; takes an hour
 	$(BIN)/python -m tests.reconcile.blind.run --seeds heldout --cases 348 --jobs 2 --json build/blind.json
+
+blind: $(INSTALLED)  ## hidden effects on held-out seeds: three rounds of cases, rates in build/blind.json; takes an hour
+	$(BIN)/python -m tests.reconcile.blind.run --seeds heldout --cases 348 --jobs 2 --json build/blind.json
+
+example: $(INSTALLED)  ## campaign of the simulated rig, training, Structured Text, motions with it; build/example/motion.json
+	$(BIN)/python examples/motion/run.py --out build/example
+
+soak: $(INSTALLED)  ## 100,000 hostile sequences through the blocks of the compensation, about 5 minutes
+	$(BIN)/python -m pytest -q -m slow tests/application
+	$(BIN)/python -m tests.application.hostile
 
 clean:
 	rm -rf build $(VENV)
