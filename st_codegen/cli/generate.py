@@ -10,6 +10,9 @@ from rich.table import Table
 
 from st_codegen.bundle import load
 from st_codegen.cli.console import array_option, console, models_argument, progress_bar, quiet_option, trust_option
+from st_codegen.cli.costs import print_budget, profile_option
+from st_codegen.cost import load_profile, project_cost
+from st_codegen.engine import GeneratedCode
 from st_codegen.generate import check, generate
 from st_codegen.targets import TARGETS, target_named
 
@@ -20,6 +23,7 @@ from st_codegen.targets import TARGETS, target_named
 Examples:
   st-codegen models/ --target twincat
   st-codegen generate models/ --target iec --target twincat --out plc/
+  st-codegen models/ --target twincat --explain
   st-codegen generate models/ --target twincat --check      in CI: fail when the files are not up to date""",
 )
 @models_argument
@@ -46,6 +50,8 @@ Examples:
     help="Write nothing; print a diff and exit 1 if the files are not up to date.",
 )
 @array_option
+@click.option("--explain", is_flag=True, help="Show what the emitted text costs on the controller, block by block.")
+@profile_option
 @trust_option
 @quiet_option
 def command(
@@ -54,6 +60,8 @@ def command(
     out: Path,
     only_check: bool,
     max_array: int | None,
+    explain: bool,
+    profile: str,
     trust_pickle: bool,
     quiet: bool,
 ) -> None:
@@ -62,6 +70,7 @@ def command(
     With a bundle.toml the folder is a transmission error bundle and FB_TEPredict and FB_Compensator are generated from
     its models; without one, every model file becomes a function block of its own.
     """
+    machine = load_profile(profile)
     chosen = [target_named(name) for name in targets or ("twincat",)]
     with progress_bar("loading", quiet=quiet) as progress:
         bundle = load(models, trust_pickle=trust_pickle, progress=progress)
@@ -81,3 +90,6 @@ def command(
             for name, size in generated.files.items():
                 table.add_row(name, f"{size:,}")
             console.print(table)
+        if explain:
+            cost = project_cost(GeneratedCode(generated.folder, target.name).project, machine)
+            print_budget(target.name, cost, None)

@@ -18,6 +18,7 @@ _COMMANDS = {
     "verify": "st_codegen.cli.verify",
     "predict": "st_codegen.cli.predict",
     "diff": "st_codegen.cli.diff",
+    "calibrate": "st_codegen.cli.calibrate",
 }
 
 

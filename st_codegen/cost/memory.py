@@ -1,0 +1,137 @@
+"""Which lines of the cache a path touches, at most.
+
+An access is followed symbolically: its place in memory is a sum of versions of variables times bytes. A version is a
+variable between two assignments, so that two accesses with the same versions are the same line. Leaving a loop, an
+access that moves with the loop's counter covers a span, one that moves with anything else that the loop changes may
+be somewhere else in every round.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import count
+
+from st_codegen.st import typed as t
+
+LINE = 64
+
+_versions = count(1)
+
+
+def new_version() -> int:
+    """A number that is larger than all before it."""
+    return next(_versions)
+
+
+@dataclass(frozen=True)
+class Place:
+    """A piece of memory: `path` leads to the instance it belongs to, `owner` is the unit that declares it."""
+
+    path: tuple[str, ...]
+    name: str
+    owner: str
+    size: int
+    is_shared: bool = False
+
+    @property
+    def lines(self) -> int:
+        """Lines that it lies in, at least one; its start is taken to be aligned."""
+        return max(-(-self.size // LINE), 1)
+
+    def inside(self, path: tuple[str, ...]) -> Place:
+        """The same place, seen from a caller that reaches the instance by `path`."""
+        return self if self.is_shared else replace(self, path=path + self.path)
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Accesses to one place: `count` unrelated positions, each a span of bytes, in so many `executions` in all.
+
+    `affine` maps versions to bytes: where the position moves evenly. `varies`: versions it depends on otherwise.
+    """
+
+    place: Place
+    affine: Mapping[int, int] = field(default_factory=dict)
+    varies: frozenset[int] = frozenset()
+    span: int = 0
+    count: int = 1
+    executions: int = 1
+
+    @property
+    def lines(self) -> int:
+        """An upper bound of the distinct lines."""
+        each = 1 + -(-self.span // LINE)
+        return min(self.place.lines, self.executions, self.count * each)
+
+    def repeated(self, rounds: int, first: int, counter: int | None, step: int) -> Touch:
+        """All rounds of a loop, whose versions are from `first` on; the counter moves by `step`."""
+        span = self.span
+        moves = dict(self.affine)
+        if counter is not None and counter in moves:
+            span += abs(moves.pop(counter) * step) * max(rounds - 1, 0)
+        inner = {version for version in (*moves, *self.varies) if version >= first}
+        return Touch(
+            self.place,
+            {version: step for version, step in moves.items() if version < first},
+            frozenset(version for version in self.varies if version < first),
+            span,
+            self.count * (rounds if inner else 1),
+            self.executions * rounds,
+        )
+
+    def called(self, path: tuple[str, ...]) -> Touch:
+        """Seen from a caller: what depends on the callee's variables may be elsewhere in every call."""
+        depends = bool(self.affine or self.varies)
+        return replace(
+            self,
+            place=self.place.inside(path),
+            affine={},
+            varies=frozenset({new_version()}) if depends else frozenset(),
+        )
+
+
+Touches = dict[Hashable, Touch]
+
+
+def joined(first: Touches, second: Touches) -> Touches:
+    """Both; an access that is in both is one."""
+    together = dict(first)
+    for key, touch in second.items():
+        known = together.get(key)
+        together[key] = touch if known is None or touch.lines > known.lines else known
+    return together
+
+
+def lines_by_place(touches: Touches) -> dict[Place, int]:
+    """Distinct lines of each place, at most."""
+    lines: dict[Place, int] = {}
+    for touch in touches.values():
+        lines[touch.place] = min(lines.get(touch.place, 0) + touch.lines, touch.place.lines)
+    return lines
+
+
+class Versions:
+    """The current version of every variable; those of the start of a unit are negative."""
+
+    def __init__(self, initial: dict[t.Variable, int] | None = None, known: dict[t.Variable, int] | None = None):
+        self._initial: dict[t.Variable, int] = {} if initial is None else initial
+        self._known: dict[t.Variable, int] = {} if known is None else known
+
+    def __getitem__(self, variable: t.Variable) -> int:
+        if variable in self._known:
+            return self._known[variable]
+        return self._initial.setdefault(variable, -new_version())
+
+    def change(self, variable: t.Variable) -> int:
+        """A new version, after an assignment."""
+        self._known[variable] = new_version()
+        return self._known[variable]
+
+    def copy(self) -> Versions:
+        """For a branch."""
+        return Versions(self._initial, dict(self._known))
+
+    def differs(self, other: Versions) -> set[t.Variable]:
+        """The variables that do not have the same version in both."""
+        return {v for v in self._known.keys() | other._known.keys() if self[v] != other[v]}

@@ -1,0 +1,89 @@
+"""The budget, the explanation and the calibration on the command line."""
+
+import csv
+import json
+
+import pytest
+
+from st_codegen.cli.main import main
+
+
+def run(*arguments):
+    with pytest.raises(SystemExit) as caught:
+        main([str(argument) for argument in arguments])
+    return caught.value.code
+
+
+@pytest.fixture
+def generated(bundle_folder, tmp_path):
+    out = tmp_path / "out"
+    assert run(bundle_folder, "--out", out, "-q") == 0
+    return out
+
+
+def test_verify_fails_with_a_table_when_a_cycle_does_not_fit(bundle_folder, generated, tmp_path, capsys):
+    verify = ["verify", bundle_folder, "--generated", generated, "--rows", 50]
+    report = tmp_path / "report.json"
+    assert run(*verify, "--cycle-us", 250, "--json", report) == 0
+    assert "fits" in capsys.readouterr().err
+    content = json.loads(report.read_text())["costs"]["twincat"]
+    assert content["fits"] is True
+    assert content["entries"] == ["FB_Compensator"]
+    assert {"FB_Compensator", "FB_TEPredict", "FB_A", "FB_B"} <= content["blocks"].keys()
+    block = content["blocks"]["FB_A"]
+    assert 0.0 < block["warm_us"] < block["cold_us"] < content["cold_us"]
+    assert block["operations"]["load"] > 10
+    assert block["table_bytes"] > 0
+
+    assert run(*verify, "--cycle-us", 1, "--profile", "cx5140", "-q", "--json", report) == 1
+    shown = capsys.readouterr().err
+    assert "DOES NOT FIT" in shown
+    assert "FB_A" in shown
+    content = json.loads(report.read_text())
+    assert content["passed"] is False
+    assert content["costs"]["twincat"]["cycle_us"] == 1
+    assert all(model["passed"] for model in content["models"].values())
+    # one block alone
+    assert run(*verify, "--cycle-us", block["cold_us"] + 0.01, "--entry", "FB_A") == 0
+    assert run(*verify, "--cycle-us", block["cold_us"] - 0.01, "--entry", "FB_A") == 1
+    # without a budget nothing can be exceeded
+    assert run(*verify) == 0
+
+
+def test_wrong_options_exit_with_2(bundle_folder, generated, capsys):
+    verify = ["verify", bundle_folder, "--generated", generated, "--rows", 50]
+    assert run(*verify, "--profile", "abacus") == 2
+    assert "no profile 'abacus': use one of" in capsys.readouterr().err
+    assert run(*verify, "--cycle-us", 0) == 2
+    assert run(*verify, "--entry", "FB_None") == 2
+    assert "no block FB_None" in capsys.readouterr().err
+
+
+def test_explain_shows_what_the_text_costs(bundle_folder, tmp_path, capsys):
+    assert run(bundle_folder, "--out", tmp_path / "out", "--explain", "-q") == 0
+    shown = capsys.readouterr().err
+    assert "FB_TEPredict" in shown
+    assert "us with cold ones on cx5140" in shown
+
+
+def test_calibrate_writes_a_profile_that_verify_takes(bundle_folder, generated, tmp_path, capsys):
+    report, times, mine = tmp_path / "report.json", tmp_path / "times.csv", tmp_path / "deep" / "mine.toml"
+    verify = ["verify", bundle_folder, "--generated", generated, "--rows", 50, "-q", "--json", report]
+    assert run(*verify) == 0
+    blocks = json.loads(report.read_text())["costs"]["twincat"]["blocks"]
+    with times.open("w", newline="") as file:
+        rows = [("block", "caches", "us")]
+        rows += [(name, side, blocks[name][f"{side}_us"] / 2) for name in ("FB_A", "FB_B") for side in ("warm", "cold")]
+        csv.writer(file).writerows(rows)
+    assert run("calibrate", generated, "--measured", times, "--out", mine) == 0
+    assert "compute x 0.5" in capsys.readouterr().err
+    assert not list(mine.parent.glob("*.partial"))
+    assert run(*verify, "--profile", mine) == 0
+    after = json.loads(report.read_text())["costs"]["twincat"]["blocks"]
+    assert after["FB_A"]["cold_us"] == pytest.approx(blocks["FB_A"]["cold_us"] / 2, rel=1e-4)
+    times.write_text("block,caches,us\nFB_None,warm,1\n")
+    mine.unlink()
+    assert run("calibrate", generated, "--measured", times, "--out", mine) == 2
+    assert "no block 'FB_None'" in capsys.readouterr().err
+    assert not mine.exists()
+    assert run("calibrate", generated, "--measured", times, "--out", tmp_path / "mine.txt") == 2
