@@ -168,7 +168,7 @@ def tl2cgen(case: Case, folder: Path) -> Built:
         f"    {result} r[1] = {{0}};\n    for (int i = 0; i < {features}; i++) e[i].fvalue = ({kind})x[i];\n"
         "    predict(e, 0, r);\n    y[0] = r[0];\n}\n"
     )
-    sources = [path for path in sorted((folder / "c").glob("*.c"))]
+    sources = sorted((folder / "c").glob("*.c"))
     return compiled(sources, folder, seconds)
 
 
@@ -218,20 +218,29 @@ void race(const double *x, double *y)
 _XGBOOST = """#include <dlfcn.h>
 #include <stdio.h>
 #include <stdlib.h>
-static void *booster; static int (*predict)(void *, const char *, const char *, void *, const unsigned long **, unsigned long *, const float **);
+typedef unsigned long size;
+static void *booster;
+static int (*predict)(void *, const char *, const char *, void *, const size **, size *, const float **);
+static const char *how = "{\\"type\\":0,\\"training\\":false,\\"iteration_begin\\":0,\\"iteration_end\\":0,"
+    "\\"strict_shape\\":false,\\"missing\\":NaN,\\"cache_id\\":0}";
+static const char *rows = "{\\"data\\":[%%lu,true],\\"shape\\":[1,%(features)d],"
+    "\\"typestr\\":\\"<f8\\",\\"version\\":3}";
 void race(const double *x, double *y)
 {
-    char values[200]; const unsigned long *shape; unsigned long n; const float *result;
+    char values[200];
+    const size *shape;
+    size n;
+    const float *result;
     if (!booster) {
         void *library = dlopen("%(library)s", RTLD_NOW);
-        int (*create)(void *, unsigned long, void **) = dlsym(library, "XGBoosterCreate");
+        int (*create)(void *, size, void **) = dlsym(library, "XGBoosterCreate");
         int (*load)(void *, const char *) = dlsym(library, "XGBoosterLoadModel");
         int (*set)(void *, const char *, const char *) = dlsym(library, "XGBoosterSetParam");
         predict = dlsym(library, "XGBoosterPredictFromDense");
         if (create(0, 0, &booster) || load(booster, "%(model)s") || set(booster, "nthread", "1")) abort();
     }
-    snprintf(values, sizeof values, "{\\"data\\":[%%lu,true],\\"shape\\":[1,%(features)d],\\"typestr\\":\\"<f8\\",\\"version\\":3}", (unsigned long)x);
-    if (predict(booster, values, "{\\"type\\":0,\\"training\\":false,\\"iteration_begin\\":0,\\"iteration_end\\":0,\\"strict_shape\\":false,\\"missing\\":NaN,\\"cache_id\\":0}", 0, &shape, &n, &result)) abort();
+    snprintf(values, sizeof values, rows, (size)x);
+    if (predict(booster, values, how, 0, &shape, &n, &result)) abort();
     y[0] = result[0];
 }
 """
@@ -262,7 +271,7 @@ def library(case: Case, folder: Path) -> Built:
     return dataclasses.replace(built, code_bytes=None, data_bytes=None, note="C interface")
 
 
-def onnx_runtime(case: Case, folder: Path) -> Built:
+def onnx_runtime(case: Case, _: Path) -> Built:
     import onnxruntime
 
     start = time.perf_counter()

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -65,7 +64,8 @@ def _houses(random: np.random.Generator, count: int) -> np.ndarray:
     income, age = random.lognormal(1.2, 0.5, count), random.uniform(1, 52, count)
     rooms, bedrooms = random.lognormal(1.6, 0.3, count), random.lognormal(0.05, 0.15, count)
     people, home = random.lognormal(7, 0.7, count), random.lognormal(1.0, 0.3, count)
-    return np.column_stack([income, age, rooms, bedrooms, people, home, random.uniform(32, 42, count), random.uniform(-124, -114, count)])
+    latitude, longitude = random.uniform(32, 42, count), random.uniform(-124, -114, count)
+    return np.column_stack([income, age, rooms, bedrooms, people, home, latitude, longitude])
 
 
 def cases() -> Iterator[tuple[str, Callable[[], Case]]]:
@@ -109,8 +109,3 @@ def _public() -> Iterator[tuple[str, Callable[[], Case]]]:
         "houses8-lgbm-1000": lambda: lgbm(1000),
     }.items():
         yield name, lambda name=name, make=make: _housing(name, make)
-
-
-def te_bundle(harness: Any, folder: Path) -> list[Any]:
-    """Filled in below."""
-    return []

@@ -18,16 +18,36 @@ from st_codegen.st.nodes import PouKind
 from st_codegen.st.types import LREAL, ArrayType, BlockType, Elementary, EnumType, Kind, StructType, Type
 
 _C_TYPES = {
-    **{"BOOL": "uint8_t", "REAL": "float", "LREAL": "double"},
-    **{"BYTE": "uint8_t", "WORD": "uint16_t", "DWORD": "uint32_t", "LWORD": "uint64_t"},
-    **{"SINT": "int8_t", "INT": "int16_t", "DINT": "int32_t", "LINT": "int64_t"},
-    **{"USINT": "uint8_t", "UINT": "uint16_t", "UDINT": "uint32_t", "ULINT": "uint64_t"},
+    "BOOL": "uint8_t",
+    "REAL": "float",
+    "LREAL": "double",
+    "BYTE": "uint8_t",
+    "WORD": "uint16_t",
+    "DWORD": "uint32_t",
+    "LWORD": "uint64_t",
+    "SINT": "int8_t",
+    "INT": "int16_t",
+    "DINT": "int32_t",
+    "LINT": "int64_t",
+    "USINT": "uint8_t",
+    "UINT": "uint16_t",
+    "UDINT": "uint32_t",
+    "ULINT": "uint64_t",
 }
 _OPERATORS = {"ADD": "+", "SUB": "-", "MUL": "*", "DIV": "/", "MOD": "%", "AND": "&", "OR": "|", "XOR": "^"}
 _COMPARISONS = {"EQ": "==", "NE": "!=", "LT": "<", "LE": "<=", "GT": ">", "GE": ">="}
 _FUNCTIONS = {
-    **{"SQRT": "sqrt", "EXP": "exp", "LN": "log", "LOG": "log10", "SIN": "sin", "COS": "cos", "TAN": "tan"},
-    **{"ATAN": "atan", "ASIN": "asin", "ACOS": "acos", "ATAN2": "atan2"},
+    "SQRT": "sqrt",
+    "EXP": "exp",
+    "LN": "log",
+    "LOG": "log10",
+    "SIN": "sin",
+    "COS": "cos",
+    "TAN": "tan",
+    "ATAN": "atan",
+    "ASIN": "asin",
+    "ACOS": "acos",
+    "ATAN2": "atan2",
 }
 _HEAD = """#include <math.h>
 #include <stdint.h>
@@ -36,14 +56,14 @@ _HEAD = """#include <math.h>
 """
 
 
-class Untranslatable(Exception):
+class UntranslatableError(Exception):
     """Something that st-codegen does not emit today."""
 
 
 def translate(project: t.Project, block: str, symbol: str) -> str:
     """C with `void SYMBOL(const double *x, double *y)`: inputs of a block in order, and all its outputs in a row.
 
-    Raises Untranslatable.
+    Raises UntranslatableError.
     """
     return _HEAD + "\n".join(_Unit(project).whole(project.pous[block.upper()], symbol)) + "\n"
 
@@ -95,7 +115,7 @@ class _Unit:
         for key in order:
             self.pou = self.project.pous[key]
             if self.pou.is_native or self.pou.kind is PouKind.METHOD:
-                raise Untranslatable(f"{key}: only functions and blocks")
+                raise UntranslatableError(f"{key}: only functions and blocks")
             for variable in self.pou.variables:
                 if variable.is_constant and isinstance(variable.type, ArrayType):
                     yield self._table(variable, self._constant(variable), is_const=True)
@@ -119,7 +139,7 @@ class _Unit:
             return f"struct s_{type_.name.upper()}"
         if isinstance(type_, BlockType):
             return f"struct {type_.name.upper()}"
-        raise Untranslatable(f"type {type_}")
+        raise UntranslatableError(f"type {type_}")
 
     def _declare(self, type_: Type, name: str) -> str:
         if isinstance(type_, ArrayType):
@@ -137,7 +157,7 @@ class _Unit:
         element = type_.element if isinstance(type_, ArrayType) else type_
         values: Any = variable.initial if isinstance(type_, ArrayType) else [variable.initial]
         if not isinstance(element, Elementary | EnumType):
-            raise Untranslatable(f"table of {element}")
+            raise UntranslatableError(f"table of {element}")
         numbers = (_number(value, element) for value in np.asarray(values).tolist())
         head = f"static {'const ' if is_const else ''}{self._declare(type_, name)}"
         return f"{head} = {{{','.join(numbers)}}};" if isinstance(type_, ArrayType) else f"{head} = {next(numbers)};"
@@ -191,12 +211,10 @@ class _Unit:
         yield f"static struct {name} instance;\nstatic int is_ready;"
         yield f"void {symbol}(const double *x, double *y)\n{{"
         yield f"    if (!is_ready) {{ {name}__init(&instance); is_ready = 1; }}"
-        at = 0
-        for variable in main.section(t.Section.INPUT):
+        for at, variable in enumerate(main.section(t.Section.INPUT)):
             if isinstance(variable.type, ArrayType):
-                raise Untranslatable("an array as an input")
+                raise UntranslatableError("an array as an input")
             yield f"    instance.{variable.key} = x[{at}];"
-            at += 1
         yield f"    {name}(&instance);"
         at = 0
         for variable in main.section(t.Section.OUTPUT):
@@ -214,7 +232,7 @@ class _Unit:
     def _body(self, body: tuple[t.Statement, ...], depth: int) -> list[str]:
         return [line for statement in body for line in self._statement(statement, depth)]
 
-    def _statement(self, statement: t.Statement, depth: int) -> list[str]:
+    def _statement(self, statement: t.Statement, depth: int) -> list[str]:  # noqa: PLR0911 - one return a case
         pad = "    " * depth
         match statement:
             case t.Assign(target=target, value=value):
@@ -271,7 +289,7 @@ class _Unit:
     def _for(self, statement: t.For, depth: int) -> list[str]:
         pad = "    " * depth
         if not isinstance(statement.step, t.Constant) or not isinstance(statement.step.value, int):
-            raise Untranslatable("FOR with a step that is no constant")
+            raise UntranslatableError("FOR with a step that is no constant")
         lines, stop = [], self._value(statement.stop)
         if not isinstance(statement.stop, t.Constant):
             self.temporaries += 1
@@ -279,14 +297,15 @@ class _Unit:
             stop = f"stop{self.temporaries}"
         counter, step = self._value(statement.counter), statement.step.value
         test = "<=" if step > 0 else ">="
-        lines.append(f"{pad}for ({counter} = {self._value(statement.start)}; {counter} {test} {stop}; {counter} += {step}) {{")
+        head = f"{counter} = {self._value(statement.start)}; {counter} {test} {stop}; {counter} += {step}"
+        lines.append(f"{pad}for ({head}) {{")
         return [*lines, *self._body(statement.body, depth + 1), pad + "}"]
 
     def _call_statement(self, call: t.Call) -> list[str]:
         if call.receiver is None or not isinstance(call.receiver.type, BlockType):
             return [f"{self._value(call)};"]
         if self.project.pous[call.callee].kind is PouKind.METHOD:
-            raise Untranslatable("a method")
+            raise UntranslatableError("a method")
         instance = self._value(call.receiver)
         lines, after = [], []
         for argument in call.arguments:
@@ -296,7 +315,7 @@ class _Unit:
             elif argument.passing is t.Passing.OUTPUT:
                 after.append(f"{self._value(argument.value)} = {field};")
             else:
-                raise Untranslatable("VAR_IN_OUT")
+                raise UntranslatableError("VAR_IN_OUT")
         return [*lines, f"{_name(call.callee)}(&{instance});", *after]
 
     # --- expressions ---
@@ -310,7 +329,7 @@ class _Unit:
             return self._constant(variable)
         return f"self->{variable.key}" if variable.storage is t.Storage.INSTANCE else f"l_{variable.key}"
 
-    def _value(self, node: t.Expression) -> str:
+    def _value(self, node: t.Expression) -> str:  # noqa: PLR0911, PLR0912 - one return a case
         match node:
             case t.Constant(value=value):
                 return _number(value, node.type)
@@ -340,7 +359,7 @@ class _Unit:
             case t.Call() if node.receiver is None:
                 return f"{_name(node.callee)}({', '.join(self._value(a.value) for a in node.arguments)})"
             case _:
-                raise Untranslatable(type(node).__name__)
+                raise UntranslatableError(type(node).__name__)
 
     def _element(self, node: t.ElementRef) -> str:
         type_ = node.base.type
@@ -361,7 +380,7 @@ class _Unit:
             return f"({self._type(target)})llrint({value})"
         return f"({self._type(target)})({value})"
 
-    def _standard(self, node: t.StandardCall) -> str:
+    def _standard(self, node: t.StandardCall) -> str:  # noqa: PLR0911 - one return a case
         values = [self._value(argument) for argument in node.arguments]
         name, c_type = node.function, self._type(node.type)
         is_real = isinstance(node.type, Elementary) and node.type.is_real
@@ -386,5 +405,4 @@ class _Unit:
             return f"(int32_t)({values[0]})"
         if name in ("SHL", "SHR"):
             return f"({c_type})({values[0]} {'<<' if name == 'SHL' else '>>'} {values[1]})"
-        raise Untranslatable(f"function {name}")
-
+        raise UntranslatableError(f"function {name}")

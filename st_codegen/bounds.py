@@ -18,6 +18,7 @@ from st_codegen import reference
 from st_codegen.ir import (
     Activation,
     BoolArray,
+    CellTable,
     Clip,
     Combine,
     Comparison,
@@ -33,6 +34,7 @@ from st_codegen.ir import (
     Operation,
     Operator,
     Precision,
+    Rank,
     Round,
     Scale,
     Select,
@@ -229,6 +231,13 @@ def _kernel_difference(
         return kernel, change + function * np.abs(kernel)
     larger = (base + change) ** op.degree
     return kernel, larger - base**op.degree + op.degree * both * larger
+
+
+@_difference.register(Rank)
+@_difference.register(CellTable)
+def _(op: Operation, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    unsure = np.any(np.hstack(given) > 0, axis=1, keepdims=True)
+    return np.where(unsure, np.inf, np.zeros_like(result))
 
 
 @_difference.register

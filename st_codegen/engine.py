@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -70,21 +70,23 @@ class GeneratedCode:
                 f"{self.folder}: no block {block}; the models have changed: generate again"
             ) from None
 
-    def run_model(self, block: str, x: FloatArray, outputs: int) -> BlockResult:
+    def run_model(self, block: str, x: FloatArray, outputs: int | Sequence[int]) -> BlockResult:
         """Call a model's block once for each row of `x` (rows, features), its inputs in order.
 
+        `outputs`: how many outputs, or the numbers (from 0) of those that are wanted.
         Raises GeneratedCodeError where the controller would stop: a floating point exception, an index out of range.
         """
+        wanted = range(outputs) if isinstance(outputs, int) else outputs
         if not len(x):
-            return BlockResult(np.zeros((0, outputs)), np.zeros(0, np.bool_))
-        parts = [self._batch(block, x[at : at + _BATCH], outputs) for at in range(0, len(x), _BATCH)]
+            return BlockResult(np.zeros((0, len(wanted))), np.zeros(0, np.bool_))
+        parts = [self._batch(block, x[at : at + _BATCH], wanted) for at in range(0, len(x), _BATCH)]
         return BlockResult(np.vstack([p.values for p in parts]), np.concatenate([p.valid for p in parts]))
 
-    def _batch(self, block: str, x: FloatArray, outputs: int) -> BlockResult:
+    def _batch(self, block: str, x: FloatArray, outputs: Sequence[int]) -> BlockResult:
         instance = self._instance(block, len(x))
         inputs = dict(zip((port.name for port in instance.inputs), x.T, strict=True))
         result = self._run(instance, block, inputs)
-        values = np.column_stack([result[f"fOut{number + 1}"] for number in range(outputs)])
+        values = np.column_stack([result[f"fOut{number + 1}"] for number in outputs])
         return BlockResult(values, result["bValid"].astype(np.bool_))
 
     def call(self, block: str, inputs: Mapping[str, FloatArray], lanes: int) -> dict[str, FloatArray]:

@@ -17,6 +17,7 @@ from st_codegen.ir import (
     Activation,
     Aggregate,
     BoolArray,
+    CellTable,
     Clip,
     Combine,
     Comparison,
@@ -34,6 +35,8 @@ from st_codegen.ir import (
     Operation,
     Operator,
     Precision,
+    Rank,
+    RankColumn,
     Round,
     Scale,
     Select,
@@ -81,7 +84,7 @@ def trace(model: ModelIR, x: FloatArray) -> list[FloatArray]:
     values = [np.array(x, dtype=np.float64)]
     with np.errstate(all="ignore"):
         for op in model.ops:
-            values.append(_apply(op, [values[number] for number in op.inputs]))
+            values.append(apply(op, [values[number] for number in op.inputs]))
     return values
 
 
@@ -99,16 +102,17 @@ _OPERATORS: dict[Operator, Callable[[FloatArray, FloatArray], FloatArray]] = {
 
 
 @singledispatch
-def _apply(op: Operation, operands: list[FloatArray]) -> FloatArray:
+def apply(op: Operation, operands: list[FloatArray]) -> FloatArray:
+    """The result of one operation on its operands, each (rows, width)."""
     raise NotImplementedError(type(op).__name__)
 
 
-@_apply.register
+@apply.register
 def _(op: Select, operands: list[FloatArray]) -> FloatArray:
     return np.hstack(operands)[:, op.columns]
 
 
-@_apply.register
+@apply.register
 def _(op: Scale, operands: list[FloatArray]) -> FloatArray:
     left, right = (op.constant[None, :], operands[0]) if op.reverse else (operands[0], op.constant[None, :])
     # + - * / of two float32 numbers computed in float64 and rounded once equal the float32 operation
@@ -116,7 +120,7 @@ def _(op: Scale, operands: list[FloatArray]) -> FloatArray:
     return _guarded(result, left, right, op) if op.reverse and op.operator is Operator.DIVIDE else result
 
 
-@_apply.register
+@apply.register
 def _(op: Combine, operands: list[FloatArray]) -> FloatArray:
     left, right = operands
     result = rounded(_OPERATORS[op.operator](left, right), op.precision)
@@ -128,24 +132,24 @@ def _guarded(quotient: FloatArray, left: FloatArray, right: FloatArray, op: Scal
     return np.where(np.abs(right) <= np.abs(left) * (1.0 / CEILING[op.precision]), np.nan, quotient)
 
 
-@_apply.register
+@apply.register
 def _(_: Round, operands: list[FloatArray]) -> FloatArray:
     return rounded(operands[0], Precision.FLOAT32)
 
 
-@_apply.register
+@apply.register
 def _(op: FillMissing, operands: list[FloatArray]) -> FloatArray:
     x = operands[0]
     missing = np.isnan(x) if op.sentinel is None else np.isnan(x) | (x == op.sentinel)
     return np.where(missing, op.fill, x)
 
 
-@_apply.register
+@apply.register
 def _(op: Clip, operands: list[FloatArray]) -> FloatArray:
     return np.clip(operands[0], op.lower, op.upper)
 
 
-@_apply.register
+@apply.register
 def _(op: Linear, operands: list[FloatArray]) -> FloatArray:
     x = operands[0]
     total = np.broadcast_to(op.bias, (len(x), op.width)).copy()
@@ -159,7 +163,7 @@ def _(op: Linear, operands: list[FloatArray]) -> FloatArray:
     return rounded(total, op.precision)
 
 
-@_apply.register
+@apply.register
 def _(op: Activation, operands: list[FloatArray]) -> FloatArray:
     x = np.where(operands[0] > op.limit, np.nan, operands[0])
     return rounded(_FUNCTIONS[op.function](x, op.parameter), op.precision)
@@ -185,7 +189,7 @@ _FUNCTIONS: dict[Function, Callable[[FloatArray, float], FloatArray]] = {
 }
 
 
-@_apply.register
+@apply.register
 def _(op: Normalize, operands: list[FloatArray]) -> FloatArray:
     x = operands[0]
     if op.norm is Norm.MAX:
@@ -204,7 +208,7 @@ def _(op: Normalize, operands: list[FloatArray]) -> FloatArray:
     return np.where((size == 0)[:, None], x, quotient)
 
 
-@_apply.register
+@apply.register
 def _(op: KernelSum, operands: list[FloatArray]) -> FloatArray:
     x = operands[0]
     total = np.broadcast_to(op.intercept, (len(x), op.width)).copy()
@@ -225,7 +229,7 @@ def kernel_value(op: KernelSum, x: FloatArray, vector: FloatArray) -> FloatArray
     return np.tanh(argument) if op.kernel is Kernel.SIGMOID else argument**op.degree
 
 
-@_apply.register
+@apply.register
 def _(op: TreeEnsemble, operands: list[FloatArray]) -> FloatArray:
     return _TreeEvaluator(op, operands[0]).total()
 
@@ -326,6 +330,30 @@ class _TreeEvaluator:
         if op.base_last or op.aggregate is not Aggregate.SUM:
             result = result + base
         return np.asarray(result, np.float64)
+
+
+@apply.register
+def _(op: Rank, operands: list[FloatArray]) -> FloatArray:
+    x = np.hstack(operands)
+    return np.column_stack([_rank(column, x[:, column.column]) for column in op.columns])
+
+
+def _rank(column: RankColumn, x: FloatArray) -> FloatArray:
+    below = np.searchsorted(column.edges, x, side="left")
+    rank = column.highest - below if column.descending else below
+    return np.where(np.isnan(x), column.missing, rank).astype(np.float64)
+
+
+@apply.register
+def _(op: CellTable, operands: list[FloatArray]) -> FloatArray:
+    ranks = np.hstack(operands).astype(np.int64)
+    row = np.zeros(len(ranks), np.int64)
+    for axis in op.axes:
+        row += axis.offset[ranks[:, axis.column]]
+    result = np.broadcast_to(op.constant, (len(row), op.width)).copy()
+    kept = np.flatnonzero(op.stored >= 0)
+    result[:, kept] = op.values[row[:, None], op.stored[kept]]
+    return result
 
 
 def category_code(column: TreeColumn, value: FloatArray) -> NDArray[np.int64]:

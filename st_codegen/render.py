@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -61,7 +61,11 @@ def render(project: ProjectIR, target: Target, limits: Limits | None = None) -> 
     All checks are made before the first file is handed out; texts are printed piece by piece while they are consumed,
     so that a table of millions of numbers is never a string. Raises InputError, TargetError.
     """
-    plans = list(target.plan(project, limits or target.limits))
+    return render_plans(list(target.plan(project, limits or target.limits)), target)
+
+
+def render_plans(plans: Sequence[FilePlan], target: Target) -> Iterator[RenderedFile]:
+    """The planned files of a target."""
     templates = environment(target)
     return (RenderedFile(plan.path, _print(templates, plan)) for plan in plans)
 

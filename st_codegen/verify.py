@@ -16,13 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from st_codegen import bounds, reference
-from st_codegen.blocks.model import block_name
 from st_codegen.bundle import Bundle
 from st_codegen.cost import Profile, ProjectCost, project_cost
 from st_codegen.engine import GeneratedCode
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import BoolArray, FloatArray, TransmissionError
-from st_codegen.output import MANIFEST
+from st_codegen.output import MANIFEST, block_of
 from st_codegen.probes import probe_rows, trained_range
 from st_codegen.targets import TARGETS
 from st_codegen.te_check import check_transmission_error
@@ -194,7 +193,8 @@ def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: i
     _compare(report, "library and reference", x, library, expected, bound)
     for name, code in targets.items():
         report.targets.append(name)
-        result = code.run_model(block_name(ir.name), x, len(ir.outputs))
+        block, outputs = block_of(code.folder, ir.name)
+        result = code.run_model(block, x, outputs)
         got = np.where(result.valid[:, None], result.values, np.nan)
         _compare(report, f"reference and {name}", x, expected, got, bound)
         report.exact &= not np.any(library[usable] != got[usable])

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from st_codegen.blocks import trees  # noqa: F401 - registers the code of tree ensembles
+from st_codegen.blocks import cells, trees  # noqa: F401 - these register the code of their operations
 from st_codegen.blocks.listing import LINE_LENGTH, Block, Listing, Variable
 from st_codegen.blocks.operations import Step, lay_out
 from st_codegen.errors import InputError, errors_name
-from st_codegen.ir import FLOAT32_OVERFLOW, Feature, ModelIR, Operation, Select, TreeEnsemble
+from st_codegen.ir import FLOAT32_OVERFLOW, Feature, ModelIR, Operation, Rank, Select, TreeEnsemble
 from st_codegen.literals import capitalised, check_text, identifier, real, unit_text
 
 #: Names a block uses itself; an input may not be called so.
@@ -104,7 +104,7 @@ def feature_text(feature: Feature) -> str:
 
 def _header(model: ModelIR) -> tuple[str, ...]:
     source = model.source
-    lines = [f"{block_name(model.name)}: {source.model_class}", f"Source: {source.library} {source.version}"]
+    lines = [f"{block_name(model.name)}: {source.model_class}", f"Source: {source.library} {source.version}".rstrip()]
     if source.file:
         lines.append(f"File: {source.file}")
     if source.sha256:
@@ -162,8 +162,10 @@ def _check_inputs(model: ModelIR, inputs: tuple[Variable, ...], listing: Listing
 def _operations(model: ModelIR, listing: Listing) -> None:
     names = ["aInput"]
     missing = _missing_inputs(model)
-    for number, op in enumerate(model.ops, 1):
-        result = f"aStep{number}"
+    *_, last = model.ops
+    picked = isinstance(last, Select)  # the outputs are read where they are
+    for number, op in enumerate(model.ops[:-1] if picked else model.ops, 1):
+        result = f"anRank{number}" if isinstance(op, Rank) else f"aStep{number}"
         operands = tuple(names[value] for value in op.inputs)
         step = Step(
             number=number,
@@ -176,13 +178,14 @@ def _operations(model: ModelIR, listing: Listing) -> None:
         )
         lay_out(op, step, listing)
         names.append(result)
+    results = [f"{names[-1]}[{number}]" for number in range(len(model.outputs))]
+    if isinstance(last, Select):
+        joined = [f"{names[value]}[{number}]" for value in last.inputs for number in range(model.value_width(value))]
+        results = [joined[column] for column in last.columns]
     listing.section(
         "outputs",
         "outputs",
-        assignments=[
-            {"output": f"{_OUTPUT_STEM}{number + 1}", "value": f"{names[-1]}[{number}]"}
-            for number in range(len(model.outputs))
-        ],
+        assignments=[{"output": f"{_OUTPUT_STEM}{number + 1}", "value": value} for number, value in enumerate(results)],
         ranged=_ranged(model),
     )
 
@@ -203,6 +206,6 @@ def _missing_after(op: Operation, operands: list[tuple[int, ...]]) -> tuple[int,
     if isinstance(op, Select):
         joined = sum(operands, ())
         return tuple(joined[column] for column in op.columns)
-    if isinstance(op, TreeEnsemble):
+    if isinstance(op, Rank | TreeEnsemble):
         return (0,) * op.width
     return operands[0] if op.width == len(operands[0]) else (0,) * op.width

@@ -4,16 +4,26 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.table import Table
 
 from st_codegen.bundle import load
-from st_codegen.cli.console import array_option, console, models_argument, progress_bar, quiet_option, trust_option
+from st_codegen.cli.console import (
+    array_option,
+    console,
+    layout_options,
+    models_argument,
+    progress_bar,
+    quiet_option,
+    trust_option,
+)
 from st_codegen.cli.costs import print_budget, profile_option
 from st_codegen.cost import load_profile, project_cost
 from st_codegen.engine import GeneratedCode
-from st_codegen.generate import check, generate
+from st_codegen.generate import Generated, check, generate
+from st_codegen.passes.choose import Layout, Options
 from st_codegen.targets import TARGETS, target_named
 
 
@@ -24,6 +34,7 @@ Examples:
   st-codegen models/ --target twincat
   st-codegen generate models/ --target iec --target twincat --out plc/
   st-codegen models/ --target twincat --explain
+  st-codegen models/ --layout table --table-limit 256
   st-codegen generate models/ --target twincat --check      in CI: fail when the files are not up to date""",
 )
 @models_argument
@@ -52,6 +63,7 @@ Examples:
 @array_option
 @click.option("--explain", is_flag=True, help="Show what the emitted text costs on the controller, block by block.")
 @profile_option
+@layout_options
 @trust_option
 @quiet_option
 def command(
@@ -64,6 +76,7 @@ def command(
     profile: str,
     trust_pickle: bool,
     quiet: bool,
+    **layout: Any,
 ) -> None:
     """Compile MODELS, a folder of model files (or one file), to Structured Text.
 
@@ -71,25 +84,43 @@ def command(
     its models; without one, every model file becomes a function block of its own.
     """
     machine = load_profile(profile)
+    options = Options(Layout(layout["layout"]), table_bytes=layout["table_limit"] * 1024)
     chosen = [target_named(name) for name in targets or ("twincat",)]
     with progress_bar("loading", quiet=quiet) as progress:
         bundle = load(models, trust_pickle=trust_pickle, progress=progress)
     if only_check:
         different = False
         for target in chosen:
-            for line in check(bundle, target, out, max_array=max_array):
+            for line in check(bundle, target, out, max_array=max_array, options=options):
                 different = True
                 click.echo(line if line.endswith("\n") else line + "\n", nl=False)
         sys.exit(1 if different else 0)
     for target in chosen:
-        generated = generate(bundle, target, out, max_array=max_array)
+        generated = generate(bundle, target, out, max_array=max_array, options=options)
         if not quiet:
-            table = Table(title=f"{generated.folder}: {len(generated.files)} files", title_justify="left")
-            table.add_column("file")
-            table.add_column("bytes", justify="right")
-            for name, size in generated.files.items():
-                table.add_row(name, f"{size:,}")
-            console.print(table)
+            console.print(_files_table(generated))
+            console.print(_models_table(generated))
         if explain:
             cost = project_cost(GeneratedCode(generated.folder, target.name).project, machine)
             print_budget(target.name, cost, None)
+
+
+def _files_table(generated: Generated) -> Table:
+    table = Table(title=f"{generated.folder}: {len(generated.files)} files", title_justify="left")
+    table.add_column("file")
+    table.add_column("bytes", justify="right")
+    for name, size in generated.files.items():
+        table.add_row(name, f"{size:,}")
+    return table
+
+
+def _models_table(generated: Generated) -> Table:
+    """Where each model went, and what its block's tables take in the controller's memory."""
+    table = Table(title="models", title_justify="left")
+    for name in ("model", "layout", "block", "bytes of tables"):
+        table.add_column(name, justify="right" if name.startswith("bytes") else "left")
+    for name, facts in generated.facts["models"].items():
+        size = generated.facts["blocks"].get(facts["block"], {}).get("data_bytes", 0)
+        shared = " (shared)" if facts["shared"] else ""
+        table.add_row(name, facts["layout"], facts["block"] + shared, f"{size:,}")
+    return table

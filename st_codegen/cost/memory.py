@@ -45,6 +45,19 @@ class Place:
 
 
 @dataclass(frozen=True)
+class Loop:
+    """A loop: its `first` version, the one of its counter (None: no counter), which moves by `step`.
+
+    `is_anchored`: the counter always starts at the same number.
+    """
+
+    first: int
+    counter: int | None = None
+    step: int = 1
+    is_anchored: bool = True
+
+
+@dataclass(frozen=True)
 class Touch:
     """Accesses to one place: `count` unrelated positions, each a span of bytes, in so many `executions` in all.
 
@@ -64,19 +77,25 @@ class Touch:
         each = 1 + -(-self.span // LINE)
         return min(self.place.lines, self.executions, self.count * each)
 
-    def repeated(self, rounds: int, first: int, counter: int | None, step: int) -> Touch:
-        """All rounds of a loop, whose versions are from `first` on; the counter moves by `step`."""
+    def repeated(self, rounds: int, loop: Loop) -> Touch:
+        """All rounds of a loop.
+
+        What depends on something that the loop changes keeps a version of it: in a loop around this one it may start
+        anywhere, and a counter does where its first value is not always the same.
+        """
         span = self.span
         moves = dict(self.affine)
-        if counter is not None and counter in moves:
-            span += abs(moves.pop(counter) * step) * max(rounds - 1, 0)
-        inner = {version for version in (*moves, *self.varies) if version >= first}
+        inner: set[int] = set()
+        if loop.counter is not None and loop.counter in moves:
+            span += abs(moves.pop(loop.counter) * loop.step) * max(rounds - 1, 0)
+            inner = set() if loop.is_anchored else {loop.counter}
+        changing = {version for version in (*moves, *self.varies) if version >= loop.first}
         return Touch(
             self.place,
-            {version: step for version, step in moves.items() if version < first},
-            frozenset(version for version in self.varies if version < first),
+            {version: step for version, step in moves.items() if version < loop.first},
+            frozenset(version for version in self.varies if version < loop.first) | changing | inner,
             span,
-            self.count * (rounds if inner else 1),
+            self.count * (rounds if changing else 1),
             self.executions * rounds,
         )
 

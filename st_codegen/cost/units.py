@@ -8,7 +8,7 @@ from functools import partial
 
 from st_codegen.cost import rounds
 from st_codegen.cost.access import Accesses, State
-from st_codegen.cost.memory import Place, Touch, Touches, new_version
+from st_codegen.cost.memory import Loop, Place, Touch, Touches, new_version
 from st_codegen.cost.operations import Counts, Operation, no_counts, size_of
 from st_codegen.cost.paths import Cost, Costs, Flow, Outcomes
 from st_codegen.cost.ranges import Interval
@@ -183,7 +183,8 @@ class _Body:
             self._state.ranges.set(counter, start.hull(stop))
         body = self._body(statement.body)
         largest = 1 if step is None else max(abs(step.low), abs(step.high))
-        result = self._loop(statement, count, body, each=each, last=each, moves=(first, moving, largest))
+        loop = Loop(first, moving, largest, start is not None and start.low == start.high)
+        result = self._loop(statement, count, body, each=each, last=each, loop=loop)
         self._enter(statement.body, {counter})
         if start is not None and stop is not None and step is not None:
             beyond = Interval(stop.low + min(step.low, 0), stop.high + max(step.high, 0))
@@ -203,11 +204,11 @@ class _Body:
             leaving: Outcomes = {flow: cost for flow, cost in body.items() if flow in (Flow.EXIT, Flow.RETURN)}
             going_on = (_before(body, flow, test) for flow in (Flow.NEXT, Flow.CONTINUE))
             body = self._costs.choose([leaving, *going_on])
-            result = self._loop(statement, count, body, each=Cost(), last=Cost(), moves=(first, None, 1))
+            result = self._loop(statement, count, body, each=Cost(), last=Cost(), loop=Loop(first))
         else:
             test = self._value(statement.condition).then(self._one(Operation.BRANCH))
             body = self._body(statement.body)
-            result = self._loop(statement, count, body, each=test, last=test, moves=(first, None, 1))
+            result = self._loop(statement, count, body, each=test, last=test, loop=Loop(first))
         self._enter(statement.body, set())
         return result
 
@@ -227,9 +228,9 @@ class _Body:
         *,
         each: Cost,
         last: Cost,
-        moves: tuple[int, int | None, int],
+        loop: Loop,
     ) -> Outcomes:
-        """All rounds; `moves`: the first version of the loop, the one of its counter, and its step."""
+        """All rounds."""
         if count is None:
             kind = type(statement).__name__.upper()
             place = statement.position
@@ -237,7 +238,7 @@ class _Body:
         number = 1 if count is None else count
 
         def spread(cost: Cost) -> Cost:
-            touches = {key: touch.repeated(max(number, 1), *moves) for key, touch in cost.touches.items()}
+            touches = {key: touch.repeated(max(number, 1), loop) for key, touch in cost.touches.items()}
             return Cost(cost.counts, touches)
 
         spread_body = {flow: spread(cost) for flow, cost in body.items()}

@@ -17,6 +17,7 @@ from st_codegen.ir import (
     CEILING,
     FLOAT32_OVERFLOW,
     Activation,
+    CellTable,
     Clip,
     Combine,
     FillMissing,
@@ -31,6 +32,7 @@ from st_codegen.ir import (
     Operation,
     Operator,
     Precision,
+    Rank,
     Round,
     Scale,
     Select,
@@ -199,3 +201,16 @@ def _(op: TreeEnsemble, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     ceiling = CEILING[op.sum_precision]
     bound = total / abs(op.divisor)
     return (float(np.max(total)) if np.max(total) <= ceiling else math.inf), np.broadcast_to(bound, (op.width,))
+
+
+@_bound.register
+def _(op: Rank, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    return 0.0, np.array([float(max(column.highest, abs(column.missing))) for column in op.columns])
+
+
+@_bound.register
+def _(op: CellTable, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    bound = np.abs(op.constant)
+    kept = np.flatnonzero(op.stored >= 0)
+    bound[kept] = np.max(np.abs(op.values), axis=0)[op.stored[kept]]
+    return 0.0, bound

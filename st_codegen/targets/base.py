@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from st_codegen.blocks.listing import Block
 from st_codegen.blocks.model import Limits
 from st_codegen.ir import ProjectIR
 
@@ -23,13 +24,23 @@ class FilePlan:
     values: Mapping[str, Any]
     twincat_xml: bool = False
 
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """The function blocks that the file prints."""
+        one = self.values.get("block")
+        return tuple(self.values.get("blocks", () if one is None else (one,)))
+
 
 class Target(ABC):
-    """A dialect of Structured Text and the files it comes in."""
+    """A dialect of Structured Text and the files it comes in.
+
+    `compiles`: the passes rewrite the models first; False for a target that hands the models themselves on.
+    """
 
     name: str
     summary: str
     limits: Limits
+    compiles: bool = True
 
     @abstractmethod
     def plan(self, project: ProjectIR, limits: Limits) -> Iterable[FilePlan]:

@@ -20,6 +20,9 @@ LINES = {
     "FOR i := 0 TO 3 DO x := x + T[25 * K[i]]; END_FOR;": 4,
     "FOR i := 0 TO 99 DO n := n + 1; x := x + T[n]; END_FOR;": 13,
     "FOR i := 0 TO 4 DO n := K[n]; x := x + T[n]; END_FOR;": 5,
+    # a walk that starts anew in every round of a loop around it, or where a table says
+    "FOR i := 0 TO 2 DO n := K[i]; FOR m := 0 TO 1 DO x := x + T[n]; n := n + 9; END_FOR; END_FOR;": 6,
+    "FOR i := 0 TO 2 DO FOR n := K[i] TO K[i] + 1 DO x := x + T[n]; END_FOR; END_FOR;": 6,
     # rows that are found, and read from end to end
     "m := 0; FOR i := 0 TO 1 DO FOR n := 0 TO 7 DO x := x + T[m + n]; END_FOR; m := m + 30; END_FOR;": 4,
     "FOR i := 0 TO 1 DO FOR n := 0 TO 7 DO x := x + T[30 * i + n]; END_FOR; END_FOR;": 6,
