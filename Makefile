@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: run test lint bench clean
+.PHONY: run test lint bench race clean
 
 run: $(INSTALLED)  ## compile the example bundle, verify the result
 	$(BIN)/st-codegen examples/rv160n/models/ --target twincat --out build/rv160n

@@ -13,7 +13,7 @@ from st_codegen import output
 from st_codegen.blocks.model import Limits, block_name
 from st_codegen.bundle import Bundle
 from st_codegen.ir import KernelSum, ModelIR, TransmissionError, TreeEnsemble
-from st_codegen.passes.choose import Options
+from st_codegen.passes.choose import CostFunction, Options, simple_cost
 from st_codegen.passes.pipeline import Compiled, compile_project, unchanged
 from st_codegen.probes import trained_range
 from st_codegen.render import render_plans
@@ -35,15 +35,21 @@ class Generated:
 
 
 def generate(
-    bundle: Bundle, target: Target, out: Path, *, max_array: int | None = None, options: Options | None = None
+    bundle: Bundle,
+    target: Target,
+    out: Path,
+    *,
+    max_array: int | None = None,
+    options: Options | None = None,
+    cost: CostFunction = simple_cost,
 ) -> Generated:
-    """Write the files of a bundle for one target to `out/<target>`.
+    """Write the files of a bundle for one target to `out/<target>`; layouts are chosen by `cost`.
 
     Raises InputError or TargetError, with nothing written, for what the target cannot express. Files in the folder that
     were not generated stay; generated files of an earlier run that are no longer needed are removed.
     """
     folder = out / target.name
-    work = _prepared(bundle, target, max_array, options)
+    work = _prepared(bundle, target, max_array, options, cost)
     with output.staged(out, render_plans(work.plans, target), work.facts) as stage:
         files = {
             path.relative_to(stage).as_posix(): path.stat().st_size
@@ -55,14 +61,20 @@ def generate(
 
 
 def check(
-    bundle: Bundle, target: Target, out: Path, *, max_array: int | None = None, options: Options | None = None
+    bundle: Bundle,
+    target: Target,
+    out: Path,
+    *,
+    max_array: int | None = None,
+    options: Options | None = None,
+    cost: CostFunction = simple_cost,
 ) -> Iterator[str]:
     """The unified diff, line by line, between the files on disk and what would be generated; empty when equal.
 
     Line ends do not count: version control may change them.
     """
     folder = out / target.name
-    work = _prepared(bundle, target, max_array, options)
+    work = _prepared(bundle, target, max_array, options, cost)
     with output.staged(out, render_plans(work.plans, target), work.facts) as stage:
         wanted = {path.relative_to(stage).as_posix() for path in stage.rglob("*") if path.is_file()}
         for name in sorted(wanted | {name for name in output.generated_names(folder) if (folder / name).exists()}):
@@ -83,11 +95,13 @@ class _Prepared:
     facts: dict[str, Any]
 
 
-def _prepared(bundle: Bundle, target: Target, max_array: int | None, options: Options | None) -> _Prepared:
+def _prepared(
+    bundle: Bundle, target: Target, max_array: int | None, options: Options | None, cost: CostFunction
+) -> _Prepared:
     limits = limits_for(target, max_array)
     if target.compiles:
         options = dataclasses.replace(options or Options(), max_array=limits.max_array)
-        compiled = compile_project(bundle.project, options)
+        compiled = compile_project(bundle.project, options, cost)
     else:
         compiled = unchanged(bundle.project)
     plans = tuple(target.plan(compiled.project, limits))

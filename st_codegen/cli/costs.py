@@ -9,6 +9,7 @@ from rich.table import Table
 
 from st_codegen.cli.console import Command, console
 from st_codegen.cost import DEFAULT, BlockCost, Part, ProjectCost, profile_names
+from st_codegen.explain import Price
 
 #: Parts of a cycle that take less than this share are added up in one row.
 _SMALL = 0.002
@@ -86,6 +87,27 @@ def cost_table(title: str, blocks: Iterable[BlockCost]) -> Table:
         table.add_row(f"{len(rest)} others", *_cells(rest, total))
     table.add_section()
     table.add_row("sum", *_cells(parts, total))
+    return table
+
+
+def price_table(target: str, profile: str, priced: Iterable[Price]) -> Table:
+    """A row for each layout that a model could have; the first one was taken."""
+    table = Table(title=f"{target}: layouts, a block alone on {profile}", title_justify="left")
+    for name in ("model", "layout"):
+        table.add_column(name)
+    for name in ("operations", "tables B", "touched lines", "warm us", "cold us"):
+        table.add_column(name, justify="right")
+    for price in priced:
+        cost = price.cost
+        table.add_row(
+            price.model if price.is_chosen else "",
+            f"[bold]{price.layout}[/]" if price.is_chosen else f"[dim]{price.layout}[/]",
+            f"{cost.instructions:,.0f}",
+            f"{cost.table_bytes:,}",
+            f"{cost.lines:,.0f}",
+            f"{cost.warm_us:.2f}",
+            f"{cost.cold_us:.2f}",
+        )
     return table
 
 

@@ -19,11 +19,12 @@ from st_codegen.cli.console import (
     quiet_option,
     trust_option,
 )
-from st_codegen.cli.costs import print_budget, profile_option
-from st_codegen.cost import load_profile, project_cost
+from st_codegen.cli.costs import price_table, print_budget
+from st_codegen.cost import DEFAULT, load_profile, project_cost
 from st_codegen.engine import GeneratedCode
-from st_codegen.generate import Generated, check, generate
-from st_codegen.passes.choose import Layout, Options
+from st_codegen.explain import Pricing, prices
+from st_codegen.generate import Generated, check, generate, limits_for
+from st_codegen.passes.choose import CostFunction, Layout, Options, simple_cost
 from st_codegen.targets import TARGETS, target_named
 
 
@@ -33,7 +34,7 @@ from st_codegen.targets import TARGETS, target_named
 Examples:
   st-codegen models/ --target twincat
   st-codegen generate models/ --target iec --target twincat --out plc/
-  st-codegen models/ --target twincat --explain
+  st-codegen models/ --target twincat --profile cx5140 --explain
   st-codegen models/ --layout table --table-limit 256
   st-codegen generate models/ --target twincat --check      in CI: fail when the files are not up to date""",
 )
@@ -61,8 +62,13 @@ Examples:
     help="Write nothing; print a diff and exit 1 if the files are not up to date.",
 )
 @array_option
-@click.option("--explain", is_flag=True, help="Show what the emitted text costs on the controller, block by block.")
-@profile_option
+@click.option(
+    "--profile",
+    metavar="NAME|FILE",
+    help="Choose layouts by the worst case of the emitted text on this controller (see verify); slower. Default: by an "
+    "estimate from the model alone.",
+)
+@click.option("--explain", is_flag=True, help="Print the layouts of each model with their prices, and who spends what.")
 @layout_options
 @trust_option
 @quiet_option
@@ -73,7 +79,7 @@ def command(
     only_check: bool,
     max_array: int | None,
     explain: bool,
-    profile: str,
+    profile: str | None,
     trust_pickle: bool,
     quiet: bool,
     **layout: Any,
@@ -83,24 +89,28 @@ def command(
     With a bundle.toml the folder is a transmission error bundle and FB_TEPredict and FB_Compensator are generated from
     its models; without one, every model file becomes a function block of its own.
     """
-    machine = load_profile(profile)
+    machine = load_profile(profile or DEFAULT)
     options = Options(Layout(layout["layout"]), table_bytes=layout["table_limit"] * 1024)
     chosen = [target_named(name) for name in targets or ("twincat",)]
     with progress_bar("loading", quiet=quiet) as progress:
         bundle = load(models, trust_pickle=trust_pickle, progress=progress)
+    pricing = {target.name: Pricing(target, limits_for(target, max_array), machine) for target in chosen}
+    costs: dict[str, CostFunction] = {name: simple_cost if profile is None else own for name, own in pricing.items()}
     if only_check:
         different = False
         for target in chosen:
-            for line in check(bundle, target, out, max_array=max_array, options=options):
+            for line in check(bundle, target, out, max_array=max_array, options=options, cost=costs[target.name]):
                 different = True
                 click.echo(line if line.endswith("\n") else line + "\n", nl=False)
         sys.exit(1 if different else 0)
     for target in chosen:
-        generated = generate(bundle, target, out, max_array=max_array, options=options)
+        generated = generate(bundle, target, out, max_array=max_array, options=options, cost=costs[target.name])
         if not quiet:
             console.print(_files_table(generated))
             console.print(_models_table(generated))
         if explain:
+            if generated.compiled.decisions:
+                console.print(price_table(target.name, machine.name, prices(generated.compiled, pricing[target.name])))
             cost = project_cost(GeneratedCode(generated.folder, target.name).project, machine)
             print_budget(target.name, cost, None)
 

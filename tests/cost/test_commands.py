@@ -5,7 +5,13 @@ import json
 
 import pytest
 
+from st_codegen.bundle import load
 from st_codegen.cli.main import main
+from st_codegen.cost import load_profile
+from st_codegen.explain import Pricing
+from st_codegen.passes.choose import Options
+from st_codegen.passes.pipeline import compile_project
+from st_codegen.targets import TARGETS
 
 
 def run(*arguments):
@@ -59,11 +65,28 @@ def test_wrong_options_exit_with_2(bundle_folder, generated, capsys):
     assert "no block FB_None" in capsys.readouterr().err
 
 
-def test_explain_shows_what_the_text_costs(bundle_folder, tmp_path, capsys):
+def test_explain_shows_the_layouts_and_what_the_text_costs(bundle_folder, tmp_path, capsys):
     assert run(bundle_folder, "--out", tmp_path / "out", "--explain", "-q") == 0
     shown = capsys.readouterr().err
     assert "FB_TEPredict" in shown
     assert "us with cold ones on cx5140" in shown
+    assert "trees" in shown
+    # chosen by the emitted text: the first layout of a model is the cheapest one
+    assert run(bundle_folder, "--out", tmp_path / "other", "--profile", "cx5140", "--explain", "-q") == 0
+    assert "layouts, a block alone on cx5140" in capsys.readouterr().err
+    assert run(bundle_folder, "--profile", "abacus") == 2
+
+
+def test_layouts_are_chosen_by_the_worst_case_of_their_text(bundle_folder):
+    bundle = load(bundle_folder)
+    target = TARGETS["twincat"]
+    pricing = Pricing(target, target.limits, load_profile())
+    compiled = compile_project(bundle.project, Options(), pricing)
+    for decision in compiled.decisions:
+        costs = [candidate.cost.cold_us for candidate in decision.candidates]
+        assert costs == sorted(costs)
+        assert pricing(decision.candidates[0].model).cold_us == costs[0]
+        assert pricing.block(decision.candidates[0].model).is_bounded
 
 
 def test_calibrate_writes_a_profile_that_verify_takes(bundle_folder, generated, tmp_path, capsys):
