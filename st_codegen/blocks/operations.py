@@ -41,6 +41,7 @@ class Step:
 
     `missing`: for each column of the operands, the input whose `abMissing` flag says whether it is missing; None in a
     block that takes no missing values. `fits_real`: all operands are inputs known to lie in the range of REAL.
+    `ranks`: the operand is a list of ranks, which are integers.
     """
 
     number: int
@@ -49,6 +50,7 @@ class Step:
     result: str
     missing: tuple[int, ...] | None = None
     fits_real: bool = False
+    ranks: bool = False
 
     @property
     def source(self) -> str:

@@ -59,6 +59,7 @@ from st_codegen.ir.trees import (
     LinearLeaves,
     TreeColumn,
     TreeEnsemble,
+    depth_of,
 )
 
 __all__ = [
@@ -102,4 +103,5 @@ __all__ = [
     "TransmissionError",
     "TreeColumn",
     "TreeEnsemble",
+    "depth_of",
 ]

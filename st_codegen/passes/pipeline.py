@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from st_codegen.ir import Feature, HarmonicOutput, ModelIR, ProjectIR, Source, TransmissionError
+from st_codegen.ir import Feature, HarmonicOutput, ModelIR, ProjectIR, Rank, Source, TransmissionError
 from st_codegen.passes import tables
 from st_codegen.passes.choose import (
     Candidate,
@@ -22,6 +22,8 @@ from st_codegen.passes.choose import (
     priced,
     simple_cost,
 )
+from st_codegen.passes.prune import pruned
+from st_codegen.passes.ranks import ranked
 
 
 @dataclass(frozen=True)
@@ -91,8 +93,21 @@ def _cells(model: ModelIR, options: Options) -> tables.Cells | None:
     return found
 
 
+def _on_ranks(model: ModelIR, options: Options) -> ModelIR | None:
+    """The model with its trees on ranks and pruned, where it has such trees and the target holds their thresholds."""
+    found = ranked(model)
+    if found is None:
+        return None
+    found = pruned(found)
+    longest = max(column.highest for op in found.ops if isinstance(op, Rank) for column in op.columns)
+    return found if longest <= options.max_array else None
+
+
 def _decide(model: ModelIR, options: Options, cost: CostFunction) -> Decision:
     candidates = [priced("trees", model, cost)]
+    on_ranks = _on_ranks(model, options) if options.ranks else None
+    if on_ranks is not None:
+        candidates.append(priced("ranked trees", on_ranks, cost))
     if options.layout is not Layout.TREES:
         found = _cells(model, options)
         if found is not None:
