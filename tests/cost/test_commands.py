@@ -35,8 +35,8 @@ def test_verify_fails_with_a_table_when_a_cycle_does_not_fit(bundle_folder, gene
     content = json.loads(report.read_text())["costs"]["twincat"]
     assert content["fits"] is True
     assert content["entries"] == ["FB_Compensator"]
-    assert {"FB_Compensator", "FB_TEPredict", "FB_A", "FB_B"} <= content["blocks"].keys()
-    block = content["blocks"]["FB_A"]
+    assert {"FB_Compensator", "FB_TEPredict"} < content["blocks"].keys()
+    block = content["blocks"]["FB_TEPredict"]
     assert 0.0 < block["warm_us"] < block["cold_us"] < content["cold_us"]
     assert block["operations"]["load"] > 10
     assert block["table_bytes"] > 0
@@ -44,14 +44,14 @@ def test_verify_fails_with_a_table_when_a_cycle_does_not_fit(bundle_folder, gene
     assert run(*verify, "--cycle-us", 1, "--profile", "cx5140", "-q", "--json", report) == 1
     shown = capsys.readouterr().err
     assert "DOES NOT FIT" in shown
-    assert "FB_A" in shown
+    assert "FB_TEPredict" in shown
     content = json.loads(report.read_text())
     assert content["passed"] is False
     assert content["costs"]["twincat"]["cycle_us"] == 1
     assert all(model["passed"] for model in content["models"].values())
     # one block alone
-    assert run(*verify, "--cycle-us", block["cold_us"] + 0.01, "--entry", "FB_A") == 0
-    assert run(*verify, "--cycle-us", block["cold_us"] - 0.01, "--entry", "FB_A") == 1
+    assert run(*verify, "--cycle-us", block["cold_us"] + 0.01, "--entry", "FB_TEPredict") == 0
+    assert run(*verify, "--cycle-us", block["cold_us"] - 0.01, "--entry", "FB_TEPredict") == 1
     # without a budget nothing can be exceeded
     assert run(*verify) == 0
 
@@ -96,14 +96,18 @@ def test_calibrate_writes_a_profile_that_verify_takes(bundle_folder, generated, 
     blocks = json.loads(report.read_text())["costs"]["twincat"]["blocks"]
     with times.open("w", newline="") as file:
         rows = [("block", "caches", "us")]
-        rows += [(name, side, blocks[name][f"{side}_us"] / 2) for name in ("FB_A", "FB_B") for side in ("warm", "cold")]
+        rows += [
+            (name, side, blocks[name][f"{side}_us"] / 2)
+            for name in ("FB_Compensator", "FB_TEPredict")
+            for side in ("warm", "cold")
+        ]
         csv.writer(file).writerows(rows)
     assert run("calibrate", generated, "--measured", times, "--out", mine) == 0
     assert "compute x 0.5" in capsys.readouterr().err
     assert not list(mine.parent.glob("*.partial"))
     assert run(*verify, "--profile", mine) == 0
     after = json.loads(report.read_text())["costs"]["twincat"]["blocks"]
-    assert after["FB_A"]["cold_us"] == pytest.approx(blocks["FB_A"]["cold_us"] / 2, rel=1e-4)
+    assert after["FB_TEPredict"]["cold_us"] == pytest.approx(blocks["FB_TEPredict"]["cold_us"] / 2, rel=1e-4)
     times.write_text("block,caches,us\nFB_None,warm,1\n")
     mine.unlink()
     assert run("calibrate", generated, "--measured", times, "--out", mine) == 2
