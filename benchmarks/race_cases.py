@@ -91,14 +91,14 @@ def _public() -> Iterator[tuple[str, Callable[[], Case]]]:
         return lightgbm.LGBMRegressor(n_estimators=trees, num_leaves=31, random_state=0, verbose=-1, n_jobs=1)
 
     def xgbm(trees: int) -> Any:
-        return xgboost.XGBRegressor(n_estimators=trees, max_depth=6, learning_rate=0.1, random_state=0, n_jobs=1)
+        return xgboost.XGBRegressor(n_estimators=trees, max_depth=4, learning_rate=0.1, random_state=0, n_jobs=1)
 
     makers: dict[str, tuple[Callable[[], Any], int]] = {
         "friedman10-lgbm-100": (lambda: lgbm(100), 10),
         "friedman20-lgbm-300": (lambda: lgbm(300), 20),
         "friedman30-xgb-1000": (lambda: xgbm(1000), 30),
-        "friedman10-rf-100": (lambda: RandomForestRegressor(100, max_depth=10, random_state=0), 10),
-        "friedman10-ert-100": (lambda: ExtraTreesRegressor(100, max_depth=10, random_state=0), 10),
+        "friedman10-rf-100": (lambda: RandomForestRegressor(100, max_depth=8, random_state=0), 10),
+        "friedman10-ert-100": (lambda: ExtraTreesRegressor(100, max_depth=8, random_state=0), 10),
         "friedman20-gbm-300": (lambda: GradientBoostingRegressor(n_estimators=300, max_depth=4, random_state=0), 20),
     }
     for name, (make, features) in makers.items():

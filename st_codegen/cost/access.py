@@ -73,7 +73,7 @@ class State:
 
 @dataclass(frozen=True)
 class _Address:
-    """A place, and where in it: bytes for each version, other versions it depends on, and the text.
+    """A place, and where in it: bytes for each version, other versions it depends on, a distance, and the text.
 
     Without a place it is a scalar of the unit itself: those are counted as one piece of memory.
     """
@@ -81,13 +81,15 @@ class _Address:
     place: Place | None
     affine: dict[int, int] = field(default_factory=dict)
     varies: frozenset[int] = frozenset()
+    offset: int = 0
     text: tuple[object, ...] = ()
 
     def touch(self, size: int) -> Cost:
         if self.place is None:
             return Cost()
         key = (self.place, self.text, tuple(sorted(self.affine.items())), self.varies)
-        return Cost({}, {key: Touch(self.place, self.affine, self.varies, span=max(size - 8, 0))})
+        touch = Touch(self.place, self.affine, self.varies, low=self.offset, high=self.offset + max(size - 8, 0))
+        return Cost({}, {key: touch})
 
 
 #: Cost of the unit behind a call, given the path to its instance
@@ -204,7 +206,7 @@ class Accesses:
             case t.ElementRef(base=inner, indices=indices):
                 cost, path, varies = self._path(inner, state)
                 for index in indices:
-                    more, moves, others = self._linear(index, state)
+                    more, moves, others, _ = self._linear(index, state)
                     cost = cost.then(more).then(self._costs.of(Operation.INDEX))
                     varies |= others | frozenset(moves)
                 return cost, (*path, "[]"), varies
@@ -222,26 +224,30 @@ class Accesses:
         for length in reversed(type_.shape):
             strides.append(stride)
             stride *= length
-        affine, varies = dict(address.affine), address.varies
+        affine, varies, offset, unknown = dict(address.affine), address.varies, address.offset, []
         for index, step in zip(node.indices, reversed(strides), strict=True):
-            more, moves, others = self._linear(index, state)
+            more, moves, others, distance = self._linear(index, state)
             cost = cost.then(more)
+            offset += distance * step
+            if others:
+                unknown.append(index)
             if not isinstance(index, t.Constant):
                 cost = cost.then(self._costs.of(Operation.INDEX))
             for version, factor in moves.items():
                 affine[version] = affine.get(version, 0) + factor * step
             varies |= others
-        return cost, replace(address, affine=affine, varies=varies, text=(*address.text, node.indices))
+        text = (*address.text, *unknown)
+        return cost, replace(address, affine=affine, varies=varies, offset=offset, text=text)
 
-    def _linear(self, index: t.Expression, state: State) -> tuple[Cost, dict[int, int], frozenset[int]]:
-        """An index as factors of versions, and the versions it depends on in another way."""
+    def _linear(self, index: t.Expression, state: State) -> tuple[Cost, dict[int, int], frozenset[int], int]:
+        """An index as factors of versions, the versions it depends on in another way, and a constant."""
         cost = self.value(index, state)
-        moves = _factors(index, state)
-        if moves is not None:
-            return cost, moves, frozenset()
+        found = _factors(index, state)
+        if found is not None:
+            return cost, found[0], frozenset(), found[1]
         used = {part.variable for part in walk.expressions(index) if isinstance(part, t.VariableRef)}
         used |= {part.variable for part in walk.expressions(index) if isinstance(part, t.InstanceVariable)}
-        return cost, {}, frozenset(state.versions[variable] for variable in used if not variable.is_constant)
+        return cost, {}, frozenset(state.versions[variable] for variable in used if not variable.is_constant), 0
 
     # --- calls ---
 
@@ -274,30 +280,36 @@ def _is_aggregate(node: t.Expression) -> bool:
     return isinstance(node.type, ArrayType | StructType)
 
 
-def _factors(node: t.Expression, state: State) -> dict[int, int] | None:  # noqa: PLR0911 - one return a case
-    """A sum of variables times constants, as factors of versions; None for anything else."""
+def _factors(node: t.Expression, state: State) -> tuple[dict[int, int], int] | None:  # noqa: PLR0911 - one return a case
+    """A sum of variables times constants, as factors of versions and a constant; None for anything else."""
+    interval = state.ranges.of(node)
+    if interval is not None and interval.low == interval.high:
+        return {}, interval.low
     match node:
-        case t.Constant():
-            return {}
-        case t.VariableRef(variable=variable):
-            return {} if variable.is_constant else {state.versions[variable]: 1}
+        case t.VariableRef(variable=variable) if not variable.is_constant:
+            return {state.versions[variable]: 1}, 0
         case t.Conversion(operand=operand) if is_counted(operand.type):
             return _factors(operand, state)
         case t.Unary(operator="NEG", operand=operand):
             inner = _factors(operand, state)
-            return None if inner is None else {version: -factor for version, factor in inner.items()}
+            return None if inner is None else _times(inner, -1)
         case t.Binary(operator="ADD" | "SUB" as operator, left=left, right=right):
             a, b = _factors(left, state), _factors(right, state)
             if a is None or b is None:
                 return None
-            sign = 1 if operator == "ADD" else -1
-            return {v: a.get(v, 0) + sign * b.get(v, 0) for v in {*a, *b}}
+            moves, distance = _times(b, 1 if operator == "ADD" else -1)
+            return {v: a[0].get(v, 0) + moves.get(v, 0) for v in {*a[0], *moves}}, a[1] + distance
         case t.Binary(operator="MUL", left=left, right=right):
             for constant, other in ((left, right), (right, left)):
                 interval = state.ranges.of(constant)
                 inner = _factors(other, state)
                 if interval is not None and interval.low == interval.high and inner is not None:
-                    return {version: factor * interval.low for version, factor in inner.items()}
+                    return _times(inner, interval.low)
             return None
         case _:
             return None
+
+
+def _times(terms: tuple[dict[int, int], int], factor: int) -> tuple[dict[int, int], int]:
+    moves, distance = terms
+    return {version: factor * number for version, number in moves.items()}, factor * distance

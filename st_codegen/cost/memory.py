@@ -15,6 +15,8 @@ from itertools import count
 from st_codegen.st import typed as t
 
 LINE = 64
+#: Neighbours this near are a record, which is taken to be aligned: it lies in one line
+_RECORD = 12
 
 _versions = count(1)
 
@@ -61,7 +63,8 @@ class Loop:
 class Touch:
     """Accesses to one place: `count` unrelated positions, each a span of bytes, in so many `executions` in all.
 
-    `affine` maps versions to bytes: where the position moves evenly. `varies`: versions it depends on otherwise.
+    `affine` maps versions to bytes: where the position moves evenly. `varies`: versions it depends on otherwise. `low`
+    and `high` are the first and the last byte that is asked for at one position, less the size of an element.
     """
 
     place: Place
@@ -70,12 +73,26 @@ class Touch:
     span: int = 0
     count: int = 1
     executions: int = 1
+    low: int = 0
+    high: int = 0
 
     @property
     def lines(self) -> int:
         """An upper bound of the distinct lines."""
-        each = 1 + -(-self.span // LINE)
+        length = self.span + self.high - self.low
+        each = 1 if length <= _RECORD else 1 + -(-length // LINE)
         return min(self.place.lines, self.executions, self.count * each)
+
+    def with_(self, other: Touch) -> Touch:
+        """Two accesses to the same position, at distances that are known."""
+        return replace(
+            self,
+            span=max(self.span, other.span),
+            count=max(self.count, other.count),
+            executions=self.executions + other.executions,
+            low=min(self.low, other.low),
+            high=max(self.high, other.high),
+        )
 
     def repeated(self, rounds: int, loop: Loop) -> Touch:
         """All rounds of a loop.
@@ -90,13 +107,13 @@ class Touch:
             span += abs(moves.pop(loop.counter) * loop.step) * max(rounds - 1, 0)
             inner = set() if loop.is_anchored else {loop.counter}
         changing = {version for version in (*moves, *self.varies) if version >= loop.first}
-        return Touch(
-            self.place,
-            {version: step for version, step in moves.items() if version < loop.first},
-            frozenset(version for version in self.varies if version < loop.first) | changing | inner,
-            span,
-            self.count * (rounds if changing else 1),
-            self.executions * rounds,
+        return replace(
+            self,
+            affine={version: step for version, step in moves.items() if version < loop.first},
+            varies=frozenset(version for version in self.varies if version < loop.first) | changing | inner,
+            span=span,
+            count=self.count * (rounds if changing else 1),
+            executions=self.executions * rounds,
         )
 
     def called(self, path: tuple[str, ...]) -> Touch:
@@ -118,7 +135,7 @@ def joined(first: Touches, second: Touches) -> Touches:
     together = dict(first)
     for key, touch in second.items():
         known = together.get(key)
-        together[key] = touch if known is None or touch.lines > known.lines else known
+        together[key] = touch if known is None or known is touch else known.with_(touch)
     return together
 
 

@@ -12,6 +12,11 @@ LINES = {
     "x := T[i] + T[n];": 2,
     "x := T[i]; i := i + 1; x := T[i];": 2,
     "IF b THEN x := T[i]; ELSE x := T[n]; END_IF;": 2,
+    # neighbours in a record are one line, farther ones lie in as many lines as fit between them
+    "x := T[2 * i] + T[2 * i + 1];": 1,
+    "x := T[i] + T[i + 20];": 2,
+    "x := T[i - 3] + T[i + 20] + T[i + 5];": 3,
+    "n := 4; x := T[n] + T[5];": 1,
     # a walk along the table, a part of it, with a stride, and many places that are not known
     "FOR i := 0 TO 99 DO x := x + T[i]; END_FOR;": 13,
     "FOR i := 0 TO 15 DO x := x + T[i]; END_FOR;": 3,
