@@ -15,6 +15,7 @@ from functools import singledispatch
 from st_codegen.errors import InputError
 from st_codegen.ir import (
     CellTable,
+    FactoredKernel,
     KernelSum,
     Linear,
     ModelIR,
@@ -153,6 +154,13 @@ def _(op: KernelSum) -> Cost:
         lines=_touched(8.0 * vectors * (columns + op.width)),
         table_bytes=8 * vectors * (columns + op.width),
     )
+
+
+@_cost.register
+def _(op: FactoredKernel) -> Cost:
+    values = sum(len(axis) for axis in op.axes)
+    size = op.coefficients.size
+    return Cost(instructions=80.0 * values + 8.0 * 1.5 * size, lines=_touched(8.0 * size), table_bytes=8 * size)
 
 
 @_cost.register

@@ -33,7 +33,7 @@ from st_codegen.passes.monotone import Chain, Column, columns_of, domain_of, spl
 def ranked(model: ModelIR) -> ModelIR | None:
     """The model with each ensemble on ranks, and without operations that nobody reads any more.
 
-    None where some ensemble has categories, linear leaves or inputs that are not monotone in one feature.
+    None where some ensemble has categories, linear leaves, shared nodes or inputs that are not monotone in one feature.
     """
     values = columns_of(model)
     ops: list[Operation] = []
@@ -89,8 +89,15 @@ class _Splits:
     missing_left: BoolArray
 
 
+def _is_forest(op: TreeEnsemble) -> bool:
+    """Whether no node has two parents (an ONNX membership test becomes comparisons that share their children)."""
+    inner = op.split >= 0
+    parents = np.bincount(np.concatenate([op.left[inner], op.right[inner]]), minlength=op.n_nodes)
+    return bool(np.all(parents <= 1))
+
+
 def _ranked_ensemble(model: ModelIR, op: TreeEnsemble, given: list[Column]) -> tuple[Rank, TreeEnsemble] | None:
-    if op.linear is not None or op.has_categories:
+    if op.linear is not None or op.has_categories or not _is_forest(op):
         return None
     columns: list[RankColumn] = []
     split = np.full(op.n_nodes, -1, np.int32)
