@@ -122,9 +122,12 @@ def sizes(objects: list[Path]) -> tuple[int, int]:
 
 def bundle_of(case: Case) -> Any:
     from st_codegen.bundle import Bundle
+    from st_codegen.passes.domain import limit_inputs
+    from st_codegen.walkers.base import LoadedModel
     from st_codegen.walkers.objects import from_estimator
 
-    return Bundle((from_estimator(case.estimator, "model"),), None)
+    loaded = from_estimator(case.estimator, "model")
+    return Bundle((LoadedModel(limit_inputs(loaded.ir), loaded.predict),), None)
 
 
 def st_codegen(case: Case, folder: Path, **options: Any) -> Built:

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
 from st_codegen.cost.ranges import Interval, Ranges
 from st_codegen.st import typed as t
 from st_codegen.st import walk
+from st_codegen.st.types import ArrayType
 
 
 def of_for(loop: t.For, ranges: Ranges) -> int | None:
@@ -12,9 +18,61 @@ def of_for(loop: t.For, ranges: Ranges) -> int | None:
     start, stop, step = (ranges.of(node) for node in (loop.start, loop.stop, loop.step))
     if start is None or stop is None or step is None or step.low <= 0 <= step.high:
         return None
+    if step == (1, 1) and (longest := _longest_row(loop.start, loop.stop)) is not None:
+        return max(longest, 0)
     if step.low > 0:
         return max((stop.high - start.low) // step.low + 1, 0)
     return max((start.high - stop.low) // -step.high + 1, 0)
+
+
+def _longest_row(start: t.Expression, stop: t.Expression) -> int | None:
+    """Rounds of `FOR i := FIRST[k] TO FIRST[k + 1] - 1`: rows of a table, of which another table says where they start.
+
+    The largest difference at one k, not of the largest and the smallest number of the table.
+    """
+    first, last = _entry(start), _entry(stop)
+    if first is None or last is None or first.place != last.place:
+        return None
+    low = max(-first.distance, -last.distance)
+    high = min(len(first.table) - first.distance, len(last.table) - last.distance)
+    if high <= low:
+        return None
+    starts = first.table[low + first.distance : high + first.distance]
+    stops = last.table[low + last.distance : high + last.distance]
+    return int(np.max(stops.astype(np.int64) - starts.astype(np.int64))) + last.added - first.added + 1
+
+
+class _Entry(NamedTuple):
+    """`table[place + distance] + added`, the table counted from 0."""
+
+    table: NDArray[np.generic]
+    place: t.Expression
+    distance: int
+    added: int
+
+
+def _entry(node: t.Expression) -> _Entry | None:
+    node, added = _split(node)
+    if not isinstance(node, t.ElementRef) or not isinstance(node.base, t.VariableRef):
+        return None
+    type_, table = node.base.type, node.base.variable.initial
+    if not (node.base.variable.is_constant and isinstance(type_, ArrayType) and isinstance(table, np.ndarray)):
+        return None
+    if len(type_.bounds) != 1 or table.dtype.kind not in "iu":
+        return None
+    index, distance = _split(node.indices[0])
+    return _Entry(table, index, distance - type_.bounds[0][0], added)
+
+
+def _split(node: t.Expression) -> tuple[t.Expression, int]:
+    """An expression as another one and a constant."""
+    match node:
+        case t.Binary(operator="ADD", left=left, right=t.Constant(value=int() as number)):
+            return left, number
+        case t.Binary(operator="SUB", left=left, right=t.Constant(value=int() as number)):
+            return left, -number
+        case _:
+            return node, 0
 
 
 def of_condition(

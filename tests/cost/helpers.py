@@ -26,6 +26,7 @@ CONSTANTS = """END_VAR
 VAR CONSTANT
     T : ARRAY[0..99] OF LREAL := [100(1.5)];
     K : ARRAY[0..3] OF DINT := [3, 1, 4, 1];
+    ROWS : ARRAY[0..5] OF DINT := [0, 40, 42, 45, 80, 80];
     W : LREAL := 2.0; L : DINT := 5;
 """
 

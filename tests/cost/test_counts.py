@@ -146,6 +146,8 @@ BOUNDED = {
     "m := 4; FOR i := 0 TO m DO x := SQRT(x); END_FOR;": 5,
     "IF b THEN m := 4; ELSE m := 6; END_IF; FOR i := 0 TO m DO x := SQRT(x); END_FOR;": 7,
     "FOR m := 1 TO 3 DO FOR i := 0 TO m DO x := SQRT(x); END_FOR; END_FOR;": 12,
+    "FOR i := ROWS[n] TO ROWS[n + 1] - 1 DO x := SQRT(x); END_FOR;": 40,
+    "FOR i := ROWS[n + 1] + 2 TO ROWS[n + 2] DO x := SQRT(x); END_FOR;": 39,
     "FOR i := 0 TO n MOD 4 DO x := SQRT(x); END_FOR;": 4,
     "i := 0; n := 99; WHILE i < n DO m := (i + n) / 2; IF T[m] < x THEN i := m + 1; ELSE n := m; END_IF;"
     " x := SQRT(x); END_WHILE;": None,
