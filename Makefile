@@ -3,6 +3,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
+RACE := .venv-race
 INSTALLED := $(VENV)/.installed
 
 .PHONY: run test lint bench race clean
@@ -22,12 +23,23 @@ lint: $(INSTALLED)  ## style and types
 bench: $(INSTALLED)  ## times and memory of the compiler and the interpreter
 	$(BIN)/python benchmarks/compiler.py
 
+race: $(RACE)/.installed  ## the emitted text, as C, against what others generate; writes build/race.json
+	@command -v gcc > /dev/null || { echo "the race needs a C compiler: apt-get install gcc libc6-dev"; exit 2; }
+	@command -v valgrind > /dev/null || echo "instructions are not counted without valgrind: apt-get install valgrind"
+	$(RACE)/bin/python benchmarks/race.py $(CASES)
+
 clean:
-	rm -rf build $(VENV)
+	rm -rf build $(VENV) $(RACE)
 
 # the environment, from pinned versions with checksums
 $(INSTALLED): requirements.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	touch $@
+
+# what the race compares with: its own environment, since some of it needs old versions
+$(RACE)/.installed: benchmarks/requirements-race.txt
+	$(PYTHON) -m venv $(RACE)
+	$(RACE)/bin/python -m pip install --quiet --disable-pip-version-check --requirement benchmarks/requirements-race.txt
 	touch $@

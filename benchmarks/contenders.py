@@ -27,7 +27,7 @@ GCC = ("gcc", "-O2", "-fPIC", "-ffp-contract=off", "-fwrapv", "-w")
 #: Compiled contenders; `make clean` removes them
 CACHE = Path(__file__).resolve().parent.parent / "build" / "race"
 #: Seconds after which gcc is stopped
-COMPILE_LIMIT = 900
+COMPILE_LIMIT = float(os.environ.get("RACE_GCC_LIMIT_S", "900"))
 
 
 @dataclass(frozen=True)

@@ -357,7 +357,10 @@ class _Unit:
             case t.StandardCall():
                 return self._standard(node)
             case t.Call() if node.receiver is None:
-                return f"{_name(node.callee)}({', '.join(self._value(a.value) for a in node.arguments)})"
+                given = {argument.parameter.key: argument.value for argument in node.arguments}
+                inputs = self.project.pous[node.callee].section(t.Section.INPUT)
+                values = [self._value(given[v.key]) if v.key in given else _number(v.initial, v.type) for v in inputs]
+                return f"{_name(node.callee)}({', '.join(values)})"
             case _:
                 raise UntranslatableError(type(node).__name__)
 
