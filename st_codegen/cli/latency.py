@@ -36,7 +36,7 @@ Examples:
 )
 @click.option("--order", type=click.IntRange(min=1), default=240, show_default=True, help="Highest order to correct.")
 @click.option("--json", "as_json", is_flag=True, help="Print the numbers as JSON.")
-def command(  # noqa: PLR0913, PLR0917 - one argument an option
+def command(
     fast: float,
     slow: float | None,
     slow_offset: float,

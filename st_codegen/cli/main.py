@@ -23,6 +23,7 @@ _COMMANDS = {
     "latency": "st_codegen.cli.latency",
     "simulate": "st_codegen.cli.simulate",
     "reconcile": "st_codegen.cli.reconcile",
+    "calibrate": "st_codegen.cli.calibrate",
 }
 
 

@@ -44,7 +44,7 @@ Examples:
 @click.option("--repeats", type=click.IntRange(min=0), default=5, show_default=True, help="Further random splits.")
 @search_options
 @quiet_option
-def command(  # noqa: PLR0913, PLR0917 - one argument an option
+def command(
     data: Path,
     out: Path,
     repeats: int,

@@ -70,7 +70,7 @@ Examples:
 @click.option("--json", "as_json", is_flag=True, help="Print what was chosen and its errors as JSON.")
 @search_options
 @quiet_option
-def command(  # noqa: PLR0913, PLR0917 - one argument an option
+def command(
     campaign: Path,
     out: Path,
     report: Path | None,

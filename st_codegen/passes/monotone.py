@@ -27,6 +27,7 @@ from st_codegen.ir import (
     ModelIR,
     Operation,
     Operator,
+    Precision,
     Rank,
     Round,
     Scale,
