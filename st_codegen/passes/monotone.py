@@ -236,7 +236,9 @@ def _direct(op: TreeEnsemble, thresholds: FloatArray, domain: Domain) -> tuple[F
         below = np.where(too_high, np.nextafter(below, np.float32(-np.inf)), below)
         above = np.nextafter(below, np.float32(np.inf))
         # halfway between neighbours the even one is taken; beyond the largest float32 comes infinity
-        halfway = (np.clip(below.astype(np.float64), -_BEYOND, _BEYOND) + np.clip(above, -_BEYOND, _BEYOND)) / 2
+        halfway = (
+            np.clip(below.astype(np.float64), -_BEYOND, _BEYOND) + np.clip(above.astype(np.float64), -_BEYOND, _BEYOND)
+        ) / 2
         kept = halfway.astype(np.float32).astype(np.float64)
         stays = kept < thresholds if less else kept <= thresholds
         edge = np.where(stays, halfway, np.nextafter(halfway, -np.inf))
