@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 RACE := .venv-race
 INSTALLED := $(VENV)/.installed
 
-.PHONY: run test lint bench race clean
+.PHONY: run test real lint bench race soak clean
 
 run: $(INSTALLED)  ## compile the example bundle, verify the result
 	$(BIN)/st-codegen examples/rv160n/models/ --target twincat --out build/rv160n
@@ -14,6 +14,9 @@ run: $(INSTALLED)  ## compile the example bundle, verify the result
 
 test: $(INSTALLED)  ## the whole test suite
 	$(BIN)/python -m pytest -n 2 -q
+
+real: $(INSTALLED)  ## the models of the real rig, each on 100,000 inputs; needs the measured tables
+	$(BIN)/python -m pytest -q -m slow tests/test_real_rig.py
 
 lint: $(INSTALLED)  ## style and types
 	$(BIN)/ruff check .
@@ -27,6 +30,10 @@ race: $(RACE)/.installed  ## the emitted text, as C, against what others generat
 	@command -v gcc > /dev/null || { echo "the race needs a C compiler: apt-get install gcc libc6-dev"; exit 2; }
 	@command -v valgrind > /dev/null || echo "instructions are not counted without valgrind: apt-get install valgrind"
 	$(RACE)/bin/python benchmarks/race.py $(CASES)
+
+soak: $(INSTALLED)  ## 100,000 hostile sequences through the blocks of the compensation, about 5 minutes
+	$(BIN)/python -m pytest -q -m slow tests/application
+	$(BIN)/python -m tests.application.hostile
 
 clean:
 	rm -rf build $(VENV) $(RACE)

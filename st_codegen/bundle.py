@@ -46,11 +46,12 @@ class Bundle:
         return ProjectIR(tuple(model.ir for model in self.models), self.transmission_error)
 
 
-def load(folder: Path, *, trust_pickle: bool = False, progress: Progress | None = None) -> Bundle:
+def load(folder: Path | str, *, trust_pickle: bool = False, progress: Progress | None = None) -> Bundle:
     """Load a folder of models (or one model file).
 
     Raises one InputError that lists everything that is wrong: files, models, names, and the bundle's description.
     """
+    folder = Path(folder)
     if not folder.exists():
         raise InputError(f"{folder}: no such folder")
     if folder.is_dir() and (folder / BUNDLE_FILE).is_file():
@@ -61,8 +62,9 @@ def load(folder: Path, *, trust_pickle: bool = False, progress: Progress | None 
     problems = Problems(str(folder))
     _check_names([path.stem for path in files], problems)
     models = _load_files({path.stem: path for path in files}, trust_pickle, progress, problems)
+    finished = tuple(_finished(model, problems) for model in models.values())
     problems.raise_if_any()
-    return Bundle(tuple(_finished(model, problems) for model in models.values()), None)
+    return Bundle(finished, None)
 
 
 def _check_names(names: Sequence[str], problems: Problems) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import BoolArray, FloatArray
+from st_codegen.mll_library import mll_library
 from st_codegen.st import LaneMachine, Project, StError, StRuntimeError, load_project
 from st_codegen.st.machine import Instance
 from st_codegen.st.typed import Pou
@@ -18,6 +19,12 @@ from st_codegen.st.types import ArrayType, Elementary, Type
 
 #: Rows that the interpreter takes at once: bounds its memory.
 _BATCH = 20_000
+
+#: Where a block begins and ends in files that hold several.
+_PART_OF_FILE = {
+    ".st": r"^FUNCTION_BLOCK {}$.*?^END_FUNCTION_BLOCK",
+    ".xml": r'^ *<pou name="{}" .*?</pou>',
+}
 
 
 @dataclass(frozen=True)
@@ -39,10 +46,19 @@ class GeneratedCode:
         if not folder.is_dir():
             raise GeneratedCodeError(f"{folder}: no generated files; run st-codegen generate first")
         self.folder = folder
+        self.libraries = (mll_library(folder),) if any(folder.glob("Models/*/*.xml")) else ()
         try:
-            self.project: Project = load_project([folder], dialect)
+            self.project: Project = load_project([folder], dialect, self.libraries)
         except StError as error:
             raise GeneratedCodeError(f"{folder}: the text is not valid Structured Text\n{error}") from error
+
+    @property
+    def task_programs(self) -> tuple[str, ...]:
+        """The programs that the tasks of a TwinCAT project call, in order; empty where there is no task."""
+        calls = []
+        for path in sorted(self.folder.rglob("*.TcTTO")):
+            calls += re.findall(r"<PouCall>\s*<Name>\s*(\w+)\s*</Name>", path.read_text(encoding="utf-8-sig"))
+        return tuple(dict.fromkeys(calls))
 
     def table_bytes(self, block: str) -> int:
         """Bytes of a block's constant arrays."""
@@ -54,10 +70,9 @@ class GeneratedCode:
         for path in sorted(self.folder.rglob("*")):
             if path.suffix == ".TcPOU" and path.stem == block:
                 return path.read_text(encoding="utf-8-sig")
-            if path.suffix == ".st":
-                found = re.search(
-                    rf"^FUNCTION_BLOCK {block}$.*?^END_FUNCTION_BLOCK", path.read_text(encoding="utf-8"), re.M | re.S
-                )
+            if path.suffix in _PART_OF_FILE:
+                pattern = _PART_OF_FILE[path.suffix].format(block)
+                found = re.search(pattern, path.read_text(encoding="utf-8"), re.M | re.S)
                 if found is not None:
                     return found[0]
         raise GeneratedCodeError(f"{self.folder}: no block {block}")
@@ -94,7 +109,7 @@ class GeneratedCode:
         return self._run(self._instance(block, lanes), block, inputs)
 
     def _instance(self, block: str, lanes: int) -> Instance:
-        return LaneMachine(self.project, lanes=lanes).instance(self._pou(block).name)
+        return LaneMachine(self.project, lanes=lanes, libraries=self.libraries).instance(self._pou(block).name)
 
     def _run(self, instance: Instance, block: str, inputs: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         try:

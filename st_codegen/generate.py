@@ -16,8 +16,8 @@ from st_codegen.ir import KernelSum, ModelIR, TransmissionError, TreeEnsemble
 from st_codegen.passes.choose import CostFunction, Options, simple_cost
 from st_codegen.passes.pipeline import Compiled, compile_project, unchanged
 from st_codegen.probes import trained_range
-from st_codegen.render import render_plans
-from st_codegen.targets import FilePlan, Target
+from st_codegen.render import print_plans
+from st_codegen.targets import FilePlan, Target, target_named
 
 
 @dataclass(frozen=True)
@@ -36,21 +36,23 @@ class Generated:
 
 def generate(
     bundle: Bundle,
-    target: Target,
-    out: Path,
+    target: Target | str,
+    out: Path | str,
     *,
     max_array: int | None = None,
     options: Options | None = None,
     cost: CostFunction = simple_cost,
 ) -> Generated:
-    """Write the files of a bundle for one target to `out/<target>`; layouts are chosen by `cost`.
+    """Write the files of a bundle for one target (or its name) to `out/<target>`; layouts are chosen by `cost`.
 
     Raises InputError or TargetError, with nothing written, for what the target cannot express. Files in the folder that
     were not generated stay; generated files of an earlier run that are no longer needed are removed.
     """
+    target = target_named(target) if isinstance(target, str) else target
+    out = Path(out)
     folder = out / target.name
     work = _prepared(bundle, target, max_array, options, cost)
-    with output.staged(out, render_plans(work.plans, target), work.facts) as stage:
+    with output.staged(out, print_plans(target, work.plans), work.facts) as stage:
         files = {
             path.relative_to(stage).as_posix(): path.stat().st_size
             for path in sorted(stage.rglob("*"))
@@ -75,7 +77,7 @@ def check(
     """
     folder = out / target.name
     work = _prepared(bundle, target, max_array, options, cost)
-    with output.staged(out, render_plans(work.plans, target), work.facts) as stage:
+    with output.staged(out, print_plans(target, work.plans), work.facts) as stage:
         wanted = {path.relative_to(stage).as_posix() for path in stage.rglob("*") if path.is_file()}
         for name in sorted(wanted | {name for name in output.generated_names(folder) if (folder / name).exists()}):
             yield from difflib.unified_diff(

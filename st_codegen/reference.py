@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from st_codegen.ir import (
-    CEILING,
     Activation,
     Aggregate,
     BoolArray,
@@ -21,6 +20,7 @@ from st_codegen.ir import (
     Clip,
     Combine,
     Comparison,
+    Elementwise,
     FactoredKernel,
     FillMissing,
     FloatArray,
@@ -57,10 +57,20 @@ def evaluate(model: ModelIR, x: FloatArray) -> FloatArray:
     values = trace(model, x)
     usable = valid_rows(model, x)
     for op, result in zip(model.ops, values[1:], strict=True):
-        read = np.hstack([values[number] for number in op.inputs])
-        usable &= ~np.any(np.isnan(result), axis=1) | np.any(np.isnan(read), axis=1)
+        usable &= ~_lost(op, result, [values[number] for number in op.inputs])
     usable &= np.all(np.isfinite(values[-1]), axis=1)
     return np.where(usable[:, None], values[-1], np.nan)
+
+
+def _lost(op: Operation, result: FloatArray, operands: list[FloatArray]) -> BoolArray:
+    """Rows in which an operation made NaN of numbers; where columns stay apart, each for itself."""
+    missing = [np.isnan(operand) for operand in operands]
+    lost: BoolArray
+    if isinstance(op, Elementwise):
+        lost = np.any(np.isnan(result) & ~np.any(missing, axis=0), axis=1)
+        return lost
+    lost = np.any(np.isnan(result), axis=1) & ~np.any(np.hstack(missing), axis=1)
+    return lost
 
 
 def limited(model: ModelIR, x: FloatArray) -> FloatArray:
@@ -130,7 +140,7 @@ def _(op: Combine, operands: list[FloatArray]) -> FloatArray:
 
 def _guarded(quotient: FloatArray, left: FloatArray, right: FloatArray, op: Scale | Combine | Normalize) -> FloatArray:
     """A quotient, NaN where the divisor is too small for it."""
-    return np.where(np.abs(right) <= np.abs(left) * (1.0 / CEILING[op.precision]), np.nan, quotient)
+    return np.where(np.abs(right) <= np.abs(left) * (1.0 / op.ceiling), np.nan, quotient)
 
 
 @apply.register

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import escape
 
 import jinja2
 
@@ -43,16 +45,22 @@ def environment(target: Target) -> jinja2.Environment:
         keep_trailing_newline=True,
         autoescape=False,
     )
+    templates.filters["xml"] = _as_xml_text
 
     def code(block: Block, section: Section) -> str:
         template = templates.get_template(f"common/operations/{section.template}.st.j2")
         return template.render(block=block, **section.values)
 
     templates.globals["code"] = code
-    templates.globals["dialect"] = templates.get_template(f"{target.name}/dialect.st.j2").module
+    templates.globals["dialect"] = templates.get_template(f"{target.dialect}/dialect.st.j2").module
     macros = templates.get_template("common/macros.st.j2").module
     templates.globals.update({name: macro for name, macro in vars(macros).items() if not name.startswith("_")})
     return templates
+
+
+def _as_xml_text(text: str) -> str:
+    """Text between tags or in double quotes."""
+    return escape(str(text), {'"': "&quot;"})
 
 
 def render(project: ProjectIR, target: Target, limits: Limits | None = None) -> Iterator[RenderedFile]:
@@ -61,13 +69,26 @@ def render(project: ProjectIR, target: Target, limits: Limits | None = None) -> 
     All checks are made before the first file is handed out; texts are printed piece by piece while they are consumed,
     so that a table of millions of numbers is never a string. Raises InputError, TargetError.
     """
-    return render_plans(list(target.plan(project, limits or target.limits)), target)
+    return print_plans(target, list(target.plan(project, limits or target.limits)))
 
 
-def render_plans(plans: Sequence[FilePlan], target: Target) -> Iterator[RenderedFile]:
-    """The planned files of a target."""
+def print_plans(target: Target, plans: Iterable[FilePlan]) -> Iterator[RenderedFile]:
+    """The files that a target has planned, printed piece by piece while they are consumed."""
     templates = environment(target)
     return (RenderedFile(plan.path, _print(templates, plan)) for plan in plans)
+
+
+def render_report(template: str, values: Mapping[str, Any]) -> str:
+    """A page of a report from `templates/`; text is escaped for HTML, an undefined name is an error."""
+    templates = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(templates_folder()),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=True,
+    )
+    return templates.get_template(template).render(**values)
 
 
 def _print(templates: jinja2.Environment, plan: FilePlan) -> Iterator[str]:

@@ -17,6 +17,7 @@ from st_codegen.engine import GeneratedCode
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import FloatArray
 from st_codegen.output import Manifest, read_manifest
+from st_codegen.targets import TARGETS
 from st_codegen.verify import target_folders
 
 #: Called with (number done, total, what is next).
@@ -101,14 +102,16 @@ class Review:
         return {"changed": self.changed, **asdict(self)}
 
 
-def review(old: Path, new: Path, *, rows: int = 10_000, seed: int = 0, progress: Progress | None = None) -> Review:
+def diff(
+    old: Path | str, new: Path | str, *, rows: int = 10_000, seed: int = 0, progress: Progress | None = None
+) -> Review:
     """Compare two folders that `generate` wrote, on the first target that both have.
 
     Raises GeneratedCodeError where a folder holds no generated files, or they have no target in common.
     """
-    before, after = _common_target(old, new)
+    before, after = _common_target(Path(old), Path(new))
     manifests = [_manifest(folder) for folder in (before, after)]
-    codes = [GeneratedCode(folder, folder.name) for folder in (before, after)]
+    codes = [GeneratedCode(folder, TARGETS[folder.name].dialect) for folder in (before, after)]
     models = [_with_sizes(manifest, code) for manifest, code in zip(manifests, codes, strict=True)]
     common = sorted(set(models[0]) & set(models[1]))
     changes = []

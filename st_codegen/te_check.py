@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from st_codegen import bounds, reference
+from st_codegen.blocks.compensation.harmonic_sum import ERROR_PER_ORDER
 from st_codegen.blocks.model import input_variables
 from st_codegen.engine import GeneratedCode
-from st_codegen.ir import Direction, FloatArray, ProjectIR, Quantity, TransmissionError
+from st_codegen.ir import Direction, FloatArray, ModelIR, ProjectIR, Quantity, TransmissionError
 
 #: SQRT, ATAN, COS and the few operations around them: relative error of each result, in units of roundoff.
 _ROUNDINGS = 16
@@ -41,11 +43,21 @@ class HarmonicSet:
     phase_bound: FloatArray
 
 
-def harmonics(project: ProjectIR, te: TransmissionError, direction: Direction, x: FloatArray) -> HarmonicSet:
+#: Bound on |library - generated code| of a model for rows, (rows, outputs).
+Bound = Callable[[ModelIR, FloatArray], FloatArray]
+
+
+def harmonics(
+    project: ProjectIR,
+    te: TransmissionError,
+    direction: Direction,
+    x: FloatArray,
+    bound: Bound = bounds.difference_bound,
+) -> HarmonicSet:
     """Amplitudes and phases that the models predict at operating points `x` (rows, features)."""
     models = {model.name: model for model in project.models}
     values = {name: reference.evaluate(models[name], x) for name in {output.model for output in te.outputs}}
-    errors = {name: bounds.difference_bound(models[name], x) for name in values}
+    errors = {name: bound(models[name], x) for name in values}
     zero = np.zeros(len(x))
     columns = []
     for order in te.orders:
@@ -74,7 +86,12 @@ def harmonics(project: ProjectIR, te: TransmissionError, direction: Direction, x
 
 
 def check_transmission_error(
-    project: ProjectIR, te: TransmissionError, code: GeneratedCode, rows: int, seed: int
+    project: ProjectIR,
+    te: TransmissionError,
+    code: GeneratedCode,
+    rows: int,
+    seed: int,
+    bound: Bound = bounds.difference_bound,
 ) -> list[BlockCheck]:
     """Run both blocks at random operating points inside the trained range, and compute what they must give."""
     random = np.random.default_rng(seed)
@@ -82,7 +99,7 @@ def check_transmission_error(
     upper = np.array([feature.upper for feature in te.features], dtype=np.float64)
     x = lower + (upper - lower) * random.random((rows, len(te.features)))
     theta = random.uniform(-2 * np.pi, 2 * np.pi, rows)
-    sets = {direction: harmonics(project, te, direction, x) for direction in te.directions}
+    sets = {direction: harmonics(project, te, direction, x, bound) for direction in te.directions}
     return [_check_predict(te, code, x, sets), _check_sum(te, code, x, theta, sets)]
 
 
@@ -126,9 +143,10 @@ def _check_sum(
         angle = np.array(te.orders) * theta[:, None] + harmonic.phase
         chosen = backward if direction is Direction.BACKWARD else ~backward
         expected = np.where(chosen, np.sum(harmonic.amplitude * np.cos(angle), axis=1), expected)
-        # an angle of many turns is rounded before its cosine is taken
+        # here an angle of many turns is rounded before its cosine is taken; the block multiplies along its chain
         size = np.abs(harmonic.amplitude)
-        rounding = (_ROUNDINGS + len(te.orders)) * _UNIT * size * (1 + np.abs(angle))
+        chain = ERROR_PER_ORDER * np.array(te.orders)
+        rounding = size * (chain + (_ROUNDINGS + len(te.orders)) * _UNIT * (1 + np.abs(angle)))
         own = harmonic.amplitude_bound + size * harmonic.phase_bound + rounding
         bound = np.where(chosen, np.sum(own, axis=1), bound)
     got = np.where(result["bValid"], result["fTE_deg"], np.nan)

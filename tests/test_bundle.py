@@ -1,5 +1,6 @@
 import functools
 import pickle
+import re
 
 import pytest
 
@@ -21,6 +22,14 @@ def test_a_folder_without_bundle_toml_gives_a_model_a_file(lone_folder):
 
 def test_a_single_file_may_be_given(lone_folder):
     assert load(lone_folder / "te.txt").models[0].ir.name == "te"
+
+
+def test_a_model_whose_result_overflows_for_any_input_is_refused(lone_folder):
+    path = lone_folder / "te.txt"
+    old = re.search(r"leaf_value=(\S+)", path.read_text())[1]
+    path.write_text(path.read_text().replace(old, "1e308".ljust(len(old), " ")[: len(old)], 1))
+    with pytest.raises(InputError, match="'te': its coefficients are so large"):
+        load(lone_folder)
 
 
 def test_a_bundle_has_features_ranges_and_harmonics(bundle_folder):

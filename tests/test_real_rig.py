@@ -28,19 +28,20 @@ pytest.importorskip("lightgbm")
 pytest.importorskip("xgboost")
 
 TREES = {"rf", "dt", "et", "ert", "gbm", "hgbm", "lgbm", "xgbm"}
-ROWS = 100_000
 
 
+# few rows in the quick suite; `make real` takes the many
+@pytest.mark.parametrize("rows", [2_000, pytest.param(100_000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("family", sorted(TREES | {"svr", "mlp"}))
-def test_every_family_is_verified_on_a_hundred_thousand_inputs(family, tmp_path):
+def test_every_family_is_verified(family, rows, tmp_path):
     x, columns = harmonic_table("forward")
     loaded = from_estimator(families()[family].fit(x, columns["A39"]), family)
     bundle = Bundle((LoadedModel(limit_inputs(loaded.ir), loaded.predict),), None)
     generate(bundle, TARGETS["twincat"], tmp_path)
-    report = verify(bundle, tmp_path, rows=ROWS)
+    report = verify(bundle, tmp_path, rows=rows)
     (model,) = report.models
     assert report.passed, model.failures
-    assert model.n >= ROWS
+    assert model.n >= rows
     assert model.must_be_exact == (family in TREES)
     if family in TREES:
         assert model.exact
@@ -48,7 +49,7 @@ def test_every_family_is_verified_on_a_hundred_thousand_inputs(family, tmp_path)
     else:
         assert model.max_abs_err <= model.bound < 1e-9
     # every threshold and both its neighbours are among the inputs
-    probes = probe_rows(bundle.models[0].ir, ROWS)
+    probes = probe_rows(bundle.models[0].ir, rows)
     if family in TREES:
         op = bundle.models[0].ir.ops[0]
         for number, column in enumerate(op.columns):
@@ -59,6 +60,7 @@ def test_every_family_is_verified_on_a_hundred_thousand_inputs(family, tmp_path)
                 assert np.isin(points, probes[:, column.column]).all()
 
 
+@pytest.mark.slow
 def test_the_bundle_of_the_paper_is_compiled_and_verified(tmp_path):
     write_bundle(tmp_path / "models")
     bundle = load(tmp_path / "models", trust_pickle=True)

@@ -5,7 +5,7 @@ import pytest
 from st_codegen.bundle import load
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.generate import generate
-from st_codegen.review import review
+from st_codegen.review import diff
 from st_codegen.targets import TARGETS
 
 
@@ -17,7 +17,7 @@ def make(models, out, *targets):
 
 @pytest.mark.parametrize("target", ["twincat", "iec"])
 def test_equal_folders_have_no_difference(lone_folder, tmp_path, target):
-    found = review(make(lone_folder, tmp_path / "a", target), make(lone_folder, tmp_path / "b", target))
+    found = diff(make(lone_folder, tmp_path / "a", target), make(lone_folder, tmp_path / "b", target))
     assert not found.changed
     assert found.as_json()["changed"] is False
 
@@ -29,7 +29,7 @@ def test_a_changed_leaf_moves_the_output_where_the_leaf_is(lone_folder, lightgbm
     value = float(first[1])
     changed = repr(value + 0.25)[: len(first[1])].ljust(len(first[1]), "0")  # the file says how long each tree is
     (lone_folder / "te.txt").write_text(lightgbm_text.replace(first[0], f"leaf_value={changed}", 1))
-    found = review(old, make(lone_folder, tmp_path / "b", target))
+    found = diff(old, make(lone_folder, tmp_path / "b", target))
     (model,) = found.models
     assert found.changed
     assert model.facts == ()
@@ -53,13 +53,14 @@ def test_sizes_models_and_files_before_and_after(lone_folder, lightgbm_text, tmp
     shorter = "Tree=".join(trees[:-1]) + trees[-1][trees[-1].index("end of trees") :]
     shorter = re.sub(r"tree_sizes=(.*) \d+", r"tree_sizes=\1", shorter)
     (lone_folder / "te.txt").write_text(shorter)
-    found = review(old, make(lone_folder, tmp_path / "b"))
+    found = diff(old, make(lone_folder, tmp_path / "b"))
     assert (found.added, found.removed) == (("come",), ("gone",))
     facts = {change.what: (change.before, change.after) for change in found.models[0].facts}
     assert facts["trees"] == (5, 4)
     assert facts["nodes"][0] > facts["nodes"][1]
     assert facts["bytes of tables"][0] > facts["bytes of tables"][1]
     assert found.files == {
+        "Models.plcproj": "changed",
         "POUs/FB_Come.TcPOU": "added",
         "POUs/FB_Gone.TcPOU": "removed",
         "POUs/FB_Te.TcPOU": "changed",
@@ -71,7 +72,7 @@ def test_ranges_and_the_bundle_before_and_after(bundle_folder, tmp_path):
     path = bundle_folder / "bundle.toml"
     text = path.read_text(encoding="utf-8").replace("max = 35.0", "max = 40.0").replace("81.0", "156.0")
     path.write_text(text, encoding="utf-8")
-    found = review(old, make(bundle_folder, tmp_path / "b"))
+    found = diff(old, make(bundle_folder, tmp_path / "b"))
     assert [(c.what, c.before, c.after) for c in found.project] == [("reduction ratio", 81.0, 156.0)]
     features = next(change for change in found.models[0].facts if change.what == "features")
     assert (features.before[2]["range"], features.after[2]["range"]) == ([25.0, 35.0], [25.0, 40.0])
@@ -85,7 +86,7 @@ def test_points_that_lose_their_answer_are_counted(lone_folder, tmp_path):
     path.write_text(
         path.read_text(encoding="utf-8").replace("bUsable := TRUE;", "bUsable := fSpeed_rpm < 900.0;"), encoding="utf-8"
     )
-    found = review(old, new)
+    found = diff(old, new)
     assert 0 < found.models[0].rows_lost < found.models[0].rows
     assert found.changed
 
@@ -93,6 +94,6 @@ def test_points_that_lose_their_answer_are_counted(lone_folder, tmp_path):
 def test_folders_without_generated_files_or_common_targets_are_named(lone_folder, tmp_path):
     old = make(lone_folder, tmp_path / "a", "twincat")
     with pytest.raises(GeneratedCodeError, match="none in common"):
-        review(old, make(lone_folder, tmp_path / "b", "iec"))
+        diff(old, make(lone_folder, tmp_path / "b", "iec"))
     with pytest.raises(GeneratedCodeError, match="no generated files"):
-        review(old, tmp_path / "nothing")
+        diff(old, tmp_path / "nothing")

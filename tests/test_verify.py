@@ -34,7 +34,7 @@ def test_generated_code_passes_and_the_report_says_on_what(lone_folder, generate
     assert model.must_be_exact
     assert (model.max_abs_err, model.max_ulp, model.bound) == (0.0, 0, 0.0)
     assert model.n >= 500
-    assert sorted(model.targets) == ["iec", "twincat"]
+    assert sorted(model.targets) == ["beckhoff-ml", "iec", "plcopen", "twincat"]
     assert len(model.worst_input) == 3
     content = json.loads(json.dumps(report.as_json()))
     assert set(content["models"]["te"]) >= {"n", "max_abs_err", "max_ulp", "exact", "worst_input", "passed"}
@@ -130,9 +130,9 @@ def test_a_bundle_is_verified_with_its_two_blocks(bundle_folder, tmp_path):
     assert report.passed
     assert [model.name for model in report.models] == ["a", "b", "FB_TEPredict", "FB_Compensator"]
     change(
-        tmp_path / "out" / "twincat" / "POUs" / "FB_Compensator.TcPOU",
-        r"COS\(ORDER\[nOrder\] \* fThetaOut_rad \+",
-        "COS(ORDER[nOrder] * fThetaOut_rad -",
+        tmp_path / "out" / "twincat" / "POUs" / "FB_HarmonicSum.TcPOU",
+        r"fSum_deg \+ aCosine\[1\]",
+        "fSum_deg - aCosine[1]",
     )
     report = verify(bundle, tmp_path / "out", rows=300)
     assert [model.name for model in report.models if not model.passed] == ["FB_Compensator"]

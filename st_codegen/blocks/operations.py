@@ -10,7 +10,6 @@ import numpy as np
 
 from st_codegen.blocks.listing import Group, Listing
 from st_codegen.ir import (
-    CEILING,
     Activation,
     Clip,
     Combine,
@@ -86,7 +85,7 @@ def _(op: Scale, step: Step, listing: Listing) -> None:
     constant = listing.table(step.table("OPERAND"), "LREAL", op.constant)
     least = None
     if op.reverse and op.operator is Operator.DIVIDE:
-        least = listing.table(step.table("LEAST"), "LREAL", np.abs(op.constant) * (1.0 / CEILING[op.precision]))
+        least = listing.table(step.table("LEAST"), "LREAL", np.abs(op.constant) * (1.0 / op.ceiling))
     left, right = f"{step.source}[nColumn]", f"{constant}[nColumn]"
     if op.reverse:
         left, right = right, left
@@ -109,7 +108,7 @@ def _(op: Combine, step: Step, listing: Listing) -> None:
     listing.locals("DINT", "nColumn")
     least = None
     if op.operator is Operator.DIVIDE:
-        least = listing.table(step.table("LEAST"), "LREAL", [1.0 / CEILING[op.precision]])
+        least = listing.table(step.table("LEAST"), "LREAL", [1.0 / op.ceiling])
     listing.section(
         f"column by column: a {op.operator.value} b",
         "combine",
@@ -222,7 +221,7 @@ def _(op: Normalize, step: Step, listing: Listing) -> None:
     _declare_result(op, step, listing)
     listing.locals("DINT", "nColumn")
     listing.locals("LREAL", "fX", "fY", "fSum")
-    least = listing.table(step.table("LEAST"), "LREAL", [1.0 / CEILING[op.precision]]) if op.norm is Norm.MAX else None
+    least = listing.table(step.table("LEAST"), "LREAL", [1.0 / op.ceiling]) if op.norm is Norm.MAX else None
     listing.section(
         f"divided by the {op.norm.value} norm",
         "normalize",

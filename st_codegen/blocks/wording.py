@@ -6,10 +6,13 @@ import re
 
 _MEANINGS = {
     "abMissing": "the input is missing (not a number)",
+    "aEngineInput": "the inputs as the runtime reads them",
+    "aEngineOutput": "the outputs as the runtime writes them",
     "aInput": "the inputs, checked",
     "anSlot": "the ranks, as the nodes compare them",
     "anRank": "how many thresholds lie below each number",
     "anCode": "category code of each categorical column",
+    "aResult": "the outputs, checked",
     "aSlot": "the numbers that the splits compare",
     "aStep": "result of this step",
     "aFactor": "one exponential for each value of a column",
@@ -49,6 +52,7 @@ _MEANINGS = {
     "nRank": "how many thresholds lie below the number",
     "nColumn": "column",
     "nLeaf": "row of a leaf",
+    "nLoaded": "model files that have been read; -1: one cannot be read",
     "nLevel": "comparison number on the way down",
     "nNode": "node",
     "nOrder": "number of the harmonic",

@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from st_codegen.cli.console import console, progress_bar, quiet_option
-from st_codegen.review import Change, ModelChange, Review, review
+from st_codegen.review import Change, ModelChange, Review, diff
 
 
 @click.command(
@@ -33,7 +33,7 @@ def command(old: Path, new: Path, rows: int, json_file: str | None, quiet: bool)
     how far each output moved over the trained range, with the place of the largest change. Exit code 1 on a difference.
     """
     with progress_bar("comparing", quiet=quiet) as progress:
-        found = review(old, new, rows=rows, progress=progress)
+        found = diff(old, new, rows=rows, progress=progress)
     text = json.dumps(found.as_json(), indent=1) + "\n"
     if json_file == "-":
         click.echo(text, nl=False)

@@ -20,12 +20,13 @@ from st_codegen.cli.console import (
     trust_option,
 )
 from st_codegen.cli.costs import price_table, print_budget
-from st_codegen.cost import DEFAULT, load_profile, project_cost
+from st_codegen.cost import DEFAULT, load_profile
 from st_codegen.engine import GeneratedCode
 from st_codegen.explain import Pricing, prices
 from st_codegen.generate import Generated, check, generate, limits_for
 from st_codegen.passes.choose import CostFunction, Layout, Options, simple_cost
 from st_codegen.targets import TARGETS, target_named
+from st_codegen.verify import cycle_cost
 
 
 @click.command(
@@ -106,17 +107,18 @@ def command(
     for target in chosen:
         generated = generate(bundle, target, out, max_array=max_array, options=options, cost=costs[target.name])
         if not quiet:
+            console.print(f"{generated.folder}: {len(generated.files)} file(s)", highlight=False, soft_wrap=True)
             console.print(_files_table(generated))
             console.print(_models_table(generated))
         if explain:
             if generated.compiled.decisions:
                 console.print(price_table(target.name, machine.name, prices(generated.compiled, pricing[target.name])))
-            cost = project_cost(GeneratedCode(generated.folder, target.name).project, machine)
+            cost = cycle_cost(GeneratedCode(generated.folder, target.dialect), machine)
             print_budget(target.name, cost, None)
 
 
 def _files_table(generated: Generated) -> Table:
-    table = Table(title=f"{generated.folder}: {len(generated.files)} files", title_justify="left")
+    table = Table()
     table.add_column("file")
     table.add_column("bytes", justify="right")
     for name, size in generated.files.items():
@@ -126,7 +128,7 @@ def _files_table(generated: Generated) -> Table:
 
 def _models_table(generated: Generated) -> Table:
     """Where each model went, and what its block's tables take in the controller's memory."""
-    table = Table(title="models", title_justify="left")
+    table = Table()
     for name in ("model", "layout", "block", "bytes of tables"):
         table.add_column(name, justify="right" if name.startswith("bytes") else "left")
     for name, facts in generated.facts["models"].items():

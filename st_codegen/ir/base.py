@@ -161,6 +161,18 @@ class Elementwise:
         """Nothing beyond the width."""
 
 
+class Quotient(Elementwise):
+    """Mixin of operations that may divide by a computed number: a quotient as large as `ceiling` has no answer."""
+
+    precision: Precision
+    limit: float
+
+    @property
+    def ceiling(self) -> float:
+        """`limit`, which the pass `domain` lowers where later operations would overflow, or that of the precision."""
+        return min(self.limit, CEILING[self.precision])
+
+
 def check_columns(owner: Any, columns: Iterable[int], total: int) -> None:
     """Refuse columns outside 0 .. total-1."""
     if any(not 0 <= column < total for column in columns):

@@ -18,6 +18,7 @@ from st_codegen.ir.base import (
     Norm,
     Operator,
     Precision,
+    Quotient,
     SummationOrder,
     check_columns,
     freeze,
@@ -49,7 +50,7 @@ class Select:
 
 
 @dataclass(frozen=True)
-class Scale(Elementwise):
+class Scale(Quotient):
     """`x <operator> constant` for each column, rounded to `precision`; `reverse` gives `constant <operator> x`.
 
     A chain of these says exactly what a scaler does: (x - mean) / scale is two of them, x * scale + min is two others.
@@ -60,6 +61,7 @@ class Scale(Elementwise):
     constant: FloatArray
     precision: Precision = Precision.FLOAT64
     reverse: bool = False
+    limit: float = math.inf
     exact: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -74,13 +76,14 @@ class Scale(Elementwise):
 
 
 @dataclass(frozen=True)
-class Combine(Elementwise):
+class Combine(Quotient):
     """`a <operator> b` for two computed values of one width, column by column, rounded to `precision`."""
 
     inputs: tuple[int, ...]
     operator: Operator
     width: int
     precision: Precision = Precision.FLOAT64
+    limit: float = math.inf
     exact: ClassVar[bool] = True
 
 
@@ -186,7 +189,7 @@ class Activation(Elementwise):
 
 
 @dataclass(frozen=True)
-class Normalize(Elementwise):
+class Normalize(Quotient):
     """The vector divided by its norm, every step rounded to `precision` (onnxruntime, ml/normalizer.cc).
 
     MAX: x / largest number (not largest magnitude). L1: x / (|x1| + |x2| + ...), added in order.
@@ -197,6 +200,7 @@ class Normalize(Elementwise):
     norm: Norm
     width: int
     precision: Precision = Precision.FLOAT32
+    limit: float = math.inf
     exact: ClassVar[bool] = True
 
 

@@ -31,7 +31,8 @@ class TreeColumn:
     counts as missing, as NaN does under `NanRule.MISSING`. With `n_categories` the column holds a category code: the
     number cut to an integer, or, where `categories` lists the known values, the position of the equal value in that
     list. Codes outside 0 .. n_categories-1 are "other", and so is every negative number, unless
-    `negative_fraction_is_zero`: then numbers between -1 and 0 are cut to code 0 (a plain C cast).
+    `negative_fraction_is_zero`: then numbers between -1 and 0 are cut to code 0 (a plain C cast). `seen_missing`: the
+    model file says that the training data had missing values here (most files do not say).
     """
 
     column: int
@@ -40,6 +41,7 @@ class TreeColumn:
     n_categories: int = 0
     categories: tuple[float, ...] | None = None
     negative_fraction_is_zero: bool = False
+    seen_missing: bool = False
 
     @property
     def categorical(self) -> bool:

@@ -244,7 +244,7 @@ class ScalarUnit(ScalarExpressions):
     def _captured(self) -> Iterator[list[str]]:
         """Lines written inside are taken out again: what an expression needs before it."""
         lines, positions = self.source.lines, self.source.positions
-        start, facts = len(lines), self.facts
+        start, facts = len(lines), dict(self.facts)
         captured: list[str] = []
         yield captured
         self.facts = facts

@@ -7,9 +7,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from st_codegen import bounds
+from st_codegen.blocks.application import Application
 from st_codegen.blocks.listing import Block
-from st_codegen.blocks.model import Limits
-from st_codegen.ir import ProjectIR
+from st_codegen.blocks.model import Limits, model_block
+from st_codegen.blocks.project import application_of
+from st_codegen.ir import BoolArray, FloatArray, ModelIR, ProjectIR
 
 
 @dataclass(frozen=True)
@@ -34,14 +39,29 @@ class FilePlan:
 class Target(ABC):
     """A dialect of Structured Text and the files it comes in.
 
-    `compiles`: the passes rewrite the models first; False for a target that hands the models themselves on.
+    `dialect` is twincat or iec: the folder of templates whose `dialect.st.j2` says how the dialect writes what differs,
+    and the rules by which the text is checked and executed. `compiles`: the passes rewrite the models first; False for
+    a target that hands the models themselves on.
     """
 
     name: str
     summary: str
+    dialect: str
     limits: Limits
     compiles: bool = True
 
-    @abstractmethod
     def plan(self, project: ProjectIR, limits: Limits) -> Iterable[FilePlan]:
         """The files of a project, in a fixed order. Raises InputError or TargetError before anything is printed."""
+        return self.files(application_of(project, lambda model: model_block(model, limits)))
+
+    @abstractmethod
+    def files(self, application: Application) -> Iterable[FilePlan]:
+        """The files of an application, in a fixed order. Raises TargetError for what they cannot express."""
+
+    def difference_bound(self, model: ModelIR, x: FloatArray) -> FloatArray:
+        """How far a model's block may lie from the library for rows of `x` (rows, features), shape (rows, outputs)."""
+        return bounds.difference_bound(model, x)
+
+    def answers(self, model: ModelIR, x: FloatArray) -> BoolArray:
+        """The rows of `x` for which a model's block gives an answer where the library does, shape (rows,)."""
+        return np.ones(len(x), np.bool_)

@@ -94,3 +94,26 @@ def test_lanes_equal_single_values(program: str, first: list[Any], second: list[
         if failure is None:
             for name in STATE:
                 assert bits(lane_of(block[name], lane)) == bits(single[name]), name
+
+
+def test_a_table_read_by_a_later_condition_is_loaded_where_it_is_needed() -> None:
+    program = """FUNCTION_BLOCK FB_Test
+VAR_INPUT nA : DINT; END_VAR
+VAR_OUTPUT nOut : DINT; END_VAR
+VAR CONSTANT TABLE : ARRAY[0..2] OF LREAL := [0.25, 1.0, 0.75]; END_VAR
+IF nA = 7 THEN
+    nOut := 1;
+ELSIF TABLE[nA] > 0.5 THEN
+    nOut := 2;
+ELSIF TABLE[nA] < 0.5 THEN
+    nOut := 3;
+END_IF;
+END_FUNCTION_BLOCK
+"""
+    machine = ScalarMachine(parse_project({"p.st": program}, "twincat"))
+    results = []
+    for index in (0, 1, 2, 7):
+        block = machine.instance("FB_Test")
+        block(nA=index)
+        results.append(block["nOut"])
+    assert results == [3, 2, 2, 1]

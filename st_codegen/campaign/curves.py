@@ -1,0 +1,362 @@
+"""Curve files: the transmission error (TE) over one revolution of the output shaft, as the rig writes it.
+
+A file is one run at constant conditions and has four columns: angle and TE forward, angle and TE backward, in deg.
+Forward angles run from 0 up to 360, backward angles from 360 down to 0. Samples are equidistant in time. The rig's
+own header has a typing error; it is read with it, corrected, or absent. Separators `,` or `;`, decimal point or comma.
+
+The conditions stand in the file name (`Test_25degree/1000rpm/1000.0rpm1100.0Nm25.0deg.csv`) or in a file
+`conditions.csv` (`file,speed_rpm,torque_Nm,temperature_C`) at the top of the campaign's folder.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from st_codegen.errors import InputError, MissingExtraError, Problems
+from st_codegen.ir import Direction
+
+if TYPE_CHECKING:
+    import polars
+
+FloatArray = npt.NDArray[np.float64]
+
+#: the header of the rig, with its typing error
+RIG_HEADER = (
+    "Poisition_Output_Reducer_Fw",
+    "Transmission_Error_Fw",
+    "Position_Output_Reducer_Bw",
+    "Transmission_Error_Bw",
+)
+CONDITIONS_FILE = "conditions.csv"
+#: suffixes of a direction's two columns
+_SUFFIXES = {Direction.FORWARD: "fw", Direction.BACKWARD: "bw"}
+#: column as it is compared (lower case) -> place; the last is the corrected header
+_COLUMNS = {name.lower(): place for place, name in enumerate(RIG_HEADER)} | {"position_output_reducer_fw": 0}
+_NUMBER = r"(-?\d+(?:[.,]\d+)?)"
+_NAME = re.compile(rf"{_NUMBER}rpm_?{_NUMBER}Nm_?{_NUMBER}deg(?:C|ree)?.*", re.IGNORECASE)
+#: a curve must cover this part of a revolution (deg): an order needs whole periods to be told from its neighbours
+_LEAST_SPAN_DEG = 350.0
+_LEAST_SAMPLES = 100
+
+
+@dataclass(frozen=True, order=True)
+class Conditions:
+    """Operating point of a run: speed of the input shaft (rpm), torque at the output (N m), oil temperature (degC)."""
+
+    speed_rpm: float
+    torque_Nm: float
+    temperature_C: float
+
+    def file_name(self) -> str:
+        """The name that the rig gives a run: `1000.0rpm1100.0Nm25.0deg.csv`."""
+        speed, torque, temperature = map(float, (self.speed_rpm, self.torque_Nm, self.temperature_C))
+        return f"{speed!r}rpm{torque!r}Nm{temperature!r}deg.csv"
+
+    def rig_path(self) -> Path:
+        """Where the rig puts a run below the campaign's folder: `Test_25degree/1000rpm/..`."""
+        return Path(f"Test_{self.temperature_C:g}degree") / f"{self.speed_rpm:g}rpm" / self.file_name()
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One revolution in one direction: angle of the output shaft and TE, both deg, float64 (n,), in order of time."""
+
+    angle_deg: FloatArray
+    te_deg: FloatArray
+
+
+@dataclass(frozen=True)
+class Run:
+    """One file: conditions, and one curve a direction."""
+
+    conditions: Conditions
+    curves: Mapping[Direction, Curve]
+
+
+@dataclass(frozen=True)
+class RunFile:
+    """A curve file and its conditions."""
+
+    path: Path
+    conditions: Conditions
+
+
+class BadFileError(InputError):
+    """A curve file that cannot be used: which, why, and in which line (None where it is the file as a whole)."""
+
+    def __init__(self, path: Path, line: int | None, reason: str) -> None:
+        super().__init__(f"{path}: {reason}" if line is None else f"{path}, line {line}: {reason}")
+        self.path, self.line, self.reason = path, line, reason
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (type(self), (self.path, self.line, self.reason))
+
+
+def conditions_from_name(path: Path) -> Conditions | None:
+    """The conditions that a file name states, or None."""
+    found = _NAME.fullmatch(path.stem)
+    return Conditions(*(float(number.replace(",", ".")) for number in found.groups())) if found else None
+
+
+def find_runs(folder: Path) -> tuple[RunFile, ...]:
+    """All curve files below a folder with their conditions, in order of conditions and path.
+
+    Raises one InputError that names every file without conditions and every fault of `conditions.csv`.
+    """
+    files, bad = scan(folder)
+    problems = Problems(str(folder))
+    problems.errors.extend(bad)
+    problems.raise_if_any()
+    return files
+
+
+def scan(folder: Path) -> tuple[tuple[RunFile, ...], tuple[BadFileError, ...]]:
+    """The curve files below a folder that have conditions, and what is wrong with the others.
+
+    A file named in `conditions.csv` has the conditions given there, whatever its name says. Raises InputError where
+    there is no folder or no file at all.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder")
+    listed, bad = _listed(folder / CONDITIONS_FILE)
+    files = []
+    for path in sorted(folder.rglob("*.csv")):
+        if path.name == CONDITIONS_FILE or any(part.startswith(".") for part in path.relative_to(folder).parts):
+            continue
+        conditions = listed.get(path) or conditions_from_name(path)
+        if conditions is None:
+            bad.append(
+                BadFileError(
+                    path, None, f"no conditions: neither in {CONDITIONS_FILE} nor as 1000rpm100Nm25deg in its name"
+                )
+            )
+        else:
+            files.append(RunFile(path, conditions))
+    if not files and not bad:
+        raise InputError(f"{folder}: no curve files (*.csv)")
+    return tuple(sorted(files, key=lambda file: (file.conditions, file.path))), tuple(bad)
+
+
+def _listed(path: Path) -> tuple[dict[Path, Conditions], list[BadFileError]]:
+    """What a `conditions.csv` says of the files beside and below it."""
+    listed: dict[Path, Conditions] = {}
+    bad: list[BadFileError] = []
+    if not path.is_file():
+        return listed, bad
+    lines = path.read_text(encoding="utf-8-sig").splitlines()
+    delimiter = ";" if lines and ";" in lines[0] else ","
+    header, *rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter)] or [[]]
+    wanted = ["file", "speed_rpm", "torque_Nm", "temperature_C"]
+    if missing := [name for name in wanted if name not in header]:
+        return listed, [
+            BadFileError(path, 1, f"the columns {', '.join(missing)} are missing; it needs {','.join(wanted)}")
+        ]
+    for line, cells in enumerate(rows, 2):
+        if not any(cells):
+            continue
+        row = dict(zip(header, cells, strict=False))
+        try:
+            numbers = [float(row[name].replace(",", ".") if delimiter == ";" else row[name]) for name in wanted[1:]]
+        except (KeyError, ValueError):
+            numbers = [math.nan]
+        target = path.parent / row.get("file", "")
+        if not all(map(math.isfinite, numbers)):
+            bad.append(BadFileError(path, line, f"'{delimiter.join(cells)}' does not give three numbers"))
+        elif not target.is_file():
+            bad.append(BadFileError(path, line, f"there is no file '{row['file']}'"))
+        elif target in listed:
+            bad.append(BadFileError(path, line, f"the file '{row['file']}' is there twice"))
+        else:
+            listed[target] = Conditions(*numbers)
+    return listed, bad
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """How a curve file is written: places of the four columns, lines above the first row, separators."""
+
+    columns: tuple[int | None, ...]
+    skip: int
+    separator: str
+    decimal_comma: bool
+
+
+def read_run(path: Path, conditions: Conditions) -> Run:
+    """Read one curve file. Memory: the file's numbers, 32 bytes a sample.
+
+    Raises BadFileError with the line and the reason: not text, a value that is not a finite number, a missing column,
+    too few samples, less than a revolution, a direction that runs the wrong way.
+    """
+    layout = _layout(path)
+    table = _table(path, layout)
+    curves = {}
+    for number, direction in enumerate(Direction):
+        angle_column, te_column = layout.columns[2 * number : 2 * number + 2]
+        if angle_column is not None and te_column is not None:
+            curves[direction] = _curve(path, layout, direction, table[angle_column], table[te_column])
+    return Run(conditions, curves)
+
+
+def _layout(path: Path) -> _Layout:
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            first, second = file.readline().strip(), file.readline().strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadFileError(path, None, f"not readable as text ({error})") from None
+    if not first:
+        raise BadFileError(path, 1, "the file is empty")
+    separator = ";" if ";" in first else ","
+    names = [name.lower() for name in _cells(first, separator)]
+    has_header = any(name in _COLUMNS for name in names) or not any(_is_number(name) for name in names)
+    sample = _cells(second if has_header else first, separator)
+    columns = _header_columns(path, names) if has_header else _plain_columns(path, names)
+    return _Layout(columns, int(has_header), separator, any("," in cell for cell in sample))
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    """The values of a line; a quoted one may hold the separator."""
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
+
+
+def _header_columns(path: Path, names: Sequence[str]) -> tuple[int | None, ...]:
+    places: list[int | None] = [None] * 4
+    for column, name in enumerate(names):
+        if name not in _COLUMNS:
+            raise BadFileError(path, 1, f"unknown column '{name}'; the header is {','.join(RIG_HEADER)}")
+        if places[_COLUMNS[name]] is not None:
+            raise BadFileError(path, 1, f"the column '{name}' is there twice")
+        places[_COLUMNS[name]] = column
+    for number in (0, 2):
+        if (places[number] is None) != (places[number + 1] is None):
+            raise BadFileError(path, 1, f"only one of {RIG_HEADER[number]} and {RIG_HEADER[number + 1]} is there")
+    return tuple(places)
+
+
+def _plain_columns(path: Path, names: Sequence[str]) -> tuple[int | None, ...]:
+    if len(names) != len(RIG_HEADER):
+        raise BadFileError(path, 1, f"{len(names)} columns and no header; a curve file has {len(RIG_HEADER)}")
+    return tuple(range(len(RIG_HEADER)))
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _table(path: Path, layout: _Layout) -> polars.DataFrame | list[Any]:
+    """The columns of a file, by place; empty cells are null."""
+    pl = _polars()
+    width = sum(column is not None for column in layout.columns)
+    try:
+        frame = pl.read_csv(
+            path,
+            has_header=False,
+            skip_lines=layout.skip,
+            separator=layout.separator,
+            decimal_comma=layout.decimal_comma,
+            glob=False,
+            schema={f"c{number}": pl.Float64 for number in range(width)},
+        )
+    except (pl.exceptions.PolarsError, OSError) as error:
+        raise _first_fault(path, layout, width, str(error)) from None
+    columns: list[Any] = frame.get_columns()
+    return columns
+
+
+def _first_fault(path: Path, layout: _Layout, width: int, otherwise: str) -> BadFileError:
+    """Reads a file that Polars refuses line by line, to say where and why."""
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            for line, text in enumerate(file, 1):
+                cells = _cells(text, layout.separator)
+                if line <= layout.skip or cells in ([], [""]):
+                    continue
+                if len(cells) != width:
+                    return BadFileError(path, line, f"{len(cells)} values, {width} are expected")
+                for cell in cells:
+                    if cell and not _is_number(cell):
+                        return BadFileError(path, line, f"'{cell[:40]}' is not a number")
+    except (OSError, UnicodeDecodeError) as error:
+        return BadFileError(path, None, f"not readable as text ({error})")
+    return BadFileError(path, None, f"not readable as a table ({otherwise.splitlines()[0]})")
+
+
+def _curve(path: Path, layout: _Layout, direction: Direction, angle: Any, te: Any) -> Curve:
+    """One direction's columns, checked. A shorter direction may end in empty cells."""
+    arrays = []
+    for column in (angle, te):
+        values = column.to_numpy()
+        arrays.append(values[: _end(values)] if column.null_count() else values)
+    if len(arrays[0]) != len(arrays[1]):
+        raise BadFileError(path, layout.skip + 1 + min(map(len, arrays)), f"{direction}: an empty cell beside a value")
+    for array in arrays:
+        if not np.isfinite(array).all():
+            line = layout.skip + 1 + int(np.argmin(np.isfinite(array)))
+            raise BadFileError(path, line, f"{direction}: an empty cell, or a value that is not finite")
+    samples = len(arrays[0])
+    if samples < _LEAST_SAMPLES:
+        raise BadFileError(path, layout.skip + samples, f"{direction}: only {samples} samples")
+    span = float(np.ptp(arrays[0]))
+    if span < _LEAST_SPAN_DEG:
+        hint = "; it looks like rad, and must be deg" if 6.0 < span < 6.6 else ""
+        raise BadFileError(path, layout.skip + samples, f"{direction}: the angle covers {span:.4g} deg of 360{hint}")
+    if bool(arrays[0][-1] < arrays[0][0]) == (direction is Direction.FORWARD):
+        runs = "down" if direction is Direction.FORWARD else "up"
+        raise BadFileError(path, layout.skip + 1, f"{direction}: the angle runs {runs}; are the directions exchanged?")
+    return Curve(*arrays)
+
+
+def _end(values: FloatArray) -> int:
+    """Number of values up to the last one that is there."""
+    there = np.flatnonzero(~np.isnan(values))
+    return int(there[-1]) + 1 if len(there) else 0
+
+
+def write_run(run: Run, path: Path, *, digits: int | None = None) -> None:
+    """Write a run in the rig's own layout: its header, `,` and decimal points; the file appears complete or not at all.
+
+    digits: decimals of a number, None for as many as give the same float64 again. A shorter direction ends in empty
+    cells.
+    """
+    pl = _polars()
+    columns = [array for direction in Direction for array in _arrays(run, direction)]
+    longest = max(map(len, columns))
+    padded = {
+        name: pl.Series(array).extend_constant(None, longest - len(array))
+        for name, array in zip(RIG_HEADER, columns, strict=True)
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        pl.DataFrame(padded).write_csv(temporary, float_precision=digits)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _arrays(run: Run, direction: Direction) -> tuple[FloatArray, FloatArray]:
+    curve = run.curves.get(direction)
+    if curve is None:
+        return np.empty(0), np.empty(0)
+    return np.asarray(curve.angle_deg, np.float64), np.asarray(curve.te_deg, np.float64)
+
+
+def _polars() -> Any:
+    try:
+        import polars
+    except ImportError:
+        raise MissingExtraError("polars", "train", "reading and writing curve files") from None
+    return polars

@@ -1,0 +1,187 @@
+"""Order analysis: complex coefficients of a curve by least squares on the measured angle.
+
+The samples of a curve are equidistant in time, the speed fluctuates, and so they are not equidistant in angle: an FFT
+over the number of the sample (`Sums.plain_fft`, the paper's way) turns the phases of high orders and leaks. The least
+squares need of a curve only its sums over exp(-i*m*theta), so a campaign is read once and fitted to any set of orders.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from st_codegen.campaign.curves import Curve
+from st_codegen.campaign.moments import moments
+from st_codegen.errors import InputError
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+#: highest order that is looked at, unless more is asked for
+BAND = 400
+#: noise alone is above its own floor by this factor once in a million orders: P(A > x) = exp(-(x/floor)^2)
+SIGNIFICANT = math.sqrt(-math.log(1e-6))
+#: neighbours on each side that tell the noise at an order
+_NEIGHBOURS = 12
+#: rounds of finding what else is in a curve
+_ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class Sums:
+    """All that least squares need of one curve, for orders 0..band.
+
+    samples: number N; angle: complex128 (2*band + 1,), sum of exp(-i*m*theta); te: complex128 (band + 1,), sum of
+    TE*exp(-i*k*theta) in deg; te_square: sum of TE^2 in deg^2; plain_fft: complex128 (band + 1,), deg, the
+    coefficients of an FFT over the number of the sample; peak_to_peak: deg.
+    """
+
+    samples: int
+    angle: ComplexArray
+    te: ComplexArray
+    te_square: float
+    plain_fft: ComplexArray
+    peak_to_peak: float
+
+    @property
+    def band(self) -> int:
+        """The highest order."""
+        return len(self.te) - 1
+
+
+@dataclass(frozen=True)
+class OrderFit:
+    """The coefficients of one curve: TE(theta) = Re(sum of c_k * exp(i*k*theta)), deg.
+
+    coefficients: complex128 (orders,); noise_floor: float64 (orders,), the root mean square amplitude in deg that noise
+    alone would have there; residual: float64 (band + 1,), amplitude in deg of what no fitted order explains;
+    fitted: orders fitted together with the wanted ones, since they stand above the noise; residual_rms_deg: what is
+    left of the curve after the wanted orders.
+    """
+
+    orders: tuple[int, ...]
+    coefficients: ComplexArray
+    noise_floor: FloatArray
+    spectrum: FloatArray
+    spectrum_floor: FloatArray
+    residual_rms_deg: float
+
+    @property
+    def significant(self) -> npt.NDArray[np.bool_]:
+        """Which orders stand above the noise, bool (orders,)."""
+        above: npt.NDArray[np.bool_] = np.abs(self.coefficients) > SIGNIFICANT * self.noise_floor
+        return above
+
+
+def curve_sums(curve: Curve, band: int = BAND) -> Sums:
+    """The sums of a curve. Cut to a quarter of the samples where there are few: no order above is told from another."""
+    samples = len(curve.te_deg)
+    band = max(1, min(band, samples // 4))
+    te = np.asarray(curve.te_deg, np.float64)
+    both = moments(np.deg2rad(curve.angle_deg), np.stack([np.ones(samples), te]), 2 * band)
+    rising = te if curve.angle_deg[0] <= curve.angle_deg[-1] else te[::-1]
+    fft = np.fft.rfft(rising)[: band + 1] * (2.0 / samples)
+    fft[0] /= 2.0
+    return Sums(samples, both[0], both[1, : band + 1], float(te @ te), fft, float(np.ptp(te)))
+
+
+def fit_orders(curve: Curve | Sums, orders: Sequence[int]) -> OrderFit:
+    """Fit a set of orders to a curve, together with every other order up to the band that stands above the noise.
+
+    Fitting the others too keeps them from leaking into the wanted ones where the angles are uneven.
+    Raises InputError for an order above the band (a quarter of the samples, or what the sums were made for).
+    """
+    wanted = tuple(sorted(set(orders)))
+    sums = curve if isinstance(curve, Sums) else curve_sums(curve, max([BAND, *wanted]))
+    if wanted and (wanted[-1] > sums.band or wanted[0] < 0):
+        raise InputError(f"orders {wanted} cannot be fitted: the curve's {sums.samples} samples tell 0 to {sums.band}")
+    fitted = np.array(sorted({0, *wanted}))
+    for _ in range(_ROUNDS):
+        coefficients = _solve(sums, fitted)
+        residual = _residual(sums, fitted, coefficients)
+        floor = _noise_floor(residual, fitted)
+        new = np.setdiff1d(np.flatnonzero(residual > SIGNIFICANT * floor), fitted)
+        if not len(new):
+            break
+        fitted = np.union1d(fitted, new)
+    spectrum = residual.copy()
+    spectrum[fitted] = np.abs(coefficients)
+    places = np.searchsorted(fitted, wanted)
+    chosen = coefficients[places]
+    left = math.sqrt(max(_square_error(sums, np.array(wanted, np.intp), chosen), 0.0) / sums.samples)
+    return OrderFit(wanted, chosen, floor[list(wanted)], spectrum, floor, left)
+
+
+def square_error(sums: Sums, orders: Sequence[int], coefficients: ComplexArray) -> float:
+    """Mean square in deg^2 between a curve and coefficients, be they fitted or predicted. No samples are needed."""
+    return max(_square_error(sums, np.array(orders, np.intp), coefficients), 0.0) / sums.samples
+
+
+def _angle_sum(sums: Sums, m: npt.NDArray[np.intp]) -> ComplexArray:
+    """Sum of exp(-i*m*theta) for positive and negative m."""
+    at = sums.angle[np.abs(m)]
+    values: ComplexArray = np.where(m < 0, at.conj(), at)
+    return values
+
+
+def _normal_matrix(sums: Sums, orders: npt.NDArray[np.intp]) -> FloatArray:
+    """Scalar products of cos(k*theta) and -sin(k*theta), (2*orders, 2*orders): cosines first."""
+    minus = _angle_sum(sums, orders[:, None] - orders)
+    plus = _angle_sum(sums, orders[:, None] + orders)
+    cos_cos, sin_sin = (minus + plus).real / 2.0, (minus - plus).real / 2.0
+    # cos(k)*sin(l) = (sin(k + l) - sin(k - l))/2, and the imaginary part of a sum is minus that of the sines
+    cos_sin = (plus - minus).imag / 2.0
+    return np.block([[cos_cos, cos_sin], [cos_sin.T, sin_sin]])
+
+
+def _unknowns(orders: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
+    """All cosines, and sines except that of order 0."""
+    mask: npt.NDArray[np.bool_] = np.concatenate([np.ones(len(orders), np.bool_), orders > 0])
+    return mask
+
+
+def _solve(sums: Sums, orders: npt.NDArray[np.intp]) -> ComplexArray:
+    mask = _unknowns(orders)
+    right = np.concatenate([sums.te[orders].real, sums.te[orders].imag])
+    solution = np.zeros(len(mask))
+    solution[mask] = np.linalg.solve(_normal_matrix(sums, orders)[np.ix_(mask, mask)], right[mask])
+    return solution[: len(orders)] + 1j * solution[len(orders) :]
+
+
+def _residual(sums: Sums, orders: npt.NDArray[np.intp], coefficients: ComplexArray) -> FloatArray:
+    """Amplitude of what the coefficients leave, for all orders 0..band, deg."""
+    m = np.arange(sums.band + 1)[:, None]
+    half = coefficients / 2.0
+    left = sums.te - _angle_sum(sums, m - orders) @ half - _angle_sum(sums, m + orders) @ half.conj()
+    amplitude: FloatArray = np.abs(left) * (2.0 / sums.samples)
+    amplitude[0] /= 2.0
+    return amplitude
+
+
+def _noise_floor(residual: FloatArray, fitted: npt.NDArray[np.intp]) -> FloatArray:
+    """Root mean square amplitude of noise at each order, from the median of the neighbours that are not fitted.
+
+    Amplitudes of noise have a Rayleigh distribution: its root mean square is its median over sqrt(ln 2). The mean
+    (order 0) is one real number with a quarter of the variance of an amplitude.
+    """
+    free = np.setdiff1d(np.arange(1, len(residual)), fitted)
+    if not len(free):
+        return np.zeros(len(residual))
+    width = min(2 * _NEIGHBOURS, len(free))
+    start = np.searchsorted(free, np.arange(len(residual))) - width // 2
+    windows = np.clip(start, 0, len(free) - width)[:, None] + np.arange(width)
+    floor: FloatArray = np.median(residual[free[windows]], axis=1)
+    floor /= math.sqrt(math.log(2.0))
+    floor[0] /= 2.0
+    return floor
+
+
+def _square_error(sums: Sums, orders: npt.NDArray[np.intp], coefficients: ComplexArray) -> float:
+    """Sum of (TE - curve of the coefficients)^2."""
+    x = np.concatenate([coefficients.real, coefficients.imag])
+    right = np.concatenate([sums.te[orders].real, sums.te[orders].imag])
+    return float(sums.te_square - 2.0 * (right @ x) + x @ _normal_matrix(sums, orders) @ x)

@@ -1,0 +1,169 @@
+"""A whole campaign of curve files: read in parallel, file by file, reduced to sums, kept as Parquet.
+
+Of 160 million samples (11 GB of text) only the sums of `orders.Sums` stay, some 30 KB a curve: all that fitting any
+set of orders needs. They are kept in a Parquet file; a file whose size and time of change are the same is not read
+again. Memory is a worker's one file and the sums.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from st_codegen.campaign.curves import BadFileError, Conditions, RunFile, read_run, scan
+from st_codegen.campaign.harmonic_table import HarmonicTable
+from st_codegen.campaign.orders import BAND, OrderFit, Sums, curve_sums, fit_orders
+from st_codegen.campaign.sums_file import SumsFile
+from st_codegen.errors import InputError, MissingExtraError, Problems
+from st_codegen.ir import Direction
+
+#: Called with (number of files done, number of files, name of the next one).
+Progress = Callable[[int, int, str], None]
+#: workers by default: each takes some 150 MB, and a disk does not feed more
+MOST_JOBS = 4
+#: seconds between two writes of what is read so far
+_KEEP_EVERY = 30.0
+
+
+@dataclass(frozen=True)
+class MeasuredCurve:
+    """One curve of a campaign."""
+
+    path: Path
+    conditions: Conditions
+    direction: Direction
+    sums: Sums
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """All curves of a folder, in order of conditions, file and direction; `bad` is what was left out."""
+
+    folder: Path
+    curves: tuple[MeasuredCurve, ...]
+    bad: tuple[BadFileError, ...]
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of all curves."""
+        return sum(curve.sums.samples for curve in self.curves)
+
+    def fits(self, orders: Sequence[int], progress: Progress | None = None) -> tuple[OrderFit, ...]:
+        """The orders of every curve. Raises InputError that names curves with too few samples for an order."""
+        problems = Problems(f"{self.folder}: order analysis")
+        fits = []
+        for done, curve in enumerate(self.curves):
+            if progress:
+                progress(done, len(self.curves), curve.path.name)
+            try:
+                fits.append(fit_orders(curve.sums, orders))
+            except InputError as error:
+                problems.add(f"{curve.path}, {curve.direction}: {error}")
+        problems.raise_if_any()
+        return tuple(fits)
+
+    def table(self, fits: Sequence[OrderFit]) -> HarmonicTable:
+        """The harmonic table of fitted curves."""
+        if not fits:
+            raise InputError(f"{self.folder}: no curves")
+        return HarmonicTable(
+            np.array([curve.direction is Direction.BACKWARD for curve in self.curves]),
+            np.array([curve.conditions.speed_rpm for curve in self.curves]),
+            np.array([curve.conditions.torque_Nm for curve in self.curves]),
+            np.array([curve.conditions.temperature_C for curve in self.curves]),
+            fits[0].orders,
+            np.stack([fit.coefficients for fit in fits]),
+        )
+
+
+def read_campaign(
+    folder: Path,
+    *,
+    skip_bad: bool = False,
+    band: int = BAND,
+    jobs: int | None = None,
+    cache: Path | None = None,
+    progress: Progress | None = None,
+) -> Campaign:
+    """Read all curve files below a folder.
+
+    band: highest order; jobs: worker processes (default: the cores, at most MOST_JOBS); cache: Parquet file with what
+    was read before (made where it is missing; None: none). Bad files are all reported in one InputError with file,
+    line and reason, or left out with `skip_bad` (then `Campaign.bad` lists them). Raises InputError also where nothing
+    good is left.
+    """
+    files, bad = scan(folder)
+    kept = SumsFile.read(cache, folder, band) if cache else SumsFile(folder, band)
+    known, new = kept.partition(files)
+    results: dict[Path, dict[Direction, Sums]] = known
+    faults = list(bad)
+    started = time.monotonic()
+    for done, (file, result) in enumerate(_read_all(new, band, jobs), len(known)):
+        if progress:
+            progress(done, len(files), file.path.name)
+        if isinstance(result, BadFileError):
+            faults.append(result)
+            continue
+        results[file.path] = result
+        kept.add(file.path, result)
+        if cache and time.monotonic() - started > _KEEP_EVERY:
+            kept.write(cache)
+            started = time.monotonic()
+    if cache and new:
+        kept.write(cache)
+    if faults and not skip_bad:
+        problems = Problems(f"{folder}: bad curve files (leave them out with --skip-bad)")
+        faults.sort(key=lambda error: (error.path, error.line or 0))
+        problems.errors.extend(faults)
+        problems.raise_if_any()
+    curves = [
+        MeasuredCurve(file.path, file.conditions, direction, sums)
+        for file in files
+        if file.path in results
+        for direction, sums in results[file.path].items()
+    ]
+    if not curves:
+        raise InputError(f"{folder}: no usable curve files; the first of {len(faults)} problems: {faults[0]}")
+    return Campaign(folder, tuple(curves), tuple(faults))
+
+
+def _read_all(
+    files: Sequence[RunFile], band: int, jobs: int | None
+) -> Iterator[tuple[RunFile, dict[Direction, Sums] | BadFileError]]:
+    """Results in order of the files, as they come in."""
+    workers = min(jobs or min(os.cpu_count() or 1, MOST_JOBS), len(files))
+    if workers <= 1:
+        yield from ((file, _reduced(file, band)) for file in files)
+        return
+    try:
+        import joblib
+    except ImportError:
+        raise MissingExtraError("joblib", "train", "reading curve files in parallel") from None
+    parallel = joblib.Parallel(n_jobs=workers, return_as="generator", batch_size=1, pre_dispatch="2*n_jobs")
+    yield from zip(files, parallel(joblib.delayed(_reduced)(file, band) for file in files), strict=True)
+
+
+def _reduced(file: RunFile, band: int) -> dict[Direction, Sums] | BadFileError:
+    """The sums of a file, or why it has none; errors are values here, so that one bad file stops nothing."""
+    os.environ.setdefault("POLARS_MAX_THREADS", "1")  # the workers are the parallelism
+    try:
+        run = read_run(file.path, file.conditions)
+    except BadFileError as error:
+        return error
+    return {direction: curve_sums(curve, band) for direction, curve in run.curves.items()}
+
+
+def cached_rows(campaign: Campaign) -> dict[str, Any]:
+    """Numbers for a report: files, curves, samples, bad files."""
+    return {
+        "files": len({curve.path for curve in campaign.curves}),
+        "curves": len(campaign.curves),
+        "samples": campaign.samples,
+        "bad": len(campaign.bad),
+    }

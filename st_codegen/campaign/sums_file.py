@@ -1,0 +1,122 @@
+"""The sums of a campaign's curves as one Parquet file, so that no curve file is read twice."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from st_codegen.campaign.curves import RunFile
+from st_codegen.campaign.orders import Sums
+from st_codegen.errors import MissingExtraError
+from st_codegen.ir import Direction
+
+#: changes with the way sums are made: a file of another version is made anew
+_VERSION = 1
+
+
+class SumsFile:
+    """What was read of a folder: by path (relative), with size and time of change of the file it came from."""
+
+    def __init__(self, folder: Path, band: int) -> None:
+        self.folder = folder
+        self.band = band
+        self._rows: dict[str, list[dict[str, Any]]] = {}
+
+    @classmethod
+    def read(cls, path: Path, folder: Path, band: int) -> SumsFile:
+        """What a Parquet file holds; empty where it is missing, broken, of another version or for another band."""
+        pl = _polars()
+        new = cls(folder, band)
+        try:
+            frame = pl.read_parquet(path, glob=False)
+        except (OSError, pl.exceptions.PolarsError):
+            return new
+        if not len(frame) or "version" not in frame.columns:
+            return new
+        if frame["version"].unique().to_list() != [_VERSION] or frame["band"].unique().to_list() != [band]:
+            return new
+        for row in frame.iter_rows(named=True):
+            new._rows.setdefault(row["file"], []).append(row)
+        return new
+
+    def partition(self, files: Sequence[RunFile]) -> tuple[dict[Path, dict[Direction, Sums]], list[RunFile]]:
+        """The sums of files that are unchanged, and the files to read. What is no longer there is forgotten."""
+        known, new, kept = {}, [], {}
+        for file in files:
+            name = self._name(file.path)
+            rows = self._rows.get(name)
+            if rows and all((row["size"], row["changed_ns"]) == _stamp(file.path) for row in rows):
+                known[file.path] = {Direction(row["direction"]): _sums(row) for row in rows}
+                kept[name] = rows
+            else:
+                new.append(file)
+        self._rows = kept
+        return known, new
+
+    def add(self, path: Path, curves: dict[Direction, Sums]) -> None:
+        """Note what a file holds."""
+        size, changed = _stamp(path)
+        name = self._name(path)
+        head = {"version": _VERSION, "band": self.band, "file": name, "size": size, "changed_ns": changed}
+        self._rows[name] = [
+            {
+                **head,
+                "direction": direction.value,
+                "samples": sums.samples,
+                "te_square": sums.te_square,
+                "peak_to_peak": sums.peak_to_peak,
+                "angle": sums.angle.view(np.float64),
+                "te": sums.te.view(np.float64),
+                "plain_fft": sums.plain_fft.view(np.float64),
+            }
+            for direction, sums in curves.items()
+        ]
+
+    def write(self, path: Path) -> None:
+        """Write the file; it appears complete or not at all."""
+        pl = _polars()
+        rows = [row for name in sorted(self._rows) for row in self._rows[name]]
+        if not rows:
+            return
+        columns = {name: [row[name] for row in rows] for name in rows[0]}
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = path.with_name(f".{path.name}.{os.getpid()}")
+        try:
+            pl.DataFrame(columns).write_parquet(temporary)
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+    def _name(self, path: Path) -> str:
+        return path.relative_to(self.folder).as_posix()
+
+
+def _stamp(path: Path) -> tuple[int, int]:
+    status = path.stat()
+    return status.st_size, status.st_mtime_ns
+
+
+def _sums(row: dict[str, Any]) -> Sums:
+    def complex_array(name: str) -> Any:
+        return np.asarray(row[name], np.float64).view(np.complex128)
+
+    return Sums(
+        row["samples"],
+        complex_array("angle"),
+        complex_array("te"),
+        row["te_square"],
+        complex_array("plain_fft"),
+        row["peak_to_peak"],
+    )
+
+
+def _polars() -> Any:
+    try:
+        import polars
+    except ImportError:
+        raise MissingExtraError("polars", "train", "keeping what was read of a campaign") from None
+    return polars
