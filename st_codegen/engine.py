@@ -53,6 +53,14 @@ class GeneratedCode:
         except StError as error:
             raise GeneratedCodeError(f"{folder}: the text is not valid Structured Text\n{error}") from error
 
+    @property
+    def task_programs(self) -> tuple[str, ...]:
+        """The programs that the tasks of a TwinCAT project call, in order; empty where there is no task."""
+        calls = []
+        for path in sorted(self.folder.rglob("*.TcTTO")):
+            calls += re.findall(r"<PouCall>\s*<Name>\s*(\w+)\s*</Name>", path.read_text(encoding="utf-8-sig"))
+        return tuple(dict.fromkeys(calls))
+
     def table_bytes(self, block: str) -> int:
         """Bytes of a block's constant arrays."""
         variables = self._pou(block).variables

@@ -13,6 +13,9 @@ from st_codegen.render import render
 from st_codegen.st import parse_project
 from st_codegen.targets import Target
 
+#: Files that hold Structured Text; others are projects and tasks
+_TEXTS = (".st", ".TcPOU", ".TcGVL", ".TcDUT", ".xml")
+
 
 @dataclass(frozen=True)
 class EmittedCost(Cost):
@@ -47,7 +50,8 @@ class Pricing:
     def block(self, model: ModelIR) -> BlockCost:
         """The worst case of the block of one model."""
         files = render(ProjectIR((model,), None), self.target, self.limits)
-        project = parse_project({file.path: "".join(file.pieces) for file in files}, self.target.name)
+        texts = {file.path: "".join(file.pieces) for file in files if file.path.endswith(_TEXTS)}
+        project = parse_project(texts, self.target.dialect)
         name = block_name(model.name)
         return project_cost(project, self.profile, [name]).blocks[name]
 

@@ -120,7 +120,7 @@ class VerifyReport:
 class Budget:
     """The time of one cycle on one machine, in us (None: no limit), and the blocks that it runs.
 
-    Without `entries`: all that no other block calls.
+    Without `entries`: the programs that its tasks call.
     """
 
     profile: Profile
@@ -165,16 +165,25 @@ def verify(
     if progress is not None:
         progress(total, total, "")
     notes = {name: TARGETS[name].proof for name in targets if TARGETS[name].proof}
-    costs = {} if budget is None else {name: _costs(code, budget) for name, code in targets.items()}
+    costs = (
+        {}
+        if budget is None
+        else {name: cycle_cost(code, budget.profile, budget.entries) for name, code in targets.items()}
+    )
     return VerifyReport(tuple(_merged(reports)), notes, costs, None if budget is None else budget.cycle_us)
 
 
-def _costs(code: GeneratedCode, budget: Budget) -> ProjectCost:
+def cycle_cost(code: GeneratedCode, profile: Profile, entries: tuple[str, ...] = ()) -> ProjectCost:
+    """The worst case of a cycle of generated text: of `entries`, else of what its tasks call (see `project_cost`).
+
+    Programs of several tasks are added up, for they share a processor. Raises GeneratedCodeError for an unknown entry.
+    """
     names = {name.upper() for name in code.project.pous}
-    missing = [name for name in budget.entries if name.upper() not in names]
+    missing = [name for name in entries if name.upper() not in names]
     if missing:
         raise GeneratedCodeError(f"{code.folder}: no block {', '.join(missing)}")
-    return project_cost(code.project, budget.profile, budget.entries or None)
+    tasks = tuple(name for name in code.task_programs if name.upper() in names)
+    return project_cost(code.project, profile, entries or tasks or None)
 
 
 def target_folders(generated: Path) -> list[Path]:

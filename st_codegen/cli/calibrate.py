@@ -12,6 +12,7 @@ from st_codegen.cli.costs import profile_option
 from st_codegen.cost import calibrate, load_profile, read_measurements, with_factors
 from st_codegen.engine import GeneratedCode
 from st_codegen.errors import InputError
+from st_codegen.targets import TARGETS
 from st_codegen.verify import target_folders
 
 
@@ -50,7 +51,7 @@ def command(generated: Path, measured: Path, profile: str, out: Path, quiet: boo
     base = load_profile(profile)
     measurements = read_measurements(measured)
     folder = target_folders(generated)[0]
-    fit = calibrate(GeneratedCode(folder, folder.name).project, base, measurements)
+    fit = calibrate(GeneratedCode(folder, TARGETS[folder.name].dialect).project, base, measurements)
     out.parent.mkdir(parents=True, exist_ok=True)
     partial = out.with_name(out.name + ".partial")
     partial.write_text(with_factors(base, fit, out.stem), encoding="utf-8")

@@ -42,7 +42,7 @@ def entry_option(function: Command) -> Command:
         "entries",
         multiple=True,
         metavar="BLOCK",
-        help="A block that one cycle runs, may be given several times. Default: all that no other block calls.",
+        help="A block or program that one cycle runs, may be given several times. Default: what the tasks call.",
     )(function)
 
 

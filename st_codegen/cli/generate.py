@@ -20,12 +20,13 @@ from st_codegen.cli.console import (
     trust_option,
 )
 from st_codegen.cli.costs import price_table, print_budget
-from st_codegen.cost import DEFAULT, load_profile, project_cost
+from st_codegen.cost import DEFAULT, load_profile
 from st_codegen.engine import GeneratedCode
 from st_codegen.explain import Pricing, prices
 from st_codegen.generate import Generated, check, generate, limits_for
 from st_codegen.passes.choose import CostFunction, Layout, Options, simple_cost
 from st_codegen.targets import TARGETS, target_named
+from st_codegen.verify import cycle_cost
 
 
 @click.command(
@@ -139,7 +140,7 @@ def command(
         if explain:
             if generated.compiled.decisions:
                 console.print(price_table(target.name, machine.name, prices(generated.compiled, pricing[target.name])))
-            cost = project_cost(GeneratedCode(generated.folder, target.dialect).project, machine)
+            cost = cycle_cost(GeneratedCode(generated.folder, target.dialect), machine)
             print_budget(target.name, cost, None)
 
 

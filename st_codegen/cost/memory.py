@@ -80,7 +80,7 @@ class Touch:
     def lines(self) -> int:
         """An upper bound of the distinct lines."""
         length = self.span + self.high - self.low
-        each = 1 if length <= _RECORD else 1 + -(-length // LINE)
+        each = 1 if length == 0 or (self.span == 0 and length <= _RECORD) else 1 + -(-length // LINE)
         return min(self.place.lines, self.executions, self.count * each)
 
     def with_(self, other: Touch) -> Touch:

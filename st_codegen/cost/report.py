@@ -96,7 +96,7 @@ class BlockCost:
 
 @dataclass(frozen=True)
 class ProjectCost:
-    """All blocks and programs of a project; `entries` are those that nobody else calls: a cycle runs each once."""
+    """All blocks and programs of a project; `entries` are those that a cycle runs, each once."""
 
     profile: Profile
     blocks: Mapping[str, BlockCost]
@@ -139,15 +139,19 @@ class ProjectCost:
 def project_cost(project: t.Project, profile: Profile, entries: Iterable[str] | None = None) -> ProjectCost:
     """The worst cases of a checked project. Paths are compared with cold caches, as that is what a cycle must bear.
 
-    `entries` are the blocks that a cycle runs; without them all that nobody calls, blocks that only libraries call
-    (test suites) left out. Raises KeyError for an entry that the project does not have.
+    `entries` are the units that a cycle runs; without them all programs, or in a project without any all blocks that
+    nobody calls, those that only libraries call (test suites) left out. Raises KeyError for an entry that the project
+    does not have.
     """
     units = Units(project, profile.weights(is_cold=True))
     kinds = (PouKind.FUNCTION_BLOCK, PouKind.PROGRAM)
     own = {key: pou for key, pou in project.pous.items() if pou.kind in kinds and not pou.is_native and _has_body(pou)}
     costs = {key: units.of(key) for key in own}
     blocks = {own[key].name: _block_cost(own[key], cost, units, profile) for key, cost in costs.items()}
-    if entries is None:
+    programs = [pou.name for pou in own.values() if pou.kind is PouKind.PROGRAM]
+    if entries is None and programs:
+        chosen = programs
+    elif entries is None:
         called = {key for unit in costs.values() for key in unit.called}
         called |= {pou.base for pou in project.pous.values() if pou.base is not None}
         chosen = [pou.name for key, pou in own.items() if key not in called and not _is_native(project, pou)]

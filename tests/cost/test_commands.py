@@ -34,7 +34,7 @@ def test_verify_fails_with_a_table_when_a_cycle_does_not_fit(bundle_folder, gene
     assert "fits" in capsys.readouterr().err
     content = json.loads(report.read_text())["costs"]["twincat"]
     assert content["fits"] is True
-    assert content["entries"] == ["FB_Compensator"]
+    assert content["entries"] == ["PRG_Experiment", "PRG_Main"]
     assert {"FB_Compensator", "FB_TEPredict"} < content["blocks"].keys()
     block = content["blocks"]["FB_TEPredict"]
     assert 0.0 < block["warm_us"] < block["cold_us"] < content["cold_us"]

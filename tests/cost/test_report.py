@@ -38,6 +38,12 @@ def test_a_cycle_runs_what_nobody_calls_and_names_who_spends():
     assert whole.as_json()["blocks"]["FB_Outer"]["parts"]["FB_Inner"]["operations"] == 50 * 4 + 2
 
 
+def test_where_there_are_programs_a_cycle_runs_them():
+    whole = cost(TWO + "PROGRAM PRG_Main VAR fb : FB_Outer; END_VAR fb(); END_PROGRAM")
+    assert whole.entries == ("PRG_Main",)
+    assert whole.cold_us > whole.blocks["FB_Outer"].cold_us
+
+
 def test_a_loop_without_a_bound_fits_no_budget():
     whole = cost(block("WHILE b DO x := y; END_WHILE;", VARIABLES))
     assert not whole.fits(1e9)
