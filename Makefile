@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: run test real lint bench soak clean
+.PHONY: run test real blark soak lint bench clean tables train-long blind example
 
 run: $(INSTALLED)  ## compile the example bundle, verify the result
 	$(BIN)/st-codegen examples/rv160n/models/ --target twincat --out build/rv160n
@@ -17,6 +17,19 @@ test: $(INSTALLED)  ## the whole test suite
 real: $(INSTALLED)  ## the models of the real rig, each on 100,000 inputs; needs the measured tables
 	$(BIN)/python -m pytest -q -m slow tests/test_real_rig.py
 
+blark: $(INSTALLED)  ## every generated TwinCAT file through an independent parser
+	$(BIN)/python -m pytest -q -m slow tests/targets/test_blark.py
+
+# the measured tables, and how thoroughly to search: DATA=FOLDER FOLDS=10 for the paper's own number of folds
+DATA ?= ../shared/data
+FOLDS ?= 3
+
+tables: $(INSTALLED)  ## tables 2 to 6 of the paper, ours beside theirs; some 25 minutes of two cores, stopped runs go on
+	$(BIN)/st-codegen tables $(DATA) --folds $(FOLDS) --out build/tables --work build/fits.sqlite
+
+train-long: $(INSTALLED)  ## the search on a Dask cluster of which a worker is killed
+	$(BIN)/python -m pytest -q -m slow tests/training
+
 lint: $(INSTALLED)  ## style and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -24,6 +37,20 @@ lint: $(INSTALLED)  ## style and types
 
 bench: $(INSTALLED)  ## times and memory of the compiler and the interpreter
 	$(BIN)/python benchmarks/compiler.py
+	$(BIN)/python benchmarks/campaign.py
+
+soak: $(INSTALLED)  ## 100,000 hostile sequences through the blocks of the compensation, about 5 minutes
+	$(BIN)/python -m pytest -q -m slow tests/application
+	$(BIN)/python -m tests.application.hostile
+
+blind: $(INSTALLED)  ## hidden effects on held-out seeds: three rounds of cases, rates in build/blind.json; takes an hour
+	$(BIN)/python -m tests.reconcile.blind.run --seeds heldout --cases 348 --jobs 2 --json build/blind.json
+
+blind: $(INSTALLED)  ## hidden effects on held-out seeds: three rounds of cases, rates in build/blind.json; takes an hour
+	$(BIN)/python -m tests.reconcile.blind.run --seeds heldout --cases 348 --jobs 2 --json build/blind.json
+
+example: $(INSTALLED)  ## campaign of the simulated rig, training, Structured Text, motions with it; build/example/motion.json
+	$(BIN)/python examples/motion/run.py --out build/example
 
 soak: $(INSTALLED)  ## 100,000 hostile sequences through the blocks of the compensation, about 5 minutes
 	$(BIN)/python -m pytest -q -m slow tests/application

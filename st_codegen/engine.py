@@ -12,7 +12,8 @@ import numpy as np
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import BoolArray, FloatArray
 from st_codegen.mll_library import mll_library
-from st_codegen.st import LaneMachine, Project, StError, StRuntimeError, load_project
+from st_codegen.st import LaneMachine, Library, Project, StError, StRuntimeError, load_project
+from st_codegen.st.library import TCUNIT
 from st_codegen.st.machine import Instance
 from st_codegen.st.typed import Pou
 from st_codegen.st.types import ArrayType, Elementary, Type
@@ -46,7 +47,7 @@ class GeneratedCode:
         if not folder.is_dir():
             raise GeneratedCodeError(f"{folder}: no generated files; run st-codegen generate first")
         self.folder = folder
-        self.libraries = (mll_library(folder),) if any(folder.glob("Models/*/*.xml")) else ()
+        self.libraries = _libraries(folder)
         try:
             self.project: Project = load_project([folder], dialect, self.libraries)
         except StError as error:
@@ -96,9 +97,14 @@ class GeneratedCode:
         values = np.column_stack([result[f"fOut{number + 1}"] for number in outputs])
         return BlockResult(values, result["bValid"].astype(np.bool_))
 
-    def call(self, block: str, inputs: Mapping[str, FloatArray], lanes: int) -> dict[str, FloatArray]:
-        """Call a block once with an array for each named input; returns all its outputs, lanes first."""
-        return self._run(self._instance(block, lanes), block, inputs)
+    def call(
+        self, block: str, inputs: Mapping[str, FloatArray], lanes: int, *, calls: int = 1
+    ) -> dict[str, FloatArray]:
+        """Call a block `calls` times with an array for each named input; returns all its outputs, lanes first."""
+        instance = self._instance(block, lanes)
+        for _ in range(calls - 1):
+            self._run(instance, block, inputs)
+        return self._run(instance, block, inputs)
 
     def _instance(self, block: str, lanes: int) -> Instance:
         return LaneMachine(self.project, lanes=lanes, libraries=self.libraries).instance(self._pou(block).name)
@@ -111,6 +117,14 @@ class GeneratedCode:
         except StRuntimeError as error:
             raise GeneratedCodeError(f"{self.folder}: the controller would stop in {block}\n{error}") from error
         return {port.name: np.asarray(instance[port.name]) for port in instance.outputs}
+
+
+def _libraries(folder: Path) -> tuple[Library, ...]:
+    """The libraries that the text of a folder may use: for test suites, and for model files."""
+    libraries = [TCUNIT] if (folder / "Tests").is_dir() else []
+    if any(folder.glob("Models/*/*.xml")):
+        libraries.append(mll_library(folder))
+    return tuple(libraries)
 
 
 def _bytes(type_: Type) -> int:

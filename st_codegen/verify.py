@@ -7,7 +7,7 @@ the bound that `bounds` derives for the very row. Rows that the library refuses 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -80,17 +80,19 @@ class ModelReport:
 
 @dataclass(frozen=True)
 class VerifyReport:
-    """What `st-codegen verify` found."""
+    """What `st-codegen verify` found; `notes` say, by target, what this does not show."""
 
     models: tuple[ModelReport, ...]
+    notes: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def passed(self) -> bool:
         return all(model.passed for model in self.models)
 
     def as_json(self) -> dict[str, Any]:
-        """`passed`, and `models` by name."""
-        return {"passed": self.passed, "models": {model.name: model.as_json() for model in self.models}}
+        """`passed`, `models` by name, `notes` by target."""
+        models = {model.name: model.as_json() for model in self.models}
+        return {"passed": self.passed, "models": models, "notes": dict(self.notes)}
 
 
 def _plain(value: Any) -> Any:
@@ -122,7 +124,8 @@ def verify(
             reports.extend(_te_reports(bundle, bundle.transmission_error, code, name, seed))
     if progress is not None:
         progress(total, total, "")
-    return VerifyReport(tuple(_merged(reports)))
+    notes = {name: TARGETS[name].proof for name in targets if TARGETS[name].proof}
+    return VerifyReport(tuple(_merged(reports)), notes)
 
 
 def target_folders(generated: Path) -> list[Path]:
@@ -257,6 +260,7 @@ def _merged(reports: list[ModelReport]) -> list[ModelReport]:
         known.targets += report.targets
         known.failures += report.failures
         known.exact &= report.exact
+        known.bound = max(known.bound, report.bound)
         known.max_ulp = max(known.max_ulp, report.max_ulp)
         if report.max_abs_err > known.max_abs_err:
             known.max_abs_err, known.worst_input = report.max_abs_err, report.worst_input

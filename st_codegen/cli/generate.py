@@ -30,6 +30,7 @@ from st_codegen.targets import TARGETS, target_named
 Examples:
   st-codegen models/ --target twincat
   st-codegen generate models/ --target iec --target twincat --out plc/
+  st-codegen models/ --target twincat --with-tests
   st-codegen models/ --layout table --table-limit 256
   st-codegen generate models/ --target twincat --check      in CI: fail when the files are not up to date""",
 )
@@ -56,15 +57,21 @@ Examples:
     is_flag=True,
     help="Write nothing; print a diff and exit 1 if the files are not up to date.",
 )
+@click.option(
+    "--with-tests",
+    is_flag=True,
+    help="Also write TcUnit suites that compare every block with the library's answers, and a task that runs them.",
+)
 @array_option
 @layout_options
 @trust_option
 @quiet_option
-def command(
+def command(  # noqa: PLR0913, PLR0917 - one argument an option
     models: Path,
     targets: tuple[str, ...],
     out: Path,
     only_check: bool,
+    with_tests: bool,
     max_array: int | None,
     trust_pickle: bool,
     quiet: bool,
@@ -75,23 +82,33 @@ def command(
     With a bundle.toml the folder is a transmission error bundle and FB_TEPredict and FB_Compensator are generated from
     its models; without one, every model file becomes a function block of its own.
     """
-    options = Options(Layout(layout["layout"]), table_bytes=layout["table_limit"] * 1024)
+    options = Options(
+        Layout(layout["layout"]),
+        table_bytes=layout["table_limit"] * 1024,
+        outputs_per_cycle=layout["outputs_per_cycle"],
+    )
     chosen = [target_named(name) for name in targets or ("twincat",)]
     with progress_bar("loading", quiet=quiet) as progress:
         bundle = load(models, trust_pickle=trust_pickle, progress=progress)
     if only_check:
         different = False
         for target in chosen:
-            for line in check(bundle, target, out, max_array=max_array, options=options):
+            for line in check(bundle, target, out, max_array=max_array, options=options, with_tests=with_tests):
                 different = True
                 click.echo(line if line.endswith("\n") else line + "\n", nl=False)
         sys.exit(1 if different else 0)
     for target in chosen:
-        generated = generate(bundle, target, out, max_array=max_array, options=options)
+        generated = generate(bundle, target, out, max_array=max_array, options=options, with_tests=with_tests)
         if not quiet:
             console.print(f"{generated.folder}: {len(generated.files)} file(s)", highlight=False, soft_wrap=True)
             console.print(_files_table(generated))
             console.print(_models_table(generated))
+            if calls := generated.facts["transmission_error"].get("calls"):
+                console.print(
+                    f"The models are spread over {calls} calls of FB_TEPredict: its outputs belong to the operating "
+                    f"point of {calls - 1} to {2 * calls - 2} calls before.",
+                    soft_wrap=True,
+                )
 
 
 def _files_table(generated: Generated) -> Table:

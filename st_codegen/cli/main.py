@@ -21,6 +21,8 @@ _COMMANDS = {
     "predict": "st_codegen.cli.predict",
     "diff": "st_codegen.cli.diff",
     "latency": "st_codegen.cli.latency",
+    "simulate": "st_codegen.cli.simulate",
+    "reconcile": "st_codegen.cli.reconcile",
 }
 
 

@@ -52,6 +52,8 @@ def command(
         json_file.write_text(json.dumps(report.as_json(), indent=1) + "\n", encoding="utf-8")
     if not quiet:
         console.print(_table(report))
+        for target, note in report.notes.items():
+            console.print(f"{target}: {note}", highlight=False, soft_wrap=True)
     for model in report.models:
         for failure in model.failures[:3]:
             console.print(

@@ -15,6 +15,7 @@ from functools import singledispatch
 from st_codegen.errors import InputError
 from st_codegen.ir import (
     CellTable,
+    FactoredKernel,
     KernelSum,
     Linear,
     ModelIR,
@@ -39,7 +40,8 @@ class Options:
 
     `table_bytes`: no table has more for one output of a model. `merged_bytes`: no table of several models is larger.
     `max_array`: elements of an array that the target holds; longer lists of thresholds have no layout.
-    `ranks`: trees may compare ranks; False leaves them as their library has them.
+    `ranks`: trees may compare ranks; False leaves them as their library has them. `outputs_per_cycle`: models are
+    spread over successive calls, at most so many outputs in each (one model is never cut); None: all in every call.
     """
 
     layout: Layout = Layout.AUTO
@@ -47,6 +49,7 @@ class Options:
     merged_bytes: int = 1024 * 1024
     max_array: int = 65_536
     ranks: bool = True
+    outputs_per_cycle: int | None = None
 
 
 @dataclass(frozen=True)
@@ -153,6 +156,13 @@ def _(op: KernelSum) -> Cost:
         lines=_touched(8.0 * vectors * (columns + op.width)),
         table_bytes=8 * vectors * (columns + op.width),
     )
+
+
+@_cost.register
+def _(op: FactoredKernel) -> Cost:
+    values = sum(len(axis) for axis in op.axes)
+    size = op.coefficients.size
+    return Cost(instructions=80.0 * values + 8.0 * 1.5 * size, lines=_touched(8.0 * size), table_bytes=8 * size)
 
 
 @_cost.register

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +14,7 @@ from st_codegen.blocks.application import Application
 from st_codegen.blocks.listing import Block
 from st_codegen.blocks.model import Limits, model_block
 from st_codegen.blocks.project import application_of
+from st_codegen.blocks.tests import ReferenceVectors, with_tests
 from st_codegen.ir import BoolArray, FloatArray, ModelIR, ProjectIR
 
 
@@ -41,7 +42,8 @@ class Target(ABC):
 
     `dialect` is twincat or iec: the folder of templates whose `dialect.st.j2` says how the dialect writes what differs,
     and the rules by which the text is checked and executed. `compiles`: the passes rewrite the models first; False for
-    a target that hands the models themselves on.
+    a target that hands the models themselves on. `has_tests`: test suites can be written. `proof`: what
+    verification does not show, where it is less than the text that runs on the controller.
     """
 
     name: str
@@ -49,10 +51,16 @@ class Target(ABC):
     dialect: str
     limits: Limits
     compiles: bool = True
+    has_tests: bool = False
+    proof: str = ""
 
-    def plan(self, project: ProjectIR, limits: Limits) -> Iterable[FilePlan]:
-        """The files of a project, in a fixed order. Raises InputError or TargetError before anything is printed."""
-        return self.files(application_of(project, lambda model: model_block(model, limits)))
+    def plan(self, project: ProjectIR, limits: Limits, vectors: Sequence[ReferenceVectors] = ()) -> Iterable[FilePlan]:
+        """The files of a project, in a fixed order, with test suites for `vectors`.
+
+        Raises InputError or TargetError before anything is printed.
+        """
+        application = application_of(project, lambda model: model_block(model, limits))
+        return self.files(with_tests(application, vectors))
 
     @abstractmethod
     def files(self, application: Application) -> Iterable[FilePlan]:

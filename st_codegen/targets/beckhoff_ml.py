@@ -7,7 +7,7 @@ nothing is merged here, only put into one folder by kind and use, as the vendor'
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from st_codegen.blocks.engines import Affine, Engine, checked_engines
 from st_codegen.blocks.mll import engine_block, engine_limits, engine_names, files_list
 from st_codegen.blocks.model import Limits
 from st_codegen.blocks.project import application_of
+from st_codegen.blocks.tests import ReferenceVectors
 from st_codegen.engine_bounds import engine_bound
 from st_codegen.errors import Problems
 from st_codegen.ir import BoolArray, FloatArray, ModelIR, ProjectIR
@@ -31,8 +32,13 @@ class BeckhoffMlTarget(Target):
     dialect = "twincat"
     limits = Limits(max_array=65_536)
     compiles = False
+    proof = (
+        "the model files were evaluated by the arithmetic that their format prescribes, not by the vendor's runtime; "
+        "the bounds are those of that arithmetic"
+    )
 
-    def plan(self, project: ProjectIR, limits: Limits) -> Iterable[FilePlan]:
+    def plan(self, project: ProjectIR, limits: Limits, vectors: Sequence[ReferenceVectors] = ()) -> Iterable[FilePlan]:
+        del vectors  # `has_tests` is False: model files are read over several cycles, suites would run before that
         problems = Problems("TwinCAT machine learning")
         engines: dict[str, tuple[Engine, ...]] = {}
         for model in project.models:

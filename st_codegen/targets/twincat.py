@@ -32,6 +32,7 @@ class TwinCatTarget(Target):
     summary = "TwinCAT 3 PLC project (.plcproj, .TcPOU, .TcDUT, .TcGVL, .TcTTO)"
     dialect = "twincat"
     limits = Limits(max_array=65_536)
+    has_tests = True
 
     def files(self, application: Application) -> Iterable[FilePlan]:
         application = with_bit_test(application)

@@ -231,21 +231,31 @@ FAMILIES: dict[str, Family] = {
             "random forest",
             _sklearn("ensemble", "RandomForestRegressor", one_thread=True),
             {"max_depth": 14, "min_samples_split": 3, "n_estimators": 90},
-            ({"n_estimators": 60}, {"n_estimators": 60, "max_features": 2}),
+            (
+                {"max_depth": 14, "min_samples_split": 3, "n_estimators": 90},
+                {"n_estimators": 60},
+                {"n_estimators": 60, "max_features": 2},
+            ),
         ),
         Family(
             "DT",
             "decision tree",
             _sklearn("tree", "DecisionTreeRegressor"),
             {"max_depth": 16, "min_samples_split": 6},
-            ({"min_samples_leaf": 2}, {"min_samples_leaf": 2, "criterion": "absolute_error"}),
+            (
+                {"min_samples_leaf": 2},
+                {"min_samples_leaf": 2, "criterion": "absolute_error"},
+            ),
         ),
         Family(
             "ET",
             "extra tree",
             _sklearn("tree", "ExtraTreeRegressor"),
             {"max_depth": 15, "min_samples_split": 5},
-            ({"min_samples_leaf": 2}, {"min_samples_split": 4, "max_features": None}),
+            (
+                {"min_samples_leaf": 2},
+                {"min_samples_split": 4, "max_features": None},
+            ),
         ),
         Family(
             "ERT",
@@ -253,6 +263,7 @@ FAMILIES: dict[str, Family] = {
             _sklearn("ensemble", "ExtraTreesRegressor", one_thread=True),
             {"max_depth": 15, "min_samples_split": 3, "n_estimators": 60},
             (
+                {"max_depth": 15, "min_samples_split": 3, "n_estimators": 60},
                 {"n_estimators": 100, "min_samples_split": 2},
                 {"n_estimators": 100, "min_samples_split": 5, "max_features": 2},
             ),
@@ -286,6 +297,7 @@ FAMILIES: dict[str, Family] = {
             _lgbm,
             {"learning_rate": 0.39, "max_depth": 12, "subsample": 0.1},
             (
+                {"learning_rate": 0.39, "max_depth": 12, "subsample": 0.1},
                 {"learning_rate": 0.07, "n_estimators": 200, "num_leaves": 15, "min_child_samples": 5},
                 {
                     "learning_rate": 0.1,

@@ -17,7 +17,7 @@ from st_codegen.training.errors import Errors, errors_of
 from st_codegen.training.export import BundleHead, FittedModel
 from st_codegen.training.families import FAMILIES, Candidate, family_named
 from st_codegen.training.faulty import Faulty, faulty_runs
-from st_codegen.training.search import Backend, Progress, Task, run_tasks
+from st_codegen.training.search import Backend, Progress, Task, one_thread, run_tasks
 from st_codegen.training.store import FitStore
 from st_codegen.training.study import Settings, Solution, Study, study
 from st_codegen.training.targets import combined, mean_direction, values
@@ -119,12 +119,10 @@ def learn(
 
 def fitted(rows: HarmonicTable, direction: Direction, solution: Solution, settings: Settings) -> list[FittedModel]:
     """The models of a solution, fitted on all rows."""
-    from threadpoolctl import threadpool_limits
-
     column = rows.column(solution.order)
     turn = mean_direction(column) if settings.turned else 0.0
     models = []
-    with threadpool_limits(limits=1):
+    with one_thread():
         for quantity, candidate in zip(solution.kind.quantities(solution.order), solution.candidates, strict=True):
             y = values(column, quantity, solution.order, turn)
             estimator = candidate.fit(rows.conditions, y, settings.seed)
