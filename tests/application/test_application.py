@@ -13,8 +13,7 @@ from tests.application.projects import BOTH, PAPER_ORDERS, loaded, project, text
 
 SHAPES = [
     ((0,), BOTH),
-    ((1,), (Direction.FORWARD,)),
-    ((0, 1, 39), (Direction.BACKWARD,)),
+    ((1,), (Direction.BACKWARD,)),
     ((240, 3), BOTH),
     (PAPER_ORDERS, BOTH),
 ]

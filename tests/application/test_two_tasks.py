@@ -163,11 +163,11 @@ def test_the_sets_are_what_they_are_taken_for(stepped):
 
 
 def test_no_torn_set_is_used_wherever_the_slow_task_cuts_in(stepped):
-    """The fast task stops at each of its statements, the slow one goes on for any number of its own (in twos)."""
+    """The fast task stops at each of its statements, the slow one goes on for any number of its own (in threes)."""
     _, _, steps, _ = run_schedule(stepped, [])
     seen, discarded = set(), 0
     for stop in range(steps["fast"] + 1):
-        for count in range(0, steps["slow"] + 1, 2):
+        for count in range(0, steps["slow"] + 1, 3):
             number, used, _, torn = run_schedule(stepped, [("fast", stop), ("slow", count)])
             assert not is_torn(number, used), (stop, count)
             assert 0 <= torn <= 1
@@ -195,7 +195,7 @@ def random_schedule(random):
 
 def test_no_torn_set_is_used_when_both_run_at_once(stepped):
     random = np.random.default_rng(11)
-    for _ in range(150):
+    for _ in range(80):
         schedule = random_schedule(random)
         number, used, _, _ = run_schedule(stepped, schedule)
         assert not is_torn(number, used), schedule
@@ -323,8 +323,8 @@ def test_both_programs_of_the_two_tasks_give_what_prg_main_gives():
         fast()
         fast()
 
-    expected = drive(one, 3000, lambda cycle: main())
-    got = drive(two, 3000, both)
+    expected = drive(one, 2000, lambda cycle: main())
+    got = drive(two, 2000, both)
     # two fast cycles of 0.25 ms for one of 0.5 ms: the ramps are the same at these moments
     assert np.max(np.abs(expected - got)) < 1e-9
 
