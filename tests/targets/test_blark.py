@@ -61,7 +61,7 @@ def test_arrays_are_cut_and_nothing_else():
 
 @pytest.mark.parametrize(
     "name",
-    ["twincat/POUs/FB_Tables.TcPOU", "twincat/DUTs/E_TEError.TcDUT", "beckhoff-ml/POUs/FB_Parts39_backward.TcPOU"],
+    ["twincat/POUs/PRG_Main.TcPOU", "twincat/DUTs/E_TEError.TcDUT", "beckhoff-ml/POUs/FB_Parts39_backward.TcPOU"],
 )
 def test_one_of_each_kind_is_read(name, tmp_path):
     path = tmp_path / Path(name).name

@@ -114,6 +114,28 @@ def test_what_is_wrong_is_said_with_its_place(text, message):
     assert len(str(caught.value)) < 1000
 
 
+def test_types_of_other_tools_are_read():
+    values = '<value name="Idle" value="0"/><value name="Busy" value="2 + 3"/><value name="Bad"/>'
+    number = variable("<LREAL/>", '<simpleValue value="1.5"/>')
+    kinds = (
+        f'<dataType name="E_Mode"><baseType><enum><values>{values}</values><baseType><DINT/></baseType></enum></baseType>'
+        '<initialValue><simpleValue value="Busy"/></initialValue></dataType>'
+        f'<dataType name="ST_All"><baseType><struct>{number}</struct>'
+        "</baseType></dataType>"
+    )
+    state = (
+        '<variable name="stAll"><type><derived name="ST_All"/></type><initialValue><structValue><value member="aX">'
+        '<simpleValue value="2.5"/></value></structValue></initialValue></variable>'
+        '<variable name="eMode"><type><derived name="E_Mode"/></type></variable>'
+    )
+    body = "IF eMode = E_Mode.Busy THEN fY := stAll.aX; END_IF;"
+    text = unit(state, body).replace("<dataTypes/>", f"<dataTypes>{kinds}</dataTypes>")
+    instance = LaneMachine(parse_project({"x.xml": text}, "twincat"), lanes=1).instance("FB_X")
+    instance()
+    assert instance["fY"].item() == 2.5
+    assert instance["eMode"].item() == 5
+
+
 def test_a_million_entities_are_refused_before_they_are_expanded():
     levels = "".join(f'<!ENTITY e{n} "{f"&e{n - 1};" * 10}">' for n in range(1, 10))
     bomb = f'<!DOCTYPE project [<!ENTITY e0 "x">{levels}]>{unit("", "&e9;")}'
