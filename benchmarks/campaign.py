@@ -44,7 +44,7 @@ def write_campaign(folder: Path, runs: int) -> int:
     return rows
 
 
-def bare_polars(folder: Path, cache: Path) -> None:
+def bare_polars(folder: Path, _cache: Path) -> None:
     import polars
 
     for path in sorted(folder.rglob("*.csv")):
@@ -60,7 +60,7 @@ def reader(jobs: int, keep: bool) -> Callable[[Path, Path], None]:
     return read
 
 
-def plain_fft(folder: Path, cache: Path) -> None:
+def plain_fft(folder: Path, _cache: Path) -> None:
     """Reading and an FFT over the number of the sample, both directions."""
     from st_codegen.campaign.curves import find_runs, read_run
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from st_codegen.training.errors import Errors, errors_of
 from st_codegen.training.export import BundleHead, FittedModel
 from st_codegen.training.families import FAMILIES, Candidate, family_named
 from st_codegen.training.faulty import Faulty, faulty_runs
-from st_codegen.training.search import Backend, Progress, Task, one_thread, run_tasks
+from st_codegen.training.search import Backend, Outcome, Progress, Task, one_thread, run_tasks
 from st_codegen.training.store import FitStore
 from st_codegen.training.study import Settings, Solution, Study, study
 from st_codegen.training.targets import combined, mean_direction, values
@@ -139,45 +139,60 @@ def repeated(
     progress: Progress | None = None,
 ) -> dict[int, Interval]:
     """Complex MAE of the chosen solutions over random splits, faulty runs found anew in each training part."""
-    errors: dict[int, list[float]] = {solution.order: [] for solution in choice.solutions}
+    tests, tasks = [], []
     for repeat in range(plan.repeats):
-        seed = plan.settings.seed + 1 + repeat
-        is_test = split_rows(rows, Plan(Settings((), seed=seed), plan.test_share))
+        settings = replace(plan.settings, seed=plan.settings.seed + 1 + repeat)
+        is_test = split_rows(rows, Plan(settings, plan.test_share))
         train, test = rows.rows(~is_test), rows.rows(is_test)
         good = train if plan.keep_faulty else train.rows(~faulty_runs(train).rows)
+        tests.append(test)
         for solution in choice.solutions:
-            predicted = predictions(good, test.conditions, solution, plan.settings, store, backend)
+            tasks += _tasks(good, test.conditions, solution, plan.settings)
+    outcomes = iter(run_tasks(tasks, store, backend, progress))
+    errors: dict[int, list[float]] = {solution.order: [] for solution in choice.solutions}
+    for test in tests:
+        for solution in choice.solutions:
+            predicted = _combined(solution, outcomes)
             errors[solution.order].append(errors_of(solution.order, predicted, test.column(solution.order)).complex_mae)
-        if progress:
-            progress(repeat + 1, plan.repeats, "repeated splits")
     return {order: interval(values) for order, values in errors.items()}
 
 
 def predictions(
     learn_from: HarmonicTable,
     x: FloatArray,
-    solution: Solution,
+    solutions: Sequence[Solution],
     settings: Settings,
     store: FitStore,
     backend: Backend,
-) -> ComplexArray:
-    """What a solution predicts at x (points, 3) when it is fitted on these rows."""
-    column = learn_from.column(solution.order)
+) -> dict[int, ComplexArray]:
+    """What solutions predict at x (points, 3) when they are fitted on these rows, by order."""
+    tasks = [task for solution in solutions for task in _tasks(learn_from, x, solution, settings)]
+    outcomes = iter(run_tasks(tasks, store, backend))
+    return {solution.order: _combined(solution, outcomes) for solution in solutions}
+
+
+def _tasks(learn_from: HarmonicTable, x: FloatArray, solution: Solution, settings: Settings) -> list[Task]:
+    """One fit for each quantity of a solution."""
+    order, column = solution.order, learn_from.column(solution.order)
     turn = mean_direction(column) if settings.turned else 0.0
-    tasks = [
+    return [
         Task(
             candidate,
             learn_from.conditions,
-            values(column, quantity, solution.order, turn),
+            values(column, quantity, order, turn),
             x,
             0,
             settings.seed,
-            f"order {solution.order}",
+            f"order {order} again",
         )
-        for quantity, candidate in zip(solution.kind.quantities(solution.order), solution.candidates, strict=True)
+        for quantity, candidate in zip(solution.kind.quantities(order), solution.candidates, strict=True)
     ]
-    done = run_tasks(tasks, store, backend)
-    return combined(solution.order, solution.kind, tuple(outcome.test for outcome in done))
+
+
+def _combined(solution: Solution, outcomes: Iterator[Outcome]) -> ComplexArray:
+    """The coefficients of a solution from the next outcomes."""
+    parts = tuple(next(outcomes).test for _ in solution.candidates)
+    return combined(solution.order, solution.kind, parts)
 
 
 def interval(errors: Sequence[float]) -> Interval:

@@ -134,12 +134,8 @@ def compare(
     bare = Settings(authors_candidates(names), 0, settings.seed, (Kind.POLAR,), turned=False)
     theirs = study(train, test, bare, store, backend, progress=progress)
     choice = choose(searched)
-    with_faulty = {
-        s.order: errors_of(
-            s.order, predictions(train, test.conditions, s, settings, store, backend), test.column(s.order)
-        )
-        for s in choice.solutions
-    }
+    again = predictions(train, test.conditions, choice.solutions, settings, store, backend)
+    with_faulty = {order: errors_of(order, predicted, test.column(order)) for order, predicted in again.items()}
     order_of_test = _same_points(paper.predictions, test)
     theirs_at_test = paper.predictions.rows(order_of_test)
     return Comparison(
