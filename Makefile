@@ -15,8 +15,8 @@ run: $(INSTALLED)  ## compile the example bundle, verify the result
 test: $(INSTALLED)  ## the whole test suite
 	$(BIN)/python -m pytest -n 2 -q
 
-real: $(INSTALLED)  ## the models of the real rig, each on 100,000 inputs; needs the measured tables
-	$(BIN)/python -m pytest -q -m slow tests/test_real_rig.py
+real: $(INSTALLED)  ## the models of the real rig on 100,000 inputs each, reconcile on its table; needs the measured data
+	$(BIN)/python -m pytest -q -m slow tests/test_real_rig.py tests/reconcile/test_real_data.py
 
 blark: $(INSTALLED)  ## every generated TwinCAT file through an independent parser
 	$(BIN)/python -m pytest -q -m slow tests/targets/test_blark.py
