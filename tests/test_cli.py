@@ -85,7 +85,7 @@ def test_verify_reports_and_exits_with_0_or_1(lone_folder, tmp_path, capsys):
     assert content["passed"] is True
     assert content["models"]["te"]["n"] >= 300
     path = out / "twincat" / "POUs" / "FB_Te.TcPOU"
-    path.write_text(path.read_text(encoding="utf-8").replace("> nKey", ">= nKey"), encoding="utf-8")
+    path.write_text(path.read_text(encoding="utf-8").replace("fOut1 := ", "fOut1 := 0.5 * "), encoding="utf-8")
     assert run("verify", lone_folder, "--generated", out, "--json", report, "--rows", 300) == 1
     error = capsys.readouterr().err
     assert "FAILED" in error
