@@ -25,7 +25,8 @@ def forest(trees: int, nodes: int) -> Any:
     """A forest of complete random trees on eight features that knows missing values."""
     from st_codegen.bundle import Bundle
     from st_codegen.ir import Comparison, Feature, ModelIR, Precision, Source, TreeColumn, TreeEnsemble
-    from st_codegen.walkers.base import LoadedModel, preorder
+    from st_codegen.ir.preorder import preorder
+    from st_codegen.walkers.base import LoadedModel
 
     random = np.random.default_rng(0)
     number = np.arange(nodes)

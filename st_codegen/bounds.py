@@ -22,6 +22,7 @@ from st_codegen.ir import (
     Clip,
     Combine,
     Comparison,
+    FactoredKernel,
     FillMissing,
     FloatArray,
     Function,
@@ -40,6 +41,7 @@ from st_codegen.ir import (
     Select,
     TreeEnsemble,
 )
+from st_codegen.passes.kernels import grid_of
 
 _UNIT = {Precision.FLOAT64: 2.0**-53, Precision.FLOAT32: 2.0**-24}
 
@@ -202,17 +204,27 @@ def _(op: KernelSum, operands: list[FloatArray], given: list[FloatArray], result
     x, moved = operands[0], given[0]
     size = np.broadcast_to(np.abs(op.intercept), result.shape).copy()
     difference = np.zeros_like(size)
+    # generated code may take an exponential a column and multiply; then products and the sums over the columns of a
+    # grid are rounded too
+    axes = grid_of(op)
+    factors = 1 if axes is None else len(axes)
+    terms = len(op.support_vectors) + 1
+    if axes is not None:
+        terms = max(terms, sum(map(len, axes)) + 2 * factors + 1)
     for vector, coefficients in zip(op.support_vectors, np.abs(op.coefficients.T), strict=True):
-        kernel, change = _kernel_difference(op, x, moved, vector)
+        kernel, change = _kernel_difference(op, x, moved, vector, factors)
         size += (np.abs(kernel) + change)[:, None] * coefficients
         difference += change[:, None] * coefficients
-    return difference + _sum_rounding(len(op.support_vectors) + 1, size, result, op.precision)
+    return difference + _sum_rounding(terms, size, result, op.precision)
 
 
 def _kernel_difference(
-    op: KernelSum, x: FloatArray, moved: FloatArray, vector: FloatArray
+    op: KernelSum, x: FloatArray, moved: FloatArray, vector: FloatArray, factors: int
 ) -> tuple[FloatArray, FloatArray]:
-    """The kernel of each row with one vector, and the difference of two evaluations of it."""
+    """The kernel of each row with one vector, and the difference of two evaluations of it.
+
+    One of them may be a product of `factors` exponentials: each has the error of a function, each product one rounding.
+    """
     terms = len(vector)
     both = gamma(terms + 4, op.precision) + gamma(terms + 4, Precision.FLOAT64)
     function = _FUNCTION_ROUNDINGS * (_UNIT[op.precision] + _UNIT[Precision.FLOAT64])
@@ -221,7 +233,8 @@ def _kernel_difference(
         delta = np.abs(x - vector)
         distance = np.sum(delta**2, axis=1)
         argument = op.gamma * (both * distance + np.sum(2 * delta * moved + moved**2, axis=1))
-        return kernel, kernel * (np.expm1(argument) + function) + _TINY
+        function += (factors - 1) * (_FUNCTION_ROUNDINGS + 1) * _UNIT[Precision.FLOAT64]
+        return kernel, kernel * (np.expm1(argument) + function) + factors * _TINY
     size = np.sum(np.abs(x * vector), axis=1)
     change = both * size + np.sum(np.abs(vector) * moved, axis=1)
     if op.kernel is Kernel.LINEAR:
@@ -232,6 +245,20 @@ def _kernel_difference(
         return kernel, change + function * np.abs(kernel)
     larger = (base + change) ** op.degree
     return kernel, larger - base**op.degree + op.degree * both * larger
+
+
+@step.register
+def _(op: FactoredKernel, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    return step(_unfactored(op), operands, given, result)
+
+
+def _unfactored(op: FactoredKernel) -> KernelSum:
+    """The same sum over all points of the grid."""
+    columns = np.argsort(op.columns)
+    points = np.stack(np.meshgrid(*op.axes, indexing="ij"), -1).reshape(-1, len(op.axes))[:, columns]
+    return KernelSum(
+        op.inputs, Kernel.RBF, points, op.coefficients, op.intercept, gamma=op.gamma, precision=op.precision
+    )
 
 
 @step.register(Rank)

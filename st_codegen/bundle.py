@@ -125,6 +125,7 @@ def _load_bundle(folder: Path, trust_pickle: bool, progress: Progress | None) ->
         orders=description.orders,
         directions=description.directions,
         outputs=outputs,
+        tasks=description.tasks,
     )
     return Bundle(tuple(models.values()), error)
 

@@ -97,9 +97,14 @@ class GeneratedCode:
         values = np.column_stack([result[f"fOut{number + 1}"] for number in outputs])
         return BlockResult(values, result["bValid"].astype(np.bool_))
 
-    def call(self, block: str, inputs: Mapping[str, FloatArray], lanes: int) -> dict[str, FloatArray]:
-        """Call a block once with an array for each named input; returns all its outputs, lanes first."""
-        return self._run(self._instance(block, lanes), block, inputs)
+    def call(
+        self, block: str, inputs: Mapping[str, FloatArray], lanes: int, *, calls: int = 1
+    ) -> dict[str, FloatArray]:
+        """Call a block `calls` times with an array for each named input; returns all its outputs, lanes first."""
+        instance = self._instance(block, lanes)
+        for _ in range(calls - 1):
+            self._run(instance, block, inputs)
+        return self._run(instance, block, inputs)
 
     def _instance(self, block: str, lanes: int) -> Instance:
         return LaneMachine(self.project, lanes=lanes, libraries=self.libraries).instance(self._pou(block).name)

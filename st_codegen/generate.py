@@ -14,7 +14,7 @@ from st_codegen.blocks.model import Limits, block_name
 from st_codegen.bundle import Bundle
 from st_codegen.errors import TargetError
 from st_codegen.ir import KernelSum, ModelIR, TransmissionError, TreeEnsemble
-from st_codegen.passes.choose import Options
+from st_codegen.passes.choose import CostFunction, Options, simple_cost
 from st_codegen.passes.pipeline import Compiled, compile_project, unchanged
 from st_codegen.probes import trained_range
 from st_codegen.render import print_plans
@@ -44,8 +44,11 @@ def generate(
     max_array: int | None = None,
     options: Options | None = None,
     with_tests: bool = False,
+    cost: CostFunction = simple_cost,
 ) -> Generated:
     """Write the files of a bundle for one target (or its name) to `out/<target>`, on demand with test suites.
+
+    Layouts are chosen by `cost`.
 
     Raises InputError or TargetError, with nothing written, for what the target cannot express. Files in the folder that
     were not generated stay; generated files of an earlier run that are no longer needed are removed.
@@ -53,7 +56,7 @@ def generate(
     target = target_named(target) if isinstance(target, str) else target
     out = Path(out)
     folder = out / target.name
-    work = _prepared(bundle, target, max_array, options, with_tests)
+    work = _prepared(bundle, target, max_array, options, with_tests, cost)
     with output.staged(out, print_plans(target, work.plans), work.facts) as stage:
         files = {
             path.relative_to(stage).as_posix(): path.stat().st_size
@@ -72,13 +75,14 @@ def check(
     max_array: int | None = None,
     options: Options | None = None,
     with_tests: bool = False,
+    cost: CostFunction = simple_cost,
 ) -> Iterator[str]:
     """The unified diff, line by line, between the files on disk and what would be generated; empty when equal.
 
     Line ends do not count: version control may change them.
     """
     folder = out / target.name
-    work = _prepared(bundle, target, max_array, options, with_tests)
+    work = _prepared(bundle, target, max_array, options, with_tests, cost)
     with output.staged(out, print_plans(target, work.plans), work.facts) as stage:
         wanted = {path.relative_to(stage).as_posix() for path in stage.rglob("*") if path.is_file()}
         for name in sorted(wanted | {name for name in output.generated_names(folder) if (folder / name).exists()}):
@@ -100,7 +104,12 @@ class _Prepared:
 
 
 def _prepared(
-    bundle: Bundle, target: Target, max_array: int | None, options: Options | None, with_tests: bool
+    bundle: Bundle,
+    target: Target,
+    max_array: int | None,
+    options: Options | None,
+    with_tests: bool,
+    cost: CostFunction,
 ) -> _Prepared:
     if with_tests and not target.has_tests:
         able = ", ".join(name for name, other in TARGETS.items() if other.has_tests)
@@ -108,7 +117,7 @@ def _prepared(
     limits = limits_for(target, max_array)
     if target.compiles:
         options = dataclasses.replace(options or Options(), max_array=limits.max_array)
-        compiled = compile_project(bundle.project, options)
+        compiled = compile_project(bundle.project, options, cost)
     else:
         compiled = unchanged(bundle.project)
     vectors = reference_vectors(bundle, compiled) if with_tests else ()
@@ -130,7 +139,7 @@ def facts(bundle: Bundle, compiled: Compiled, plans: Sequence[FilePlan]) -> dict
     return {
         "models": {model.ir.name: _model_facts(model.ir, compiled) for model in bundle.models},
         "blocks": {block.name: {"data_bytes": block.table_bytes} for plan in plans for block in plan.blocks},
-        "transmission_error": _te_facts(bundle.transmission_error),
+        "transmission_error": _te_facts(compiled.project.transmission_error),
     }
 
 
@@ -169,4 +178,5 @@ def _te_facts(te: TransmissionError | None) -> dict[str, Any]:
         "reduction_ratio": te.reduction_ratio,
         "orders": list(te.orders),
         "directions": [str(direction) for direction in te.directions],
+        **({"calls": len(te.cycles)} if te.cycles else {}),
     }

@@ -67,6 +67,12 @@ def block_of(folder: Path, model: str) -> tuple[str, tuple[int, ...]]:
     return facts["block"], tuple(facts.get("block_outputs", range(len(facts["outputs"]))))
 
 
+def calls_of(folder: Path) -> int:
+    """How many calls of FB_TEPredict a generated folder spreads its models over."""
+    manifest = read_manifest(folder)
+    return 1 if manifest is None else int(manifest.facts["transmission_error"].get("calls", 1))
+
+
 def _is_below(name: str) -> bool:
     """A manifest names files below its folder, nothing else: they may be removed."""
     path = PurePosixPath(name)

@@ -21,6 +21,7 @@ from st_codegen.ir import (
     Combine,
     Comparison,
     Elementwise,
+    FactoredKernel,
     FillMissing,
     FloatArray,
     Function,
@@ -225,6 +226,16 @@ def _(op: KernelSum, operands: list[FloatArray]) -> FloatArray:
     for vector, coefficients in zip(op.support_vectors, op.coefficients.T, strict=True):
         total += kernel_value(op, x, vector)[:, None] * coefficients[None, :]
     return rounded(total, op.precision)
+
+
+@apply.register
+def _(op: FactoredKernel, operands: list[FloatArray]) -> FloatArray:
+    x = operands[0]
+    total = np.broadcast_to(op.coefficients, (len(x), *op.coefficients.shape))
+    for column, axis in reversed(list(zip(op.columns, op.axes, strict=True))):
+        factor = np.exp(-op.gamma * (x[:, column, None] - axis) ** 2)
+        total = np.einsum("ropk,rk->rop", total.reshape(len(x), op.width, -1, len(axis)), factor)
+    return rounded(total[:, :, 0] + op.intercept, op.precision)
 
 
 def kernel_value(op: KernelSum, x: FloatArray, vector: FloatArray) -> FloatArray:

@@ -12,6 +12,7 @@ from st_codegen.blocks.compensation.harmonic_sum import ERROR_PER_ORDER
 from st_codegen.blocks.model import input_variables
 from st_codegen.engine import GeneratedCode
 from st_codegen.ir import Direction, FloatArray, ModelIR, ProjectIR, Quantity, TransmissionError
+from st_codegen.output import calls_of
 
 #: SQRT, ATAN, COS and the few operations around them: relative error of each result, in units of roundoff.
 _ROUNDINGS = 16
@@ -113,7 +114,7 @@ def _feature_inputs(te: TransmissionError, x: FloatArray) -> dict[str, FloatArra
 def _check_predict(
     te: TransmissionError, code: GeneratedCode, x: FloatArray, sets: dict[Direction, HarmonicSet]
 ) -> BlockCheck:
-    result = code.call("FB_TEPredict", _feature_inputs(te, x), len(x))
+    result = code.call("FB_TEPredict", _feature_inputs(te, x), len(x), calls=calls_of(code.folder))
     expected, got, bound = [], [], []
     for direction, harmonic in sets.items():
         suffix = {Direction.FORWARD: "Fw", Direction.BACKWARD: "Bw"}[direction]
@@ -140,7 +141,7 @@ def _check_sum(
     signed = x.copy()
     signed[backward, te.speed_feature] *= -1.0
     inputs = _feature_inputs(te, signed) | {"fThetaOut_rad": theta, "bEnable": np.ones(len(x), np.bool_)}
-    result = code.call("FB_Compensator", inputs, len(x))
+    result = code.call("FB_Compensator", inputs, len(x), calls=calls_of(code.folder))
     expected, bound = np.zeros(len(x)), np.zeros(len(x))
     for direction, harmonic in sets.items():
         angle = np.array(te.orders) * theta[:, None] + harmonic.phase

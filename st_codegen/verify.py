@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from st_codegen import bounds, reference
 from st_codegen.bundle import Bundle
+from st_codegen.cost import Profile, ProjectCost, project_cost
 from st_codegen.engine import GeneratedCode
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import BoolArray, FloatArray, TransmissionError
@@ -80,19 +81,51 @@ class ModelReport:
 
 @dataclass(frozen=True)
 class VerifyReport:
-    """What `st-codegen verify` found; `notes` say, by target, what this does not show."""
+    """What `st-codegen verify` found.
+
+    `notes` say, by target, what this does not show; `costs` are the worst cases by target, `cycle_us` the budget of one
+    cycle.
+    """
 
     models: tuple[ModelReport, ...]
     notes: Mapping[str, str] = field(default_factory=dict)
+    costs: Mapping[str, ProjectCost] = field(default_factory=dict)
+    cycle_us: float | None = None
 
     @property
     def passed(self) -> bool:
-        return all(model.passed for model in self.models)
+        return all(model.passed for model in self.models) and not self.over_budget
+
+    @property
+    def over_budget(self) -> dict[str, ProjectCost]:
+        """The targets whose cycle takes longer than the budget, or has loops without a known bound."""
+        if self.cycle_us is None:
+            return {}
+        return {target: cost for target, cost in self.costs.items() if not cost.fits(self.cycle_us)}
 
     def as_json(self) -> dict[str, Any]:
-        """`passed`, `models` by name, `notes` by target."""
-        models = {model.name: model.as_json() for model in self.models}
-        return {"passed": self.passed, "models": models, "notes": dict(self.notes)}
+        """`passed`, `models` by name, `notes` and `costs` by target."""
+        return {
+            "passed": self.passed,
+            "models": {model.name: model.as_json() for model in self.models},
+            "notes": dict(self.notes),
+            "costs": {
+                target: {"cycle_us": self.cycle_us, "fits": target not in self.over_budget, **cost.as_json()}
+                for target, cost in self.costs.items()
+            },
+        }
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The time of one cycle on one machine, in us (None: no limit), and the blocks that it runs.
+
+    Without `entries`: all that no other block calls.
+    """
+
+    profile: Profile
+    cycle_us: float | None = None
+    entries: tuple[str, ...] = ()
 
 
 def _plain(value: Any) -> Any:
@@ -104,11 +137,18 @@ def _plain(value: Any) -> Any:
 
 
 def verify(
-    bundle: Bundle, generated: Path | str, *, rows: int = 10_000, seed: int = 0, progress: Progress | None = None
+    bundle: Bundle,
+    generated: Path | str,
+    *,
+    rows: int = 10_000,
+    seed: int = 0,
+    budget: Budget | None = None,
+    progress: Progress | None = None,
 ) -> VerifyReport:
     """Compare the library, the reference and every generated target below `generated` on about `rows` rows a model.
 
-    Raises GeneratedCodeError where there is nothing to verify, or the text cannot be read or would stop a controller.
+    With a `budget` the worst case of each target is computed and compared with it. Raises GeneratedCodeError where
+    there is nothing to verify, or the text cannot be read or would stop a controller.
     """
     targets = {
         folder.name: GeneratedCode(folder, TARGETS[folder.name].dialect) for folder in target_folders(Path(generated))
@@ -125,7 +165,16 @@ def verify(
     if progress is not None:
         progress(total, total, "")
     notes = {name: TARGETS[name].proof for name in targets if TARGETS[name].proof}
-    return VerifyReport(tuple(_merged(reports)), notes)
+    costs = {} if budget is None else {name: _costs(code, budget) for name, code in targets.items()}
+    return VerifyReport(tuple(_merged(reports)), notes, costs, None if budget is None else budget.cycle_us)
+
+
+def _costs(code: GeneratedCode, budget: Budget) -> ProjectCost:
+    names = {name.upper() for name in code.project.pous}
+    missing = [name for name in budget.entries if name.upper() not in names]
+    if missing:
+        raise GeneratedCodeError(f"{code.folder}: no block {', '.join(missing)}")
+    return project_cost(code.project, budget.profile, budget.entries or None)
 
 
 def target_folders(generated: Path) -> list[Path]:

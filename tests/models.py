@@ -30,7 +30,7 @@ from st_codegen.ir import (
     TreeColumn,
     TreeEnsemble,
 )
-from st_codegen.walkers.base import preorder
+from st_codegen.ir.preorder import preorder
 
 SOURCE = Source("test", "1.0", "made for a test")
 

@@ -111,6 +111,17 @@ def test_what_is_wrong_with_a_bundle_is_named(bundle_folder, replace, by, reason
         load(bundle_folder)
 
 
+@pytest.mark.parametrize("tasks", ["3", "0", "true", '"two"', "1.5"])
+def test_a_number_of_tasks_is_one_or_two(bundle_folder, tasks):
+    path = bundle_folder / "bundle.toml"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace("orders = ", f"tasks = {tasks}\norders = "), encoding="utf-8")
+    with pytest.raises(InputError, match="give 1, or 2"):
+        load(bundle_folder)
+    path.write_text(text.replace("orders = ", "tasks = 2\norders = "), encoding="utf-8")
+    assert load(bundle_folder).transmission_error.tasks == 2
+
+
 def test_all_problems_are_reported_at_once(bundle_folder):
     path = bundle_folder / "bundle.toml"
     text = path.read_text(encoding="utf-8").replace("reduction_ratio = 81.0", "reduction_ratio = 0")

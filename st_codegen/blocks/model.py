@@ -191,6 +191,7 @@ def _operations(model: ModelIR, listing: Listing) -> None:
             operands=operands,
             widths=tuple(model.value_width(value) for value in op.inputs),
             result=result,
+            ranks=model.reads_ranks(op),
             missing=missing[op.inputs[0]] if model.accepts_nan else None,
             fits_real=op.inputs == (0,)
             and all((limit or np.inf) <= FLOAT32_OVERFLOW for limit in model.magnitude_limits),

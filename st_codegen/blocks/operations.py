@@ -13,6 +13,7 @@ from st_codegen.ir import (
     Activation,
     Clip,
     Combine,
+    FactoredKernel,
     FillMissing,
     Function,
     Kernel,
@@ -40,6 +41,7 @@ class Step:
 
     `missing`: for each column of the operands, the input whose `abMissing` flag says whether it is missing; None in a
     block that takes no missing values. `fits_real`: all operands are inputs known to lie in the range of REAL.
+    `ranks`: the operand is a list of ranks, which are integers.
     """
 
     number: int
@@ -48,6 +50,7 @@ class Step:
     result: str
     missing: tuple[int, ...] | None = None
     fits_real: bool = False
+    ranks: bool = False
 
     @property
     def source(self) -> str:
@@ -275,6 +278,41 @@ def _(op: KernelSum, step: Step, listing: Listing) -> None:
         degree=op.degree,
         intercept=intercept,
         parts=parts,
+        exp_reach=real(EXP_REACH),
+        single=op.precision is Precision.FLOAT32,
+    )
+
+
+@lay_out.register
+def _(op: FactoredKernel, step: Step, listing: Listing) -> None:
+    _declare_result(op, step, listing)
+    listing.locals("DINT", "nRow", "nTerm", "nColumn")
+    listing.locals("LREAL", "fSum", "fDelta")
+    lengths = [len(axis) for axis in op.axes]
+    ends = np.cumsum(lengths)
+    groups = [Group(f"column {column}", end - n, end) for column, end, n in zip(op.columns, ends, lengths, strict=True)]
+    points = op.coefficients.shape[1]
+    sums = []
+    for axis in reversed(range(len(lengths))):
+        # results so far: a row for each point of the axes that are left
+        rows = op.width * math.prod(lengths[:axis])
+        first = int(ends[axis]) - lengths[axis]
+        sums.append({"first": first, "last": int(ends[axis]) - 1, "last_row": rows - 1})
+    coefficients = listing.table(step.table("COEFFICIENT"), "LREAL", op.coefficients.ravel(), per_line=lengths[-1])
+    listing.section(
+        f"rbf kernel on a grid of {' x '.join(map(str, lengths))} points",
+        "factored_kernel",
+        step=step,
+        axis=listing.table(step.table("AXIS"), "LREAL", np.concatenate(op.axes), groups),
+        columns=listing.table(step.table("AXIS_COLUMN"), "DINT", np.repeat(op.columns, lengths)),
+        last=int(ends[-1]) - 1,
+        factor=listing.local(f"aFactor{step.number}", "LREAL", int(ends[-1])),
+        work=listing.local(f"aWork{step.number}", "LREAL", op.width * points // lengths[-1]),
+        coefficients=coefficients,
+        sums=sums,
+        gamma=listing.constant(step.table("GAMMA"), op.gamma),
+        intercept=listing.table(step.table("INTERCEPT"), "LREAL", op.intercept),
+        last_output=op.width - 1,
         exp_reach=real(EXP_REACH),
         single=op.precision is Precision.FLOAT32,
     )

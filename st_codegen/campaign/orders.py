@@ -108,6 +108,11 @@ def fit_orders(curve: Curve | Sums, orders: Sequence[int]) -> OrderFit:
         if not len(new):
             break
         fitted = np.union1d(fitted, new)
+    else:
+        # the last round found orders that are not fitted yet
+        coefficients = _solve(sums, fitted)
+        residual = _residual(sums, fitted, coefficients)
+        floor = _noise_floor(residual, fitted)
     spectrum = residual.copy()
     spectrum[fitted] = np.abs(coefficients)
     places = np.searchsorted(fitted, wanted)

@@ -47,7 +47,7 @@ def array_option(function: Command) -> Command:
 
 
 def layout_options(function: Command) -> Command:
-    """The options --layout and --table-limit."""
+    """The options --layout, --table-limit and --outputs-per-cycle."""
     layout = click.option(
         "--layout",
         type=click.Choice([layout.value for layout in Layout]),
@@ -62,7 +62,13 @@ def layout_options(function: Command) -> Command:
         show_default=True,
         help="Largest table of an output in KB.",
     )
-    return layout(limit(function))
+    spread = click.option(
+        "--outputs-per-cycle",
+        type=click.IntRange(min=1),
+        default=None,
+        help="Spread the models of a bundle over several calls, at most so many outputs in each. Default: all in each.",
+    )
+    return layout(limit(spread(function)))
 
 
 @contextmanager

@@ -41,6 +41,7 @@ from st_codegen.ir.operations import (
     Activation,
     Clip,
     Combine,
+    FactoredKernel,
     FillMissing,
     KernelSum,
     Linear,
@@ -60,6 +61,7 @@ from st_codegen.ir.trees import (
     LinearLeaves,
     TreeColumn,
     TreeEnsemble,
+    depth_of,
 )
 
 __all__ = [
@@ -74,6 +76,7 @@ __all__ = [
     "Comparison",
     "Direction",
     "Elementwise",
+    "FactoredKernel",
     "Feature",
     "FillMissing",
     "FloatArray",
@@ -104,4 +107,5 @@ __all__ = [
     "TransmissionError",
     "TreeColumn",
     "TreeEnsemble",
+    "depth_of",
 ]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from st_codegen.errors import InputError
 from st_codegen.ir.base import Operation
+from st_codegen.ir.cells import Rank
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,10 @@ class ModelIR:
     def value_width(self, value: int) -> int:
         """Number of columns of value `value` (0: the inputs)."""
         return len(self.features) if value == 0 else self.ops[value - 1].width
+
+    def reads_ranks(self, op: Operation) -> bool:
+        """Whether the only operand of an operation is a list of ranks."""
+        return len(op.inputs) == 1 and op.inputs[0] > 0 and isinstance(self.ops[op.inputs[0] - 1], Rank)
 
     @property
     def exact(self) -> bool:

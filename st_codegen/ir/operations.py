@@ -244,3 +244,42 @@ class KernelSum:
     @property
     def width(self) -> int:
         return int(self.coefficients.shape[0])
+
+
+@dataclass(frozen=True)
+class FactoredKernel:
+    """An RBF kernel sum whose support vectors lie on a grid: exp(-gamma * |u - v|**2) is a product over the columns.
+
+    `axes` has the rising distinct values of each column, in the order `columns`; `coefficients` (outputs, points of the
+    grid in row-major order, the last column fastest) is zero where no support vector lies. One exponential is taken for
+    each value of an axis.
+    """
+
+    inputs: tuple[int, ...]
+    columns: tuple[int, ...]
+    axes: tuple[FloatArray, ...]
+    coefficients: FloatArray
+    intercept: FloatArray
+    gamma: float
+    precision: Precision = Precision.FLOAT64
+    exact: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        for axis in self.axes:
+            if axis.ndim != 1 or not np.all(np.isfinite(axis)) or np.any(np.diff(axis) <= 0):
+                raise InputError("FactoredKernel.axes: not strictly rising")
+        points = math.prod(len(axis) for axis in self.axes)
+        coefficients = freeze(self, "coefficients", np.float64, (None, points))
+        freeze(self, "intercept", np.float64, (coefficients.shape[0],))
+        require_finite(self, "coefficients", "intercept")
+
+    @property
+    def operand_width(self) -> int:
+        return len(self.columns)
+
+    def check_operands(self, total: int) -> None:
+        check_columns(self, self.columns, total)
+
+    @property
+    def width(self) -> int:
+        return int(self.coefficients.shape[0])

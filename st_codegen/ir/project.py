@@ -43,7 +43,8 @@ class TransmissionError:
 
     `speed_feature` is the number of the feature that holds the input speed in rpm, `reduction_ratio` is
     theta_in / theta_out. `outputs` has, for every order and direction, amplitude and phase or cosine and sine part
-    (order 0: amplitude only).
+    (order 0: amplitude only). `tasks`: 1, or 2 where the models run in a slow task and the sum in a fast one.
+    `cycles`: the models that each of several successive calls computes; empty: every call computes all of them.
     """
 
     name: str
@@ -53,12 +54,17 @@ class TransmissionError:
     orders: tuple[int, ...]
     directions: tuple[Direction, ...]
     outputs: tuple[HarmonicOutput, ...]
+    tasks: int = 1
+    cycles: tuple[tuple[str, ...], ...] = ()
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.reduction_ratio) and self.reduction_ratio > 0):
             raise InputError(f"reduction ratio {self.reduction_ratio}: give a positive number")
         if not 0 <= self.speed_feature < len(self.features):
             raise InputError(f"speed feature {self.speed_feature}: there are {len(self.features)} features")
+        spread = sorted(name for names in self.cycles for name in names)
+        if self.cycles and spread != sorted({output.model for output in self.outputs}):
+            raise InputError("the cycles do not have each model once")
 
     def quantities(self, direction: Direction, order: int) -> dict[Quantity, HarmonicOutput]:
         """The model outputs of one harmonic."""

@@ -186,3 +186,15 @@ class TreeEnsemble:
     @property
     def n_nodes(self) -> int:
         return len(self.split)
+
+
+def depth_of(op: TreeEnsemble) -> int:
+    """The largest number of splits on a path from a root to a leaf."""
+    node = op.roots.astype(np.int64)
+    depth = 0
+    while True:
+        node = node[op.split[node] >= 0]
+        if not node.size:
+            return depth
+        node = np.concatenate([op.left[node], op.right[node]])
+        depth += 1

@@ -15,12 +15,14 @@ from functools import singledispatch
 from st_codegen.errors import InputError
 from st_codegen.ir import (
     CellTable,
+    FactoredKernel,
     KernelSum,
     Linear,
     ModelIR,
     Operation,
     Rank,
     TreeEnsemble,
+    depth_of,
 )
 
 
@@ -38,12 +40,16 @@ class Options:
 
     `table_bytes`: no table has more for one output of a model. `merged_bytes`: no table of several models is larger.
     `max_array`: elements of an array that the target holds; longer lists of thresholds have no layout.
+    `ranks`: trees may compare ranks; False leaves them as their library has them. `outputs_per_cycle`: models are
+    spread over successive calls, at most so many outputs in each (one model is never cut); None: all in every call.
     """
 
     layout: Layout = Layout.AUTO
     table_bytes: int = 64 * 1024
     merged_bytes: int = 1024 * 1024
     max_array: int = 65_536
+    ranks: bool = True
+    outputs_per_cycle: int | None = None
 
 
 @dataclass(frozen=True)
@@ -81,7 +87,8 @@ def simple_cost(model: ModelIR) -> Cost:
     """The estimate from the intermediate representation."""
     total = Cost(instructions=8.0 * len(model.features) + 4.0 * len(model.outputs), lines=4.0)
     for op in model.ops:
-        total += _cost(op)
+        ranked = isinstance(op, TreeEnsemble) and model.reads_ranks(op)
+        total += _ranked_cost(op) if ranked and isinstance(op, TreeEnsemble) else _cost(op)
     return total
 
 
@@ -131,10 +138,14 @@ def _(op: CellTable) -> Cost:
 
 @_cost.register
 def _(op: TreeEnsemble) -> Cost:
-    levels = max(op.n_nodes / op.n_trees, 2.0)
-    depth = 1.5 * (levels.__ceil__()).bit_length()
-    visits = op.n_trees * depth
-    return Cost(instructions=9.0 * visits + 8.0 * op.n_trees, lines=visits, table_bytes=16 * op.n_nodes)
+    visits = op.n_trees * depth_of(op)
+    return Cost(12.0 * visits + 12.0 * op.n_trees, 2.0 * visits, 16 * op.n_nodes)
+
+
+def _ranked_cost(op: TreeEnsemble) -> Cost:
+    """Two integers a node, side by side; half of the children lie in the line of their parent."""
+    visits = op.n_trees * depth_of(op)
+    return Cost(7.0 * visits + 10.0 * op.n_trees, 0.5 * visits + op.n_trees, 8 * op.n_nodes + op.leaf_value.nbytes)
 
 
 @_cost.register
@@ -145,6 +156,13 @@ def _(op: KernelSum) -> Cost:
         lines=_touched(8.0 * vectors * (columns + op.width)),
         table_bytes=8 * vectors * (columns + op.width),
     )
+
+
+@_cost.register
+def _(op: FactoredKernel) -> Cost:
+    values = sum(len(axis) for axis in op.axes)
+    size = op.coefficients.size
+    return Cost(instructions=80.0 * values + 8.0 * 1.5 * size, lines=_touched(8.0 * size), table_bytes=8 * size)
 
 
 @_cost.register

@@ -20,6 +20,7 @@ from st_codegen.ir import (
     CellTable,
     Clip,
     Combine,
+    FactoredKernel,
     FillMissing,
     FloatArray,
     Function,
@@ -234,3 +235,13 @@ def _(op: CellTable, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     kept = np.flatnonzero(op.stored >= 0)
     bound[kept] = np.max(np.abs(op.values), axis=0)[op.stored[kept]]
     return 0.0, bound
+
+
+@_bound.register
+def _(op: FactoredKernel, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    distance = max(
+        float(np.max((operands[0][column] + np.abs(axis)) ** 2))
+        for column, axis in zip(op.columns, op.axes, strict=True)
+    )
+    weights = np.sum(np.abs(op.coefficients), axis=1)
+    return max(distance * max(op.gamma, 1.0), float(np.max(weights))), weights + np.abs(op.intercept)

@@ -27,6 +27,7 @@ from st_codegen.ir import (
     ModelIR,
     Operation,
     Operator,
+    Precision,
     Rank,
     Round,
     Scale,
@@ -34,6 +35,9 @@ from st_codegen.ir import (
     TreeColumn,
     TreeEnsemble,
 )
+
+#: Stands for infinity among the neighbours of a float32 number: as far behind the largest one as that is from the next.
+_BEYOND = 2.0**128
 
 
 class Kind(StrEnum):
@@ -214,8 +218,31 @@ def split_edges(op: TreeEnsemble, number: int, chain: Chain, domain: Domain) -> 
         return np.asarray((value <= thresholds) | (thresholds == np.inf), np.bool_)
 
     with np.errstate(over="ignore"):
-        edge, left = changeovers(goes_left, len(thresholds), domain)
+        if chain.steps:
+            edge, left = changeovers(goes_left, len(thresholds), domain)
+        else:
+            edge, left = _direct(op, thresholds, domain)
     return SplitEdges(thresholds, edge, left)
+
+
+def _direct(op: TreeEnsemble, thresholds: FloatArray, domain: Domain) -> tuple[FloatArray, BoolArray]:
+    """What `changeovers` finds where an input is compared as it is, or rounded to float32: without a search."""
+    less = op.comparison is Comparison.LESS
+    if op.input_precision is Precision.FLOAT64:
+        edge = np.nextafter(thresholds, -np.inf) if less else thresholds
+    else:
+        below = thresholds.astype(np.float32)
+        too_high = below >= thresholds if less else below > thresholds
+        below = np.where(too_high, np.nextafter(below, np.float32(-np.inf)), below)
+        above = np.nextafter(below, np.float32(np.inf))
+        # halfway between neighbours the even one is taken; beyond the largest float32 comes infinity
+        halfway = (np.clip(below.astype(np.float64), -_BEYOND, _BEYOND) + np.clip(above, -_BEYOND, _BEYOND)) / 2
+        kept = halfway.astype(np.float32).astype(np.float64)
+        stays = kept < thresholds if less else kept <= thresholds
+        edge = np.where(stays, halfway, np.nextafter(halfway, -np.inf))
+    edge = np.where(thresholds == np.inf, np.inf, edge)
+    left = edge >= domain.lower
+    return np.where(left & (edge < domain.upper), edge, np.nan), np.asarray(left, np.bool_)
 
 
 def step_edges(op: TreeEnsemble, number: int, chain: Chain, domain: Domain) -> FloatArray:

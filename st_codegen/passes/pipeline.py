@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from st_codegen.ir import Feature, HarmonicOutput, ModelIR, ProjectIR, Source, TransmissionError
+from st_codegen.ir import FactoredKernel, Feature, HarmonicOutput, ModelIR, ProjectIR, Rank, Source, TransmissionError
 from st_codegen.passes import tables
 from st_codegen.passes.choose import (
     Candidate,
@@ -22,6 +22,9 @@ from st_codegen.passes.choose import (
     priced,
     simple_cost,
 )
+from st_codegen.passes.kernels import factored
+from st_codegen.passes.prune import pruned
+from st_codegen.passes.ranks import ranked
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,7 @@ def compile_project(project: ProjectIR, options: Options | None = None, cost: Co
             if decisions[model.name].chosen == "table" and (found := _cells(model, options)) is not None
         }
         models, places = _merged(project, chosen, cells, options, places)
-        te = _moved(te, places)
+        te = _spread(_moved(te, places), models, options.outputs_per_cycle)
     return Compiled(ProjectIR(tuple(models), te), places, tuple(decisions.values()))
 
 
@@ -91,8 +94,29 @@ def _cells(model: ModelIR, options: Options) -> tables.Cells | None:
     return found
 
 
+def _fits(model: ModelIR, options: Options) -> bool:
+    """Whether the target holds the coefficients of factored kernels."""
+    return all(op.coefficients.size <= options.max_array for op in model.ops if isinstance(op, FactoredKernel))
+
+
+def _on_ranks(model: ModelIR, options: Options) -> ModelIR | None:
+    """The model with its trees on ranks and pruned, where it has such trees and the target holds their thresholds."""
+    found = ranked(model)
+    if found is None:
+        return None
+    found = pruned(found)
+    longest = max(column.highest for op in found.ops if isinstance(op, Rank) for column in op.columns)
+    return found if longest <= options.max_array else None
+
+
 def _decide(model: ModelIR, options: Options, cost: CostFunction) -> Decision:
-    candidates = [priced("trees", model, cost)]
+    candidates = [priced("as trained", model, cost)]
+    on_grid = factored(model)
+    if on_grid is not None and _fits(on_grid, options):
+        candidates.append(priced("factored kernel", on_grid, cost))
+    on_ranks = _on_ranks(model, options) if options.ranks else None
+    if on_ranks is not None:
+        candidates.append(priced("ranked trees", on_ranks, cost))
     if options.layout is not Layout.TREES:
         found = _cells(model, options)
         if found is not None:
@@ -194,6 +218,24 @@ def _free_name(name: str, project: ProjectIR) -> str:
     while name.lower() in taken:
         name += "_"
     return name
+
+
+def _spread(te: TransmissionError, models: Sequence[ModelIR], most: int | None) -> TransmissionError:
+    """The models shared out among successive calls, each call in the order of the blocks' names."""
+    if most is None:
+        return te
+    used = {output.model for output in te.outputs}
+    cycles: list[list[str]] = []
+    room = 0
+    for model in models:
+        if model.name not in used:
+            continue
+        if not cycles or len(model.outputs) > room:
+            cycles.append([])
+            room = most
+        cycles[-1].append(model.name)
+        room -= len(model.outputs)
+    return dataclasses.replace(te, cycles=tuple(map(tuple, cycles)) if len(cycles) > 1 else ())
 
 
 def _moved(te: TransmissionError, places: dict[str, Place]) -> TransmissionError:

@@ -80,6 +80,8 @@ def _axes(model: ModelIR, most: int) -> tuple[Axis, ...] | None:
     values = columns_of(model)
     if any(column is not Kind.STEPS for column in values[-1]):
         return None
+    if any(isinstance(op, TreeEnsemble) and _too_many_thresholds(op, most) for op in model.ops):
+        return None
     edges: dict[int, list[FloatArray]] = {}
     for op in model.ops:
         if isinstance(op, TreeEnsemble):
@@ -100,6 +102,14 @@ def _axes(model: ModelIR, most: int) -> tuple[Axis, ...] | None:
         if size > most:
             return None
     return tuple(sorted(axes, key=lambda axis: (axis.cells, axis.feature)))
+
+
+def _too_many_thresholds(op: TreeEnsemble, most: int) -> bool:
+    """Whether the thresholds of one column alone are far too many: spares the exact count for large ensembles."""
+    if op.n_nodes < most:
+        return False
+    numbers = [np.unique(op.threshold[op.split == number]) for number in range(len(op.columns))]
+    return any(len(np.unique(found.astype(np.float32))) > most for found in numbers)
 
 
 def _collect(model: ModelIR, op: TreeEnsemble, number: int, column: Column, edges: dict[int, list[FloatArray]]) -> None:

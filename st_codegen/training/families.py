@@ -27,7 +27,10 @@ Fit = Callable[[Params, FloatArray, FloatArray, int], Any]
 
 @dataclass(frozen=True)
 class Family:
-    """A family of regressors. `name` is the paper's; `robust_units`: our search hands it targets in robust units."""
+    """A family of regressors. `name` is the paper's; `robust_units`: our search hands it targets in robust units.
+
+    forms: in which form its models can be saved (see `export.FORMATS`).
+    """
 
     name: str
     title: str
@@ -35,8 +38,7 @@ class Family:
     authors: Params
     grid: tuple[Params, ...]
     robust_units: bool = False
-    can_be_exported: bool = True
-    can_be_onnx: bool = True
+    forms: tuple[str, ...] = ("native", "skops", "onnx")
 
 
 def family_named(name: str) -> Family:
@@ -229,21 +231,31 @@ FAMILIES: dict[str, Family] = {
             "random forest",
             _sklearn("ensemble", "RandomForestRegressor", one_thread=True),
             {"max_depth": 14, "min_samples_split": 3, "n_estimators": 90},
-            ({"n_estimators": 60}, {"n_estimators": 60, "max_features": 2}),
+            (
+                {"max_depth": 14, "min_samples_split": 3, "n_estimators": 90},
+                {"n_estimators": 60},
+                {"n_estimators": 60, "max_features": 2},
+            ),
         ),
         Family(
             "DT",
             "decision tree",
             _sklearn("tree", "DecisionTreeRegressor"),
             {"max_depth": 16, "min_samples_split": 6},
-            ({"min_samples_leaf": 2}, {"min_samples_leaf": 2, "criterion": "absolute_error"}),
+            (
+                {"min_samples_leaf": 2},
+                {"min_samples_leaf": 2, "criterion": "absolute_error"},
+            ),
         ),
         Family(
             "ET",
             "extra tree",
             _sklearn("tree", "ExtraTreeRegressor"),
             {"max_depth": 15, "min_samples_split": 5},
-            ({"min_samples_leaf": 2}, {"min_samples_split": 4, "max_features": None}),
+            (
+                {"min_samples_leaf": 2},
+                {"min_samples_split": 4, "max_features": None},
+            ),
         ),
         Family(
             "ERT",
@@ -251,6 +263,7 @@ FAMILIES: dict[str, Family] = {
             _sklearn("ensemble", "ExtraTreesRegressor", one_thread=True),
             {"max_depth": 15, "min_samples_split": 3, "n_estimators": 60},
             (
+                {"max_depth": 15, "min_samples_split": 3, "n_estimators": 60},
                 {"n_estimators": 100, "min_samples_split": 2},
                 {"n_estimators": 100, "min_samples_split": 5, "max_features": 2},
             ),
@@ -284,6 +297,7 @@ FAMILIES: dict[str, Family] = {
             _lgbm,
             {"learning_rate": 0.39, "max_depth": 12, "subsample": 0.1},
             (
+                {"learning_rate": 0.39, "max_depth": 12, "subsample": 0.1},
                 {"learning_rate": 0.07, "n_estimators": 200, "num_leaves": 15, "min_child_samples": 5},
                 {
                     "learning_rate": 0.1,
@@ -293,7 +307,7 @@ FAMILIES: dict[str, Family] = {
                     "objective": "l1",
                 },
             ),
-            can_be_onnx=False,
+            forms=("native", "skops"),
         ),
         Family(
             "XGBM",
@@ -303,7 +317,7 @@ FAMILIES: dict[str, Family] = {
             ({"learning_rate": 0.07, "n_estimators": 200, "max_depth": 5, "subsample": 0.7, "reg_lambda": 1.0},),
             # XGBoost splits only where the loss falls by 1e-6 (kRtEps), more than an amplitude of 1e-4 deg has to give
             robust_units=True,
-            can_be_onnx=False,
+            forms=("native", "skops"),
         ),
         Family(
             "ELM",
@@ -311,8 +325,7 @@ FAMILIES: dict[str, Family] = {
             _elm,
             {"neurons": 250},
             ({"neurons": 250},),
-            can_be_exported=False,
-            can_be_onnx=False,
+            forms=(),
         ),
     )
 }

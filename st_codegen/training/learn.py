@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -15,9 +15,9 @@ from st_codegen.ir import Direction
 from st_codegen.training.choice import Choice, choose
 from st_codegen.training.errors import Errors, errors_of
 from st_codegen.training.export import BundleHead, FittedModel
-from st_codegen.training.families import Candidate
+from st_codegen.training.families import FAMILIES, Candidate, family_named
 from st_codegen.training.faulty import Faulty, faulty_runs
-from st_codegen.training.search import Backend, Progress, Task, run_tasks
+from st_codegen.training.search import Backend, Progress, Task, one_thread, run_tasks
 from st_codegen.training.store import FitStore
 from st_codegen.training.study import Settings, Solution, Study, study
 from st_codegen.training.targets import combined, mean_direction, values
@@ -119,12 +119,10 @@ def learn(
 
 def fitted(rows: HarmonicTable, direction: Direction, solution: Solution, settings: Settings) -> list[FittedModel]:
     """The models of a solution, fitted on all rows."""
-    from threadpoolctl import threadpool_limits
-
     column = rows.column(solution.order)
     turn = mean_direction(column) if settings.turned else 0.0
     models = []
-    with threadpool_limits(limits=1):
+    with one_thread():
         for quantity, candidate in zip(solution.kind.quantities(solution.order), solution.candidates, strict=True):
             y = values(column, quantity, solution.order, turn)
             estimator = candidate.fit(rows.conditions, y, settings.seed)
@@ -196,8 +194,15 @@ def bundle_head(table: HarmonicTable, name: str, reduction_ratio: float) -> Bund
     return BundleHead(name, reduction_ratio, np.stack([table.conditions.min(axis=0), table.conditions.max(axis=0)], 1))
 
 
+def only_exportable(settings: Settings, form: str) -> Settings:
+    """The settings without the families that cannot be saved in a form. Raises InputError where none is left."""
+    kept = tuple(c for c in settings.candidates if form in family_named(c.family).forms)
+    if not kept:
+        names = ", ".join(name for name, family in FAMILIES.items() if form in family.forms)
+        raise InputError(f"none of these families can be saved as {form}: {names} can")
+    return replace(settings, candidates=kept)
+
+
 def authors_candidates(names: Sequence[str]) -> tuple[Candidate, ...]:
     """The families as the paper's authors tuned them."""
-    from st_codegen.training.families import family_named
-
     return tuple(Candidate(family.name, family.authors, True) for family in map(family_named, names))

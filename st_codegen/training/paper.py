@@ -131,7 +131,7 @@ def compare(
     faulty = faulty_runs(train)
     good = train.rows(~faulty.rows)
     searched = study(good, test, settings, store, backend, progress=progress)
-    bare = Settings(authors_candidates(names), 0, seed, (Kind.POLAR,), turned=False)
+    bare = Settings(authors_candidates(names), 0, settings.seed, (Kind.POLAR,), turned=False)
     theirs = study(train, test, bare, store, backend, progress=progress)
     choice = choose(searched)
     with_faulty = {

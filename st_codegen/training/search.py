@@ -78,13 +78,20 @@ def fold_numbers(rows: int, folds: int, seed: int) -> npt.NDArray[np.intp]:
     return np.random.default_rng(seed).permutation(numbers)
 
 
-def run_task(task: Task) -> Outcome:
-    """Fit and predict, in one thread of every library."""
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """One thread of every library: sums in one order, and no threads of many processes that wait for each other."""
     import sklearn.ensemble
-    import sklearn.svm  # noqa: F401
+    import sklearn.svm  # noqa: F401 - the limit holds for libraries that are loaded
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(limits=1):
+        yield
+
+
+def run_task(task: Task) -> Outcome:
+    """Fit and predict, in one thread of every library."""
+    with one_thread():
         folds = np.full(len(task.y), np.nan)
         if task.folds > 1:
             number = fold_numbers(len(task.y), task.folds, task.seed)

@@ -109,8 +109,8 @@ def _best_section(comparison: Comparison) -> Section:
     columns = ("order", "quantity", "authors' best MAE", "our best", "MAE", "factor", "by cross-validation", "factor")
     text = (
         "MAE at the authors' test points. Both bests are chosen on these points, as the paper did; the last two "
-        "columns are what cross-validation on the training points alone would choose, which is what a user gets. Bold: at or "
-        "ahead of the authors' best. Phases are compared around the circle."
+        "columns are what cross-validation on the training points alone would choose, which is what a user gets. "
+        "Bold: at or ahead of the authors' best. Phases are compared around the circle."
     )
     return Section("Best against best", text, Table(columns, rows, strong))
 
@@ -223,8 +223,8 @@ def _authors_section(comparison: Comparison) -> Section:
     ]
     columns = ("family", "quantity", "median", "least", "largest")
     text = (
-        "The authors' parameters fitted here as they did (bare targets, bare phases, every run): MAE over their MAE, by "
-        "order. Near 1 means that their table is reproduced; all numbers are in authors.csv."
+        "The authors' parameters fitted here as they did (bare targets, bare phases, every run): MAE over their MAE, "
+        "by order. Near 1 means that their table is reproduced; all numbers are in authors.csv."
     )
     return Section("Their models again", text, Table(columns, rows))
 

@@ -35,7 +35,8 @@ from st_codegen.ir import (
     TreeColumn,
     TreeEnsemble,
 )
-from st_codegen.walkers.base import GraphBuilder, LoadedModel, Predictor, preorder
+from st_codegen.ir.preorder import preorder
+from st_codegen.walkers.base import GraphBuilder, LoadedModel, Predictor
 from st_codegen.walkers.beckhoff_ml_file import MAX_BYTES, MAX_INPUTS, SHOWN, Element, parse
 
 _ACTIVATIONS = {

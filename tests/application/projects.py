@@ -1,6 +1,8 @@
 """Small bundles whose coefficients are known, generated and loaded into the interpreter."""
 
+import tempfile
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
@@ -42,9 +44,8 @@ def project(orders=ORDERS, directions=BOTH, slope=1e-6):
     for direction in directions:
         for order in orders:
             quantities = [Quantity.AMPLITUDE] if order == 0 else [Quantity.COSINE, Quantity.SINE]
-            outputs += [
-                HarmonicOutput(direction, order, q, "parts", len(outputs) + i) for i, q in enumerate(quantities)
-            ]
+            for quantity in quantities:
+                outputs.append(HarmonicOutput(direction, order, quantity, "parts", len(outputs)))
     n = len(outputs)
     weights = np.full((n, 3), slope)
     bias = np.array([coefficient(number) for number in range(n)])
@@ -62,11 +63,14 @@ def texts(ir, target):
 @cache
 def loaded(target, orders=ORDERS, directions=BOTH, slope=1e-6):
     """The checked text of a small bundle for a target."""
-    import tempfile
-    from pathlib import Path
+    return loaded_with(target, "", orders, directions, slope)
 
+
+@cache
+def loaded_with(target, more, orders=ORDERS, directions=BOTH, slope=1e-6):
+    """The same with further text, such as a block that calls the generated ones."""
     with tempfile.TemporaryDirectory() as name:
-        for path, text in texts(project(orders, directions, slope), target).items():
+        for path, text in {**texts(project(orders, directions, slope), target), "More.st": more}.items():
             file = Path(name) / path
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_text(text, encoding="utf-8")

@@ -19,6 +19,7 @@ from st_codegen.blocks.compensation.parts import HARMONICS_TYPE, within_function
 from st_codegen.blocks.compensation.predict import predict_block
 from st_codegen.blocks.compensation.programs import (
     SINGLE_TASK,
+    TWO_TASKS,
     experiment_program,
     experiment_signals,
     fast_program,
@@ -66,7 +67,7 @@ def compensation(te: TransmissionError) -> Compensation:
             fast_program(te),
             experiment_program(),
         ),
-        tasks=SINGLE_TASK,
+        tasks=TWO_TASKS if te.tasks == 2 else SINGLE_TASK,
     )
 
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-#: Sets that the search looks at before it is content with the best chain known.
-_BUDGET = 60_000
+#: Chains that the search looks at for each length before it tries a longer one.
+_BUDGET = 6_000
 
 
 @dataclass(frozen=True)
@@ -31,16 +31,13 @@ def addition_chain(targets: Iterable[int]) -> tuple[Link, ...]:
     wanted = frozenset(targets) | {1}
     if min(wanted) < 1:
         raise ValueError(f"no chain leads to {min(wanted)}")
-    best = _by_doubling(wanted)
-    search = _Search(_BUDGET)
-    for extra in range(len(best) - len(wanted)):
-        found = search.complete(wanted, frozenset({1}), extra)
-        if found is not None:
-            best = found
-            break
-        if search.budget <= 0:
-            break
-    return tuple(_links(best))
+    fallback = _by_doubling(wanted)
+    targets = tuple(sorted(wanted - {1}))
+    for extra in range(len(fallback) - len(wanted)):
+        chain = _Search(targets, _BUDGET).complete((1,), 0, extra)
+        if chain is not None:
+            return tuple(_links(frozenset(chain)))
+    return tuple(_links(fallback))
 
 
 def _by_doubling(wanted: frozenset[int]) -> frozenset[int]:
@@ -74,38 +71,32 @@ def _links(numbers: frozenset[int]) -> Iterator[Link]:
 
 
 class _Search:
-    """Depth first from the largest number down, with a bounded number of steps over all depths."""
+    """Rising chains through all targets, with a bounded number of other numbers and of steps."""
 
-    def __init__(self, budget: int) -> None:
+    def __init__(self, targets: tuple[int, ...], budget: int) -> None:
+        self.targets = targets
         self.budget = budget
 
-    def complete(self, open_: frozenset[int], done: frozenset[int], extra: int) -> frozenset[int] | None:
-        """A chain that contains all numbers and at most `extra` others; None where there is none, or no budget.
+    def complete(self, chain: tuple[int, ...], at: int, extra: int) -> tuple[int, ...] | None:
+        """The chain continued to the last target; `at` is the next one, `extra` how many others may be added.
 
-        `done` are numbers whose summands are in the set already.
+        None where there is no such chain, or none was found within the budget.
         """
+        if at == len(self.targets):
+            return chain
         self.budget -= 1
-        numbers = open_ | done
-        todo = sorted((n for n in open_ - done if _pair(n, numbers) is None), reverse=True)
-        if not todo:
-            return numbers
-        if self.budget <= 0 or extra <= 0:
+        target, last = self.targets[at], chain[-1]
+        # no step more than doubles the last number
+        if self.budget < 0 or last << (extra + 1) < target:
             return None
-        number = todo[0]
-        for new in self._candidates(number, numbers, extra):
-            found = self.complete(numbers | new, done | {number}, extra - len(new))
+        sums = {a + b for i, a in enumerate(chain) for b in chain[i:] if last < a + b <= target}
+        if target in sums:
+            found = self.complete((*chain, target), at + 1, extra)
             if found is not None:
                 return found
+        if extra > 0:
+            for number in sorted(sums - {target}, reverse=True):
+                found = self.complete((*chain, number), at, extra - 1)
+                if found is not None:
+                    return found
         return None
-
-    def _candidates(self, number: int, numbers: frozenset[int], extra: int) -> Iterator[frozenset[int]]:
-        """Numbers to add so that `number` becomes a sum: one new summand first, then two."""
-        single = {number - n for n in numbers if n < number}
-        if number % 2 == 0:
-            single.add(number // 2)
-        yield from (frozenset({n}) for n in sorted(single))
-        if extra > 1:
-            for first in range((number + 1) // 2, number):
-                pair = frozenset({first, number - first})
-                if not pair & numbers and len(pair) == 2:
-                    yield pair

@@ -39,6 +39,7 @@ def parameters(cycle_s: str) -> tuple[Variable, ...]:
         lreal("fHysteresis_rpm", "input speed that decides the direction, rpm, 0.0 .. 1.0E6", "2.0"),
         lreal("fBlendTime_s", "time from one direction's set to the other's, s, 0.0 .. 10.0", "0.1"),
         lreal("fLead_s", "lead time: the angle is taken that much later, s, 0.0 .. 0.1", "0.0"),
+        lreal("fFullSpeed_rpm", "continuous law: full from this input speed up, rpm, 0.0 .. 1.0E6", "100.0"),
     )
 
 
@@ -64,6 +65,7 @@ def _checks() -> tuple[Check, ...]:
         check("fHysteresis_rpm", 0.0, 1e6, parameter),
         check("fBlendTime_s", 0.0, 10.0, parameter),
         check("fLead_s", 0.0, 0.1, parameter),
+        check("fFullSpeed_rpm", 0.0, 1e6, parameter),
         check("fCycle_s", 1e-6, 1.0, TE_ERROR["CYCLE_TIME"], "fCycle"),
         check("fSpeed_rpm", -_LARGEST_SPEED, _LARGEST_SPEED, TE_ERROR["OPERATING_POINT"]),
         check("fThetaOut_rad", -LARGEST_ANGLE, LARGEST_ANGLE, TE_ERROR["ANGLE"]),
@@ -149,7 +151,8 @@ def _header(te: TransmissionError, both: bool) -> tuple[str, ...]:
         "Motor reference = reduction ratio * theta_out + fCorrection_deg, with",
         "fCorrection_deg = -reduction ratio * TE * weight, ramped and limited.",
         "Weight of the published law (Eq. 6): 1 from 100 rpm input speed up, speed / 150 below,",
-        "which jumps from 2/3 to 1 at 100 rpm; of the continuous law (default): speed / 100 below.",
+        "which jumps from 2/3 to 1 at 100 rpm; of the continuous law (default): speed / fFullSpeed_rpm below that "
+        "speed, 100 rpm by default. With 0 it corrects fully at all speeds, also at standstill.",
         direction,
         "After any error the correction fades to zero over the ramp time, with the last good value as its start; only "
         "then, and with good inputs, does it ramp up again: there is no step in either.",

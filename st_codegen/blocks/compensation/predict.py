@@ -30,6 +30,7 @@ def predict_block(te: TransmissionError) -> Block:
         variables=(
             boolean("bUsable", "nothing has gone wrong so far"),
             boolean("bInside", "no input had to be limited"),
+            *_spread_variables(te),
             *instances.values(),
             lreal("fAmplitude", "A, deg"),
             lreal("fPhase", "phi, rad"),
@@ -38,10 +39,36 @@ def predict_block(te: TransmissionError) -> Block:
         ),
         sections=(
             Section("the operating point is checked once for all models", "te_inputs", {"inputs": _names(inputs)}),
-            # a model block names its inputs by its own features, which the bundle's are
-            Section("models", "te_models", {"instances": _names(instances.values()), "inputs": inputs}),
-            Section("amplitudes, phases and parts", "te_harmonics", {"harmonics": harmonics}),
+            *_model_sections(te, inputs, {model: instance.name for model, instance in instances.items()}),
+            Section(
+                "amplitudes, phases and parts",
+                "te_harmonics",
+                {"harmonics": harmonics, "calls": len(te.cycles), "usable": "bRound" if te.cycles else "bUsable"},
+            ),
         ),
+    )
+
+
+def _model_sections(
+    te: TransmissionError, inputs: tuple[Variable, ...], instances: dict[str, str]
+) -> tuple[Section, ...]:
+    """The calls of the models; a model block names its inputs by its own features, which the bundle's are."""
+    if not te.cycles:
+        return (Section("models", "te_models", {"instances": list(instances.values()), "inputs": inputs}),)
+    parts = [
+        {"number": number, "instances": [instances[name] for name in names]} for number, names in enumerate(te.cycles)
+    ]
+    return (Section(f"models, spread over {len(parts)} calls", "te_spread", {"parts": parts, "inputs": inputs}),)
+
+
+def _spread_variables(te: TransmissionError) -> tuple[Variable, ...]:
+    if not te.cycles:
+        return ()
+    return (
+        Variable("nPart", "DINT", comment="which of the calls of a round comes next"),
+        Variable("aPoint", "LREAL", len(te.features), comment="operating point of the round"),
+        boolean("bRound", "nothing has gone wrong in this round"),
+        boolean("bRoundInside", "no input of this round had to be limited"),
     )
 
 
@@ -78,6 +105,14 @@ def _header(te: TransmissionError) -> tuple[str, ...]:
         f"Bundle: {te.name}",
         "TE(theta) = sum over k of A_k * cos(k * theta + phi_k), theta the angle of the output shaft;",
         "k = 0 is the mean, with its sign and without a phase.",
+        *(
+            [
+                f"The models are spread over {len(te.cycles)} calls. The outputs change with the last of them and",
+                f"belong to the operating point of {len(te.cycles) - 1} to {2 * len(te.cycles) - 2} calls before.",
+            ]
+            if te.cycles
+            else []
+        ),
         *(f"Index {number}: order {order}" for number, order in enumerate(te.orders)),
         *(f"Input {number}: {feature_text(feature)}" for number, feature in enumerate(te.features, 1)),
     )

@@ -1,0 +1,53 @@
+"""`st-codegen simulate campaign`: curve files of the simulated rig."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from st_codegen.cli.console import console, progress_bar, quiet_option
+from st_codegen.rig.campaign import Measuring, read_conditions, simulate_campaign
+from st_codegen.rig.effects import catalogue
+from st_codegen.rig.model import read_rig
+
+
+@click.command(
+    "campaign",
+    epilog="""\b
+Examples:
+  st-codegen simulate campaign --rig examples/rv160n/rig.toml --conditions C.csv --out campaign --samples 4096
+  st-codegen simulate campaign --rig rig.toml --conditions C.csv --out campaign --noise 0.0005 --seed 7""",
+)
+@click.option("--rig", type=click.Path(path_type=Path), required=True, help="Rig model, rig.toml.")
+@click.option(
+    "--conditions",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="CSV with the columns speed_rpm,torque_Nm,temperature_C: one run a row, both directions.",
+)
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="New folder for the curve files.")
+@click.option(
+    "--samples", type=click.IntRange(min=1), help="Samples of a revolution (default: 4000 a second, as on the rig)."
+)
+@click.option("--noise", type=click.FloatRange(min=0), help="Noise of a sample, deg (default: [noise] of the rig).")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the noise.")
+@click.option("--effects", type=click.Path(path_type=Path), multiple=True, help="Python file with effects of your own.")
+@quiet_option
+def command(
+    rig: Path,
+    conditions: Path,
+    out: Path,
+    samples: int | None,
+    noise: float | None,
+    seed: int,
+    effects: tuple[Path, ...],
+    quiet: bool,
+) -> None:
+    """Write a measured campaign of the simulated rig: the files that `train` and `reconcile` read."""
+    model = read_rig(rig, catalogue(effects))
+    points = read_conditions(conditions)
+    with progress_bar("simulating", quiet=quiet) as progress:
+        simulate_campaign(model, points, out, Measuring(samples, noise, seed), progress)
+    if not quiet:
+        console.print(f"{out}: {len(points)} runs, both directions")

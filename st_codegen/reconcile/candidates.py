@@ -1,0 +1,376 @@
+"""What could be missing: every effect of the catalogue, in every form that the rig does not have yet.
+
+A candidate is a piece with its linear coordinates at zero and its other parameters at a start. Its score is what it
+would take off the loss, together with all that is fitted already, in one linear step.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from st_codegen.reconcile.fitting import Column, Fit, Propagation, State
+from st_codegen.reconcile.parameters import Coordinate, Piece
+from st_codegen.rig.effects import Catalogue, Constants, Effect, Form, Stage
+from st_codegen.rig.effects.base import BACKWARD, ComplexArray, FloatArray
+
+#: a resonance takes in the orders of which it takes this much off the loss (four parameters: 1 in 10,000 by chance)
+_ORDER_GAIN = 25.0
+_RESONANCE_POINTS = 5
+STAGES = (Stage.ADDITIVE, Stage.MODULATION, Stage.STRUCTURE, Stage.MEASURING)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A piece to add, or to put in place of piece `number` with more of its keys free.
+
+    grown: the keys that are new. gain: what it takes off twice the loss, linearised.
+    """
+
+    piece: Piece
+    number: int | None = None
+    grown: frozenset[str] = frozenset()
+    gain: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """The effect's name."""
+        return self.piece.effect.name
+
+    def coordinates(self) -> list[tuple[int, Coordinate]]:
+        """The new coordinates and their places among the piece's."""
+        return [(i, c) for i, c in enumerate(self.piece.coordinates()) if not self.grown or _keys_of(c) & self.grown]
+
+    @cached_property
+    def identity(self) -> tuple[str, tuple[int, ...], frozenset[str]]:
+        """What makes two candidates the same but for their starts."""
+        orders = self.piece.effect.orders if self.piece.effect.orders_key == "order" else ()
+        return self.name, orders, self.grown or self.piece.free
+
+    def put_into(self, state: State) -> State:
+        """The state with this candidate."""
+        return state.with_piece(self.piece) if self.number is None else state.replaced(self.number, self.piece)
+
+    def place(self, state: State) -> int:
+        """Where the piece stands in the state with it."""
+        return len(state.pieces) - 1 if self.number is None else self.number
+
+
+def _keys_of(c: Coordinate) -> frozenset[str]:
+    return frozenset({c.key} | ({c.phase_key} if c.phase_key else set()))
+
+
+def variants(effect: type[Effect], both_directions: bool) -> list[frozenset[str]]:
+    """Keys that are free together: what is required, and every choice of optional parts that gives a size."""
+    always = {scalar.key for scalar in effect.scalars if scalar.default is None}
+    parts = [frozenset({s.key}) for s in effect.scalars if s.default is not None and not s.shapes]
+    sizes = set(always) | {key for part in parts for key in part}
+    for phasor in effect.phasors:
+        backward = (False, True) if phasor.own_flanks and both_directions else (False,)
+        keys = frozenset(key for b in backward for key in phasor.keys(b))
+        if phasor.required and len(effect.phasors) == 1:
+            always |= keys
+        else:
+            parts.append(keys)
+    if effect.phasors:
+        sizes = {phasor.key for phasor in effect.phasors}
+    found = []
+    for count in range(len(parts) + 1):
+        for chosen in itertools.combinations(parts, count):
+            keys = frozenset(always).union(*chosen)
+            if keys & sizes:
+                found.append(keys | {s.key for s in effect.scalars if s.shapes and s.shapes in keys})
+    return found
+
+
+class Search:
+    """Candidates for a fit, with their scores."""
+
+    def __init__(
+        self, known: Catalogue, fit: Fit, *, stages: Sequence[Stage] = STAGES, touching: Sequence[int] = ()
+    ) -> None:
+        self.known = known
+        self.fit = fit
+        self.stages = tuple(stages)
+        self.touching = np.array(touching, np.int64)
+        self.target = fit.target
+        self.data = fit.target.data
+        self.constants: Constants = fit.state.rig.constants
+        self.propagation = fit.propagation
+        self.scorer = Scorer(fit)
+
+    def ranked(self, least: float = 0.0) -> list[Candidate]:
+        """The best start of every candidate, by gain less penalty, best first; `least` gain."""
+        best: dict[object, Candidate] = {}
+        for candidate in self.all():
+            scored = self.scorer.scored(candidate)
+            known = best.get(scored.identity)
+            if scored.gain >= least and (known is None or scored.gain > known.gain):
+                best[scored.identity] = scored
+        return sorted(best.values(), key=lambda c: -self.net(c))
+
+    def net(self, candidate: Candidate) -> float:
+        """Gain less the penalty of the parameters."""
+        return candidate.gain - self.penalty * len(candidate.coordinates())
+
+    @cached_property
+    def penalty(self) -> float:
+        """Loss that a parameter must save: Schwarz's criterion on the number of runs."""
+        return float(np.log(max(self.target.good.sum(), 10))) + 2.0
+
+    def all(self) -> Iterator[Candidate]:
+        """Every candidate at every start."""
+        for effect in self.known.values():
+            if effect.stage not in self.stages:
+                continue
+            if effect.orders_key == "orders":
+                if self.data.angle_rad is None:
+                    yield from self._many_orders(effect)
+            else:
+                yield from self._growths(effect)
+                yield from self._additions(effect)
+
+    def _additions(self, effect: type[Effect]) -> Iterator[Candidate]:
+        present = {piece.effect.orders for piece in self.fit.state.pieces if piece.effect.name == effect.name}
+        for orders in self._order_choices(effect):
+            if orders in present:
+                continue
+            for variant in variants(effect, self.data.both_directions()):
+                for starts in self._starts(effect, variant):
+                    piece = _started(effect, variant, starts, orders, self.constants)
+                    if self._is_seen(piece):
+                        yield Candidate(piece)
+
+    def _growths(self, effect: type[Effect]) -> Iterator[Candidate]:
+        """Optional parts that an effect of the rig does not have yet."""
+        for number, piece in enumerate(self.fit.state.pieces):
+            if piece.effect.name != effect.name:
+                continue
+            have = set(piece.effect.values)
+            groups = {v - have for v in variants(effect, self.data.both_directions())} - {frozenset()}
+            if self.data.both_directions():
+                groups |= _untied(effect, have)
+            for group in groups:
+                if group & have:
+                    continue
+                for starts in self._starts(effect, group):
+                    values = dict(piece.effect.values) | _zeros(effect, group) | starts
+                    for key in group:
+                        if key.startswith(BACKWARD) and key[len(BACKWARD) :] in have:
+                            values[key] = piece.effect.values[key[len(BACKWARD) :]]
+                    grown = Piece(piece.effect.with_values(values), piece.free | group, piece.added, piece.origin)
+                    yield Candidate(grown, number, group)
+
+    def _order_choices(self, effect: type[Effect]) -> list[tuple[int, ...]]:
+        if effect.orders_key is None:
+            return [()]
+        allowed = effect.allowed_orders(self.constants) or tuple(self.data.orders[self.data.orders > 0].tolist())
+        return [(order,) for order in allowed]
+
+    def _is_seen(self, piece: Piece) -> bool:
+        """Whether the effect touches an order that was measured."""
+        touched = piece.effect.touched_orders()
+        seen = bool(np.isin(touched, self.data.model_orders()).any())
+        wanted = not len(self.touching) or bool(np.isin(touched, self.touching).any())
+        return piece.effect.stage is Stage.MEASURING or (seen and wanted)
+
+    def _starts(self, effect: type[Effect], keys: frozenset[str]) -> Iterator[dict[str, float]]:
+        shapes = [s for s in effect.scalars if s.form is Form.SHAPE and s.key in keys]
+        for values in itertools.product(*(s.starts or ((s.lower + s.upper) / 2,) for s in shapes)):
+            yield {s.key: float(value) for s, value in zip(shapes, values, strict=True)}
+
+    # -- effects on several orders at once
+
+    def _many_orders(self, effect: type[Effect]) -> Iterator[Candidate]:
+        """One start for each promising frequency: the orders that gain by it."""
+        frequency = next(s for s in effect.scalars if s.unit == "Hz")
+        others = [s for s in effect.scalars if s.form is Form.SHAPE and s.default is None and s is not frequency]
+        orders = [int(k) for k in self.data.orders if k > 0]
+        points: list[tuple[float, dict[str, float], list[int]]] = []
+        for values in itertools.product(*(s.starts for s in others)):
+            fixed = {s.key: v for s, v in zip(others, values, strict=True)}
+            points += self._scan(effect, frequency.key, fixed, orders, 0.7 * min(values))
+        points.sort(key=lambda point: -point[0])
+        for _, fixed, chosen in _apart(points, frequency.key):
+            for optional in ({}, *({s.key: s.starts[1]} for s in effect.scalars if s.default == 0.0)):
+                keys = set(fixed) | set(optional)
+                for phasor in effect.phasors:
+                    for backward in (False, True)[: 1 + self.data.both_directions()]:
+                        keys |= set(phasor.keys(backward))
+                yield Candidate(_started(effect, frozenset(keys), fixed | optional, tuple(chosen), self.constants))
+
+    def _scan(
+        self, effect: type[Effect], key: str, fixed: dict[str, float], orders: list[int], step: float
+    ) -> list[tuple[float, dict[str, float], list[int]]]:
+        """Gains over a grid of frequencies, orders taken one by one and by direction."""
+        at, turn = self.data.at, self.data.at.speed_rpm / (60 * self.constants.reduction_ratio)
+        low, high = min(orders) * turn.min(), max(orders) * turn.max()
+        bounds = next(s for s in effect.scalars if s.key == key)
+        low, high = max(low, bounds.lower), min(high, bounds.upper)
+        promising = self._loud_orders(orders)
+        if low >= high or not promising:
+            return []
+        grid = np.exp(np.arange(np.log(low), np.log(high), step))
+        gains = np.zeros((len(grid), len(orders)))
+        for sign in (1.0, -1.0):
+            rows = np.flatnonzero((at.sign == sign) & self.target.good)
+            if not len(rows):
+                continue
+            speeds, inverse = np.unique(at.speed_rpm[rows], return_inverse=True)
+            point = at.rows(rows[np.unique(inverse, return_index=True)[1]])
+            places = np.searchsorted(self.data.orders, [orders[j] for j in promising])
+            w = self.scorer.weights[np.ix_(rows, places)]
+            level = (inverse[:, None] == np.arange(len(speeds))).astype(float)
+            weight, sums = level.T @ w, level.T @ (w * self.fit.residual[np.ix_(rows, places)])
+            loud = np.array([orders[j] for j in promising])
+            for i, frequency in enumerate(grid):
+                values = fixed | {
+                    key: frequency,
+                    "orders": tuple(loud.tolist()),
+                    effect.phasors[0].key: (1.0,) * len(loud),
+                }
+                h = effect(values, self.constants, check=False).contribution(point, loud)
+                gain = np.abs((h.conj() * sums).sum(axis=0)) ** 2 / np.maximum(
+                    (weight * np.abs(h) ** 2).sum(axis=0), 1e-300
+                )
+                turns = frequency / loud * 60 * self.constants.reduction_ratio
+                gains[i, promising] += gain * ((turns > 0.9 * speeds[0]) & (turns < 1.1 * speeds[-1]))
+        found = []
+        for i, f in enumerate(grid):
+            chosen = [order for j, order in enumerate(orders) if gains[i, j] > _ORDER_GAIN]
+            if chosen:
+                found.append((float(gains[i][gains[i] > _ORDER_GAIN].sum()), fixed | {key: float(f)}, chosen))
+        return found
+
+    def _loud_orders(self, orders: list[int]) -> list[int]:
+        """Places of orders whose residual could hold a gain at all."""
+        z2 = self.scorer.weights * np.abs(self.fit.residual) ** 2
+        rows = max(int(self.target.good.sum()), 1)
+        excess = z2.sum(axis=0) - 2 * rows
+        loud = excess > max(_ORDER_GAIN, 2 * np.sqrt(rows))
+        return [j for j, order in enumerate(orders) if loud[np.searchsorted(self.data.orders, order)]]
+
+
+def _apart(
+    points: list[tuple[float, dict[str, float], list[int]]], key: str
+) -> list[tuple[float, dict[str, float], list[int]]]:
+    """The best points whose frequencies differ by more than 2 %."""
+    found: list[tuple[float, dict[str, float], list[int]]] = []
+    for point in points:
+        if all(abs(np.log(point[1][key] / other[1][key])) > 0.02 for other in found):
+            found.append(point)
+        if len(found) == _RESONANCE_POINTS:
+            break
+    return found
+
+
+def _untied(effect: type[Effect], have: set[str]) -> set[frozenset[str]]:
+    """Backward keys of phasors that the rig gives for both directions together."""
+    return {
+        frozenset(phasor.keys(True))
+        for phasor in effect.phasors
+        if phasor.own_flanks and phasor.key in have and phasor.keys(True)[0] not in have
+    }
+
+
+def _zeros(effect: type[Effect], keys: frozenset[str]) -> dict[str, float]:
+    """Neutral values of linear keys."""
+    inverse = {s.key for s in effect.scalars if s.form is Form.INVERSE}
+    return {key: float("inf") if key in inverse else 0.0 for key in keys}
+
+
+def _started(
+    effect: type[Effect], keys: frozenset[str], starts: dict[str, float], orders: tuple[int, ...], constants: Constants
+) -> Piece:
+    values: dict[str, object] = dict(_zeros(effect, keys))
+    for phasor in effect.phasors:
+        if phasor.required and phasor.key not in keys:
+            values[phasor.key] = 0.0
+    if effect.orders_key == "orders":
+        scalars = {s.key for s in effect.scalars}
+        values = {key: value if key in scalars else [0.0] * len(orders) for key, value in values.items()}
+        values["orders"] = list(orders)
+    elif orders:
+        values["order"] = orders[0]
+    return Piece(effect(values | starts, constants, check=False), keys, added=True)
+
+
+@dataclass
+class Scorer:
+    """Gains of candidates in one linear step from a fit."""
+
+    fit: Fit
+    weights: FloatArray = field(init=False)
+    _by_place: dict[int, tuple[list[int], FloatArray]] = field(init=False)
+
+    def __post_init__(self) -> None:
+        target = self.fit.target
+        self.weights = target.weights(self.fit.residual)
+        entries: dict[int, list[tuple[int, ComplexArray]]] = {}
+        for number, (places, values) in enumerate(self.fit.columns):
+            for j, place in enumerate(places):
+                entries.setdefault(int(place), []).append((number, values[:, j]))
+        self._by_place = {
+            place: ([n for n, _ in found], _real(np.stack([v for _, v in found], axis=1)))
+            for place, found in entries.items()
+        }
+
+    def columns(self, candidate: Candidate) -> list[Column]:
+        """The columns of the new coordinates."""
+        columns = self._propagation.columns(candidate.piece)
+        return [columns[i] for i, _ in candidate.coordinates()]
+
+    @property
+    def _propagation(self) -> Propagation:
+        return self.fit.propagation
+
+    def scored(self, candidate: Candidate) -> Candidate:
+        """The candidate with its gain, its linear coordinates where the step puts them."""
+        columns = self.columns(candidate)
+        step, matrix, pull = self.step(columns)
+        vector = candidate.piece.vector()
+        taken = np.array(step)
+        for number, ((place, c), x) in enumerate(zip(candidate.coordinates(), step, strict=True)):
+            if c.linear:
+                # a size beyond its bounds (a negative one, say) is another effect: what is left of the gain counts
+                taken[number] = np.clip(vector[place] + x, c.lower, c.upper) - vector[place]
+                vector[place] += taken[number]
+        gain = float(2 * taken @ pull - taken @ matrix @ taken)
+        return Candidate(candidate.piece.with_vector(vector), candidate.number, candidate.grown, gain)
+
+    def step(self, columns: Sequence[Column]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Linear step of new columns beside all fitted ones, their reduced normal matrix, and right side."""
+        count, size = len(columns), len(self.fit.inverse)
+        own, cross, pull = np.zeros((count, count)), np.zeros((count, size)), np.zeros(count)
+        by_place: dict[int, list[tuple[int, ComplexArray]]] = {}
+        for number, (places, values) in enumerate(columns):
+            for j, place in enumerate(places):
+                by_place.setdefault(int(place), []).append((number, values[:, j]))
+        for place, found in by_place.items():
+            index = np.array([n for n, _ in found])
+            design = _real(np.stack([v for _, v in found], axis=1))
+            weighted = design * np.tile(self.weights[:, place], 2)[:, None]
+            r = _real(self.fit.residual[:, place, None])[:, 0]
+            own[np.ix_(index, index)] += weighted.T @ design
+            pull[index] += r @ weighted
+            if place in self._by_place:
+                fitted, other = self._by_place[place]
+                cross[index[:, None], np.array(fitted)[None, :]] += weighted.T @ other
+        reduced = own - cross @ self.fit.inverse @ cross.T
+        scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
+        seen = np.diag(reduced) > 1e-6 * np.diag(own)
+        step = np.zeros(count)
+        if seen.any():
+            matrix = (reduced / scale[:, None] / scale[None, :])[np.ix_(seen, seen)]
+            right = (pull / scale)[seen]
+            step[seen] = np.linalg.pinv(matrix, rcond=1e-8, hermitian=True) @ right
+        return step / scale, reduced, pull
+
+
+def _real(values: ComplexArray) -> FloatArray:
+    """Real parts above imaginary parts, (2n, p); the mean has none, and nothing fits there either."""
+    return np.concatenate([values.real, values.imag])

@@ -1,0 +1,338 @@
+"""From the last fit to claims: names that hold, parameters of the rig that changed, names that the data cannot tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from st_codegen.reconcile.candidates import STAGES, Candidate, Search
+from st_codegen.reconcile.evidence import P_CLUSTERS, Evidence, chi_square_tail, judge, p_of_clusters
+from st_codegen.reconcile.fitting import Fit, State, fit, inverse
+from st_codegen.reconcile.observations import rms_deg
+from st_codegen.reconcile.parameters import Coordinate, Piece
+from st_codegen.reconcile.remaining import structure
+from st_codegen.rig.effects import Catalogue, Conditions, Effect, Stage
+from st_codegen.rig.effects.base import ComplexArray
+from st_codegen.rig.model import RigModel
+
+#: an effect whose orders keep more structure than this share of what it explains is not named
+_MISFIT = 0.3
+#: twice the loss by which another name may be worse and still be as good a name: 1 in 1000 by chance for one parameter
+_AS_GOOD = 11.0
+_P_CHANGED = 1e-7
+_TRIES = 5
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Where two names predict different things: conditions, and RMS and largest difference (deg)."""
+
+    name: str
+    other: str
+    text: str
+    sign: float
+    speed_rpm: float
+    torque_Nm: float
+    temperature_C: float
+    difference_deg: float
+
+
+@dataclass(frozen=True)
+class Claim:
+    """An effect that is missing in the rig: its piece, evidence, equally good names, and how to tell them apart.
+
+    share: of the gap (power) that the effect explains; misfit: structure left on its orders over what it explains.
+    """
+
+    piece: Piece
+    stderr: dict[str, float]
+    evidence: Evidence
+    alternatives: tuple[str, ...]
+    experiments: tuple[Experiment, ...]
+    share: float
+    extrapolates: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Retuned:
+    """An effect of the rig whose parameters the data contradict."""
+
+    before: Effect
+    after: Effect
+    stderr: dict[str, float]
+    p: float
+
+
+@dataclass(frozen=True)
+class Conclusions:
+    """What is claimed, and the fit behind it (all parameters free: `joint`; unchanged ones held: `final`)."""
+
+    joint: Fit
+    final: Fit
+    claims: tuple[Claim, ...]
+    retuned: tuple[Retuned, ...]
+    offset_changed: bool
+
+
+def without_misfits(current: Fit) -> tuple[Fit, list[Piece]]:
+    """Take back additions whose orders keep too much structure: the data want something else there."""
+    dropped: list[Piece] = []
+    while True:
+        found = structure(current.target, current.residual)
+        worst: tuple[float, int] | None = None
+        for number, piece in enumerate(current.state.pieces):
+            if not piece.added:
+                continue
+            ratio = _misfit(current, piece, found.power * found.significant)
+            if ratio > _MISFIT and (worst is None or ratio > worst[0]):
+                worst = (ratio, number)
+        if worst is None:
+            return current, dropped
+        dropped.append(current.state.pieces[worst[1]])
+        current = fit(current.target, current.state.without(worst[1]))
+
+
+def explained(current: Fit, piece: Piece) -> ComplexArray:
+    """What a piece contributes to the measured coefficients, (n, K)."""
+    propagation = current.propagation
+    return propagation.measured(propagation.change(piece.effect), piece.effect.stage)
+
+
+def _misfit(current: Fit, piece: Piece, left: np.ndarray) -> float:
+    """Structure left on the orders of a piece, over what it explains there, by the order that matters most."""
+    weight = np.where(current.target.data.orders == 0, 1.0, 0.5)
+    own = (np.abs(explained(current, piece)[current.target.good]) ** 2).mean(axis=0) * weight
+    mine = own > 0.05 * own.sum()
+    return float((left * weight)[mine].sum() / max(own[mine].sum(), 1e-300))
+
+
+def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
+    """Claims with evidence, changed parameters, alternatives."""
+    added = [i for i, piece in enumerate(joint.state.pieces) if piece.added]
+    changed, offset_changed = _changed(joint)
+    held = _held(joint, changed, offset_changed)
+    final = fit(joint.target, held) if added or changed or offset_changed else joint
+    if not (added or changed or offset_changed):
+        final = replace(
+            joint, state=_original(joint.state), residual=joint.target.residual(_original(joint.state).model())
+        )
+    claims = []
+    for i in added:
+        smaller = fit(joint.target, joint.state.without(i))
+        places = list(range(joint.state.slices()[i].start, joint.state.slices()[i].stop))
+        evidence = judge(smaller, joint, places, i)
+        others = _as_good(smaller, joint, i, known)
+        piece = final.state.pieces[i]
+        claims.append(
+            Claim(
+                piece=piece,
+                stderr=standard_errors(joint, i),
+                evidence=evidence,
+                alternatives=tuple(sorted({other.name for other, _ in others} - {piece.effect.name})),
+                experiments=tuple(_experiment(joint, fitted, i, other) for other, fitted in others),
+                share=_share(rig, final, piece),
+                extrapolates=_extrapolates(joint, piece),
+            )
+        )
+    retuned = [
+        Retuned(_origin(joint.state.pieces[i]), final.state.pieces[i].effect, standard_errors(joint, i), p)
+        for i, p in changed.items()
+    ]
+    return Conclusions(joint, final, tuple(claims), tuple(retuned), offset_changed)
+
+
+def _origin(piece: Piece) -> Effect:
+    return piece.origin or piece.effect
+
+
+def _original(state: State) -> State:
+    pieces = tuple(Piece(_origin(piece), frozenset(), False, piece.origin) for piece in state.pieces)
+    return State(state.rig, state.rig.zero_offset_deg, pieces)
+
+
+def _changed(joint: Fit) -> tuple[dict[int, float], bool]:
+    """Pieces of the rig whose own values the data refuse: by chance, and by clusters of runs."""
+    found = {}
+    vector = joint.state.vector()
+    for i, (piece, place) in enumerate(zip(joint.state.pieces, joint.state.slices(), strict=True)):
+        if piece.added or piece.origin is None or place.start == place.stop:
+            continue
+        own = Piece(piece.origin, piece.free)
+        places = list(range(place.start, place.stop))
+        p = _p_of(joint, places, vector[places] - own.vector())
+        if piece.effect.values.keys() != piece.origin.values.keys() or p < _P_CHANGED:
+            found[i] = p
+    offset = _p_of(joint, [0], vector[:1] - joint.state.rig.zero_offset_deg) < _P_CHANGED
+    return found, offset
+
+
+def _p_of(joint: Fit, places: list[int], difference: np.ndarray) -> float:
+    """The larger chance of both tests; the one by clusters is brought to the scale of the other."""
+    block = joint.inverse[np.ix_(places, places)]
+    plain = chi_square_tail(float(difference @ inverse(block) @ difference), len(places))
+    clusters = p_of_clusters(joint, places, difference)
+    return plain if clusters < P_CLUSTERS else max(plain, clusters)
+
+
+def _held(joint: Fit, changed: dict[int, float], offset_changed: bool) -> State:
+    """The state with what did not change at the rig's own values, and not free."""
+    pieces = [
+        piece
+        if piece.added or i in changed or piece.origin is None
+        else Piece(piece.origin, frozenset(), False, piece.origin)
+        for i, piece in enumerate(joint.state.pieces)
+    ]
+    offset = joint.state.offset if offset_changed else joint.state.rig.zero_offset_deg
+    return State(joint.state.rig, offset, tuple(pieces), offset_changed)
+
+
+def standard_errors(joint: Fit, number: int) -> dict[str, float]:
+    """Standard errors of the free keys of a piece, from the covariance of the joint fit; lists: `key[order]`."""
+    piece, place = joint.state.pieces[number], joint.state.slices()[number]
+    covariance = joint.covariance[place, place]
+    coordinates, vector = piece.coordinates(), piece.vector()
+    found: dict[str, float] = {}
+    listed = piece.effect.orders_key == "orders"
+    for i, c in enumerate(coordinates):
+        suffix = f"[{piece.effect.orders[c.place]}]" if listed and c.part else ""
+        spread = float(np.sqrt(max(float(covariance[i, i]), 0.0)))
+        if c.part == 0:
+            found[c.key] = spread / vector[i] ** 2 if _is_inverse(c) else spread
+        elif c.part == 1:
+            re, im = float(vector[i]), float(vector[i + 1])
+            size = max(float(np.hypot(re, im)), 1e-300)
+            along, across = np.array([re, im]) / size, np.array([-im, re]) / size
+            block = covariance[i : i + 2, i : i + 2]
+            found[c.key + suffix] = float(np.sqrt(max(float(along @ block @ along), 0.0)))
+            found[c.phase_key + suffix] = float(np.sqrt(max(float(across @ block @ across), 0.0)) / size)
+    return found
+
+
+def _is_inverse(c: Coordinate) -> bool:
+    return c.form.value == "inverse"
+
+
+def _share(rig: RigModel, final: Fit, piece: Piece) -> float:
+    """Share of the gap (power above what is left at the end) that a piece explains."""
+    good, orders = final.target.good, final.target.data.orders
+    first = final.target.residual(rig)[good]
+    before = rms_deg(first, orders) ** 2
+    without = rms_deg(final.residual[good] + explained(final, piece)[good], orders) ** 2
+    after = rms_deg(final.residual[good], orders) ** 2
+    return float(np.clip((without - after) / max(before - after, 1e-300), 0.0, 1.0))
+
+
+def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> list[tuple[Candidate, Fit]]:
+    """Other effects that explain what this one does about as well."""
+    piece = joint.state.pieces[number]
+    own = set(piece.effect.touched_orders())
+    # one order more or less is no resonance; it stands against other effects on many orders only
+    stages = STAGES if len(own) > 2 else tuple(stage for stage in STAGES if stage is not Stage.STRUCTURE)
+    finder = Search(known, smaller, stages=stages, touching=sorted(own))
+    limit = joint.loss + _AS_GOOD
+    best: dict[str, Candidate] = {}
+    for c in finder.ranked(least=20.0):
+        touched = set(c.piece.effect.touched_orders())
+        if c.name == piece.effect.name or not touched & own or c.name in best:
+            continue
+        if c.gain > 0.3 * (smaller.loss - joint.loss):
+            best[c.name] = c
+    found = []
+    for c in list(best.values())[:_TRIES]:
+        fitted = fit(joint.target, c.put_into(smaller.state))
+        extra = len(c.coordinates()) - len(piece.coordinates())
+        if fitted.loss + 2.0 * max(extra, 0) < limit:
+            found.append((c, fitted))
+    return found
+
+
+def _experiment(joint: Fit, other_fit: Fit, number: int, other: Candidate) -> Experiment:
+    """The operating point at which the two models differ most, in the measured range and half as far beyond it."""
+    at = joint.target.data.at
+    box = [_around(values) for values in (at.speed_rpm, at.torque_Nm, at.temperature_C)]
+    mesh = [axis.ravel() for axis in np.meshgrid(*box, [1.0, -1.0], indexing="ij")]
+    points = Conditions(mesh[3], np.maximum(mesh[0], 1.0), np.maximum(mesh[1], 0.0), mesh[2])
+    one, two = joint.state.model(), other_fit.state.model()
+    difference = _difference(one, two, points)
+    row = int(np.argmax(difference))
+    name = joint.state.pieces[number].effect.name
+    largest = float(difference[row])
+    size = float(np.sqrt((np.abs(explained(joint, joint.state.pieces[number])) ** 2).sum(axis=1).mean()))
+    if largest < 0.02 * size:
+        effect = other.piece.effect
+        text = (
+            effect.experiment or joint.state.pieces[number].effect.experiment or ("no operating point tells them apart")
+        )
+    else:
+        direction = "forward" if points.sign[row] > 0 else "backward"
+        text = (
+            f"measure at {points.speed_rpm[row]:.0f} rpm, {points.torque_Nm[row]:.0f} N m and "
+            f"{points.temperature_C[row]:.0f} degC, {direction}: there the two differ by {largest:.2g} deg RMS"
+        )
+    return Experiment(
+        name,
+        other.name,
+        text,
+        float(points.sign[row]),
+        float(points.speed_rpm[row]),
+        float(points.torque_Nm[row]),
+        float(points.temperature_C[row]),
+        largest,
+    )
+
+
+def _around(values: np.ndarray) -> np.ndarray:
+    """Levels over the range of the values and half as far beyond it, no load among them where it is near."""
+    low, high = float(values.min()), float(values.max())
+    span = max(high - low, 0.25 * abs(high), 1e-9)
+    return np.unique(np.concatenate([np.linspace(max(low - span / 2, 0.0), high + span / 2, 9), [low, high]]))
+
+
+def _difference(one: RigModel, two: RigModel, points: Conditions) -> np.ndarray:
+    orders = sorted({*one.orders(), *two.orders()})
+    both = one.coefficients(points, orders) - two.coefficients(points, orders)
+    weight = np.where(np.array(orders) == 0, 1.0, 0.5)
+    found: np.ndarray = np.sqrt((weight * np.abs(both) ** 2).sum(axis=1))
+    return found
+
+
+def _extrapolates(joint: Fit, piece: Piece) -> tuple[str, ...]:
+    """Remarks where a parameter lies at a bound or outside of what was measured."""
+    remarks = []
+    at = joint.target.data.at
+    for c, x in zip(piece.coordinates(), piece.vector(), strict=True):
+        if c.part == 0 and not c.linear and min(x - c.lower, c.upper - x) < 1e-3 * (c.upper - c.lower):
+            remarks.append(f"{c.key} lies at the edge of what the catalogue allows")
+    seating = piece.effect.values.get("seating_torque_Nm")
+    if isinstance(seating, float) and np.sum(np.unique(np.abs(at.torque_Nm)) < 2 * seating) < 2:
+        remarks.append("too few torques near the seating torque: it is an extrapolation")
+    frequency = piece.effect.values.get("frequency_Hz")
+    if isinstance(frequency, float):
+        turn = at.speed_rpm / (60 * piece.effect.constants.reduction_ratio)
+        outside = [k for k in piece.effect.orders if not k * turn.min() < frequency < k * turn.max()]
+        if outside:
+            remarks.append(f"orders {', '.join(map(str, outside))} do not reach the frequency in the measured speeds")
+    return tuple(remarks)
+
+
+def held_out_gap(current: Fit, axes: Sequence[str] = ("speed", "torque", "temperature")) -> float:
+    """RMS (deg) on left-out levels, each fold predicted with parameters fitted to the others; all axes together."""
+    target = current.target
+    powers = []
+    for axis in axes:
+        folds = target.groups.folds[axis]
+        if len(np.unique(folds)) < 3:
+            continue
+        residual = current.residual.copy()
+        for fold in np.unique(folds):
+            inside = folds == fold
+            matrix = current.normal.matrix[~inside].sum(axis=0) + np.diag(current.prior)
+            pull = current.normal.gradient[~inside].sum(axis=0)
+            vector = current.state.vector() + inverse(matrix) @ pull
+            rows = inside[target.groups.cells]
+            model = current.state.with_vector(np.clip(vector, *current.bounds)).model()
+            residual[rows] = target.residual(model)[rows]
+        powers.append(rms_deg(residual[target.good], target.data.orders) ** 2)
+    return float(np.sqrt(np.mean(powers))) if powers else rms_deg(current.residual[target.good], target.data.orders)

@@ -1,0 +1,173 @@
+"""Whether an effect is there: significance, held-out conditions, stability. All must agree before a name is given."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from st_codegen.reconcile.fitting import Fit, by_group, inverse
+from st_codegen.reconcile.noise import BoolArray
+from st_codegen.rig.effects import Form
+from st_codegen.rig.effects.base import FloatArray, IntArray
+
+#: chance of a false addition that each test of one candidate is allowed; about 100 candidates are tried on a data set,
+#: and the tests must all pass, so that well under 1 % of data sets without a missing effect see a false name
+P_CHANCE = 1e-6
+P_CLUSTERS = 1e-4
+#: an effect must stand as high as the noise of a single coefficient: noise that lasts over runs can look like less
+LEAST_SIZE = 1.0
+_RESAMPLINGS = 60
+_STABLE = 0.9
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What speaks for an effect.
+
+    loss_saved: of twice the loss; parameters: how many it has; p_chance: of that much saved by noise that is
+    independent from run to run; p_clusters: the same when runs of about the same speed and temperature may have noise
+    in common; held_out: loss saved (per run) on conditions that were left out of the fit, by axis; stability: share of
+    resampled data sets in which the effect keeps its size and sign; size_in_noise: RMS of its contribution to the
+    coefficients that it touches over the noise of one of them.
+    """
+
+    loss_saved: float
+    parameters: int
+    p_chance: float
+    p_clusters: float
+    held_out: Mapping[str, float]
+    stability: float
+    size_in_noise: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether all tests agree."""
+        losses = list(self.held_out.values())
+        held = sum(x > 0 for x in losses) >= max(1, len(losses) - 1) and sum(losses) > 0 if losses else True
+        likely = self.p_chance < P_CHANCE and self.p_clusters < P_CLUSTERS
+        return likely and held and self.stability >= _STABLE and self.size_in_noise >= LEAST_SIZE
+
+
+def judge(without: Fit, with_it: Fit, places: list[int], number: int, seed: int = 0) -> Evidence:
+    """Compare two fits of the same data; `places`: coordinates of the effect in the larger one, `number`: its piece."""
+    saved = without.loss - with_it.loss
+    count = len(places)
+    return Evidence(
+        loss_saved=saved,
+        parameters=count,
+        p_chance=chi_square_tail(saved, count),
+        p_clusters=p_of_clusters(with_it, places, with_it.state.vector()[places]),
+        held_out=held_out(without, with_it),
+        stability=stability(with_it, places, seed),
+        size_in_noise=size_in_noise(with_it, places, number),
+    )
+
+
+def size_in_noise(fit: Fit, places: list[int], number: int) -> float:
+    """RMS of what coordinates contribute, in standard deviations of one measured number, over the orders they touch."""
+    piece, place = fit.state.pieces[number], fit.state.slices()[number]
+    vector = piece.vector()
+    without = vector.copy()
+    for i, c in enumerate(piece.coordinates()):
+        if place.start + i in places and c.linear:
+            without[i] = c.lower if c.form is Form.INVERSE else 0.0
+    propagation = fit.propagation
+    changes = [propagation.change(p.effect) for p in (piece, piece.with_vector(without))]
+    if all(not c.linear for c in piece.coordinates()):
+        changes[1] = np.zeros_like(changes[0])
+    part = propagation.measured(changes[0] - changes[1], piece.effect.stage)[fit.target.good]
+    squares = ((np.abs(part) / fit.target.sigma[fit.target.good]) ** 2).mean(axis=0)
+    parts = np.where(fit.target.data.orders == 0, 1, 2)
+    touched = squares / parts > 0.1 * (squares / parts).max(initial=0.0)
+    return float(np.sqrt(squares[touched].sum() / max(parts[touched].sum(), 1)))
+
+
+def p_of_clusters(fit: Fit, places: list[int], difference: FloatArray) -> float:
+    """Chance of a difference from zero by noise that is shared within clusters of runs (Hotelling's T squared)."""
+    covariance = fit.covariance[np.ix_(places, places)]
+    square = float(difference @ inverse(covariance) @ difference)
+    gradient = by_group(fit.normal.gradient, fit.target.groups.clusters)
+    clusters, count = int((np.abs(gradient).sum(axis=1) > 0).sum()), len(places)
+    if clusters <= count + 1:
+        # fewer clusters than parameters: independent runs are all that can be assumed
+        return chi_square_tail(square, count)
+    return f_tail(square * (clusters - count) / (count * (clusters - 1)), count, clusters - count)
+
+
+def held_out(without: Fit, with_it: Fit) -> dict[str, float]:
+    """Loss saved per run on left-out levels of speed, torque and temperature: each fold predicted from the others."""
+    found = {}
+    for axis, folds in with_it.target.groups.folds.items():
+        used = np.unique(folds)
+        if len(used) < 3:
+            continue
+        losses = [predicted_loss(fit, folds) for fit in (without, with_it)]
+        found[axis] = (losses[0] - losses[1]) / max(int(with_it.target.good.sum()), 1)
+    return found
+
+
+def predicted_loss(fit: Fit, folds: IntArray) -> float:
+    """Weighted squares of the residuals of each fold under the parameters of the others, in one linear step."""
+    matrix, gradient = (by_group(part, folds) for part in (fit.normal.matrix, fit.normal.gradient))
+    whole, pull = matrix.sum(axis=0) + np.diag(fit.prior), gradient.sum(axis=0)
+    loss = float(fit.target.losses(fit.residual).sum())
+    for own, g in zip(matrix, gradient, strict=True):
+        if not own.any():
+            continue
+        # the fit's own pull is zero but for bounds and priors, and stays out of it
+        step = inverse(whole - own) @ (-(g - pull * _share(own, whole)))
+        loss += float(-2 * step @ g + step @ own @ step)
+    return loss
+
+
+def _share(own: FloatArray, whole: FloatArray) -> FloatArray:
+    found: FloatArray = np.diag(own) / np.maximum(np.diag(whole), 1e-300)
+    return found
+
+
+def stability(fit: Fit, places: list[int], seed: int) -> float:
+    """Share of bootstrap samples of the clusters in which the effect keeps at least half its size and its sign."""
+    clusters = fit.target.groups.clusters
+    matrix, gradient = by_group(fit.normal.matrix, clusters), by_group(fit.normal.gradient, clusters)
+    random = np.random.default_rng(seed)
+    vector = fit.state.vector()[places]
+    metric = inverse(fit.inverse[np.ix_(places, places)])
+    norm = float(vector @ metric @ vector)
+    kept = 0
+    for _ in range(_RESAMPLINGS):
+        times = np.bincount(random.integers(0, len(matrix), len(matrix)), minlength=len(matrix)).astype(float)
+        step = inverse(np.tensordot(times, matrix, 1) + np.diag(fit.prior)) @ (times @ gradient)
+        kept += float(vector @ metric @ (vector + step[places])) > 0.5 * norm
+    return kept / _RESAMPLINGS
+
+
+def chi_square_tail(x: float, count: int) -> float:
+    """Chance that a chi-square of `count` degrees of freedom exceeds x."""
+    from scipy.stats import chi2
+
+    return float(chi2.sf(x, count)) if x > 0 else 1.0
+
+
+def f_tail(x: float, count: int, rest: int) -> float:
+    """Chance that an F with these degrees of freedom exceeds x."""
+    from scipy.stats import f
+
+    return float(f.sf(x, count, rest)) if x > 0 else 1.0
+
+
+def false_discoveries(p: FloatArray, rate: float) -> BoolArray:
+    """Which of several tests stand at a false discovery rate (Benjamini and Hochberg)."""
+    ranked = np.argsort(p)
+    passed = np.flatnonzero(p[ranked] <= rate * np.arange(1, len(p) + 1) / len(p))
+    found = np.zeros(len(p), bool)
+    if len(passed):
+        found[ranked[: passed[-1] + 1]] = True
+    return found
+
+
+def digits(p: float) -> float:
+    """-log10 of a chance, at most 300: for reports."""
+    return min(300.0, -math.log10(max(p, 1e-300)))

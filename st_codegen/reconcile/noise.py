@@ -1,0 +1,239 @@
+"""Noise floor and bad runs, from the data alone: how far a run lies from what its neighbours let expect.
+
+Runs at about the same speed and neighbouring torques and temperatures predict each run by a local plane. What is left
+is noise, whatever the model lacks, as long as that varies smoothly with torque and temperature.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from st_codegen.reconcile.observations import Observations
+from st_codegen.rig.effects import Conditions
+from st_codegen.rig.effects.base import ComplexArray, FloatArray, IntArray
+
+BoolArray = npt.NDArray[np.bool_]
+#: neighbours of a local plane
+_NEIGHBOURS = 10
+#: median of |x| for a normal x, and of the length of a vector of two: 0.6745, sqrt(2*ln 2)
+_MEDIAN_1, _MEDIAN_2 = 0.67449, 1.17741
+#: a run is suspected when its distance is this many times what is usual
+_SUSPECT = 6.0
+
+
+@dataclass(frozen=True)
+class Contrasts:
+    """Local contrasts: e_i = (y_i - sum_j w_ij y_j) / norm_i has the variance of the noise.
+
+    index: int (n, m) neighbours; weight: float64 (n, m), 0 for none; norm: float64 (n,), inf where there are too few.
+    """
+
+    index: IntArray
+    weight: FloatArray
+    norm: FloatArray
+
+    def apply(self, values: ComplexArray) -> ComplexArray:
+        """Contrasts of values (n, K)."""
+        predicted = np.einsum("nm,nmk->nk", self.weight, values[self.index])
+        found: ComplexArray = (values - predicted) / self.norm[:, None]
+        return found
+
+    @property
+    def usable(self) -> BoolArray:
+        """Rows that have neighbours enough."""
+        return np.isfinite(self.norm)
+
+
+def contrasts(at: Conditions, good: BoolArray) -> Contrasts:
+    """Contrasts of each run against good runs of the same direction. The last few are kept."""
+    key = (id(at.sign), id(at.speed_rpm), good.tobytes())
+    if key not in _KEPT:
+        if len(_KEPT) > 8:
+            _KEPT.clear()
+        _KEPT[key] = (at, _contrasts(at, good))
+    return _KEPT[key][1]
+
+
+#: the conditions are kept with the contrasts, so that their identity is theirs
+_KEPT: dict[tuple[int, int, bytes], tuple[Conditions, Contrasts]] = {}
+
+
+def _contrasts(at: Conditions, good: BoolArray) -> Contrasts:
+    n = len(at)
+    scaled = np.stack([_scaled(at.speed_rpm, 4.0), _scaled(at.torque_Nm, 1.0), _scaled(at.temperature_C, 1.0)], axis=1)
+    count = _NEIGHBOURS
+    index = np.zeros((n, count), np.int64)
+    weight = np.zeros((n, count))
+    norm = np.full(n, np.inf)
+    for sign in (1.0, -1.0):
+        rows = np.flatnonzero(at.sign == sign)
+        pool = rows[good[rows]]
+        if len(pool) <= count:
+            continue
+        distance = ((scaled[rows][:, None] - scaled[pool][None]) ** 2).sum(axis=2)
+        distance[rows[:, None] == pool[None]] = np.inf
+        nearest = np.argpartition(distance, count, axis=1)[:, :count]
+        chosen = pool[nearest]
+        offsets = scaled[chosen] - scaled[rows][:, None]
+        # coordinates that do not vary among the neighbours drop out of the pseudo-inverse
+        design = np.concatenate([np.ones((len(rows), count, 1)), offsets], axis=2)
+        index[rows] = chosen
+        weight[rows] = np.linalg.pinv(design, rcond=1e-6)[:, 0]
+        norm[rows] = np.sqrt(1 + (weight[rows] ** 2).sum(axis=1))
+    # an extrapolated prediction says little
+    norm[norm > 2.5] = np.inf
+    return Contrasts(index, weight, norm)
+
+
+def _scaled(values: FloatArray, factor: float) -> FloatArray:
+    """Values in steps of their grid (or a tenth of their range), times a factor."""
+    levels = np.unique(values)
+    if len(levels) < 2:
+        return np.zeros(len(values))
+    step = max(float(np.median(np.diff(levels))), float(np.ptp(levels)) / 20)
+    found: FloatArray = values * (factor / step)
+    return found
+
+
+def sigma_of(values: ComplexArray, orders: IntArray) -> FloatArray:
+    """Robust standard deviation of one component (real or imaginary) per order, float64 (K,)."""
+    size = np.abs(np.where(orders == 0, values.real, values))
+    median = np.median(size, axis=0) if len(values) else np.zeros(len(orders))
+    found: FloatArray = median / np.where(orders == 0, _MEDIAN_1, _MEDIAN_2)
+    return found
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What the data say about their noise.
+
+    sigma: float64 (n, K), standard deviation of one component, by row (direction) and order; floor_rms: float64 (K,),
+    RMS of one component, tails included; good: bool (n,); suspects: rows and their distance (1 is usual).
+    """
+
+    sigma: FloatArray
+    floor_rms: FloatArray
+    good: BoolArray
+    suspects: tuple[tuple[int, float], ...]
+
+
+def estimate(data: Observations, residual: ComplexArray, least: FloatArray | None = None) -> Noise:
+    """Noise from the contrasts of residuals (n, K); bad runs are found one after the other and left out."""
+    if data.angle_rad is not None:
+        return _of_samples(data, residual)
+    good = np.ones(len(data), bool)
+    suspects: dict[int, float] = {}
+    for _ in range(6):
+        local = contrasts(data.at, good)
+        if local.usable.sum() < 8:
+            break
+        e = local.apply(residual)
+        sigma = _sigma_by_direction(data, e, good & local.usable)
+        distance = _distances(e, sigma, local.usable)
+        usual = np.median(distance[local.usable & good])
+        found = np.flatnonzero(good & local.usable & (distance > _SUSPECT * max(usual, 1e-30)))
+        # a bad run also moves its neighbours: take the worst of each neighbourhood first
+        worst = [
+            row for row in found if distance[row] >= max(distance[[*local.index[row][local.weight[row] != 0], row]])
+        ]
+        if not worst or (~good).sum() + len(worst) > 0.1 * len(data):
+            break
+        for row in map(int, worst):
+            good[row] = False
+            suspects[row] = float(distance[row] / usual)
+    local = contrasts(data.at, good)
+    rows = good & local.usable
+    if rows.sum() >= 8:
+        e = local.apply(residual)
+        sigma = np.minimum(_sigma_by_direction(data, e, rows), _sigma_by_regression(data, residual, good))
+        kept = np.where(data.orders == 0, e[rows].real ** 2, np.abs(e[rows]) ** 2 / 2)
+        floor = np.sqrt(kept.mean(axis=0))
+    else:
+        sigma = np.broadcast_to(sigma_of(residual, data.orders), residual.shape).copy()
+        floor = sigma_of(residual, data.orders)
+    lowest = 1e-9 if least is None else least
+    ranked = tuple(sorted(suspects.items(), key=lambda item: -item[1]))
+    return Noise(np.maximum(sigma, lowest), np.maximum(floor, lowest), good, ranked)
+
+
+def _sigma_by_direction(data: Observations, e: ComplexArray, rows: BoolArray) -> FloatArray:
+    """Noise by direction and order, and by speed where it is clearly louder there (near a resonance)."""
+    sigma = np.zeros((len(data), len(data.orders)))
+    level = speed_levels(data.at.speed_rpm)
+    for sign in (1.0, -1.0):
+        of_sign = data.at.sign == sign
+        own = rows & of_sign
+        common = sigma_of(e[own if own.sum() >= 12 else rows], data.orders)
+        sigma[of_sign] = common
+        for number in np.unique(level):
+            here = own & (level == number)
+            if here.sum() >= 12:
+                louder = sigma_of(e[here], data.orders)
+                # the median of 12 or more scatters by a third: only what is beyond that counts
+                sigma[of_sign & (level == number)] = np.where(louder > 1.6 * common, louder, common)
+    return np.maximum(sigma, 1e-12)
+
+
+def _of_samples(data: Observations, residual: ComplexArray) -> Noise:
+    """Noise of samples over time: from third differences of neighbours, and from the residual itself."""
+    smooth = np.diff(residual.real, n=3, axis=0) / np.sqrt(20.0)
+    size = np.median(np.abs(smooth), axis=0) / _MEDIAN_1
+    sigma = np.maximum(np.minimum(size, np.median(np.abs(residual.real), axis=0) / _MEDIAN_1), 1e-12)
+    floor = np.sqrt((np.minimum(np.abs(smooth), 6 * size) ** 2).mean(axis=0))
+    return Noise(
+        np.broadcast_to(sigma, residual.shape).copy(), np.minimum(floor, 1.3 * sigma), np.ones(len(data), bool), ()
+    )
+
+
+def _sigma_by_regression(data: Observations, residual: ComplexArray, good: BoolArray) -> FloatArray:
+    """Noise from what a smooth function of the conditions leaves; inf where there are too few runs for one.
+
+    On a coarse grid neighbours lie far apart, and this is the better estimate.
+    """
+    sigma = np.full(residual.shape, np.inf)
+    n, m, t = (_unit(values) for values in (data.at.speed_rpm, data.at.torque_Nm, data.at.temperature_C))
+    near_zero = np.exp(-np.abs(data.at.torque_Nm) / 60.0)
+    design = np.stack([np.ones(len(n)), n, m, t, n * n, m * m, n * m, n * t, m * t, near_zero], axis=1)
+    for sign in (1.0, -1.0):
+        rows = good & (data.at.sign == sign)
+        if rows.sum() < 30:
+            continue
+        basis, _ = np.linalg.qr(design[rows])
+        weights = np.ones(residual[rows].shape)
+        left = residual[rows]
+        for _ in range(4):  # a few runs (near a resonance) must not bend it
+            left = residual[rows] - basis @ (basis.T @ (weights * left + (residual[rows] - left)))
+            size = np.abs(left)
+            weights = np.minimum(1.0, 2.5 * np.median(size, axis=0) / np.maximum(size, 1e-300))
+        free = rows.sum() / (rows.sum() - design.shape[1])
+        sigma[data.at.sign == sign] = sigma_of(left, data.orders) * np.sqrt(free)
+    return sigma
+
+
+def _unit(values: FloatArray) -> FloatArray:
+    found: FloatArray = (values - values.mean()) / max(float(np.ptp(values)), 1e-9)
+    return found
+
+
+def speed_levels(speed_rpm: FloatArray) -> IntArray:
+    """The speed level of each run: the grid's, or 12 groups of equal size where speeds do not repeat."""
+    levels, index = np.unique(speed_rpm, return_inverse=True)
+    if len(levels) <= 40:
+        return index.astype(np.int64)
+    cuts = np.quantile(speed_rpm, np.linspace(0, 1, 13)[1:-1])
+    return np.searchsorted(cuts, speed_rpm).astype(np.int64)
+
+
+def _distances(e: ComplexArray, sigma: FloatArray, usable: BoolArray) -> FloatArray:
+    """Distance of a run from its neighbours: RMS over orders of deviations in noise units, each at most 30.
+
+    The largest fifth of the orders does not count: a bad run is bad in several.
+    """
+    z = np.sort(np.minimum(np.abs(e) / sigma, 30.0), axis=1)
+    z = z[:, : max(1, z.shape[1] - max(1, z.shape[1] // 5))]
+    found = np.zeros(len(e))
+    found[usable] = np.sqrt((z[usable] ** 2).mean(axis=1))
+    return found

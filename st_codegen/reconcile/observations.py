@@ -1,0 +1,99 @@
+"""Measured runs as complex harmonic coefficients: what all of reconcile works on.
+
+A row is one direction of one run at constant conditions. TE(theta) = Re(sum over k of c_k * exp(i*k*theta)), deg.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from st_codegen.campaign.harmonic_table import HarmonicTable
+from st_codegen.rig.effects import Conditions
+from st_codegen.rig.effects.base import ComplexArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Measured coefficients.
+
+    at: conditions (n,); labels: name of each row for messages; orders: int (K,), rising; values: complex128 (n, K),
+    deg. Samples over time are rows of their own, with the TE in the place of order 0: then `angle_rad` (n,) is the
+    angle of each and `inside` the orders of which its TE is the sum.
+    """
+
+    at: Conditions
+    labels: tuple[str, ...]
+    orders: IntArray
+    values: ComplexArray
+    angle_rad: FloatArray | None = None
+    inside: tuple[int, ...] = ()
+
+    def model_orders(self) -> tuple[int, ...]:
+        """The orders whose coefficients a model must give."""
+        return tuple(self.orders.tolist()) if self.angle_rad is None else self.inside
+
+    def observed(self, coefficients: ComplexArray) -> ComplexArray:
+        """What is measured of coefficients (n, model orders): themselves, or their sum at the angle of each row."""
+        if self.angle_rad is None:
+            return coefficients
+        found: ComplexArray = (coefficients * self._waves).real.sum(axis=1, keepdims=True).astype(np.complex128)
+        return found
+
+    @cached_property
+    def _waves(self) -> ComplexArray:
+        angle = np.zeros(len(self)) if self.angle_rad is None else self.angle_rad
+        waves: ComplexArray = np.exp(1j * np.outer(angle, self.inside))
+        return waves
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    def rows(self, choice: Any) -> Observations:
+        """The rows that a mask or an index array chooses."""
+        index = np.arange(len(self))[choice]
+        return replace(
+            self,
+            at=self.at.rows(index),
+            labels=tuple(self.labels[i] for i in index),
+            values=self.values[index],
+            angle_rad=None if self.angle_rad is None else self.angle_rad[index],
+        )
+
+    def both_directions(self) -> bool:
+        """Whether there are rows of both directions."""
+        return bool((self.at.sign > 0).any() and (self.at.sign < 0).any())
+
+    def scaled(self, factor: float) -> Observations:
+        """The values times a factor (units)."""
+        return replace(self, values=self.values * factor)
+
+
+def from_table(table: HarmonicTable) -> Observations:
+    """The rows of a harmonic table."""
+    at = Conditions(
+        np.where(table.backward, -1.0, 1.0), table.speed_rpm.copy(), table.torque_Nm.copy(), table.temperature_C.copy()
+    )
+    return Observations(at, labels(at), np.array(table.orders, np.int64), np.array(table.coefficients))
+
+
+def labels(at: Conditions, files: Sequence[str] | None = None) -> tuple[str, ...]:
+    """Names of rows: file or conditions, and direction."""
+    names = []
+    for row in range(len(at)):
+        point = f"{at.speed_rpm[row]:g} rpm, {at.torque_Nm[row]:g} N m, {at.temperature_C[row]:g} degC"
+        direction = "forward" if at.sign[row] > 0 else "backward"
+        names.append(f"{point}, {direction}" if files is None else f"{files[row]} ({point}, {direction})")
+    return tuple(names)
+
+
+def rms_deg(values: ComplexArray, orders: IntArray, rows: FloatArray | None = None) -> float:
+    """RMS over angle and rows of curves with these coefficients, deg; `rows` are weights of the rows."""
+    power = np.where(orders == 0, 1.0, 0.5) * np.abs(values) ** 2
+    if not power.size:
+        return 0.0
+    return float(np.sqrt(np.average(power.sum(axis=1), weights=rows)))

@@ -1,0 +1,145 @@
+"""report.json, the new rig.toml and its diff: what other programs read."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from st_codegen.reconcile.conclusions import Claim, Retuned
+from st_codegen.reconcile.evidence import Evidence, digits
+from st_codegen.reconcile.run import Gap, Result
+from st_codegen.rig.effects import Effect
+
+
+def report(result: Result) -> dict[str, Any]:
+    """The content of report.json (DESIGN.md), and more beside it."""
+    claims = result.conclusions.claims
+    return {
+        "verdict": result.verdict,
+        "effects": [_group(group) for group in _by_name(claims)],
+        "retuned": [_retuned(entry) for entry in result.conclusions.retuned],
+        "unexplained": [
+            {
+                "order": s.order,
+                "dependence": {name: round(share, 4) for name, share in s.dependence.items()},
+                "direction": s.direction,
+                "size": s.rms_deg,
+                "share_of_gap": s.share,
+                "text": s.text,
+            }
+            for s in result.unexplained
+        ],
+        "gap": {"fitted": _gap(result.fitted), "held_out": _gap(result.held_out)},
+        "gap_by_order": [
+            {"order": g.order, "before": g.before, "after": g.after, "noise_floor": g.noise_floor}
+            for g in result.orders
+        ],
+        "suspect_runs": [f"{result.data.labels[row]}: {times:.1f} times the usual distance from its neighbours"
+                         for row, times in result.noise.suspects],
+        "zero_offset_deg": {
+            "rig": result.rig.zero_offset_deg,
+            "new": result.new_rig.zero_offset_deg,
+            "changed": result.conclusions.offset_changed,
+        },
+        "curves": len(result.data),
+        "orders": result.data.orders.tolist(),
+        "ranking": [
+            {"name": c.name, "orders": list(c.piece.effect.orders), "passed": e.passed, **_evidence(e)}
+            for c, e in result.judged
+        ],
+    }  # fmt: skip
+
+
+def _by_name(claims: Sequence[Claim]) -> list[list[Claim]]:
+    groups: dict[str, list[Claim]] = {}
+    for claim in claims:
+        groups.setdefault(claim.piece.effect.name, []).append(claim)
+    return list(groups.values())
+
+
+def _group(group: list[Claim]) -> dict[str, Any]:
+    """One entry of `effects`: all tables of one name; the order in brackets behind a key where there are several."""
+    several = len(group) > 1
+    parameters: dict[str, Any] = {}
+    for claim in group:
+        suffix = f"[{claim.piece.effect.orders[0]}]" if several and claim.piece.effect.orders else ""
+        for key, value in parameters_of(claim.piece.effect, claim.stderr).items():
+            parameters[key + suffix] = value
+    first = group[0]
+    return {
+        "name": first.piece.effect.name,
+        "title": first.piece.effect.title,
+        "orders": sorted({order for claim in group for order in claim.piece.effect.orders}),
+        "parameters": parameters,
+        "evidence": [_evidence(claim.evidence) for claim in group] if several else _evidence(first.evidence),
+        "alternatives": sorted({name for claim in group for name in claim.alternatives}),
+        "experiments": [
+            {"instead_of": e.name, "name": e.other, "text": e.text, "difference_deg": e.difference_deg}
+            for claim in group
+            for e in claim.experiments
+        ],
+        "share_of_gap": sum(claim.share for claim in group),
+        "remarks": sorted({text for claim in group for text in claim.extrapolates}),
+    }
+
+
+def parameters_of(effect: Effect, stderr: dict[str, float]) -> dict[str, Any]:
+    """Key -> value, standard error and unit; entries of lists as `key[order]`."""
+    units = {scalar.key: scalar.unit for scalar in effect.scalars}
+    for phasor in effect.phasors:
+        for backward in (False, True):
+            amplitude, phase = phasor.keys(backward)
+            units |= {amplitude: phasor.unit, phase: "rad"}
+    found: dict[str, Any] = {}
+    for key, value in effect.values.items():
+        if key in {"order", "orders"}:
+            continue
+        entries = zip(effect.orders, value, strict=True) if isinstance(value, tuple) else [(None, value)]
+        for order, number in entries:
+            name = key if order is None else f"{key}[{order}]"
+            if math.isfinite(number):
+                found[name] = {"value": number, "stderr": stderr.get(name), "unit": units.get(key, "")}
+    return found
+
+
+def _retuned(entry: Retuned) -> dict[str, Any]:
+    before = parameters_of(entry.before, {})
+    after = parameters_of(entry.after, entry.stderr)
+    return {
+        "name": entry.after.name,
+        "orders": list(entry.after.orders),
+        "parameters": {key: {"before": before.get(key, {}).get("value"), **value} for key, value in after.items()},
+        "digits_of_chance": round(digits(entry.p), 1),
+    }
+
+
+def _evidence(e: Evidence) -> dict[str, Any]:
+    return {
+        "loss_saved": e.loss_saved,
+        "parameters": e.parameters,
+        "p_chance": e.p_chance,
+        "p_clusters": e.p_clusters,
+        "held_out_loss_saved_per_curve": dict(e.held_out),
+        "stability": e.stability,
+        "size_in_noise": e.size_in_noise,
+    }
+
+
+def _gap(gap: Gap) -> dict[str, float]:
+    return {"before": gap.before, "after": gap.after, "noise_floor": gap.noise_floor}
+
+
+def report_text(result: Result) -> str:
+    """report.json as text."""
+    return json.dumps(report(result), indent=1, allow_nan=False) + "\n"
+
+
+def rig_diff(result: Result) -> str:
+    """Unified diff from the rig to the new rig."""
+    lines = difflib.unified_diff(
+        result.rig.text().splitlines(keepends=True), result.new_rig.text().splitlines(keepends=True), "rig.toml", "new"
+    )
+    return "".join(lines)

@@ -1,0 +1,204 @@
+"""report.html: findings, maps of the gap, ranking, curves before and after, the new rig."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from st_codegen.reconcile.conclusions import Claim
+from st_codegen.reconcile.evidence import digits
+from st_codegen.reconcile.output import parameters_of, rig_diff
+from st_codegen.reconcile.run import Result
+from st_codegen.reconcile.words import VERDICT_TEXT, sentence
+from st_codegen.report.html import Section, Table, page
+from st_codegen.report.picture import Draw, figure, figures
+from st_codegen.rig.effects.base import FloatArray
+
+_MOST_BARS = 24
+_SAMPLES = 720
+
+
+def report_page(result: Result) -> str:
+    """The report as one HTML page. Raises MissingExtraError without Matplotlib."""
+    sections = [_findings(result), _gap(result), _claims(result), _unexplained(result), _maps(result)]
+    sections += [_curves(result), _ranking(result), _runs(result), _rig(result)]
+    return page(
+        "What the rig model lacks", [s for s in sections if s is not None], summary=VERDICT_TEXT[result.verdict]
+    )
+
+
+def _findings(result: Result) -> Section:
+    found = result.conclusions
+    rows: list[list[Any]] = [[sentence(claim, result)] for claim in found.claims]
+    rows += [[f"{entry.after.title}: parameters of the rig that the data refuse"] for entry in found.retuned]
+    if found.offset_changed:
+        old, new = result.rig.zero_offset_deg, result.new_rig.zero_offset_deg
+        rows.append([f"the encoders' common zero moved from {old:.4g} to {new:.4g} deg"])
+    return Section("Findings", "" if rows else "No effect is claimed.", Table(["finding"], rows) if rows else None)
+
+
+def _gap(result: Result) -> Section:
+    rows: list[list[Any]] = []
+    for name, gap in (("fitted runs", result.fitted), ("held-out runs", result.held_out)):
+        times = gap.after / gap.noise_floor if gap.noise_floor else None
+        rows.append([name, gap.before, gap.after, gap.noise_floor, times])
+    table = Table(["RMS in deg", "before", "after", "noise floor", "after / floor"], rows)
+    text = (
+        "The gap is the RMS difference between model and measurement over the angle and all good runs. Held out: every "
+        "speed, torque and temperature was predicted once by parameters fitted without it."
+    )
+    return Section("The gap", text, table, [_bars(result)])
+
+
+def _bars(result: Result) -> str:
+    largest = sorted(result.orders, key=lambda gap: -gap.before)[:_MOST_BARS]
+    shown = sorted(largest, key=lambda gap: gap.order)
+    place = np.arange(len(shown))
+
+    def draw(axes: Any) -> None:
+        axes.bar(place - 0.2, [gap.before for gap in shown], 0.4, label="before")
+        axes.bar(place + 0.2, [gap.after for gap in shown], 0.4, label="after")
+        axes.plot(place, [gap.noise_floor for gap in shown], "k_", markersize=12, label="noise floor")
+        axes.set_yscale("log")
+        axes.set_xticks(place, [str(gap.order) for gap in shown])
+
+    return figure(draw, xlabel="order", ylabel="RMS, deg", title="Gap by order")
+
+
+def _claims(result: Result) -> Section | None:
+    claims = result.conclusions.claims
+    if not claims:
+        return None
+    rows = [row for claim in claims for row in _parameter_rows(claim)]
+    notes = [
+        f"{e.name} or {e.other}? {e.text}" for claim in claims for e in claim.experiments
+    ]  # fmt: skip
+    notes += [f"{claim.piece.effect.name}: {text}" for claim in claims for text in claim.extrapolates]
+    columns = ["effect", "order", "parameter", "value", "standard error", "unit"]
+    return Section("What is missing, with parameters", "\n\n".join(notes), Table(columns, rows))
+
+
+def _parameter_rows(claim: Claim) -> list[list[Any]]:
+    effect = claim.piece.effect
+    orders = ", ".join(map(str, effect.orders))
+    return [
+        [effect.name, orders, key, value["value"], value["stderr"], value["unit"]]
+        for key, value in parameters_of(effect, claim.stderr).items()
+    ]
+
+
+def _unexplained(result: Result) -> Section | None:
+    if not result.unexplained:
+        return None
+    rows = [[s.order, s.rms_deg, f"{100 * s.share:.2g} %", s.direction, s.text] for s in result.unexplained]
+    text = "Parts that stand above the noise and that no effect of the catalogue explains: by their signature."
+    return Section("What stays unexplained", text, Table(["order", "RMS, deg", "of the gap", "direction", ""], rows))
+
+
+def _maps(result: Result) -> Section | None:
+    """Residual over speed and torque for the loudest orders, before and after, in noise units."""
+    at = result.data.at
+    if result.data.angle_rad is not None or len(np.unique(at.speed_rpm)) < 3 or len(np.unique(at.torque_Nm)) < 3:
+        return None
+    loud = sorted(result.orders, key=lambda gap: -gap.before / max(gap.noise_floor, 1e-12))[:4]
+    before = result.target.residual(result.rig)
+    after = result.conclusions.final.residual
+    panels: list[tuple[str, Draw]] = []
+    for gap in loud:
+        place = int(np.flatnonzero(result.data.orders == gap.order)[0])
+        for name, values in (("before", before), ("after", after)):
+            size = np.abs(values[:, place]) / result.target.sigma[:, place]
+            panels.append((f"order {gap.order}, {name}", _scatter(at.speed_rpm, at.torque_Nm, size)))
+    text = "Residual over the noise of one coefficient (colour, from 0 to 10) by speed (rpm) and torque (N m)."
+    return Section("Where: maps of the residual", text, figures=[figures(panels, columns=2)])
+
+
+def _scatter(x: FloatArray, y: FloatArray, size: FloatArray) -> Draw:
+    def draw(axes: Any) -> None:
+        axes.scatter(x, y, c=np.minimum(size, 10.0), cmap="viridis", vmin=0, vmax=10, s=9)
+
+    return draw
+
+
+def _curves(result: Result) -> Section | None:
+    """Two measured curves, built from their orders, with the model before and after."""
+    data = result.data
+    if data.angle_rad is not None:
+        return None
+    before = np.abs(result.target.residual(result.rig)) ** 2 * result.target.good[:, None]
+    theta = np.linspace(0, 360, _SAMPLES)
+    waves = np.exp(1j * np.outer(data.orders, np.deg2rad(theta)))
+    panels: list[tuple[str, Draw]] = []
+    for sign in (1.0, -1.0):
+        rows = np.flatnonzero(data.at.sign == sign)
+        if not len(rows):
+            continue
+        row = int(rows[np.argmax(before[rows].sum(axis=1))])
+        point = data.at.rows(np.array([row]))
+        curves = [
+            (name, (values @ waves).real)
+            for name, values in (
+                ("measured", data.values[row]),
+                ("rig", result.rig.coefficients(point, data.orders.tolist())[0]),
+                ("new rig", result.new_rig.coefficients(point, data.orders.tolist())[0]),
+            )
+        ]
+        panels.append((data.labels[row], _lines(theta, curves)))
+    text = "The run with the largest gap in each direction; angle of the output in deg, TE in deg."
+    return Section("Curves", text, figures=[figures(panels, columns=1, size_cm=(16, 6))])
+
+
+def _lines(x: FloatArray, curves: Sequence[tuple[str, FloatArray]]) -> Draw:
+    def draw(axes: Any) -> None:
+        for name, y in curves:
+            axes.plot(x, y, label=name, linewidth=0.8)
+
+    return draw
+
+
+def _ranking(result: Result) -> Section | None:
+    if not result.judged:
+        return None
+    rows = [
+        [
+            candidate.name,
+            ", ".join(map(str, candidate.piece.effect.orders)),
+            "yes" if evidence.passed else "no",
+            evidence.loss_saved,
+            round(digits(evidence.p_chance), 1),
+            round(digits(evidence.p_clusters), 1),
+            ", ".join(f"{axis} {value:.2g}" for axis, value in evidence.held_out.items()),
+            evidence.stability,
+            evidence.size_in_noise,
+        ]
+        for candidate, evidence in result.judged
+    ]
+    columns = [
+        "candidate",
+        "order",
+        "passed",
+        "loss saved",
+        "digits of chance",
+        "the same, by clusters",
+        "held out (loss saved a curve)",
+        "stability",
+        "size over noise",
+    ]
+    text = "In the order in which they were tried. All tests must pass; docs/reconcile.md says which and how strict."
+    return Section("Ranking of candidates", text, Table(columns, rows))
+
+
+def _runs(result: Result) -> Section | None:
+    suspects = result.noise.suspects
+    if not suspects:
+        return None
+    rows = [[result.data.labels[row], times] for row, times in suspects]
+    text = "Runs that lie far from what their neighbours let expect, in several orders. They were left out of the fit."
+    return Section("Suspected bad runs", text, Table(["run", "times the usual distance"], rows))
+
+
+def _rig(result: Result) -> Section:
+    changes = rig_diff(result)
+    return Section("The new rig", "" if changes else "The rig stays as it is.", details=changes)

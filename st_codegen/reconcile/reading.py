@@ -1,0 +1,131 @@
+"""Measured data of every kind as observations: campaign folders, harmonic tables, order spectra."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from st_codegen.campaign.harmonic_table import read_table
+from st_codegen.campaign.orders import BAND
+from st_codegen.campaign.reader import read_campaign
+from st_codegen.errors import InputError
+from st_codegen.reconcile.noise import BoolArray
+from st_codegen.reconcile.observations import Observations, from_table, labels
+from st_codegen.rig.effects import Conditions
+from st_codegen.rig.model import RigModel
+
+Progress = Callable[[int, int, str], None]
+_LEAST_RUNS = 8
+_LEAST_POINTS = 5
+_DEGREES = 57.29577951308232
+
+
+def read_measured(path: Path, rig: RigModel, progress: Progress | None = None) -> Observations:
+    """Read a campaign folder or a harmonic table. Raises InputError for what cannot be read."""
+    if path.is_dir():
+        return _campaign(path, rig, progress)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file or folder")
+    return from_table(read_table(path))
+
+
+def columns_of(path: Path) -> list[str]:
+    """The header of a CSV file, or nothing."""
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            line = file.readline()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not readable as text ({error})") from None
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=";" if ";" in line else ","), [])]
+
+
+def _campaign(folder: Path, rig: RigModel, progress: Progress | None) -> Observations:
+    campaign = read_campaign(folder, progress=progress)
+    band = min(*(curve.sums.band for curve in campaign.curves), BAND)
+    wanted = [order for order in rig.orders() if order <= band]
+    first = campaign.fits(wanted, progress)
+    signs = np.array([1.0 if curve.direction.value == "forward" else -1.0 for curve in campaign.curves])
+    spectra = np.stack([fit.spectrum[: band + 1] for fit in first])
+    floors = np.stack([fit.spectrum_floor[: band + 1] for fit in first])
+    orders = sorted({0, *wanted, *np.flatnonzero(_loud(spectra, floors)).tolist()})
+    fits = campaign.fits(orders, progress)
+    at = Conditions(
+        signs,
+        np.array([curve.conditions.speed_rpm for curve in campaign.curves]),
+        np.array([curve.conditions.torque_Nm for curve in campaign.curves]),
+        np.array([curve.conditions.temperature_C for curve in campaign.curves]),
+    )
+    values = np.stack([fit.coefficients for fit in fits])
+    files = [curve.path.relative_to(folder).as_posix() for curve in campaign.curves]
+    return Observations(at, labels(at, files), np.array(orders, np.int64), values)
+
+
+def _loud(spectra: np.ndarray, floors: np.ndarray) -> BoolArray:
+    """Orders that hold more than noise in the mean of all runs, or much more in a few."""
+    power = (spectra / np.maximum(floors, 1e-30)) ** 2
+    runs = len(power)
+    # the power of noise is exponential with mean 1: the mean of n has the standard deviation 1/sqrt(n)
+    mean = np.minimum(power, 30.0).mean(axis=0) > 1 + 6 / np.sqrt(runs)
+    few = (power > 30.0).mean(axis=0) > max(0.01, 2.5 / runs)
+    loud: BoolArray = mean | few
+    return loud
+
+
+def check(data: Observations, rig: RigModel, path: Path) -> None:
+    """Refuse data that cannot be compared with the rig.
+
+    Raises InputError: no order in common, too few conditions, wrong units.
+    """
+    if not set(data.orders.tolist()) & set(rig.orders()) or not np.abs(data.values).any():
+        raise InputError(
+            f"{path}: no overlap with the rig: measured are the orders {_listed(data.orders.tolist())}, the rig has "
+            f"{_listed(list(rig.orders()))}; nothing can be compared"
+        )
+    points = len({*zip(data.at.speed_rpm, data.at.torque_Nm, data.at.temperature_C, strict=True)})
+    if len(data) < _LEAST_RUNS or points < _LEAST_POINTS:
+        raise InputError(
+            f"{path}: too few conditions for a claim: {points} operating points in {len(data)} curves; at least "
+            f"{_LEAST_POINTS} different conditions and {_LEAST_RUNS} curves are needed"
+        )
+    _check_units(data, rig, path)
+
+
+def _check_units(data: Observations, rig: RigModel, path: Path) -> None:
+    model = rig.coefficients(data.at, data.orders.tolist())
+    norms = np.abs(model).max(axis=0)
+    orders = np.flatnonzero(norms > 0)
+    if not len(orders):
+        return
+    # order by order the measured size over the simulated one; what is right for most of the TE decides
+    measured, simulated = (np.median(np.abs(values[:, orders]), axis=0) for values in (data.values, model))
+    sizes = np.log(np.maximum(measured, 1e-12) / np.maximum(simulated, 1e-12))
+    factor = float(np.exp(_weighted_median(sizes, norms[orders])))
+    ratio = rig.constants.reduction_ratio
+    known = {
+        1 / _DEGREES: "in rad instead of deg (a factor of 57.3)",
+        _DEGREES: "multiplied by 57.3, as if it had been in rad",
+        ratio: f"that of the motor side (a factor of {ratio:g})",
+        1 / ratio: f"divided by the reduction ratio (a factor of {ratio:g})",
+    }
+    near = sorted((f for f in known if abs(np.log(f / factor)) < 0.9), key=lambda f: abs(np.log(f / factor)))
+    if not near:
+        return
+    choices = "; or ".join(f"{known[f]}: then give --scale {1 / f:.8g}" for f in near)
+    raise InputError(
+        f"{path}: the measured TE is {factor:.3g} times the rig's. Is it {choices}? "
+        "If the machine really is that different, give --scale 1"
+    )
+
+
+def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
+    order = np.argsort(values)
+    total = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(total, total[-1] / 2)])
+
+
+def _listed(orders: list[int]) -> str:
+    shown = ", ".join(map(str, orders[:12]))
+    return shown + (", .." if len(orders) > 12 else "")

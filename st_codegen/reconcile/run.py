@@ -1,0 +1,192 @@
+"""Reconcile: rig and measured data in, what is missing out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from st_codegen.reconcile.candidates import Candidate
+from st_codegen.reconcile.conclusions import Conclusions, conclude, held_out_gap, without_misfits
+from st_codegen.reconcile.evidence import Evidence
+from st_codegen.reconcile.fitting import Fit, State, Target, groups_of
+from st_codegen.reconcile.noise import Noise, estimate
+from st_codegen.reconcile.observations import Observations, rms_deg
+from st_codegen.reconcile.parameters import Piece, piece_of
+from st_codegen.reconcile.reading import check, read_measured
+from st_codegen.reconcile.recordings import (
+    Recording,
+    coupling_link,
+    is_recording,
+    observations,
+    read_recordings,
+    servo_link,
+)
+from st_codegen.reconcile.remaining import Signature, Structure, lines_in_samples, signatures, structure
+from st_codegen.reconcile.selection import search, with_noise_of
+from st_codegen.rig.effects import Catalogue, Effect, Stage
+from st_codegen.rig.model import RigModel
+
+Progress = Callable[[int, int, str], None]
+VERDICTS = ("explained", "partly_explained", "nothing_missing", "unexplained")
+
+
+@dataclass(frozen=True)
+class Gap:
+    """RMS in deg between model and measurement over all good runs and angles, and what noise alone gives."""
+
+    before: float
+    after: float
+    noise_floor: float
+
+
+@dataclass(frozen=True)
+class OrderGap:
+    """The same for one order."""
+
+    order: int
+    before: float
+    after: float
+    noise_floor: float
+
+
+@dataclass(frozen=True)
+class Result:
+    """All that a report needs."""
+
+    rig: RigModel
+    new_rig: RigModel
+    data: Observations
+    target: Target
+    noise: Noise
+    conclusions: Conclusions
+    judged: tuple[tuple[Candidate, Evidence], ...]
+    significant: Structure
+    unexplained: tuple[Signature, ...]
+    fitted: Gap
+    held_out: Gap
+    orders: tuple[OrderGap, ...]
+
+    @property
+    def verdict(self) -> str:
+        """One of VERDICTS."""
+        named = bool(self.conclusions.claims or self.conclusions.retuned or self.conclusions.offset_changed)
+        if self.unexplained:
+            return "partly_explained" if named else "unexplained"
+        return "explained" if named else "nothing_missing"
+
+
+def reconcile_files(
+    rig: RigModel, measured: Path, known: Catalogue, *, scale: float | None = None, progress: Progress | None = None
+) -> Result:
+    """Read measured data and reconcile. Raises InputError for data that cannot be compared with the rig."""
+    files = recordings_in(measured)
+    if files:
+        return reconcile_recordings(rig, read_recordings(files), known, progress)
+    data = read_measured(measured, rig, progress)
+    if scale is None:
+        check(data, rig, measured)
+    else:
+        data = data.scaled(scale)
+    return reconcile_observations(rig, data, known, progress)
+
+
+def recordings_in(path: Path) -> list[Path]:
+    """The recordings that a path names: the file itself, or those of a folder; none where it is something else."""
+    files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
+    return [file for file in files if file.is_file() and is_recording(file)]
+
+
+def reconcile_recordings(
+    rig: RigModel, recordings: Sequence[Recording], known: Catalogue, progress: Progress | None = None
+) -> Result:
+    """Links of the axis, then the reducer's transmission error sample by sample."""
+    result = reconcile_observations(rig, observations(recordings, rig), known, progress)
+    links = [link for link in (servo_link(recordings, rig), coupling_link(recordings, rig)) if link is not None]
+    claims = tuple(link.claim for link in links if link.claim is not None)
+    retuned = tuple(link.retuned for link in links if link.retuned is not None)
+    found = result.conclusions
+    conclusions = replace(found, claims=(*found.claims, *claims), retuned=(*found.retuned, *retuned))
+    changed = {entry.before: entry.after for entry in retuned}
+    effects = [changed.get(effect, effect) for effect in result.new_rig.effects]
+    new_rig = replace(result.new_rig, effects=(*effects, *(claim.piece.effect for claim in claims)))
+    rest = tuple(
+        Signature(0, link.after, 1.0, {"constant": 1.0}, "both", link.unexplained) for link in links if link.unexplained
+    )
+
+    def whole(gap: Gap) -> Gap:
+        """The gap of all links together, at the output."""
+        sums = [
+            math.hypot(own, *others)
+            for own, others in (
+                (gap.before, [link.before for link in links]),
+                (gap.after, [link.after for link in links]),
+                (gap.noise_floor, [link.floor for link in links]),
+            )
+        ]
+        return Gap(*sums)
+
+    return replace(
+        result,
+        conclusions=conclusions,
+        new_rig=new_rig,
+        unexplained=(*result.unexplained, *rest),
+        fitted=whole(result.fitted),
+        held_out=whole(result.held_out),
+    )
+
+
+def reconcile_observations(
+    rig: RigModel, data: Observations, known: Catalogue, progress: Progress | None = None
+) -> Result:
+    """The statistical core on observations."""
+    model = data.observed(rig.coefficients(data.at, data.model_orders()))
+    noise = estimate(data, data.values - model)
+    target = Target(data, noise.sigma, noise.good, groups_of(data.at), rig.constants.reduction_ratio)
+    state = State(rig, rig.zero_offset_deg, tuple(map(_own, (e for e in rig.effects if e.stage is not Stage.AXIS))))
+    last, judged = search(target, state, known, progress)
+    last, _ = without_misfits(last)
+    conclusions = conclude(rig, last, known)
+    final = conclusions.final
+    target, noise = with_noise_of(final)
+    final_residual = final.residual
+    before = target.residual(rig)
+    weight = np.where(data.orders == 0, 1.0, 0.5)
+    found = structure(target, final_residual)
+    gap_power = float((weight * (np.abs(before[target.good]) ** 2).mean(axis=0)).sum())
+    describe = signatures if data.angle_rad is None else lines_in_samples
+    left = tuple(describe(target, final_residual, gap_power))
+    floor_power = weight * np.where(data.orders == 0, 1, 2) * noise.floor_rms**2
+    floor = float(np.sqrt(floor_power.sum()))
+    good = target.good
+    gaps = Gap(rms_deg(before[good], data.orders), rms_deg(final_residual[good], data.orders), floor)
+    held = Gap(gaps.before, held_out_gap(final), floor)
+    per_order = tuple(
+        OrderGap(
+            int(order),
+            rms_deg(before[good][:, [k]], data.orders[[k]]),
+            rms_deg(final_residual[good][:, [k]], data.orders[[k]]),
+            float(np.sqrt(floor_power[k])),
+        )
+        for k, order in enumerate(data.orders)
+    )
+    new_rig = _new_rig(rig, final, conclusions)
+    return Result(rig, new_rig, data, target, noise, conclusions, tuple(judged), found, left, gaps, held, per_order)
+
+
+def _own(effect: Effect) -> Piece:
+    return piece_of(effect, added=False, origin=effect)
+
+
+def _new_rig(rig: RigModel, final: Fit, conclusions: Conclusions) -> RigModel:
+    """The rig with what was found: changed parameters in place, new effects at the end."""
+    if not (conclusions.claims or conclusions.retuned or conclusions.offset_changed):
+        return rig
+    fitted = iter(piece for piece in final.state.pieces if not piece.added)
+    kept = [effect if effect.stage is Stage.AXIS else next(fitted).effect for effect in rig.effects]
+    new = [claim.piece.effect for claim in conclusions.claims]
+    offset = final.state.offset if conclusions.offset_changed else rig.zero_offset_deg
+    return replace(rig, zero_offset_deg=offset, effects=(*kept, *new))

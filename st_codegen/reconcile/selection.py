@@ -1,0 +1,181 @@
+"""Greedy search: add what explains most, take back what is no longer needed, stop when nothing passes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from st_codegen.reconcile.candidates import Candidate, Search
+from st_codegen.reconcile.evidence import Evidence, judge
+from st_codegen.reconcile.fitting import Fit, State, Target, fit
+from st_codegen.reconcile.noise import Noise, estimate
+from st_codegen.rig.effects import Catalogue, Stage
+
+#: Called with (steps done, steps at most, what is tried).
+Progress = Callable[[int, int, str], None]
+
+_MOST_EFFECTS = 40
+#: candidates whose full fit is tried before the search ends
+_TRIES = 4
+#: rounds of tries before the search ends
+_ROUNDS = 4
+#: share of the best net gain below which a candidate is not tried beside it
+_CLEAR = 0.5
+#: loss that a resonance must save at two frequencies at least, each
+_POINT_GAIN = 12.0
+#: two resonances of the same orders lie this far apart at least (relative)
+_APART = 0.1
+
+
+def search(
+    target: Target, state: State, known: Catalogue, progress: Progress | None = None
+) -> tuple[Fit, list[tuple[Candidate, Evidence]]]:
+    """Add effects until nothing passes. Returns the last fit, and everything that was judged, in order."""
+    current = fit(target, state)
+    judged: list[tuple[Candidate, Evidence]] = []
+    refused: set[object] = set()
+    for number in range(_MOST_EFFECTS):
+        if progress is not None:
+            progress(number, _MOST_EFFECTS, f"{len(current.state.pieces)} effects")
+        found = _next(current, known, refused, judged)
+        if found is None:
+            break
+        # what failed beside a missing effect may pass now
+        refused = set()
+        current = _pruned(found, refused)
+        # on coarse grids a missing effect passes for noise until it is named
+        current = fit(with_noise_of(current)[0], current.state)
+    return current, judged
+
+
+def _next(current: Fit, known: Catalogue, refused: set[object], judged: list[tuple[Candidate, Evidence]]) -> Fit | None:
+    finder = Search(known, current)
+    ranked = [c for c in finder.ranked(least=20.0) if finder.net(c) > 0]
+    for _ in range(_ROUNDS):
+        ranked = [c for c in ranked if c.identity not in refused]
+        if not ranked:
+            break
+        found = _first_that_passes(current, finder, _without_collectors(finder, ranked), refused, judged)
+        if found is not None:
+            return found
+    return None
+
+
+def _without_collectors(finder: Search, ranked: list[Candidate]) -> list[Candidate]:
+    """Ranked candidates; one on several orders stands behind those on single ones that together do better.
+
+    An effect with many free amplitudes gains on every order that lacks anything, whatever that is.
+    """
+    data = finder.data
+    of_order: dict[int, float] = {}
+    touched = {id(c): [k for k in c.piece.effect.touched_orders() if k in data.model_orders()] for c in ranked}
+    for c in ranked:
+        if 0 < len(touched[id(c)]) <= 2 and c.piece.effect.stage is not Stage.STRUCTURE:
+            for order in touched[id(c)]:
+                share = finder.net(c) / len(touched[id(c)])
+                of_order[order] = max(of_order.get(order, 0.0), share)
+    behind = [
+        c
+        for c in ranked
+        if len(touched[id(c)]) > 2 and sum(of_order.get(k, 0.0) for k in touched[id(c)]) > finder.net(c)
+    ]
+    return [c for c in ranked if c not in behind] + behind
+
+
+def _first_that_passes(
+    current: Fit,
+    finder: Search,
+    ranked: list[Candidate],
+    refused: set[object],
+    judged: list[tuple[Candidate, Evidence]],
+) -> Fit | None:
+    # a clear first needs no comparison with others
+    likely = [c for c in ranked[:_TRIES] if finder.net(c) > _CLEAR * finder.net(ranked[0])]
+    tried = [_tried(current, c) for c in likely]
+    tried.sort(key=lambda pair: pair[0].loss + finder.penalty * len(pair[1].coordinates()))
+    for fitted, candidate in tried:
+        start = fitted.state.slices()[candidate.place(fitted.state)].start
+        places = [start + i for i, _ in candidate.coordinates()]
+        evidence = judge(current, fitted, places, candidate.place(fitted.state))
+        judged.append((candidate, evidence))
+        if evidence.passed and at_two_frequencies(current, fitted, candidate):
+            return fitted
+        refused.add(candidate.identity)
+    return None
+
+
+def _tried(current: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:
+    """The fit with a candidate; of a resonance only the orders stay that reach its frequency."""
+    fitted = fit(current.target, candidate.put_into(current.state))
+    piece = fitted.state.pieces[candidate.place(fitted.state)]
+    effect = piece.effect
+    if effect.orders_key != "orders":
+        return fitted, candidate
+    turn = current.target.data.at.speed_rpm / (60 * effect.constants.reduction_ratio)
+    frequency = effect.scalar("frequency_Hz")
+    reaching = [i for i, k in enumerate(effect.orders) if 0.98 * k * turn.min() < frequency < 1.02 * k * turn.max()]
+    if len(reaching) in (0, len(effect.orders)):
+        return fitted, candidate
+    values = {
+        key: tuple(value[i] for i in reaching) if isinstance(value, tuple) else value
+        for key, value in effect.values.items()
+    }
+    smaller = replace(candidate, piece=replace(piece, effect=effect.with_values(values)))
+    return fit(current.target, smaller.put_into(current.state)), smaller
+
+
+def at_two_frequencies(without: Fit, with_it: Fit, candidate: Candidate) -> bool:
+    """A resonance must show at two different frequencies at least: one loud point can be anything."""
+    effect = with_it.state.pieces[candidate.place(with_it.state)].effect
+    if effect.stage is not Stage.STRUCTURE:
+        return True
+    data = with_it.target.data
+    saved = with_it.target.losses(without.residual) - with_it.target.losses(with_it.residual)
+    points = set()
+    low, high = np.inf, 0.0
+    turn = data.at.speed_rpm / (60 * effect.constants.reduction_ratio)
+    for order in effect.orders:
+        low, high = min(low, order * turn.min()), max(high, order * turn.max())
+        for column in np.flatnonzero(data.orders == order):
+            for speed in np.unique(data.at.speed_rpm):
+                if saved[data.at.speed_rpm == speed, column].sum() > _POINT_GAIN:
+                    points.add(round(order * speed / 10))
+    frequency = effect.scalar("frequency_Hz")
+    others = [piece.effect for piece in without.state.pieces if piece.effect.name == effect.name]
+    # what is left of a resonance that is not quite an oscillator's is not a second one
+    apart = all(
+        abs(frequency / other.scalar("frequency_Hz") - 1) > _APART or not set(other.orders) & set(effect.orders)
+        for other in others
+    )
+    return len(points) >= 2 and 1.02 * low < frequency < 0.98 * high and apart
+
+
+def _pruned(current: Fit, refused: set[object]) -> Fit:
+    """Backward removal: additions that the others made superfluous go."""
+    while True:
+        added = [i for i, piece in enumerate(current.state.pieces) if piece.added]
+        worst: tuple[float, int] | None = None
+        slices = current.state.slices()
+        for i in added:
+            places = list(range(slices[i].start, slices[i].stop))
+            block = current.inverse[np.ix_(places, places)]
+            vector = current.state.vector()[places]
+            score = float(vector @ np.linalg.pinv(block, hermitian=True) @ vector)
+            if worst is None or score < worst[0]:
+                worst = (score, i)
+        if worst is None or worst[0] > 25.0 + 2 * len(current.state.pieces[worst[1]].coordinates()):
+            return current
+        smaller = fit(current.target, current.state.without(worst[1]))
+        if smaller.loss - current.loss > 25.0:
+            return current
+        piece = current.state.pieces[worst[1]]
+        refused.add(Candidate(piece).identity)
+        current = smaller
+
+
+def with_noise_of(current: Fit) -> tuple[Target, Noise]:
+    """The target with the noise estimated from what the present fit leaves."""
+    noise = estimate(current.target.data, current.residual)
+    return replace(current.target, sigma=noise.sigma, good=noise.good), noise

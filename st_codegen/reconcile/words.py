@@ -1,0 +1,152 @@
+"""Findings in words that a maintenance engineer understands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from st_codegen.reconcile.conclusions import Claim
+from st_codegen.reconcile.run import Result
+from st_codegen.rig.effects import Effect
+from st_codegen.rig.effects.base import ARCMIN
+
+VERDICT_TEXT = {
+    "explained": "What was missing is named, and what is left is noise.",
+    "partly_explained": "Part of what was missing is named; the rest is explained by no effect of the catalogue.",
+    "nothing_missing": "Nothing is missing: the differences are noise.",
+    "unexplained": "Something is missing that no effect of the catalogue explains.",
+}
+
+
+def summary(result: Result) -> str:
+    """The findings as a few lines."""
+    lines = [VERDICT_TEXT[result.verdict]]
+    lines += [f"- {sentence(claim, result)}" for claim in result.conclusions.claims]
+    lines += [
+        f"- {entry.after.title}: its parameters in the rig do not fit the data" for entry in result.conclusions.retuned
+    ]
+    if result.conclusions.offset_changed:
+        lines.append("- the encoders' common zero has moved")
+    lines += [f"- unexplained: {signature.text}" for signature in result.unexplained[:8]]
+    if len(result.unexplained) > 8:
+        lines.append(f"- and {len(result.unexplained) - 8} more unexplained orders")
+    gap = result.held_out
+    lines.append(
+        f"Gap on held-out runs: {gap.before:.3g} -> {gap.after:.3g} deg RMS, noise floor {gap.noise_floor:.3g} deg"
+    )
+    if result.noise.suspects:
+        worst = result.data.labels[result.noise.suspects[0][0]]
+        lines.append(f"Suspected bad runs: {len(result.noise.suspects)}, the worst {worst}")
+    return "\n".join(lines)
+
+
+def sentence(claim: Claim, result: Result) -> str:
+    """One claim in words."""
+    effect = claim.piece.effect
+    words = _WORDS.get(effect.name, _plain)(effect, result)
+    hedge = f" (the data would allow {', '.join(claim.alternatives)} as well)" if claim.alternatives else ""
+    return f"{words}{hedge}; it explains {100 * claim.share:.0f} % of the gap"
+
+
+def _value(effect: Effect, key: str) -> float:
+    return effect.scalar(key)
+
+
+def _plain(effect: Effect, result: Result) -> str:
+    orders = f", order {', '.join(map(str, effect.orders))}" if effect.orders else ""
+    return f"{effect.title}{orders}"
+
+
+def _compliance(effect: Effect, result: Result) -> str:
+    stiffness = _value(effect, "stiffness_Nm_per_arcmin")
+    twist = float(result.data.at.torque_Nm.max()) / stiffness
+    return (
+        f"the transmission twists under load: {stiffness:.0f} N m per arcmin, {twist:.1f} arcmin at the largest torque"
+    )
+
+
+def _backlash(effect: Effect, result: Result) -> str:
+    return f"{_value(effect, 'gap_arcmin'):.2g} arcmin of backlash between the flanks"
+
+
+def _drift(effect: Effect, result: Result) -> str:
+    return f"the mean drifts by {_value(effect, 'drift_arcmin_per_K'):.2g} arcmin a kelvin of oil temperature"
+
+
+def _resonance(effect: Effect, result: Result) -> str:
+    """Which order is lifted how far at which speed."""
+    frequency = _value(effect, "frequency_Hz")
+    at, final = result.data.at, result.conclusions.final
+    without = final.state.model().with_effects(e for e in final.state.model().effects if e is not effect)
+    parts = []
+    for order in effect.orders:
+        speed = float(
+            min(
+                np.unique(at.speed_rpm),
+                key=lambda n: abs(order * n / 60 / effect.constants.reduction_ratio - frequency),
+            )
+        )
+        rows = at.rows(np.flatnonzero(at.speed_rpm == speed))
+        with_it = np.abs(final.state.model().coefficients(rows, [order])).mean()
+        alone = np.abs(without.coefficients(rows, [order])).mean()
+        lifted = f"lifted {with_it / alone:.0f} times" if alone > 1e-7 and with_it > 1.5 * alone else "changed"
+        parts.append(f"order {order} is {lifted} at {speed:g} rpm")
+    one = "one resonance" if len(effect.orders) > 1 else "a resonance"
+    return f"{', '.join(parts)}: {one} of the structure at {frequency:.1f} Hz"
+
+
+def _growing(effect: Effect, result: Result) -> str:
+    slope = _value_of_phasor(effect)
+    return f"order {effect.orders[0]} of the mesh grows with the torque: {slope:.2g} deg per 1000 N m"
+
+
+def _value_of_phasor(effect: Effect) -> float:
+    phasor = effect.phasors[0]
+    return max(abs(effect.complex_value(phasor.key, backward)) for backward in (False, True))
+
+
+def _wave(effect: Effect, result: Result) -> str:
+    orders = effect.orders or effect.touched_orders()
+    return f"{effect.title}: order {', '.join(map(str, orders))} of {_value_of_phasor(effect):.2g} deg"
+
+
+def _sidebands(effect: Effect, result: Result) -> str:
+    sides = ", ".join(map(str, effect.touched_orders()))
+    return f"the carrier modulates mesh order {effect.orders[0]} and gives it sidebands: {sides}"
+
+
+def _delay(effect: Effect, result: Result) -> str:
+    delay, skew = _value(effect, "delay_us"), _value(effect, "skew_us")
+    return f"the measuring chain is late: delay {delay:.0f} us, skew of the encoders {skew:.1f} us"
+
+
+def _friction(effect: Effect, result: Result) -> str:
+    dry, wet = _value(effect, "coulomb_arcmin"), _value(effect, "viscous_arcmin_per_krpm")
+    return f"drag winds the transmission up: {dry:.2g} arcmin dry and {wet:.2g} arcmin per 1000 rpm by the oil"
+
+
+def _worn(effect: Effect, result: Result) -> str:
+    depth, centre = _value(effect, "depth_arcmin"), _value(effect, "centre_deg")
+    return f"a worn sector around {centre:.0f} deg of the output, {depth:.2g} arcmin ({depth * ARCMIN:.2g} deg) deep"
+
+
+_WORDS: dict[str, Callable[[Effect, Any], str]] = {
+    "torsional_compliance": _compliance,
+    "backlash": _backlash,
+    "thermal_drift": _drift,
+    "structural_resonance": _resonance,
+    "load_dependent_mesh": _growing,
+    "carrier_modulation": _sidebands,
+    "measurement_delay": _delay,
+    "friction_windup": _friction,
+    "wear": _worn,
+    "output_shaft_eccentricity": _wave,
+    "encoder_eccentricity": _wave,
+    "output_shaft_ovality": _wave,
+    "crank_misalignment": _wave,
+    "cycloid_tooth_error": _wave,
+    "pin_error": _wave,
+    "input_shaft_misalignment": _wave,
+}

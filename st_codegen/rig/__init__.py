@@ -1,0 +1,1 @@
+"""The simulated machine: effects, their sum, measured campaigns of it."""

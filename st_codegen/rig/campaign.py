@@ -1,0 +1,139 @@
+"""Measured campaigns of the simulated rig: one curve file a run, as the campaign's reader takes them."""
+
+from __future__ import annotations
+
+import csv
+import math
+import shutil
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from st_codegen.campaign.curves import CONDITIONS_FILE, Conditions, Curve, Run, write_run
+from st_codegen.errors import InputError, Problems
+from st_codegen.ir import Direction
+from st_codegen.rig.effects import Conditions as Points
+from st_codegen.rig.effects.base import FloatArray
+from st_codegen.rig.model import RigModel
+
+#: sampling of the rig: 4000 Hz, so a revolution has more samples the slower it is
+SAMPLING_HZ = 4000.0
+_COLUMNS = ("speed_rpm", "torque_Nm", "temperature_C")
+_DIGITS = 12
+_LEAST_SAMPLES = 100
+
+#: Called with (runs done, runs, file name).
+Progress = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True)
+class Measuring:
+    """How the simulated campaign measures.
+
+    samples: of a revolution, None for the rig's 4000 Hz; noise_deg: standard deviation of a sample, None for the
+    rig's own [noise]; seed: of the noise.
+    """
+
+    samples: int | None = None
+    noise_deg: float | None = None
+    seed: int = 0
+
+    def count(self, speed_rpm: float, reduction_ratio: float) -> int:
+        """Samples of a revolution of the output."""
+        return self.samples or math.ceil(SAMPLING_HZ * 60 * reduction_ratio / speed_rpm)
+
+
+def read_conditions(path: Path) -> tuple[Conditions, ...]:
+    """Read `speed_rpm,torque_Nm,temperature_C` (other columns are passed over). One InputError lists all problems."""
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not readable as text ({error})") from None
+    problems = Problems(str(path))
+    delimiter = ";" if lines and ";" in lines[0] else ","
+    reader = csv.DictReader(lines, delimiter=delimiter)
+    header = [name.strip() for name in reader.fieldnames or ()]
+    reader.fieldnames = header
+    for name in _COLUMNS:
+        if name not in header:
+            problems.add(f"the column '{name}' is missing; it needs {','.join(_COLUMNS)}")
+    problems.raise_if_any()
+    found = []
+    for line, row in enumerate(reader, 2):
+        texts = [(row[name] or "").strip() for name in _COLUMNS]
+        try:
+            numbers = [float(text.replace(",", ".") if delimiter == ";" else text) for text in texts]
+        except ValueError:
+            problems.add(f"line {line}: '{delimiter.join(texts)}' is not three numbers")
+            continue
+        if not all(map(math.isfinite, numbers)) or numbers[0] <= 0:
+            problems.add(f"line {line}: {numbers} must be finite, the speed positive")
+            continue
+        found.append(Conditions(*numbers))
+    if not found and not problems.errors:
+        problems.add("no rows")
+    problems.raise_if_any()
+    return tuple(found)
+
+
+def simulate_run(rig: RigModel, conditions: Conditions, measuring: Measuring, number: int) -> Run:
+    """One run in both directions. The noise depends on the seed and the run's number alone."""
+    count = measuring.count(conditions.speed_rpm, rig.constants.reduction_ratio)
+    at = Points.of([1.0, -1.0], conditions.speed_rpm, conditions.torque_Nm, conditions.temperature_C)
+    te: FloatArray = rig.curve(at, count)
+    angle = np.arange(count, dtype=np.float64) * (360.0 / count)
+    white = rig.noise.white_deg if measuring.noise_deg is None else measuring.noise_deg
+    random = np.random.default_rng([measuring.seed, number])
+    te += white * random.standard_normal(te.shape) + rig.noise.run_offset_deg * random.standard_normal((2, 1))
+    # backward the same angles are passed from 360 deg down
+    backward = np.concatenate([te[1, :1], te[1, :0:-1]])
+    curves = {
+        Direction.FORWARD: Curve(angle, te[0]),
+        Direction.BACKWARD: Curve(360.0 - angle, backward),
+    }
+    return Run(conditions, curves)
+
+
+def simulate_campaign(
+    rig: RigModel,
+    conditions: Sequence[Conditions],
+    folder: Path,
+    measuring: Measuring = Measuring(),
+    progress: Progress | None = None,
+) -> None:
+    """Write a campaign: the rig's folders and names, or numbered files with `conditions.csv` where runs repeat.
+
+    The folder appears complete or not at all. Raises InputError where it exists and is not empty, or where the samples
+    are too few for the rig's orders.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder} exists and is not empty; name a new folder, or remove this one")
+    if measuring.samples is not None and measuring.samples <= max(_LEAST_SAMPLES, 2 * max(rig.orders())):
+        least = max(_LEAST_SAMPLES, 2 * max(rig.orders())) + 1
+        raise InputError(f"{measuring.samples} samples a revolution are too few: this rig needs {least}")
+    unique = len(set(conditions)) == len(conditions)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=folder.parent) as name:
+        stage = Path(name) / "stage"
+        stage.mkdir()
+        rows = []
+        for number, point in enumerate(conditions):
+            path = point.rig_path() if unique else Path(f"run_{number + 1:05d}.csv")
+            if progress is not None:
+                progress(number, len(conditions), path.name)
+            write_run(simulate_run(rig, point, measuring, number), stage / path, digits=_DIGITS)
+            rows.append([path.as_posix(), point.speed_rpm, point.torque_Nm, point.temperature_C])
+        if not unique:
+            with (stage / CONDITIONS_FILE).open("w", encoding="utf-8", newline="") as file:
+                writer = csv.writer(file, lineterminator="\n")
+                writer.writerows([["file", *_COLUMNS], *rows])
+        if folder.exists():
+            folder.rmdir()
+        shutil.move(stage, folder)
+    if progress is not None:
+        progress(len(conditions), len(conditions), "")

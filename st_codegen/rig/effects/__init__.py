@@ -1,0 +1,84 @@
+"""The catalogue of effects: all classes of this package, of entry points, and of files that the user names."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+import importlib.util
+import inspect
+import pkgutil
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from types import MappingProxyType, ModuleType
+from typing import Any
+
+from st_codegen.errors import InputError
+from st_codegen.rig.effects.base import (
+    Conditions,
+    Constants,
+    Effect,
+    Form,
+    Phasor,
+    Scalar,
+    Stage,
+)
+
+__all__ = ["Catalogue", "Conditions", "Constants", "Effect", "Form", "Phasor", "Scalar", "Stage", "catalogue"]
+
+ENTRY_POINTS = "st_codegen.effects"
+
+#: name -> class, in the order of the files
+Catalogue = Mapping[str, type[Effect]]
+
+
+def catalogue(files: Iterable[Path] = ()) -> Catalogue:
+    """All effects: built in, from entry points, and from Python files of the user's.
+
+    Raises InputError for a file that cannot be loaded, holds no effect, or takes a name twice.
+    """
+    found: dict[str, type[Effect]] = {}
+    for module in sorted(pkgutil.iter_modules(__path__), key=lambda info: info.name):
+        _add(found, effects_of(importlib.import_module(f"{__name__}.{module.name}")), module.name)
+    for entry in sorted(importlib.metadata.entry_points(group=ENTRY_POINTS), key=lambda entry: entry.name):
+        loaded: Any = entry.load()
+        classes = effects_of(loaded) if inspect.ismodule(loaded) else [loaded]
+        _add(found, classes, f"entry point {entry.name}")
+    for path in files:
+        classes = effects_of(_module(path))
+        if not classes:
+            raise InputError(f"{path}: no effect in it; an effect is a subclass of st_codegen.rig.effects.Effect")
+        _add(found, classes, str(path))
+    return MappingProxyType(found)
+
+
+def effects_of(module: ModuleType) -> list[type[Effect]]:
+    """The effects that a module defines, in its order: subclasses with a name of their own."""
+    return [
+        value
+        for value in vars(module).values()
+        if inspect.isclass(value)
+        and issubclass(value, Effect)
+        and "name" in vars(value)
+        and value.__module__ == module.__name__
+    ]
+
+
+def _add(found: dict[str, type[Effect]], classes: Iterable[type[Effect]], source: str) -> None:
+    for effect in classes:
+        if effect.name in found:
+            raise InputError(f"{source}: the effect '{effect.name}' exists already; give it another name")
+        found[effect.name] = effect
+
+
+def _module(path: Path) -> ModuleType:
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    spec = importlib.util.spec_from_file_location(f"effects_of_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise InputError(f"{path}: not a Python file")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise InputError(f"{path}: cannot be loaded ({type(error).__name__}: {error})") from error
+    return module

@@ -1,0 +1,335 @@
+"""What an effect is: a name, parameters with bounds, and a contribution to the transmission error (TE).
+
+Effects work on complex harmonic coefficients: TE(theta) = Re(sum over k of c_k * exp(i*k*theta)), c_k in deg. Formulas,
+signs and sources: docs/effects.md. A new effect is one class: in a file of this package, in a file given with
+`--effects`, or in a package with an entry point in the group `st_codegen.effects`.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from st_codegen.errors import InputError, Problems
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+IntArray = npt.NDArray[np.int64]
+
+BACKWARD = "backward_"
+ARCMIN = 1.0 / 60.0
+
+
+@dataclass(frozen=True)
+class Constants:
+    """What all effects of a rig share; keys of the table [rig]."""
+
+    reduction_ratio: float = 81.0
+    cycloid_teeth: int = 39
+    pins: int = 40
+    cranks: int = 3
+    reference_temperature_C: float = 30.0
+
+    def mesh_orders(self) -> tuple[int, ...]:
+        """Orders of teeth, pins and the fast shaft."""
+        return tuple(sorted({*self.tooth_orders(), *self.pin_orders(), *self.shaft_orders()}))
+
+    def tooth_orders(self) -> tuple[int, ...]:
+        """Multiples of the cycloid's teeth, up to the 10th."""
+        return tuple(self.cycloid_teeth * m for m in range(1, 11))
+
+    def pin_orders(self) -> tuple[int, ...]:
+        """Multiples of the pins, up to the 10th."""
+        return tuple(self.pins * m for m in range(1, 11))
+
+    def shaft_orders(self) -> tuple[int, ...]:
+        """Whole multiples of the reduction ratio, up to the 4th."""
+        multiples = (self.reduction_ratio * m for m in range(1, 5))
+        return tuple(round(order) for order in multiples if abs(order - round(order)) < 1e-9)
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Operating points, one array entry each, float64 (n,).
+
+    sign: +1 forward, -1 backward; speed_rpm of the input shaft, positive; torque_Nm at the output, positive against
+    the motion; temperature_C of the oil.
+    """
+
+    sign: FloatArray
+    speed_rpm: FloatArray
+    torque_Nm: FloatArray
+    temperature_C: FloatArray
+
+    @classmethod
+    def of(
+        cls, sign: npt.ArrayLike, speed_rpm: npt.ArrayLike, torque_Nm: npt.ArrayLike, temperature_C: npt.ArrayLike
+    ) -> Conditions:
+        """Broadcast scalars and arrays to one shape (n,)."""
+        parts = [np.atleast_1d(np.asarray(part, np.float64)) for part in (sign, speed_rpm, torque_Nm, temperature_C)]
+        return cls(*(np.array(part) for part in np.broadcast_arrays(*parts)))
+
+    def __len__(self) -> int:
+        return len(self.sign)
+
+    def rows(self, choice: Any) -> Conditions:
+        """The operating points that a mask or an index array chooses."""
+        return Conditions(self.sign[choice], self.speed_rpm[choice], self.torque_Nm[choice], self.temperature_C[choice])
+
+    def output_rad_s(self, constants: Constants) -> FloatArray:
+        """Speed of the output, rad/s, with the sign of the direction."""
+        speed: FloatArray = self.sign * self.speed_rpm * (2 * np.pi / 60 / constants.reduction_ratio)
+        return speed
+
+
+class Form(Enum):
+    """How a contribution depends on a scalar: LINEAR in it, in its INVERSE, or otherwise (SHAPE)."""
+
+    LINEAR = "linear"
+    INVERSE = "inverse"
+    SHAPE = "shape"
+
+
+class Stage(IntEnum):
+    """Order of composition, see docs/effects.md."""
+
+    ADDITIVE = 1
+    MODULATION = 2
+    STRUCTURE = 3
+    MEASURING = 4
+    AXIS = 5
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """A real parameter. `starts` are where a fit begins (SHAPE); `default` None: the key is required.
+
+    shapes: the key of the scalar that this one only shapes; without that it means nothing.
+    """
+
+    key: str
+    unit: str
+    lower: float
+    upper: float
+    meaning: str
+    default: float | None = 0.0
+    form: Form = Form.LINEAR
+    starts: tuple[float, ...] = ()
+    shapes: str = ""
+
+
+@dataclass(frozen=True)
+class Phasor:
+    """An amplitude and a phase (rad): one complex number, in which the contribution is linear.
+
+    own_flanks: the keys may stand once more with `backward_` in front; without them backward equals forward.
+    """
+
+    key: str
+    phase_key: str
+    unit: str
+    upper: float
+    meaning: str
+    required: bool = True
+    own_flanks: bool = False
+
+    def keys(self, backward: bool) -> tuple[str, str]:
+        """Amplitude and phase key of a direction."""
+        front = BACKWARD if backward else ""
+        return front + self.key, front + self.phase_key
+
+
+Value = float | tuple[float, ...]
+
+
+class Effect(ABC):
+    """One effect with its parameters. Subclasses set the class attributes and `contribution` (or `passed_on`).
+
+    orders_key: None, "order" (one order) or "orders" (a list; phasors are lists of that length).
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    scalars: ClassVar[tuple[Scalar, ...]] = ()
+    phasors: ClassVar[tuple[Phasor, ...]] = ()
+    orders_key: ClassVar[str | None] = None
+    stage: ClassVar[Stage] = Stage.ADDITIVE
+    #: what tells this effect from its look-alikes where no operating point does
+    experiment: ClassVar[str] = ""
+
+    def __init__(self, values: Mapping[str, Any], constants: Constants, *, check: bool = True) -> None:
+        self.values: Mapping[str, Value] = MappingProxyType(_plain(values))
+        self.constants = constants
+        if check:
+            self._check()
+
+    # -- what a subclass gives
+
+    @classmethod
+    def allowed_orders(cls, constants: Constants) -> tuple[int, ...] | None:
+        """The orders that `order` or `orders` may name; None: all."""
+        return None
+
+    def touched_orders(self) -> tuple[int, ...]:
+        """The orders to which this effect contributes."""
+        return self.orders
+
+    def needed_orders(self, order: int) -> tuple[int, ...]:
+        """The orders of the earlier stage from which the coefficient of `order` is made (MODULATION)."""
+        return ()
+
+    def contribution(self, at: Conditions, orders: IntArray) -> ComplexArray:
+        """What is added to c_k: complex128 (n, len(orders)), deg. For stages ADDITIVE and STRUCTURE."""
+        return np.zeros((len(at), len(orders)), np.complex128)
+
+    def passed_on(self, at: Conditions, orders: IntArray, coefficients: ComplexArray) -> ComplexArray:
+        """The coefficients behind this effect, given those before it (n, len(orders)); affine in them."""
+        return coefficients + self.contribution(at, orders)
+
+    def passed_on_change(self, at: Conditions, orders: IntArray, change: ComplexArray) -> ComplexArray:
+        """What becomes of a small change of the coefficients (the linear part of `passed_on`)."""
+        return change
+
+    # -- what all share
+
+    @property
+    def orders(self) -> tuple[int, ...]:
+        """The orders named by the parameters."""
+        if self.orders_key is None:
+            return ()
+        value = self.values[self.orders_key]
+        return tuple(int(k) for k in value) if isinstance(value, tuple) else (int(value),)
+
+    def scalar(self, key: str) -> float:
+        """The value of a scalar, or its default."""
+        if key in self.values:
+            return float(self.values[key])  # type: ignore[arg-type]
+        default = next(scalar.default for scalar in self.scalars if scalar.key == key)
+        return 0.0 if default is None else default
+
+    def complex_value(self, key: str, backward: bool = False, place: int = 0) -> complex:
+        """A phasor as a complex number, for one direction, and one order of a list."""
+        phasor = next(phasor for phasor in self.phasors if phasor.key == key)
+        keys = phasor.keys(backward and phasor.own_flanks)
+        if backward and keys[0] not in self.values:
+            keys = phasor.keys(False)
+        amplitude, phase = (_entry(self.values.get(name, 0.0), place) for name in keys)
+        return complex(amplitude * math.cos(phase), amplitude * math.sin(phase))
+
+    def complex_at(self, key: str, at: Conditions, place: int = 0) -> ComplexArray:
+        """A phasor at operating points, complex128 (n,)."""
+        found: ComplexArray = np.where(
+            at.sign > 0, self.complex_value(key, False, place), self.complex_value(key, True, place)
+        )
+        return found
+
+    def with_values(self, values: Mapping[str, Any]) -> Effect:
+        """The same effect with other values, unchecked."""
+        return type(self)(values, self.constants, check=False)
+
+    def table(self) -> dict[str, Any]:
+        """Name and parameters in the order of the catalogue, for a rig file."""
+        known = self.known_keys()
+        rest = sorted((key for key in self.values if key in known), key=known.index)
+        found: dict[str, Any] = {"name": self.name}
+        for key in rest:
+            value = self.values[key]
+            found[key] = list(self.orders) if key == "orders" else value
+            if key == "order":
+                found[key] = self.orders[0]
+        return found
+
+    @classmethod
+    def known_keys(cls) -> list[str]:
+        """All keys that the effect knows."""
+        keys = [] if cls.orders_key is None else [cls.orders_key]
+        keys += [scalar.key for scalar in cls.scalars]
+        for phasor in cls.phasors:
+            keys += [*phasor.keys(False), *(phasor.keys(True) if phasor.own_flanks else ())]
+        return keys
+
+    def _check(self) -> None:
+        problems = Problems(self.name)
+        known = self.known_keys()
+        for key in sorted(set(self.values) - set(known)):
+            problems.add(f"unknown key '{key}'; known are {', '.join(known)}")
+        count = self._check_orders(problems)
+        for scalar in self.scalars:
+            self._check_scalar(scalar, problems)
+        for phasor in self.phasors:
+            self._check_phasor(phasor, count, problems)
+        problems.raise_if_any()
+
+    def _check_orders(self, problems: Problems) -> int:
+        key = self.orders_key
+        if key is None:
+            return 0
+        value = self.values.get(key)
+        entries = value if isinstance(value, tuple) else (value,)
+        if value is None or isinstance(value, tuple) != (key == "orders") or not entries:
+            problems.add(f"'{key}' is missing, or not {'a list' if key == 'orders' else 'one number'}")
+            return 0
+        allowed = self.allowed_orders(self.constants)
+        for entry in entries:
+            if entry is None or entry != int(entry) or entry < 1:
+                problems.add(f"{key}: {entry} is not a whole number from 1")
+            elif allowed is not None and int(entry) not in allowed:
+                problems.add(f"{key}: {entry:g} is none of {', '.join(map(str, allowed))}")
+        if len(set(entries)) != len(entries):
+            problems.add(f"{key}: an order stands there twice")
+        return len(entries)
+
+    def _check_scalar(self, scalar: Scalar, problems: Problems) -> None:
+        value = self.values.get(scalar.key)
+        if value is None:
+            if scalar.default is None:
+                problems.add(f"'{scalar.key}' is missing ({scalar.meaning})")
+        elif isinstance(value, tuple):
+            problems.add(f"'{scalar.key}' is a list, one number is wanted")
+        elif not scalar.lower <= value <= scalar.upper:
+            problems.add(f"{scalar.key} = {value:g} is outside {scalar.lower:g} .. {scalar.upper:g} {scalar.unit}")
+
+    def _check_phasor(self, phasor: Phasor, count: int, problems: Problems) -> None:
+        for backward in (False, True) if phasor.own_flanks else (False,):
+            amplitude, phase = phasor.keys(backward)
+            if amplitude not in self.values:
+                if phasor.required and not backward:
+                    problems.add(f"'{amplitude}' is missing ({phasor.meaning})")
+                if phase in self.values:
+                    problems.add(f"'{phase}' stands without '{amplitude}'")
+                continue
+            for key in (amplitude, phase):
+                value = self.values.get(key)
+                entries = value if isinstance(value, tuple) else (value,)
+                if value is not None and isinstance(value, tuple) != (self.orders_key == "orders"):
+                    problems.add(f"'{key}' must be {'a list' if self.orders_key == 'orders' else 'one number'}")
+                elif isinstance(value, tuple) and len(value) != count:
+                    problems.add(f"'{key}' has {len(value)} entries, orders has {count}")
+                elif key == amplitude and not all(0 <= x <= phasor.upper for x in entries if x is not None):
+                    problems.add(f"{key} is outside 0 .. {phasor.upper:g} {phasor.unit}")
+
+
+def _plain(values: Mapping[str, Any]) -> dict[str, Value]:
+    """Numbers as float, lists as tuples. Raises InputError for anything else."""
+    plain: dict[str, Value] = {}
+    for key, value in values.items():
+        entries: Sequence[Any] = value if isinstance(value, list | tuple) else [value]
+        for entry in entries:
+            number = isinstance(entry, int | float | np.floating | np.integer) and not isinstance(entry, bool)
+            if not number or math.isnan(float(entry)):
+                raise InputError(f"{key} = {entry!r} is not a number")
+        numbers = tuple(float(entry) for entry in entries)
+        plain[key] = numbers if isinstance(value, list | tuple) else numbers[0]
+    return plain
+
+
+def _entry(value: Value, place: int) -> float:
+    return value[place] if isinstance(value, tuple) else value

@@ -1,0 +1,99 @@
+"""Effects on the mean of the transmission error (order 0): elasticity, clearance, drag, heat."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from st_codegen.rig.effects.base import ARCMIN, ComplexArray, Conditions, Effect, FloatArray, Form, IntArray, Scalar
+
+
+class _MeanEffect(Effect):
+    """An effect on order 0 alone."""
+
+    def touched_orders(self) -> tuple[int, ...]:
+        return (0,)
+
+    def mean(self, at: Conditions) -> FloatArray:
+        """Contribution to the mean, deg, float64 (n,)."""
+        raise NotImplementedError
+
+    def contribution(self, at: Conditions, orders: IntArray) -> ComplexArray:
+        found = np.zeros((len(at), len(orders)), np.complex128)
+        found[:, orders == 0] = self.mean(at)[:, None]
+        return found
+
+
+class TorsionalCompliance(_MeanEffect):
+    """The transmission twists in proportion to the load."""
+
+    name = "torsional_compliance"
+    title = "torsional compliance of the transmission"
+    scalars = (
+        Scalar(
+            "stiffness_Nm_per_arcmin", "Nm/arcmin", 20, 20000, "torsional stiffness at the output", None, Form.INVERSE
+        ),
+    )
+
+    def mean(self, at: Conditions) -> FloatArray:
+        found: FloatArray = -at.sign * at.torque_Nm / self.scalar("stiffness_Nm_per_arcmin") * ARCMIN
+        return found
+
+
+class Backlash(_MeanEffect):
+    """Clearance between the flanks, closed by a small load."""
+
+    name = "backlash"
+    title = "backlash between the flanks"
+    scalars = (
+        Scalar("gap_arcmin", "arcmin", 0, 20, "whole clearance at the output", None),
+        Scalar(
+            "seating_torque_Nm", "Nm", 5, 150, "load that closes 76 % of it", None, Form.SHAPE, (10, 25, 50, 90, 140)
+        ),
+    )
+
+    def mean(self, at: Conditions) -> FloatArray:
+        seated = np.tanh(at.torque_Nm / self.scalar("seating_torque_Nm"))
+        found: FloatArray = -at.sign * (self.scalar("gap_arcmin") * ARCMIN / 2) * seated
+        return found
+
+
+class FrictionWindup(_MeanEffect):
+    """Drag winds the transmission up; its viscous part grows with speed and fades with warmth."""
+
+    name = "friction_windup"
+    title = "wind-up by friction"
+    scalars = (
+        Scalar("coulomb_arcmin", "arcmin", 0, 5, "wind-up by dry friction"),
+        Scalar("viscous_arcmin_per_krpm", "arcmin/krpm", 0, 5, "wind-up by the oil at the reference temperature"),
+        Scalar(
+            "viscosity_decay_per_K",
+            "1/K",
+            0.01,
+            0.1,
+            "fall of the viscosity",
+            0.04,
+            Form.SHAPE,
+            (0.02, 0.04, 0.08),
+            "viscous_arcmin_per_krpm",
+        ),
+    )
+
+    def mean(self, at: Conditions) -> FloatArray:
+        warmer = at.temperature_C - self.constants.reference_temperature_C
+        fading = np.exp(-self.scalar("viscosity_decay_per_K") * warmer)
+        viscous = self.scalar("viscous_arcmin_per_krpm") * at.speed_rpm / 1000 * fading
+        found: FloatArray = -at.sign * (self.scalar("coulomb_arcmin") + viscous) * ARCMIN
+        return found
+
+
+class ThermalDrift(_MeanEffect):
+    """Thermal expansion turns the encoders against each other."""
+
+    name = "thermal_drift"
+    title = "thermal drift of the mean"
+    scalars = (Scalar("drift_arcmin_per_K", "arcmin/K", -2, 2, "shift of the mean a kelvin", None),)
+
+    def mean(self, at: Conditions) -> FloatArray:
+        warmer = at.temperature_C - self.constants.reference_temperature_C
+        found: FloatArray = self.scalar("drift_arcmin_per_K") * ARCMIN * warmer
+        return found

@@ -1,0 +1,71 @@
+"""Errors of teeth, pins and the fast shaft: orders of the mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from st_codegen.rig.effects.base import ComplexArray, Conditions, Constants, Effect, IntArray, Phasor
+
+
+class _MeshError(Effect):
+    """An error of shape: constant at all operating points, one order a table."""
+
+    orders_key = "order"
+    phasors = (Phasor("amplitude_deg", "phase_rad", "deg", 1, "amplitude", own_flanks=True),)
+
+    def wave(self, at: Conditions) -> ComplexArray:
+        """The coefficient, complex128 (n,), deg."""
+        return self.complex_at("amplitude_deg", at)
+
+    def contribution(self, at: Conditions, orders: IntArray) -> ComplexArray:
+        found = np.zeros((len(at), len(orders)), np.complex128)
+        found[:, orders == self.orders[0]] = self.wave(at)[:, None]
+        return found
+
+
+class CycloidToothError(_MeshError):
+    """Shape and pitch of the cycloid's teeth."""
+
+    name = "cycloid_tooth_error"
+    title = "error of the cycloid's teeth"
+
+    @classmethod
+    def allowed_orders(cls, constants: Constants) -> tuple[int, ...]:
+        return constants.tooth_orders()
+
+
+class PinError(_MeshError):
+    """Shape and pitch of the pins."""
+
+    name = "pin_error"
+    title = "error of the pins"
+
+    @classmethod
+    def allowed_orders(cls, constants: Constants) -> tuple[int, ...]:
+        return constants.pin_orders()
+
+
+class InputShaftMisalignment(_MeshError):
+    """A bent or tilted fast shaft."""
+
+    name = "input_shaft_misalignment"
+    title = "misalignment of the input shaft"
+
+    @classmethod
+    def allowed_orders(cls, constants: Constants) -> tuple[int, ...]:
+        return constants.shaft_orders()
+
+
+class LoadDependentMesh(_MeshError):
+    """Teeth and pins give way under load once a mesh."""
+
+    name = "load_dependent_mesh"
+    title = "mesh order that grows with the load"
+    phasors = (Phasor("slope_deg_per_kNm", "phase_rad", "deg/kNm", 1, "growth with the load", own_flanks=True),)
+
+    @classmethod
+    def allowed_orders(cls, constants: Constants) -> tuple[int, ...]:
+        return constants.mesh_orders()
+
+    def wave(self, at: Conditions) -> ComplexArray:
+        return self.complex_at("slope_deg_per_kNm", at) * at.torque_Nm / 1000

@@ -1,0 +1,48 @@
+"""Sidebands of mesh orders: the carrier turns once a revolution and modulates the mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from st_codegen.rig.effects.base import ComplexArray, Conditions, Constants, Effect, IntArray, Phasor, Stage
+
+
+class CarrierModulation(Effect):
+    """Sidebands of plus and minus `cranks` around a mesh order, in proportion to it."""
+
+    name = "carrier_modulation"
+    title = "modulation of a mesh order by the carrier (sidebands)"
+    orders_key = "order"
+    stage = Stage.MODULATION
+    phasors = (
+        Phasor("lower_ratio", "lower_phase_rad", "", 5, "lower sideband over the mesh order", required=False),
+        Phasor("upper_ratio", "upper_phase_rad", "", 5, "upper sideband over the mesh order", required=False),
+    )
+
+    @classmethod
+    def allowed_orders(cls, constants: Constants) -> tuple[int, ...]:
+        return constants.mesh_orders()
+
+    def sidebands(self) -> tuple[tuple[str, int], ...]:
+        """Phasor and order of the sidebands."""
+        order, step = self.orders[0], self.constants.cranks
+        return tuple((key, k) for key, k in (("lower_ratio", order - step), ("upper_ratio", order + step)) if k > 0)
+
+    def touched_orders(self) -> tuple[int, ...]:
+        return tuple(order for _, order in self.sidebands())
+
+    def needed_orders(self, order: int) -> tuple[int, ...]:
+        return self.orders if order in self.touched_orders() else ()
+
+    def passed_on(self, at: Conditions, orders: IntArray, coefficients: ComplexArray) -> ComplexArray:
+        return self.passed_on_change(at, orders, coefficients)
+
+    def passed_on_change(self, at: Conditions, orders: IntArray, change: ComplexArray) -> ComplexArray:
+        """Sidebands are made from the mesh order as it arrives; several tables must not see each other's."""
+        carrier = np.flatnonzero(orders == self.orders[0])
+        if not len(carrier):
+            return change
+        found = change.copy()
+        for key, order in self.sidebands():
+            found[:, orders == order] += (self.complex_value(key) * change[:, carrier[0]])[:, None]
+        return found

@@ -1,0 +1,54 @@
+"""A natural frequency of the rig's structure, excited by the mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from st_codegen.rig.effects.base import (
+    ComplexArray,
+    Conditions,
+    Effect,
+    FloatArray,
+    Form,
+    IntArray,
+    Phasor,
+    Scalar,
+    Stage,
+)
+
+
+class StructuralResonance(Effect):
+    """Orders that peak where their frequency meets the structure's."""
+
+    name = "structural_resonance"
+    title = "resonance of the structure"
+    orders_key = "orders"
+    stage = Stage.STRUCTURE
+    scalars = (
+        Scalar("frequency_Hz", "Hz", 5, 500, "natural frequency", None, Form.SHAPE),
+        Scalar("damping_ratio", "", 0.003, 0.3, "damping ratio", None, Form.SHAPE, (0.01, 0.03, 0.1)),
+        Scalar("growth_per_kNm", "1/kNm", 0, 5, "relative growth with the load", 0.0, Form.SHAPE, (0.0, 0.5, 2.0)),
+    )
+    phasors = (Phasor("amplitude_deg", "phase_rad", "deg", 1, "height at the resonance", own_flanks=True),)
+
+    def response(self, at: Conditions, orders: IntArray) -> ComplexArray:
+        """H at the frequencies of orders, conjugate backward, complex128 (n, len(orders))."""
+        frequency: FloatArray = np.outer(at.speed_rpm, orders) / (60 * self.constants.reduction_ratio)
+        ratio, damping = frequency / self.scalar("frequency_Hz"), self.scalar("damping_ratio")
+        response = 2 * damping * ratio**2 / (1 - ratio**2 + 2j * damping * ratio)
+        found: ComplexArray = np.where(at.sign[:, None] > 0, response, response.conj())
+        return found
+
+    def contribution(self, at: Conditions, orders: IntArray) -> ComplexArray:
+        found = np.zeros((len(at), len(orders)), np.complex128)
+        own = np.array(self.orders)
+        places = np.flatnonzero(np.isin(own, orders))
+        if len(places):
+            heights = [
+                [self.complex_value("amplitude_deg", side, p) for p in places.tolist()] for side in (False, True)
+            ]
+            height = np.where(at.sign[:, None] > 0, *np.array(heights)[:, None, :])
+            growth = 1 + self.scalar("growth_per_kNm") * at.torque_Nm / 1000
+            # orders are rising wherever coefficients are computed
+            found[:, np.searchsorted(orders, own[places])] = height * growth[:, None] * self.response(at, own[places])
+        return found

@@ -1,0 +1,93 @@
+"""Measured data that cannot be reconciled: one clear message, exit code 2, nothing written."""
+
+import numpy as np
+import pytest
+
+from .blind import effects, hidden, layout, noise, run, write
+
+ORDERS = (0, 1, 2, 3, 39, 40, 78, 81)
+SIGMA = np.array([5e-4, *[1e-5] * (len(ORDERS) - 1)])
+
+
+@pytest.fixture
+def rig(tmp_path):
+    rng = np.random.default_rng(0)
+    known = hidden.healthy(rng, [], ("structural_resonance", "carrier_modulation", "measurement_delay"))
+    write.rig(tmp_path / "rig.toml", {"rig": known.head}, known.true)
+    return known
+
+
+def measured(path, known, runs, factor=1.0, orders=ORDERS):
+    rng = np.random.default_rng(1)
+    spectrum = effects.coefficients(known.head, known.true, runs)
+    zero = np.zeros((2, len(runs)), dtype=complex)
+    values = np.stack([spectrum.get(order, zero) for order in orders])
+    values = values + noise.of_coefficients(rng, "white", SIGMA[: len(orders)], 2, len(runs))
+    write.harmonic_table(path, runs, orders, values * factor)
+    return path
+
+
+def refused(folder, path, *words):
+    done = run.reconcile(folder / "rig.toml", path, folder / "out")
+    assert done.returncode == 2, (done.returncode, done.stdout, done.stderr)
+    message = done.stderr
+    assert "Traceback" not in message
+    for word in words:
+        assert word in message, message
+    out = folder / "out"
+    assert not out.exists() or not any(out.iterdir()), "nothing is written"
+
+
+def grid():
+    return layout.conditions(np.random.default_rng(2), "grid", "dense")
+
+
+def test_the_same_data_in_good_order_pass(tmp_path, rig):
+    """The refusals below are about what is wrong with them, not about this rig."""
+    done = run.reconcile(tmp_path / "rig.toml", measured(tmp_path / "h.csv", rig, grid()), tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out" / "report.json").is_file()
+
+
+@pytest.mark.parametrize(
+    ("factor", "word"), [(np.pi / 180, "rad"), (180 / np.pi, "57.3"), (81.0, "81"), (1 / 81.0, "81")]
+)
+def test_wrong_units_are_detected(tmp_path, rig, factor, word):
+    refused(tmp_path, measured(tmp_path / "h.csv", rig, grid(), factor), word)
+
+
+def test_too_few_conditions(tmp_path, rig):
+    runs = grid().take(np.arange(2))
+    refused(tmp_path, measured(tmp_path / "h.csv", rig, runs), "condition")
+
+
+def test_no_overlap_of_orders(tmp_path, rig):
+    """A table of orders that the model does not have at all, its numbers zero: there is nothing to compare."""
+    runs = grid()
+    lines = ["direction,speed_rpm,torque_Nm,temperature_C,A500,phi500"]
+    for place in range(len(runs)):
+        columns = (runs.speed_rpm[place], runs.torque_Nm[place], runs.temperature_C[place])
+        lines.append(",".join(["forward", *(f"{value:g}" for value in columns), "0", "0"]))
+    (tmp_path / "h.csv").write_text("\n".join(lines) + "\n")
+    refused(tmp_path, tmp_path / "h.csv")
+
+
+def test_measured_path_that_is_not_there(tmp_path, rig):
+    refused(tmp_path, tmp_path / "nowhere.csv", "nowhere.csv")
+
+
+def test_a_table_that_is_no_table(tmp_path, rig):
+    (tmp_path / "h.csv").write_text("a,b\n1,2\n")
+    refused(tmp_path, tmp_path / "h.csv", "h.csv")
+
+
+def test_an_empty_folder(tmp_path, rig):
+    (tmp_path / "empty").mkdir()
+    refused(tmp_path, tmp_path / "empty", "empty")
+
+
+def test_a_rig_with_an_unknown_effect(tmp_path, rig):
+    text = (tmp_path / "rig.toml").read_text() + '\n[[effect]]\nname = "magic"\n'
+    path = measured(tmp_path / "h.csv", rig, grid())
+    (tmp_path / "rig.toml").write_text(text)
+    refused(tmp_path, path, "magic")

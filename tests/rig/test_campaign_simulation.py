@@ -1,0 +1,82 @@
+"""Simulated campaigns: what is written is what the campaign's reader reads, and the rig's coefficients come back."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from st_codegen.campaign.curves import Conditions, find_runs, read_run
+from st_codegen.cli.main import cli, main
+from st_codegen.errors import InputError
+from st_codegen.ir import Direction
+from st_codegen.rig.campaign import Measuring, read_conditions, simulate_campaign, simulate_run
+from st_codegen.rig.effects import Conditions as Points
+from st_codegen.rig.model import read_rig
+
+RIG = Path(__file__).resolve().parents[2] / "examples" / "rv160n" / "rig.toml"
+
+
+def test_written_curves_hold_the_coefficients(tmp_path):
+    rig = read_rig(RIG)
+    (tmp_path / "C.csv").write_text("speed_rpm,torque_Nm,temperature_C\n1000,900,30\n1800,0,25.5\n")
+    result = CliRunner().invoke(
+        cli, ["simulate", "campaign", "--rig", str(RIG), "--conditions", str(tmp_path / "C.csv"), "--out",
+              str(tmp_path / "out"), "--samples", "2000", "--noise", "0"]
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    files = find_runs(tmp_path / "out")
+    assert [file.conditions for file in files] == [Conditions(1000, 900, 30), Conditions(1800, 0, 25.5)]
+    assert files[0].path == tmp_path / "out" / "Test_30degree" / "1000rpm" / "1000.0rpm900.0Nm30.0deg.csv"
+    for file in files:
+        run = read_run(file.path, file.conditions)
+        for direction, sign in ((Direction.FORWARD, 1), (Direction.BACKWARD, -1)):
+            curve = run.curves[direction]
+            at = Points.of(sign, *[getattr(file.conditions, n) for n in ("speed_rpm", "torque_Nm", "temperature_C")])
+            for order, expected in zip((1, 39, 240), rig.coefficients(at, [1, 39, 240])[0], strict=True):
+                found = 2 * np.mean(curve.te_deg * np.exp(-1j * order * np.deg2rad(curve.angle_deg)))
+                assert found == pytest.approx(expected, abs=1e-11)  # twelve digits are written
+
+
+def test_noise_depends_on_seed_and_run_and_has_the_size_asked_for():
+    rig = read_rig(RIG)
+    point = Conditions(1000, 900, 30)
+    quiet = simulate_run(rig, point, Measuring(4096, 0.0, 1), 0).curves[Direction.FORWARD].te_deg
+    loud = [simulate_run(rig, point, Measuring(4096, 0.01, seed), run).curves[Direction.FORWARD].te_deg
+            for seed, run in ((1, 0), (1, 0), (2, 0), (1, 1))]  # fmt: skip
+    assert (loud[0] == loud[1]).all()
+    assert (loud[0] != loud[2]).any() and (loud[0] != loud[3]).any()
+    # standard deviation of 4096 samples: relative error 1/sqrt(2*4096) = 1.1 %, five times that
+    assert np.std(loud[0] - quiet) == pytest.approx(0.01, rel=0.055)
+
+
+def test_full_size_is_that_of_the_rig():
+    assert Measuring().count(100, 81.0) == 194400
+    assert Measuring().count(1800, 81.0) == 10800
+
+
+def test_repeated_runs_are_numbered(tmp_path):
+    rig = read_rig(RIG)
+    point = Conditions(1000, 900, 30)
+    simulate_campaign(rig, [point, point], tmp_path / "out", Measuring(600))
+    files = find_runs(tmp_path / "out")
+    assert [file.path.name for file in files] == ["run_00001.csv", "run_00002.csv"]
+    assert {file.conditions for file in files} == {point}
+
+
+def test_refusals_leave_nothing_behind(tmp_path, capsys):
+    rig = read_rig(RIG)
+    with pytest.raises(InputError, match="too few: this rig needs 487"):
+        simulate_campaign(rig, [Conditions(1000, 900, 30)], tmp_path / "out", Measuring(486))
+    assert not (tmp_path / "out").exists()
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "mine.txt").write_text("mine")
+    with pytest.raises(InputError, match="not empty"):
+        simulate_campaign(rig, [Conditions(1000, 900, 30)], tmp_path / "full", Measuring(600))
+    (tmp_path / "C.csv").write_text("speed_rpm,torque_Nm,temperature_C\n0,900,30\nx,1,2\n")
+    with pytest.raises(InputError, match="2 problems"):
+        read_conditions(tmp_path / "C.csv")
+    with pytest.raises(SystemExit) as caught:
+        main(["simulate", "campaign", "--rig", str(tmp_path / "no.toml"), "--conditions", "x", "--out", "y"])
+    assert caught.value.code == 2
+    assert "no such file" in capsys.readouterr().err
