@@ -18,10 +18,10 @@ from st_codegen.rig.tasks import Form
     "motion",
     epilog="""\b
 Examples:
-  st-codegen simulate motion --models models/ --rig examples/rv160n/rig.toml --profile cycloidal --out build/motion
-  st-codegen simulate motion --models models/ --rig rig.toml --profile robot --orders 0,1,39 --orders all --tasks two
-  --tasks one --lead auto --out out
-  st-codegen simulate motion --models models/ --rig rig.toml --profile mine.csv --law published --out out --json""",
+  st-codegen simulate motion --models models/ --rig rig.toml --profile cycloidal --out build/motion
+  st-codegen simulate motion --models models/ --rig rig.toml --profile robot --out build/motion \\
+      --orders 0,1,39 --orders all --tasks split --lead auto --law full
+  st-codegen simulate motion --models models/ --rig rig.toml --profile mine.csv --out out --json""",
 )
 @click.option(
     "--models", type=click.Path(path_type=Path), required=True, help="Bundle of models, a folder with bundle.toml."

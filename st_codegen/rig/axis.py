@@ -80,8 +80,7 @@ class Axis:
     """The axis between PLC cycles of `cycle_s`.
 
     Raises InputError for steps that do not fit the cycle, for a step that the coupling's resonance makes unstable, and
-    for control
-    loops that are unstable.
+    for control loops that are unstable.
     """
 
     def __init__(

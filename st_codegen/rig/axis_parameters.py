@@ -1,12 +1,10 @@
 """Parameters of the servo axis in time: units in the names, bounds and sources beside the values.
 
 In `rig.toml` they stand in the tables `[axis]`, `[axis.motor]`, `[axis.drive]`, `[axis.coupling]`, `[axis.reducer]`,
-`[axis.load]`,
-`[axis.encoders]` and `[axis.thermal]`; each key may be left out and has the value given here then.
+`[axis.load]`, `[axis.encoders]` and `[axis.thermal]`; each key may be left out and has the value given here then.
 
 Sources: [P] the paper, [R] the real rig's data, [C] catalogues and handbooks of such machines (order of size only; the
-rig's own
-values are not published).
+rig's own values are not published).
 """
 
 from __future__ import annotations

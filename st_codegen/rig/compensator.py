@@ -1,9 +1,8 @@
 """The generated Structured Text itself as the compensator: emitted files, read back, compiled to Python once.
 
 FB_TEPredict needs most of the time and depends on speed, torque and temperature only, which the motion profile and the
-oil's sensor give
-without the loop. So it is run for all cycles of a motion in advance, by the interpreter over lanes, from the same
-text; in the loop a call
+oil's sensor give without the loop. So it is run for all cycles of a motion in advance, by the interpreter over lanes,
+from the same text; in the loop a call
 with exactly these inputs takes its outputs from there, any other call runs the text. Both interpreters give the same
 bits (see the tests).
 """

@@ -5,9 +5,8 @@ Mechanics: two masses on the coupling. The reducer ties the output to its fast s
     theta_out = theta_in / ratio + TE(theta_out),    g = d theta_out / d theta_in = 1 / (ratio * (1 - TE')),
 
 so that what stands at the output acts on the fast shaft as the inertia J_in + J_out g^2, with the term -J_out g g'
-w_in^2 of
-Lagrange's equation. Integrated by velocity Verlet. TE = Re sum c_k exp(i k theta_out), with one set of c_k in each
-direction; at a
+w_in^2 of Lagrange's equation. Integrated by velocity Verlet. TE = Re sum c_k exp(i k theta_out), with one set of c_k
+in each direction; at a
 reversal the output stands still until the difference of their means is travelled (a play).
 """
 
@@ -78,9 +77,8 @@ def transmission(x: FloatArray, p: FloatArray, orders: FloatArray, c: FloatArray
     """TE at the present angle and its first two derivatives with respect to theta_out, into the state.
 
     `c` has rows forward cosine, forward sine, backward cosine, backward sine part (deg): TE = a cos - b sin. theta_out
-    is
-    implicit; TE' is a few thousandths, so that the last TE and one correction leave less than 1e-5 of its change in a
-    step.
+    is implicit; TE' is a few thousandths, so that the last TE and one correction leave less than 1e-5 of its change in
+    a step.
     """
     forward, backward = 0.5 * (1.0 + x[SIDE]), 0.5 * (1.0 - x[SIDE])
     theta = x[TH_IN] / p[RATIO] + x[TE]

@@ -203,8 +203,8 @@ class Outcome:
     """One case on one profile. `before`, `after`: the whole motion; `full_..`: where the law's weight is 1.
 
     The error after is theta_out with compensation against theta_in / ratio of the same motion without it: what is left
-    of TE at the output,
-    without the drive's own lag, which both have. `following`: theta_out against the profile, drive included.
+    of TE at the output, without the drive's own lag, which both have. `following`: theta_out against the profile,
+    drive included.
     """
 
     case: Case

@@ -1,16 +1,15 @@
 """The PLC's tasks in time: who sees which value when (section 4.2 of the paper).
 
 Rules, as the paper states them: signals go over the fieldbus once in a main cycle, and variables are exchanged at the
-beginning of tasks.
-So at each tick the tasks that start publish what they computed in their last cycle, then read what is published:
+beginning of tasks. So at each tick the tasks that start publish what they computed in their last cycle, then read what
+is published:
 
     encoder latched at tick 0 -> read by the main task at 1 -> published to the slow task at 2 -> published by it at 2
     + slow/main
     -> used by the main task, published to the bus one tick later -> at the drive after the transfer
 
 With 250 and 500 us that is 5 * 250 us and the transfer. The paper's 1325.3 us leave 75.3 us for it; the parts of its
-time diagram are not in
-the text, so this split is ours. The main task alone needs 2 * 250 us and the transfer.
+time diagram are not in the text, so this split is ours. The main task alone needs 2 * 250 us and the transfer.
 """
 
 from __future__ import annotations

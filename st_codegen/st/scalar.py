@@ -47,10 +47,8 @@ class ScalarMachine(Machine):
 
     `loop_limit` is the number of rounds after which a single run of a loop is an error. `libraries` are those the
     project was checked with. `replaced` gives the bodies of some blocks another function: it is given the compiled
-    body,
-    which it may call, the machine's runtime and the instance's memory (`v_NAME` for each variable). Raises
-    `StCheckError`
-    for pointers outside of native calls.
+    body, which it may call, the machine's runtime and the instance's memory (`v_NAME` for each variable). Raises
+    `StCheckError` for pointers outside of native calls.
     """
 
     def __init__(
