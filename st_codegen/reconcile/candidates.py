@@ -20,7 +20,9 @@ from st_codegen.rig.effects.base import BACKWARD, ComplexArray, FloatArray
 
 #: a resonance takes in the orders of which it takes this much off the loss (four parameters: 1 in 10,000 by chance)
 _ORDER_GAIN = 25.0
-_RESONANCE_POINTS = 5
+_RESONANCE_POINTS = 3
+#: two resonances of the same orders lie this far apart at least (relative)
+SAME_RESONANCE = 0.1
 STAGES = (Stage.ADDITIVE, Stage.MODULATION, Stage.STRUCTURE, Stage.MEASURING)
 
 
@@ -194,6 +196,8 @@ class Search:
         for values in itertools.product(*(s.starts for s in others)):
             fixed = {s.key: v for s, v in zip(others, values, strict=True)}
             points += self._scan(effect, frequency.key, fixed, orders, 0.7 * min(values))
+        named = [p.effect for p in self.fit.state.pieces if p.effect.name == effect.name]
+        points = [point for point in points if not _is_known(point[1][frequency.key], point[2], frequency.key, named)]
         points.sort(key=lambda point: -point[0])
         for _, fixed, chosen in _apart(points, frequency.key):
             for optional in ({}, *({s.key: s.starts[1]} for s in effect.scalars if s.default == 0.0)):
@@ -266,6 +270,14 @@ def _apart(
         if len(found) == _RESONANCE_POINTS:
             break
     return found
+
+
+def _is_known(frequency: float, orders: Sequence[int], key: str, named: Sequence[Effect]) -> bool:
+    """Whether a resonance of the same orders is there already: what is left of it is no second one."""
+    return any(
+        abs(np.log(frequency / other.scalar(key))) < SAME_RESONANCE and set(orders) & set(other.orders)
+        for other in named
+    )
 
 
 def _untied(effect: type[Effect], have: set[str]) -> set[frozenset[str]]:

@@ -10,11 +10,11 @@ import numpy as np
 from st_codegen.reconcile.candidates import STAGES, Candidate, Search
 from st_codegen.reconcile.evidence import P_CLUSTERS, Evidence, chi_square_tail, judge, p_of_clusters
 from st_codegen.reconcile.fitting import Fit, State, fit, inverse
+from st_codegen.reconcile.noise import estimate
 from st_codegen.reconcile.observations import rms_deg
 from st_codegen.reconcile.parameters import Coordinate, Piece
-from st_codegen.reconcile.remaining import structure
 from st_codegen.rig.effects import Catalogue, Conditions, Effect, Stage
-from st_codegen.rig.effects.base import ComplexArray
+from st_codegen.rig.effects.base import ComplexArray, FloatArray
 from st_codegen.rig.model import RigModel
 
 #: an effect whose orders keep more structure than this share of what it explains is not named
@@ -22,7 +22,7 @@ _MISFIT = 0.3
 #: twice the loss by which another name may be worse and still be as good a name: 1 in 1000 by chance for one parameter
 _AS_GOOD = 11.0
 _P_CHANGED = 1e-7
-_TRIES = 5
+_TRIES = 3
 
 
 @dataclass(frozen=True)
@@ -80,18 +80,27 @@ def without_misfits(current: Fit) -> tuple[Fit, list[Piece]]:
     """Take back additions whose orders keep too much structure: the data want something else there."""
     dropped: list[Piece] = []
     while True:
-        found = structure(current.target, current.residual)
+        left = _left(current)
         worst: tuple[float, int] | None = None
         for number, piece in enumerate(current.state.pieces):
             if not piece.added:
                 continue
-            ratio = _misfit(current, piece, found.power * found.significant)
+            ratio = _misfit(current, piece, left)
             if ratio > _MISFIT and (worst is None or ratio > worst[0]):
                 worst = (ratio, number)
         if worst is None:
             return current, dropped
         dropped.append(current.state.pieces[worst[1]])
         current = fit(current.target, current.state.without(worst[1]))
+
+
+def _left(current: Fit) -> FloatArray:
+    """Mean square of the residual above the noise floor, by order, deg^2: tails count in both."""
+    target = current.target
+    floor = estimate(target.data, current.residual).floor_rms ** 2 * np.where(target.data.orders == 0, 1, 2)
+    power = (np.abs(current.residual[target.good]) ** 2).mean(axis=0)
+    found: FloatArray = np.maximum(power - 1.1 * floor, 0.0)
+    return found
 
 
 def explained(current: Fit, piece: Piece) -> ComplexArray:
@@ -120,7 +129,7 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
         )
     claims = []
     for i in added:
-        smaller = fit(joint.target, joint.state.without(i))
+        smaller = fit(joint.target, joint.state.without(i), steps=6, tolerance=0.1)
         places = list(range(joint.state.slices()[i].start, joint.state.slices()[i].stop))
         evidence = judge(smaller, joint, places, i)
         others = _as_good(smaller, joint, i, known)
@@ -241,7 +250,7 @@ def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> list[tu
             best[c.name] = c
     found = []
     for c in list(best.values())[:_TRIES]:
-        fitted = fit(joint.target, c.put_into(smaller.state))
+        fitted = fit(joint.target, c.put_into(smaller.state), steps=8, tolerance=0.1)
         extra = len(c.coordinates()) - len(piece.coordinates())
         if fitted.loss + 2.0 * max(extra, 0) < limit:
             found.append((c, fitted))

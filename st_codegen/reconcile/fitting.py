@@ -333,8 +333,8 @@ class Fit:
 
 def by_group(values: FloatArray, groups: IntArray) -> FloatArray:
     """Sums of values (cells, ..) over the cells of each group, (groups, ..)."""
-    found = np.zeros((int(groups.max(initial=0)) + 1, *values.shape[1:]))
-    np.add.at(found, groups, values)
+    member = (np.arange(int(groups.max(initial=0)) + 1)[:, None] == groups[None, :]).astype(np.float64)
+    found: FloatArray = np.tensordot(member, values, 1)
     return found
 
 

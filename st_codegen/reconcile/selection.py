@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from st_codegen.reconcile.candidates import Candidate, Search
+from st_codegen.reconcile.candidates import SAME_RESONANCE, Candidate, Search
 from st_codegen.reconcile.evidence import Evidence, judge
 from st_codegen.reconcile.fitting import Fit, State, Target, fit
 from st_codegen.reconcile.noise import Noise, estimate
@@ -25,8 +25,10 @@ _ROUNDS = 4
 _CLEAR = 0.5
 #: loss that a resonance must save at two frequencies at least, each
 _POINT_GAIN = 12.0
-#: two resonances of the same orders lie this far apart at least (relative)
-_APART = 0.1
+#: steps of a fit that only compares candidates, and how exact it is (of twice the loss)
+_QUICK_STEPS, _QUICK = 6, 0.5
+#: a candidate that failed is tried again when its gain has changed by this factor
+_CHANGED = 1.25
 
 
 def search(
@@ -35,32 +37,38 @@ def search(
     """Add effects until nothing passes. Returns the last fit, and everything that was judged, in order."""
     current = fit(target, state)
     judged: list[tuple[Candidate, Evidence]] = []
-    refused: set[object] = set()
+    refused: dict[object, float] = {}
     for number in range(_MOST_EFFECTS):
         if progress is not None:
             progress(number, _MOST_EFFECTS, f"{len(current.state.pieces)} effects")
         found = _next(current, known, refused, judged)
         if found is None:
             break
-        # what failed beside a missing effect may pass now
-        refused = set()
         current = _pruned(found, refused)
         # on coarse grids a missing effect passes for noise until it is named
         current = fit(with_noise_of(current)[0], current.state)
     return current, judged
 
 
-def _next(current: Fit, known: Catalogue, refused: set[object], judged: list[tuple[Candidate, Evidence]]) -> Fit | None:
+def _next(
+    current: Fit, known: Catalogue, refused: dict[object, float], judged: list[tuple[Candidate, Evidence]]
+) -> Fit | None:
     finder = Search(known, current)
     ranked = [c for c in finder.ranked(least=20.0) if finder.net(c) > 0]
     for _ in range(_ROUNDS):
-        ranked = [c for c in ranked if c.identity not in refused]
+        ranked = [c for c in ranked if not _failed_before(c, refused)]
         if not ranked:
             break
         found = _first_that_passes(current, finder, _without_collectors(finder, ranked), refused, judged)
         if found is not None:
             return found
     return None
+
+
+def _failed_before(candidate: Candidate, refused: dict[object, float]) -> bool:
+    """Whether a candidate was refused when it gained about as much: beside a missing effect it may have gained less."""
+    then = refused.get(candidate.identity)
+    return then is not None and (then == float("inf") or 1 / _CHANGED < candidate.gain / then < _CHANGED)
 
 
 def _without_collectors(finder: Search, ranked: list[Candidate]) -> list[Candidate]:
@@ -88,7 +96,7 @@ def _first_that_passes(
     current: Fit,
     finder: Search,
     ranked: list[Candidate],
-    refused: set[object],
+    refused: dict[object, float],
     judged: list[tuple[Candidate, Evidence]],
 ) -> Fit | None:
     # a clear first needs no comparison with others
@@ -102,13 +110,13 @@ def _first_that_passes(
         judged.append((candidate, evidence))
         if evidence.passed and at_two_frequencies(current, fitted, candidate):
             return fitted
-        refused.add(candidate.identity)
+        refused[candidate.identity] = candidate.gain
     return None
 
 
 def _tried(current: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:
     """The fit with a candidate; of a resonance only the orders stay that reach its frequency."""
-    fitted = fit(current.target, candidate.put_into(current.state))
+    fitted = fit(current.target, candidate.put_into(current.state), steps=_QUICK_STEPS, tolerance=_QUICK)
     piece = fitted.state.pieces[candidate.place(fitted.state)]
     effect = piece.effect
     if effect.orders_key != "orders":
@@ -146,13 +154,13 @@ def at_two_frequencies(without: Fit, with_it: Fit, candidate: Candidate) -> bool
     others = [piece.effect for piece in without.state.pieces if piece.effect.name == effect.name]
     # what is left of a resonance that is not quite an oscillator's is not a second one
     apart = all(
-        abs(frequency / other.scalar("frequency_Hz") - 1) > _APART or not set(other.orders) & set(effect.orders)
+        abs(frequency / other.scalar("frequency_Hz") - 1) > SAME_RESONANCE or not set(other.orders) & set(effect.orders)
         for other in others
     )
     return len(points) >= 2 and 1.02 * low < frequency < 0.98 * high and apart
 
 
-def _pruned(current: Fit, refused: set[object]) -> Fit:
+def _pruned(current: Fit, refused: dict[object, float]) -> Fit:
     """Backward removal: additions that the others made superfluous go."""
     while True:
         added = [i for i, piece in enumerate(current.state.pieces) if piece.added]
@@ -171,7 +179,7 @@ def _pruned(current: Fit, refused: set[object]) -> Fit:
         if smaller.loss - current.loss > 25.0:
             return current
         piece = current.state.pieces[worst[1]]
-        refused.add(Candidate(piece).identity)
+        refused[Candidate(piece).identity] = float("inf")
         current = smaller
 
 

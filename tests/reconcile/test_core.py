@@ -1,0 +1,186 @@
+"""Parts of reconcile one by one: noise floor, coordinates, joint fit, evidence, units; own effects; the report."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from st_codegen.campaign.harmonic_table import HarmonicTable, write_table
+from st_codegen.cli.main import cli
+from st_codegen.errors import InputError
+from st_codegen.reconcile.candidates import variants
+from st_codegen.reconcile.evidence import false_discoveries
+from st_codegen.reconcile.fitting import State, Target, fit, groups_of
+from st_codegen.reconcile.noise import estimate
+from st_codegen.reconcile.observations import Observations, labels
+from st_codegen.reconcile.parameters import piece_of
+from st_codegen.reconcile.reading import check
+from st_codegen.rig.effects import Conditions, Constants, catalogue
+from st_codegen.rig.model import RigModel
+
+ROOT = Path(__file__).resolve().parents[2]
+KNOWN = catalogue()
+CONSTANTS = Constants()
+SIGMA = 2e-5
+
+
+def effect(name, **values):
+    return KNOWN[name](values, CONSTANTS)
+
+
+def grid(speeds=6, torques=7, temperatures=3):
+    axes = np.meshgrid(
+        np.linspace(100, 1800, speeds), np.linspace(0, 1800, torques), np.linspace(25, 35, temperatures), [1.0, -1.0]
+    )
+    speed, torque, temperature, sign = (axis.ravel() for axis in axes)
+    return Conditions.of(sign, speed, torque, temperature)
+
+
+def observed(rig, at, orders=(0, 1, 2, 3, 39, 40, 78), seed=0, sigma=SIGMA):
+    random = np.random.default_rng(seed)
+    values = rig.coefficients(at, orders)
+    noise = sigma * (random.standard_normal(values.shape) + 1j * random.standard_normal(values.shape))
+    noise[:, 0] = noise[:, 0].real
+    return Observations(at, labels(at), np.array(orders), values + noise)
+
+
+RIG = RigModel(
+    effects=(
+        effect("torsional_compliance", stiffness_Nm_per_arcmin=454.0),
+        effect("output_shaft_eccentricity", amplitude_deg=0.0172, phase_rad=0.3),
+        effect("cycloid_tooth_error", order=39, amplitude_deg=1e-3, phase_rad=1.0,
+               backward_amplitude_deg=5e-4, backward_phase_rad=-1.0),
+    )
+)  # fmt: skip
+
+
+def test_noise_is_found_under_what_varies_smoothly():
+    data = observed(RIG, grid())
+    noise = estimate(data, data.values)
+    # 126 runs a direction: the median of as many has a relative error of 6 %; four times that
+    assert noise.sigma[0, 1:] == pytest.approx(SIGMA, rel=0.25)
+    assert not noise.suspects
+
+
+def test_a_bad_run_is_named():
+    data = observed(RIG, grid())
+    values = data.values.copy()
+    # order 0 is real; all others are wrong by thirty noises
+    values[100, 1:] += 30 * SIGMA * np.exp(1j * np.arange(6))
+    noise = estimate(data, values)
+    assert [row for row, _ in noise.suspects] == [100]
+    assert (~noise.good).sum() == 1
+
+
+@pytest.mark.parametrize("name", sorted(KNOWN))
+def test_coordinates_there_and_back(name):
+    values = {
+        "stiffness_Nm_per_arcmin": 300.0, "gap_arcmin": 0.4, "seating_torque_Nm": 50.0, "coulomb_arcmin": 0.1,
+        "viscous_arcmin_per_krpm": 0.2, "viscosity_decay_per_K": 0.05, "drift_arcmin_per_K": 0.1, "amplitude_deg": 0.01,
+        "phase_rad": 0.4, "slope_deg_per_kNm": 0.02, "depth_arcmin": 0.3, "centre_deg": 100.0, "width_deg": 20.0,
+        "delay_us": 200.0, "skew_us": -30.0, "lower_ratio": 0.3, "lower_phase_rad": 1.0, "stiffness_Nm_per_rad": 9000.0,
+        "lag_ms": 4.0, "frequency_Hz": 54.0, "damping_ratio": 0.02,
+    }  # fmt: skip
+    known = KNOWN[name].known_keys()
+    chosen = {key: value for key, value in values.items() if key in known}
+    if "order" in known:
+        chosen["order"] = {"pin_error": 40, "input_shaft_misalignment": 81}.get(name, 39)
+    if "orders" in known:
+        chosen |= {"orders": [156, 240], "amplitude_deg": [0.01, 0.02], "phase_rad": [0.4, -2.0]}
+    piece = piece_of(effect(name, **chosen), added=False)
+    back = piece.with_vector(piece.vector()).effect
+    for key, value in piece.effect.values.items():
+        assert back.values[key] == pytest.approx(value, rel=1e-12), key
+
+
+def test_variants_are_the_choices_of_optional_parts():
+    assert len(variants(KNOWN["friction_windup"], True)) == 3
+    assert len(variants(KNOWN["carrier_modulation"], True)) == 3
+    assert len(variants(KNOWN["torsional_compliance"], True)) == 1
+
+
+def test_standard_errors_of_the_joint_fit_are_those_of_repeated_data():
+    """The spread of a stiffness over 30 data sets against its standard error."""
+    at = grid(5, 5, 2)
+    found, errors = [], []
+    for seed in range(30):
+        data = observed(RIG, at, seed=seed, sigma=2e-4)
+        noise = estimate(data, data.values - RIG.coefficients(at, data.orders.tolist()))
+        target = Target(data, noise.sigma, noise.good, groups_of(at))
+        result = fit(target, State(RIG, 0.0, tuple(piece_of(e, added=False, origin=e) for e in RIG.effects)))
+        found.append(result.state.vector()[1])
+        errors.append(np.sqrt(result.covariance[1, 1]))
+    assert np.mean(found) == pytest.approx(1 / 454.0, abs=4 * np.std(found) / np.sqrt(30))
+    # the standard deviation of 30 values has a relative error of 13 %; errors are never below those of independent runs
+    assert 0.6 < np.mean(errors) / np.std(found) < 1.8
+
+
+def test_false_discovery_rate_by_hand():
+    p = np.array([0.001, 0.02, 0.9, 0.012, 0.04])
+    # sorted 0.001 0.012 0.02 0.04 0.9 against 0.05*i/5 = 0.01 0.02 0.03 0.04 0.05
+    assert false_discoveries(p, 0.05).tolist() == [True, True, False, True, True]
+    assert not false_discoveries(np.array([0.5, 0.9]), 0.05).any()
+
+
+@pytest.mark.parametrize(("factor", "words"), [(np.pi / 180, "in rad"), (180 / np.pi, "57.3"), (81.0, "motor side")])
+def test_units_are_asked_about(factor, words):
+    data = observed(RIG, grid()).scaled(factor)
+    with pytest.raises(InputError, match=words):
+        check(data, RIG, Path("table.csv"))
+
+
+def run(tmp_path, rig, at, measured, *more):
+    data = observed(measured, at)
+    table = HarmonicTable(
+        at.sign < 0, at.speed_rpm, at.torque_Nm, at.temperature_C, tuple(data.orders.tolist()), data.values
+    )
+    write_table(table, tmp_path / "h.csv")
+    rig.write(tmp_path / "rig.toml")
+    arguments = ["reconcile", "--rig", tmp_path / "rig.toml", "--measured", tmp_path / "h.csv", "--out", tmp_path / "o"]
+    result = CliRunner().invoke(cli, [*map(str, arguments), *map(str, more)])
+    assert result.exit_code == 0, result.output
+    return json.loads((tmp_path / "o" / "report.json").read_text())
+
+
+def test_a_missing_effect_is_named_added_and_the_page_says_so(tmp_path):
+    less = RIG.with_effects(RIG.effects[1:])
+    report = run(tmp_path, less, grid(), RIG)
+    (found,) = report["effects"]
+    assert (found["name"], report["verdict"], found["alternatives"]) == ("torsional_compliance", "explained", [])
+    stiffness = found["parameters"]["stiffness_Nm_per_arcmin"]
+    assert abs(stiffness["value"] - 454) < 4 * stiffness["stderr"]
+    assert stiffness["unit"] == "Nm/arcmin"
+    gap = report["gap"]["held_out"]
+    assert gap["after"] < 1.15 * gap["noise_floor"] < gap["before"]
+    assert 'name = "torsional_compliance"' in (tmp_path / "o" / "rig.toml").read_text()
+    page = (tmp_path / "o" / "report.html").read_text()
+    assert "N m per arcmin" in page and "<svg" in page
+    assert '+name = "torsional_compliance"' in (tmp_path / "o" / "rig.diff").read_text()
+
+
+def test_nothing_is_said_where_nothing_is_missing(tmp_path):
+    report = run(tmp_path, RIG, grid(), RIG)
+    assert (report["verdict"], report["effects"], report["unexplained"]) == ("nothing_missing", [], [])
+    assert (tmp_path / "o" / "rig.toml").read_text() == RIG.text()
+
+
+def test_an_effect_of_the_users_own_is_found(tmp_path):
+    own = ROOT / "examples" / "effects" / "motor_cogging.py"
+    at = grid()
+    known = catalogue([own])
+    piece = known["motor_cogging"]({"amplitude_deg": 1e-3, "phase_rad": 0.7}, CONSTANTS)
+    measured = RigModel(effects=(*RIG.effects, piece))
+    data = observed(measured, at, orders=(0, 1, 39, 81, 405))
+    table = HarmonicTable(
+        at.sign < 0, at.speed_rpm, at.torque_Nm, at.temperature_C, tuple(data.orders.tolist()), data.values
+    )
+    write_table(table, tmp_path / "h.csv")
+    RIG.write(tmp_path / "rig.toml")
+    arguments = ["reconcile", "--rig", tmp_path / "rig.toml", "--measured", tmp_path / "h.csv", "--out", tmp_path / "o"]
+    result = CliRunner().invoke(cli, [*map(str, arguments), "--effects", str(own)])
+    assert result.exit_code == 0, result.output
+    report = json.loads((tmp_path / "o" / "report.json").read_text())
+    assert [entry["name"] for entry in report["effects"]] == ["motor_cogging"]
+    assert report["effects"][0]["parameters"]["amplitude_deg"]["value"] == pytest.approx(1e-3, rel=0.05)
