@@ -24,6 +24,8 @@ _LEVEL = 30.0 + 10.0 + 2 * 191.0
 _FUNCTION = 130.0
 #: multiply and add of two array elements
 _MULTIPLY_ADD = 25.0
+#: calling a block, and checking one of its inputs
+_CALL = 50.0
 #: a line of 64 bytes from memory, 8 numbers in a row
 _LINE = 191.0
 
@@ -35,7 +37,8 @@ def worst_case_us(estimator: Any) -> float:
 
 def model_cost_us(model: ModelIR) -> float:
     """Microseconds of one evaluation of a model, worst case."""
-    return sum(_cycles(operation) for operation in model.ops) / _CYCLES_PER_US
+    checks = _CALL * (1 + len(model.features))
+    return (checks + sum(_cycles(operation) for operation in model.ops)) / _CYCLES_PER_US
 
 
 def _cycles(operation: Any) -> float:
