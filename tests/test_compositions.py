@@ -20,6 +20,7 @@ from sklearn.preprocessing import (
     RobustScaler,
     StandardScaler,
 )
+from sklearn.svm import SVR
 from sklearn.tree import DecisionTreeRegressor
 
 import st_codegen
@@ -77,6 +78,8 @@ CASES = {
         X,
         np.column_stack([Y, POSITIVE]),
     ),
+    # raw amplitudes of 1e-4 within an epsilon of 0.1
+    "a machine without support vectors": (SVR(), X, 1e-4 * Y),
     "a link function": (HistGradientBoostingRegressor(loss="poisson", max_iter=5), X_MISSING, POSITIVE),
 }
 

@@ -227,6 +227,8 @@ class KernelSum:
         coefficients = freeze(self, "coefficients", np.float64, (None, vectors.shape[0]))
         freeze(self, "intercept", np.float64, (coefficients.shape[0],))
         require_finite(self, "support_vectors", "coefficients", "intercept")
+        if not len(vectors):
+            raise InputError("KernelSum: no support vectors; the model is a constant")
         if not (math.isfinite(self.gamma) and math.isfinite(self.coef0)):
             raise InputError(f"KernelSum: gamma {self.gamma} or coef0 {self.coef0} is not finite")
         if self.kernel is Kernel.RBF and self.gamma < 0:
