@@ -12,6 +12,7 @@ import numpy as np
 from st_codegen import bounds, reference
 from st_codegen.blocks.engines import Affine, Engine, engines_of, output_of
 from st_codegen.ir import (
+    CEILING,
     Activation,
     FloatArray,
     KernelSum,
@@ -58,7 +59,12 @@ def engine_bound(model: ModelIR, x: FloatArray) -> FloatArray:
         difference = differences[-1] + _affine_error(
             output_of(model, engine.last), core, differences[engine.last], unit
         )
-    return np.asarray(difference + (_UNIT[Precision.FLOAT32] * np.abs(values[-1]) if _answers_in_single(engine) else 0))
+    if _answers_in_single(engine):
+        difference = difference + _UNIT[Precision.FLOAT32] * np.abs(values[-1])
+        # beyond REAL, on the way or at the end, the engine has no answer and the block flags the row
+        largest = np.max(np.abs(np.hstack(values)), axis=1, keepdims=True)
+        difference = np.where(largest < CEILING[Precision.FLOAT32], difference, np.inf)
+    return np.asarray(difference)
 
 
 def _answers_in_single(engine: Engine) -> bool:

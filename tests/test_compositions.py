@@ -110,3 +110,12 @@ def test_rows_that_only_the_library_refuses_are_reported_not_raised(tmp_path):
     assert not report.passed
     assert report.models[0].failures[0].between == "library and reference"
     assert report.models[0].failures[0].input[0] > 1.0
+
+
+def test_results_beyond_float32_do_not_stop_the_blocks_of_model_files(tmp_path):
+    estimator, x, y = CASES["several scaled targets"]
+    loaded = from_estimator(estimator.fit(x, y), "model")
+    bundle = Bundle((LoadedModel(limit_inputs(loaded.ir), loaded.predict),), None)
+    st_codegen.generate(bundle, "beckhoff-ml", tmp_path)
+    report = st_codegen.verify(bundle, tmp_path, rows=500)
+    assert report.passed, report.models[0].failures
