@@ -12,6 +12,7 @@ import resource
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -51,13 +52,10 @@ def bare_polars(folder: Path, _cache: Path) -> None:
         polars.read_csv(path)
 
 
-def reader(jobs: int, keep: bool) -> Callable[[Path, Path], None]:
-    def read(folder: Path, cache: Path) -> None:
-        from st_codegen.campaign.reader import read_campaign
+def reader(folder: Path, cache: Path, jobs: int = 1, keep: bool = False) -> None:
+    from st_codegen.campaign.reader import read_campaign
 
-        read_campaign(folder, jobs=jobs, cache=cache if keep else None)
-
-    return read
+    read_campaign(folder, jobs=jobs, cache=cache if keep else None)
 
 
 def plain_fft(folder: Path, _cache: Path) -> None:
@@ -93,10 +91,10 @@ def main() -> None:
     runs = parser.parse_args().runs
     cases = {
         "polars.read_csv": bare_polars,
-        "reader, 1 process, no cache": reader(1, False),
-        "reader, 2 processes, no cache": reader(2, False),
-        "reader, 2 processes, writes the cache": reader(2, True),
-        "reader, from the cache": reader(1, True),
+        "reader, 1 process, no cache": reader,
+        "reader, 2 processes, no cache": partial(reader, jobs=2),
+        "reader, 2 processes, writes the cache": partial(reader, jobs=2, keep=True),
+        "reader, from the cache": partial(reader, keep=True),
         "reader, from the cache, and least squares": analysed,
         "reading, 1 process, and a plain FFT": plain_fft,
     }
