@@ -25,7 +25,8 @@ def forest(trees: int, nodes: int) -> Any:
     """A forest of complete random trees on eight features that knows missing values."""
     from st_codegen.bundle import Bundle
     from st_codegen.ir import Comparison, Feature, ModelIR, Precision, Source, TreeColumn, TreeEnsemble
-    from st_codegen.walkers.base import LoadedModel, preorder
+    from st_codegen.ir.preorder import preorder
+    from st_codegen.walkers.base import LoadedModel
 
     random = np.random.default_rng(0)
     number = np.arange(nodes)
@@ -147,6 +148,7 @@ def main() -> None:
     measured("example bundle, 10,000 rows", bundle_times, ROOT / "examples" / "rv160n" / "models", 10_000)
     for trees in (125, 250, 500, 1000):
         measured(f"generate {trees:,} trees x 2,001 nodes", generate_forest, trees, 2_001)
+    measured("generate 2,000 trees x 5,001 nodes", generate_forest, 2_000, 5_001)  # ten million nodes
     measured("interpret 100 trees x 255 nodes", run_forest, 100, 255, 100_000)
     measured("interpret 500 trees x 2,001 nodes", run_forest, 500, 2_001, 20_000)
     measured("real bundle, 10,000 rows", real_bundle, 10_000)

@@ -18,9 +18,11 @@ from st_codegen import reference
 from st_codegen.ir import (
     Activation,
     BoolArray,
+    CellTable,
     Clip,
     Combine,
     Comparison,
+    FactoredKernel,
     FillMissing,
     FloatArray,
     Function,
@@ -33,11 +35,13 @@ from st_codegen.ir import (
     Operation,
     Operator,
     Precision,
+    Rank,
     Round,
     Scale,
     Select,
     TreeEnsemble,
 )
+from st_codegen.passes.kernels import grid_of
 
 _UNIT = {Precision.FLOAT64: 2.0**-53, Precision.FLOAT32: 2.0**-24}
 
@@ -63,12 +67,13 @@ def difference_bound(model: ModelIR, x: FloatArray) -> FloatArray:
         for number, op in enumerate(model.ops, 1):
             operands = [values[value] for value in op.inputs]
             given = [differences[value] for value in op.inputs]
-            difference = _difference(op, operands, given, values[number])
+            difference = step(op, operands, given, values[number])
             differences.append(np.where(np.isnan(difference), np.inf, difference))
     return differences[-1]
 
 
-def _gamma(terms: int, precision: Precision) -> float:
+def gamma(terms: int, precision: Precision) -> float:
+    """Relative error of a sum of so many terms, in any order."""
     unit = _UNIT[precision]
     return terms * unit / (1.0 - terms * unit)
 
@@ -80,17 +85,17 @@ def _rounding(op: Operation, result: FloatArray, difference: FloatArray) -> Floa
 
 
 @singledispatch
-def _difference(op: Operation, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+def step(op: Operation, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     """Bound on the difference of the results when the operands differ by at most `given`."""
     raise NotImplementedError(type(op).__name__)
 
 
-@_difference.register
+@step.register
 def _(op: Select, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     return np.hstack(given)[:, op.columns]
 
 
-@_difference.register
+@step.register
 def _(op: Scale, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     constant = np.broadcast_to(op.constant, operands[0].shape)
     zero = np.zeros_like(given[0])
@@ -100,7 +105,7 @@ def _(op: Scale, operands: list[FloatArray], given: list[FloatArray], result: Fl
     return _rounding(op, result, _arithmetic(op.operator, pair, errors))
 
 
-@_difference.register
+@step.register
 def _(op: Combine, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     return _rounding(op, result, _arithmetic(op.operator, operands, given))
 
@@ -115,37 +120,37 @@ def _arithmetic(operator: Operator, operands: list[FloatArray], given: list[Floa
     return np.where(room > 0, (da + np.abs(a / b) * db) / room, np.inf) * (da + db > 0)
 
 
-@_difference.register
+@step.register
 def _(op: Round, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     unit = _UNIT[Precision.FLOAT32]
     return np.where(given[0] > 0, given[0] + 2 * unit * (np.abs(operands[0]) + given[0]), 0.0)
 
 
-@_difference.register(Clip)
-@_difference.register(FillMissing)
+@step.register(Clip)
+@step.register(FillMissing)
 def _(op: Operation, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     return given[0]
 
 
-@_difference.register
+@step.register
 def _(op: Linear, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     weights = np.abs(op.weights)
     difference = given[0] @ weights.T
     size = np.abs(operands[0]) @ weights.T + np.abs(op.bias)
     if op.exact:
-        return np.where(difference > 0, difference + 2 * _gamma(2 * op.operand_width + 1, op.precision) * size, 0.0)
+        return np.where(difference > 0, difference + 2 * gamma(2 * op.operand_width + 1, op.precision) * size, 0.0)
     return difference + _sum_rounding(op.operand_width + 1, size + difference, result, op.precision)
 
 
 def _sum_rounding(terms: int, size: FloatArray, result: FloatArray, precision: Precision) -> FloatArray:
     """The library adds in its precision, the generated code in LREAL with one rounding at the end."""
-    library = _gamma(terms, precision) * size
-    generated = _gamma(terms, Precision.FLOAT64) * size
+    library = gamma(terms, precision) * size
+    generated = gamma(terms, Precision.FLOAT64) * size
     last = _UNIT[precision] * np.abs(result) if precision is Precision.FLOAT32 else 0.0
     return library + generated + last
 
 
-@_difference.register
+@step.register
 def _(op: Activation, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     x, difference = operands[0], given[0]
     moved = _slope(op, x, difference) * difference
@@ -178,7 +183,7 @@ def _slope(op: Activation, x: FloatArray, difference: FloatArray) -> FloatArray:
     return constant
 
 
-@_difference.register
+@step.register
 def _(op: Normalize, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     x, difference = operands[0], given[0]
     if op.norm is Norm.MAX:
@@ -191,34 +196,45 @@ def _(op: Normalize, operands: list[FloatArray], given: list[FloatArray], result
         moved = np.sum(difference, axis=1, keepdims=True)
     room = size - moved
     change = np.where(room > 0, (difference + np.abs(result) * moved) / room, np.inf)
-    return np.where(moved > 0, change + 2 * _gamma(op.width + 5, op.precision) * (np.abs(result) + change), 0.0)
+    return np.where(moved > 0, change + 2 * gamma(op.width + 5, op.precision) * (np.abs(result) + change), 0.0)
 
 
-@_difference.register
+@step.register
 def _(op: KernelSum, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     x, moved = operands[0], given[0]
     size = np.broadcast_to(np.abs(op.intercept), result.shape).copy()
     difference = np.zeros_like(size)
+    # generated code may take an exponential a column and multiply; then products and the sums over the columns of a
+    # grid are rounded too
+    axes = grid_of(op)
+    factors = 1 if axes is None else len(axes)
+    terms = len(op.support_vectors) + 1
+    if axes is not None:
+        terms = max(terms, sum(map(len, axes)) + 2 * factors + 1)
     for vector, coefficients in zip(op.support_vectors, np.abs(op.coefficients.T), strict=True):
-        kernel, change = _kernel_difference(op, x, moved, vector)
+        kernel, change = _kernel_difference(op, x, moved, vector, factors)
         size += (np.abs(kernel) + change)[:, None] * coefficients
         difference += change[:, None] * coefficients
-    return difference + _sum_rounding(len(op.support_vectors) + 1, size, result, op.precision)
+    return difference + _sum_rounding(terms, size, result, op.precision)
 
 
 def _kernel_difference(
-    op: KernelSum, x: FloatArray, moved: FloatArray, vector: FloatArray
+    op: KernelSum, x: FloatArray, moved: FloatArray, vector: FloatArray, factors: int
 ) -> tuple[FloatArray, FloatArray]:
-    """The kernel of each row with one vector, and the difference of two evaluations of it."""
+    """The kernel of each row with one vector, and the difference of two evaluations of it.
+
+    One of them may be a product of `factors` exponentials: each has the error of a function, each product one rounding.
+    """
     terms = len(vector)
-    both = _gamma(terms + 4, op.precision) + _gamma(terms + 4, Precision.FLOAT64)
+    both = gamma(terms + 4, op.precision) + gamma(terms + 4, Precision.FLOAT64)
     function = _FUNCTION_ROUNDINGS * (_UNIT[op.precision] + _UNIT[Precision.FLOAT64])
     kernel = reference.kernel_value(op, x, vector)
     if op.kernel is Kernel.RBF:
         delta = np.abs(x - vector)
         distance = np.sum(delta**2, axis=1)
         argument = op.gamma * (both * distance + np.sum(2 * delta * moved + moved**2, axis=1))
-        return kernel, kernel * (np.expm1(argument) + function) + _TINY
+        function += (factors - 1) * (_FUNCTION_ROUNDINGS + 1) * _UNIT[Precision.FLOAT64]
+        return kernel, kernel * (np.expm1(argument) + function) + factors * _TINY
     size = np.sum(np.abs(x * vector), axis=1)
     change = both * size + np.sum(np.abs(vector) * moved, axis=1)
     if op.kernel is Kernel.LINEAR:
@@ -231,7 +247,28 @@ def _kernel_difference(
     return kernel, larger - base**op.degree + op.degree * both * larger
 
 
-@_difference.register
+@step.register
+def _(op: FactoredKernel, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    return step(_unfactored(op), operands, given, result)
+
+
+def _unfactored(op: FactoredKernel) -> KernelSum:
+    """The same sum over all points of the grid."""
+    columns = np.argsort(op.columns)
+    points = np.stack(np.meshgrid(*op.axes, indexing="ij"), -1).reshape(-1, len(op.axes))[:, columns]
+    return KernelSum(
+        op.inputs, Kernel.RBF, points, op.coefficients, op.intercept, gamma=op.gamma, precision=op.precision
+    )
+
+
+@step.register(Rank)
+@step.register(CellTable)
+def _(op: Operation, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    unsure = np.any(np.hstack(given) > 0, axis=1, keepdims=True)
+    return np.where(unsure, np.inf, np.zeros_like(result))
+
+
+@step.register
 def _(op: TreeEnsemble, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     unsure = np.zeros(len(result), np.bool_)
     for number, column in enumerate(op.columns):
@@ -274,6 +311,6 @@ def _leaf_spread(op: TreeEnsemble) -> FloatArray:
     else:
         total = np.zeros(op.width)
         np.add.at(total, op.tree_output, spread[:, 0])
-    rounding = 2 * _gamma(op.n_trees + 2, op.sum_precision) * (np.abs(op.base) + op.n_trees * np.max(np.abs(values)))
+    rounding = 2 * gamma(op.n_trees + 2, op.sum_precision) * (np.abs(op.base) + op.n_trees * np.max(np.abs(values)))
     bound: FloatArray = (total + rounding) / abs(op.divisor)
     return bound

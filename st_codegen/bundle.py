@@ -62,8 +62,9 @@ def load(folder: Path | str, *, trust_pickle: bool = False, progress: Progress |
     problems = Problems(str(folder))
     _check_names([path.stem for path in files], problems)
     models = _load_files({path.stem: path for path in files}, trust_pickle, progress, problems)
+    finished = tuple(_finished(model, problems) for model in models.values())
     problems.raise_if_any()
-    return Bundle(tuple(_finished(model, problems) for model in models.values()), None)
+    return Bundle(finished, None)
 
 
 def _check_names(names: Sequence[str], problems: Problems) -> None:
@@ -124,6 +125,7 @@ def _load_bundle(folder: Path, trust_pickle: bool, progress: Progress | None) ->
         orders=description.orders,
         directions=description.directions,
         outputs=outputs,
+        tasks=description.tasks,
     )
     return Bundle(tuple(models.values()), error)
 

@@ -6,6 +6,7 @@ reduction_ratio = 81.0
 speed_feature = "speed_rpm"          # holds the input speed in rpm
 directions = ["forward", "backward"]
 orders = [0, 1, 39]
+tasks = 1                            # 2: models in a slow task, harmonic sum and correction in a fast one
 
 [[feature]]                          # in the order in which the models take them
 name = "speed_rpm"
@@ -63,6 +64,7 @@ class Description:
     orders: tuple[int, ...]
     features: tuple[Feature, ...]
     references: tuple[Reference, ...]
+    tasks: int = 1
 
 
 def read_description(path: Path) -> Description:
@@ -136,7 +138,12 @@ class _Reader:
     def _head(self, features: Sequence[str]) -> dict[str, Any]:
         table = self.text.get("bundle", {})
         where = "[bundle]"
-        self._unknown(table, {"name", "reduction_ratio", "speed_feature", "directions", "orders", "description"}, where)
+        known = {"name", "reduction_ratio", "speed_feature", "directions", "orders", "tasks", "description"}
+        self._unknown(table, known, where)
+        tasks = table.get("tasks", 1)
+        if isinstance(tasks, bool) or tasks not in (1, 2):
+            self.problems.add(f"{where}: tasks = {tasks!r}; give 1, or 2 for models in a slow task of their own")
+            tasks = 1
         name = self._value(table, "name", str, where)
         with self.problems.collect():
             identifier(name or "bundle", "bundle name")
@@ -163,6 +170,7 @@ class _Reader:
             "speed_feature": features.index(speed) if speed in features else 0,
             "orders": tuple(orders),
             "directions": tuple(dict.fromkeys(directions)),
+            "tasks": tasks,
         }
 
     def _references(self, orders: Sequence[int], directions: Sequence[Direction]) -> list[Reference]:

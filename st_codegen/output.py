@@ -18,12 +18,13 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from st_codegen.blocks.model import block_name
 from st_codegen.errors import GeneratedCodeError, InputError
 from st_codegen.render import RenderedFile
 
 MANIFEST = "st-codegen.json"
 _FORMAT = 1
-_FACTS = ("models", "transmission_error")
+_FACTS = ("models", "blocks", "transmission_error")
 
 
 @dataclass(frozen=True)
@@ -45,13 +46,31 @@ def read_manifest(folder: Path) -> Manifest | None:
         return None
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        manifest = Manifest(dict(content["files"]), {key: dict(content[key]) for key in _FACTS})
+        manifest = Manifest(dict(content["files"]), {key: dict(content.get(key, {})) for key in _FACTS})
         safe = content["format"] == _FORMAT and all(_is_below(name) for name in manifest.files)
     except (ValueError, KeyError, TypeError) as error:
         raise GeneratedCodeError(f"{path}: not readable ({error}); delete it and generate again") from None
     if not safe:
         raise GeneratedCodeError(f"{path}: written by another version, or changed; delete it and generate again")
     return manifest
+
+
+def block_of(folder: Path, model: str) -> tuple[str, tuple[int, ...]]:
+    """The block of a generated folder that computes a model, and which of the block's outputs are the model's.
+
+    Raises GeneratedCodeError where the folder was generated without this model.
+    """
+    manifest = read_manifest(folder)
+    facts = None if manifest is None else manifest.facts["models"].get(model)
+    if facts is None:
+        raise GeneratedCodeError(f"{folder}: no block {block_name(model)}; the models have changed: generate again")
+    return facts["block"], tuple(facts.get("block_outputs", range(len(facts["outputs"]))))
+
+
+def calls_of(folder: Path) -> int:
+    """How many calls of FB_TEPredict a generated folder spreads its models over."""
+    manifest = read_manifest(folder)
+    return 1 if manifest is None else int(manifest.facts["transmission_error"].get("calls", 1))
 
 
 def _is_below(name: str) -> bool:

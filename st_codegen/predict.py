@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from st_codegen import reference
-from st_codegen.blocks.model import block_name
 from st_codegen.bundle import Bundle
 from st_codegen.engine import GeneratedCode
 from st_codegen.errors import InputError, Problems
 from st_codegen.generate import generate
 from st_codegen.ir import FloatArray, ModelIR
+from st_codegen.output import block_of
 from st_codegen.targets import TARGETS
 from st_codegen.walkers.base import LoadedModel
 
@@ -74,7 +74,8 @@ def _by_library(model: LoadedModel, x: FloatArray, engine: Engine) -> FloatArray
 
 
 def _by_text(model: ModelIR, x: FloatArray, code: GeneratedCode) -> FloatArray:
-    result = code.run_model(block_name(model.name), x, len(model.outputs))
+    block, outputs = block_of(code.folder, model.name)
+    result = code.run_model(block, x, outputs)
     return np.where(result.valid[:, None], result.values, np.nan)
 
 

@@ -13,13 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from st_codegen.ir import (
-    CEILING,
     Activation,
     Aggregate,
     BoolArray,
+    CellTable,
     Clip,
     Combine,
     Comparison,
+    Elementwise,
+    FactoredKernel,
     FillMissing,
     FloatArray,
     Function,
@@ -34,6 +36,8 @@ from st_codegen.ir import (
     Operation,
     Operator,
     Precision,
+    Rank,
+    RankColumn,
     Round,
     Scale,
     Select,
@@ -53,10 +57,20 @@ def evaluate(model: ModelIR, x: FloatArray) -> FloatArray:
     values = trace(model, x)
     usable = valid_rows(model, x)
     for op, result in zip(model.ops, values[1:], strict=True):
-        read = np.hstack([values[number] for number in op.inputs])
-        usable &= ~np.any(np.isnan(result), axis=1) | np.any(np.isnan(read), axis=1)
+        usable &= ~_lost(op, result, [values[number] for number in op.inputs])
     usable &= np.all(np.isfinite(values[-1]), axis=1)
     return np.where(usable[:, None], values[-1], np.nan)
+
+
+def _lost(op: Operation, result: FloatArray, operands: list[FloatArray]) -> BoolArray:
+    """Rows in which an operation made NaN of numbers; where columns stay apart, each for itself."""
+    missing = [np.isnan(operand) for operand in operands]
+    lost: BoolArray
+    if isinstance(op, Elementwise):
+        lost = np.any(np.isnan(result) & ~np.any(missing, axis=0), axis=1)
+        return lost
+    lost = np.any(np.isnan(result), axis=1) & ~np.any(np.hstack(missing), axis=1)
+    return lost
 
 
 def limited(model: ModelIR, x: FloatArray) -> FloatArray:
@@ -81,7 +95,7 @@ def trace(model: ModelIR, x: FloatArray) -> list[FloatArray]:
     values = [np.array(x, dtype=np.float64)]
     with np.errstate(all="ignore"):
         for op in model.ops:
-            values.append(_apply(op, [values[number] for number in op.inputs]))
+            values.append(apply(op, [values[number] for number in op.inputs]))
     return values
 
 
@@ -99,16 +113,17 @@ _OPERATORS: dict[Operator, Callable[[FloatArray, FloatArray], FloatArray]] = {
 
 
 @singledispatch
-def _apply(op: Operation, operands: list[FloatArray]) -> FloatArray:
+def apply(op: Operation, operands: list[FloatArray]) -> FloatArray:
+    """The result of one operation on its operands, each (rows, width)."""
     raise NotImplementedError(type(op).__name__)
 
 
-@_apply.register
+@apply.register
 def _(op: Select, operands: list[FloatArray]) -> FloatArray:
     return np.hstack(operands)[:, op.columns]
 
 
-@_apply.register
+@apply.register
 def _(op: Scale, operands: list[FloatArray]) -> FloatArray:
     left, right = (op.constant[None, :], operands[0]) if op.reverse else (operands[0], op.constant[None, :])
     # + - * / of two float32 numbers computed in float64 and rounded once equal the float32 operation
@@ -116,7 +131,7 @@ def _(op: Scale, operands: list[FloatArray]) -> FloatArray:
     return _guarded(result, left, right, op) if op.reverse and op.operator is Operator.DIVIDE else result
 
 
-@_apply.register
+@apply.register
 def _(op: Combine, operands: list[FloatArray]) -> FloatArray:
     left, right = operands
     result = rounded(_OPERATORS[op.operator](left, right), op.precision)
@@ -125,27 +140,27 @@ def _(op: Combine, operands: list[FloatArray]) -> FloatArray:
 
 def _guarded(quotient: FloatArray, left: FloatArray, right: FloatArray, op: Scale | Combine | Normalize) -> FloatArray:
     """A quotient, NaN where the divisor is too small for it."""
-    return np.where(np.abs(right) <= np.abs(left) * (1.0 / CEILING[op.precision]), np.nan, quotient)
+    return np.where(np.abs(right) <= np.abs(left) * (1.0 / op.ceiling), np.nan, quotient)
 
 
-@_apply.register
+@apply.register
 def _(_: Round, operands: list[FloatArray]) -> FloatArray:
     return rounded(operands[0], Precision.FLOAT32)
 
 
-@_apply.register
+@apply.register
 def _(op: FillMissing, operands: list[FloatArray]) -> FloatArray:
     x = operands[0]
     missing = np.isnan(x) if op.sentinel is None else np.isnan(x) | (x == op.sentinel)
     return np.where(missing, op.fill, x)
 
 
-@_apply.register
+@apply.register
 def _(op: Clip, operands: list[FloatArray]) -> FloatArray:
     return np.clip(operands[0], op.lower, op.upper)
 
 
-@_apply.register
+@apply.register
 def _(op: Linear, operands: list[FloatArray]) -> FloatArray:
     x = operands[0]
     total = np.broadcast_to(op.bias, (len(x), op.width)).copy()
@@ -159,7 +174,7 @@ def _(op: Linear, operands: list[FloatArray]) -> FloatArray:
     return rounded(total, op.precision)
 
 
-@_apply.register
+@apply.register
 def _(op: Activation, operands: list[FloatArray]) -> FloatArray:
     x = np.where(operands[0] > op.limit, np.nan, operands[0])
     return rounded(_FUNCTIONS[op.function](x, op.parameter), op.precision)
@@ -185,7 +200,7 @@ _FUNCTIONS: dict[Function, Callable[[FloatArray, float], FloatArray]] = {
 }
 
 
-@_apply.register
+@apply.register
 def _(op: Normalize, operands: list[FloatArray]) -> FloatArray:
     x = operands[0]
     if op.norm is Norm.MAX:
@@ -204,13 +219,23 @@ def _(op: Normalize, operands: list[FloatArray]) -> FloatArray:
     return np.where((size == 0)[:, None], x, quotient)
 
 
-@_apply.register
+@apply.register
 def _(op: KernelSum, operands: list[FloatArray]) -> FloatArray:
     x = operands[0]
     total = np.broadcast_to(op.intercept, (len(x), op.width)).copy()
     for vector, coefficients in zip(op.support_vectors, op.coefficients.T, strict=True):
         total += kernel_value(op, x, vector)[:, None] * coefficients[None, :]
     return rounded(total, op.precision)
+
+
+@apply.register
+def _(op: FactoredKernel, operands: list[FloatArray]) -> FloatArray:
+    x = operands[0]
+    total = np.broadcast_to(op.coefficients, (len(x), *op.coefficients.shape))
+    for column, axis in reversed(list(zip(op.columns, op.axes, strict=True))):
+        factor = np.exp(-op.gamma * (x[:, column, None] - axis) ** 2)
+        total = np.einsum("ropk,rk->rop", total.reshape(len(x), op.width, -1, len(axis)), factor)
+    return rounded(total[:, :, 0] + op.intercept, op.precision)
 
 
 def kernel_value(op: KernelSum, x: FloatArray, vector: FloatArray) -> FloatArray:
@@ -225,7 +250,7 @@ def kernel_value(op: KernelSum, x: FloatArray, vector: FloatArray) -> FloatArray
     return np.tanh(argument) if op.kernel is Kernel.SIGMOID else argument**op.degree
 
 
-@_apply.register
+@apply.register
 def _(op: TreeEnsemble, operands: list[FloatArray]) -> FloatArray:
     return _TreeEvaluator(op, operands[0]).total()
 
@@ -326,6 +351,30 @@ class _TreeEvaluator:
         if op.base_last or op.aggregate is not Aggregate.SUM:
             result = result + base
         return np.asarray(result, np.float64)
+
+
+@apply.register
+def _(op: Rank, operands: list[FloatArray]) -> FloatArray:
+    x = np.hstack(operands)
+    return np.column_stack([_rank(column, x[:, column.column]) for column in op.columns])
+
+
+def _rank(column: RankColumn, x: FloatArray) -> FloatArray:
+    below = np.searchsorted(column.edges, x, side="left")
+    rank = column.highest - below if column.descending else below
+    return np.where(np.isnan(x), column.missing, rank).astype(np.float64)
+
+
+@apply.register
+def _(op: CellTable, operands: list[FloatArray]) -> FloatArray:
+    ranks = np.hstack(operands).astype(np.int64)
+    row = np.zeros(len(ranks), np.int64)
+    for axis in op.axes:
+        row += axis.offset[ranks[:, axis.column]]
+    result = np.broadcast_to(op.constant, (len(row), op.width)).copy()
+    kept = np.flatnonzero(op.stored >= 0)
+    result[:, kept] = op.values[row[:, None], op.stored[kept]]
+    return result
 
 
 def category_code(column: TreeColumn, value: FloatArray) -> NDArray[np.int64]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import escape
 
 import jinja2
 
@@ -44,16 +45,22 @@ def environment(target: Target) -> jinja2.Environment:
         keep_trailing_newline=True,
         autoescape=False,
     )
+    templates.filters["xml"] = _as_xml_text
 
     def code(block: Block, section: Section) -> str:
         template = templates.get_template(f"common/operations/{section.template}.st.j2")
         return template.render(block=block, **section.values)
 
     templates.globals["code"] = code
-    templates.globals["dialect"] = templates.get_template(f"{target.name}/dialect.st.j2").module
+    templates.globals["dialect"] = templates.get_template(f"{target.dialect}/dialect.st.j2").module
     macros = templates.get_template("common/macros.st.j2").module
     templates.globals.update({name: macro for name, macro in vars(macros).items() if not name.startswith("_")})
     return templates
+
+
+def _as_xml_text(text: str) -> str:
+    """Text between tags or in double quotes."""
+    return escape(str(text), {'"': "&quot;"})
 
 
 def render(project: ProjectIR, target: Target, limits: Limits | None = None) -> Iterator[RenderedFile]:
@@ -62,7 +69,11 @@ def render(project: ProjectIR, target: Target, limits: Limits | None = None) -> 
     All checks are made before the first file is handed out; texts are printed piece by piece while they are consumed,
     so that a table of millions of numbers is never a string. Raises InputError, TargetError.
     """
-    plans = list(target.plan(project, limits or target.limits))
+    return print_plans(target, list(target.plan(project, limits or target.limits)))
+
+
+def print_plans(target: Target, plans: Iterable[FilePlan]) -> Iterator[RenderedFile]:
+    """The files that a target has planned, printed piece by piece while they are consumed."""
     templates = environment(target)
     return (RenderedFile(plan.path, _print(templates, plan)) for plan in plans)
 

@@ -17,6 +17,7 @@ from st_codegen.engine import GeneratedCode
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import FloatArray
 from st_codegen.output import Manifest, read_manifest
+from st_codegen.targets import TARGETS
 from st_codegen.verify import target_folders
 
 #: Called with (number done, total, what is next).
@@ -30,6 +31,8 @@ _FACTS = {
     "outputs": "outputs",
     "accepts_nan": "takes missing values",
     "exact": "equals the library bit for bit",
+    "layout": "layout",
+    "block": "block",
     "trees": "trees",
     "nodes": "nodes",
     "support_vectors": "support vectors",
@@ -108,7 +111,7 @@ def diff(
     """
     before, after = _common_target(Path(old), Path(new))
     manifests = [_manifest(folder) for folder in (before, after)]
-    codes = [GeneratedCode(folder, folder.name) for folder in (before, after)]
+    codes = [GeneratedCode(folder, TARGETS[folder.name].dialect) for folder in (before, after)]
     models = [_with_sizes(manifest, code) for manifest, code in zip(manifests, codes, strict=True)]
     common = sorted(set(models[0]) & set(models[1]))
     changes = []
@@ -150,9 +153,12 @@ def _manifest(folder: Path) -> Manifest:
 
 
 def _with_sizes(manifest: Manifest, code: GeneratedCode) -> dict[str, dict[str, Any]]:
-    """The facts of the models, with what their tables take in memory by the text itself."""
+    """The facts of the models, with what their tables take in memory by the text itself (not of a shared block's)."""
     models = manifest.facts["models"]
-    return {name: {**facts, "table_bytes": code.table_bytes(facts["block"])} for name, facts in models.items()}
+    return {
+        name: facts if facts.get("shared") else {**facts, "table_bytes": code.table_bytes(facts["block"])}
+        for name, facts in models.items()
+    }
 
 
 def _changed_files(before: tuple[Path, Manifest], after: tuple[Path, Manifest]) -> dict[str, str]:
@@ -180,9 +186,14 @@ def _compare_model(
     if not same_shape or not text_changed:
         return ModelChange(name, changes, (), 0, 0, 0, text_changed)
     x = _operating_points(old, new, rows, seed)
-    results = [code.run_model(f["block"], x, len(f["outputs"])) for code, f in zip(codes, facts, strict=True)]
+    results = [
+        code.run_model(f["block"], x, f.get("block_outputs", len(f["outputs"])))
+        for code, f in zip(codes, facts, strict=True)
+    ]
     both = results[0].valid & results[1].valid
     difference = np.abs(results[1].values[both] - results[0].values[both])
+    if new.get("shared"):  # the text is that of other models too
+        text_changed = bool(changes or np.any(difference) or np.any(results[0].valid != results[1].valid))
     names = [feature["name"] for feature in new["features"]]
     return ModelChange(
         name,

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from st_codegen import bounds, reference
+from st_codegen.blocks.compensation.harmonic_sum import ERROR_PER_ORDER
 from st_codegen.blocks.model import input_variables
 from st_codegen.engine import GeneratedCode
-from st_codegen.ir import Direction, FloatArray, ProjectIR, Quantity, TransmissionError
+from st_codegen.ir import Direction, FloatArray, ModelIR, ProjectIR, Quantity, TransmissionError
+from st_codegen.output import calls_of
 
 #: SQRT, ATAN, COS and the few operations around them: relative error of each result, in units of roundoff.
 _ROUNDINGS = 16
@@ -41,11 +44,24 @@ class HarmonicSet:
     phase_bound: FloatArray
 
 
-def harmonics(project: ProjectIR, te: TransmissionError, direction: Direction, x: FloatArray) -> HarmonicSet:
+#: Bound on |library - generated code| of a model for rows, (rows, outputs).
+Bound = Callable[[ModelIR, FloatArray], FloatArray]
+#: Predictions of a model for rows, (rows, outputs).
+Evaluation = Callable[[ModelIR, FloatArray], FloatArray]
+
+
+def harmonics(
+    project: ProjectIR,
+    te: TransmissionError,
+    direction: Direction,
+    x: FloatArray,
+    bound: Bound = bounds.difference_bound,
+    evaluate: Evaluation = reference.evaluate,
+) -> HarmonicSet:
     """Amplitudes and phases that the models predict at operating points `x` (rows, features)."""
     models = {model.name: model for model in project.models}
-    values = {name: reference.evaluate(models[name], x) for name in {output.model for output in te.outputs}}
-    errors = {name: bounds.difference_bound(models[name], x) for name in values}
+    values = {name: evaluate(models[name], x) for name in {output.model for output in te.outputs}}
+    errors = {name: bound(models[name], x) for name in values}
     zero = np.zeros(len(x))
     columns = []
     for order in te.orders:
@@ -74,7 +90,12 @@ def harmonics(project: ProjectIR, te: TransmissionError, direction: Direction, x
 
 
 def check_transmission_error(
-    project: ProjectIR, te: TransmissionError, code: GeneratedCode, rows: int, seed: int
+    project: ProjectIR,
+    te: TransmissionError,
+    code: GeneratedCode,
+    rows: int,
+    seed: int,
+    bound: Bound = bounds.difference_bound,
 ) -> list[BlockCheck]:
     """Run both blocks at random operating points inside the trained range, and compute what they must give."""
     random = np.random.default_rng(seed)
@@ -82,7 +103,7 @@ def check_transmission_error(
     upper = np.array([feature.upper for feature in te.features], dtype=np.float64)
     x = lower + (upper - lower) * random.random((rows, len(te.features)))
     theta = random.uniform(-2 * np.pi, 2 * np.pi, rows)
-    sets = {direction: harmonics(project, te, direction, x) for direction in te.directions}
+    sets = {direction: harmonics(project, te, direction, x, bound) for direction in te.directions}
     return [_check_predict(te, code, x, sets), _check_sum(te, code, x, theta, sets)]
 
 
@@ -93,7 +114,7 @@ def _feature_inputs(te: TransmissionError, x: FloatArray) -> dict[str, FloatArra
 def _check_predict(
     te: TransmissionError, code: GeneratedCode, x: FloatArray, sets: dict[Direction, HarmonicSet]
 ) -> BlockCheck:
-    result = code.call("FB_TEPredict", _feature_inputs(te, x), len(x))
+    result = code.call("FB_TEPredict", _feature_inputs(te, x), len(x), calls=calls_of(code.folder))
     expected, got, bound = [], [], []
     for direction, harmonic in sets.items():
         suffix = {Direction.FORWARD: "Fw", Direction.BACKWARD: "Bw"}[direction]
@@ -120,15 +141,16 @@ def _check_sum(
     signed = x.copy()
     signed[backward, te.speed_feature] *= -1.0
     inputs = _feature_inputs(te, signed) | {"fThetaOut_rad": theta, "bEnable": np.ones(len(x), np.bool_)}
-    result = code.call("FB_Compensator", inputs, len(x))
+    result = code.call("FB_Compensator", inputs, len(x), calls=calls_of(code.folder))
     expected, bound = np.zeros(len(x)), np.zeros(len(x))
     for direction, harmonic in sets.items():
         angle = np.array(te.orders) * theta[:, None] + harmonic.phase
         chosen = backward if direction is Direction.BACKWARD else ~backward
         expected = np.where(chosen, np.sum(harmonic.amplitude * np.cos(angle), axis=1), expected)
-        # an angle of many turns is rounded before its cosine is taken
+        # here an angle of many turns is rounded before its cosine is taken; the block multiplies along its chain
         size = np.abs(harmonic.amplitude)
-        rounding = (_ROUNDINGS + len(te.orders)) * _UNIT * size * (1 + np.abs(angle))
+        chain = ERROR_PER_ORDER * np.array(te.orders)
+        rounding = size * (chain + (_ROUNDINGS + len(te.orders)) * _UNIT * (1 + np.abs(angle)))
         own = harmonic.amplitude_bound + size * harmonic.phase_bound + rounding
         bound = np.where(chosen, np.sum(own, axis=1), bound)
     got = np.where(result["bValid"], result["fTE_deg"], np.nan)

@@ -7,7 +7,7 @@ the bound that `bounds` derives for the very row. Rows that the library refuses 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from st_codegen import bounds, reference
-from st_codegen.blocks.model import block_name
 from st_codegen.bundle import Bundle
+from st_codegen.cost import Profile, ProjectCost, project_cost
 from st_codegen.engine import GeneratedCode
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import BoolArray, FloatArray, TransmissionError
-from st_codegen.output import MANIFEST
+from st_codegen.output import MANIFEST, block_of
 from st_codegen.probes import probe_rows, trained_range
 from st_codegen.targets import TARGETS
 from st_codegen.te_check import check_transmission_error
@@ -81,17 +81,51 @@ class ModelReport:
 
 @dataclass(frozen=True)
 class VerifyReport:
-    """What `st-codegen verify` found."""
+    """What `st-codegen verify` found.
+
+    `notes` say, by target, what this does not show; `costs` are the worst cases by target, `cycle_us` the budget of one
+    cycle.
+    """
 
     models: tuple[ModelReport, ...]
+    notes: Mapping[str, str] = field(default_factory=dict)
+    costs: Mapping[str, ProjectCost] = field(default_factory=dict)
+    cycle_us: float | None = None
 
     @property
     def passed(self) -> bool:
-        return all(model.passed for model in self.models)
+        return all(model.passed for model in self.models) and not self.over_budget
+
+    @property
+    def over_budget(self) -> dict[str, ProjectCost]:
+        """The targets whose cycle takes longer than the budget, or has loops without a known bound."""
+        if self.cycle_us is None:
+            return {}
+        return {target: cost for target, cost in self.costs.items() if not cost.fits(self.cycle_us)}
 
     def as_json(self) -> dict[str, Any]:
-        """`passed`, and `models` by name."""
-        return {"passed": self.passed, "models": {model.name: model.as_json() for model in self.models}}
+        """`passed`, `models` by name, `notes` and `costs` by target."""
+        return {
+            "passed": self.passed,
+            "models": {model.name: model.as_json() for model in self.models},
+            "notes": dict(self.notes),
+            "costs": {
+                target: {"cycle_us": self.cycle_us, "fits": target not in self.over_budget, **cost.as_json()}
+                for target, cost in self.costs.items()
+            },
+        }
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The time of one cycle on one machine, in us (None: no limit), and the blocks that it runs.
+
+    Without `entries`: the programs that its tasks call.
+    """
+
+    profile: Profile
+    cycle_us: float | None = None
+    entries: tuple[str, ...] = ()
 
 
 def _plain(value: Any) -> Any:
@@ -103,13 +137,22 @@ def _plain(value: Any) -> Any:
 
 
 def verify(
-    bundle: Bundle, generated: Path | str, *, rows: int = 10_000, seed: int = 0, progress: Progress | None = None
+    bundle: Bundle,
+    generated: Path | str,
+    *,
+    rows: int = 10_000,
+    seed: int = 0,
+    budget: Budget | None = None,
+    progress: Progress | None = None,
 ) -> VerifyReport:
     """Compare the library, the reference and every generated target below `generated` on about `rows` rows a model.
 
-    Raises GeneratedCodeError where there is nothing to verify, or the text cannot be read or would stop a controller.
+    With a `budget` the worst case of each target is computed and compared with it. Raises GeneratedCodeError where
+    there is nothing to verify, or the text cannot be read or would stop a controller.
     """
-    targets = {folder.name: GeneratedCode(folder, folder.name) for folder in target_folders(Path(generated))}
+    targets = {
+        folder.name: GeneratedCode(folder, TARGETS[folder.name].dialect) for folder in target_folders(Path(generated))
+    }
     reports = []
     total = len(bundle.models)
     for number, model in enumerate(bundle.models):
@@ -121,7 +164,26 @@ def verify(
             reports.extend(_te_reports(bundle, bundle.transmission_error, code, name, seed))
     if progress is not None:
         progress(total, total, "")
-    return VerifyReport(tuple(_merged(reports)))
+    notes = {name: TARGETS[name].proof for name in targets if TARGETS[name].proof}
+    costs = (
+        {}
+        if budget is None
+        else {name: cycle_cost(code, budget.profile, budget.entries) for name, code in targets.items()}
+    )
+    return VerifyReport(tuple(_merged(reports)), notes, costs, None if budget is None else budget.cycle_us)
+
+
+def cycle_cost(code: GeneratedCode, profile: Profile, entries: tuple[str, ...] = ()) -> ProjectCost:
+    """The worst case of a cycle of generated text: of `entries`, else of what its tasks call (see `project_cost`).
+
+    Programs of several tasks are added up, for they share a processor. Raises GeneratedCodeError for an unknown entry.
+    """
+    names = {name.upper() for name in code.project.pous}
+    missing = [name for name in entries if name.upper() not in names]
+    if missing:
+        raise GeneratedCodeError(f"{code.folder}: no block {', '.join(missing)}")
+    tasks = tuple(name for name in code.task_programs if name.upper() in names)
+    return project_cost(code.project, profile, entries or tasks or None)
 
 
 def target_folders(generated: Path) -> list[Path]:
@@ -138,9 +200,10 @@ def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: i
     x = probe_rows(ir, rows, seed)
     expected = reference.evaluate(ir, x)
     usable = np.all(np.isfinite(expected), axis=1)
-    bound = np.where(usable[:, None], bounds.difference_bound(ir, reference.limited(ir, x)), 0.0)
+    limited = reference.limited(ir, x)
+    bound = np.where(usable[:, None], bounds.difference_bound(ir, limited), 0.0)
     library = np.full_like(expected, np.nan)
-    library[usable] = model.predict(reference.limited(ir, x)[usable])
+    library[usable] = _by_library(model, limited[usable])
     report = ModelReport(ir.name, n=len(x), must_be_exact=ir.exact)
     report.unbounded = int(np.sum(~np.all(np.isfinite(bound), axis=1)))
     lower, upper = trained_range(ir)
@@ -149,12 +212,28 @@ def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: i
     _compare(report, "library and reference", x, library, expected, bound)
     for name, code in targets.items():
         report.targets.append(name)
-        result = code.run_model(block_name(ir.name), x, len(ir.outputs))
+        block, outputs = block_of(code.folder, ir.name)
+        result = code.run_model(block, x, outputs)
         got = np.where(result.valid[:, None], result.values, np.nan)
-        _compare(report, f"reference and {name}", x, expected, got, bound)
-        report.exact &= not np.any(library[usable] != got[usable])
-        _measure(report, x, library, got, inside & result.valid)
+        answered = usable & TARGETS[name].answers(ir, limited)
+        allowed = np.where(answered[:, None], TARGETS[name].difference_bound(ir, limited), 0.0)
+        report.must_be_exact &= not np.any(allowed)
+        report.bound = max(report.bound, float(np.max(allowed[inside & np.isfinite(allowed).all(axis=1)], initial=0.0)))
+        _compare(report, f"reference and {name}", x, np.where(answered[:, None], expected, np.nan), got, allowed)
+        report.exact &= not np.any(library[answered] != got[answered])
+        _measure(report, x, library, got, inside & answered & result.valid)
     return report
+
+
+def _by_library(model: LoadedModel, x: FloatArray) -> FloatArray:
+    """The library's answers; NaN for rows that it refuses with an exception, found by halving."""
+    try:
+        return model.predict(x)
+    except Exception:
+        if len(x) <= 1:
+            return np.full((len(x), len(model.ir.outputs)), np.nan)
+        half = len(x) // 2
+        return np.vstack([_by_library(model, x[:half]), _by_library(model, x[half:])])
 
 
 def _compare(
@@ -163,7 +242,7 @@ def _compare(
     """Note the first rows on which two answers differ by more than the bound, or only one of them is an answer."""
     same = (expected == got) | (np.isnan(expected) & np.isnan(got))
     with np.errstate(invalid="ignore"):
-        near = np.abs(expected - got) <= bound
+        near = (np.abs(expected - got) <= bound) | np.isinf(bound)
     wrong = np.flatnonzero(~np.all(same | near, axis=1))
     for row in wrong[:3]:
         report.failures.append(
@@ -217,7 +296,8 @@ def _te_reports(
 ) -> list[ModelReport]:
     """FB_TEPredict and FB_Compensator against the models that they are made of."""
     reports = []
-    for check in check_transmission_error(bundle.project, te, code, _TE_ROWS, seed):
+    bound = TARGETS[target].difference_bound
+    for check in check_transmission_error(bundle.project, te, code, _TE_ROWS, seed, bound):
         report = ModelReport(check.block, n=len(check.inputs), must_be_exact=False, targets=[target])
         report.bound = float(np.max(check.bound, initial=0.0))
         _compare(report, f"models and {target}", check.inputs, check.expected, check.got, check.bound)
@@ -238,6 +318,7 @@ def _merged(reports: list[ModelReport]) -> list[ModelReport]:
         known.targets += report.targets
         known.failures += report.failures
         known.exact &= report.exact
+        known.bound = max(known.bound, report.bound)
         known.max_ulp = max(known.max_ulp, report.max_ulp)
         if report.max_abs_err > known.max_abs_err:
             known.max_abs_err, known.worst_input = report.max_abs_err, report.worst_input

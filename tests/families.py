@@ -78,7 +78,7 @@ CHOICE = {
 }
 
 
-def write_bundle(folder):
+def write_bundle(folder, choice=CHOICE):
     """Train the 38 models of the paper on the measured table and write them as a bundle."""
     import joblib
     from sklearn.base import clone
@@ -94,7 +94,7 @@ def write_bundle(folder):
         lines.append(f'[[feature]]\nname = "{name}"\nunit = "{unit}"\nmin = {low}\nmax = {high}\n')
     for direction in ("forward", "backward"):
         x, columns = harmonic_table(direction)
-        for order, chosen in CHOICE.items():
+        for order, chosen in choice.items():
             lines.append(f'[[harmonic]]\ndirection = "{direction}"\norder = {order}')
             for family, quantity, letter in zip(chosen, ("amplitude", "phase"), ("A", "phi"), strict=False):
                 stem = f"{letter}{order}_{direction}"

@@ -30,7 +30,7 @@ from st_codegen.ir import (
     TreeColumn,
     TreeEnsemble,
 )
-from st_codegen.walkers.base import preorder
+from st_codegen.ir.preorder import preorder
 
 SOURCE = Source("test", "1.0", "made for a test")
 
@@ -225,6 +225,12 @@ SMALL_MODELS = {
     "kernel two outputs": model(KernelSum((0,), Kernel.RBF, VECTORS, [[1.0, -2.0, 0.5], [0.0, 1.0, 1.0]], [0.1, 0.2])),
     "trees": model(random_trees(_rng(), comparison=Comparison.LESS_OR_EQUAL), accepts_nan=True),
     "one leaf": model(random_trees(_rng(), splits=0, trees=1, comparison=Comparison.LESS)),
+    "sum of quotients": model(
+        Round((0,), 3),
+        Scale((1,), Operator.DIVIDE, [1.0, -2.0, 0.5], Precision.FLOAT32, reverse=True),
+        Combine((2, 1), Operator.DIVIDE, 3, Precision.FLOAT32),
+        Linear((3,), [[3.0, -4.0, 5.0]], [0.5], precision=Precision.FLOAT32),
+    ),
     "scaled trees": model(
         Scale((0,), Operator.SUBTRACT, [0.1, 0.2, 0.3]),
         Scale((1,), Operator.DIVIDE, [2.0, 3.0, 0.7]),

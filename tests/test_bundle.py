@@ -1,5 +1,6 @@
 import functools
 import pickle
+import re
 
 import pytest
 
@@ -21,6 +22,14 @@ def test_a_folder_without_bundle_toml_gives_a_model_a_file(lone_folder):
 
 def test_a_single_file_may_be_given(lone_folder):
     assert load(lone_folder / "te.txt").models[0].ir.name == "te"
+
+
+def test_a_model_whose_result_overflows_for_any_input_is_refused(lone_folder):
+    path = lone_folder / "te.txt"
+    old = re.search(r"leaf_value=(\S+)", path.read_text())[1]
+    path.write_text(path.read_text().replace(old, "1e308".ljust(len(old), " ")[: len(old)], 1))
+    with pytest.raises(InputError, match="'te': its coefficients are so large"):
+        load(lone_folder)
 
 
 def test_a_bundle_has_features_ranges_and_harmonics(bundle_folder):
@@ -100,6 +109,17 @@ def test_what_is_wrong_with_a_bundle_is_named(bundle_folder, replace, by, reason
     path.write_text(bad(path.read_text(encoding="utf-8"), replace, by), encoding="utf-8")
     with pytest.raises(InputError, match=reason):
         load(bundle_folder)
+
+
+@pytest.mark.parametrize("tasks", ["3", "0", "true", '"two"', "1.5"])
+def test_a_number_of_tasks_is_one_or_two(bundle_folder, tasks):
+    path = bundle_folder / "bundle.toml"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace("orders = ", f"tasks = {tasks}\norders = "), encoding="utf-8")
+    with pytest.raises(InputError, match="give 1, or 2"):
+        load(bundle_folder)
+    path.write_text(text.replace("orders = ", "tasks = 2\norders = "), encoding="utf-8")
+    assert load(bundle_folder).transmission_error.tasks == 2
 
 
 def test_all_problems_are_reported_at_once(bundle_folder):

@@ -78,14 +78,14 @@ def test_check_exits_with_1_and_a_diff(lone_folder, tmp_path, capsys):
 
 def test_verify_reports_and_exits_with_0_or_1(lone_folder, tmp_path, capsys):
     out, report = tmp_path / "out", tmp_path / "deep" / "report.json"
-    run(lone_folder, "--out", out, "-q")
+    run(lone_folder, "--out", out, "-q", "--layout", "trees")
     assert run("verify", lone_folder, "--generated", out, "--json", report, "--rows", 300) == 0
     assert "exact" in capsys.readouterr().err
     content = json.loads(report.read_text())
     assert content["passed"] is True
     assert content["models"]["te"]["n"] >= 300
     path = out / "twincat" / "POUs" / "FB_Te.TcPOU"
-    path.write_text(path.read_text(encoding="utf-8").replace("<=", "<"), encoding="utf-8")
+    path.write_text(path.read_text(encoding="utf-8").replace("fOut1 := ", "fOut1 := 0.5 * "), encoding="utf-8")
     assert run("verify", lone_folder, "--generated", out, "--json", report, "--rows", 300) == 1
     error = capsys.readouterr().err
     assert "FAILED" in error
@@ -113,7 +113,7 @@ def test_diff_exits_with_1_on_a_difference(lone_folder, tmp_path, capsys):
     assert "no difference" in capsys.readouterr().out
     path = tmp_path / "b" / "twincat" / "POUs" / "FB_Te.TcPOU"
     path.write_text(
-        path.read_text(encoding="utf-8").replace("fOut1 := aStep1[0]", "fOut1 := aStep1[0] + 1.0"), encoding="utf-8"
+        path.read_text(encoding="utf-8").replace("fOut1 := aStep2[0]", "fOut1 := aStep2[0] + 1.0"), encoding="utf-8"
     )
     assert run("diff", tmp_path / "a", tmp_path / "b") == 1
     assert "files: 1 changed" in capsys.readouterr().out

@@ -22,7 +22,9 @@ def run(model, target, folder, x, limits=None):
         path = folder / target / file.path
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("".join(file.pieces), encoding="utf-8")
-    result = GeneratedCode(folder / target, target).run_model(block_name(model.name), x, len(model.outputs))
+    result = GeneratedCode(folder / target, TARGETS[target].dialect).run_model(
+        block_name(model.name), x, len(model.outputs)
+    )
     return np.where(result.valid[:, None], result.values, np.nan)
 
 
@@ -39,7 +41,7 @@ def assert_same(model, target, folder, rows=700, seed=0):
     return expected
 
 
-@pytest.mark.parametrize("target", ["iec", "twincat"])
+@pytest.mark.parametrize("target", ["iec", "twincat", "plcopen"])
 @pytest.mark.parametrize("name", SMALL_MODELS)
 def test_each_operation_computes_what_the_reference_computes(name, target, tmp_path):
     expected = assert_same(limit_inputs(SMALL_MODELS[name]), target, tmp_path)
@@ -47,6 +49,6 @@ def test_each_operation_computes_what_the_reference_computes(name, target, tmp_p
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
-@given(model=tree_models(), target=st.sampled_from(["iec", "twincat"]), seed=st.integers(0, 2**31))
+@given(model=tree_models(), target=st.sampled_from(["iec", "twincat", "plcopen"]), seed=st.integers(0, 2**31))
 def test_any_tree_ensemble_is_equal_to_the_bit(model, target, seed, tmp_path_factory):
     assert_same(limit_inputs(model), target, tmp_path_factory.mktemp("trees"), rows=300, seed=seed)

@@ -11,6 +11,7 @@ from st_codegen import output
 from st_codegen.bundle import load
 from st_codegen.errors import GeneratedCodeError, InputError
 from st_codegen.generate import check, generate
+from st_codegen.passes.choose import Layout, Options
 from st_codegen.targets import TARGETS
 
 TWINCAT = TARGETS["twincat"]
@@ -99,17 +100,19 @@ def test_without_an_exchange_of_folders_two_renames_do(lone_folder, tmp_path, mo
     assert snapshot(folder) == before
 
 
+TREES = Options(Layout.TREES)  # quick to generate
 WRITER = """
 import sys
 from pathlib import Path
 from st_codegen.bundle import load
 from st_codegen.generate import generate
+from st_codegen.passes.choose import Layout, Options
 from st_codegen.targets import TARGETS
 bundles = [load(Path(folder)) for folder in sys.argv[1:3]]
 print("ready", flush=True)
 number = 0
 while True:
-    generate(bundles[number % 2], TARGETS["twincat"], Path(sys.argv[3]))
+    generate(bundles[number % 2], TARGETS["twincat"], Path(sys.argv[3]), options=Options(Layout.TREES))
     number += 1
 """
 
@@ -122,20 +125,22 @@ def test_a_killed_run_leaves_a_whole_project(lone_folder, lightgbm_text, tmp_pat
         (other / name).write_text(lightgbm_text)
     wholes = []
     for number, models in enumerate((lone_folder, other)):
-        wholes.append(snapshot(generate(load(models), TWINCAT, tmp_path / f"whole{number}").folder))
+        wholes.append(snapshot(generate(load(models), TWINCAT, tmp_path / f"whole{number}", options=TREES).folder))
     out = tmp_path / "out"
-    generate(load(lone_folder), TWINCAT, out)
+    generate(load(lone_folder), TWINCAT, out, options=TREES)
     seen = set()
-    for attempt in range(12):
+    for attempt in range(60):  # until both were found, on a slow machine too
         with subprocess.Popen(
             [sys.executable, "-c", WRITER, str(lone_folder), str(other), str(out)], stdout=subprocess.PIPE, text=True
         ) as writer:
             assert writer.stdout.readline() == "ready\n"
-            time.sleep(0.02 + 0.013 * attempt)
+            time.sleep(0.02 + 0.02 * attempt)
             writer.send_signal(signal.SIGKILL)
         found = snapshot(out / "twincat")
         assert found in wholes
         seen.add(wholes.index(found))
+        if attempt >= 11 and len(seen) == 2:
+            break
     assert seen == {0, 1}
 
 

@@ -65,9 +65,17 @@ def test_the_bundle_of_the_paper_is_compiled_and_verified(tmp_path):
     write_bundle(tmp_path / "models")
     bundle = load(tmp_path / "models", trust_pickle=True)
     assert len(bundle.models) == 38
-    for target in TARGETS.values():
-        generate(bundle, target, tmp_path / "out")
+    generated = [generate(bundle, target, tmp_path / "out") for target in TARGETS.values()]
     names = {path.stem for path in (tmp_path / "out" / "twincat" / "POUs").iterdir()}
-    assert names >= {block_name(model.ir.name) for model in bundle.models} | {"FB_TEPredict", "FB_Compensator"}
+    compiled = generated[0].compiled
+    blocks = {block_name(compiled.places[model.ir.name].model) for model in bundle.models}
+    assert names >= blocks | {"FB_TEPredict", "FB_Compensator"}
+    # what splits at the grid of the campaign becomes tables, and few searches serve them all; random splits stay trees
+    layouts = {
+        model.ir.name: decision.chosen for model, decision in zip(bundle.models, compiled.decisions, strict=True)
+    }
+    assert {layouts[f"{name}_forward"] for name in ("phi1", "A3", "phi39", "A81", "phi156")} == {"table"}
+    assert layouts["A162_forward"] == "ranked trees"
+    assert len(blocks) < 20
     report = verify(bundle, tmp_path / "out", rows=1_000)
     assert report.passed, [model.failures for model in report.models if not model.passed]

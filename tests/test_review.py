@@ -60,6 +60,7 @@ def test_sizes_models_and_files_before_and_after(lone_folder, lightgbm_text, tmp
     assert facts["nodes"][0] > facts["nodes"][1]
     assert facts["bytes of tables"][0] > facts["bytes of tables"][1]
     assert found.files == {
+        "Models.plcproj": "changed",
         "POUs/FB_Come.TcPOU": "added",
         "POUs/FB_Gone.TcPOU": "removed",
         "POUs/FB_Te.TcPOU": "changed",

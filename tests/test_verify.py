@@ -7,6 +7,7 @@ import pytest
 from st_codegen.bundle import load
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.generate import generate
+from st_codegen.passes.choose import Layout, Options
 from st_codegen.targets import TARGETS
 from st_codegen.verify import ulps_between, verify
 
@@ -14,8 +15,15 @@ from st_codegen.verify import ulps_between, verify
 @pytest.fixture
 def generated(lone_folder, tmp_path):
     for target in TARGETS.values():
-        generate(load(lone_folder), target, tmp_path / "out")
+        generate(load(lone_folder), target, tmp_path / "out", options=Options(Layout.TREES, ranks=False))
     return tmp_path / "out"
+
+
+@pytest.fixture
+def tabled(lone_folder, tmp_path):
+    for target in TARGETS.values():
+        generate(load(lone_folder), target, tmp_path / "tables", options=Options(Layout.TABLE))
+    return tmp_path / "tables"
 
 
 def test_generated_code_passes_and_the_report_says_on_what(lone_folder, generated):
@@ -26,7 +34,7 @@ def test_generated_code_passes_and_the_report_says_on_what(lone_folder, generate
     assert model.must_be_exact
     assert (model.max_abs_err, model.max_ulp, model.bound) == (0.0, 0, 0.0)
     assert model.n >= 500
-    assert sorted(model.targets) == ["iec", "twincat"]
+    assert sorted(model.targets) == ["beckhoff-ml", "iec", "plcopen", "twincat"]
     assert len(model.worst_input) == 3
     content = json.loads(json.dumps(report.as_json()))
     assert set(content["models"]["te"]) >= {"n", "max_abs_err", "max_ulp", "exact", "worst_input", "passed"}
@@ -56,6 +64,26 @@ def test_a_change_in_the_text_is_found_with_the_row_that_shows_it(lone_folder, g
     change(path, pattern, by)
     report = verify(load(lone_folder), generated, rows=2000)
     assert not report.passed
+    assert any(target in failure.between and len(failure.input) == 3 for failure in report.models[0].failures)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "by"),
+    [
+        (r"IF fX > EDGE_1_0\[nRank\]", "IF fX >= EDGE_1_0[nRank]"),
+        (r"(EDGE_1_1 [^\[]*\[[^\[]*\[\s*)(\d+)\.", r"\g<1>1\g<2>."),
+        (r"(CELL_2 [^\[]*\[[^\[]*\[\s*\(\*[^*]*\*\)\s*)(-?\d)", r"\g<1>1\g<2>"),
+        (r"nCell := anRank1\[0\] \* \d+", "nCell := anRank1[0]"),
+        (r"IF abMissing\[1\]", "IF abMissing[0]"),
+    ],
+    ids=["comparison", "a threshold", "a cell", "a stride", "a missing value"],
+)
+@pytest.mark.parametrize("target", ["twincat", "iec"])
+def test_a_change_of_a_table_is_found(lone_folder, tabled, pattern, by, target):
+    path = {"twincat": tabled / "twincat" / "POUs" / "FB_Te.TcPOU", "iec": tabled / "iec" / "FB_Te.st"}[target]
+    assert verify(load(lone_folder), tabled, rows=300).passed
+    change(path, pattern, by)
+    report = verify(load(lone_folder), tabled, rows=2000)
     assert any(target in failure.between and len(failure.input) == 3 for failure in report.models[0].failures)
 
 
@@ -102,9 +130,9 @@ def test_a_bundle_is_verified_with_its_two_blocks(bundle_folder, tmp_path):
     assert report.passed
     assert [model.name for model in report.models] == ["a", "b", "FB_TEPredict", "FB_Compensator"]
     change(
-        tmp_path / "out" / "twincat" / "POUs" / "FB_Compensator.TcPOU",
-        r"COS\(ORDER\[nOrder\] \* fThetaOut_rad \+",
-        "COS(ORDER[nOrder] * fThetaOut_rad -",
+        tmp_path / "out" / "twincat" / "POUs" / "FB_HarmonicSum.TcPOU",
+        r"fSum_deg \+ aCosine\[1\]",
+        "fSum_deg - aCosine[1]",
     )
     report = verify(bundle, tmp_path / "out", rows=300)
     assert [model.name for model in report.models if not model.passed] == ["FB_Compensator"]

@@ -92,16 +92,20 @@ class Table:
 
     def lines(self) -> Iterator[str]:
         """The initialiser line by line, without brackets."""
-        groups = self.groups or (Group("", 0, len(self.values)),)
-        last_group = len(groups) - 1
-        for number, group in enumerate(groups):
-            if group.label:
-                yield f"(* {group.label} *)"
-            texts = self._texts(group)
-            step = min(self.per_line or _PER_LINE[self.type], _PER_LINE[self.type])
+        left = len(self.values)
+        step = min(self.per_line or _PER_LINE[self.type], _PER_LINE[self.type])
+        for label, texts in self.labelled():
+            if label:
+                yield f"(* {label} *)"
             for at in range(0, len(texts), step):
-                final = number == last_group and at + step >= len(texts)
-                yield from _fit(texts[at : at + step], final=final)
+                line = texts[at : at + step]
+                left -= len(line)
+                yield from _fit(line, final=not left)
+
+    def labelled(self) -> Iterator[tuple[str, list[str]]]:
+        """The label of each group (empty: none) and its numbers as text."""
+        for group in self.groups or (Group("", 0, len(self.values)),):
+            yield group.label, self._texts(group)
 
     def _texts(self, group: Group) -> list[str]:
         values = self.values[group.start : group.stop].tolist()
@@ -129,17 +133,39 @@ class Section:
 
 
 @dataclass(frozen=True)
+class Code:
+    """A named number: a value of the enumeration `type`, or, where a dialect has none, the DINT constant `constant`."""
+
+    type: str
+    constant: str
+    name: str
+    value: int
+    comment: str
+
+
+@dataclass(frozen=True)
 class Block:
-    """A function block ready for printing."""
+    """A function block, or another kind of code, ready for printing.
+
+    `kind` is the opening keyword: FUNCTION_BLOCK, PROGRAM or FUNCTION; `result` the type that a function returns;
+    `extends` the block that a function block is built on. `codes` are the named numbers that its text uses. A program
+    with `needs_globals` shares variables with another; others have inputs and outputs where a dialect has no globals.
+    """
 
     name: str
     header: tuple[str, ...]
-    inputs: tuple[Variable, ...]
-    outputs: tuple[Variable, ...]
-    variables: tuple[Variable, ...]
-    constants: tuple[Variable, ...]
-    tables: tuple[Table, ...]
-    sections: tuple[Section, ...]
+    inputs: tuple[Variable, ...] = ()
+    outputs: tuple[Variable, ...] = ()
+    variables: tuple[Variable, ...] = ()
+    constants: tuple[Variable, ...] = ()
+    tables: tuple[Table, ...] = ()
+    sections: tuple[Section, ...] = ()
+    kind: str = "FUNCTION_BLOCK"
+    result: str = ""
+    extends: str = ""
+    in_outs: tuple[Variable, ...] = ()
+    codes: tuple[Code, ...] = ()
+    needs_globals: bool = False
 
     @property
     def table_bytes(self) -> int:

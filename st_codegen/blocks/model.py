@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from st_codegen.blocks import trees  # noqa: F401 - registers the code of tree ensembles
+from st_codegen.blocks import cells, trees  # noqa: F401 - these register the code of their operations
 from st_codegen.blocks.listing import LINE_LENGTH, Block, Listing, Variable
 from st_codegen.blocks.operations import Step, lay_out
 from st_codegen.errors import InputError, errors_name
-from st_codegen.ir import FLOAT32_OVERFLOW, Feature, ModelIR, Operation, Select, TreeEnsemble
+from st_codegen.ir import FLOAT32_OVERFLOW, Feature, ModelIR, Operation, Rank, Select, TreeEnsemble
 from st_codegen.literals import capitalised, check_text, identifier, real, unit_text
 
 #: Names a block uses itself; an input may not be called so.
@@ -43,7 +43,15 @@ def model_block(model: ModelIR, limits: Limits) -> Block:
 
 def _block(model: ModelIR, listing: Listing) -> Block:
     inputs = input_variables(model.features)
-    outputs = (
+    outputs = model_outputs(model)
+    check_inputs(model, inputs, listing)
+    _operations(model, listing)
+    return finished_block(model, inputs, outputs, listing, model_header(model))
+
+
+def model_outputs(model: ModelIR) -> tuple[Variable, ...]:
+    """fOut1 .., bValid, and bInRange where inputs are limited."""
+    return (
         *(
             Variable(f"{_OUTPUT_STEM}{number + 1}", "LREAL", comment=f"prediction: {name}")
             for number, name in enumerate(model.outputs)
@@ -51,17 +59,25 @@ def _block(model: ModelIR, listing: Listing) -> Block:
         Variable("bValid", "BOOL", comment="the outputs belong to the inputs of this call"),
         *(
             [Variable("bInRange", "BOOL", comment="no input had to be limited to its trained range")]
-            if _ranged(model)
+            if is_ranged(model)
             else []
         ),
     )
-    _check_inputs(model, inputs, listing)
-    _operations(model, listing)
+
+
+def finished_block(
+    model: ModelIR,
+    inputs: tuple[Variable, ...],
+    outputs: tuple[Variable, ...],
+    listing: Listing,
+    header: tuple[str, ...],
+) -> Block:
+    """The block of what was laid out; inputs that have the name of one of its own variables are renamed."""
     clash = {name.lower() for name in listing.variables} | {variable.name.lower() for variable in outputs}
     inputs = tuple(_renamed(variable) if variable.name.lower() in clash else variable for variable in inputs)
     return Block(
         name=block_name(model.name),
-        header=_header(model),
+        header=header,
         inputs=inputs,
         outputs=outputs,
         variables=tuple(listing.variables.values()),
@@ -71,7 +87,8 @@ def _block(model: ModelIR, listing: Listing) -> Block:
     )
 
 
-def _ranged(model: ModelIR) -> bool:
+def is_ranged(model: ModelIR) -> bool:
+    """Whether any input is limited to its trained range."""
     return any(feature.lower is not None for feature in model.features)
 
 
@@ -102,18 +119,20 @@ def feature_text(feature: Feature) -> str:
     return text
 
 
-def _header(model: ModelIR) -> tuple[str, ...]:
+def model_header(model: ModelIR, *closing: str) -> tuple[str, ...]:
+    """Where a model comes from and what its inputs are; `closing` says what its numbers are worth."""
     source = model.source
-    lines = [f"{block_name(model.name)}: {source.model_class}", f"Source: {source.library} {source.version}"]
+    lines = [f"{block_name(model.name)}: {source.model_class}", f"Source: {source.library} {source.version}".rstrip()]
     if source.file:
         lines.append(f"File: {source.file}")
     if source.sha256:
         lines.append(f"SHA-256: {source.sha256}")
     lines.extend(f"Note: {note}" for note in source.notes)
     lines.extend(f"Input {number}: {feature_text(feature)}" for number, feature in enumerate(model.features, 1))
-    lines.append(
+    exact = (
         "Equals the library bit for bit." if model.exact else "Equals the library within the bound that verify states."
     )
+    lines.extend(closing or (exact,))
     return header_lines(lines)
 
 
@@ -126,14 +145,14 @@ def header_lines(lines: Iterable[str]) -> tuple[str, ...]:
     )
 
 
-def _check_inputs(model: ModelIR, inputs: tuple[Variable, ...], listing: Listing) -> None:
+def check_inputs(model: ModelIR, inputs: tuple[Variable, ...], listing: Listing) -> None:
     """Copying and checking the inputs: NaN by its bits, the trained range, the largest magnitude."""
     listing.local("aInput", "LREAL", len(inputs))
     listing.locals("DINT", "nColumn")
-    listing.locals("BOOL", "bUsable", *(["bInside"] if _ranged(model) else []))
+    listing.locals("BOOL", "bUsable", *(["bInside"] if is_ranged(model) else []))
     if model.accepts_nan:
         listing.local("abMissing", "BOOL", len(inputs))
-    ranged = _ranged(model)
+    ranged = is_ranged(model)
     largest = float(np.finfo(np.float64).max)  # the range of a feature that declares none
     lower = upper = limit = None
     if ranged:
@@ -162,28 +181,32 @@ def _check_inputs(model: ModelIR, inputs: tuple[Variable, ...], listing: Listing
 def _operations(model: ModelIR, listing: Listing) -> None:
     names = ["aInput"]
     missing = _missing_inputs(model)
-    for number, op in enumerate(model.ops, 1):
-        result = f"aStep{number}"
+    *_, last = model.ops
+    picked = isinstance(last, Select)  # the outputs are read where they are
+    for number, op in enumerate(model.ops[:-1] if picked else model.ops, 1):
+        result = f"anRank{number}" if isinstance(op, Rank) else f"aStep{number}"
         operands = tuple(names[value] for value in op.inputs)
         step = Step(
             number=number,
             operands=operands,
             widths=tuple(model.value_width(value) for value in op.inputs),
             result=result,
+            ranks=model.reads_ranks(op),
             missing=missing[op.inputs[0]] if model.accepts_nan else None,
             fits_real=op.inputs == (0,)
             and all((limit or np.inf) <= FLOAT32_OVERFLOW for limit in model.magnitude_limits),
         )
         lay_out(op, step, listing)
         names.append(result)
+    results = [f"{names[-1]}[{number}]" for number in range(len(model.outputs))]
+    if isinstance(last, Select):
+        joined = [f"{names[value]}[{number}]" for value in last.inputs for number in range(model.value_width(value))]
+        results = [joined[column] for column in last.columns]
     listing.section(
         "outputs",
         "outputs",
-        assignments=[
-            {"output": f"{_OUTPUT_STEM}{number + 1}", "value": f"{names[-1]}[{number}]"}
-            for number in range(len(model.outputs))
-        ],
-        ranged=_ranged(model),
+        assignments=[{"output": f"{_OUTPUT_STEM}{number + 1}", "value": value} for number, value in enumerate(results)],
+        ranged=is_ranged(model),
     )
 
 
@@ -203,6 +226,6 @@ def _missing_after(op: Operation, operands: list[tuple[int, ...]]) -> tuple[int,
     if isinstance(op, Select):
         joined = sum(operands, ())
         return tuple(joined[column] for column in op.columns)
-    if isinstance(op, TreeEnsemble):
+    if isinstance(op, Rank | TreeEnsemble):
         return (0,) * op.width
     return operands[0] if op.width == len(operands[0]) else (0,) * op.width

@@ -10,10 +10,10 @@ import numpy as np
 
 from st_codegen.blocks.listing import Group, Listing
 from st_codegen.ir import (
-    CEILING,
     Activation,
     Clip,
     Combine,
+    FactoredKernel,
     FillMissing,
     Function,
     Kernel,
@@ -41,6 +41,7 @@ class Step:
 
     `missing`: for each column of the operands, the input whose `abMissing` flag says whether it is missing; None in a
     block that takes no missing values. `fits_real`: all operands are inputs known to lie in the range of REAL.
+    `ranks`: the operand is a list of ranks, which are integers.
     """
 
     number: int
@@ -49,6 +50,7 @@ class Step:
     result: str
     missing: tuple[int, ...] | None = None
     fits_real: bool = False
+    ranks: bool = False
 
     @property
     def source(self) -> str:
@@ -83,7 +85,7 @@ def _(op: Scale, step: Step, listing: Listing) -> None:
     constant = listing.table(step.table("OPERAND"), "LREAL", op.constant)
     least = None
     if op.reverse and op.operator is Operator.DIVIDE:
-        least = listing.table(step.table("LEAST"), "LREAL", np.abs(op.constant) * (1.0 / CEILING[op.precision]))
+        least = listing.table(step.table("LEAST"), "LREAL", np.abs(op.constant) * (1.0 / op.ceiling))
     left, right = f"{step.source}[nColumn]", f"{constant}[nColumn]"
     if op.reverse:
         left, right = right, left
@@ -106,7 +108,7 @@ def _(op: Combine, step: Step, listing: Listing) -> None:
     listing.locals("DINT", "nColumn")
     least = None
     if op.operator is Operator.DIVIDE:
-        least = listing.table(step.table("LEAST"), "LREAL", [1.0 / CEILING[op.precision]])
+        least = listing.table(step.table("LEAST"), "LREAL", [1.0 / op.ceiling])
     listing.section(
         f"column by column: a {op.operator.value} b",
         "combine",
@@ -219,7 +221,7 @@ def _(op: Normalize, step: Step, listing: Listing) -> None:
     _declare_result(op, step, listing)
     listing.locals("DINT", "nColumn")
     listing.locals("LREAL", "fX", "fY", "fSum")
-    least = listing.table(step.table("LEAST"), "LREAL", [1.0 / CEILING[op.precision]]) if op.norm is Norm.MAX else None
+    least = listing.table(step.table("LEAST"), "LREAL", [1.0 / op.ceiling]) if op.norm is Norm.MAX else None
     listing.section(
         f"divided by the {op.norm.value} norm",
         "normalize",
@@ -276,6 +278,41 @@ def _(op: KernelSum, step: Step, listing: Listing) -> None:
         degree=op.degree,
         intercept=intercept,
         parts=parts,
+        exp_reach=real(EXP_REACH),
+        single=op.precision is Precision.FLOAT32,
+    )
+
+
+@lay_out.register
+def _(op: FactoredKernel, step: Step, listing: Listing) -> None:
+    _declare_result(op, step, listing)
+    listing.locals("DINT", "nRow", "nTerm", "nColumn")
+    listing.locals("LREAL", "fSum", "fDelta")
+    lengths = [len(axis) for axis in op.axes]
+    ends = np.cumsum(lengths)
+    groups = [Group(f"column {column}", end - n, end) for column, end, n in zip(op.columns, ends, lengths, strict=True)]
+    points = op.coefficients.shape[1]
+    sums = []
+    for axis in reversed(range(len(lengths))):
+        # results so far: a row for each point of the axes that are left
+        rows = op.width * math.prod(lengths[:axis])
+        first = int(ends[axis]) - lengths[axis]
+        sums.append({"first": first, "last": int(ends[axis]) - 1, "last_row": rows - 1})
+    coefficients = listing.table(step.table("COEFFICIENT"), "LREAL", op.coefficients.ravel(), per_line=lengths[-1])
+    listing.section(
+        f"rbf kernel on a grid of {' x '.join(map(str, lengths))} points",
+        "factored_kernel",
+        step=step,
+        axis=listing.table(step.table("AXIS"), "LREAL", np.concatenate(op.axes), groups),
+        columns=listing.table(step.table("AXIS_COLUMN"), "DINT", np.repeat(op.columns, lengths)),
+        last=int(ends[-1]) - 1,
+        factor=listing.local(f"aFactor{step.number}", "LREAL", int(ends[-1])),
+        work=listing.local(f"aWork{step.number}", "LREAL", op.width * points // lengths[-1]),
+        coefficients=coefficients,
+        sums=sums,
+        gamma=listing.constant(step.table("GAMMA"), op.gamma),
+        intercept=listing.table(step.table("INTERCEPT"), "LREAL", op.intercept),
+        last_output=op.width - 1,
         exp_reach=real(EXP_REACH),
         single=op.precision is Precision.FLOAT32,
     )

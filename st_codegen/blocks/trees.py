@@ -18,14 +18,15 @@ from numpy.typing import NDArray
 
 from st_codegen.blocks.listing import Group, Listing
 from st_codegen.blocks.operations import Step, lay_out
+from st_codegen.blocks.ranked_trees import lay_out_ranked, sum_values
 from st_codegen.errors import InputError
 from st_codegen.ir import (
     FLOAT32_OVERFLOW,
-    Aggregate,
     IntArray,
     NanRule,
     Precision,
     TreeEnsemble,
+    depth_of,
 )
 
 #: A missing value that goes left (right) is read as minus (plus) this number.
@@ -45,13 +46,16 @@ class _Slots:
 
 @lay_out.register
 def _(op: TreeEnsemble, step: Step, listing: Listing) -> None:
+    if step.ranks:
+        lay_out_ranked(op, step, listing)
+        return
     listing.local(step.result, "LREAL", op.width)
     listing.locals("DINT", "nTree", "nNode", "nRoot", "nLevel")
     listing.locals("LREAL", "fX")
     if op.width > 1:
         listing.local("nOutput", "DINT")
     slots = _numeric_slots(op)
-    values = {"step": step, "last_output": op.width - 1, "depth": _depth(op)}
+    values: dict[str, object] = {"step": step, "depth": depth_of(op)}
     values["single"] = op.input_precision is Precision.FLOAT32
     values["real_limit"] = None
     if op.input_precision is Precision.FLOAT32 and not step.fits_real:
@@ -61,35 +65,9 @@ def _(op: TreeEnsemble, step: Step, listing: Listing) -> None:
     values |= _leaf_values(op, step, listing)
     values["parts"] = _node_tables(op, step, listing, slots)
     values["comparison"] = op.comparison.value
-    values["sum_single"] = op.sum_precision is Precision.FLOAT32
-    values["aggregate"] = op.aggregate.value
-    base_last = op.base_last or op.aggregate is not Aggregate.SUM
-    values["base_last"] = listing.table(step.table("BASE"), "LREAL", op.base) if base_last and np.any(op.base) else None
-    values["start"] = listing.table(step.table("START"), "LREAL", _start(op, base_last=base_last))
-    values["divisor"] = listing.constant(step.table("DIVISOR"), op.divisor) if op.divisor != 1.0 else None
+    values |= sum_values(op, step, listing)
     title = f"{op.n_trees:,} trees, {op.n_nodes:,} nodes, at most {values['depth']} comparisons a tree"
     listing.section(title, "trees", **values)
-
-
-def _start(op: TreeEnsemble, *, base_last: bool) -> NDArray[np.float64]:
-    """What the outputs hold before the first tree."""
-    if not base_last:
-        return op.base
-    largest = np.finfo(np.float64).max
-    neutral = {Aggregate.SUM: 0.0, Aggregate.MINIMUM: largest, Aggregate.MAXIMUM: -largest}[op.aggregate]
-    return np.full(op.width, neutral)
-
-
-def _depth(op: TreeEnsemble) -> int:
-    """The largest number of splits on a path."""
-    node = op.roots.astype(np.int64)
-    depth = 0
-    while True:
-        node = node[op.split[node] >= 0]
-        if not node.size:
-            return depth
-        node = np.unique(np.concatenate([op.left[node], op.right[node]]))
-        depth += 1
 
 
 def _numeric_slots(op: TreeEnsemble) -> _Slots:

@@ -202,8 +202,14 @@ def read_run(path: Path, conditions: Conditions) -> Run:
     curves = {}
     for number, direction in enumerate(Direction):
         angle_column, te_column = layout.columns[2 * number : 2 * number + 2]
-        if angle_column is not None and te_column is not None:
-            curves[direction] = _curve(path, layout, direction, table[angle_column], table[te_column])
+        if angle_column is None or te_column is None:
+            continue
+        angle, te = table[angle_column], table[te_column]
+        if len(angle) and angle.null_count() == te.null_count() == len(angle):
+            continue  # the direction was not run: its columns are empty
+        curves[direction] = _curve(path, layout, direction, angle, te)
+    if not curves:
+        raise BadFileError(path, layout.skip + 1, "no values in any column")
     return Run(conditions, curves)
 
 

@@ -1,8 +1,8 @@
 """Sums over samples at any angles: sum over j of w_j * exp(-i*m*theta_j) for all m from 0 to M at once.
 
 A sum over samples that are not equidistant has no plain FFT. Each angle is the nearest point of a fine grid plus a
-small rest d, and exp(-i*m*d) is its Taylor series: the sum is a few FFTs of the binned w_j*d_j^p. The grid is so fine that
-m*d stays below 0.8 and some fifteen terms reach the last bit; the work hardly depends on M.
+small rest d, and exp(-i*m*d) is its Taylor series: the sum is a few FFTs of the binned w_j*d_j^p. The grid is so fine
+that m*d stays below 0.8 and some fifteen terms reach the last bit; the work hardly depends on M.
 """
 
 from __future__ import annotations

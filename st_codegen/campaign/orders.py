@@ -108,6 +108,11 @@ def fit_orders(curve: Curve | Sums, orders: Sequence[int]) -> OrderFit:
         if not len(new):
             break
         fitted = np.union1d(fitted, new)
+    else:
+        # the last round found orders that are not fitted yet
+        coefficients = _solve(sums, fitted)
+        residual = _residual(sums, fitted, coefficients)
+        floor = _noise_floor(residual, fitted)
     spectrum = residual.copy()
     spectrum[fitted] = np.abs(coefficients)
     places = np.searchsorted(fitted, wanted)
@@ -169,14 +174,12 @@ def _noise_floor(residual: FloatArray, fitted: npt.NDArray[np.intp]) -> FloatArr
     (order 0) is one real number with a quarter of the variance of an amplitude.
     """
     free = np.setdiff1d(np.arange(1, len(residual)), fitted)
-    floor = np.empty(len(residual))
     if not len(free):
-        floor.fill(0.0)
-        return floor
-    for order in range(len(residual)):
-        place = int(np.searchsorted(free, order))
-        near = free[max(0, place - _NEIGHBOURS) : place + _NEIGHBOURS]
-        floor[order] = np.median(residual[near])
+        return np.zeros(len(residual))
+    width = min(2 * _NEIGHBOURS, len(free))
+    start = np.searchsorted(free, np.arange(len(residual))) - width // 2
+    windows = np.clip(start, 0, len(free) - width)[:, None] + np.arange(width)
+    floor: FloatArray = np.median(residual[free[windows]], axis=1)
     floor /= math.sqrt(math.log(2.0))
     floor[0] /= 2.0
     return floor

@@ -11,6 +11,8 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from st_codegen.passes.choose import Layout, Options
+
 #: Messages and progress; results go to standard output.
 console = Console(stderr=True, width=None if Console(stderr=True).is_terminal else 120)
 
@@ -42,6 +44,31 @@ def array_option(function: Command) -> Command:
         default=None,
         help="Largest number of elements in one array (default: the target's). Larger tables are cut into several.",
     )(function)
+
+
+def layout_options(function: Command) -> Command:
+    """The options --layout, --table-limit and --outputs-per-cycle."""
+    layout = click.option(
+        "--layout",
+        type=click.Choice([layout.value for layout in Layout]),
+        default=Layout.AUTO.value,
+        show_default=True,
+        help="How trees are written: as nodes, as tables of their values in every cell, or whichever is cheaper.",
+    )
+    limit = click.option(
+        "--table-limit",
+        type=click.IntRange(min=1),
+        default=Options().table_bytes // 1024,
+        show_default=True,
+        help="Largest table of an output in KB.",
+    )
+    spread = click.option(
+        "--outputs-per-cycle",
+        type=click.IntRange(min=1),
+        default=None,
+        help="Spread the models of a bundle over several calls, at most so many outputs in each. Default: all in each.",
+    )
+    return layout(limit(spread(function)))
 
 
 @contextmanager

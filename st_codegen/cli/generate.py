@@ -4,14 +4,29 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.table import Table
 
 from st_codegen.bundle import load
-from st_codegen.cli.console import array_option, console, models_argument, progress_bar, quiet_option, trust_option
-from st_codegen.generate import check, generate
+from st_codegen.cli.console import (
+    array_option,
+    console,
+    layout_options,
+    models_argument,
+    progress_bar,
+    quiet_option,
+    trust_option,
+)
+from st_codegen.cli.costs import price_table, print_budget
+from st_codegen.cost import DEFAULT, load_profile
+from st_codegen.engine import GeneratedCode
+from st_codegen.explain import Pricing, prices
+from st_codegen.generate import Generated, check, generate, limits_for
+from st_codegen.passes.choose import CostFunction, Layout, Options, simple_cost
 from st_codegen.targets import TARGETS, target_named
+from st_codegen.verify import cycle_cost
 
 
 @click.command(
@@ -20,6 +35,9 @@ from st_codegen.targets import TARGETS, target_named
 Examples:
   st-codegen models/ --target twincat
   st-codegen generate models/ --target iec --target twincat --out plc/
+  st-codegen models/ --target twincat --with-tests
+  st-codegen models/ --target twincat --profile cx5140 --explain
+  st-codegen models/ --layout table --table-limit 256
   st-codegen generate models/ --target twincat --check      in CI: fail when the files are not up to date""",
 )
 @models_argument
@@ -45,7 +63,20 @@ Examples:
     is_flag=True,
     help="Write nothing; print a diff and exit 1 if the files are not up to date.",
 )
+@click.option(
+    "--with-tests",
+    is_flag=True,
+    help="Also write TcUnit suites that compare every block with the library's answers, and a task that runs them.",
+)
 @array_option
+@click.option(
+    "--profile",
+    metavar="NAME|FILE",
+    help="Choose layouts by the worst case of the emitted text on this controller (see verify); slower. Default: by an "
+    "estimate from the model alone.",
+)
+@click.option("--explain", is_flag=True, help="Print the layouts of each model with their prices, and who spends what.")
+@layout_options
 @trust_option
 @quiet_option
 def command(
@@ -53,31 +84,82 @@ def command(
     targets: tuple[str, ...],
     out: Path,
     only_check: bool,
+    with_tests: bool,
     max_array: int | None,
+    explain: bool,
+    profile: str | None,
     trust_pickle: bool,
     quiet: bool,
+    **layout: Any,
 ) -> None:
     """Compile MODELS, a folder of model files (or one file), to Structured Text.
 
     With a bundle.toml the folder is a transmission error bundle and FB_TEPredict and FB_Compensator are generated from
     its models; without one, every model file becomes a function block of its own.
     """
+    machine = load_profile(profile or DEFAULT)
+    options = Options(
+        Layout(layout["layout"]),
+        table_bytes=layout["table_limit"] * 1024,
+        outputs_per_cycle=layout["outputs_per_cycle"],
+    )
     chosen = [target_named(name) for name in targets or ("twincat",)]
     with progress_bar("loading", quiet=quiet) as progress:
         bundle = load(models, trust_pickle=trust_pickle, progress=progress)
+    pricing = {target.name: Pricing(target, limits_for(target, max_array), machine) for target in chosen}
+    costs: dict[str, CostFunction] = {name: simple_cost if profile is None else own for name, own in pricing.items()}
     if only_check:
         different = False
         for target in chosen:
-            for line in check(bundle, target, out, max_array=max_array):
+            for line in check(
+                bundle,
+                target,
+                out,
+                max_array=max_array,
+                options=options,
+                with_tests=with_tests,
+                cost=costs[target.name],
+            ):
                 different = True
                 click.echo(line if line.endswith("\n") else line + "\n", nl=False)
         sys.exit(1 if different else 0)
     for target in chosen:
-        generated = generate(bundle, target, out, max_array=max_array)
+        generated = generate(
+            bundle, target, out, max_array=max_array, options=options, with_tests=with_tests, cost=costs[target.name]
+        )
         if not quiet:
-            table = Table(title=f"{generated.folder}: {len(generated.files)} files", title_justify="left")
-            table.add_column("file")
-            table.add_column("bytes", justify="right")
-            for name, size in generated.files.items():
-                table.add_row(name, f"{size:,}")
-            console.print(table)
+            console.print(f"{generated.folder}: {len(generated.files)} file(s)", highlight=False, soft_wrap=True)
+            console.print(_files_table(generated))
+            console.print(_models_table(generated))
+            if calls := generated.facts["transmission_error"].get("calls"):
+                console.print(
+                    f"The models are spread over {calls} calls of FB_TEPredict: its outputs belong to the operating "
+                    f"point of {calls - 1} to {2 * calls - 2} calls before.",
+                    soft_wrap=True,
+                )
+        if explain:
+            if generated.compiled.decisions:
+                console.print(price_table(target.name, machine.name, prices(generated.compiled, pricing[target.name])))
+            cost = cycle_cost(GeneratedCode(generated.folder, target.dialect), machine)
+            print_budget(target.name, cost, None)
+
+
+def _files_table(generated: Generated) -> Table:
+    table = Table()
+    table.add_column("file")
+    table.add_column("bytes", justify="right")
+    for name, size in generated.files.items():
+        table.add_row(name, f"{size:,}")
+    return table
+
+
+def _models_table(generated: Generated) -> Table:
+    """Where each model went, and what its block's tables take in the controller's memory."""
+    table = Table()
+    for name in ("model", "layout", "block", "bytes of tables"):
+        table.add_column(name, justify="right" if name.startswith("bytes") else "left")
+    for name, facts in generated.facts["models"].items():
+        size = generated.facts["blocks"].get(facts["block"], {}).get("data_bytes", 0)
+        shared = " (shared)" if facts["shared"] else ""
+        table.add_row(name, facts["layout"], facts["block"] + shared, f"{size:,}")
+    return table

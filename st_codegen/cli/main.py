@@ -14,12 +14,16 @@ from st_codegen.errors import StCodegenError
 
 #: Command -> module with a click command of that name. Loaded when used, so that `--help` is fast.
 _COMMANDS = {
+    "train": "st_codegen.cli.train",
+    "tables": "st_codegen.cli.tables",
     "generate": "st_codegen.cli.generate",
     "verify": "st_codegen.cli.verify",
     "predict": "st_codegen.cli.predict",
     "diff": "st_codegen.cli.diff",
+    "latency": "st_codegen.cli.latency",
     "simulate": "st_codegen.cli.simulate",
     "reconcile": "st_codegen.cli.reconcile",
+    "calibrate": "st_codegen.cli.calibrate",
 }
 
 

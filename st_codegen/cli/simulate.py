@@ -9,6 +9,7 @@ import click
 #: Subcommand -> module with a click command of the name `command`. Loaded when used.
 _SUBCOMMANDS = {
     "campaign": "st_codegen.cli.simulate_campaign",
+    "motion": "st_codegen.cli.simulate_motion",
 }
 
 

@@ -11,7 +11,9 @@ from rich.table import Table
 
 from st_codegen.bundle import load
 from st_codegen.cli.console import console, models_argument, progress_bar, quiet_option, trust_option
-from st_codegen.verify import VerifyReport, verify
+from st_codegen.cli.costs import cycle_option, entry_option, print_budget, print_verdict, profile_option
+from st_codegen.cost import load_profile
+from st_codegen.verify import Budget, VerifyReport, verify
 
 
 @click.command(
@@ -19,7 +21,9 @@ from st_codegen.verify import VerifyReport, verify
     epilog="""\b
 Examples:
   st-codegen verify models/ --generated generated
-  st-codegen verify models/ --generated generated --rows 100000 --json report.json""",
+  st-codegen verify models/ --generated generated --rows 100000 --json report.json
+  st-codegen verify models/ --cycle-us 250 --profile cx5140      fail when a cycle may take longer
+  st-codegen verify models/ --cycle-us 250 --profile mine.toml --entry FB_TEPredict""",
 )
 @models_argument
 @click.option(
@@ -32,26 +36,42 @@ Examples:
 )
 @click.option("-n", "--rows", type=click.IntRange(min=1), default=10_000, show_default=True, help="Rows a model.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of the random rows.")
+@cycle_option
+@profile_option
+@entry_option
 @click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write the report to this file.")
 @trust_option
 @quiet_option
 def command(
-    models: Path, generated: Path, rows: int, seed: int, json_file: Path | None, trust_pickle: bool, quiet: bool
+    models: Path,
+    generated: Path,
+    rows: int,
+    seed: int,
+    cycle_us: float | None,
+    profile: str,
+    entries: tuple[str, ...],
+    json_file: Path | None,
+    trust_pickle: bool,
+    quiet: bool,
 ) -> None:
     """Prove that the generated text computes the same numbers as MODELS.
 
     Library, reference and emitted text are compared on the trained range, on thresholds and their neighbours, on NaN,
-    infinities and values outside the range. Exit code 0 when all agree, 1 when not.
+    infinities and values outside the range. With --cycle-us the worst case of a cycle, from the emitted text and with
+    cold caches, must fit as well. Exit code 0 when all agree and fit, 1 when not.
     """
+    budget = Budget(load_profile(profile), cycle_us, entries)
     with progress_bar("loading", quiet=quiet) as progress:
         bundle = load(models, trust_pickle=trust_pickle, progress=progress)
     with progress_bar("verifying", quiet=quiet) as progress:
-        report = verify(bundle, generated, rows=rows, seed=seed, progress=progress)
+        report = verify(bundle, generated, rows=rows, seed=seed, budget=budget, progress=progress)
     if json_file is not None:
         json_file.parent.mkdir(parents=True, exist_ok=True)
         json_file.write_text(json.dumps(report.as_json(), indent=1) + "\n", encoding="utf-8")
     if not quiet:
         console.print(_table(report))
+        for target, note in report.notes.items():
+            console.print(f"{target}: {note}", highlight=False, soft_wrap=True)
     for model in report.models:
         for failure in model.failures[:3]:
             console.print(
@@ -60,6 +80,12 @@ def command(
                 highlight=False,
                 soft_wrap=True,
             )
+    for target, cost in report.over_budget.items():
+        print_budget(target, cost, report.cycle_us)
+    if cycle_us is not None and not quiet:
+        for target, cost in report.costs.items():
+            if target not in report.over_budget:
+                print_verdict(target, cost, cycle_us)
     sys.exit(0 if report.passed else 1)
 
 

@@ -17,8 +17,10 @@ from st_codegen.ir import (
     CEILING,
     FLOAT32_OVERFLOW,
     Activation,
+    CellTable,
     Clip,
     Combine,
+    FactoredKernel,
     FillMissing,
     FloatArray,
     Function,
@@ -31,6 +33,7 @@ from st_codegen.ir import (
     Operation,
     Operator,
     Precision,
+    Rank,
     Round,
     Scale,
     Select,
@@ -40,11 +43,17 @@ from st_codegen.ir import (
 #: Limits tried for the arguments of exponentials, largest first: e**690 is about 1e299, e**88 about 1.7e38.
 _EXP_LIMITS = {Precision.FLOAT64: (690.0, 345.0, 170.0, 80.0, 40.0), Precision.FLOAT32: (88.0, 44.0, 22.0, 11.0, 5.0)}
 
+#: Limits tried at the same time for quotients of computed numbers.
+_QUOTIENT_LIMITS = {
+    Precision.FLOAT64: (1e300, 1e150, 1e75, 1e37, 1e18),
+    Precision.FLOAT32: (3e38, 1e19, 1e9, 1e5, 1e3),
+}
+
 _EXPONENTS = range(300, -1, -1)
 
 
 def limit_inputs(model: ModelIR) -> ModelIR:
-    """The model with `magnitude_limits`, and `limit` of exponentials, narrowed so that no operation overflows.
+    """The model with `magnitude_limits`, and `limit` of exponentials and quotients, narrowed: no operation overflows.
 
     Models that only compare their inputs stay as they are. Every output is then finite. Raises InputError where not
     even inputs of magnitude 1, or not all of the declared ranges, are safe.
@@ -66,9 +75,11 @@ def limit_inputs(model: ModelIR) -> ModelIR:
 
 
 def _limited(op: Operation, attempt: int) -> Operation:
-    """An exponential with the limit of an attempt; any other operation as it is."""
+    """An exponential or a quotient with the limit of an attempt; any other operation as it is."""
     if isinstance(op, Activation) and op.function in (Function.EXP, Function.EXPM1):
         return dataclasses.replace(op, limit=_EXP_LIMITS[op.precision][attempt])
+    if isinstance(op, Scale | Combine | Normalize):
+        return dataclasses.replace(op, limit=_QUOTIENT_LIMITS[op.precision][attempt])
     return op
 
 
@@ -85,12 +96,24 @@ def _is_safe(model: ModelIR, limit: float) -> bool:
     bounds = [np.full(len(model.features), limit)]
     with np.errstate(all="ignore"):
         for op in model.ops:
-            peak, bound = _bound(op, [bounds[value] for value in op.inputs])
+            operands = [bounds[value] for value in op.inputs]
+            peak, bound = _bound(op, operands)
+            if op.inputs != (0,) and _refuses_overflow(op, operands):
+                return False
             ceiling = CEILING[getattr(op, "precision", Precision.FLOAT64)]
             if not peak <= ceiling:  # NaN is not safe either
                 return False
             bounds.append(bound)
     return bool(np.all(np.isfinite(bounds[-1])))
+
+
+def _refuses_overflow(op: Operation, operands: list[FloatArray]) -> bool:
+    """Trees that compare in float32 after other operations: libraries refuse what overflows in the conversion.
+
+    For trees that read the inputs themselves the model's own `magnitude_limits` say so.
+    """
+    single = isinstance(op, TreeEnsemble) and op.input_precision is Precision.FLOAT32
+    return single and not all(float(np.max(operand)) < FLOAT32_OVERFLOW for operand in operands)
 
 
 @singledispatch
@@ -116,7 +139,7 @@ def _(op: Scale, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     if op.operator is Operator.MULTIPLY:
         return _peak(operands[0] * constant)
     # constant / x is guarded at run time against results above the ceiling
-    return _peak(np.full(len(constant), CEILING[op.precision]) if op.reverse else operands[0] / constant)
+    return _peak(np.full(len(constant), op.ceiling) if op.reverse else operands[0] / constant)
 
 
 @_bound.register
@@ -125,7 +148,7 @@ def _(op: Combine, operands: list[FloatArray]) -> tuple[float, FloatArray]:
         return _peak(operands[0] + operands[1])
     if op.operator is Operator.MULTIPLY:
         return _peak(operands[0] * operands[1])
-    return _peak(np.full(op.width, CEILING[op.precision]))
+    return _peak(np.full(op.width, op.ceiling))
 
 
 @_bound.register
@@ -166,7 +189,7 @@ def _(op: Activation, operands: list[FloatArray]) -> tuple[float, FloatArray]:
 @_bound.register
 def _(op: Normalize, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     peak = float(np.sum(operands[0] * operands[0]) + np.sum(operands[0]))
-    return peak, np.full(op.width, CEILING[op.precision] if op.norm is Norm.MAX else 2.0)
+    return peak, np.full(op.width, op.ceiling if op.norm is Norm.MAX else 2.0)
 
 
 @_bound.register
@@ -199,3 +222,26 @@ def _(op: TreeEnsemble, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     ceiling = CEILING[op.sum_precision]
     bound = total / abs(op.divisor)
     return (float(np.max(total)) if np.max(total) <= ceiling else math.inf), np.broadcast_to(bound, (op.width,))
+
+
+@_bound.register
+def _(op: Rank, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    return 0.0, np.array([float(max(column.highest, abs(column.missing))) for column in op.columns])
+
+
+@_bound.register
+def _(op: CellTable, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    bound = np.abs(op.constant)
+    kept = np.flatnonzero(op.stored >= 0)
+    bound[kept] = np.max(np.abs(op.values), axis=0)[op.stored[kept]]
+    return 0.0, bound
+
+
+@_bound.register
+def _(op: FactoredKernel, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    distance = max(
+        float(np.max((operands[0][column] + np.abs(axis)) ** 2))
+        for column, axis in zip(op.columns, op.axes, strict=True)
+    )
+    weights = np.sum(np.abs(op.coefficients), axis=1)
+    return max(distance * max(op.gamma, 1.0), float(np.max(weights))), weights + np.abs(op.intercept)

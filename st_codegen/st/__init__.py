@@ -47,8 +47,8 @@ def load_project(
 ) -> Project:
     """Read and check files and folders of Structured Text.
 
-    Folders are searched for `.st`, `.TcPOU`, `.TcGVL` and `.TcDUT` files. Raises `StSyntaxError` or `StCheckError` with
-    all problems, `InputError` for paths that cannot be read.
+    Folders are searched for `.st`, `.TcPOU`, `.TcGVL`, `.TcDUT` and PLCopen's `.xml` files. Raises `StSyntaxError` or
+    `StCheckError` with all problems, `InputError` for paths that cannot be read.
     """
     return _checked(read_paths(paths), dialect, libraries)
 

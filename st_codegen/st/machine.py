@@ -242,8 +242,14 @@ class GlobalVariables:
 
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
+        self._paths: dict[str, list[Step]] = {}
 
     def _find(self, path: str) -> list[Step]:
+        if path not in self._paths:
+            self._paths[path] = self._resolved(path)
+        return self._paths[path]
+
+    def _resolved(self, path: str) -> list[Step]:
         variable, rest = find_global(self._machine.project, path)
         first = Step(variable.type, name=f"{variable.owner}__{variable.key}", variable=variable)
         return [first, *(resolve(self._machine.project, variable.type, rest) if rest else [])]

@@ -44,7 +44,8 @@ class NativeCall:
 
     `call["IN"]` is an input, in-out or own output as an array with one entry for each active lane (for a pointer a
     `NativePointer`, None when it is null); `call["Q"] = values` sets an output, in-out or, by the name of the function
-    or method, the result. Names are those of the declaration, in upper case.
+    or method, the result. A method also sees the variables of its block. Names are those of the declaration, in upper
+    case.
     """
 
     machine: Host

@@ -211,7 +211,11 @@ class Runtime(ABC):
         slots = {variable: Slot(atom) for variable, atom in zip(parameters, atoms, strict=True)}
         results = (*((pou.result,) if pou.result else ()), *pou.section(t.Section.OUTPUT))
         slots |= {variable: Slot(self.make(variable.type, variable.initial)) for variable in results}
-        accesses = {variable.key: self.access(variable, slot, "v", m) for variable, slot in slots.items()}
+        accesses = {}
+        if pou.block is not None:
+            own = self.project.block_variables(pou.block)
+            accesses |= {variable.key: self.access(variable, instance, f"v_{variable.key}", m) for variable in own}
+        accesses |= {variable.key: self.access(variable, slot, "v", m) for variable, slot in slots.items()}
         call = _native_call(self, lanes, accesses)
         if pou.block is not None:
             getattr(instance.native, pou.name)(call)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -14,23 +14,55 @@ from st_codegen.st.machine import LOOP_LIMIT, Machine, checked_numbers
 from st_codegen.st.natives import Library
 from st_codegen.st.paths import Step
 from st_codegen.st.runtime import Slot
-from st_codegen.st.scalar_code import compile_scalar
+from st_codegen.st.scalar_code import ScalarCode, compile_scalar
 from st_codegen.st.scalar_memory import ScalarRuntime, ScalarUnion, SlotReference
 from st_codegen.st.types import ArrayType, Elementary, EnumType, StructType, Type
 from st_codegen.st.values import storage_type
 
 _COMPILED: WeakKeyDictionary[t.Project, Compiled] = WeakKeyDictionary()
 
+#: Instead of a block's body: called with the compiled body, the runtime, and the memory of the instance.
+Replacement = Callable[[Callable[..., Any], Any, Any], Any]
+
+
+def replace_bodies(code: Compiled, replaced: Mapping[str, Replacement]) -> Compiled:
+    """The same code with other bodies of some blocks. Raises `StUsageError` for a block that is not there."""
+    functions = dict(code.functions)
+    for block, replacement in replaced.items():
+        if block.upper() not in functions:
+            raise StUsageError(f"the project has no block '{block}'")
+        original = functions[block.upper()]
+
+        def body(rt: Any, memory: Any, original: Any = original, replacement: Replacement = replacement) -> Any:
+            return replacement(original, rt, memory)
+
+        functions[block.upper()] = body
+        # units call each other by these names
+        code.source.namespace[ScalarCode.function_name(block.upper())] = body
+    return Compiled(functions, code.source, code.constants)
+
 
 class ScalarMachine(Machine):
     """A project in one copy; variables are read as plain Python values, arrays as (nested) NumPy arrays.
 
     `loop_limit` is the number of rounds after which a single run of a loop is an error. `libraries` are those the
-    project was checked with. Raises `StCheckError` for pointers outside of native calls.
+    project was checked with. `replaced` gives the bodies of some blocks another function: it is given the compiled
+    body, which it may call, the machine's runtime and the instance's memory (`v_NAME` for each variable). Raises
+    `StCheckError` for pointers outside of native calls.
     """
 
-    def __init__(self, project: t.Project, *, loop_limit: int = LOOP_LIMIT, libraries: Iterable[Library] = ()) -> None:
-        code = _COMPILED.get(project) or _COMPILED.setdefault(project, compile_scalar(project))
+    def __init__(
+        self,
+        project: t.Project,
+        *,
+        loop_limit: int = LOOP_LIMIT,
+        libraries: Iterable[Library] = (),
+        replaced: Mapping[str, Replacement] | None = None,
+    ) -> None:
+        if replaced:
+            code = replace_bodies(compile_scalar(project), replaced)
+        else:
+            code = _COMPILED.get(project) or _COMPILED.setdefault(project, compile_scalar(project))
         super().__init__(project, ScalarRuntime(project, code.functions, libraries, 1, loop_limit), code.source)
 
     def run(self, code: Callable[..., Any], receiver: Any, *atoms: Any) -> Any:

@@ -120,6 +120,15 @@ def _packing(type_: Type) -> Struct:
     return Struct("<" + {"l": "q", "L": "Q"}.get(dtype.char, dtype.char))
 
 
+def _layout(type_: StructType) -> tuple[tuple[Struct, ...], int, dict[str, int]]:
+    """Packing of the fields of a union, its bytes, and the number of each field."""
+    elements = [entry.type.element if isinstance(entry.type, ArrayType) else entry.type for entry in type_.fields]
+    counts = [entry.type.size if isinstance(entry.type, ArrayType) else 1 for entry in type_.fields]
+    formats = tuple(_packing(element) for element in elements)
+    size = max((packing.size * count for packing, count in zip(formats, counts, strict=True)), default=0)
+    return formats, size, {entry.name.upper(): number for number, entry in enumerate(type_.fields)}
+
+
 def packed(table: NDArray[np.generic]) -> Any:
     """A constant table for single accesses: a list, or packed numbers when it is long."""
     if table.size < PACKED or table.dtype.kind not in "iuf":
@@ -132,6 +141,7 @@ class ScalarRuntime(Runtime):
 
     def __init__(self, *arguments: Any) -> None:
         self._constants: dict[t.Variable, Any] = {}
+        self._layouts: dict[str, tuple[tuple[Struct, ...], int, dict[str, int]]] = {}
         super().__init__(*arguments)
 
     def make_array(self, type_: ArrayType, initial: NDArray[np.generic] | None) -> list[Any]:
@@ -150,17 +160,13 @@ class ScalarRuntime(Runtime):
 
     def make_union(self, type_: StructType, values: Mapping[str, Value]) -> ScalarUnion:
         """A union; values are written in their order."""
-        formats, size = [], 0
-        for entry in type_.fields:
-            is_array = isinstance(entry.type, ArrayType)
-            formats.append(_packing(entry.type.element if isinstance(entry.type, ArrayType) else entry.type))
-            count = entry.type.size if isinstance(entry.type, ArrayType) else 1
-            size = max(size, formats[-1].size * (count if is_array else 1))
-        union = ScalarUnion(tuple(formats), size)
-        keys = [entry.name.upper() for entry in type_.fields]
+        if type_.name not in self._layouts:  # functions make theirs in each call
+            self._layouts[type_.name] = _layout(type_)
+        formats, size, places = self._layouts[type_.name]
+        union = ScalarUnion(formats, size)
         for key, value in values.items():
             for k, item in enumerate(value.tolist() if isinstance(value, np.ndarray) else [value]):
-                union.set(keys.index(key), k, item)
+                union.set(places[key], k, item)
         return union
 
     def native_unit(self, key: str) -> Callable[..., Any]:

@@ -1,4 +1,4 @@
-"""Where Structured Text comes from: texts, plain `.st` files, TwinCAT files, folders of them."""
+"""Where Structured Text comes from: texts, plain `.st` files, TwinCAT files, PLCopen XML, folders of them."""
 
 from __future__ import annotations
 
@@ -10,12 +10,15 @@ from st_codegen.errors import InputError
 from st_codegen.st import nodes as n
 from st_codegen.st.errors import Position, Problem, StSyntaxError
 from st_codegen.st.parser import parse_scanned
+from st_codegen.st.plcopen_xml import looks_like_plcopen, read_plcopen
 from st_codegen.st.scan import Scanned, Segment, scan
 from st_codegen.st.twincat_xml import read_xml
 
 MAX_BYTES = 1 << 30
-_XML = {".tcpou", ".tcgvl", ".tcdut"}
-_TEXT = {".st"}
+_BEGINNING = 1 << 12
+_XML = {".tcpou": read_xml, ".tcgvl": read_xml, ".tcdut": read_xml, ".xml": read_plcopen}
+_SUFFIXES = {".st", *_XML}
+_EXPECTED = ".st, .TcPOU, .TcGVL, .TcDUT or PLCopen's .xml"
 
 
 @dataclass(frozen=True)
@@ -27,7 +30,7 @@ class Source:
 
 
 def read_texts(texts: Mapping[str, str]) -> Source:
-    """Parse texts given by name; a name that ends in .TcPOU, .TcGVL or .TcDUT is TwinCAT's XML.
+    """Parse texts given by name; .TcPOU, .TcGVL and .TcDUT are TwinCAT's XML, .xml is PLCopen's.
 
     Raises `StSyntaxError` with the first error of every text.
     """
@@ -35,7 +38,7 @@ def read_texts(texts: Mapping[str, str]) -> Source:
 
 
 def read_paths(paths: Iterable[Path | str]) -> Source:
-    """Parse files and folders; of folders all `.st`, `.TcPOU`, `.TcGVL` and `.TcDUT` files, in name order.
+    """Parse files and folders; of folders all `.st`, `.TcPOU`, `.TcGVL`, `.TcDUT` and PLCopen `.xml` files by name.
 
     Raises `StSyntaxError` with the first error of every file, `InputError` for a path that does not exist, a file that
     is no Structured Text, or a folder without any.
@@ -46,16 +49,27 @@ def read_paths(paths: Iterable[Path | str]) -> Source:
 def _files(paths: Iterable[Path | str]) -> Iterator[Path]:
     for path in map(Path, paths):
         if path.is_dir():
-            found = sorted(file for file in path.rglob("*") if file.suffix.lower() in _XML | _TEXT and file.is_file())
+            found = sorted(file for file in path.rglob("*") if _is_structured_text(file))
             if not found:
-                raise InputError(f"{path}: no .st, .TcPOU, .TcGVL or .TcDUT file in this folder")
+                raise InputError(f"{path}: no {_EXPECTED} file in this folder")
             yield from found
         elif not path.is_file():
             raise InputError(f"{path}: no such file or folder")
-        elif path.suffix.lower() not in _XML | _TEXT:
-            raise InputError(f"{path}: not Structured Text: .st, .TcPOU, .TcGVL or .TcDUT is expected")
+        elif path.suffix.lower() not in _SUFFIXES:
+            raise InputError(f"{path}: not Structured Text: {_EXPECTED} is expected")
         else:
             yield path
+
+
+def _is_structured_text(path: Path) -> bool:
+    """By the suffix; other XML files may stand in the same folder, so these are looked into."""
+    suffix = path.suffix.lower()
+    if suffix not in _SUFFIXES or not path.is_file():
+        return False
+    if suffix != ".xml":
+        return True
+    with path.open("rb") as file:
+        return looks_like_plcopen(file.read(_BEGINNING))
 
 
 def _content(path: Path) -> bytes:
@@ -83,8 +97,9 @@ def _read(files: Iterable[tuple[str, bytes]]) -> Source:
 
 
 def _read_one(name: str, content: bytes) -> tuple[list[n.Declaration], list[Scanned]]:
-    if Path(name).suffix.lower() in _XML:
-        return read_xml(name, content)
+    reader = _XML.get(Path(name).suffix.lower())
+    if reader is not None:
+        return reader(name, content)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -5,57 +5,23 @@ The files come from outside, so nothing in them is trusted: no document type, no
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 from lxml import etree
 
 from st_codegen.st import nodes as n
 from st_codegen.st.errors import Position, Problem, StSyntaxError
 from st_codegen.st.parser import parse_scanned
-from st_codegen.st.scan import Scanned, Segment, scan
+from st_codegen.st.scan import Scanned
+from st_codegen.st.xml_file import XmlFile, checked_text, not_well_formed
 
-_DECLARED = re.compile(r"<!\[CDATA\[.*?\]\]>|<!--.*?-->|(<![A-Za-z]+)", re.DOTALL)
 _REFUSED = {
     "Property": "properties are not supported: use a method",
     "Action": "actions are not supported: use a method",
     "Transition": "transitions are not supported",
     "Itf": "interfaces are not supported",
 }
-
-
-@dataclass
-class XmlFile:
-    """A TwinCAT object and the scanned pieces of text that were found in it so far."""
-
-    name: str
-    text: str
-    root: etree._Element
-    scans: list[Scanned]
-    _cursor: int = 0
-
-    def error(self, element: etree._Element | None, message: str) -> StSyntaxError:
-        """A syntax error at an element."""
-        line = _line(element) if element is not None else 1
-        return StSyntaxError([Problem(Position(self.name, line, 1), message)])
-
-    def segment(self, element: etree._Element, pou: str) -> Segment:
-        """The text of an element and where it starts in the file."""
-        text = element.text or ""
-        first_line = _line(element)
-        at = self.text.find(text, self._cursor) if text else -1
-        if at < 0:
-            return Segment(text, self.name, first_line, 1, pou)
-        self._cursor = at + len(text)
-        return Segment(text, self.name, self.text.count("\n", 0, at) + 1, at - self.text.rfind("\n", 0, at), pou)
-
-    def scan(self, element: etree._Element, pou: str) -> Scanned:
-        """Scan the text of an element."""
-        scanned = scan(self.segment(element, pou))
-        self.scans.append(scanned)
-        return scanned
 
 
 def read_xml(name: str, content: bytes) -> tuple[list[n.Declaration], list[Scanned]]:
@@ -86,17 +52,10 @@ def read_xml(name: str, content: bytes) -> tuple[list[n.Declaration], list[Scann
 
 
 def _open(name: str, content: bytes) -> XmlFile:
-    where = Position(name, 1, 1)
-    try:
-        text = content.decode("utf-8-sig").replace("\r\n", "\n")
-    except UnicodeDecodeError as error:
-        raise StSyntaxError([Problem(where, f"not UTF-8 text ({error.reason} at byte {error.start})")]) from None
-    for match in _DECLARED.finditer(text):
-        if match[1]:
-            line = text.count("\n", 0, match.start()) + 1
-            message = f"'{match[1]}' is not allowed: a TwinCAT file has no document type and no entities"
-            raise StSyntaxError([Problem(Position(name, line, 1), message)])
+    text = checked_text(name, content)
+    # the text is what was checked: UTF-8, whatever the file says
     parser = etree.XMLParser(
+        encoding="utf-8",
         resolve_entities=False,
         no_network=True,
         load_dtd=False,
@@ -107,17 +66,11 @@ def _open(name: str, content: bytes) -> XmlFile:
     try:
         root = etree.fromstring(content, parser)
     except (etree.XMLSyntaxError, ValueError) as error:
-        line = getattr(error, "lineno", None) or 1
-        raise StSyntaxError([Problem(Position(name, line, 1), f"not well-formed XML: {error}")]) from None
+        raise not_well_formed(name, error) from None
     if root.tag != "TcPlcObject":
+        where = Position(name, 1, 1)
         raise StSyntaxError([Problem(where, f"the root element is '{root.tag}', not 'TcPlcObject'")])
-    return XmlFile(name, text, root, [])
-
-
-def _line(element: etree._Element) -> int:
-    # lxml-stubs have no type for it
-    found: Any = element.sourceline
-    return int(found or 1)
+    return XmlFile(name, text, root)
 
 
 def _only(file: XmlFile, parent: etree._Element, tag: str) -> etree._Element:

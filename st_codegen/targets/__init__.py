@@ -2,10 +2,14 @@
 
 from st_codegen.errors import InputError
 from st_codegen.targets.base import FilePlan, Target
+from st_codegen.targets.beckhoff_ml import BeckhoffMlTarget
 from st_codegen.targets.iec import IecTarget
+from st_codegen.targets.plcopen import PlcOpenTarget
 from st_codegen.targets.twincat import TwinCatTarget
 
-TARGETS: dict[str, Target] = {target.name: target for target in (TwinCatTarget(), IecTarget())}
+TARGETS: dict[str, Target] = {
+    target.name: target for target in (TwinCatTarget(), IecTarget(), PlcOpenTarget(), BeckhoffMlTarget())
+}
 
 __all__ = ["TARGETS", "FilePlan", "Target", "target_named"]
 

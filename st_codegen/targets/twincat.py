@@ -1,19 +1,23 @@
-"""TwinCAT 3 source files: TcPOU, TcDUT, TcGVL."""
+"""TwinCAT 3 source files: TcPOU, TcDUT, TcGVL, TcTTO, and the plcproj that lists them."""
 
 from __future__ import annotations
 
+import dataclasses
 import uuid
 from collections.abc import Iterable
+from pathlib import PurePosixPath
 
-from st_codegen.blocks.listing import Block
-from st_codegen.blocks.model import Limits, model_block
-from st_codegen.blocks.transmission_error import HARMONICS_TYPE, compensator_block, predict_block
-from st_codegen.ir import ProjectIR
-from st_codegen.literals import real
+from st_codegen.blocks.application import Application, DataType, GlobalList, Overlay, Task
+from st_codegen.blocks.listing import Block, Section, Variable
+from st_codegen.blocks.model import Limits
 from st_codegen.targets.base import FilePlan, Target
 
 #: Object identifiers are derived from names, so that they never change.
 _NAMESPACE = uuid.uuid5(uuid.NAMESPACE_DNS, "st-codegen")
+
+#: Who offers a library; all others come from the first.
+_COMPANY = "Beckhoff Automation GmbH"
+_COMPANIES = {"TcUnit": "www.tcunit.org"}
 
 
 def object_id(name: str) -> str:
@@ -22,33 +26,83 @@ def object_id(name: str) -> str:
 
 
 class TwinCatTarget(Target):
-    """One file an object, in the folders that TwinCAT projects use."""
+    """One file an object, in the folders that TwinCAT projects use, and the project file."""
 
     name = "twincat"
-    summary = "TwinCAT 3 (.TcPOU, .TcDUT, .TcGVL)"
+    summary = "TwinCAT 3 PLC project (.plcproj, .TcPOU, .TcDUT, .TcGVL, .TcTTO)"
+    dialect = "twincat"
     limits = Limits(max_array=65_536)
+    has_tests = True
 
-    def plan(self, project: ProjectIR, limits: Limits) -> Iterable[FilePlan]:
-        blocks = [model_block(model, limits) for model in project.models]
-        te = project.transmission_error
-        if te is not None:
-            blocks += [predict_block(te), compensator_block(te)]
-        files = [_pou(block) for block in blocks]
-        files.append(_object("POUs/F_IsNan.TcPOU", "F_IsNan"))
-        files.append(_object("DUTs/U_LrealBits.TcDUT", "U_LrealBits"))
-        if te is not None:
-            orders = ", ".join(map(str, te.orders))
-            values = {"te": te, "ratio": real(te.reduction_ratio), "last": len(te.orders) - 1, "orders": orders}
-            files.append(_object("GVLs/GVL_TE.TcGVL", "GVL_TE", **values))
-            files.append(_object(f"DUTs/{HARMONICS_TYPE}.TcDUT", HARMONICS_TYPE, last=len(te.orders) - 1))
-        return files
+    def files(self, application: Application) -> Iterable[FilePlan]:
+        application = with_bit_test(application)
+        files = [
+            *(_pou("POUs", block) for block in application.blocks),
+            *(_type(data_type) for data_type in application.types),
+            *(_globals(variables) for variables in application.globals),
+            *(_pou("Tests", block) for block in application.tests),
+            *(_task(task) for task in application.tasks),
+        ]
+        return [*files, project_file(application, files)]
 
 
-def _pou(block: Block) -> FilePlan:
-    values = {"block": block, "id": object_id(block.name)}
-    return FilePlan(f"POUs/{block.name}.TcPOU", "twincat/block.TcPOU.j2", values, twincat_xml=True)
+def with_bit_test(application: Application) -> Application:
+    """The application with F_IsNan and its type, by which this dialect finds NaN."""
+    value = Variable("fValue", "LREAL")
+    is_nan = Block(
+        name="F_IsNan",
+        header=(
+            "TRUE for a value that is not a number. Looks at the bits, since comparing such a value stops the",
+            "controller.",
+        ),
+        kind="FUNCTION",
+        result="BOOL",
+        inputs=(value,),
+        variables=(Variable("uBits", "U_LrealBits"),),
+        constants=(
+            Variable("MAGNITUDE", "LWORD", initial="16#7FFFFFFFFFFFFFFF", comment="all bits but the sign"),
+            Variable("INFINITY", "LWORD", initial="16#7FF0000000000000", comment="bits of +infinity"),
+        ),
+        sections=(Section("above infinity lie the numbers that are none", "is_nan", {}),),
+    )
+    bits = Overlay(
+        "U_LrealBits", ("A number and its bits at the same place in memory.",), (value, Variable("nBits", "LWORD"))
+    )
+    return dataclasses.replace(application, types=(bits, *application.types), blocks=(is_nan, *application.blocks))
 
 
-def _object(path: str, name: str, **values: object) -> FilePlan:
-    file = path.rsplit("/", 1)[1]
-    return FilePlan(path, f"twincat/{file}.j2", {"id": object_id(name), **values}, twincat_xml=True)
+def _pou(folder: str, block: Block) -> FilePlan:
+    return _object(folder, block.name, "pou.TcPOU", block=block)
+
+
+def _type(data_type: DataType) -> FilePlan:
+    return _object("DUTs", data_type.name, "type.TcDUT", type=data_type)
+
+
+def _globals(variables: GlobalList) -> FilePlan:
+    return _object("GVLs", variables.name, "globals.TcGVL", list=variables)
+
+
+def _task(task: Task) -> FilePlan:
+    return _object("", task.name, "task.TcTTO", task=task)
+
+
+def _object(folder: str, name: str, template: str, **values: object) -> FilePlan:
+    path = PurePosixPath(folder, name + PurePosixPath(template).suffix)
+    return FilePlan(str(path), f"twincat/{template}.j2", {"id": object_id(name), **values}, twincat_xml=True)
+
+
+def project_file(application: Application, files: list[FilePlan]) -> FilePlan:
+    """The project that lists all other files and the libraries they need."""
+    paths = [PurePosixPath(file.path) for file in files]
+    names = dict.fromkeys(("Tc2_Standard", "Tc2_System", "Tc3_Module", *application.libraries))
+    values = {
+        "id": object_id(f"project {application.name}"),
+        "name": application.name,
+        "files": [
+            {"path": "\\".join(path.parts), "link_always": path.suffix == ".TcGVL"} for path in sorted(paths, key=str)
+        ],
+        "folders": sorted({str(path.parent) for path in paths if path.parent.parts}),
+        "libraries": [{"name": name, "company": _COMPANIES.get(name, _COMPANY)} for name in names],
+    }
+    return FilePlan(f"{application.name}.plcproj", "twincat/project.plcproj.j2", values)

@@ -7,11 +7,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import Feature, FloatArray, IntArray, ModelIR, Operation, Source
+from st_codegen.ir import Feature, FloatArray, ModelIR, Operation, Source
 
 #: Rows (rows, features) -> predictions (rows, outputs), computed by the source library alone. Only rows that the
 #: library accepts (`reference.valid_rows`) are passed.
@@ -125,55 +122,3 @@ def require_fitted(estimator: Any, attribute: str) -> None:
     """Raise InputError unless `fit` has set an attribute."""
     if not hasattr(estimator, attribute):
         raise InputError(f"{type(estimator).__name__} is not fitted: call fit() before saving it")
-
-
-@dataclass(frozen=True)
-class Preorder:
-    """Trees laid out parent first, left child next: `order[i]` is the old number of new node `i`."""
-
-    order: NDArray[np.int64]
-    roots: IntArray
-    left: IntArray
-    right: IntArray
-
-
-def preorder(roots: NDArray[Any], left: NDArray[Any], right: NDArray[Any]) -> Preorder:
-    """Lay trees out in preorder; nodes that no root reaches are dropped. Linear in nodes, without recursion.
-
-    `left` and `right` are node numbers over all trees, negative for a leaf. Raises InputError where the nodes do not
-    form trees (a node with two parents, a cycle, a child out of range, a split with one child).
-    """
-    total = len(left)
-    levels = [np.asarray(roots, np.int64)]
-    seen = np.zeros(total, np.bool_)
-    while levels[-1].size:
-        here = levels[-1]
-        if np.any(here >= total):
-            raise InputError("tree: a child number outside the tree; the model file is damaged")
-        if np.any(seen[here]) or len(np.unique(here)) != len(here):
-            raise InputError("tree: a node with two parents or a cycle; the model file is damaged")
-        seen[here] = True
-        if np.any((left[here] < 0) != (right[here] < 0)):
-            raise InputError("tree: a split with only one child; the model file is damaged")
-        inner = here[left[here] >= 0]
-        levels.append(np.concatenate([left[inner], right[inner]]).astype(np.int64))
-    size = np.ones(total, np.int64)
-    for here in reversed(levels):
-        inner = here[left[here] >= 0]
-        size[inner] += size[left[inner]] + size[right[inner]]
-    position = np.full(total, -1, np.int64)
-    position[levels[0]] = np.concatenate([[0], np.cumsum(size[levels[0]])[:-1]])
-    for here in levels:
-        inner = here[left[here] >= 0]
-        position[left[inner]] = position[inner] + 1
-        position[right[inner]] = position[inner] + 1 + size[left[inner]]
-    order = np.empty(int(seen.sum()), np.int64)
-    reached = np.flatnonzero(seen)
-    order[position[reached]] = reached
-    split = left[order] >= 0
-    return Preorder(
-        order=order,
-        roots=position[levels[0]].astype(np.int32),
-        left=np.where(split, position[left[order]], -1).astype(np.int32),
-        right=np.where(split, position[right[order]], -1).astype(np.int32),
-    )

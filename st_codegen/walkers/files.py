@@ -17,12 +17,16 @@ _MODULES = {
     ".txt": "st_codegen.walkers.lightgbm",
     ".json": "st_codegen.walkers.xgboost",
     ".ubj": "st_codegen.walkers.xgboost",
+    ".xml": "st_codegen.walkers.beckhoff_ml",
 }
 _PICKLES = (".joblib", ".pkl", ".pickle")
 
 #: What a folder of models may contain, with the suffixes of each kind.
 SUFFIXES = (*_MODULES, ".skops", *_PICKLES)
-KNOWN_FORMATS = ".onnx, .txt (LightGBM), .json and .ubj (XGBoost), .skops, and .joblib or .pkl with --trust-pickle"
+KNOWN_FORMATS = (
+    ".onnx, .txt (LightGBM), .json and .ubj (XGBoost), .xml (TwinCAT machine learning), .skops, and .joblib or .pkl "
+    "with --trust-pickle"
+)
 
 
 def load_model(path: Path, name: str, *, trust_pickle: bool = False) -> LoadedModel:

@@ -19,7 +19,7 @@ from st_codegen.ir import (
     TreeColumn,
     TreeEnsemble,
 )
-from st_codegen.walkers.base import preorder
+from st_codegen.ir.preorder import preorder
 
 #: Answers of all category splits together; more would not fit a controller by orders of magnitude.
 MAX_CATEGORY_CELLS = 50_000_000

@@ -205,7 +205,7 @@ def _column(feature: int, reading: int, n_categories: int) -> TreeColumn:
     if reading == READ_CATEGORY:
         return TreeColumn(feature, n_categories=n_categories, negative_fraction_is_zero=True)
     if reading == READ_NAN_MISSING:
-        return TreeColumn(feature)
+        return TreeColumn(feature, seen_missing=True)
     missing = (-ZERO_MAGNITUDE, ZERO_MAGNITUDE) if reading == READ_ZERO_MISSING else None
     return TreeColumn(feature, nan=NanRule.ZERO, missing_interval=missing)
 

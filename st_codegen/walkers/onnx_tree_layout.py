@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import Aggregate, BoolArray, Comparison, FloatArray, Precision, TreeColumn, TreeEnsemble
-from st_codegen.walkers.base import Preorder, preorder
+from st_codegen.ir.preorder import Preorder, preorder
 from st_codegen.walkers.onnx_equality import check_merges, merge_equality_chains
 from st_codegen.walkers.onnx_forest import Forest, Mode, Numbers, NumberType
 

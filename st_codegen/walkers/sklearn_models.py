@@ -43,6 +43,8 @@ def walk_svr(estimator: Any, builder: GraphBuilder, value: int) -> int:
         raise UnsupportedModelError(
             f"{type(estimator).__name__} was fitted on a sparse matrix: fit it on a dense array"
         )
+    if not len(estimator.support_vectors_):  # every target lies within epsilon of the mean: a constant
+        return builder.add(Linear((value,), np.zeros((1, builder.width(value))), estimator.intercept_))
     return builder.add(
         KernelSum(
             inputs=(value,),

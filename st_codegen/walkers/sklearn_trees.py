@@ -26,7 +26,8 @@ from st_codegen.ir import (
     TreeColumn,
     TreeEnsemble,
 )
-from st_codegen.walkers.base import GraphBuilder, preorder, require_fitted, walks
+from st_codegen.ir.preorder import preorder
+from st_codegen.walkers.base import GraphBuilder, require_fitted, walks
 
 
 @walks("sklearn.DecisionTreeRegressor", "sklearn.ExtraTreeRegressor")

@@ -65,6 +65,19 @@ def test_float32_models_are_limited_to_float32():
     assert limited.magnitude_limits == (1e28, 1e28)
 
 
+def test_quotients_are_limited_so_that_their_sum_does_not_overflow():
+    limited = limit_inputs(
+        model(
+            Round((0,), 2),
+            Scale((1,), Operator.DIVIDE, [1.0, 1.0], Precision.FLOAT32, reverse=True),
+            Linear((2,), [[4.0, 4.0]], [0.0], precision=Precision.FLOAT32),
+        )
+    )
+    assert limited.ops[1].ceiling == 1e19
+    result = reference.evaluate(limited, [[1e-18, 1.0], [1e-20, 1.0], [0.0, 1.0]])
+    assert np.isfinite(result[:, 0]).tolist() == [True, False, False]
+
+
 def test_a_model_that_always_overflows_is_refused():
     huge = model(Linear((0,), [[1e300, 1e300]], [0.0]), Linear((1,), [[1e300]], [0.0]))
     with pytest.raises(InputError, match="overflows for inputs of magnitude 1"):

@@ -49,9 +49,15 @@ def test_the_same_data_in_good_order_pass(tmp_path, rig):
     assert (tmp_path / "out" / "report.json").is_file()
 
 
-@pytest.mark.parametrize(
-    ("factor", "word"), [(np.pi / 180, "rad"), (180 / np.pi, "57.3"), (81.0, "81"), (1 / 81.0, "81")]
-)
+UNITS = [
+    (np.pi / 180, "rad"),
+    (81.0, "81"),
+    pytest.param(180 / np.pi, "57.3", marks=pytest.mark.slow),
+    pytest.param(1 / 81.0, "81", marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize(("factor", "word"), UNITS)
 def test_wrong_units_are_detected(tmp_path, rig, factor, word):
     refused(tmp_path, measured(tmp_path / "h.csv", rig, grid(), factor), word)
 

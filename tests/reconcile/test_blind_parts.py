@@ -184,6 +184,12 @@ def test_confounded_effects_are_right_only_as_alternatives():
     assert score.score(extra, both).false_additions == ("wear",)
 
 
+def test_corrupt_runs_are_recognised_by_condition_or_file():
+    said = ["1120 rpm, 1350 Nm, 30 degC, backward: far from its neighbours", "run_0003.csv: a burst"]
+    assert score.suspected(["1120 rpm, 1350 N m", "120 rpm, 0 N m"], said) == 1
+    assert score.suspected(["run_0003.csv = 5 rpm, 6 N m", "run_0004.csv = 5 rpm, 7 N m"], said) == 1
+
+
 def test_gap_in_either_order_of_keys():
     one = {
         "fitted": {"before": 3.0, "after": 1.0, "noise_floor": 0.9},

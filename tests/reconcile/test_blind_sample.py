@@ -4,14 +4,15 @@ import pytest
 
 from .blind import cases, run
 
-#: one of each kind and format that has a clear-cut answer, among the fast ones
+#: one of each kind that has a clear-cut answer; the slower ones with `-m slow`
 SAMPLE = (
     ("single", ("torsional_compliance",), 10.0, "table"),
-    ("single", ("load_dependent_mesh",), 10.0, "table"),
     ("none", (), 0.0, "table"),
-    ("none", (), 0.0, "curves"),
     ("foreign", (), 10.0, "table"),
     ("confounded", ("encoder_eccentricity",), 10.0, "table"),
+    pytest.param(("single", ("load_dependent_mesh",), 10.0, "table"), marks=pytest.mark.slow),
+    pytest.param(("none", (), 0.0, "curves"), marks=pytest.mark.slow),
+    pytest.param(("single", ("control_lag",), 3.0, "recording"), marks=pytest.mark.slow),
 )
 
 

@@ -490,3 +490,15 @@ def test_assigned_variables_do_not_share_memory() -> None:
         [1, 7],
         [1, 2],
     ]
+
+
+def test_an_element_of_a_table_loaded_in_an_elsif_alone() -> None:
+    """What the conditions of ELSIF need is written once to see whether it is needed, and taken out again."""
+    text = block(
+        "FOR i := 0 TO 2 DO IF f < LOW[i] THEN n := n + 1; ELSIF f > HIGH[i] THEN n := n + 10; END_IF;"
+        " IF f > HIGH[i] THEN n := n + 100; END_IF; END_FOR;",
+        "i : DINT; n : DINT; END_VAR VAR CONSTANT LOW : ARRAY[0..2] OF LREAL := [0.0, 1.0, 5.0];"
+        " HIGH : ARRAY[0..2] OF LREAL := [1.0, 2.0, 9.0];",
+        inputs="f : LREAL;",
+    )
+    assert run(text, "n", f=1.5) == 111

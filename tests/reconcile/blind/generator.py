@@ -301,7 +301,7 @@ def make(case: Case, folder: Path) -> Made:
             labels, values, bad = corrupt_table(rng, runs, values)
         measured = folder / "harmonics.csv"
         write.harmonic_table(measured, labels, orders, values)
-        names = [f"{labels.speed_rpm[run]:g} rpm {labels.torque_Nm[run]:g} Nm" for run in bad]
+        names = [_condition(labels, run) for run in bad]
     else:
         te = effects.curve(spectrum, SAMPLES) + sample_noise + more
         if case.corrupt:
@@ -309,9 +309,13 @@ def make(case: Case, folder: Path) -> Made:
         measured = folder / "campaign"
         # off a grid two runs could share a rounded name
         files = write.curves(measured, runs, te, names_in_file=case.layout != "scattered" and case.seed % 2 == 0)
-        names = [files[run] for run in bad]
+        names = [f"{files[run]} = {_condition(runs, run)}" for run in bad]
     expected = expectation(case, gone, len(bad))
     return Made(rig, measured, expected, known.head, true, orders, floor, snr, len(runs), tuple(names))
+
+
+def _condition(runs: Conditions, run: int) -> str:
+    return f"{runs.speed_rpm[run]:g} rpm, {runs.torque_Nm[run]:g} N m"
 
 
 def _strange(
@@ -332,7 +336,7 @@ def _strange(
 
 
 def _make_recording(case: Case, rng: np.random.Generator, gone: list[hidden.Hidden], folder: Path) -> Made:
-    """Recordings in time: three of them in a folder, of an axis with a lag and a coupling."""
+    """Recordings in time, three in a folder or one long one: an axis with a lag and a coupling."""
     known = hidden.healthy(rng, gone, _bars(case), case.drifted)
     axis = [hidden.MAKERS[name](rng).table for name in effects.IN_TIME if name not in case.effects]
     true_known = (*known.true, *axis)
@@ -346,12 +350,15 @@ def _make_recording(case: Case, rng: np.random.Generator, gone: list[hidden.Hidd
         stiffness = torque / (60.0 * case.size * timed.OUT_NOISE_DEG)
         gone = [replace(gone[0], table={**gone[0].table, key: float(min(stiffness, 20000.0))})]
     true = (*true_known, *(one.table for one in gone))
-    measured = folder / "recordings"
-    measured.mkdir()
+    if case.seed % 2:
+        measured, counts = folder / "recordings", (4, 4, 4)
+        measured.mkdir()
+    else:
+        measured, counts = folder / "recording.csv", (12,)
     rows = 0
-    for number in range(3):
-        columns = timed.record(rng, head, true)
-        write.recording(measured / f"recording_{number}.csv", columns)
+    for number, moves in enumerate(counts):
+        columns = timed.record(rng, head, true, moves)
+        write.recording(measured / f"recording_{number}.csv" if measured.is_dir() else measured, columns)
         rows += len(columns["t"])
     rig = folder / "rig.toml"
     write.rig(rig, {"rig": head}, stated)

@@ -100,6 +100,13 @@ def _measure(results: Sequence[Mapping[str, Any]], key: str) -> list[Any]:
     return [value for value in values if value is not None]
 
 
+def _suspected(results: Sequence[Mapping[str, Any]]) -> score.Rate:
+    """Of the corrupt runs, how many are named as suspects."""
+    spoilt = [result for result in results if result["made"]["bad_runs"]]
+    found = sum(score.suspected(result["made"]["bad_runs"], result.get("suspects", ())) for result in spoilt)
+    return score.wilson(found, sum(len(result["made"]["bad_runs"]) for result in spoilt))
+
+
 def summary(results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """The rates of issue and table: naming, additions, parameters, gap; each a share with its interval."""
     hidden = _scored(results, "single", "pair")
@@ -135,6 +142,7 @@ def summary(results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "gap_at_most_1.1_floors_against_truth": score.rate([ratio <= score.GAP_LIMIT for ratio in models]).plain(),
         "median_seconds": sorted(result["seconds"] for result in results)[len(results) // 2] if results else None,
     }
+    out |= {"corrupt_runs_suspected": _suspected(results).plain()}
     by: dict[str, dict[str, Any]] = {}
     for label in ("format", "noise", "layout", "size", "effects"):
         groups: dict[str, list[bool]] = defaultdict(list)

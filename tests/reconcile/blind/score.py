@@ -6,6 +6,7 @@ Knows `report.json` only as DESIGN.md describes it, and nothing of the program t
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -295,6 +296,18 @@ def score(report: Report, expected: Expected) -> Score:
         verdict=report.verdict,
         remarks=tuple(remarks),
     )
+
+
+def suspected(bad_runs: Sequence[str], suspects: Sequence[str]) -> int:
+    """How many of `bad_runs` ("1000 rpm, 200 N m", with "file = " in front for curves) a report suspects."""
+    texts = [text.replace("Nm", "N m") for text in suspects]
+    found = 0
+    for bad in bad_runs:
+        file, _, condition = bad.rpartition(" = ")
+        # "120 rpm" is not in "1120 rpm"
+        marks = [re.compile(rf"(?<![\d.]){re.escape(mark)}") for mark in condition.split(", ")]
+        found += any(all(mark.search(text) for mark in marks) or (file and file in text) for text in texts)
+    return found
 
 
 # ------------------------------------------------------------------------------------------------ rates

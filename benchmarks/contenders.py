@@ -1,0 +1,322 @@
+"""Who takes part in the race: each makes a shared library with `race`, or is called from Python.
+
+A contender that cannot express a model, or fails on today's libraries, raises; `race.py` lists the error.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+#: The same compiler and flags for all C; contraction would change results, and baseline x86-64 has no FMA anyhow
+GCC = ("gcc", "-O2", "-fPIC", "-ffp-contract=off", "-fwrapv", "-w")
+#: Compiled contenders; `make clean` removes them
+CACHE = Path(__file__).resolve().parent.parent / "build" / "race"
+#: Seconds after which gcc is stopped
+COMPILE_LIMIT = float(os.environ.get("RACE_GCC_LIMIT_S", "900"))
+
+
+@dataclass(frozen=True)
+class Case:
+    """A fitted estimator and rows inside its trained range, shape (rows, features)."""
+
+    name: str
+    estimator: Any
+    rows: np.ndarray
+
+    @property
+    def library(self) -> str:
+        return type(self.estimator).__module__.partition(".")[0]
+
+    def expected(self, rows: np.ndarray) -> np.ndarray:
+        """What the library predicts, shape (rows,)."""
+        return np.asarray(self.estimator.predict(rows), np.float64).reshape(len(rows))
+
+
+@dataclass
+class Built:
+    """What a contender made: a library with `race`, or a Python function of one row, shape (1, features)."""
+
+    generate_s: float
+    compile_s: float = 0.0
+    library: Path | None = None
+    outputs: int = 1
+    code_bytes: int | None = None
+    data_bytes: int | None = None
+    call: Callable[[np.ndarray], Any] | None = None
+    note: str = ""
+
+
+def compiled(
+    sources: list[Path], folder: Path, generate_s: float, outputs: int = 1, objects: tuple[Path, ...] = ()
+) -> Built:
+    """Compile C files and link them; sizes are those of all objects but the glue.
+
+    gcc takes minutes for the if-else code of a forest, so libraries are kept in build/race/ under the hash of their
+    sources, with the seconds that they took then.
+    """
+    content = b"".join(path.read_bytes() for path in (*sources, *objects))
+    kept = CACHE / hashlib.sha256(" ".join(GCC).encode() + content).hexdigest()[:24]
+    if not kept.is_dir():
+        start = time.perf_counter()
+        made = list(objects)
+        for source in sources:
+            target = source.with_suffix(".o")
+            _gcc([*GCC, "-c", str(source), "-o", str(target)])
+            made.append(target)
+        library = folder / "race.so"
+        subprocess.run(["gcc", "-shared", "-o", library, *made, "-lm", "-ldl"], check=True, capture_output=True)
+        seconds = time.perf_counter() - start
+        code, data = sizes([target for target in made if target.stem != "glue"])
+        partial = folder / "kept"
+        partial.mkdir()
+        shutil.copy(library, partial / "race.so")
+        (partial / "meta.json").write_text(json.dumps({"compile_s": seconds, "code_bytes": code, "data_bytes": data}))
+        CACHE.mkdir(parents=True, exist_ok=True)
+        shutil.move(partial, kept)
+    meta = json.loads((kept / "meta.json").read_text())
+    return Built(generate_s, library=kept / "race.so", outputs=outputs, **meta)
+
+
+def _gcc(command: list[str]) -> None:
+    """Run gcc; when it takes too long, end it with the compiler proper that it started."""
+    with subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True) as process:
+        try:
+            _, errors = process.communicate(timeout=COMPILE_LIMIT)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            raise
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, command, stderr=errors)
+
+
+def sizes(objects: list[Path]) -> tuple[int, int]:
+    """Bytes of code and of data in object files."""
+    code = data = 0
+    for target in objects:
+        text = subprocess.run(["size", "-A", target], check=True, capture_output=True, text=True).stdout
+        for section, size in re.findall(r"^(\.[\w.]+)\s+(\d+)", text, re.M):
+            if section.startswith((".text", ".ltext")):
+                code += int(size)
+            elif section.startswith((".rodata", ".data", ".bss", ".lrodata", ".ldata")):
+                data += int(size)
+    return code, data
+
+
+# --- ours ---
+
+
+def bundle_of(case: Case) -> Any:
+    from st_codegen.bundle import Bundle
+    from st_codegen.passes.domain import limit_inputs
+    from st_codegen.walkers.base import LoadedModel
+    from st_codegen.walkers.objects import from_estimator
+
+    loaded = from_estimator(case.estimator, "model")
+    return Bundle((LoadedModel(limit_inputs(loaded.ir), loaded.predict),), None)
+
+
+def st_codegen(case: Case, folder: Path, **options: Any) -> Built:
+    """Our text, through the translator."""
+    from benchmarks.st_to_c import ports, translate
+    from st_codegen.generate import generate
+    from st_codegen.st import load_project
+    from st_codegen.targets import TARGETS
+
+    start = time.perf_counter()
+    bundle = bundle_of(case)
+    generated = generate(bundle, TARGETS["twincat"], folder / "st", **options)
+    seconds = time.perf_counter() - start
+    project = load_project([generated.folder], "twincat")
+    source = folder / "model.c"
+    source.write_text(translate(project, "FB_Model", "race"))
+    return compiled([source], folder, seconds, ports(project, "FB_Model")[1])
+
+
+# --- peers that generate code ---
+
+
+def m2cgen(case: Case, folder: Path) -> Built:
+    import m2cgen as peer
+
+    sys.setrecursionlimit(100_000)
+    start = time.perf_counter()
+    text = peer.export_to_c(case.estimator)
+    seconds = time.perf_counter() - start
+    source = folder / "model.c"
+    source.write_text(text + "\nvoid race(const double *x, double *y) { y[0] = score((double *)x); }\n")
+    return compiled([source], folder, seconds)
+
+
+def tl2cgen(case: Case, folder: Path) -> Built:
+    import tl2cgen as peer
+    import treelite
+
+    start = time.perf_counter()
+    if case.library == "lightgbm":
+        model = treelite.frontend.from_lightgbm(case.estimator.booster_)
+    elif case.library == "xgboost":
+        model = treelite.frontend.from_xgboost(case.estimator.get_booster())
+    else:
+        model = treelite.sklearn.import_model(case.estimator)
+    peer.generate_c_code(model, dirpath=str(folder / "c"), params={})
+    seconds = time.perf_counter() - start
+    header = (folder / "c" / "header.h").read_text()
+    kind = re.search(r"(float|double) fvalue", header)[1]
+    result = re.search(r"void predict\(union Entry\* data, int pred_margin, (float|double)\* result", header)[1]
+    features = case.rows.shape[1]
+    glue = folder / "c" / "glue.c"
+    glue.write_text(
+        f'#include "header.h"\nvoid race(const double *x, double *y)\n{{\n    union Entry e[{features}];\n'
+        f"    {result} r[1] = {{0}};\n    for (int i = 0; i < {features}; i++) e[i].fvalue = ({kind})x[i];\n"
+        "    predict(e, 0, r);\n    y[0] = r[0];\n}\n"
+    )
+    sources = sorted((folder / "c").glob("*.c"))
+    return compiled(sources, folder, seconds)
+
+
+def lleaves(case: Case, folder: Path) -> Built:
+    if case.library != "lightgbm":
+        raise NotImplementedError("LightGBM models only")
+    import lleaves as peer
+
+    start = time.perf_counter()
+    text, target = folder / "model.txt", folder / "forest.o"
+    case.estimator.booster_.save_model(text)
+    model = peer.Model(str(text))
+    generated = time.perf_counter()
+    model.compile(cache=str(target))
+    seconds = time.perf_counter() - generated
+    glue = folder / "glue.c"
+    glue.write_text(
+        "void forest_root(double *, double *, int, int);\n"
+        "void race(const double *x, double *y) { forest_root((double *)x, y, 0, 1); }\n"
+    )
+    built = compiled([glue], folder, generated - start, objects=(target,))
+    return dataclasses.replace(built, compile_s=seconds, note="compiled by LLVM with its own flags")
+
+
+# --- libraries ---
+
+
+_LIGHTGBM = """#include <dlfcn.h>
+#include <stdlib.h>
+static void *fast; static int (*predict)(void *, const void *, long *, double *);
+void race(const double *x, double *y)
+{
+    long n;
+    if (!fast) {
+        void *library = dlopen("%(library)s", RTLD_NOW), *booster; int iterations;
+        int (*create)(const char *, int *, void **) = dlsym(library, "LGBM_BoosterCreateFromModelfile");
+        int (*init)(void *, int, int, int, int, int, const char *, void **) =
+            dlsym(library, "LGBM_BoosterPredictForMatSingleRowFastInit");
+        predict = dlsym(library, "LGBM_BoosterPredictForMatSingleRowFast");
+        if (create("%(model)s", &iterations, &booster)) abort();
+        if (init(booster, 0, 0, -1, 1, %(features)d, "num_threads=1", &fast)) abort();
+    }
+    predict(fast, x, &n, y);
+}
+"""
+
+_XGBOOST = """#include <dlfcn.h>
+#include <stdio.h>
+#include <stdlib.h>
+typedef unsigned long size;
+static void *booster;
+static int (*predict)(void *, const char *, const char *, void *, const size **, size *, const float **);
+static const char *how = "{\\"type\\":0,\\"training\\":false,\\"iteration_begin\\":0,\\"iteration_end\\":0,"
+    "\\"strict_shape\\":false,\\"missing\\":NaN,\\"cache_id\\":0}";
+static const char *rows = "{\\"data\\":[%%lu,true],\\"shape\\":[1,%(features)d],"
+    "\\"typestr\\":\\"<f8\\",\\"version\\":3}";
+void race(const double *x, double *y)
+{
+    char values[200];
+    const size *shape;
+    size n;
+    const float *result;
+    if (!booster) {
+        void *library = dlopen("%(library)s", RTLD_NOW);
+        int (*create)(void *, size, void **) = dlsym(library, "XGBoosterCreate");
+        int (*load)(void *, const char *) = dlsym(library, "XGBoosterLoadModel");
+        int (*set)(void *, const char *, const char *) = dlsym(library, "XGBoosterSetParam");
+        predict = dlsym(library, "XGBoosterPredictFromDense");
+        if (create(0, 0, &booster) || load(booster, "%(model)s") || set(booster, "nthread", "1")) abort();
+    }
+    snprintf(values, sizeof values, rows, (size)x);
+    if (predict(booster, values, how, 0, &shape, &n, &result)) abort();
+    y[0] = result[0];
+}
+"""
+
+
+def library(case: Case, folder: Path) -> Built:
+    """The library itself: by its C interface where it has one, else from Python."""
+    start = time.perf_counter()
+    features = case.rows.shape[1]
+    if case.library not in ("lightgbm", "xgboost"):
+        return Built(time.perf_counter() - start, call=case.estimator.predict, note="called from Python")
+    if case.library == "lightgbm":
+        import lightgbm as module
+
+        model = folder / "model.txt"
+        case.estimator.booster_.save_model(model)
+        text, name = _LIGHTGBM, "lib_lightgbm.so"
+    else:
+        import xgboost as module
+
+        model = folder / "model.json"
+        case.estimator.get_booster().save_model(model)
+        text, name = _XGBOOST, "libxgboost.so"
+    (found,) = Path(module.__file__).parent.rglob(name)
+    glue = folder / "glue.c"
+    glue.write_text(text % {"library": found, "model": model, "features": features})
+    built = compiled([glue], folder, time.perf_counter() - start)
+    return dataclasses.replace(built, code_bytes=None, data_bytes=None, note="C interface")
+
+
+def onnx_runtime(case: Case, _: Path) -> Built:
+    import onnxruntime
+
+    start = time.perf_counter()
+    features = case.rows.shape[1]
+    if case.library == "lightgbm":
+        from onnxmltools import convert_lightgbm as convert
+        from onnxmltools.convert.common.data_types import FloatTensorType
+    elif case.library == "xgboost":
+        from onnxmltools import convert_xgboost as convert
+        from onnxmltools.convert.common.data_types import FloatTensorType
+    else:
+        from skl2onnx import convert_sklearn as convert
+        from skl2onnx.common.data_types import FloatTensorType
+    model = convert(case.estimator, initial_types=[("x", FloatTensorType([None, features]))])
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    session = onnxruntime.InferenceSession(model.SerializeToString(), options, providers=["CPUExecutionProvider"])
+
+    def call(row: np.ndarray) -> np.ndarray:
+        return session.run(None, {"x": row.astype(np.float32)})[0]
+
+    return Built(time.perf_counter() - start, call=call, note="called from Python")
+
+
+PEERS: dict[str, Callable[[Case, Path], Built]] = {
+    "m2cgen": m2cgen,
+    "tl2cgen": tl2cgen,
+    "lleaves": lleaves,
+    "ONNX Runtime": onnx_runtime,
+    "library": library,
+}

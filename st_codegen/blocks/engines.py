@@ -1,0 +1,440 @@
+"""A model as one of the engines of TwinCAT's machine learning runtime: trees, network of layers, support vectors.
+
+An engine is poorer than the intermediate representation: it knows no missing values, no categories, one comparison and
+one kind of sum. What it cannot say is refused with its reason. Thresholds are chosen so that `x <= threshold` on
+float64 numbers decides exactly as the library does, rounding of the input to float32 included.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import singledispatch
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from st_codegen.errors import UnsupportedModelError, errors_name
+from st_codegen.ir import (
+    FLOAT32_OVERFLOW,
+    Activation,
+    Aggregate,
+    Comparison,
+    FloatArray,
+    Function,
+    IntArray,
+    Kernel,
+    KernelSum,
+    Linear,
+    ModelIR,
+    Operation,
+    Operator,
+    Precision,
+    Round,
+    Scale,
+    Select,
+    TreeEnsemble,
+)
+
+ACTIVATIONS = {
+    Function.LOGISTIC: "ACT_FN_SIGMOID",
+    Function.EXP: "ACT_FN_EXP",
+    Function.TANH: "ACT_FN_TANH",
+    Function.RELU: "ACT_FN_RELU",
+    Function.SOFTPLUS: "ACT_FN_SOFTPLUS",
+    Function.IDENTITY: "ACT_FN_IDENTITY",
+}
+KERNELS = {
+    Kernel.LINEAR: "KERNEL_FN_LINEAR",
+    Kernel.POLYNOMIAL: "KERNEL_FN_POLYNOMIAL",
+    Kernel.RBF: "KERNEL_FN_RBF",
+    Kernel.SIGMOID: "KERNEL_FN_SIGMOID",
+}
+
+
+@dataclass(frozen=True)
+class Affine:
+    """`scaling * x + offset`, column by column; `terms` bounds the sum of the offsets' magnitudes on the way there."""
+
+    scaling: FloatArray
+    offset: FloatArray
+    terms: FloatArray
+
+    @classmethod
+    def identity(cls, width: int) -> Affine:
+        return cls(np.ones(width), np.zeros(width), np.zeros(width))
+
+    @property
+    def changes_nothing(self) -> bool:
+        return bool(np.all(self.scaling == 1.0) and not np.any(self.offset))
+
+    def then(self, op: Scale) -> Affine:
+        """Behind one more step. Raises UnsupportedModelError for constant / x."""
+        a, b, t, c = self.scaling, self.offset, self.terms, op.constant
+        if op.operator in (Operator.ADD, Operator.SUBTRACT):
+            plus = op.operator is Operator.ADD
+            sign = -1.0 if not plus and op.reverse else 1.0
+            shift = c if plus or op.reverse else -c
+            return Affine(sign * a, sign * b + shift, t + np.abs(c))
+        if op.operator is Operator.MULTIPLY:
+            return Affine(a * c, b * c, t * np.abs(c))
+        if op.reverse:
+            raise UnsupportedModelError("a constant divided by an input: the format scales and shifts only")
+        return Affine(a / c, b / c, t / np.abs(c))
+
+    def of(self, columns: IntArray) -> Affine:
+        """Some of the columns."""
+        return Affine(self.scaling[columns], self.offset[columns], self.terms[columns])
+
+    def placed(self, places: IntArray, width: int) -> Affine:
+        """For `width` columns, this one's column i at place `places[i]`; the others stay as they are."""
+        wide = Affine.identity(width)
+        for part, own in ((wide.scaling, self.scaling), (wide.offset, self.offset), (wide.terms, self.terms)):
+            part[places] = own
+        return wide
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Nodes of one tree, root first: threshold or leaf value, column (leaf: 0), children (leaf: 0)."""
+
+    values: FloatArray
+    columns: IntArray
+    left: IntArray
+    right: IntArray
+
+    @property
+    def leaves(self) -> FloatArray:
+        leaves: FloatArray = self.values[self.left == 0]
+        return leaves
+
+    @property
+    def children(self) -> IntArray:
+        return np.concatenate([self.left, self.right])
+
+
+@dataclass(frozen=True)
+class Engine:
+    """What all engines have.
+
+    `first` and `last` are the numbers of the model's operations (from 1) that the engine computes; before and behind
+    them lie the transformations of inputs and outputs. `rounds`: the library rounds the inputs to float32 before that.
+    """
+
+    n_inputs: int
+    n_outputs: int
+    input: Affine
+    output: Affine
+    first: int
+    last: int
+    rounds: bool
+    precision: ClassVar[Precision] = Precision.FLOAT64
+    folder: ClassVar[str]
+    template: ClassVar[str]
+
+    @property
+    def compares_only(self) -> bool:
+        """Whether infinite inputs do no harm."""
+        return False
+
+
+@dataclass(frozen=True)
+class TreeEngine(Engine):
+    """rf_fp64_engine: base + leaf values in tree order, each already divided where the model averages."""
+
+    base: float
+    trees: tuple[Tree, ...]
+    folder: ClassVar[str] = "trees"
+    template: ClassVar[str] = "tree_ensemble"
+
+    @property
+    def compares_only(self) -> bool:
+        return self.input.changes_nothing
+
+    @property
+    def n_leaves(self) -> int:
+        return sum(len(tree.leaves) for tree in self.trees)
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A row a neuron, its constant last; float32."""
+
+    activation: str
+    weights: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class MlpEngine(Engine):
+    """mlp_fp32_engine: weights and arithmetic in float32."""
+
+    layers: tuple[Layer, ...]
+    precision: ClassVar[Precision] = Precision.FLOAT32
+    folder: ClassVar[str] = "mlp"
+    template: ClassVar[str] = "mlp"
+
+
+@dataclass(frozen=True)
+class SvmEngine(Engine):
+    """svm_fp64_engine: sum of coefficient * kernel(x, support vector) - rho."""
+
+    kernel: Kernel
+    gamma: float
+    coef0: float
+    degree: int
+    vectors: FloatArray
+    coefficients: FloatArray
+    rho: float
+    folder: ClassVar[str] = "svm"
+    template: ClassVar[str] = "svm"
+
+    @property
+    def kernel_name(self) -> str:
+        return KERNELS[self.kernel]
+
+
+def engines_of(model: ModelIR) -> tuple[Engine, ...]:
+    """The engines that compute a model: one, or one for each output where an engine has only one.
+
+    Raises UnsupportedModelError with all that the format cannot say.
+    """
+    for number, op in enumerate(model.ops, 1):
+        if op.inputs != (number - 1,):
+            raise UnsupportedModelError("the model has branches; an engine is one chain of operations")
+    columns = np.arange(len(model.features), dtype=np.int32)
+    affine = Affine.identity(len(columns))
+    for number, op in enumerate(model.ops, 1):
+        if isinstance(op, Select):
+            columns = columns[op.columns]
+            affine = affine.of(op.columns)
+        elif isinstance(op, Scale):
+            affine = affine.then(op)
+        elif not isinstance(op, Round):
+            return _engines(op, _Front(model, number, columns, affine))
+    raise UnsupportedModelError("the model only scales its inputs: no engine does that")
+
+
+@dataclass(frozen=True)
+class _Front:
+    """What comes before operation `number` (from 1): it reads features `columns`, scaled."""
+
+    model: ModelIR
+    number: int
+    columns: IntArray
+    affine: Affine
+
+    @property
+    def rounds(self) -> bool:
+        """Whether the features are rounded to float32."""
+        return any(isinstance(op, Round) for op in self.model.ops[: self.number - 1])
+
+    def in_place(self, unused: float = 1.0) -> Affine:
+        """The transformation of all features in their order; what the model leaves out is multiplied by `unused`.
+
+        Raises UnsupportedModelError where a feature is used twice.
+        """
+        if len(np.unique(self.columns)) != len(self.columns):
+            raise UnsupportedModelError("a feature is used twice; the format scales each feature once")
+        placed = self.affine.placed(self.columns, len(self.model.features))
+        placed.scaling[np.setdiff1d(np.arange(len(self.model.features)), self.columns)] = unused
+        return placed
+
+
+@singledispatch
+def _engines(op: Operation, front: _Front) -> tuple[Engine, ...]:
+    """The engines whose first operation is `op`."""
+    raise UnsupportedModelError(f"{type(op).__name__} of the inputs: no engine computes it")
+
+
+def output_of(model: ModelIR, last: int) -> Affine:
+    """What happens to the result of operation `last`. Raises UnsupportedModelError for all but scaling and shifting."""
+    affine = Affine.identity(model.value_width(last))
+    for op in model.ops[last:]:
+        if isinstance(op, Scale):
+            affine = affine.then(op)
+        elif isinstance(op, Activation) and op.function is not Function.IDENTITY:
+            raise UnsupportedModelError(
+                f"the result is passed through {op.function}; the format scales and shifts only"
+            )
+        elif not isinstance(op, Round | Activation):
+            raise UnsupportedModelError(f"{type(op).__name__} of the result: the format scales and shifts only")
+    return affine
+
+
+@_engines.register
+def _(op: TreeEnsemble, front: _Front) -> tuple[Engine, ...]:
+    _check_trees(op)
+    width = len(front.model.features)
+    inputs = Affine.identity(width) if front.affine.changes_nothing else front.in_place()
+    single = op.input_precision is Precision.FLOAT32 or front.rounds
+    split = _Splits(
+        threshold_for_less_or_equal(op, single=single),
+        front.columns[np.array([column.column for column in op.columns] or [0], np.int32)],
+    )
+    outputs = output_of(front.model, front.number)
+    narrow = op.leaf_value.shape[1] == 1
+    return tuple(
+        TreeEngine(
+            n_inputs=width,
+            n_outputs=1,
+            input=inputs,
+            output=outputs.of(np.array([number], np.int32)),
+            first=front.number,
+            last=front.number,
+            rounds=False,
+            base=float(op.base[number]) / (1.0 if op.base_last else op.divisor),
+            trees=tuple(
+                _tree(op, split, tree, 0 if narrow else number)
+                for tree in range(op.n_trees)
+                if not narrow or op.tree_output[tree] == number
+            ),
+        )
+        for number in range(op.width)
+    )
+
+
+@dataclass(frozen=True)
+class _Splits:
+    """What the splits of an ensemble compare: a threshold a node, and the feature of each column."""
+
+    threshold: FloatArray
+    feature: IntArray
+
+
+def _tree(op: TreeEnsemble, splits: _Splits, number: int, output: int) -> Tree:
+    start = int(op.roots[number])
+    stop = int(op.roots[number + 1]) if number + 1 < op.n_trees else op.n_nodes
+    split = op.split[start:stop]
+    inner = split >= 0
+    leaf = op.leaf_value[np.maximum(op.leaf[start:stop], 0), output] / op.divisor
+    return Tree(
+        np.where(inner, splits.threshold[start:stop], leaf),
+        np.where(inner, splits.feature[np.maximum(split, 0)], 0).astype(np.int32),
+        np.where(inner, op.left[start:stop] - start, 0).astype(np.int32),
+        np.where(inner, op.right[start:stop] - start, 0).astype(np.int32),
+    )
+
+
+def _check_trees(op: TreeEnsemble) -> None:
+    reasons = []
+    if op.has_categories:
+        reasons.append("splits by category")
+    if any(column.missing_interval is not None for column in op.columns):
+        reasons.append("numbers that count as missing values")
+    if np.any(np.isinf(op.threshold[op.split >= 0])) or any(column.seen_missing for column in op.columns):
+        reasons.append("splits trained on missing values")
+    if op.linear is not None:
+        reasons.append("linear models in leaves")
+    if op.aggregate is not Aggregate.SUM:
+        reasons.append(f"the {op.aggregate} over trees")
+    inner = op.split >= 0
+    parents = np.bincount(np.concatenate([op.left[inner], op.right[inner]]), minlength=1)
+    if np.any(parents > 1):
+        reasons.append("nodes that several splits share")
+    if reasons:
+        raise UnsupportedModelError(f"trees with {', '.join(reasons)}: not expressible")
+
+
+def threshold_for_less_or_equal(op: TreeEnsemble, *, single: bool) -> FloatArray:
+    """Thresholds t' with `x <= t'` for float64 x exactly where the library goes left; `single`: it reads float32(x).
+
+    A library that compares float32(x) goes left up to the largest float64 that rounds to the last float32 on the left:
+    the middle to the next one (where a tie goes to the even one of the two).
+    """
+    threshold = np.where(op.split >= 0, op.threshold, 0.0)
+    if not single:
+        return np.nextafter(threshold, -np.inf) if op.comparison is Comparison.LESS else threshold
+    with np.errstate(over="ignore"):
+        last = threshold.astype(np.float32)
+    beyond = last > threshold if op.comparison is Comparison.LESS_OR_EQUAL else last >= threshold
+    last = np.where(beyond, np.nextafter(last, np.float32(-np.inf)), last)
+    following = np.nextafter(last, np.float32(np.inf))
+    largest = np.isinf(following)  # what rounds to the largest float32 ends below the overflow limit
+    middle = (last.astype(np.float64) + np.where(largest, FLOAT32_OVERFLOW, following.astype(np.float64))) / 2
+    middle = np.where(largest, FLOAT32_OVERFLOW, middle)
+    even = (last.view(np.int32) & 1) == 0
+    exact = np.where(even & ~largest, middle, np.nextafter(middle, -np.inf))
+    return np.maximum(exact, -np.finfo(np.float64).max)
+
+
+@_engines.register
+def _(op: Linear, front: _Front) -> tuple[Engine, ...]:
+    inputs = front.in_place()
+    model = front.model
+    layers: list[tuple[Linear, Function]] = []
+    last = front.number
+    for at in range(front.number, len(model.ops) + 1):
+        current = model.ops[at - 1]
+        if isinstance(current, Linear):
+            layers.append((current, Function.IDENTITY))
+        elif isinstance(current, Activation) and layers and layers[-1][1] is Function.IDENTITY:
+            layers[-1] = (layers[-1][0], current.function)
+        elif not isinstance(current, Round):
+            break
+        last = at
+    unknown = sorted({function.value for _, function in layers if function not in ACTIVATIONS})
+    if unknown:
+        raise UnsupportedModelError(f"no engine has the activation function {', '.join(unknown)}")
+    first = np.zeros((op.width, len(model.features)))
+    first[:, front.columns] = op.weights
+    weights = [first, *(layer.weights for layer, _ in layers[1:])]
+    built = tuple(
+        Layer(ACTIVATIONS[function], _single(np.column_stack([matrix, layer.bias])))
+        for matrix, (layer, function) in zip(weights, layers, strict=True)
+    )
+    return (
+        MlpEngine(
+            n_inputs=len(model.features),
+            n_outputs=len(model.outputs),
+            input=inputs,
+            output=output_of(model, last),
+            first=front.number,
+            last=last,
+            rounds=front.rounds,
+            layers=built,
+        ),
+    )
+
+
+def _single(values: FloatArray) -> NDArray[np.float32]:
+    with np.errstate(over="ignore"):
+        single: NDArray[np.float32] = values.astype(np.float32)
+    if not np.all(np.isfinite(single)):
+        raise UnsupportedModelError("a weight is too large for float32, in which the engine computes")
+    return single
+
+
+@_engines.register
+def _(op: KernelSum, front: _Front) -> tuple[Engine, ...]:
+    if not len(op.support_vectors):
+        raise UnsupportedModelError("a support vector machine without support vectors")
+    # a vector of an RBF kernel measures the distance along every input
+    inputs = front.in_place(unused=0.0)
+    vectors = np.zeros((len(op.support_vectors), len(front.model.features)))
+    vectors[:, front.columns] = op.support_vectors
+    outputs = output_of(front.model, front.number)
+    return tuple(
+        SvmEngine(
+            n_inputs=len(front.model.features),
+            n_outputs=1,
+            input=inputs,
+            output=outputs.of(np.array([number], np.int32)),
+            first=front.number,
+            last=front.number,
+            rounds=front.rounds,
+            kernel=op.kernel,
+            gamma=op.gamma,
+            coef0=op.coef0,
+            degree=op.degree,
+            vectors=vectors,
+            coefficients=op.coefficients[number],
+            rho=-float(op.intercept[number]),
+        )
+        for number in range(op.width)
+    )
+
+
+def checked_engines(model: ModelIR) -> tuple[Engine, ...]:
+    """`engines_of`, its errors with the name of the model."""
+    with errors_name(f"model '{model.name}'"):
+        return engines_of(model)

@@ -1,0 +1,89 @@
+"""The choice of the orders to model, from the data, with the reason for each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from st_codegen.campaign.orders import SIGNIFICANT, OrderFit
+from st_codegen.errors import InputError
+
+
+@dataclass(frozen=True)
+class OrderReason:
+    """What the curves say about one order.
+
+    above_noise: number of curves in which it stands above the noise, of `curves`; rms_deg: root mean square of its
+    amplitude over all curves; noise_deg: median noise floor; share: its part of the mean square of the TE without its
+    mean; reason: the decision in words.
+    """
+
+    order: int
+    chosen: bool
+    above_noise: int
+    curves: int
+    rms_deg: float
+    noise_deg: float
+    share: float
+    reason: str
+
+
+def choose_orders(
+    fits: Sequence[OrderFit],
+    *,
+    most: int = 20,
+    least_curves: float = 0.25,
+    least_size: float = 0.01,
+    always: Sequence[int] = (0,),
+) -> tuple[OrderReason, ...]:
+    """Judge every order that stands above the noise somewhere; the strongest first, the mean ahead of all.
+
+    An order is chosen where it is above the noise in `least_curves` (a fraction) of the curves and its root mean square
+    amplitude is at least `least_size` of the strongest one; `most` orders at most, the mean included. `always` are
+    chosen whatever the data say. Raises InputError without fits.
+    """
+    if not fits:
+        raise InputError("there are no curves to choose orders from")
+    band = min(len(fit.spectrum) for fit in fits)
+    spectrum = np.stack([fit.spectrum[:band] for fit in fits])
+    floor = np.stack([fit.spectrum_floor[:band] for fit in fits])
+    above = (spectrum > SIGNIFICANT * floor).sum(axis=0)
+    # what noise adds to a mean square is taken off
+    rms = np.sqrt(np.maximum((spectrum**2 - floor**2).mean(axis=0), 0.0))
+    share = rms[1:] ** 2 / max((rms[1:] ** 2).sum(), np.finfo(float).tiny)
+    strongest = rms[1:].max(initial=0.0)
+    ranking = [0, *(1 + np.argsort(-rms[1:], kind="stable"))]
+    reasons, chosen = [], 0
+    for order in map(int, ranking):
+        forced = order in always
+        if not above[order] and not forced:
+            continue
+        where = f"above the noise in {above[order]} of {len(fits)} curves"
+        size = f"{rms[order]:.2e} deg"
+        relative = rms[order] / strongest if order and strongest else 1.0
+        if forced:
+            verdict, why = True, f"always wanted; {where}"
+        elif above[order] < least_curves * len(fits):
+            verdict, why = False, f"only {where}"
+        elif relative < least_size:
+            verdict, why = False, f"{where}, but {size} is {relative:.2%} of the strongest (less than {least_size:.2%})"
+        elif chosen >= most:
+            verdict, why = False, f"{where}, {size}; {most} stronger orders are chosen already"
+        else:
+            verdict, why = True, f"{where}; {size} is {relative:.1%} of the strongest"
+        chosen += verdict
+        reasons.append(
+            OrderReason(
+                order,
+                verdict,
+                int(above[order]),
+                len(fits),
+                float(rms[order]),
+                float(np.median(floor[:, order])),
+                float(share[order - 1]) if order else 0.0,
+                why,
+            )
+        )
+    return tuple(reasons)

@@ -1,0 +1,72 @@
+"""`st-codegen calibrate`: a profile from times that were measured on the controller."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.table import Table
+
+from st_codegen.cli.console import console, quiet_option
+from st_codegen.cli.costs import profile_option
+from st_codegen.cost import calibrate, load_profile, read_measurements, with_factors
+from st_codegen.engine import GeneratedCode
+from st_codegen.errors import InputError
+from st_codegen.targets import TARGETS
+from st_codegen.verify import target_folders
+
+
+@click.command(
+    "calibrate",
+    epilog="""\b
+Examples:
+  st-codegen calibrate generated --measured times.csv --out mine.toml
+  st-codegen verify models/ --cycle-us 250 --profile mine.toml
+
+\b
+times.csv:
+  block,caches,us
+  FB_TEPredict,warm,41.3
+  FB_TEPredict,cold,97.0""",
+)
+@click.argument("generated", type=click.Path(path_type=Path))
+@click.option(
+    "-m",
+    "--measured",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="CSV with the columns block,caches,us: the longest call of a block that was seen, caches warm or cold.",
+)
+@profile_option
+@click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="Profile to write.")
+@quiet_option
+def command(generated: Path, measured: Path, profile: str, out: Path, quiet: bool) -> None:
+    """Fit a profile to times measured on the controller, for the text in GENERATED.
+
+    Two factors are found by least squares of relative errors: one for computing, one for waiting for memory. Of several
+    targets in GENERATED the first is taken: name its folder to choose.
+    """
+    if out.suffix != ".toml":
+        raise InputError(f"{out}: a profile is a .toml file")
+    base = load_profile(profile)
+    measurements = read_measurements(measured)
+    folder = target_folders(generated)[0]
+    fit = calibrate(GeneratedCode(folder, TARGETS[folder.name].dialect).project, base, measurements)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    partial = out.with_name(out.name + ".partial")
+    partial.write_text(with_factors(base, fit, out.stem), encoding="utf-8")
+    partial.replace(out)
+    if quiet:
+        return
+    table = Table(title=f"{out}: compute x {fit.compute:.3g}, memory x {fit.memory:.3g}", title_justify="left")
+    table.add_column("block")
+    table.add_column("caches")
+    for name in ("measured us", "model us", "error"):
+        table.add_column(name, justify="right")
+    for measurement, modelled in zip(measurements, fit.modelled, strict=True):
+        error = f"{modelled / measurement.microseconds - 1.0:+.1%}"
+        caches = "cold" if measurement.is_cold else "warm"
+        table.add_row(measurement.block, caches, f"{measurement.microseconds:.2f}", f"{modelled:.2f}", error)
+    console.print(table)
+    if not fit.is_memory_known:
+        console.print("these times do not tell computing from waiting for memory: measure warm and cold caches")

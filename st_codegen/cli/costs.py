@@ -1,0 +1,124 @@
+"""What commands say about time: options, and the table of who spends what."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import click
+from rich.table import Table
+
+from st_codegen.cli.console import Command, console
+from st_codegen.cost import DEFAULT, BlockCost, Part, ProjectCost, profile_names
+from st_codegen.explain import Price
+
+#: Parts of a cycle that take less than this share are added up in one row.
+_SMALL = 0.002
+
+
+def cycle_option(function: Command) -> Command:
+    """The option --cycle-us."""
+    return click.option(
+        "--cycle-us",
+        type=click.FloatRange(min=0.0, min_open=True),
+        help="Budget of one cycle in us: fail when the worst case, with cold caches, is longer.",
+    )(function)
+
+
+def profile_option(function: Command) -> Command:
+    """The option --profile."""
+    return click.option(
+        "--profile",
+        default=DEFAULT,
+        show_default=True,
+        metavar="NAME|FILE",
+        help=f"The controller: {', '.join(profile_names())}, or a .toml file that `calibrate` wrote.",
+    )(function)
+
+
+def entry_option(function: Command) -> Command:
+    """The option --entry."""
+    return click.option(
+        "--entry",
+        "entries",
+        multiple=True,
+        metavar="BLOCK",
+        help="A block or program that one cycle runs, may be given several times. Default: what the tasks call.",
+    )(function)
+
+
+def print_budget(target: str, cost: ProjectCost, cycle_us: float | None) -> None:
+    """Who spends what, in a cycle that does not fit."""
+    for text in cost.unbounded:
+        console.print(f"[red]{target}[/]: {text}", highlight=False, soft_wrap=True)
+    console.print(cost_table(f"{target}: worst case of a cycle on {cost.profile.name}", cost.cycle))
+    print_verdict(target, cost, cycle_us)
+
+
+def print_verdict(target: str, cost: ProjectCost, cycle_us: float | None) -> None:
+    """One line: the worst case, and whether it fits."""
+    times = f"{cost.warm_us:.1f} us with warm caches, {cost.cold_us:.1f} us with cold ones"
+    if cost.unbounded:
+        times = f"no bound; loops without one counted once: {times}"
+    verdict = ""
+    if cycle_us is not None:
+        verdict = f", budget {cycle_us:g} us: "
+        verdict += "[green]fits[/]" if cost.fits(cycle_us) else "[bold red]DOES NOT FIT[/]"
+    console.print(f"{target}: {times} on {cost.profile.name}{verdict}", highlight=False, soft_wrap=True)
+    if cost.profile.compute_factor == cost.profile.memory_factor == 1.0:
+        console.print(
+            f"{cost.profile.name} was not calibrated: the times are estimates (st-codegen calibrate)", highlight=False
+        )
+
+
+def cost_table(title: str, blocks: Iterable[BlockCost]) -> Table:
+    """A row for each unit whose text a cycle runs, the slowest first; times are its own, without what it calls."""
+    blocks = tuple(blocks)
+    table = Table(title=title, title_justify="left")
+    table.add_column("block")
+    for name in ("operations", "tables B", "touched B", "code B", "warm us", "cold us", "share"):
+        table.add_column(name, justify="right")
+    parts = sorted((part for block in blocks for part in block.parts), key=lambda part: -part.cold_us)
+    total = sum(part.cold_us for part in parts) or 1.0
+    large = [part for part in parts if part.cold_us >= _SMALL * total]
+    for part in large:
+        table.add_row(part.unit, *_cells([part], total))
+    if len(large) < len(parts):
+        rest = parts[len(large) :]
+        table.add_row(f"{len(rest)} others", *_cells(rest, total))
+    table.add_section()
+    table.add_row("sum", *_cells(parts, total))
+    return table
+
+
+def price_table(target: str, profile: str, priced: Iterable[Price]) -> Table:
+    """A row for each layout that a model could have; the first one was taken."""
+    table = Table(title=f"{target}: layouts, a block alone on {profile}", title_justify="left")
+    for name in ("model", "layout"):
+        table.add_column(name)
+    for name in ("operations", "tables B", "touched lines", "warm us", "cold us"):
+        table.add_column(name, justify="right")
+    for price in priced:
+        cost = price.cost
+        table.add_row(
+            price.model if price.is_chosen else "",
+            f"[bold]{price.layout}[/]" if price.is_chosen else f"[dim]{price.layout}[/]",
+            f"{cost.instructions:,.0f}",
+            f"{cost.table_bytes:,}",
+            f"{cost.lines:,.0f}",
+            f"{cost.warm_us:.2f}",
+            f"{cost.cold_us:.2f}",
+        )
+    return table
+
+
+def _cells(parts: list[Part], total: float) -> list[str]:
+    cold = sum(part.cold_us for part in parts)
+    return [
+        f"{sum(part.total_operations for part in parts):,}",
+        f"{sum(part.table_bytes for part in parts):,}",
+        f"{64 * sum(part.lines for part in parts):,}",
+        f"{sum(part.code_bytes for part in parts):,}",
+        f"{sum(part.warm_us for part in parts):.1f}",
+        f"{cold:.1f}",
+        f"{cold / total:.1%}",
+    ]

@@ -1,0 +1,75 @@
+"""`st-codegen latency`: from encoder to correction for given tasks."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from typing import Any
+
+import click
+
+from st_codegen.latency import PAPER_OUTPUT_US, Exchange, Latency, TaskTiming, latency
+
+
+@click.command(
+    "latency",
+    epilog=f"""\b
+Examples:
+  st-codegen latency --fast 250 --slow 500 --output {PAPER_OUTPUT_US}      the paper's controller: 1325.3 us, 754.5 Hz
+  st-codegen latency --fast 250 --output {PAPER_OUTPUT_US}                 sum and correction in the fast task
+  st-codegen latency --fast 250 --slow 500 --order 240 --json""",
+)
+@click.option("--fast", type=float, required=True, metavar="US", help="Cycle time of the task with encoder and axes.")
+@click.option("--slow", type=float, metavar="US", help="Cycle time of a slower task between reading and correcting.")
+@click.option("--slow-offset", type=float, default=0.0, metavar="US", help="Start of its first cycle. Default: 0.")
+@click.option("--fast-run", type=float, default=0.0, metavar="US", help="Time of one run, for --exchange end.")
+@click.option("--slow-run", type=float, default=0.0, metavar="US", help="Time of one run, for --exchange end.")
+@click.option(
+    "--output", "output_us", type=float, default=0.0, metavar="US", help="From the last exchange to the axis."
+)
+@click.option(
+    "--exchange",
+    type=click.Choice([exchange.value for exchange in Exchange]),
+    default=Exchange.AT_START.value,
+    show_default=True,
+    help="When a task hands its results over: at the start of its next cycle, or at the end of its run.",
+)
+@click.option("--order", type=click.IntRange(min=1), default=240, show_default=True, help="Highest order to correct.")
+@click.option("--json", "as_json", is_flag=True, help="Print the numbers as JSON.")
+def command(
+    fast: float,
+    slow: float | None,
+    slow_offset: float,
+    fast_run: float,
+    slow_run: float,
+    output_us: float,
+    exchange: str,
+    order: int,
+    as_json: bool,
+) -> None:
+    """Delay from encoder to correction, over all positions of a sample in the tasks' common period.
+
+    Without --slow everything is done in one task. With FB_CompensatorFast only coefficients come from the slow task:
+    its angle takes the way of one task. The mean delay is what fLead_s of the compensator should be.
+    """
+    first = TaskTiming("fast", fast, run_us=fast_run)
+    chain = [first] if slow is None else [first, TaskTiming("slow", slow, slow_offset, slow_run), first]
+    found = latency(chain, output_us=output_us, exchange=Exchange(exchange))
+    if as_json:
+        click.echo(json.dumps(_numbers(found, order), indent=1))
+        return
+    times = (found.worst_us, found.mean_us, found.best_us)
+    click.echo("delay: {:.1f} us at most, {:.1f} us in the mean, {:.1f} us at least".format(*times))
+    click.echo(f"upper limit of the correction: {found.frequency_hz:.1f} Hz")
+    click.echo(f"order {order} up to {found.output_speed_rpm(order):.1f} rpm at the output shaft")
+    click.echo(f"lead time for the compensator: fLead_s := {found.mean_us * 1e-6:.7f}")
+
+
+def _numbers(found: Latency, order: int) -> dict[str, Any]:
+    return {
+        **asdict(found),
+        "frequency_hz": found.frequency_hz,
+        "order": order,
+        "output_speed_rpm": found.output_speed_rpm(order),
+        "lead_s": found.mean_us * 1e-6,
+    }

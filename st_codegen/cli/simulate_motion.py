@@ -1,0 +1,137 @@
+"""`st-codegen simulate motion`: a motion of the simulated rig with the generated code in its loop."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+from rich.table import Table
+
+from st_codegen.bundle import load
+from st_codegen.cli.console import console, progress_bar, quiet_option, trust_option
+from st_codegen.rig.effects import catalogue
+from st_codegen.rig.tasks import Form
+
+
+@click.command(
+    "motion",
+    epilog="""\b
+Examples:
+  st-codegen simulate motion --models models/ --rig rig.toml --profile cycloidal --out build/motion
+  st-codegen simulate motion --models models/ --rig rig.toml --profile robot --out build/motion \\
+      --orders 0,1,39 --orders all --tasks split --lead auto --law full
+  st-codegen simulate motion --models models/ --rig rig.toml --profile mine.csv --out out --json""",
+)
+@click.option(
+    "--models", type=click.Path(path_type=Path), required=True, help="Bundle of models, a folder with bundle.toml."
+)
+@click.option("--rig", type=click.Path(path_type=Path), required=True, help="Rig model, rig.toml.")
+@click.option(
+    "--profile", required=True, help="cycloidal, robot, or a CSV with the columns t,theta_out,torque_Nm (s, deg, N m)."
+)
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for results.")
+@click.option(
+    "--orders",
+    multiple=True,
+    metavar="LIST",
+    help="Orders to compensate, as in 0,1,39; may be repeated. Default: all of the bundle.",
+)
+@click.option(
+    "--law",
+    type=click.Choice(["published", "continuous", "full", "both"]),
+    default="both",
+    show_default=True,
+    help="Weight at low speed: Eq. 6; speed / 100 rpm below 100 rpm; full correction everywhere; both: the first two.",
+)
+@click.option(
+    "--tasks",
+    type=click.Choice([str(form) for form in Form]),
+    multiple=True,
+    help="one: blocks in the main task; two: in the slow task, as published. May be repeated. Default: two and one.",
+)
+@click.option(
+    "--lead",
+    default="0",
+    show_default=True,
+    metavar="US",
+    help="Take the angle ahead by so many microseconds; auto: by all known delays.",
+)
+@click.option(
+    "--set",
+    "inputs",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Another input of FB_Compensator, as fBlendTime_s=0.05.",
+)
+@click.option("--temperature", type=click.FloatRange(-40, 150), help="Oil at the start, degC (default: the rig's).")
+@click.option("--drift", type=click.FloatRange(-60, 60), help="Its drift, K a minute (default: the rig's).")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of noise and jitter.")
+@click.option("--target", default="twincat", show_default=True, help="Dialect that is generated and run.")
+@click.option(
+    "--recording", is_flag=True, help="Also write recording.csv, the uncompensated motion as reconcile reads it."
+)
+@click.option("--effects", type=click.Path(path_type=Path), multiple=True, help="Python file with effects of your own.")
+@click.option("--json", "as_json", is_flag=True, help="Print the rows as JSON.")
+@trust_option
+@quiet_option
+def command(
+    models: Path,
+    rig: Path,
+    profile: str,
+    out: Path,
+    orders: tuple[str, ...],
+    law: str,
+    tasks: tuple[str, ...],
+    lead: str,
+    inputs: tuple[str, ...],
+    temperature: float | None,
+    drift: float | None,
+    seed: int,
+    target: str,
+    recording: bool,
+    effects: tuple[Path, ...],
+    as_json: bool,
+    trust_pickle: bool,
+    quiet: bool,
+) -> None:
+    """Simulate a motion with and without compensation by the generated Structured Text.
+
+    Writes motion.json, motion.csv (a row a case: RMS and maximum of the error before and after), curves.csv and
+    report.html.
+    """
+    from st_codegen.rig import motion_files, study
+    from st_codegen.rig.machine import read_machine
+
+    _, machine = read_machine(rig, catalogue(effects))
+    machine = study.with_oil(machine, temperature, drift)
+    with progress_bar("loading", quiet=quiet) as progress:
+        bundle = load(models, trust_pickle=trust_pickle, progress=progress)
+    wish = study.Wish(
+        orders=study.parse_orders(orders, bundle),
+        laws=("published", "continuous") if law == "both" else (law,),
+        forms=tuple(Form(name) for name in tasks) or (Form.TWO, Form.ONE),
+        lead=study.parse_lead(lead),
+        target=target,
+        inputs=study.parse_inputs(inputs),
+    )
+    with progress_bar("moving", quiet=quiet) as progress:
+        result = study.simulate(machine, bundle, profile, wish, seed=seed, progress=progress)
+    motion_files.write(result, out, recording=recording)
+    rows = [motion_files.row(result, outcome) for outcome in result.outcomes]
+    if as_json:
+        click.echo(json.dumps(rows, indent=1))
+    if not quiet:
+        table = Table(title=f"{out}/report.html", title_justify="left")
+        for name in ("case", "RMS before", "after", "gone", "max before", "after", "gone", "latency"):
+            table.add_column(name, justify="left" if name == "case" else "right")
+        for entry, outcome in zip(rows, result.outcomes, strict=True):
+            table.add_row(
+                motion_files.label(outcome),
+                *(f"{entry[f'rms_{when}']:.5f}" for when in ("before", "after")),
+                f"{100 * entry['rms_reduction']:.1f} %",
+                *(f"{entry[f'max_{when}']:.5f}" for when in ("before", "after")),
+                f"{100 * entry['max_reduction']:.1f} %",
+                f"{entry['latency_us']:.1f} us",
+            )
+        console.print(table)

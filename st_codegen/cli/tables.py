@@ -1,0 +1,77 @@
+"""`st-codegen tables`: the paper's tables 2 to 6, ours beside theirs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from st_codegen.campaign.harmonic_table import read_table
+from st_codegen.cli.console import console, progress_bar, quiet_option
+from st_codegen.cli.training import backend_of, search_options, settings_of
+from st_codegen.errors import InputError
+from st_codegen.training.learn import Plan
+from st_codegen.training.paper import compare, read_paper
+from st_codegen.training.store import FitStore
+from st_codegen.training.tables import write_tables
+
+TABLE = "rv160n_harmonics.csv"
+PREDICTIONS = "rv160n_paper_test_predictions_hgbm.csv"
+ERRORS = "rv160n_paper_errors.csv"
+
+
+@click.command(
+    "tables",
+    epilog=f"""\b
+DATA holds three files: {TABLE} (the measured harmonic table),
+{PREDICTIONS} (the authors' test points, with their
+predictions) and {ERRORS} (their errors).
+
+\b
+Examples:
+  st-codegen tables ../shared/data --out build/tables
+  st-codegen tables ../shared/data --folds 3 --families SVM,ERT,LGBM""",
+)
+@click.argument("data", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("build/tables"),
+    show_default=True,
+    help="Folder of errors.csv, authors.csv, tables.md and tables.html.",
+)
+@click.option("--repeats", type=click.IntRange(min=0), default=5, show_default=True, help="Further random splits.")
+@search_options
+@quiet_option
+def command(
+    data: Path,
+    out: Path,
+    repeats: int,
+    families: str,
+    folds: int,
+    seed: int,
+    jobs: int | None,
+    backend: str,
+    scheduler: str | None,
+    work: Path,
+    quiet: bool,
+) -> None:
+    """Train on the paper's training points and write its tables 2 to 6 with our errors beside the authors'.
+
+    Long: some thousand fits. Finished ones are kept (--work), so that a second run takes seconds.
+    """
+    missing = [name for name in (TABLE, PREDICTIONS, ERRORS) if not (data / name).is_file()]
+    if missing:
+        raise InputError(
+            f"{data}: {', '.join(missing)} not found. The measured tables are not part of this project: get them and "
+            "name their folder (make tables DATA=FOLDER)"
+        )
+    plan = Plan(settings_of(families, folds, seed), repeats=repeats)
+    where = backend_of(backend, scheduler, jobs)
+    table, paper = read_table(data / TABLE), read_paper(data / ERRORS, data / PREDICTIONS)
+    with FitStore(work) as store, progress_bar("fits", quiet=quiet) as progress:
+        comparison = compare(table, paper, plan, store, where, progress)
+    for path in write_tables(comparison, out):
+        if not quiet:
+            console.print(f"{path}", highlight=False)

@@ -1,0 +1,198 @@
+"""`st-codegen train`: measured curves or a harmonic table in, a bundle of models out."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.table import Table
+
+from st_codegen.campaign.harmonic_table import HarmonicTable, read_table, write_table
+from st_codegen.cli.console import console, progress_bar, quiet_option
+from st_codegen.cli.training import backend_of, search_options, settings_of
+from st_codegen.errors import InputError
+from st_codegen.ir import Direction
+from st_codegen.training.export import FORMATS, write_bundle
+from st_codegen.training.learn import Lesson, Plan, bundle_head, learn, only_exportable
+from st_codegen.training.measured import Measured, measured_table
+from st_codegen.training.page import training_page
+from st_codegen.training.store import FitStore
+
+
+@click.command(
+    "train",
+    epilog="""\b
+Examples:
+  st-codegen train harmonics.csv --out models/
+  st-codegen train campaign/ --orders auto --reduction-ratio 81 --skip-bad
+  st-codegen train harmonics.csv --orders 0,1,39,40 --families ERT,LGBM,SVM --limit-us 200
+  st-codegen train harmonics.csv --backend dask --scheduler tcp://host:8786""",
+)
+@click.argument("campaign", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("models"),
+    show_default=True,
+    help="Folder of the bundle; st-codegen compiles it.",
+)
+@click.option("--report", type=click.Path(path_type=Path, dir_okay=False), help="HTML page about what was learned.")
+@click.option(
+    "--orders",
+    default="auto",
+    show_default=True,
+    metavar="LIST",
+    help="Orders to model, with commas between; auto: all of a table, the ones that stand out of a campaign.",
+)
+@click.option("--most-orders", type=click.IntRange(min=1), default=15, show_default=True, help="How many auto takes.")
+@click.option("--reduction-ratio", type=float, default=81.0, show_default=True, help="Input speed over output speed.")
+@click.option("--name", default="reducer", show_default=True, help="Name of the bundle.")
+@click.option("--format", "form", type=click.Choice(FORMATS), default="native", show_default=True, help="Model files.")
+@click.option("--limit-us", type=float, help="Worst case of all models of one direction in microseconds (estimate).")
+@click.option(
+    "--test-share", type=click.FloatRange(0.01, 0.9), default=0.2, show_default=True, help="Kept for testing."
+)
+@click.option("--repeats", type=click.IntRange(min=0), default=0, show_default=True, help="Further random splits.")
+@click.option("--keep-faulty", is_flag=True, help="Learn from runs that robust statistics call faulty, too.")
+@click.option("--skip-bad", is_flag=True, help="Leave out curve files that cannot be read, after reporting them.")
+@click.option(
+    "--cache",
+    type=click.Path(path_type=Path, dir_okay=False),
+    default=Path("build/curves.parquet"),
+    show_default=True,
+    help="Parquet file of what was read of curve files.",
+)
+@click.option("--table", "table_out", type=click.Path(path_type=Path, dir_okay=False), help="Write the harmonic table.")
+@click.option("--json", "as_json", is_flag=True, help="Print what was chosen and its errors as JSON.")
+@search_options
+@quiet_option
+def command(
+    campaign: Path,
+    out: Path,
+    report: Path | None,
+    orders: str,
+    most_orders: int,
+    reduction_ratio: float,
+    name: str,
+    form: str,
+    limit_us: float | None,
+    test_share: float,
+    repeats: int,
+    keep_faulty: bool,
+    skip_bad: bool,
+    cache: Path,
+    table_out: Path | None,
+    as_json: bool,
+    families: str,
+    folds: int,
+    seed: int,
+    jobs: int | None,
+    backend: str,
+    scheduler: str | None,
+    work: Path,
+    quiet: bool,
+) -> None:
+    """Learn from CAMPAIGN, a folder of curve files or a harmonic table (.csv), and write a bundle of models.
+
+    Each direction is split, faulty runs are found in the training part, all families are cross-validated, and for each
+    order the best pair of models is chosen whose worst-case cost fits.
+    """
+    settings = settings_of(families, folds, seed)
+    settings = only_exportable(settings, form)
+    plan = Plan(settings, test_share, None, math.inf if limit_us is None else limit_us, repeats, keep_faulty)
+    where = backend_of(backend, scheduler, jobs)
+    if reduction_ratio <= 0:
+        raise InputError(f"--reduction-ratio {reduction_ratio}: not a positive number")
+    wanted = _orders(orders)
+    with progress_bar("reading", quiet=quiet) as progress:
+        measured = (
+            measured_table(campaign, wanted, most_orders, skip_bad=skip_bad, jobs=jobs, cache=cache, progress=progress)
+            if campaign.is_dir()
+            else Measured(_chosen(read_table(campaign), wanted))
+        )
+    _say_bad(measured, quiet)
+    if table_out:
+        write_table(measured.table, table_out)
+    lessons = []
+    with FitStore(work) as store:
+        for direction in Direction:
+            if not len(measured.table.direction(direction)):
+                continue
+            with progress_bar(f"{direction}: fits", quiet=quiet) as progress:
+                lessons.append(learn(measured.table, direction, plan, store, where, progress))
+    head = bundle_head(measured.table, name, reduction_ratio)
+    write_bundle(out, head, [model for lesson in lessons for model in lesson.models], form)
+    if report:
+        report.parent.mkdir(parents=True, exist_ok=True)
+        report.write_text(training_page(name, measured, lessons), encoding="utf-8", newline="\n")
+    if as_json:
+        click.echo(json.dumps([_facts(lesson) for lesson in lessons], indent=1))
+    if not quiet:
+        for lesson in lessons:
+            console.print(_summary(lesson))
+        console.print(f"{out}: {sum(len(lesson.models) for lesson in lessons)} models", highlight=False)
+
+
+def _orders(text: str) -> tuple[int, ...] | None:
+    """The orders asked for; None for auto. Raises InputError."""
+    if text == "auto":
+        return None
+    try:
+        orders = tuple(sorted({int(part) for part in text.split(",")}))
+    except ValueError:
+        orders = (-1,)
+    if min(orders) < 0:
+        raise InputError(f"--orders {text}: give whole numbers from 0 with commas between, or auto")
+    return orders
+
+
+def _chosen(table: HarmonicTable, orders: tuple[int, ...] | None) -> HarmonicTable:
+    return table if orders is None else table.only(orders)
+
+
+def _say_bad(measured: Measured, quiet: bool) -> None:
+    """What was left out with --skip-bad."""
+    if quiet:
+        return
+    for error in measured.bad:
+        console.print(f"left out: {error}", highlight=False, markup=False)
+
+
+def _facts(lesson: Lesson) -> dict[str, Any]:
+    return {
+        "direction": lesson.direction.value,
+        "faulty": [list(map(float, row)) for row in lesson.train.conditions[lesson.faulty.rows]],
+        "cost_us": round(lesson.choice.cost_us, 3),
+        "orders": [
+            {
+                "order": solution.order,
+                "learned": solution.kind.value,
+                "families": [candidate.family for candidate in solution.candidates],
+                "parameters": [dict(candidate.params) for candidate in solution.candidates],
+                "validation_complex_mae_deg": solution.errors.complex_mae,
+                "test_complex_mae_deg": lesson.test_errors[solution.order].complex_mae,
+                "test_amplitude_mae_deg": lesson.test_errors[solution.order].amplitude_mae,
+                "test_phase_mae_rad": lesson.test_errors[solution.order].phase_mae,
+            }
+            for solution in lesson.choice.solutions
+        ],
+    }
+
+
+def _summary(lesson: Lesson) -> Table:
+    table = Table(
+        title=f"{lesson.direction}: worst case {lesson.choice.cost_us:.0f} us (estimate), "
+        f"{int(lesson.faulty.rows.sum())} faulty runs left out",
+        title_justify="left",
+    )
+    for column in ("order", "models", "amplitude MAE, deg", "phase MAE, rad", "complex MAE, deg"):
+        table.add_column(column, justify="left" if column == "models" else "right")
+    for solution in lesson.choice.solutions:
+        errors = lesson.test_errors[solution.order]
+        numbers = (errors.amplitude_mae, errors.phase_mae, errors.complex_mae)
+        table.add_row(str(solution.order), solution.name, *(f"{number:.3g}" for number in numbers))
+    return table

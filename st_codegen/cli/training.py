@@ -1,0 +1,68 @@
+"""What the commands that train share: options of a search, and how they become settings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from st_codegen.errors import InputError
+from st_codegen.training.families import FAMILIES, candidates
+from st_codegen.training.search import Backend
+from st_codegen.training.study import Settings
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+_OPTIONS = (
+    click.option(
+        "--families",
+        default=",".join(FAMILIES),
+        show_default=True,
+        metavar="NAMES",
+        help="Families to try, with commas between.",
+    ),
+    click.option("--folds", type=click.IntRange(min=2), default=10, show_default=True, help="Parts of the validation."),
+    click.option("--seed", type=int, default=0, show_default=True, help="The same seed gives the same bits."),
+    click.option(
+        "-j", "--jobs", type=click.IntRange(min=1), default=None, help="Worker processes (default: all cores)."
+    ),
+    click.option(
+        "--backend",
+        type=click.Choice(["local", "dask"]),
+        default="local",
+        show_default=True,
+        help="Where fits run: processes of this machine, or the workers of a Dask cluster.",
+    ),
+    click.option("--scheduler", metavar="ADDRESS", help="Address of the Dask scheduler, as in tcp://host:8786."),
+    click.option(
+        "--work",
+        type=click.Path(path_type=Path, dir_okay=False),
+        default=Path("build/fits.sqlite"),
+        show_default=True,
+        help="File of finished fits: a run that was stopped goes on where it was.",
+    ),
+)
+
+
+def search_options(function: Command) -> Command:
+    """The options --families, --folds, --seed, --jobs, --backend, --scheduler and --work."""
+    for option in reversed(_OPTIONS):
+        function = option(function)
+    return function
+
+
+def settings_of(families: str, folds: int, seed: int) -> Settings:
+    """The settings of a search. Raises InputError for an unknown family."""
+    names = [name.strip() for name in families.split(",") if name.strip()]
+    if not names:
+        raise InputError(f"--families is empty; known are {', '.join(FAMILIES)}")
+    return Settings(candidates(names), folds, seed)
+
+
+def backend_of(backend: str, scheduler: str | None, jobs: int | None) -> Backend:
+    """Where fits run. Raises InputError where backend and scheduler do not fit together."""
+    if (backend == "dask") != (scheduler is not None):
+        raise InputError("--backend dask and --scheduler ADDRESS go together: give both or none")
+    return Backend(-1 if jobs is None else jobs, scheduler)

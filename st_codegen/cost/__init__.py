@@ -1,0 +1,30 @@
+"""The cost model: the worst case of emitted text, counted on its typed tree and priced by a profile of the machine.
+
+    profile = load_profile("cx5140")
+    cost = project_cost(load_project(["generated/twincat"]), profile)
+    cost.fits(250.0)
+
+It judges the text as `verify` does, and knows nothing of what the text was made from.
+"""
+
+from st_codegen.cost.calibrate import Fit, Measurement, calibrate, read_measurements, with_factors
+from st_codegen.cost.operations import Operation
+from st_codegen.cost.profile import DEFAULT, Profile, load_profile, profile_names
+from st_codegen.cost.report import BlockCost, Part, ProjectCost, project_cost
+
+__all__ = [
+    "DEFAULT",
+    "BlockCost",
+    "Fit",
+    "Measurement",
+    "Operation",
+    "Part",
+    "Profile",
+    "ProjectCost",
+    "calibrate",
+    "load_profile",
+    "profile_names",
+    "project_cost",
+    "read_measurements",
+    "with_factors",
+]

@@ -1,0 +1,315 @@
+"""What expressions cost, and which memory they touch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+
+from st_codegen.cost.memory import Place, Touch, Versions, new_version
+from st_codegen.cost.operations import (
+    Operation,
+    is_real,
+    of_binary,
+    of_comparison,
+    of_conversion,
+    of_function,
+    size_of,
+)
+from st_codegen.cost.paths import Cost, Costs
+from st_codegen.cost.ranges import Interval, Ranges, is_counted
+from st_codegen.st import typed as t
+from st_codegen.st import walk
+from st_codegen.st.types import ArrayType, StructType
+
+
+@dataclass
+class State:
+    """What is known at a point of a path."""
+
+    versions: Versions = field(default_factory=Versions)
+    ranges: Ranges = field(default_factory=Ranges)
+
+    def copy(self) -> State:
+        """For a branch."""
+        return State(self.versions.copy(), self.ranges.copy())
+
+    def assigned(self, target: t.Expression, interval: Interval | None) -> None:
+        """After an assignment."""
+        variable = t.root_variable(target)
+        if variable is None:
+            self.ranges.forget()
+            return
+        self.versions.change(variable)
+        is_whole = isinstance(target, t.VariableRef) and is_counted(variable.type)
+        is_whole = is_whole and variable.storage is not t.Storage.GLOBAL  # a callee may assign it, too
+        self.ranges.set(variable, interval if is_whole else None)
+
+    def become_common(self, branches: list[State]) -> None:
+        """Behind branches, of which those that go on are given."""
+        if not branches:
+            return
+        changed = {variable for branch in branches for variable in self.versions.differs(branch.versions)}
+        first, *others = branches
+        self.ranges = first.ranges.copy()
+        self.ranges.keep_common(branch.ranges for branch in others)
+        for variable in changed:
+            self.versions.change(variable)
+
+    def after_call(self, call: t.Call) -> None:
+        """What a call assigns: its outputs, and anything of this instance where it runs on it."""
+        for argument in call.arguments:
+            if argument.passing is not t.Passing.INPUT:
+                self.assigned(argument.value, None)
+        if call.receiver is not None and (receiver := t.root_variable(call.receiver)) is not None:
+            self.versions.change(receiver)
+        if isinstance(call.receiver, t.ThisRef):
+            self.ranges.forget()
+
+    def after_calls(self, body: Iterable[t.Statement]) -> None:
+        """What the calls of a loop assign."""
+        for call in walk.calls(body):
+            self.after_call(call)
+
+
+@dataclass(frozen=True)
+class _Address:
+    """A place, and where in it: bytes for each version, other versions it depends on, a distance, and the text.
+
+    Without a place it is a scalar of the unit itself: those are counted as one piece of memory.
+    """
+
+    place: Place | None
+    affine: dict[int, int] = field(default_factory=dict)
+    varies: frozenset[int] = frozenset()
+    offset: int = 0
+    text: tuple[object, ...] = ()
+
+    def touch(self, size: int) -> Cost:
+        if self.place is None:
+            return Cost()
+        key = (self.place, self.text, tuple(sorted(self.affine.items())), self.varies)
+        touch = Touch(self.place, self.affine, self.varies, low=self.offset, high=self.offset + max(size - 8, 0))
+        return Cost({}, {key: touch})
+
+
+#: Cost of the unit behind a call, given the path to its instance
+Follow = Callable[[t.Call, tuple[str, ...], State], Cost]
+
+
+class Accesses:
+    """Costs of the expressions of one unit."""
+
+    def __init__(self, project: t.Project, pou: t.Pou, costs: Costs, follow: Follow) -> None:
+        self._project = project
+        self._pou = pou
+        self._costs = costs
+        self._follow = follow
+
+    # --- values ---
+
+    def value(self, node: t.Expression, state: State) -> Cost:  # noqa: PLR0911 - one return a case
+        """Compute a value."""
+        match node:
+            case t.Constant():
+                return self._costs.of(Operation.LOAD) if is_real(node.type) else Cost()
+            case t.VariableRef(variable=variable) if variable.is_constant and not _is_aggregate(node):
+                return self._costs.of(Operation.LOAD) if is_real(node.type) else Cost()
+            case t.VariableRef() | t.InstanceVariable() | t.FieldRef() | t.ElementRef() | t.PointerTarget():
+                return self._load(node, state)
+            case t.ThisRef() | t.ProgramRef():
+                return Cost()
+            case t.AddressOf(target=target):
+                cost, _ = self._address(target, state)
+                return cost.then(self._costs.of(Operation.INDEX))
+            case t.Call():
+                return self._call(node, state)
+            case _:
+                return self._operator(node, state)
+
+    def _operator(self, node: t.Expression, state: State) -> Cost:  # noqa: PLR0911 - one return a case
+        cost = Cost()
+        for part in walk.parts(node):
+            cost = cost.then(self.value(part, state))
+        match node:
+            case t.Unary():
+                return cost.then(self._costs.of(Operation.INTEGER))
+            case t.Binary():
+                return cost.then(self._costs.of(of_binary(node)))
+            case t.ShortCircuit():
+                return cost.then(self._costs.of(Operation.BRANCH))
+            case t.Comparison():
+                return cost.then(self._costs.of(of_comparison(node)))
+            case t.Conversion():
+                return cost.then(self._costs.of(of_conversion(node)))
+            case t.StandardCall():
+                operation, number = of_function(node)
+                return cost.then(self._costs.of(*[operation] * number))
+            case _:
+                return cost
+
+    def _load(self, node: t.Expression, state: State) -> Cost:
+        cost, address = self._address(node, state)
+        size = self._size(node)
+        return cost.then(address.touch(size)).then(self._costs.of(*[Operation.LOAD] * max(-(-size // 8), 1)))
+
+    def store(self, target: t.Expression, state: State) -> Cost:
+        """Put a computed value into a variable."""
+        cost, address = self._address(target, state)
+        size = self._size(target)
+        return cost.then(address.touch(size)).then(self._costs.of(*[Operation.STORE] * max(-(-size // 8), 1)))
+
+    def _size(self, node: t.Expression) -> int:
+        return size_of(node.type, self._project.pous)
+
+    # --- places ---
+
+    def _address(self, node: t.Expression, state: State) -> tuple[Cost, _Address]:
+        match node:
+            case t.VariableRef(variable=variable):
+                return self._variable(variable, ())
+            case t.InstanceVariable(base=base, variable=variable):
+                cost, path, varies = self._path(base, state)
+                more, address = self._variable(variable, path)
+                return cost.then(more), replace(address, varies=address.varies | varies)
+            case t.FieldRef(base=base, name=name):
+                cost, address = self._address(base, state)
+                return cost, replace(address, text=(*address.text, name))
+            case t.ElementRef():
+                return self._element(node, state)
+            case t.PointerTarget(pointer=pointer):
+                cost = self.value(pointer, state)
+                place = Place((), "pointer", self._pou.key, self._size(node))
+                return cost, _Address(place, varies=frozenset({new_version()}))
+            case _:
+                return self.value(node, state), _Address(None)
+
+    def _variable(self, variable: t.Variable, path: tuple[str, ...]) -> tuple[Cost, _Address]:
+        size = size_of(variable.type, self._project.pous)
+        is_shared = variable.is_constant or variable.storage is t.Storage.GLOBAL
+        name = variable.key
+        cost = self._costs.of(Operation.LOAD) if variable.section is t.Section.IN_OUT else Cost()
+        if size <= 8 and not is_shared and not path:
+            return cost, _Address(None)
+        return cost, _Address(Place(() if is_shared else path, name, variable.owner, size, is_shared))
+
+    def _path(self, base: t.Expression, state: State) -> tuple[Cost, tuple[str, ...], frozenset[int]]:
+        """The way to an instance of a block; an element of an array of instances depends on its index."""
+        match base:
+            case t.VariableRef(variable=variable):
+                return Cost(), (variable.key,), frozenset()
+            case t.InstanceVariable(base=inner, variable=variable):
+                cost, path, varies = self._path(inner, state)
+                return cost, (*path, variable.key), varies
+            case t.FieldRef(base=inner, name=name):
+                cost, path, varies = self._path(inner, state)
+                return cost, (*path, name), varies
+            case t.ElementRef(base=inner, indices=indices):
+                cost, path, varies = self._path(inner, state)
+                for index in indices:
+                    more, moves, others, _ = self._linear(index, state)
+                    cost = cost.then(more).then(self._costs.of(Operation.INDEX))
+                    varies |= others | frozenset(moves)
+                return cost, (*path, "[]"), varies
+            case t.ThisRef() | t.ProgramRef():
+                return Cost(), (), frozenset()
+            case _:
+                return self.value(base, state), ("^",), frozenset({new_version()})
+
+    def _element(self, node: t.ElementRef, state: State) -> tuple[Cost, _Address]:
+        cost, address = self._address(node.base, state)
+        type_ = node.base.type
+        assert isinstance(type_, ArrayType)
+        stride = size_of(type_.element, self._project.pous)
+        strides = []
+        for length in reversed(type_.shape):
+            strides.append(stride)
+            stride *= length
+        affine, varies, offset, unknown = dict(address.affine), address.varies, address.offset, []
+        for index, step in zip(node.indices, reversed(strides), strict=True):
+            more, moves, others, distance = self._linear(index, state)
+            cost = cost.then(more)
+            offset += distance * step
+            if others:
+                unknown.append(index)
+            if not isinstance(index, t.Constant):
+                cost = cost.then(self._costs.of(Operation.INDEX))
+            for version, factor in moves.items():
+                affine[version] = affine.get(version, 0) + factor * step
+            varies |= others
+        text = (*address.text, *unknown)
+        return cost, replace(address, affine=affine, varies=varies, offset=offset, text=text)
+
+    def _linear(self, index: t.Expression, state: State) -> tuple[Cost, dict[int, int], frozenset[int], int]:
+        """An index as factors of versions, the versions it depends on in another way, and a constant."""
+        cost = self.value(index, state)
+        found = _factors(index, state)
+        if found is not None:
+            return cost, found[0], frozenset(), found[1]
+        used = {part.variable for part in walk.expressions(index) if isinstance(part, t.VariableRef)}
+        used |= {part.variable for part in walk.expressions(index) if isinstance(part, t.InstanceVariable)}
+        return cost, {}, frozenset(state.versions[variable] for variable in used if not variable.is_constant), 0
+
+    # --- calls ---
+
+    def _call(self, call: t.Call, state: State) -> Cost:
+        cost, path, varies = self._receiver(call, state)
+        after = Cost()
+        for argument in call.arguments:
+            if argument.passing is t.Passing.INPUT:
+                size = size_of(argument.parameter.type, self._project.pous)
+                copies = self._costs.of(*[Operation.STORE] * max(-(-size // 8), 1))
+                cost = cost.then(self.value(argument.value, state)).then(copies)
+            elif argument.passing is t.Passing.IN_OUT:
+                more, _ = self._address(argument.value, state)
+                cost = cost.then(more).then(self._costs.of(Operation.STORE))
+            else:
+                after = after.then(self._costs.of(Operation.LOAD)).then(self.store(argument.value, state))
+        body = self._follow(call, path, state)
+        if varies:
+            body = Cost(body.counts, {key: replace(x, varies=x.varies | varies) for key, x in body.touches.items()})
+        result = self._costs.of(Operation.CALL, Operation.LOAD) if call.has_result else self._costs.of(Operation.CALL)
+        return cost.then(body).then(result).then(after)
+
+    def _receiver(self, call: t.Call, state: State) -> tuple[Cost, tuple[str, ...], frozenset[int]]:
+        if call.receiver is None:
+            return Cost(), (), frozenset()
+        return self._path(call.receiver, state)
+
+
+def _is_aggregate(node: t.Expression) -> bool:
+    return isinstance(node.type, ArrayType | StructType)
+
+
+def _factors(node: t.Expression, state: State) -> tuple[dict[int, int], int] | None:  # noqa: PLR0911 - one return a case
+    """A sum of variables times constants, as factors of versions and a constant; None for anything else."""
+    interval = state.ranges.of(node)
+    if interval is not None and interval.low == interval.high:
+        return {}, interval.low
+    match node:
+        case t.VariableRef(variable=variable) if not variable.is_constant:
+            return {state.versions[variable]: 1}, 0
+        case t.Conversion(operand=operand) if is_counted(operand.type):
+            return _factors(operand, state)
+        case t.Unary(operator="NEG", operand=operand):
+            inner = _factors(operand, state)
+            return None if inner is None else _times(inner, -1)
+        case t.Binary(operator="ADD" | "SUB" as operator, left=left, right=right):
+            a, b = _factors(left, state), _factors(right, state)
+            if a is None or b is None:
+                return None
+            moves, distance = _times(b, 1 if operator == "ADD" else -1)
+            return {v: a[0].get(v, 0) + moves.get(v, 0) for v in {*a[0], *moves}}, a[1] + distance
+        case t.Binary(operator="MUL", left=left, right=right):
+            for constant, other in ((left, right), (right, left)):
+                interval = state.ranges.of(constant)
+                inner = _factors(other, state)
+                if interval is not None and interval.low == interval.high and inner is not None:
+                    return _times(inner, interval.low)
+            return None
+        case _:
+            return None
+
+
+def _times(terms: tuple[dict[int, int], int], factor: int) -> tuple[dict[int, int], int]:
+    moves, distance = terms
+    return {version: factor * number for version, number in moves.items()}, factor * distance

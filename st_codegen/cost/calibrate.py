@@ -1,0 +1,130 @@
+"""Fits a profile to times that were measured on the controller.
+
+Two factors are found, `compute` and `memory`, so that
+
+    measured = compute * (cycles of operations) + memory * (waiting for lines of memory)
+
+with the smallest sum of squared relative errors. Relative, since blocks of 1 us and of 100 us count alike. The model
+gives the worst path, so measure with inputs that take it, or the longest of many calls.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from st_codegen.cost.profile import Profile
+from st_codegen.cost.report import project_cost
+from st_codegen.errors import InputError, Problems
+from st_codegen.st.typed import Project
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """The time of one call of a block in us, with warm or with cold caches."""
+
+    block: str
+    is_cold: bool
+    microseconds: float
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The factors, and for each measurement what the fitted model gives in us."""
+
+    compute: float
+    memory: float
+    modelled: tuple[float, ...]
+    is_memory_known: bool
+
+    def largest_error(self, measurements: tuple[Measurement, ...]) -> float:
+        """The largest relative error."""
+        pairs = zip(self.modelled, measurements, strict=True)
+        return max(abs(modelled / measured.microseconds - 1.0) for modelled, measured in pairs)
+
+
+def read_measurements(path: Path) -> tuple[Measurement, ...]:
+    """A CSV with the columns `block,caches,us`, caches being `warm` or `cold`. Raises InputError with all problems."""
+    try:
+        rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines()))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from error
+    problems = Problems(str(path))
+    if not rows or {"block", "caches", "us"} - rows[0].keys():
+        raise InputError(f"{path}: needs the columns block,caches,us and a row for each measured call")
+    found = []
+    for number, row in enumerate(rows, start=2):
+        try:
+            time = float(row["us"])
+        except (TypeError, ValueError):
+            time = float("nan")
+        if not 0.0 < time < float("inf"):
+            problems.add(f"line {number}: us must be a number above 0, not {row['us']!r}")
+        elif row["caches"] not in ("warm", "cold"):
+            problems.add(f"line {number}: caches must be warm or cold, not {row['caches']!r}")
+        else:
+            found.append(Measurement(row["block"] or "", row["caches"] == "cold", time))
+    problems.raise_if_any()
+    return tuple(found)
+
+
+def calibrate(project: Project, profile: Profile, measurements: tuple[Measurement, ...]) -> Fit:
+    """The factors that bring the model nearest to the measurements.
+
+    Where these cannot tell the two apart (a single one, or none that waits for memory), `memory` stays 1. Raises
+    InputError for blocks that the project does not have, or whose loops have no known bound.
+    """
+    whole = project_cost(project, replace(profile, compute_factor=1.0, memory_factor=1.0))
+    computing = project_cost(project, replace(profile, compute_factor=1.0, memory_factor=0.0))
+    problems = Problems("measured times")
+    parts = []
+    for measurement in measurements:
+        block = next((name for name in whole.blocks if name.upper() == measurement.block.upper()), None)
+        if block is None:
+            problems.add(f"no block '{measurement.block}' in the generated text")
+        elif not whole.blocks[block].is_bounded:
+            problems.add(f"block '{block}' has no known worst case: {whole.blocks[block].unbounded[0]}")
+        else:
+            side = "cold_us" if measurement.is_cold else "warm_us"
+            compute = getattr(computing.blocks[block], side)
+            parts.append((compute, getattr(whole.blocks[block], side) - compute))
+    problems.raise_if_any()
+    modelled = np.array(parts)
+    measured = np.array([measurement.microseconds for measurement in measurements])
+    compute, memory, is_memory_known = _factors(modelled / measured[:, None])
+    fitted = modelled @ np.array([compute, memory])
+    return Fit(compute, memory, tuple(float(value) for value in fitted), is_memory_known)
+
+
+def _factors(relative: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> tuple[float, float, bool]:
+    """Least squares for `relative @ factors = 1`, both factors above 0."""
+    ones = np.ones(len(relative))
+    if np.linalg.matrix_rank(relative) == 2:
+        compute, memory = (float(value) for value in np.linalg.lstsq(relative, ones, rcond=None)[0])
+        if compute > 0.0 and memory > 0.0:
+            return compute, memory, True
+    left = relative[:, 0]
+    rest = ones - relative[:, 1]
+    compute = float(left @ rest / (left @ left))
+    if compute <= 0.0:  # the memory model alone is too slow: scale both alike
+        both = relative.sum(axis=1)
+        common = float(both @ ones / (both @ both))
+        return common, common, False
+    return compute, 1.0, False
+
+
+def with_factors(profile: Profile, fit: Fit, name: str) -> str:
+    """The text of a profile with other factors, all comments kept."""
+    text = re.sub(r'(?m)^name\s*=\s*".*"$', f'name = "{name}"', profile.text, count=1)
+    head, mark, tail = text.partition("[factors]")
+    if not mark:
+        return f"{text.rstrip()}\n\n[factors]\ncompute = {fit.compute:.6g}\nmemory = {fit.memory:.6g}\n"
+    for key, value in (("compute", fit.compute), ("memory", fit.memory)):
+        tail, number = re.subn(rf"(?m)^{key}\s*=.*$", f"{key} = {value:.6g}", tail, count=1)
+        if not number:
+            tail = f"\n{key} = {value:.6g}{tail}"
+    return head + mark + tail

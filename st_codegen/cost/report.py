@@ -1,0 +1,218 @@
+"""Who spends what: the worst case of a block in microseconds, split by the units whose text it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from st_codegen.cost.memory import LINE, lines_by_place
+from st_codegen.cost.operations import Counts, Operation, as_mapping, no_counts, size_of, weighted
+from st_codegen.cost.profile import Profile
+from st_codegen.cost.units import UnitCost, Units
+from st_codegen.st import typed as t
+from st_codegen.st.nodes import PouKind
+
+
+@dataclass(frozen=True)
+class Part:
+    """What one unit's own text does on the worst path of a block.
+
+    `lines` of data are touched at most; `code_bytes` is an estimate, `table_bytes` are all its constant arrays. Times
+    in us: `warm_us` with all in the caches that fits, `cold_us` with nothing in them.
+    """
+
+    unit: str
+    operations: Mapping[str, int]
+    lines: int
+    table_bytes: int
+    code_bytes: int
+    warm_us: float
+    cold_us: float
+
+    @property
+    def total_operations(self) -> int:
+        return sum(self.operations.values())
+
+
+@dataclass(frozen=True)
+class BlockCost:
+    """The worst case of one call of a block, with all it calls; `parts` by unit, the slowest first.
+
+    With an entry in `unbounded` the times are no bound: those loops are counted as a single round.
+    """
+
+    block: str
+    parts: tuple[Part, ...]
+    unbounded: tuple[str, ...]
+
+    @property
+    def warm_us(self) -> float:
+        return sum(part.warm_us for part in self.parts)
+
+    @property
+    def cold_us(self) -> float:
+        return sum(part.cold_us for part in self.parts)
+
+    @property
+    def is_bounded(self) -> bool:
+        return not self.unbounded
+
+    @property
+    def operations(self) -> dict[str, int]:
+        """Operations by name."""
+        total: dict[str, int] = {}
+        for part in self.parts:
+            for name, number in part.operations.items():
+                total[name] = total.get(name, 0) + number
+        return total
+
+    def as_json(self) -> dict[str, Any]:
+        """For reports."""
+        return {
+            "bounded": self.is_bounded,
+            "unbounded": list(self.unbounded),
+            "warm_us": self.warm_us,
+            "cold_us": self.cold_us,
+            "operations": self.operations,
+            "touched_bytes": LINE * sum(part.lines for part in self.parts),
+            "table_bytes": sum(part.table_bytes for part in self.parts),
+            "code_bytes": sum(part.code_bytes for part in self.parts),
+            "parts": {
+                part.unit: {
+                    "warm_us": part.warm_us,
+                    "cold_us": part.cold_us,
+                    "operations": part.total_operations,
+                    "touched_bytes": LINE * part.lines,
+                    "table_bytes": part.table_bytes,
+                    "code_bytes": part.code_bytes,
+                }
+                for part in self.parts
+            },
+        }
+
+
+@dataclass(frozen=True)
+class ProjectCost:
+    """All blocks and programs of a project; `entries` are those that a cycle runs, each once."""
+
+    profile: Profile
+    blocks: Mapping[str, BlockCost]
+    entries: tuple[str, ...]
+
+    @property
+    def cycle(self) -> tuple[BlockCost, ...]:
+        """The blocks that a cycle runs."""
+        return tuple(self.blocks[name] for name in self.entries)
+
+    @property
+    def warm_us(self) -> float:
+        return sum(block.warm_us for block in self.cycle)
+
+    @property
+    def cold_us(self) -> float:
+        return sum(block.cold_us for block in self.cycle)
+
+    @property
+    def unbounded(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(text for block in self.cycle for text in block.unbounded))
+
+    def fits(self, cycle_us: float) -> bool:
+        """Whether a cycle with cold caches stays within a budget, with every loop bounded."""
+        return not self.unbounded and self.cold_us <= cycle_us
+
+    def as_json(self) -> dict[str, Any]:
+        """For reports."""
+        return {
+            "profile": self.profile.name,
+            "estimates": list(self.profile.estimates),
+            "entries": list(self.entries),
+            "warm_us": self.warm_us,
+            "cold_us": self.cold_us,
+            "bounded": not self.unbounded,
+            "blocks": {name: block.as_json() for name, block in self.blocks.items()},
+        }
+
+
+def project_cost(project: t.Project, profile: Profile, entries: Iterable[str] | None = None) -> ProjectCost:
+    """The worst cases of a checked project. Paths are compared with cold caches, as that is what a cycle must bear.
+
+    `entries` are the units that a cycle runs; without them all programs, or in a project without any all blocks that
+    nobody calls, those that only libraries call (test suites) left out. Raises KeyError for an entry that the project
+    does not have.
+    """
+    units = Units(project, profile.weights(is_cold=True))
+    kinds = (PouKind.FUNCTION_BLOCK, PouKind.PROGRAM)
+    own = {key: pou for key, pou in project.pous.items() if pou.kind in kinds and not pou.is_native and _has_body(pou)}
+    costs = {key: units.of(key) for key in own}
+    blocks = {own[key].name: _block_cost(own[key], cost, units, profile) for key, cost in costs.items()}
+    programs = [pou.name for pou in own.values() if pou.kind is PouKind.PROGRAM]
+    if entries is None and programs:
+        chosen = programs
+    elif entries is None:
+        called = {key for unit in costs.values() for key in unit.called}
+        called |= {pou.base for pou in project.pous.values() if pou.base is not None}
+        chosen = [pou.name for key, pou in own.items() if key not in called and not _is_native(project, pou)]
+    else:
+        chosen = [project.pous[name.upper()].name for name in entries]
+    return ProjectCost(profile, blocks, tuple(chosen))
+
+
+def _has_body(pou: t.Pou) -> bool:
+    return bool(pou.body)
+
+
+def _is_native(project: t.Project, pou: t.Pou) -> bool:
+    return any(base.is_native for base in project.lineage(pou.key))
+
+
+def _block_cost(pou: t.Pou, cost: UnitCost, units: Units, profile: Profile) -> BlockCost:
+    lines: dict[str, int] = {}
+    for place, number in lines_by_place(cost.cost.touches).items():
+        lines[place.owner] = lines.get(place.owner, 0) + number
+    waiting = _warm_wait(sum(lines.values()) * LINE, profile)
+    keys = {pou.key, *cost.cost.counts, *lines}
+    parts = [
+        _part(key, cost.cost.counts.get(key, no_counts()), lines.get(key, 0), waiting, units, profile) for key in keys
+    ]
+    return BlockCost(pou.name, tuple(sorted(parts, key=lambda part: (-part.cold_us, part.unit))), cost.unbounded)
+
+
+def _warm_wait(touched: int, profile: Profile) -> float:
+    """Cycles to wait for each line when all that fits into the caches is there: none does that is used in a circle."""
+    if touched <= profile.machine["l1_data_bytes"]:
+        return 0.0
+    return profile.machine["l2_cycles" if touched <= profile.machine["l2_bytes"] else "memory_cycles"]
+
+
+def _part(key: str, counts: Counts, lines: int, waiting: float, units: Units, profile: Profile) -> Part:
+    pou = units.project.pous.get(key)  # None: a list of globals
+    static = no_counts() if pou is None else units.of(key).static
+    code = int(np.sum(static)) * profile.machine["code_bytes"]
+    code_lines = -(-int(code) // LINE)
+    memory = profile.memory_factor
+    warm = weighted(counts, profile.weights(is_cold=False)) + lines * waiting * memory
+    cold = weighted(counts, profile.weights(is_cold=True))
+    cold += (lines + code_lines) * profile.machine["memory_cycles"] * memory
+    return Part(
+        key if pou is None else _name(pou),
+        as_mapping(counts),
+        lines,
+        0 if pou is None else _table_bytes(pou, units.project),
+        int(code),
+        profile.microseconds(warm),
+        profile.microseconds(cold),
+    )
+
+
+def _name(pou: t.Pou) -> str:
+    return pou.name if pou.block is None else f"{pou.block}.{pou.name}"
+
+
+def _table_bytes(pou: t.Pou, project: t.Project) -> int:
+    return sum(size_of(variable.type, project.pous) for variable in pou.variables if variable.is_constant)
+
+
+__all__ = ["BlockCost", "Operation", "Part", "ProjectCost", "project_cost"]

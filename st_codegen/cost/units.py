@@ -1,0 +1,271 @@
+"""The worst case of every unit of a project: bodies, calls, loops."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+
+from st_codegen.cost import rounds
+from st_codegen.cost.access import Accesses, State
+from st_codegen.cost.memory import Loop, Place, Touch, Touches, new_version
+from st_codegen.cost.operations import Counts, Operation, no_counts, size_of
+from st_codegen.cost.paths import Cost, Costs, Flow, Outcomes
+from st_codegen.cost.ranges import Interval
+from st_codegen.st import typed as t
+from st_codegen.st import walk
+from st_codegen.st.flow import overriding
+from st_codegen.st.nodes import PouKind
+
+
+@dataclass(frozen=True, eq=False)
+class UnitCost:
+    """The worst call of a unit, with all that it calls.
+
+    `static` are its own operations, each counted once as it stands in the text: its code. `unbounded` says which loops
+    have no known bound, here and in what it calls; those are counted once.
+    """
+
+    cost: Cost
+    static: Counts
+    unbounded: tuple[str, ...]
+    called: frozenset[str]
+
+
+class Units:
+    """The costs of a project's units, each computed once. `weights`: cycles by which paths are compared."""
+
+    def __init__(self, project: t.Project, weights: Mapping[Operation, float]) -> None:
+        self.project = project
+        self.weights = weights
+        self._done: dict[str, UnitCost] = {}
+
+    def of(self, key: str) -> UnitCost:
+        """The cost of a unit by its key; projects have no recursion."""
+        if key not in self._done:
+            pou = self.project.pous[key]
+            self._done[key] = _native(pou, self.weights) if pou.is_native else _Body(self, pou).cost()
+        return self._done[key]
+
+
+def _native(pou: t.Pou, weights: Mapping[Operation, float]) -> UnitCost:
+    return UnitCost(Costs(pou.key, weights).of(Operation.NATIVE), no_counts(), (), frozenset())
+
+
+class _Body:
+    """Walks one unit."""
+
+    def __init__(self, units: Units, pou: t.Pou) -> None:
+        self._units = units
+        self._pou = pou
+        self._costs = Costs(pou.key, units.weights)
+        self._static = no_counts()
+        self._unbounded: dict[str, None] = {}
+        self._called: set[str] = set()
+        self._accesses = Accesses(units.project, pou, self._costs, self._call)
+        self._state = State()
+
+    def cost(self) -> UnitCost:
+        """The worst call."""
+        outcomes = self._body(self._pou.body)
+        worst = self._costs.worse(outcomes.get(Flow.NEXT), outcomes.get(Flow.RETURN)) or Cost()
+        return UnitCost(self._own_memory().then(worst), self._static, tuple(self._unbounded), frozenset(self._called))
+
+    def _own_memory(self) -> Cost:
+        """The scalars of the instance or of the call."""
+        pous = self._units.project.pous
+        size = sum(
+            size_of(variable.type, pous)
+            for variable in self._pou.variables
+            if not variable.is_constant
+            and size_of(variable.type, pous) <= 8
+            and variable.storage is not t.Storage.GLOBAL
+        )
+        if not size:
+            return Cost()
+        is_shared = self._pou.kind is not PouKind.FUNCTION_BLOCK
+        place = Place((), f"{self._pou.key} variables", self._pou.key, size, is_shared)
+        return Cost({}, {place: Touch(place, span=size, executions=place.lines)})
+
+    def _body(self, body: tuple[t.Statement, ...]) -> Outcomes:
+        return self._costs.sequence(partial(self._statement, statement) for statement in body)
+
+    # --- statements ---
+
+    def _statement(self, statement: t.Statement) -> Outcomes:  # noqa: PLR0911 - one return a case
+        match statement:
+            case t.Assign():
+                return {Flow.NEXT: self._assign(statement)}
+            case t.CallStatement(call=call):
+                return {Flow.NEXT: self._value(call)}
+            case t.If():
+                return self._if(statement)
+            case t.Case():
+                return self._case(statement)
+            case t.For():
+                return self._for(statement)
+            case t.While() | t.Repeat():
+                return self._while(statement)
+            case t.Exit():
+                return {Flow.EXIT: Cost()}
+            case t.Continue():
+                return {Flow.CONTINUE: Cost()}
+            case t.Return():
+                return {Flow.RETURN: Cost()}
+
+    def _count(self, cost: Cost) -> Cost:
+        """Note the code of a piece of text."""
+        own = cost.counts.get(self._pou.key)
+        if own is not None:
+            self._static = self._static + own
+        return cost
+
+    def _one(self, *operations: Operation) -> Cost:
+        return self._count(self._costs.of(*operations))
+
+    def _value(self, node: t.Expression) -> Cost:
+        return self._count(self._accesses.value(node, self._state))
+
+    def _assign(self, statement: t.Assign) -> Cost:
+        cost = self._value(statement.value)
+        cost = cost.then(self._count(self._accesses.store(statement.target, self._state)))
+        self._state.assigned(statement.target, self._state.ranges.of(statement.value))
+        return cost
+
+    def _branches(self, bodies: list[tuple[t.Statement, ...]]) -> list[Outcomes]:
+        """Each body from the same state; afterwards the state is what all that go on have in common."""
+        before, after, ways = self._state, [], []
+        for body in bodies:
+            self._state = before.copy()
+            way = self._body(body)
+            ways.append(way)
+            if Flow.NEXT in way:
+                after.append(self._state)
+        self._state = before
+        self._state.become_common(after)
+        return ways
+
+    def _if(self, statement: t.If) -> Outcomes:
+        tests, before = Cost(), []
+        for branch in statement.branches:
+            tests = tests.then(self._value(branch.condition)).then(self._one(Operation.BRANCH))
+            before.append(tests)
+        before.append(tests)
+        ways = self._branches([*(branch.body for branch in statement.branches), statement.otherwise])
+        return self._costs.choose(_after(cost, way) for cost, way in zip(before, ways, strict=True))
+
+    def _case(self, statement: t.Case) -> Outcomes:
+        """Labels are tried one after the other, as a chain of comparisons."""
+        tests, before = self._value(statement.selector), []
+        for branch in statement.branches:
+            for low, high in branch.labels:
+                compares = [Operation.COMPARE] * (1 if low == high else 2)
+                tests = tests.then(self._one(*compares, Operation.BRANCH))
+            before.append(tests)
+        before.append(tests)
+        ways = self._branches([*(branch.body for branch in statement.branches), statement.otherwise])
+        return self._costs.choose(_after(cost, way) for cost, way in zip(before, ways, strict=True))
+
+    # --- loops ---
+
+    def _for(self, statement: t.For) -> Outcomes:
+        count = rounds.of_for(statement, self._state.ranges)
+        start, stop, step = (self._state.ranges.of(node) for node in (statement.start, statement.stop, statement.step))
+        before = self._value(statement.start).then(self._value(statement.stop)).then(self._one(Operation.STORE))
+        if not isinstance(statement.step, t.Constant):
+            before = before.then(self._value(statement.step))
+        counter = statement.counter.variable
+        each = self._one(Operation.LOOP)
+        first = new_version()
+        self._enter(statement.body, {counter})
+        moving = self._state.versions.change(counter)
+        if start is not None and stop is not None:
+            self._state.ranges.set(counter, start.hull(stop))
+        body = self._body(statement.body)
+        largest = 1 if step is None else max(abs(step.low), abs(step.high))
+        loop = Loop(first, moving, largest, start is not None and start.low == start.high)
+        result = self._loop(statement, count, body, each=each, last=each, loop=loop)
+        self._enter(statement.body, {counter})
+        if start is not None and stop is not None and step is not None:
+            beyond = Interval(stop.low + min(step.low, 0), stop.high + max(step.high, 0))
+            self._state.ranges.set(counter, start.hull(beyond))
+        return {flow: before.then(cost) for flow, cost in result.items()}
+
+    def _while(self, statement: t.While | t.Repeat) -> Outcomes:
+        is_repeat = isinstance(statement, t.Repeat)
+        count = rounds.of_condition(statement.condition, statement.body, self._state.ranges, is_negated=is_repeat)
+        if count is not None and is_repeat:
+            count = max(count, 1)
+        first = new_version()
+        self._enter(statement.body, set())
+        if is_repeat:
+            body = self._body(statement.body)
+            test = self._value(statement.condition).then(self._one(Operation.BRANCH))
+            leaving: Outcomes = {flow: cost for flow, cost in body.items() if flow in (Flow.EXIT, Flow.RETURN)}
+            going_on = (_before(body, flow, test) for flow in (Flow.NEXT, Flow.CONTINUE))
+            body = self._costs.choose([leaving, *going_on])
+            result = self._loop(statement, count, body, each=Cost(), last=Cost(), loop=Loop(first))
+        else:
+            test = self._value(statement.condition).then(self._one(Operation.BRANCH))
+            body = self._body(statement.body)
+            result = self._loop(statement, count, body, each=test, last=test, loop=Loop(first))
+        self._enter(statement.body, set())
+        return result
+
+    def _enter(self, body: tuple[t.Statement, ...], also: set[t.Variable]) -> None:
+        """Nothing is known of what a loop assigns, at its start and behind it."""
+        changed = walk.assigned_variables(body) | also
+        for variable in changed:
+            self._state.versions.change(variable)
+        self._state.ranges.forget(changed)
+        self._state.after_calls(body)
+
+    def _loop(
+        self,
+        statement: t.For | t.While | t.Repeat,
+        count: int | None,
+        body: Outcomes,
+        *,
+        each: Cost,
+        last: Cost,
+        loop: Loop,
+    ) -> Outcomes:
+        """All rounds."""
+        if count is None:
+            kind = type(statement).__name__.upper()
+            place = statement.position
+            self._unbounded[f"{self._pou.name}, {place}: no bound known for the rounds of this {kind}"] = None
+        number = 1 if count is None else count
+
+        def spread(cost: Cost) -> Cost:
+            touches = {key: touch.repeated(max(number, 1), loop) for key, touch in cost.touches.items()}
+            return Cost(cost.counts, touches)
+
+        spread_body = {flow: spread(cost) for flow, cost in body.items()}
+        return self._costs.loop(number, spread_body, each=spread(each), last=spread(last))
+
+    # --- calls ---
+
+    def _call(self, call: t.Call, path: tuple[str, ...], state: State) -> Cost:
+        """The body behind a call, the worst where it is virtual; arguments are the caller's affair."""
+        keys = {call.callee} | (overriding(self._units.project, call.callee) if call.is_virtual else set())
+        worst: Cost | None = None
+        for key in sorted(keys):
+            unit = self._units.of(key)
+            self._called.add(key)
+            self._called.update(unit.called)
+            self._unbounded.update(dict.fromkeys(unit.unbounded))
+            site = new_version()
+            touches: Touches = {(site, name): touch.called(path) for name, touch in unit.cost.touches.items()}
+            worst = self._costs.worse(worst, Cost(unit.cost.counts, touches))
+        state.after_call(call)
+        return worst or Cost()
+
+
+def _after(before: Cost, ways: Outcomes) -> Outcomes:
+    return {flow: before.then(cost) for flow, cost in ways.items()}
+
+
+def _before(ways: Outcomes, flow: Flow, after: Cost) -> Outcomes:
+    """Only one way to go on, with something behind it."""
+    return {Flow.NEXT: ways[flow].then(after)} if flow in ways else {}

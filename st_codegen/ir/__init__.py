@@ -1,0 +1,111 @@
+"""Intermediate representation: all that walkers make and all that later stages read.
+
+A model is a straight list of operations on vectors. Value 0 is the vector of the model's inputs (one number a feature);
+operation `i` reads earlier values and produces value `i + 1`. What differs between libraries (comparison, rounding,
+order of additions, missing values) is data here, never a special case downstream.
+
+Everything is frozen, arrays are read-only, and invariants are checked when an object is made: a walker cannot hand on
+an operation that a later stage would have to doubt.
+"""
+
+from st_codegen.ir.base import (
+    CEILING,
+    FLOAT32_OVERFLOW,
+    Aggregate,
+    BoolArray,
+    Comparison,
+    Elementwise,
+    FloatArray,
+    Function,
+    IntArray,
+    Kernel,
+    NanRule,
+    Norm,
+    Operation,
+    Operator,
+    Precision,
+    SummationOrder,
+)
+from st_codegen.ir.cells import (
+    CellTable,
+    Rank,
+    RankColumn,
+    TableAxis,
+)
+from st_codegen.ir.model import (
+    Feature,
+    ModelIR,
+    Source,
+)
+from st_codegen.ir.operations import (
+    Activation,
+    Clip,
+    Combine,
+    FactoredKernel,
+    FillMissing,
+    KernelSum,
+    Linear,
+    Normalize,
+    Round,
+    Scale,
+    Select,
+)
+from st_codegen.ir.project import (
+    Direction,
+    HarmonicOutput,
+    ProjectIR,
+    Quantity,
+    TransmissionError,
+)
+from st_codegen.ir.trees import (
+    LinearLeaves,
+    TreeColumn,
+    TreeEnsemble,
+    depth_of,
+)
+
+__all__ = [
+    "CEILING",
+    "FLOAT32_OVERFLOW",
+    "Activation",
+    "Aggregate",
+    "BoolArray",
+    "CellTable",
+    "Clip",
+    "Combine",
+    "Comparison",
+    "Direction",
+    "Elementwise",
+    "FactoredKernel",
+    "Feature",
+    "FillMissing",
+    "FloatArray",
+    "Function",
+    "HarmonicOutput",
+    "IntArray",
+    "Kernel",
+    "KernelSum",
+    "Linear",
+    "LinearLeaves",
+    "ModelIR",
+    "NanRule",
+    "Norm",
+    "Normalize",
+    "Operation",
+    "Operator",
+    "Precision",
+    "ProjectIR",
+    "Quantity",
+    "Rank",
+    "RankColumn",
+    "Round",
+    "Scale",
+    "Select",
+    "Source",
+    "SummationOrder",
+    "TableAxis",
+    "TransmissionError",
+    "TreeColumn",
+    "TreeEnsemble",
+    "depth_of",
+]

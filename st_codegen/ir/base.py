@@ -1,0 +1,179 @@
+"""Words, checks and the protocol that all operations of the intermediate representation share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from enum import StrEnum
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from st_codegen.errors import InputError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int32]
+BoolArray = NDArray[np.bool_]
+
+#: Values of this magnitude and above become infinite when rounded to float32 (the tie to even above FLT_MAX).
+FLOAT32_OVERFLOW = 3.4028235677973366e38
+
+
+class Precision(StrEnum):
+    """The format to which a library rounds a number."""
+
+    FLOAT32 = "float32"
+    FLOAT64 = "float64"
+
+
+#: Intermediate results of generated code stay below these, so that nothing overflows on the controller. A quotient of
+#: two computed numbers that would be larger has no answer.
+CEILING = {Precision.FLOAT64: 1e300, Precision.FLOAT32: 3e38}
+
+
+class Comparison(StrEnum):
+    """Which comparison sends an input to the left child of a split."""
+
+    LESS = "<"
+    LESS_OR_EQUAL = "<="
+
+
+class Aggregate(StrEnum):
+    """How the leaf values that a row reaches become one number."""
+
+    SUM = "sum"
+    MINIMUM = "minimum"
+    MAXIMUM = "maximum"
+
+
+class NanRule(StrEnum):
+    """How a tree reads NaN in a column (where the model accepts NaN at all)."""
+
+    MISSING = "missing"  # the row takes the default child
+    ZERO = "zero"  # read as 0.0 (LightGBM, missing_type None)
+
+
+class Operator(StrEnum):
+    """Arithmetic of two numbers."""
+
+    ADD = "+"
+    SUBTRACT = "-"
+    MULTIPLY = "*"
+    DIVIDE = "/"
+
+
+class Function(StrEnum):
+    """Functions of one number. `Activation.parameter` is the slope or scale where one is named."""
+
+    IDENTITY = "identity"
+    TANH = "tanh"
+    LOGISTIC = "logistic"  # 1 / (1 + exp(-x))
+    RELU = "relu"
+    LEAKY_RELU = "leaky_relu"  # x < 0: parameter * x
+    ELU = "elu"  # x < 0: parameter * (exp(x) - 1)
+    SOFTPLUS = "softplus"  # log(1 + exp(x))
+    EXP = "exp"
+    EXPM1 = "expm1"
+    LOG1P = "log1p"
+    SIGNED_SQUARE = "signed_square"  # sign(x) * x * x (LightGBM reg_sqrt)
+
+
+class Kernel(StrEnum):
+    """Kernel functions of support vector machines; u is the input, v a support vector."""
+
+    LINEAR = "linear"  # u.v
+    POLYNOMIAL = "polynomial"  # (gamma * u.v + coef0) ** degree
+    RBF = "rbf"  # exp(-gamma * |u - v|**2)
+    SIGMOID = "sigmoid"  # tanh(gamma * u.v + coef0)
+
+
+class Norm(StrEnum):
+    """Norms by which a vector is divided."""
+
+    L1 = "l1"
+    L2 = "l2"
+    MAX = "max"
+
+
+class SummationOrder(StrEnum):
+    """What is known of the order in which a library adds products."""
+
+    SEQUENTIAL = "sequential"  # bias first, then each product rounded and added in order
+    UNSPECIFIED = "unspecified"  # BLAS: any order, perhaps fused; equal within a bound only
+
+
+def freeze(owner: Any, name: str, dtype: type[np.generic], shape: tuple[int | None, ...]) -> NDArray[Any]:
+    """Store attribute `name` of a frozen dataclass as a read-only array of the given type and shape (None: any)."""
+    given = np.asarray(getattr(owner, name))
+    array = np.array(given, dtype=dtype, order="C") if given.dtype != dtype or given.flags.writeable else given
+    where = f"{type(owner).__name__}.{name}"
+    if array.ndim != len(shape) or any(
+        want is not None and got != want for got, want in zip(array.shape, shape, strict=True)
+    ):
+        raise InputError(f"{where}: shape {array.shape}, expected {tuple('any' if n is None else n for n in shape)}")
+    array.flags.writeable = False
+    object.__setattr__(owner, name, array)
+    return array
+
+
+def require_finite(owner: Any, *names: str) -> None:
+    """Refuse NaN and infinite coefficients: a comparison or sum with one of them stops a PLC."""
+    for name in names:
+        bad = np.flatnonzero(~np.isfinite(np.ravel(getattr(owner, name))))
+        if bad.size:
+            value = np.ravel(getattr(owner, name))[bad[0]]
+            raise InputError(
+                f"{type(owner).__name__}.{name}: {bad.size} coefficients are not finite "
+                f"(first: number {bad[0]} is {value}); train the model again without NaN and infinite values"
+            )
+
+
+class Operation(Protocol):
+    """What every operation offers: which values it reads and how wide its result is."""
+
+    @property
+    def inputs(self) -> tuple[int, ...]: ...
+    @property
+    def width(self) -> int: ...
+    @property
+    def operand_width(self) -> int | None:
+        """The width expected of each input; None where any will do."""
+        ...
+
+    def check_operands(self, total: int) -> None:
+        """Raise InputError unless the operation can read inputs of `total` columns together."""
+        ...
+
+    @property
+    def exact(self) -> bool:
+        """Whether the source library's result is reproduced bit for bit."""
+        ...
+
+
+class Elementwise:
+    """Mixin of operations that read values of their own width."""
+
+    @property
+    def operand_width(self: Operation) -> int:
+        return self.width
+
+    def check_operands(self, total: int) -> None:
+        """Nothing beyond the width."""
+
+
+class Quotient(Elementwise):
+    """Mixin of operations that may divide by a computed number: a quotient as large as `ceiling` has no answer."""
+
+    precision: Precision
+    limit: float
+
+    @property
+    def ceiling(self) -> float:
+        """`limit`, which the pass `domain` lowers where later operations would overflow, or that of the precision."""
+        return min(self.limit, CEILING[self.precision])
+
+
+def check_columns(owner: Any, columns: Iterable[int], total: int) -> None:
+    """Refuse columns outside 0 .. total-1."""
+    if any(not 0 <= column < total for column in columns):
+        raise InputError(f"{type(owner).__name__}: reads a column outside 0 .. {total - 1}")

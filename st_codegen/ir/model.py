@@ -1,0 +1,101 @@
+"""A model: features in, operations, numbers out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from st_codegen.errors import InputError
+from st_codegen.ir.base import Operation
+from st_codegen.ir.cells import Rank
+
+
+@dataclass(frozen=True)
+class Feature:
+    """One input of a model.
+
+    `lower` and `upper` are the trained range in `unit`; a lone model declares none.
+    """
+
+    name: str
+    unit: str = ""
+    lower: float | None = None
+    upper: float | None = None
+
+    def __post_init__(self) -> None:
+        for bound in (self.lower, self.upper):
+            if bound is not None and not math.isfinite(bound):
+                raise InputError(f"feature '{self.name}': the range {self.lower} .. {self.upper} is not finite")
+        if (self.lower is None) != (self.upper is None):
+            raise InputError(f"feature '{self.name}': give both ends of the range, or none")
+        if self.lower is not None and self.upper is not None and not self.lower < self.upper:
+            raise InputError(f"feature '{self.name}': the range {self.lower} .. {self.upper} is empty")
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a model comes from, as printed in the header of the generated block."""
+
+    library: str
+    version: str
+    model_class: str
+    file: str = ""
+    sha256: str = ""
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ModelIR:
+    """One trained model: features in, numbers out.
+
+    `outputs` names the columns of the last value. `accepts_nan`: NaN is a missing value to the library; otherwise it
+    refuses the row. `magnitude_limits`: for each feature, the magnitude from which on the library refuses an input
+    (infinity: it refuses infinities only; None: it takes everything). Empty: it takes everything.
+    """
+
+    name: str
+    features: tuple[Feature, ...]
+    ops: tuple[Operation, ...]
+    outputs: tuple[str, ...]
+    source: Source
+    accepts_nan: bool = False
+    magnitude_limits: tuple[float | None, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.features:
+            raise InputError(f"model '{self.name}' has no features")
+        if not self.magnitude_limits:
+            object.__setattr__(self, "magnitude_limits", (None,) * len(self.features))
+        if len(self.magnitude_limits) != len(self.features):
+            raise InputError(f"model '{self.name}': {len(self.magnitude_limits)} limits, {len(self.features)} features")
+        if not self.ops:
+            raise InputError(f"model '{self.name}' computes nothing")
+        for number, op in enumerate(self.ops):
+            if not op.inputs or any(not 0 <= value <= number for value in op.inputs):
+                raise InputError(f"model '{self.name}', operation {number}: reads a value that is not yet computed")
+            self._check_operands(number, op)
+        if self.ops[-1].width != len(self.outputs):
+            raise InputError(f"model '{self.name}': {len(self.outputs)} outputs named, {self.ops[-1].width} computed")
+
+    def _check_operands(self, number: int, op: Operation) -> None:
+        where = f"model '{self.name}', operation {number} ({type(op).__name__})"
+        widths = [self.value_width(value) for value in op.inputs]
+        if op.operand_width is not None and any(width != op.operand_width for width in widths):
+            raise InputError(f"{where}: expects {op.operand_width} columns, gets {' and '.join(map(str, widths))}")
+        try:
+            op.check_operands(sum(widths))
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from None
+
+    def value_width(self, value: int) -> int:
+        """Number of columns of value `value` (0: the inputs)."""
+        return len(self.features) if value == 0 else self.ops[value - 1].width
+
+    def reads_ranks(self, op: Operation) -> bool:
+        """Whether the only operand of an operation is a list of ranks."""
+        return len(op.inputs) == 1 and op.inputs[0] > 0 and isinstance(self.ops[op.inputs[0] - 1], Rank)
+
+    @property
+    def exact(self) -> bool:
+        """Whether every output equals the source library's bit for bit."""
+        return all(op.exact for op in self.ops)

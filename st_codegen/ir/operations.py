@@ -1,0 +1,287 @@
+"""Operations on vectors: columns, scaling, sums, functions, kernels."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from st_codegen.errors import InputError
+from st_codegen.ir.base import (
+    Elementwise,
+    FloatArray,
+    Function,
+    IntArray,
+    Kernel,
+    Norm,
+    Operator,
+    Precision,
+    Quotient,
+    SummationOrder,
+    check_columns,
+    freeze,
+    require_finite,
+)
+
+
+@dataclass(frozen=True)
+class Select:
+    """Columns picked from one or several values laid end to end (concatenation, reordering, column transformers)."""
+
+    inputs: tuple[int, ...]
+    columns: IntArray
+    exact: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        freeze(self, "columns", np.int32, (None,))
+
+    @property
+    def width(self) -> int:
+        return len(self.columns)
+
+    @property
+    def operand_width(self) -> None:
+        return None
+
+    def check_operands(self, total: int) -> None:
+        check_columns(self, self.columns, total)
+
+
+@dataclass(frozen=True)
+class Scale(Quotient):
+    """`x <operator> constant` for each column, rounded to `precision`; `reverse` gives `constant <operator> x`.
+
+    A chain of these says exactly what a scaler does: (x - mean) / scale is two of them, x * scale + min is two others.
+    """
+
+    inputs: tuple[int, ...]
+    operator: Operator
+    constant: FloatArray
+    precision: Precision = Precision.FLOAT64
+    reverse: bool = False
+    limit: float = math.inf
+    exact: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        freeze(self, "constant", np.float64, (None,))
+        require_finite(self, "constant")
+        if self.operator is Operator.DIVIDE and not self.reverse and not np.all(self.constant):
+            raise InputError("Scale: division by a constant that is zero")
+
+    @property
+    def width(self) -> int:
+        return len(self.constant)
+
+
+@dataclass(frozen=True)
+class Combine(Quotient):
+    """`a <operator> b` for two computed values of one width, column by column, rounded to `precision`."""
+
+    inputs: tuple[int, ...]
+    operator: Operator
+    width: int
+    precision: Precision = Precision.FLOAT64
+    limit: float = math.inf
+    exact: ClassVar[bool] = True
+
+
+@dataclass(frozen=True)
+class Round(Elementwise):
+    """Rounding to float32: a library's cast. A value too large for float32 makes the row invalid."""
+
+    inputs: tuple[int, ...]
+    width: int
+    exact: ClassVar[bool] = True
+
+
+@dataclass(frozen=True)
+class FillMissing(Elementwise):
+    """NaN, and every number equal to `sentinel` where there is one, replaced by `fill` (XGBoost gblinear)."""
+
+    inputs: tuple[int, ...]
+    width: int
+    fill: float = 0.0
+    sentinel: float | None = None
+    exact: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.fill) or not (self.sentinel is None or math.isfinite(self.sentinel)):
+            raise InputError(f"FillMissing: fill {self.fill} or sentinel {self.sentinel} is not finite")
+
+
+@dataclass(frozen=True)
+class Clip(Elementwise):
+    """Each column limited to [lower, upper] (MinMaxScaler(clip=True), ONNX Clip)."""
+
+    inputs: tuple[int, ...]
+    lower: FloatArray
+    upper: FloatArray
+    exact: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        freeze(self, "lower", np.float64, (None,))
+        freeze(self, "upper", np.float64, (len(self.lower),))
+        require_finite(self, "lower", "upper")
+
+    @property
+    def width(self) -> int:
+        return len(self.lower)
+
+
+@dataclass(frozen=True)
+class Linear:
+    """`weights @ x + bias`; weights has shape (outputs, inputs)."""
+
+    inputs: tuple[int, ...]
+    weights: FloatArray
+    bias: FloatArray
+    order: SummationOrder = SummationOrder.UNSPECIFIED
+    precision: Precision = Precision.FLOAT64
+
+    def __post_init__(self) -> None:
+        weights = freeze(self, "weights", np.float64, (None, None))
+        freeze(self, "bias", np.float64, (weights.shape[0],))
+        require_finite(self, "weights", "bias")
+
+    @property
+    def operand_width(self) -> int:
+        return int(self.weights.shape[1])
+
+    def check_operands(self, total: int) -> None:
+        """Nothing beyond the width."""
+
+    @property
+    def width(self) -> int:
+        return int(self.weights.shape[0])
+
+    @property
+    def exact(self) -> bool:
+        return self.order is SummationOrder.SEQUENTIAL
+
+
+@dataclass(frozen=True)
+class Activation(Elementwise):
+    """A function of each column. Exact where it needs no transcendental function.
+
+    Arguments above `limit` are refused (exponentials: the pass `domain` sets a limit below overflow).
+    """
+
+    inputs: tuple[int, ...]
+    function: Function
+    width: int
+    parameter: float = 1.0
+    precision: Precision = Precision.FLOAT64
+    limit: float = math.inf
+
+    _EXACT: ClassVar[frozenset[Function]] = frozenset(
+        {Function.IDENTITY, Function.RELU, Function.LEAKY_RELU, Function.SIGNED_SQUARE}
+    )
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.parameter):
+            raise InputError(f"Activation {self.function}: the parameter {self.parameter} is not finite")
+
+    @property
+    def exact(self) -> bool:
+        return self.function in self._EXACT
+
+
+@dataclass(frozen=True)
+class Normalize(Quotient):
+    """The vector divided by its norm, every step rounded to `precision` (onnxruntime, ml/normalizer.cc).
+
+    MAX: x / largest number (not largest magnitude). L1: x / (|x1| + |x2| + ...), added in order.
+    L2: sign(x) * sqrt(x*x / (x1*x1 + x2*x2 + ...)), added in order. A norm of zero leaves the vector as it is.
+    """
+
+    inputs: tuple[int, ...]
+    norm: Norm
+    width: int
+    precision: Precision = Precision.FLOAT32
+    limit: float = math.inf
+    exact: ClassVar[bool] = True
+
+
+@dataclass(frozen=True)
+class KernelSum:
+    """Support vector regression: sum of coefficient * kernel(x, support vector), plus intercept.
+
+    `support_vectors` (vectors, columns); `coefficients` (outputs, vectors); `intercept` (outputs).
+    """
+
+    inputs: tuple[int, ...]
+    kernel: Kernel
+    support_vectors: FloatArray
+    coefficients: FloatArray
+    intercept: FloatArray
+    gamma: float = 1.0
+    coef0: float = 0.0
+    degree: int = 3
+    precision: Precision = Precision.FLOAT64
+    exact: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        vectors = freeze(self, "support_vectors", np.float64, (None, None))
+        coefficients = freeze(self, "coefficients", np.float64, (None, vectors.shape[0]))
+        freeze(self, "intercept", np.float64, (coefficients.shape[0],))
+        require_finite(self, "support_vectors", "coefficients", "intercept")
+        if not len(vectors):
+            raise InputError("KernelSum: no support vectors; the model is a constant")
+        if not (math.isfinite(self.gamma) and math.isfinite(self.coef0)):
+            raise InputError(f"KernelSum: gamma {self.gamma} or coef0 {self.coef0} is not finite")
+        if self.kernel is Kernel.RBF and self.gamma < 0:
+            raise InputError(f"KernelSum: gamma {self.gamma} is negative; an RBF kernel would grow without bound")
+        if self.degree < 0:
+            raise InputError(f"KernelSum: degree {self.degree} is negative")
+
+    @property
+    def operand_width(self) -> int:
+        return int(self.support_vectors.shape[1])
+
+    def check_operands(self, total: int) -> None:
+        """Nothing beyond the width."""
+
+    @property
+    def width(self) -> int:
+        return int(self.coefficients.shape[0])
+
+
+@dataclass(frozen=True)
+class FactoredKernel:
+    """An RBF kernel sum whose support vectors lie on a grid: exp(-gamma * |u - v|**2) is a product over the columns.
+
+    `axes` has the rising distinct values of each column, in the order `columns`; `coefficients` (outputs, points of the
+    grid in row-major order, the last column fastest) is zero where no support vector lies. One exponential is taken for
+    each value of an axis.
+    """
+
+    inputs: tuple[int, ...]
+    columns: tuple[int, ...]
+    axes: tuple[FloatArray, ...]
+    coefficients: FloatArray
+    intercept: FloatArray
+    gamma: float
+    precision: Precision = Precision.FLOAT64
+    exact: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        for axis in self.axes:
+            if axis.ndim != 1 or not np.all(np.isfinite(axis)) or np.any(np.diff(axis) <= 0):
+                raise InputError("FactoredKernel.axes: not strictly rising")
+        points = math.prod(len(axis) for axis in self.axes)
+        coefficients = freeze(self, "coefficients", np.float64, (None, points))
+        freeze(self, "intercept", np.float64, (coefficients.shape[0],))
+        require_finite(self, "coefficients", "intercept")
+
+    @property
+    def operand_width(self) -> int:
+        return len(self.columns)
+
+    def check_operands(self, total: int) -> None:
+        check_columns(self, self.columns, total)
+
+    @property
+    def width(self) -> int:
+        return int(self.coefficients.shape[0])

@@ -1,0 +1,79 @@
+"""What models are generated together, and what they are for."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+from st_codegen.errors import InputError
+from st_codegen.ir.model import Feature, ModelIR
+
+
+class Direction(StrEnum):
+    """Direction of rotation."""
+
+    FORWARD = "forward"
+    BACKWARD = "backward"
+
+
+class Quantity(StrEnum):
+    """What a model predicts of a harmonic A*cos(k*theta + phi)."""
+
+    AMPLITUDE = "amplitude"  # A in deg; for order 0 the signed mean
+    PHASE = "phase"  # phi in rad
+    COSINE = "cosine"  # A*cos(phi) in deg
+    SINE = "sine"  # A*sin(phi) in deg
+
+
+@dataclass(frozen=True)
+class HarmonicOutput:
+    """Output `output` (from 0) of model `model` predicts one quantity of one harmonic."""
+
+    direction: Direction
+    order: int
+    quantity: Quantity
+    model: str
+    output: int
+
+
+@dataclass(frozen=True)
+class TransmissionError:
+    """What the models of a bundle are for: TE(theta) = sum of A_k * cos(k*theta + phi_k), per direction (Eq. 2).
+
+    `speed_feature` is the number of the feature that holds the input speed in rpm, `reduction_ratio` is
+    theta_in / theta_out. `outputs` has, for every order and direction, amplitude and phase or cosine and sine part
+    (order 0: amplitude only). `tasks`: 1, or 2 where the models run in a slow task and the sum in a fast one.
+    `cycles`: the models that each of several successive calls computes; empty: every call computes all of them.
+    """
+
+    name: str
+    features: tuple[Feature, ...]
+    speed_feature: int
+    reduction_ratio: float
+    orders: tuple[int, ...]
+    directions: tuple[Direction, ...]
+    outputs: tuple[HarmonicOutput, ...]
+    tasks: int = 1
+    cycles: tuple[tuple[str, ...], ...] = ()
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.reduction_ratio) and self.reduction_ratio > 0):
+            raise InputError(f"reduction ratio {self.reduction_ratio}: give a positive number")
+        if not 0 <= self.speed_feature < len(self.features):
+            raise InputError(f"speed feature {self.speed_feature}: there are {len(self.features)} features")
+        spread = sorted(name for names in self.cycles for name in names)
+        if self.cycles and spread != sorted({output.model for output in self.outputs}):
+            raise InputError("the cycles do not have each model once")
+
+    def quantities(self, direction: Direction, order: int) -> dict[Quantity, HarmonicOutput]:
+        """The model outputs of one harmonic."""
+        return {o.quantity: o for o in self.outputs if o.direction is direction and o.order == order}
+
+
+@dataclass(frozen=True)
+class ProjectIR:
+    """Everything that is generated together: models, and what they are for where that is known."""
+
+    models: tuple[ModelIR, ...]
+    transmission_error: TransmissionError | None = None

@@ -1,0 +1,200 @@
+"""Decision trees."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from st_codegen.errors import InputError
+from st_codegen.ir.base import (
+    Aggregate,
+    BoolArray,
+    Comparison,
+    FloatArray,
+    IntArray,
+    NanRule,
+    Precision,
+    check_columns,
+    freeze,
+    require_finite,
+)
+
+
+@dataclass(frozen=True)
+class TreeColumn:
+    """How the splits of an ensemble read one column of its input.
+
+    The number is first rounded to the ensemble's `input_precision`. A number in the closed interval `missing_interval`
+    counts as missing, as NaN does under `NanRule.MISSING`. With `n_categories` the column holds a category code: the
+    number cut to an integer, or, where `categories` lists the known values, the position of the equal value in that
+    list. Codes outside 0 .. n_categories-1 are "other", and so is every negative number, unless
+    `negative_fraction_is_zero`: then numbers between -1 and 0 are cut to code 0 (a plain C cast). `seen_missing`: the
+    model file says that the training data had missing values here (most files do not say).
+    """
+
+    column: int
+    nan: NanRule = NanRule.MISSING
+    missing_interval: tuple[float, float] | None = None
+    n_categories: int = 0
+    categories: tuple[float, ...] | None = None
+    negative_fraction_is_zero: bool = False
+    seen_missing: bool = False
+
+    @property
+    def categorical(self) -> bool:
+        return self.n_categories > 0
+
+
+@dataclass(frozen=True)
+class LinearLeaves:
+    """Linear models in leaves (LightGBM linear_tree): constant + sum of coefficient * column, in order.
+
+    Leaf row `r` owns entries `start[r] .. start[r+1]-1` of `column` and `coefficient`. A NaN in one of these columns
+    makes the leaf fall back to its plain value. An input of magnitude `zero_magnitude` or less is read as 0.
+    """
+
+    constant: FloatArray
+    start: IntArray
+    column: IntArray
+    coefficient: FloatArray
+    zero_magnitude: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.zero_magnitude < math.inf:
+            raise InputError(f"LinearLeaves.zero_magnitude: {self.zero_magnitude}")
+        constant = freeze(self, "constant", np.float64, (None,))
+        start = freeze(self, "start", np.int32, (len(constant) + 1,))
+        column = freeze(self, "column", np.int32, (None,))
+        freeze(self, "coefficient", np.float64, (len(column),))
+        require_finite(self, "constant", "coefficient")
+        if start[0] != 0 or start[-1] != len(column) or np.any(np.diff(start) < 0):
+            raise InputError("LinearLeaves.start: not a rising list of positions that covers all coefficients")
+
+
+@dataclass(frozen=True)
+class TreeEnsemble:
+    """Decision trees in flat arrays.
+
+    Nodes of tree `t` are `roots[t] .. roots[t+1]-1` (to the end for the last), parents before children. A node with
+    `split[n] >= 0` is a split: `split` indexes `columns`. It goes left when `value <comparison> threshold[n]`; a
+    missing value goes where `missing_left[n]` says; for a category column, `category_left` has the answer for code c
+    at position `category_row[n] + c`, with c = n_categories for "other" and n_categories + 1 for a missing value.
+    A threshold of +infinity sends every number left (HistGradientBoosting's split of missing from present).
+    A node with `split[n] < 0` is a leaf: row `leaf[n]` of `leaf_value` (leaves, width of a leaf).
+
+    Leaves of width 1 add to output `tree_output[t]`; wider leaves have one number for each output.
+    The result of an output is `(base + v1 + v2 + ...) / divisor` with every addition rounded to `sum_precision`, `base`
+    added last instead of first when `base_last`.
+    """
+
+    inputs: tuple[int, ...]
+    columns: tuple[TreeColumn, ...]
+    roots: IntArray
+    split: IntArray
+    threshold: FloatArray
+    left: IntArray
+    right: IntArray
+    missing_left: BoolArray
+    leaf: IntArray
+    leaf_value: FloatArray
+    tree_output: IntArray
+    base: FloatArray
+    comparison: Comparison
+    input_precision: Precision = Precision.FLOAT64
+    sum_precision: Precision = Precision.FLOAT64
+    aggregate: Aggregate = Aggregate.SUM
+    base_last: bool = False
+    divisor: float = 1.0
+    category_row: IntArray = field(default_factory=lambda: np.zeros(0, np.int32))
+    category_left: BoolArray = field(default_factory=lambda: np.zeros(0, np.bool_))
+    linear: LinearLeaves | None = None
+    exact: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        nodes = len(freeze(self, "split", np.int32, (None,)))
+        roots = freeze(self, "roots", np.int32, (None,))
+        for name, dtype in (("threshold", np.float64), ("left", np.int32), ("right", np.int32)):
+            freeze(self, name, dtype, (nodes,))
+        freeze(self, "missing_left", np.bool_, (nodes,))
+        freeze(self, "leaf", np.int32, (nodes,))
+        values = freeze(self, "leaf_value", np.float64, (None, None))
+        freeze(self, "tree_output", np.int32, (len(roots),))
+        base = freeze(self, "base", np.float64, (None,))
+        freeze(self, "category_left", np.bool_, (None,))
+        freeze(self, "category_row", np.int32, (nodes if self.has_categories else 0,))
+        require_finite(self, "leaf_value", "base")
+        if self.sum_precision is Precision.FLOAT32:
+            for array in (values, base):
+                with np.errstate(over="ignore"):
+                    if not np.array_equal(array.astype(np.float32), array):
+                        raise InputError(
+                            "TreeEnsemble: a leaf or base value is no float32, but the sum is one of float32"
+                        )
+        if not math.isfinite(self.divisor) or self.divisor == 0:
+            raise InputError(f"TreeEnsemble.divisor: {self.divisor}")
+        if values.shape[1] not in (1, len(base)):
+            raise InputError(f"TreeEnsemble: leaves of width {values.shape[1]} for {len(base)} outputs")
+        self._check_structure(nodes)
+
+    def _check_structure(self, nodes: int) -> None:
+        """Every walk from a root ends in a leaf of the same tree: children come after their parent and inside it."""
+        roots, split = self.roots, self.split
+        if len(roots) == 0 or roots[0] != 0 or np.any(np.diff(roots) <= 0) or roots[-1] >= nodes:
+            raise InputError("TreeEnsemble.roots: not a rising list that starts at node 0")
+        if np.any(split >= len(self.columns)):
+            raise InputError("TreeEnsemble.split: a column that does not exist")
+        inner = np.flatnonzero(split >= 0)
+        end_of_tree = np.append(roots[1:], nodes)[np.searchsorted(roots, inner, side="right") - 1]
+        for child in (self.left[inner], self.right[inner]):
+            if np.any(child <= inner) or np.any(child >= end_of_tree):
+                raise InputError("TreeEnsemble: a child lies before its parent or outside its tree")
+        leaves = self.leaf[split < 0]
+        if np.any(leaves < 0) or np.any(leaves >= len(self.leaf_value)):
+            raise InputError("TreeEnsemble.leaf: a leaf without a value")
+        numeric = inner[~np.array([c.categorical for c in self.columns] or [False])[split[inner]]]
+        thresholds = self.threshold[numeric]
+        if np.any(np.isnan(thresholds)) or np.any(thresholds == -np.inf):
+            raise InputError("TreeEnsemble.threshold: NaN or -infinity; the model file is damaged")
+        if np.any(self.tree_output < 0) or np.any(self.tree_output >= len(self.base)):
+            raise InputError("TreeEnsemble.tree_output: an output that does not exist")
+        narrow = self.leaf_value.shape[1] == 1
+        if self.aggregate is not Aggregate.SUM and narrow and len(np.unique(self.tree_output)) < len(self.base):
+            raise InputError(f"TreeEnsemble: the {self.aggregate} of an output to which no tree adds")
+
+    @property
+    def has_categories(self) -> bool:
+        return any(column.categorical for column in self.columns)
+
+    @property
+    def operand_width(self) -> None:
+        return None
+
+    def check_operands(self, total: int) -> None:
+        check_columns(self, (column.column for column in self.columns), total)
+
+    @property
+    def width(self) -> int:
+        return len(self.base)
+
+    @property
+    def n_trees(self) -> int:
+        return len(self.roots)
+
+    @property
+    def n_nodes(self) -> int:
+        return len(self.split)
+
+
+def depth_of(op: TreeEnsemble) -> int:
+    """The largest number of splits on a path from a root to a leaf."""
+    node = op.roots.astype(np.int64)
+    depth = 0
+    while True:
+        node = node[op.split[node] >= 0]
+        if not node.size:
+            return depth
+        node = np.concatenate([op.left[node], op.right[node]])
+        depth += 1

@@ -1,0 +1,172 @@
+"""Which of several exact layouts of a model is generated.
+
+Every layout computes the same bits, so the choice is one of cost only. `simple_cost` is an estimate from the
+intermediate representation alone; any other function of a model may take its place (`CostFunction`), such as one that
+measures the emitted text.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import singledispatch
+
+from st_codegen.errors import InputError
+from st_codegen.ir import (
+    CellTable,
+    FactoredKernel,
+    KernelSum,
+    Linear,
+    ModelIR,
+    Operation,
+    Rank,
+    TreeEnsemble,
+    depth_of,
+)
+
+
+class Layout(StrEnum):
+    """What the user asks for."""
+
+    AUTO = "auto"  # the cheapest
+    TREES = "trees"  # nodes, never a table
+    TABLE = "table"  # a table wherever one exists below the limit
+
+
+@dataclass(frozen=True)
+class Options:
+    """How models are rewritten before they are printed.
+
+    `table_bytes`: no table has more for one output of a model. `merged_bytes`: no table of several models is larger.
+    `max_array`: elements of an array that the target holds; longer lists of thresholds have no layout.
+    `ranks`: trees may compare ranks; False leaves them as their library has them. `outputs_per_cycle`: models are
+    spread over successive calls, at most so many outputs in each (one model is never cut); None: all in every call.
+    """
+
+    layout: Layout = Layout.AUTO
+    table_bytes: int = 64 * 1024
+    merged_bytes: int = 1024 * 1024
+    max_array: int = 65_536
+    ranks: bool = True
+    outputs_per_cycle: int | None = None
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What one call takes: arithmetic and memory instructions, cache lines touched, bytes of tables."""
+
+    instructions: float = 0.0
+    lines: float = 0.0
+    table_bytes: int = 0
+
+    def __add__(self, other: Cost) -> Cost:
+        return Cost(
+            self.instructions + other.instructions, self.lines + other.lines, self.table_bytes + other.table_bytes
+        )
+
+    @property
+    def nanoseconds(self) -> float:
+        """A cold call on a small controller (Atom E3845): two instructions in three cycles, 100 ns a cache line."""
+        return self.instructions * 1.5 / 1.91 + self.lines * 100.0
+
+
+CostFunction = Callable[[ModelIR], Cost]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One layout of a model, and what it costs."""
+
+    layout: str
+    model: ModelIR
+    cost: Cost
+
+
+def simple_cost(model: ModelIR) -> Cost:
+    """The estimate from the intermediate representation."""
+    total = Cost(instructions=8.0 * len(model.features) + 4.0 * len(model.outputs), lines=4.0)
+    for op in model.ops:
+        ranked = isinstance(op, TreeEnsemble) and model.reads_ranks(op)
+        total += _ranked_cost(op) if ranked and isinstance(op, TreeEnsemble) else _cost(op)
+    return total
+
+
+def cheapest(candidates: Sequence[Candidate]) -> Candidate:
+    """The candidate that takes the least time; of equals the smaller one. Raises InputError where there is none."""
+    if not candidates:
+        raise InputError("no layout fits the limits; raise them or use another layout")
+    return min(candidates, key=lambda candidate: (candidate.cost.nanoseconds, candidate.cost.table_bytes))
+
+
+def priced(layout: str, model: ModelIR, cost: CostFunction) -> Candidate:
+    """A candidate with its cost."""
+    return Candidate(layout, model, cost(model))
+
+
+def _touched(n_bytes: float) -> float:
+    """Cache lines of a table that is read from end to end."""
+    return n_bytes / 64.0
+
+
+@singledispatch
+def _cost(op: Operation) -> Cost:
+    """Elementwise work unless told otherwise."""
+    return Cost(instructions=6.0 * op.width, lines=1.0 + _touched(8.0 * op.width), table_bytes=8 * op.width)
+
+
+@_cost.register
+def _(op: Rank) -> Cost:
+    total = Cost()
+    searched = {(column.column, column.edges.tobytes()): column.highest for column in op.columns}
+    for edges in searched.values():
+        steps = edges.bit_length()
+        # the last three steps look at neighbours, which share a cache line
+        total += Cost(instructions=4.0 + 4.0 * steps, lines=max(steps - 3, 1), table_bytes=8 * edges)
+    return total + Cost(instructions=2.0 * op.width)
+
+
+@_cost.register
+def _(op: CellTable) -> Cost:
+    lists = sum(axis.stride is None for axis in op.axes)
+    return Cost(
+        instructions=3.0 * len(op.axes) + 3.0 * op.width,
+        lines=1.0 + lists + _touched(8.0 * op.values.shape[1]),
+        table_bytes=op.values.nbytes,
+    )
+
+
+@_cost.register
+def _(op: TreeEnsemble) -> Cost:
+    visits = op.n_trees * depth_of(op)
+    return Cost(12.0 * visits + 12.0 * op.n_trees, 2.0 * visits, 16 * op.n_nodes)
+
+
+def _ranked_cost(op: TreeEnsemble) -> Cost:
+    """Two integers a node, side by side; half of the children lie in the line of their parent."""
+    visits = op.n_trees * depth_of(op)
+    return Cost(7.0 * visits + 10.0 * op.n_trees, 0.5 * visits + op.n_trees, 8 * op.n_nodes + op.leaf_value.nbytes)
+
+
+@_cost.register
+def _(op: KernelSum) -> Cost:
+    vectors, columns = op.support_vectors.shape
+    return Cost(
+        instructions=vectors * (6.0 * columns + 60.0 + 4.0 * op.width),
+        lines=_touched(8.0 * vectors * (columns + op.width)),
+        table_bytes=8 * vectors * (columns + op.width),
+    )
+
+
+@_cost.register
+def _(op: FactoredKernel) -> Cost:
+    values = sum(len(axis) for axis in op.axes)
+    size = op.coefficients.size
+    return Cost(instructions=80.0 * values + 8.0 * 1.5 * size, lines=_touched(8.0 * size), table_bytes=8 * size)
+
+
+@_cost.register
+def _(op: Linear) -> Cost:
+    return Cost(
+        instructions=6.0 * op.weights.size, lines=_touched(op.weights.nbytes), table_bytes=int(op.weights.nbytes)
+    )

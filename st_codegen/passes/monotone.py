@@ -1,0 +1,285 @@
+"""Which columns of a model rise or fall with one input, and where exactly on the input a comparison changes over.
+
+Rounding to float32 and the arithmetic of scalers are monotone in floating point too: a larger input never gives a
+smaller result (for a positive factor). A split behind such steps therefore divides the float64 numbers of its input in
+two at one place, and bisection over the representable numbers finds it without any error analysis: the generated code
+compares the raw input with that number and decides as the library does, for every input.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import singledispatch
+
+import numpy as np
+from numpy.typing import NDArray
+
+from st_codegen import reference
+from st_codegen.ir import (
+    BoolArray,
+    Clip,
+    Comparison,
+    FillMissing,
+    FloatArray,
+    ModelIR,
+    Operation,
+    Operator,
+    Precision,
+    Rank,
+    Round,
+    Scale,
+    Select,
+    TreeColumn,
+    TreeEnsemble,
+)
+
+#: Stands for infinity among the neighbours of a float32 number: as far behind the largest one as that is from the next.
+_BEYOND = 2.0**128
+
+
+class Kind(StrEnum):
+    """How a computed column depends on the inputs, where it is not a chain on one of them."""
+
+    STEPS = "steps"  # only through comparisons: piecewise constant
+    OTHER = "other"
+
+
+@dataclass(frozen=True)
+class Chain:
+    """A column that rises (or falls) with one feature; `steps` are operations of width 1, none for the input itself."""
+
+    feature: int
+    steps: tuple[Operation, ...] = ()
+
+    def value(self, x: FloatArray) -> FloatArray:
+        """The column for numbers `x` of the feature, shape (rows,)."""
+        with np.errstate(all="ignore"):
+            for step in self.steps:
+                x = reference.apply(step, [x[:, None]])[:, 0]
+        return x
+
+    def then(self, step: Operation) -> Chain:
+        """The chain with one more operation of width 1."""
+        return Chain(self.feature, (*self.steps, step))
+
+
+Column = Chain | Kind
+
+
+def columns_of(model: ModelIR) -> list[list[Column]]:
+    """For every value of a model (0: the inputs) and every column, how it depends on the inputs."""
+    values: list[list[Column]] = [[Chain(feature) for feature in range(len(model.features))]]
+    for op in model.ops:
+        given = [column for number in op.inputs for column in values[number]]
+        values.append(_after(op, given))
+    return values
+
+
+@singledispatch
+def _after(op: Operation, given: list[Column]) -> list[Column]:
+    """The columns of a result."""
+    steps = all(column is Kind.STEPS for column in given)
+    return [Kind.STEPS if steps else Kind.OTHER] * op.width
+
+
+def _extended(given: list[Column], narrowed: Callable[[int], Operation | None]) -> list[Column]:
+    """Each column behind an operation that works column by column; None where it is not monotone."""
+    result: list[Column] = []
+    for number, column in enumerate(given):
+        step = narrowed(number)
+        if isinstance(column, Chain):
+            result.append(Kind.OTHER if step is None else column.then(step))
+        else:
+            result.append(column)
+    return result
+
+
+@_after.register
+def _(op: Select, given: list[Column]) -> list[Column]:
+    return [given[column] for column in op.columns]
+
+
+@_after.register
+def _(op: Scale, given: list[Column]) -> list[Column]:
+    def narrowed(number: int) -> Operation | None:
+        if op.reverse and op.operator is Operator.DIVIDE:
+            return None
+        return dataclasses.replace(op, inputs=(0,), constant=op.constant[number : number + 1])
+
+    return _extended(given, narrowed)
+
+
+@_after.register
+def _(op: Round, given: list[Column]) -> list[Column]:
+    return _extended(given, lambda _: Round((0,), 1))
+
+
+@_after.register
+def _(op: Clip, given: list[Column]) -> list[Column]:
+    return _extended(given, lambda n: Clip((0,), op.lower[n : n + 1], op.upper[n : n + 1]))
+
+
+@_after.register
+def _(op: FillMissing, given: list[Column]) -> list[Column]:
+    return _extended(given, lambda _: FillMissing((0,), 1, op.fill) if op.sentinel is None else None)
+
+
+@_after.register
+def _(op: Rank, given: list[Column]) -> list[Column]:
+    whole = all(given[column.column] is not Kind.OTHER for column in op.columns)
+    return [Kind.STEPS if whole else Kind.OTHER] * op.width
+
+
+@_after.register
+def _(op: TreeEnsemble, given: list[Column]) -> list[Column]:
+    steps = op.linear is None and all(given[column.column] is not Kind.OTHER for column in op.columns)
+    return [Kind.STEPS if steps else Kind.OTHER] * op.width
+
+
+@dataclass(frozen=True)
+class Domain:
+    """The float64 numbers, from `lower` to `upper`, that a feature can have when a block computes with it."""
+
+    lower: float
+    upper: float
+
+    @property
+    def inside(self) -> float:
+        """Some number of the domain."""
+        return min(max(0.0, self.lower), self.upper)
+
+
+def domain_of(model: ModelIR, feature: int) -> Domain:
+    """What is left of a feature's numbers by the declared range and by the magnitudes that are refused."""
+    declared, limit = model.features[feature], model.magnitude_limits[feature]
+    lower, upper = -np.inf, np.inf
+    if limit is not None:
+        upper = float(np.nextafter(limit, 0.0))
+        lower = -upper
+    if declared.lower is not None and declared.upper is not None:
+        lower, upper = max(lower, declared.lower), min(upper, declared.upper)
+    return Domain(lower, upper)
+
+
+def _ordered(bits: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Bits of float64 numbers as integers in the order of the numbers (and back; both zeros are 0)."""
+    return np.where(bits < 0, np.int64(-(2**63)) - bits, bits)
+
+
+def _to_order(x: FloatArray) -> NDArray[np.int64]:
+    return _ordered(np.ascontiguousarray(x).view(np.int64))
+
+
+def _from_order(key: NDArray[np.int64]) -> FloatArray:
+    return _ordered(key).view(np.float64)
+
+
+def changeovers(decide: Callable[[FloatArray], BoolArray], count: int, domain: Domain) -> tuple[FloatArray, BoolArray]:
+    """Where each of `count` monotone decisions changes over: the largest number that is decided as `domain.lower` is.
+
+    `decide` takes one number for each decision. Returns these numbers, NaN where the decision never changes, and the
+    decision at the lower end of the domain.
+    """
+    low = _to_order(np.full(count, domain.lower))
+    high = _to_order(np.full(count, domain.upper))
+    first = decide(_from_order(low))
+    changes = decide(_from_order(high)) != first
+    while np.any(high - 1 > low):  # at most 64 halvings; high - low would overflow
+        middle = (low & high) + ((low ^ high) >> 1)
+        same = decide(_from_order(middle)) == first
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    return np.where(changes, _from_order(low), np.nan), first
+
+
+@dataclass(frozen=True)
+class SplitEdges:
+    """Where the splits of one column of an ensemble change over, on the input itself.
+
+    For each of the rising distinct `thresholds`: `edge`, the last number of the input on the side of the domain's lower
+    end (NaN: the decision never changes), and `left_below`, whether that side goes left.
+    """
+
+    thresholds: FloatArray
+    edge: FloatArray
+    left_below: BoolArray
+
+
+def split_edges(op: TreeEnsemble, number: int, chain: Chain, domain: Domain) -> SplitEdges:
+    """The changeovers of column `number` of an ensemble that reads a monotone chain."""
+    thresholds = np.unique(op.threshold[op.split == number])
+
+    def goes_left(x: FloatArray) -> BoolArray:
+        value = reference.rounded(chain.value(x), op.input_precision)
+        if op.comparison is Comparison.LESS:
+            return np.asarray(value < thresholds, np.bool_)
+        return np.asarray((value <= thresholds) | (thresholds == np.inf), np.bool_)
+
+    with np.errstate(over="ignore"):
+        if chain.steps:
+            edge, left = changeovers(goes_left, len(thresholds), domain)
+        else:
+            edge, left = _direct(op, thresholds, domain)
+    return SplitEdges(thresholds, edge, left)
+
+
+def _direct(op: TreeEnsemble, thresholds: FloatArray, domain: Domain) -> tuple[FloatArray, BoolArray]:
+    """What `changeovers` finds where an input is compared as it is, or rounded to float32: without a search."""
+    less = op.comparison is Comparison.LESS
+    if op.input_precision is Precision.FLOAT64:
+        edge = np.nextafter(thresholds, -np.inf) if less else thresholds
+    else:
+        below = thresholds.astype(np.float32)
+        too_high = below >= thresholds if less else below > thresholds
+        below = np.where(too_high, np.nextafter(below, np.float32(-np.inf)), below)
+        above = np.nextafter(below, np.float32(np.inf))
+        # halfway between neighbours the even one is taken; beyond the largest float32 comes infinity
+        halfway = (
+            np.clip(below.astype(np.float64), -_BEYOND, _BEYOND) + np.clip(above.astype(np.float64), -_BEYOND, _BEYOND)
+        ) / 2
+        kept = halfway.astype(np.float32).astype(np.float64)
+        stays = kept < thresholds if less else kept <= thresholds
+        edge = np.where(stays, halfway, np.nextafter(halfway, -np.inf))
+    edge = np.where(thresholds == np.inf, np.inf, edge)
+    left = edge >= domain.lower
+    return np.where(left & (edge < domain.upper), edge, np.nan), np.asarray(left, np.bool_)
+
+
+def step_edges(op: TreeEnsemble, number: int, chain: Chain, domain: Domain) -> FloatArray:
+    """All numbers behind which anything that column `number` of an ensemble does may change: sorted, distinct.
+
+    Besides thresholds these are the ends of the interval that counts as missing, and of category codes.
+    """
+    column = op.columns[number]
+    found = [] if column.categorical else [split_edges(op, number, chain, domain).edge]
+    below, up_to = _other_places(column)
+    for places, strict in ((below, True), (up_to, False)):
+        if not len(places):
+            continue
+
+        def decide(x: FloatArray, places: FloatArray = places, strict: bool = strict) -> BoolArray:
+            value = reference.rounded(chain.value(x), op.input_precision)
+            return np.asarray(value < places if strict else value <= places, np.bool_)
+
+        with np.errstate(over="ignore"):
+            found.append(changeovers(decide, len(places), domain)[0])
+    edges = np.unique(np.concatenate(found)) if found else np.zeros(0)
+    return edges[~np.isnan(edges)]
+
+
+def _other_places(column: TreeColumn) -> tuple[FloatArray, FloatArray]:
+    """Numbers c of a column at which `value < c` matters, and those at which `value <= c` does."""
+    below: list[float] = []
+    up_to: list[float] = []
+    if column.missing_interval is not None:
+        below.append(column.missing_interval[0])
+        up_to.append(column.missing_interval[1])
+    if column.categories is not None:
+        below += column.categories
+        up_to += column.categories
+    elif column.categorical:
+        below += map(float, range(column.n_categories + 1))
+        up_to += [-1.0]  # a plain cast sends -1 < x < 0 to code 0
+    return np.array(below), np.array(up_to)

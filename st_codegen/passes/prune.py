@@ -1,0 +1,263 @@
+"""Trees without what makes no difference: branches no input reaches, equal subtrees, constant trees.
+
+Works on ranked ensembles (`ranks`). A row still meets the same leaf values in the same order, so every sum is the
+library's to the bit. Two things change the sum itself, and both are exact: constant trees at the very beginning are
+added to `base` (as the library does first), and trees that only ever add +0.0 to a sum that cannot be -0.0 are dropped.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from st_codegen.ir import Aggregate, FloatArray, IntArray, ModelIR, Precision, Rank, TreeEnsemble
+from st_codegen.ir.preorder import Preorder, preorder
+from st_codegen.passes.ranks import compact
+
+#: Numbers kept at once for the reachable ranks of the nodes of one level.
+_BOXES = 8_000_000
+
+
+def pruned(model: ModelIR) -> ModelIR:
+    """The model with every ensemble behind ranks pruned, and ranks among those thresholds only that are left."""
+    ops = list(model.ops)
+    for number, op in enumerate(ops):
+        if isinstance(op, TreeEnsemble) and len(op.inputs) == 1 and op.inputs[0]:
+            rank = ops[op.inputs[0] - 1]
+            readers = sum(op.inputs[0] in other.inputs for other in model.ops)
+            if isinstance(rank, Rank) and readers == 1:
+                ops[op.inputs[0] - 1], ops[number] = _pruned_pair(rank, op, accepts_nan=model.accepts_nan)
+    return dataclasses.replace(model, ops=tuple(ops))
+
+
+def _pruned_pair(rank: Rank, op: TreeEnsemble, *, accepts_nan: bool) -> tuple[Rank, TreeEnsemble]:
+    low = np.array([min(0, c.missing) if accepts_nan else 0 for c in rank.columns], np.int32)
+    high = np.array([max(c.highest, c.missing) if accepts_nan else c.highest for c in rank.columns], np.int32)
+    live = _reachable(op, low, high)
+    trees = _rebuilt(op, live, subtrees(op, live).forward)
+    trees = _without_constant_trees(trees)
+    return _compacted(rank, trees)
+
+
+def _reachable(op: TreeEnsemble, low: IntArray, high: IntArray) -> NDArray[np.int64]:
+    """For each node that some row can reach: the node that takes its place (itself, or the only child that rows reach).
+
+    -1 for nodes that no row reaches. `low` and `high` are the ranks that each column can have.
+    """
+    place = np.full(op.n_nodes, -1, np.int64)
+    stops = np.append(op.roots[1:], op.n_nodes)
+    step = max(_BOXES // (len(low) * max(op.n_nodes // op.n_trees, 1)), 1)
+    for first in range(0, op.n_trees, step):
+        roots = op.roots[first : first + step].astype(np.int64)
+        if stops[min(first + step, op.n_trees) - 1] > roots[0]:
+            _reach(op, roots, np.tile(low, (len(roots), 1)), np.tile(high, (len(roots), 1)), place)
+    _follow(place)
+    return place
+
+
+def _reach(op: TreeEnsemble, node: NDArray[np.int64], low: IntArray, high: IntArray, place: NDArray[np.int64]) -> None:
+    """Walk down level by level with the ranks that lead to each node."""
+    while node.size:
+        inner = op.split[node] >= 0
+        place[node[~inner]] = node[~inner]
+        node, low, high = node[inner], low[inner], high[inner]
+        row, column = np.arange(len(node)), op.split[node]
+        threshold = op.threshold[node].astype(np.int32)
+        goes_left, goes_right = low[row, column] <= threshold, high[row, column] > threshold
+        left, right = op.left[node].astype(np.int64), op.right[node].astype(np.int64)
+        place[node] = np.where(goes_left & goes_right, node, np.where(goes_left, left, right))
+        upper, lower = high.copy(), low.copy()
+        upper[row, column] = np.minimum(upper[row, column], threshold)
+        lower[row, column] = np.maximum(lower[row, column], threshold + 1)
+        node = np.concatenate([left[goes_left], right[goes_right]])
+        low, high = (
+            np.concatenate([low[goes_left], lower[goes_right]]),
+            np.concatenate([upper[goes_left], high[goes_right]]),
+        )
+
+
+def _follow(place: NDArray[np.int64]) -> None:
+    """Replace places by the places of these places until nothing changes, in place."""
+    known = np.flatnonzero(place >= 0)
+    while True:
+        further = place[place[known]]
+        if np.array_equal(further, place[known]):
+            return
+        place[known] = further
+
+
+@dataclass(frozen=True)
+class Subtrees:
+    """Which subtrees are equal: `number` (nodes) is the same for equal ones, -1 where no row comes.
+
+    `forward`: the node that takes a node's place: a split with two equal children is one of them.
+    """
+
+    number: NDArray[np.int64]
+    forward: NDArray[np.int64]
+
+
+def subtrees(op: TreeEnsemble, place: NDArray[np.int64] | None = None) -> Subtrees:
+    """Number all subtrees from the leaves up.
+
+    `place` as `_reachable` gives it; None: all nodes stay as they are, splits with equal children too.
+    """
+    collapse = place is not None
+    if place is None:
+        place = np.arange(op.n_nodes, dtype=np.int64)
+    forward = place.copy()
+    number = np.full(op.n_nodes, -1, np.int64)
+    own = np.flatnonzero(place == np.arange(op.n_nodes))  # the nodes that stay
+    leaves = own[op.split[own] < 0]
+    _, kind = _distinct_rows(op.leaf_value)
+    number[leaves] = kind[op.leaf[leaves]]
+    used = int(kind.max(initial=0)) + 1
+    inner = own[op.split[own] >= 0]
+    for nodes in _by_height(op, place, inner):
+        left, right = forward[op.left[nodes]], forward[op.right[nodes]]
+        same = (number[left] == number[right]) & collapse
+        forward[nodes[same]] = left[same]
+        number[nodes[same]] = number[left[same]]
+        rest = nodes[~same]
+        if rest.size:
+            number[rest] = used + _numbered(op, rest, number[left[~same]], number[right[~same]])
+            used = int(number[rest].max()) + 1
+    known = np.flatnonzero(place >= 0)
+    _follow(forward)
+    number[known] = number[forward[known]]
+    return Subtrees(number, forward)
+
+
+def _numbered(
+    op: TreeEnsemble, nodes: NDArray[np.int64], left: NDArray[np.int64], right: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Numbers from 0 for splits: the same for the same question with the same answers."""
+    question = (op.split[nodes].astype(np.int64) << 33) + op.threshold[nodes].astype(np.int64)
+    order = np.lexsort((right, left, question))
+    new = np.zeros(len(nodes), np.bool_)
+    for key in (question, left, right):
+        sorted_key = key[order]
+        new[1:] |= sorted_key[1:] != sorted_key[:-1]
+    numbers = np.empty(len(nodes), np.int64)
+    numbers[order] = np.cumsum(new)
+    return numbers
+
+
+def _by_height(op: TreeEnsemble, place: NDArray[np.int64], inner: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """The splits `inner` in groups: first those above two leaves, then those above these, and so on."""
+    height = np.zeros(op.n_nodes, np.int32)
+    levels = []
+    here = place[op.roots]
+    while here.size:
+        split = here[op.split[here] >= 0]
+        levels.append(split)
+        here = np.concatenate([place[op.left[split]], place[op.right[split]]])
+    for split in reversed(levels):
+        height[split] = 1 + np.maximum(height[place[op.left[split]]], height[place[op.right[split]]])
+    order = inner[np.argsort(height[inner], kind="stable")]
+    groups = np.split(order, np.flatnonzero(np.diff(height[order])) + 1)
+    return [group for group in groups if group.size]
+
+
+def _laid_out(roots: NDArray[np.int64], left: NDArray[np.int64], right: NDArray[np.int64]) -> Preorder:
+    return preorder(np.asarray(roots, np.int64), np.asarray(left, np.int64), np.asarray(right, np.int64))
+
+
+def _distinct_rows(values: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows that are equal to the bit: the first row of each kind, in their order, and the kind of every row."""
+    bits = np.ascontiguousarray(values).view(np.int64)
+    if bits.shape[1] == 1:
+        _, first, kind = np.unique(bits[:, 0], return_index=True, return_inverse=True)
+    else:
+        _, first, kind = np.unique(bits, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return first[order], rank[np.ravel(kind)]
+
+
+def _rebuilt(op: TreeEnsemble, place: NDArray[np.int64], forward: NDArray[np.int64]) -> TreeEnsemble:
+    """The ensemble with only those nodes that stay, in preorder; equal leaf values are kept once."""
+    inner = op.split >= 0
+    left = np.where(inner, forward[np.maximum(op.left, 0)], -1)
+    right = np.where(inner, forward[np.maximum(op.right, 0)], -1)
+    layout = _laid_out(forward[op.roots], left, right)
+    node = layout.order
+    leaf = layout.left < 0
+    values = op.leaf_value[op.leaf[node[leaf]]]
+    first, kind = _distinct_rows(values)
+    leaves = np.full(len(node), -1, np.int32)
+    leaves[leaf] = kind
+    return dataclasses.replace(
+        op,
+        roots=layout.roots,
+        split=op.split[node],
+        threshold=np.where(leaf, 0.0, op.threshold[node]),
+        left=layout.left,
+        right=layout.right,
+        missing_left=op.missing_left[node],
+        leaf=leaves,
+        leaf_value=values[first],
+    )
+
+
+def _without_constant_trees(op: TreeEnsemble) -> TreeEnsemble:
+    """Without the constant trees that come first, added to `base`, and without those that add nothing."""
+    if op.aggregate is not Aggregate.SUM or op.leaf_value.shape[1] != 1:
+        return op
+    value = np.where(op.split[op.roots] < 0, op.leaf_value[np.maximum(op.leaf[op.roots], 0), 0], np.nan)
+    dtype = np.float32 if op.sum_precision is Precision.FLOAT32 else np.float64
+    base = op.base.astype(dtype)
+    keep = np.ones(op.n_trees, np.bool_)
+    if not op.base_last:
+        for output in range(op.width):
+            for tree in np.flatnonzero(op.tree_output == output):
+                if np.isnan(value[tree]):
+                    break
+                base[output] += dtype(value[tree])
+                keep[tree] = False
+    # x + 0.0 is x, except that -0.0 + 0.0 is +0.0; a sum is -0.0 only if it starts so
+    minus_zero = np.zeros(op.width, np.bool_) if op.base_last else (base == 0) & np.signbit(base)
+    keep &= ~((value == 0) & ~minus_zero[op.tree_output])
+    if not keep.any():
+        keep[-1] = True  # an ensemble has a tree
+        if not op.base_last:
+            return op
+    if keep.all():
+        return op
+    layout = _laid_out(op.roots[keep].astype(np.int64), op.left.astype(np.int64), op.right.astype(np.int64))
+    node = layout.order
+    return dataclasses.replace(
+        op,
+        roots=layout.roots,
+        split=op.split[node],
+        threshold=op.threshold[node],
+        left=layout.left,
+        right=layout.right,
+        missing_left=op.missing_left[node],
+        leaf=op.leaf[node],
+        tree_output=op.tree_output[keep],
+        base=base.astype(np.float64),
+    )
+
+
+def _compacted(rank: Rank, op: TreeEnsemble) -> tuple[Rank, TreeEnsemble]:
+    """Columns that no split reads and edges that no split compares with dropped."""
+    used = np.unique(op.split[op.split >= 0])
+    if not used.size:
+        column = dataclasses.replace(rank.columns[0], edges=np.zeros(0), missing=0)
+        return Rank(rank.inputs, (column,)), dataclasses.replace(op, columns=op.columns[:1])
+    nodes = [np.flatnonzero(op.split == number) for number in used]
+    columns, thresholds = compact(
+        tuple(rank.columns[number] for number in used), [op.threshold[at].astype(np.int64) for at in nodes]
+    )
+    threshold, split = op.threshold.copy(), op.split.copy()
+    for number, (at, new) in enumerate(zip(nodes, thresholds, strict=True)):
+        threshold[at] = new
+        split[at] = number
+    return Rank(rank.inputs, columns), dataclasses.replace(
+        op, split=split, threshold=threshold, columns=op.columns[: len(columns)]
+    )

@@ -1,0 +1,177 @@
+"""Rank-quantised trees: each input is searched once among its sorted thresholds, and nodes compare integers.
+
+The thresholds are the exact numbers of the input at which splits change over (`monotone`), so scalers and the rounding
+of inputs to float32 cost nothing at run time. Missing values become ranks below or above all others, in a column of
+their own for splits that send them left and for those that send them right.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from st_codegen.ir import (
+    BoolArray,
+    Comparison,
+    FloatArray,
+    IntArray,
+    ModelIR,
+    NanRule,
+    Operation,
+    Precision,
+    Rank,
+    RankColumn,
+    TreeColumn,
+    TreeEnsemble,
+)
+from st_codegen.passes.monotone import Chain, Column, columns_of, domain_of, split_edges
+
+
+def ranked(model: ModelIR) -> ModelIR | None:
+    """The model with each ensemble on ranks, and without operations that nobody reads any more.
+
+    None where some ensemble has categories, linear leaves, shared nodes or inputs that are not monotone in one feature.
+    """
+    values = columns_of(model)
+    ops: list[Operation] = []
+    moved = [0]
+    found = False
+    for op in model.ops:
+        inputs = tuple(moved[number] for number in op.inputs)
+        if isinstance(op, TreeEnsemble):
+            given = [column for number in op.inputs for column in values[number]]
+            pair = _ranked_ensemble(model, op, given)
+            if pair is None:
+                return None
+            rank, trees = pair
+            ops += [rank, dataclasses.replace(trees, inputs=(len(ops) + 1,))]
+            found = True
+        else:
+            ops.append(dataclasses.replace(op, inputs=inputs))  # type: ignore[type-var]
+        moved.append(len(ops))
+    if not found:
+        return None
+    return _without_unread(dataclasses.replace(model, ops=tuple(ops)))
+
+
+def _without_unread(model: ModelIR) -> ModelIR:
+    """The model without operations whose results nothing reads (scalers in front of trees)."""
+    read = {len(model.ops)}
+    for number in range(len(model.ops), 0, -1):
+        if number in read:
+            read.update(model.ops[number - 1].inputs)
+    kept = sorted(number for number in read if number)
+    place = {0: 0, **{number: at for at, number in enumerate(kept, 1)}}
+    ops = tuple(
+        dataclasses.replace(
+            model.ops[number - 1],  # type: ignore[type-var]
+            inputs=tuple(place[value] for value in model.ops[number - 1].inputs),
+        )
+        for number in kept
+    )
+    return dataclasses.replace(model, ops=ops)
+
+
+@dataclass(frozen=True)
+class _Splits:
+    """The splits of one column as comparisons of ranks: `rank <= threshold` goes left, missing values aside.
+
+    `number` are the nodes, `edges` what ranks are counted among, `descending` whether they count from above.
+    """
+
+    nodes: NDArray[np.int64]
+    threshold: NDArray[np.int64]
+    edges: FloatArray
+    descending: bool
+    missing_left: BoolArray
+
+
+def _is_forest(op: TreeEnsemble) -> bool:
+    """Whether no node has two parents (an ONNX membership test becomes comparisons that share their children)."""
+    inner = op.split >= 0
+    parents = np.bincount(np.concatenate([op.left[inner], op.right[inner]]), minlength=op.n_nodes)
+    return bool(np.all(parents <= 1))
+
+
+def _ranked_ensemble(model: ModelIR, op: TreeEnsemble, given: list[Column]) -> tuple[Rank, TreeEnsemble] | None:
+    if op.linear is not None or op.has_categories or not _is_forest(op):
+        return None
+    columns: list[RankColumn] = []
+    split = np.full(op.n_nodes, -1, np.int32)
+    threshold = np.zeros(op.n_nodes)
+    for number, column in enumerate(op.columns):
+        chain = given[column.column]
+        nodes = np.flatnonzero(op.split == number)
+        if not isinstance(chain, Chain) or column.missing_interval is not None:
+            if len(nodes):
+                return None
+            continue
+        splits = _splits(model, op, number, chain, nodes)
+        for left in (True, False):
+            chosen = splits.missing_left == left
+            if not chosen.any():
+                continue
+            highest = len(splits.edges)
+            missing = 0 if not model.accepts_nan else -1 if left else highest + 1
+            split[splits.nodes[chosen]] = len(columns)
+            threshold[splits.nodes[chosen]] = splits.threshold[chosen]
+            columns.append(RankColumn(chain.feature, splits.edges, missing, splits.descending))
+    if not columns:
+        columns = [RankColumn(0, np.zeros(0))]  # every tree is a leaf
+    trees = dataclasses.replace(
+        op,
+        columns=tuple(TreeColumn(number) for number in range(len(columns))),
+        split=split,
+        threshold=threshold,
+        missing_left=np.zeros(op.n_nodes, np.bool_),
+        comparison=Comparison.LESS_OR_EQUAL,
+        input_precision=Precision.FLOAT64,
+    )
+    return Rank((0,), tuple(columns)), trees
+
+
+def _splits(model: ModelIR, op: TreeEnsemble, number: int, chain: Chain, nodes: NDArray[np.int64]) -> _Splits:
+    """The splits of column `number` in ranks."""
+    found = split_edges(op, number, chain, domain_of(model, chain.feature))
+    changes = ~np.isnan(found.edge)
+    edges = np.unique(found.edge[changes])
+    # a chain falls where the numbers below the changeover go right
+    descending = bool(np.any(changes & ~found.left_below))
+    place = np.searchsorted(edges, found.edge)
+    rank = len(edges) - place - 1 if descending else place
+    # a split that never changes sends all numbers left or right
+    rank = np.where(changes, rank, np.where(found.left_below, len(edges), -1))
+    at = np.searchsorted(found.thresholds, op.threshold[nodes])
+    missing_left = op.missing_left[nodes]
+    if op.columns[number].nan is NanRule.ZERO:
+        threshold = op.threshold[nodes]
+        missing_left = threshold > 0 if op.comparison is Comparison.LESS else threshold >= 0
+    if not model.accepts_nan:
+        missing_left = np.ones(len(nodes), np.bool_)
+    return _Splits(nodes, rank[at].astype(np.int64), edges, descending, missing_left)
+
+
+def compact(
+    columns: tuple[RankColumn, ...], used: list[NDArray[np.int64]]
+) -> tuple[tuple[RankColumn, ...], list[IntArray]]:
+    """Columns with only those edges that are compared with, and the new thresholds.
+
+    `used` are the thresholds of each column's splits. Columns that share a search go on sharing it.
+    """
+    shared: dict[tuple[int, bool, bytes], list[NDArray[np.int64]]] = {}
+    keys = [(column.column, column.descending, column.edges.tobytes()) for column in columns]
+    for key, column, thresholds in zip(keys, columns, used, strict=True):
+        shared.setdefault(key, []).append(thresholds[(thresholds >= 0) & (thresholds < column.highest)])
+    new_columns, new_thresholds = [], []
+    for key, column, thresholds in zip(keys, columns, used, strict=True):
+        kept = np.unique(np.concatenate(shared[key]))
+        edge = column.highest - 1 - kept[::-1] if column.descending else kept
+        missing = len(kept) + 1 if column.missing > column.highest else column.missing
+        moved = np.searchsorted(kept, thresholds)
+        moved = np.where(thresholds >= column.highest, len(kept), np.where(thresholds < 0, -1, moved))
+        new_columns.append(dataclasses.replace(column, edges=column.edges[edge], missing=missing))
+        new_thresholds.append(moved.astype(np.int32))
+    return tuple(new_columns), new_thresholds

@@ -1,0 +1,280 @@
+"""The generated Structured Text itself as the compensator: emitted files, read back, compiled to Python once.
+
+FB_TEPredict needs most of the time and depends on speed, torque and temperature only, which the motion profile and the
+oil's sensor give without the loop. So it is run for all cycles of a motion in advance, by the interpreter over lanes,
+from the same text; in the loop a call
+with exactly these inputs takes its outputs from there, any other call runs the text. Both interpreters give the same
+bits (see the tests).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from st_codegen.blocks.model import input_variables
+from st_codegen.bundle import Bundle
+from st_codegen.errors import GeneratedCodeError, InputError
+from st_codegen.generate import generate
+from st_codegen.ir import TransmissionError
+from st_codegen.rig.tasks import Form, Inputs, TaskSettings
+from st_codegen.st import LaneMachine, ScalarMachine, StError, StRuntimeError, load_project
+from st_codegen.st.typed import Project
+from st_codegen.targets import target_named
+
+FloatArray = NDArray[np.float64]
+
+_PREDICT, _COMPENSATE = "FB_TEPredict", "FB_Compensator"
+PRG_FAST, PRG_SLOW, SIGNALS = "PRG_FAST", "PRG_SLOW", "GVL_Machine"
+_FAST_US = 250.0
+_LONGEST_LEAD_S = 0.1
+#: Laws by name, as inputs of the blocks: Eq. 6; speed / 100 rpm below 100 rpm; full correction at all speeds.
+LAWS: dict[str, dict[str, Any]] = {
+    "published": {"bPublishedLaw": True},
+    "continuous": {"bPublishedLaw": False},
+    "full": {"bPublishedLaw": False, "fFullSpeed_rpm": 0.0},
+}
+#: Rows that the interpreter takes at once; larger batches fall out of the caches.
+_BATCH = 20_000
+
+
+@dataclass(frozen=True)
+class Roles:
+    """Which input of the blocks is which quantity."""
+
+    speed: str
+    torque: str
+    temperature: str
+
+
+def roles_of(te: TransmissionError) -> Roles:
+    """Which feature is the torque and which the temperature, by name or unit. Raises InputError where that is not
+    clear."""
+    names = [variable.name for variable in input_variables(te.features)]
+    found: dict[str, str] = {}
+    units = {"torque": ("Nm",), "temperature": ("°C", "degC", "C", "K")}
+    for number, (feature, name) in enumerate(zip(te.features, names, strict=True)):
+        if number == te.speed_feature:
+            found["speed"] = name
+            continue
+        for role, known in units.items():
+            if feature.name.lower().startswith(role) or feature.unit.replace(" ", "") in known:
+                if role in found:
+                    raise InputError(
+                        f"bundle '{te.name}': two features look like a {role}; name them torque_Nm and temperature_C"
+                    )
+                found[role] = name
+                break
+        else:
+            raise InputError(
+                f"bundle '{te.name}': the rig does not know the feature '{feature.name}' ({feature.unit}); it "
+                f"simulates speed, torque "
+                "and oil temperature"
+            )
+    for role in ("torque", "temperature"):
+        found.setdefault(role, "")
+    return Roles(**found)
+
+
+def restricted(bundle: Bundle, orders: Sequence[int]) -> Bundle:
+    """The same bundle with some of its orders only. Raises InputError for orders that it does not have."""
+    te = transmission_error(bundle)
+    unknown = sorted(set(orders) - set(te.orders))
+    if unknown:
+        raise InputError(
+            f"bundle '{te.name}' has no model for order {', '.join(map(str, unknown))}; "
+            f"it has {', '.join(map(str, te.orders))}"
+        )
+    chosen = tuple(order for order in te.orders if order in set(orders))
+    outputs = tuple(output for output in te.outputs if output.order in chosen)
+    used = {output.model for output in outputs}
+    return Bundle(
+        tuple(model for model in bundle.models if model.ir.name in used),
+        dataclasses.replace(te, orders=chosen, outputs=outputs),
+    )
+
+
+def transmission_error(bundle: Bundle) -> TransmissionError:
+    """What the models of a bundle are for. Raises InputError for a folder of lone models."""
+    if bundle.transmission_error is None:
+        raise InputError(
+            "the models have no bundle.toml, so they do not say which harmonics they predict: there is nothing to "
+            "simulate"
+        )
+    return bundle.transmission_error
+
+
+class EmittedCompensator:
+    """The blocks of one bundle, generated to files for a target and read back.
+
+    Raises GeneratedCodeError where the text is not valid, or where a controller would stop.
+    """
+
+    def __init__(self, bundle: Bundle, target: str = "twincat") -> None:
+        self.te = transmission_error(bundle)
+        self.roles = roles_of(self.te)
+        with tempfile.TemporaryDirectory(prefix="st-codegen-rig-") as name:
+            generated = generate(bundle, target_named(target), Path(name))
+            self.project = _read(generated.folder, target)
+        self._known: dict[tuple[float, ...], tuple[Any, ...]] = {}
+        self._names = [variable.name for variable in input_variables(self.te.features)]
+        self._machine = ScalarMachine(self.project, replaced={_PREDICT: self._predict})
+        self._slots: list[str] = []
+        self._arrays: list[bool] = []
+
+    def foresee(self, speed_rpm: FloatArray, torque_Nm: FloatArray, temperature_C: FloatArray) -> None:
+        """Run FB_TEPredict at operating points, (rows,) each, so that the loop need not."""
+        by_role = dict(
+            zip(
+                (self.roles.speed, self.roles.torque, self.roles.temperature),
+                (speed_rpm, torque_Nm, temperature_C),
+                strict=True,
+            )
+        )
+        rows = np.stack([np.abs(by_role[n]) if n == self.roles.speed else by_role[n] for n in self._names], axis=1)
+        rows = np.unique(rows, axis=0)
+        for start in range(0, len(rows), _BATCH):
+            part = rows[start : start + _BATCH]
+            instance = LaneMachine(self.project, lanes=len(part)).instance(_PREDICT)
+            for name, column in zip(self._names, part.T, strict=True):
+                instance[name] = np.ascontiguousarray(column)
+            _guarded(instance)
+            ports = [port.name for port in instance.outputs]
+            values = [np.asarray(instance[port]) for port in ports]
+            self._slots = [f"v_{port.upper()}" for port in ports]
+            self._arrays = [value.ndim == 2 for value in values]
+            valid = values[ports.index("bValid")]
+            lists = [value.tolist() for value in values]
+            for number, key in enumerate(map(tuple, part.tolist())):
+                if valid[number]:  # otherwise its outputs depend on the calls before
+                    self._known[key] = tuple(column[number] for column in lists)
+
+    def _predict(self, body: Callable[..., Any], runtime: Any, memory: Any) -> Any:
+        key = tuple(getattr(memory, f"v_{name.upper()}") for name in self._names)
+        row = self._known.get(key)
+        if row is None:
+            return body(runtime, memory)
+        for slot, value, is_array in zip(self._slots, row, self._arrays, strict=True):
+            setattr(memory, slot, list(value) if is_array else value)
+        return ()
+
+    def start(
+        self,
+        form: Form,
+        law: str,
+        tasks: TaskSettings,
+        lead_s: float = 0.0,
+        inputs: Mapping[str, float] = MappingProxyType({}),
+    ) -> RunningCompensator:
+        """The blocks of a form, enabled, from their first state; `lead_s`: how far ahead the angle is taken.
+
+        `inputs`: other inputs of the block by name, such as fBlendTime_s.
+
+        Raises InputError for a lead time or a form that the generated code does not take.
+        """
+        if not 0.0 <= lead_s <= _LONGEST_LEAD_S:
+            raise InputError(f"a lead of {lead_s * 1e6:g} us: the compensator takes 0 .. {_LONGEST_LEAD_S * 1e6:g} us")
+        settings = {"bEnable": True, "fLead_s": lead_s, **LAWS[law], **self._checked(inputs)}
+        if form is not Form.SPLIT:
+            block = self._machine.instance(_COMPENSATE)
+            for name, value in settings.items():
+                block[name] = value
+            block["fCycle_s"] = (tasks.slow_us if form is Form.TWO else tasks.main_us) * 1e-6
+            return RunningCompensator(block, block, None, self.roles)
+        if PRG_FAST not in self.project.pous:
+            raise InputError("two tasks that share the work exchange global variables: choose the target twincat")
+        if tasks.main_us != _FAST_US:
+            raise InputError(
+                f"PRG_Fast is made for a cycle of {_FAST_US:g} us, [tasks] has main_us = {tasks.main_us:g}"
+            )
+        machine = ScalarMachine(self.project, replaced={_PREDICT: self._predict})  # programs exist once in a machine
+        signals = _Signals(machine)
+        for name, value in settings.items():
+            signals[name] = value
+        return RunningCompensator(signals, machine.program(PRG_FAST), machine.program(PRG_SLOW), self.roles)
+
+    def _checked(self, inputs: Mapping[str, float]) -> Mapping[str, float]:
+        own = {"fThetaOut_rad", "fCycle_s", *self._names}
+        ports = self._machine.instance(_COMPENSATE).inputs
+        known = [port.name for port in ports if port.name.startswith("f") and port.name not in own]
+        unknown = sorted(set(inputs) - set(known))
+        if unknown:
+            raise InputError(f"{_COMPENSATE} has no input {', '.join(unknown)} to set; it has {', '.join(known)}")
+        return inputs
+
+
+class _Signals:
+    """The global variables of the programs, by their plain names."""
+
+    def __init__(self, machine: ScalarMachine) -> None:
+        self._globals = machine.globals
+
+    def __getitem__(self, name: str) -> Any:
+        return self._globals[f"{SIGNALS}.{name}"]
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        self._globals[f"{SIGNALS}.{name}"] = value
+
+
+class RunningCompensator:
+    """The generated code in the loop: `correct` each cycle of the task that corrects, `prepare` each cycle of the slow
+    one."""
+
+    def __init__(self, ports: Any, fast: Any, slow: Any, roles: Roles) -> None:
+        self._ports = ports
+        self._fast = fast
+        self._slow = slow
+        self._roles = roles
+
+    def correct(self, inputs: Inputs) -> float:
+        """The correction of the motor's reference, deg. Raises GeneratedCodeError where the controller would stop."""
+        self._ports["fThetaOut_rad"] = inputs.theta_rad
+        self._ports[self._roles.speed] = inputs.speed_rpm
+        if self._slow is None:
+            self._operating_point(inputs)
+        _guarded(self._fast)
+        return float(self._ports["fCorrection_deg"])
+
+    def prepare(self, inputs: Inputs) -> None:
+        """The slow task of the split form: new coefficients."""
+        self._ports[self._roles.speed] = inputs.speed_rpm
+        self._operating_point(inputs)
+        _guarded(self._slow)
+
+    def _operating_point(self, inputs: Inputs) -> None:
+        if self._roles.torque:
+            self._ports[self._roles.torque] = inputs.torque_Nm
+        if self._roles.temperature:
+            self._ports[self._roles.temperature] = inputs.temperature_C
+
+    @property
+    def te_deg(self) -> float:
+        """The transmission error it predicted last."""
+        return float(self._ports["fTE_deg"])
+
+    @property
+    def weight(self) -> float:
+        """Weight of the law in the last call."""
+        return float(self._ports["fWeight"])
+
+
+def _read(folder: Path, dialect: str) -> Project:
+    try:
+        return load_project([folder], dialect)
+    except StError as error:
+        raise GeneratedCodeError(f"the generated text is not valid Structured Text\n{error}") from error
+
+
+def _guarded(instance: Any) -> None:
+    try:
+        instance()
+    except StRuntimeError as error:
+        raise GeneratedCodeError(f"the controller would stop\n{error}") from error

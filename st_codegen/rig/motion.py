@@ -1,0 +1,261 @@
+"""Motions with and without compensation: profile -> PLC tasks with the generated text -> axis -> error of the
+output."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from st_codegen.errors import InputError
+from st_codegen.rig.axis import Axis, ErrorModel, Harmonics, controlled_torque
+from st_codegen.rig.axis_parameters import AxisParameters, Encoders, Thermal
+from st_codegen.rig.compensator import EmittedCompensator, RunningCompensator
+from st_codegen.rig.profiles import Profile
+from st_codegen.rig.tasks import Form, Inputs, Plc, TaskSettings
+
+FloatArray = NDArray[np.float64]
+
+#: Standstill before the profile starts: the compensator's ramp has its 0.5 s, the loops settle.
+LEAD_IN_S = 1.0
+Progress = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True)
+class Rig:
+    """All that a motion needs of the machine: TE, axis, tasks."""
+
+    model: ErrorModel
+    axis: AxisParameters = field(default_factory=AxisParameters)
+    tasks: TaskSettings = field(default_factory=TaskSettings)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A profile on the PLC's ticks, with the operating points on the way. All arrays (ticks,).
+
+    `torque_Nm` opposes the motion; `wanted_Nm` is the profile's, which the PLC knows; `sensor_C` is what the oil's
+    sensor says.
+    """
+
+    profile: Profile
+    cycle_s: float
+    first: int
+    angle_deg: FloatArray
+    speed_rpm: FloatArray
+    wanted_Nm: FloatArray
+    torque_Nm: FloatArray
+    load_Nm: FloatArray
+    temperature_C: FloatArray
+    sensor_C: FloatArray
+    harmonics: Harmonics
+    noise_in_deg: FloatArray
+    noise_out_deg: FloatArray
+    jitter_s: FloatArray
+
+    @property
+    def time_s(self) -> FloatArray:
+        """0 where the profile starts."""
+        return (np.arange(len(self.angle_deg), dtype=np.float64) - self.first) * self.cycle_s
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A run, one row a tick: angles in deg (fast side and output), what the encoders showed, and what the compensator
+    did."""
+
+    theta_ref_deg: FloatArray
+    theta_mot_deg: FloatArray
+    theta_in_deg: FloatArray
+    theta_out_deg: FloatArray
+    seen_in_deg: FloatArray
+    seen_out_deg: FloatArray
+    correction_deg: FloatArray
+    weight: FloatArray
+    predicted_deg: FloatArray
+
+
+def plan(rig: Rig, profile: Profile, *, seed: int = 0) -> Plan:
+    """Everything about a motion that does not depend on the loop. The same seed gives the same noise, run after run."""
+    cycle = rig.tasks.main_us * 1e-6
+    before = round(LEAD_IN_S / cycle)
+    random = np.random.default_rng(seed)
+
+    def held(values: FloatArray, at_rest: float | None = None) -> FloatArray:
+        first = values[0] if at_rest is None else at_rest
+        return np.concatenate([np.full(before, first), values])
+
+    ratio = rig.model.reduction_ratio
+    side = held(profile.direction)
+    wanted = held(profile.torque_Nm)
+    load = controlled_torque(wanted * side, rig.axis.load, cycle, random)
+    speed = held(profile.speed_deg_s, 0.0) / 6.0 * ratio
+    time = (np.arange(len(speed)) - before) * cycle
+    temperature = rig.axis.thermal.start_C + rig.axis.thermal.drift_K_per_min / 60.0 * np.maximum(time, 0.0)
+    encoders = rig.axis.encoders
+    return Plan(
+        profile=profile,
+        cycle_s=cycle,
+        first=before,
+        angle_deg=held(profile.angle_deg),
+        speed_rpm=speed,
+        wanted_Nm=wanted,
+        torque_Nm=load * side,
+        load_Nm=load,
+        temperature_C=temperature,
+        sensor_C=_sensed(temperature, rig.axis.thermal, cycle),
+        harmonics=Harmonics.along(rig.model, np.abs(speed), load * side, temperature),
+        noise_in_deg=random.normal(0.0, 1.0, len(speed)) * encoders.input_noise_deg,
+        noise_out_deg=random.normal(0.0, 1.0, len(speed)) * encoders.output_noise_deg,
+        jitter_s=random.normal(0.0, 1.0, len(speed)) * rig.tasks.jitter_us * 1e-6,
+    )
+
+
+def _sensed(temperature_C: FloatArray, thermal: Thermal, cycle_s: float) -> FloatArray:
+    """The sensor: first-order lag, offset, steps of 0.01 K."""
+    if thermal.sensor_time_constant_s > 0.0:
+        from scipy.signal import lfilter
+
+        keep = float(np.exp(-cycle_s / thermal.sensor_time_constant_s))
+        lagged, _ = lfilter([1.0 - keep], [1.0, -keep], temperature_C, zi=[keep * temperature_C[0]])
+    else:
+        lagged = temperature_C
+    result: FloatArray = np.round((lagged + thermal.sensor_offset_K) / 0.01) * 0.01
+    return result
+
+
+def run(rig: Rig, plan: Plan, form: Form = Form.ONE, running: RunningCompensator | None = None) -> Recording:
+    """Move once, with the compensator `running` in the loop or without."""
+    ticks = len(plan.angle_deg)
+    axis = Axis(rig.axis, rig.model.reduction_ratio, cycle_s=plan.cycle_s)
+    axis.set_arrival(rig.tasks.transfer_us * 1e-6)
+    references = plan.angle_deg * rig.model.reduction_ratio
+    axis.place(
+        float(references[0]),
+        plan.harmonics,
+        backward=bool(plan.profile.direction[0] < 0.0),
+        load_Nm=float(plan.load_Nm[0]),
+    )
+    plc = Plc(rig.tasks, form, running)
+    encoders, ratio = rig.axis.encoders, rig.model.reduction_ratio
+    rows = np.zeros((ticks, 9))
+    orders, parts, load = plan.harmonics.orders, plan.harmonics.parts, plan.load_Nm
+    setpoint, radians = float(references[0]), np.pi / 180.0
+    for n in range(ticks):
+        seen_in, seen_out = _latch(axis, plan, n, encoders, ratio)
+        sample = Inputs(seen_out * radians, float(plan.speed_rpm[n]), float(plan.wanted_Nm[n]), float(plan.sensor_C[n]))
+        published = plc.tick(n, sample, float(references[n]))
+        if published is not None:
+            setpoint = published
+        rows[n, :6] = setpoint, axis.theta_mot_deg, axis.theta_in_deg, axis.theta_out_deg, seen_in, seen_out
+        rows[n, 6] = setpoint - references[n - 1] if n else 0.0
+        if running is not None:
+            rows[n, 7:] = running.weight, running.te_deg
+        axis.advance(setpoint, load[n : n + 2] if n + 1 < ticks else load[[n, n]], orders, parts[n])
+    if not np.isfinite(rows).all():
+        raise InputError(
+            "the simulation left all bounds; the parameters of [axis] do not describe a machine that can move like this"
+        )
+    return Recording(*rows.T)
+
+
+def _latch(axis: Axis, plan: Plan, n: int, encoders: Encoders, ratio: float) -> tuple[float, float]:
+    """Readings of both encoders: their age (a delay, the jitter of the instant), noise, steps."""
+    age = encoders.delay_s - plan.jitter_s[n]
+    speed = axis.speed_in_deg_s
+    step_in, step_out = 360.0 / encoders.input_steps_per_rev, 360.0 / encoders.output_steps_per_rev
+    inner = axis.theta_in_deg - age * speed + plan.noise_in_deg[n]
+    outer = axis.theta_out_deg - age * speed / ratio + plan.noise_out_deg[n]
+    return float(np.floor(inner / step_in) * step_in), float(np.floor(outer / step_out) * step_out)
+
+
+# --- results ---
+
+
+@dataclass(frozen=True)
+class Size:
+    """Root mean square and largest magnitude, deg."""
+
+    rms: float
+    maximum: float
+
+    @classmethod
+    def of(cls, values: FloatArray) -> Size:
+        """Of an error over time."""
+        return cls(float(np.sqrt(np.mean(values**2))), float(np.abs(values).max())) if len(values) else cls(0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One way to compensate; `inputs`: other inputs of the block, by name."""
+
+    orders: tuple[int, ...]
+    law: str
+    form: Form
+    lead_s: float = 0.0
+    inputs: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One case on one profile. `before`, `after`: the whole motion; `full_..`: where the law's weight is 1.
+
+    The error after is theta_out with compensation against theta_in / ratio of the same motion without it: what is left
+    of TE at the output, without the drive's own lag, which both have. `following`: theta_out against the profile,
+    drive included.
+    """
+
+    case: Case
+    before: Size
+    after: Size
+    full_before: Size
+    full_after: Size
+    following_before: Size
+    following_after: Size
+    error_before_deg: FloatArray
+    error_after_deg: FloatArray
+    predicted_deg: FloatArray
+
+    @property
+    def reduction(self) -> tuple[float, float]:
+        """Share of RMS and maximum that is gone, over the whole motion."""
+        return 1.0 - self.after.rms / self.before.rms, 1.0 - self.after.maximum / self.before.maximum
+
+
+def compare(rig: Rig, plan: Plan, before: Recording, compensator: EmittedCompensator, case: Case) -> Outcome:
+    """Move with the compensator and compare with the same motion without it."""
+    running = compensator.start(case.form, case.law, rig.tasks, case.lead_s, case.inputs)
+    after = run(rig, plan, case.form, running)
+    ratio, moving = rig.model.reduction_ratio, slice(plan.first, None)
+    old = (before.seen_out_deg - before.seen_in_deg / ratio)[moving]
+    new = (after.seen_out_deg - before.seen_in_deg / ratio)[moving]
+    full = after.weight[moving] >= 1.0
+    wanted = plan.angle_deg[moving]
+    return Outcome(
+        case=case,
+        before=Size.of(old),
+        after=Size.of(new),
+        full_before=Size.of(old[full]),
+        full_after=Size.of(new[full]),
+        following_before=Size.of(before.theta_out_deg[moving] - wanted),
+        following_after=Size.of(after.theta_out_deg[moving] - wanted),
+        error_before_deg=old,
+        error_after_deg=new,
+        predicted_deg=after.predicted_deg[moving],
+    )
+
+
+def lead_time_s(rig: Rig, form: Form) -> float:
+    """All delays between a latched angle and the motor's answer that are known: tasks, transfer, hold, the drive's
+    interpolation and lag.
+
+    The interpolator reaches a set-point one main cycle after its arrival. Without feedforward of the speed the
+    position loop follows
+    1 / gain later.
+    """
+    drive = rig.axis.drive
+    lag = max(1.0 - drive.speed_feedforward, 0.0) / drive.position_gain_per_s if drive.position_gain_per_s else 0.0
+    chain = rig.tasks.latency_us(form) + rig.tasks.hold_us(form) + rig.tasks.main_us
+    return chain * 1e-6 + lag + rig.axis.encoders.delay_s

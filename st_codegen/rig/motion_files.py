@@ -1,0 +1,287 @@
+"""What `simulate motion` writes: rows of numbers, curves, a page to look at."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from st_codegen.report import Section, Table, figure, figures, page
+from st_codegen.rig.motion import Outcome, Plan, Recording, Rig
+from st_codegen.rig.tasks import Form
+
+FloatArray = NDArray[np.float64]
+
+#: Columns of recordings in time (docs/effects.md): s, deg of the fast side, deg of the output, rpm, N m, degC.
+RECORDING = "t,theta_ref,theta_mot,theta_in,theta_out,speed_rpm,torque_Nm,temperature_C"
+_POINTS = 1500
+#: What the error after compensation is, in the words of the page.
+_MEANING = (
+    "Error before: theta_out - theta_in / ratio of the motion without compensation, as the encoders show it (Eq. 1). "
+    "Error after: theta_out of "
+    "the compensated motion against the same theta_in / ratio, so the drive's own lag, which both have, is in "
+    "neither. 'Full' counts only the "
+    "time in which the law's weight is 1."
+)
+
+
+@dataclass(frozen=True)
+class Study:
+    """All cases on one profile."""
+
+    rig: Rig
+    plan: Plan
+    before: Recording
+    outcomes: tuple[Outcome, ...]
+
+
+def row(study: Study, outcome: Outcome) -> dict[str, Any]:
+    """One case as numbers: deg, us, Hz."""
+    case, tasks = outcome.case, study.rig.tasks
+    highest = max(case.orders)
+    limit = tasks.limit_hz(case.form)
+    return {
+        "profile": study.plan.profile.name,
+        "orders": list(case.orders),
+        "law": case.law,
+        "tasks": str(case.form),
+        "lead_us": round(case.lead_s * 1e6, 3),
+        "rms_before": outcome.before.rms,
+        "rms_after": outcome.after.rms,
+        "max_before": outcome.before.maximum,
+        "max_after": outcome.after.maximum,
+        "rms_reduction": outcome.reduction[0],
+        "max_reduction": outcome.reduction[1],
+        "full_rms_before": outcome.full_before.rms,
+        "full_rms_after": outcome.full_after.rms,
+        "full_max_before": outcome.full_before.maximum,
+        "full_max_after": outcome.full_after.maximum,
+        "following_rms_before": outcome.following_before.rms,
+        "following_rms_after": outcome.following_after.rms,
+        "latency_us": tasks.latency_us(case.form),
+        "limit_Hz": limit,
+        "limit_output_rpm": limit / highest * 60.0 if highest else None,
+    }
+
+
+def label(outcome: Outcome) -> str:
+    """A case in a few words."""
+    case = outcome.case
+    orders = f"{len(case.orders)} orders" if len(case.orders) > 4 else "orders " + " ".join(map(str, case.orders))
+    lead = f", lead {case.lead_s * 1e6:.0f} us" if case.lead_s else ""
+    return f"{orders}, {case.law}, {case.form}{lead}"
+
+
+def write(study: Study, out: Path, *, recording: bool = False) -> None:
+    """Write motion.json, motion.csv, curves.csv and report.html to a folder; each file appears complete or not at
+    all."""
+    rows = [row(study, outcome) for outcome in study.outcomes]
+    texts = {
+        "motion.json": json.dumps(rows, indent=1) + "\n",
+        "motion.csv": _csv(rows),
+        "curves.csv": _curves(study),
+        "report.html": html(study),
+    }
+    if recording:
+        texts["recording.csv"] = recording_text(study.plan, study.before)
+    write_texts(texts, out)
+
+
+def write_texts(texts: dict[str, str], out: Path) -> None:
+    """Write files to a folder: all are complete in a temporary folder before the first one gets into place."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=out.parent) as name:
+        for file, text in texts.items():
+            (Path(name) / file).write_text(text, encoding="utf-8", newline="\n")
+        out.mkdir(exist_ok=True)
+        for file in texts:
+            (Path(name) / file).replace(out / file)
+
+
+def _csv(rows: Sequence[dict[str, Any]]) -> str:
+    lines = [",".join(rows[0])] if rows else []
+    for entry in rows:
+        cells = [
+            " ".join(map(str, value)) if isinstance(value, list) else "" if value is None else str(value)
+            for value in entry.values()
+        ]
+        lines.append(",".join(cells))
+    return "\n".join(lines) + "\n"
+
+
+def _curves(study: Study) -> str:
+    """Errors over time, a row a millisecond."""
+    plan, moving = study.plan, slice(study.plan.first, None)
+    every = max(round(1e-3 / plan.cycle_s), 1)
+    columns = [
+        plan.time_s[moving],
+        plan.angle_deg[moving],
+        plan.speed_rpm[moving],
+        plan.torque_Nm[moving],
+        plan.temperature_C[moving],
+    ]
+    names = ["t", "theta_out", "speed_rpm", "torque_Nm", "temperature_C", "error_before_deg"]
+    before = study.before
+    columns.append((before.seen_out_deg - before.seen_in_deg / study.rig.model.reduction_ratio)[moving])
+    for number, outcome in enumerate(study.outcomes, 1):
+        names.append(f"error_after_{number}_deg")
+        columns.append(outcome.error_after_deg)
+    table = np.stack(columns, axis=1)[::every]
+    return ",".join(names) + "\n" + "\n".join(",".join(f"{value:.9g}" for value in line) for line in table) + "\n"
+
+
+def recording_text(plan: Plan, recording: Recording) -> str:
+    """A motion as `reconcile` reads it: what drive and encoders show, a row a PLC cycle."""
+    columns = (
+        plan.time_s,
+        recording.theta_ref_deg,
+        recording.theta_mot_deg,
+        recording.seen_in_deg,
+        recording.seen_out_deg,
+        plan.speed_rpm,
+        plan.torque_Nm,
+        plan.sensor_C,
+    )
+    table = np.stack(columns, axis=1)[plan.first :]
+    return RECORDING + "\n" + "\n".join(",".join(f"{value:.12g}" for value in line) for line in table) + "\n"
+
+
+# --- the page ---
+
+
+def html(study: Study) -> str:
+    """The page: table of cases, curves, profile, timing."""
+    profile = study.plan.profile
+    sections = [
+        Section("Before and after", _MEANING, _table(study)),
+        Section("Error of the output", figures=[_error_picture(study)]),
+        Section(
+            "Prediction",
+            "What the generated code said the error was, over the angle, and what it was.",
+            figures=[_prediction_picture(study)],
+        ),
+        Section("Profile", table=_facts(study), figures=[_profile_picture(study)]),
+        Section("Timing", _TIMING, _timing(study)),
+    ]
+    return page(f"Motion {profile.name} with the generated compensator", sections)
+
+
+_TIMING = (
+    "From a latched angle to the set-point at the drive. The limit is one over the latency, as in the paper (1325.3 "
+    "us, 754.5 Hz for two tasks); "
+    "a wave at that frequency would be corrected a whole period late, and the phase error at a frequency f is 360 "
+    "deg * f * latency. A lead "
+    "takes the angle ahead by the known delays and removes it at constant speed."
+)
+
+
+def _percent(before: float, after: float) -> str:
+    return f"{100.0 * (1.0 - after / before):.1f} %" if before > 0.0 else "-"
+
+
+def _table(study: Study) -> Table:
+    columns = (
+        "case",
+        "RMS before",
+        "RMS after",
+        "gone",
+        "max before",
+        "max after",
+        "gone",
+        "full: RMS gone",
+        "full: max gone",
+    )
+    rows = []
+    for o in study.outcomes:
+        rows.append(
+            (
+                label(o),
+                f"{o.before.rms:.5f} deg",
+                f"{o.after.rms:.5f} deg",
+                _percent(o.before.rms, o.after.rms),
+                f"{o.before.maximum:.5f} deg",
+                f"{o.after.maximum:.5f} deg",
+                _percent(o.before.maximum, o.after.maximum),
+                _percent(o.full_before.rms, o.full_after.rms),
+                _percent(o.full_before.maximum, o.full_after.maximum),
+            )
+        )
+    return Table(columns, rows)
+
+
+def _facts(study: Study) -> Table:
+    facts = study.plan.profile.facts(study.rig.model.reduction_ratio)
+    return Table(tuple(facts), [tuple(f"{value:.4g}" for value in facts.values())])
+
+
+def _timing(study: Study) -> Table:
+    tasks = study.rig.tasks
+    top = max((order for outcome in study.outcomes for order in outcome.case.orders), default=0)
+    rows = [
+        (
+            str(form),
+            f"{tasks.latency_us(form):.1f} us",
+            f"{tasks.limit_hz(form):.1f} Hz",
+            f"{tasks.limit_hz(form) / max(top, 1) * 60.0:.1f} rpm",
+        )
+        for form in Form
+    ]
+    return Table(("tasks", "latency", "limit", f"output speed at which order {top} meets it"), rows)
+
+
+def _thin(count: int) -> slice:
+    return slice(None, None, max(count // _POINTS, 1))
+
+
+def _error_picture(study: Study) -> str:
+    time = study.plan.time_s[study.plan.first :]
+    thin = _thin(len(time))
+
+    def draw(axes: Any) -> None:
+        if study.outcomes:
+            axes.plot(
+                time[thin],
+                study.outcomes[0].error_before_deg[thin],
+                color="#999999",
+                linewidth=1.0,
+                label="not compensated",
+            )
+        for outcome in study.outcomes[:6]:
+            axes.plot(time[thin], outcome.error_after_deg[thin], linewidth=0.8, label=label(outcome))
+        axes.legend(fontsize=7, loc="best")
+
+    return figure(draw, xlabel="time in s", ylabel="error of the output in deg", size_cm=(18, 9))
+
+
+def _prediction_picture(study: Study) -> str:
+    angle = study.plan.angle_deg[study.plan.first :]
+    thin = _thin(len(angle))
+
+    def draw(axes: Any) -> None:
+        if study.outcomes:
+            best = max(study.outcomes, key=lambda o: len(o.case.orders))
+            axes.plot(angle[thin], best.error_before_deg[thin], linewidth=1.0, label="measured")
+            axes.plot(angle[thin], best.predicted_deg[thin], linewidth=0.8, label="predicted")
+
+    return figure(draw, xlabel="angle of the output in deg", ylabel="TE in deg", size_cm=(18, 7))
+
+
+def _profile_picture(study: Study) -> str:
+    profile = study.plan.profile
+    thin = _thin(len(profile.time_s))
+    panels = (
+        ("angle in deg", profile.angle_deg),
+        ("input speed in rpm", profile.speed_deg_s / 6.0 * study.rig.model.reduction_ratio),
+        ("load in N m", profile.torque_Nm),
+    )
+
+    def drawn(values: FloatArray) -> Any:
+        return lambda axes: (axes.plot(profile.time_s[thin], values[thin]), axes.set(xlabel="time in s"))
+
+    return figures([(title, drawn(values)) for title, values in panels], columns=3, size_cm=(6, 5))

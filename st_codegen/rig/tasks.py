@@ -1,0 +1,134 @@
+"""The PLC's tasks in time: who sees which value when (section 4.2 of the paper).
+
+Rules, as the paper states them: signals go over the fieldbus once in a main cycle, and variables are exchanged at the
+beginning of tasks. So at each tick the tasks that start publish what they computed in their last cycle, then read what
+is published:
+
+    encoder latched at tick 0 -> read by the main task at 1 -> published to the slow task at 2 -> published by it at 2
+    + slow/main
+    -> used by the main task, published to the bus one tick later -> at the drive after the transfer
+
+With 250 and 500 us that is 5 * 250 us and the transfer. The paper's 1325.3 us leave 75.3 us for it; the parts of its
+time diagram are not in the text, so this split is ours. The main task alone needs 2 * 250 us and the transfer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, NamedTuple, Protocol
+
+from st_codegen.errors import InputError, Problems
+from st_codegen.rig.axis_parameters import parameter, read_table
+
+
+class Form(StrEnum):
+    """Where the blocks run."""
+
+    ONE = "one"  # all of it in the main task
+    TWO = "two"  # all of it in the slow task, as published
+    SPLIT = "split"  # coefficients in the slow task, their sum in the main task
+
+
+@dataclass(frozen=True)
+class TaskSettings:
+    """Cycle times of the PLC; table `[tasks]` of a rig file."""
+
+    main_us: float = parameter(250.0, 10.0, 1e5, "[P]")
+    slow_us: float = parameter(500.0, 10.0, 1e6, "[P]")
+    transfer_us: float = parameter(75.3, 0.0, 1e5, "what 1325.3 us [P] leave beside whole cycles")
+    jitter_us: float = parameter(0.0, 0.0, 1e4, "standard deviation of the instants of sampling, none unless asked for")
+
+    def __post_init__(self) -> None:
+        if abs(self.slow_us / self.main_us - self.ratio) > 1e-9 or self.ratio < 1:
+            raise InputError(f"[tasks]: slow_us = {self.slow_us:g} is no multiple of main_us = {self.main_us:g}")
+        if self.transfer_us >= self.main_us:
+            raise InputError(f"[tasks]: transfer_us = {self.transfer_us:g} does not fit main_us = {self.main_us:g}")
+
+    @property
+    def ratio(self) -> int:
+        """Main cycles in a slow one."""
+        return round(self.slow_us / self.main_us)
+
+    def cycles(self, form: Form) -> int:
+        """Whole main cycles between the latching of an angle and the set-point on the bus."""
+        return 3 + self.ratio if form is Form.TWO else 2
+
+    def latency_us(self, form: Form) -> float:
+        """From the latched angle to the set-point at the drive."""
+        return self.cycles(form) * self.main_us + self.transfer_us
+
+    def limit_hz(self, form: Form) -> float:
+        """The paper's limit of what can be corrected: one over the latency."""
+        return 1e6 / self.latency_us(form)
+
+    def hold_us(self, form: Form) -> float:
+        """Mean age that a correction gains while it is held for several main cycles."""
+        return (self.slow_us - self.main_us) / 2.0 if form is Form.TWO else 0.0
+
+
+def read_tasks(table: Mapping[str, Any], problems: Problems) -> TaskSettings:
+    """The tasks of a rig file; everything that is wrong is noted."""
+    with problems.collect():
+        return read_table(TaskSettings, table, "tasks", problems)
+    return TaskSettings()
+
+
+class Inputs(NamedTuple):
+    """What the blocks are given: angle of the output from its encoder (rad), the rest from the motion profile and the
+    oil's sensor."""
+
+    theta_rad: float
+    speed_rpm: float
+    torque_Nm: float
+    temperature_C: float
+
+
+class Application(Protocol):
+    """The compensator as the tasks call it."""
+
+    def correct(self, inputs: Inputs) -> float:
+        """The correction of the motor's reference, deg."""
+
+    def prepare(self, inputs: Inputs) -> None:
+        """The slow part of the split form, which leaves its result to the fast one."""
+
+
+@dataclass
+class Plc:
+    """The tasks, tick by tick; without an application the motor's reference goes out as it is."""
+
+    settings: TaskSettings
+    form: Form
+    application: Application | None
+    _latched: Inputs | None = None
+    _main_inputs: Inputs | None = None
+    _setpoint: float | None = None
+    _from_slow: float = 0.0
+    _slow_result: float = 0.0
+
+    def tick(self, number: int, sample: Inputs, reference_deg: float) -> float | None:
+        """One main cycle: `sample` is latched now; returns the set-point published now, deg; None in the first
+        cycle."""
+        slow_starts = self.form is not Form.ONE and number % self.settings.ratio == 0
+        # all tasks that start publish what their last cycle computed
+        published, to_slow = self._setpoint, self._main_inputs
+        if slow_starts:
+            self._from_slow = self._slow_result
+        # then they read and run, the main task first: it has the higher priority
+        inputs, self._latched = self._latched or sample, sample
+        self._main_inputs = inputs
+        self._setpoint = reference_deg + self._main(inputs)
+        if slow_starts and to_slow is not None and self.application is not None:
+            if self.form is Form.SPLIT:
+                # the blocks hand their sets on in shared memory themselves
+                self.application.prepare(to_slow)
+            else:
+                self._slow_result = self.application.correct(to_slow)
+        return published
+
+    def _main(self, inputs: Inputs) -> float:
+        if self.application is None:
+            return 0.0
+        return self._from_slow if self.form is Form.TWO else self.application.correct(inputs)

@@ -1,0 +1,1 @@
+"""From a harmonic table to a bundle: families, search, choice, tables, export."""

@@ -1,0 +1,168 @@
+"""Fitted models as a bundle folder that the compiler takes: one file a model, and `bundle.toml`."""
+
+from __future__ import annotations
+
+import copy
+import json
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from st_codegen.bundle_file import BUNDLE_FILE
+from st_codegen.errors import InputError, MissingExtraError
+from st_codegen.ir import Direction, Quantity
+
+FloatArray = npt.NDArray[np.float64]
+#: name, unit
+FEATURES = (("speed_rpm", "rpm"), ("torque_Nm", "N m"), ("temperature_C", "degC"))
+_LETTERS = {Quantity.AMPLITUDE: "A", Quantity.PHASE: "phi", Quantity.COSINE: "C", Quantity.SINE: "S"}
+FORMATS = ("native", "skops", "onnx")
+
+
+@dataclass(frozen=True)
+class FittedModel:
+    """A model and what it predicts."""
+
+    direction: Direction
+    order: int
+    quantity: Quantity
+    estimator: Any
+
+    @property
+    def stem(self) -> str:
+        """File name without suffix: `phi39_forward`."""
+        return f"{_LETTERS[self.quantity]}{self.order}_{self.direction}"
+
+
+@dataclass(frozen=True)
+class BundleHead:
+    """The head of a `bundle.toml`: name, reduction ratio, range of each feature (3, 2)."""
+
+    name: str
+    reduction_ratio: float
+    ranges: FloatArray
+
+
+def write_bundle(folder: Path, head: BundleHead, models: Sequence[FittedModel], form: str = "native") -> None:
+    """Write a bundle; the folder appears complete or not at all, and replaces an earlier bundle as a whole.
+
+    form: `native` (LightGBM text, XGBoost JSON, skops for scikit-learn), `skops` for all, or `onnx` for all.
+    Raises InputError where the folder holds something else, or a model cannot be saved in the form.
+    """
+    if form not in FORMATS:
+        raise InputError(f"unknown format '{form}'; known are {', '.join(FORMATS)}")
+    if folder.exists() and (not folder.is_dir() or (any(folder.iterdir()) and not (folder / BUNDLE_FILE).is_file())):
+        raise InputError(f"{folder} exists and is no bundle: name another folder")
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=folder.parent) as name:
+        stage = Path(name) / "bundle"
+        stage.mkdir()
+        files = {model.stem: save_model(model.estimator, stage, model.stem, form) for model in models}
+        (stage / BUNDLE_FILE).write_text(bundle_text(head, models, files), encoding="utf-8", newline="\n")
+        if folder.exists():
+            folder.rename(Path(name) / "old")
+        stage.rename(folder)
+        shutil.rmtree(Path(name) / "old", ignore_errors=True)
+
+
+def bundle_text(head: BundleHead, models: Sequence[FittedModel], files: Mapping[str, str]) -> str:
+    """The text of `bundle.toml`; `files` gives the file of each stem."""
+    directions = list(dict.fromkeys(model.direction for model in models))
+    orders = sorted({model.order for model in models})
+    lines = [
+        "[bundle]",
+        f"name = {json.dumps(head.name)}",
+        f"reduction_ratio = {float(head.reduction_ratio)!r}",
+        f'speed_feature = "{FEATURES[0][0]}"',
+        f"directions = {json.dumps([direction.value for direction in directions])}",
+        f"orders = {orders}",
+        "",
+    ]
+    for (name, unit), (low, high) in zip(FEATURES, head.ranges, strict=True):
+        lines += ["[[feature]]", f'name = "{name}"', f'unit = "{unit}"']
+        lines += [f"min = {float(low)!r}", f"max = {float(high)!r}", ""]
+    for direction in directions:
+        for order in orders:
+            own = [model for model in models if (model.direction, model.order) == (direction, order)]
+            lines += ["[[harmonic]]", f'direction = "{direction}"', f"order = {order}"]
+            lines += [f'{model.quantity} = "{files[model.stem]}"' for model in own]
+            lines.append("")
+    return "\n".join(lines[:-1]) + "\n"
+
+
+def save_model(estimator: Any, folder: Path, stem: str, form: str) -> str:
+    """Save one model; returns the file's name. Raises InputError, MissingExtraError."""
+    if form == "onnx":
+        return _save_onnx(estimator, folder, f"{stem}.onnx")
+    if form == "native":
+        package = type(estimator).__module__.partition(".")[0]
+        if package == "lightgbm":
+            estimator.booster_.save_model(folder / f"{stem}.txt")
+            return f"{stem}.txt"
+        if package == "xgboost":
+            estimator.save_model(folder / f"{stem}.json")
+            return f"{stem}.json"
+    try:
+        import skops.io
+    except ImportError:
+        raise MissingExtraError("skops", "sklearn", "saving scikit-learn models") from None
+    skops.io.dump(estimator, folder / f"{stem}.skops", compression=zipfile.ZIP_DEFLATED)
+    return f"{stem}.skops"
+
+
+#: Class of the regressor inside -> the arrays that its last, linear step multiplies and adds: (weights, biases).
+_LAST_STEP: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "SVR": (("dual_coef_", "_dual_coef_"), ("intercept_", "_intercept_")),
+    "MLPRegressor": (("coefs_",), ("intercepts_",)),
+}
+
+
+def _folded(estimator: Any) -> Any:
+    """The units of the target put into the last linear step, since ONNX has no transformed target."""
+    if type(estimator).__name__ != "TransformedTargetRegressor":
+        return estimator
+    centre, size = float(estimator.transformer_.mean_[0]), float(estimator.transformer_.scale_[0])
+    inside = copy.deepcopy(estimator.regressor_)
+    last = inside.steps[-1][1] if hasattr(inside, "steps") else inside
+    if type(last).__name__ not in _LAST_STEP:
+        raise InputError(f"a {type(last).__name__} of scaled values")
+    weights, biases = _LAST_STEP[type(last).__name__]
+    for name in weights:
+        _change_last(last, name, size, 0.0)
+    for name in biases:
+        _change_last(last, name, size, centre)
+    return inside
+
+
+def _change_last(regressor: Any, name: str, size: float, centre: float) -> None:
+    """An array, or the last of a list of arrays, times `size` plus `centre`."""
+    value = getattr(regressor, name)
+    if isinstance(value, list):
+        value[-1] = value[-1] * size + centre
+    else:
+        setattr(regressor, name, value * size + centre)
+
+
+def _save_onnx(estimator: Any, folder: Path, name: str) -> str:
+    """Through skl2onnx, whose conversion of trees and kernels is float32."""
+    try:
+        from onnx import save_model as save_onnx
+        from skl2onnx import to_onnx
+        from skl2onnx.common.data_types import FloatTensorType
+    except ImportError:
+        raise MissingExtraError("skl2onnx", "train", "saving models as ONNX") from None
+    kind = type(estimator).__name__
+    try:
+        features = [("x", FloatTensorType([None, len(FEATURES)]))]
+        made = to_onnx(_folded(estimator), initial_types=features, target_opset=17)
+    except Exception as error:  # the converters raise whatever comes along
+        raise InputError(f"{name}: a {kind} cannot be saved as ONNX ({error}); use --format native") from None
+    save_onnx(made, folder / name)
+    return name

@@ -1,0 +1,104 @@
+"""Faulty runs in a training set, found by robust statistics on that set alone.
+
+Each row is predicted from all the others by a smooth function of the operating point (kernel ridge regression, whose
+leave-one-out errors have a closed form), for every order's cosine and sine part. An error is put in relation to its own
+expected size and to the scatter of the rows of the same speed. One bad number makes an outlier; a run is faulty where
+most of its numbers are off together: where the *median* of its relative errors over all orders is too large. A faulty
+run spoils the prediction of its neighbours, so the worst is taken out and the others are judged again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from st_codegen.campaign.harmonic_table import HarmonicTable
+
+FloatArray = npt.NDArray[np.float64]
+
+#: median relative error from which a run is faulty; normal numbers have 0.67, and a run is 1 to 20 numbers
+LIMIT = 3.0
+#: an order of which a number is off by more is named
+_OFF = 3.5
+#: how far the smooth function reaches (rpm, N m, degC): shorter in speed where structures resonate
+_LENGTHS = {False: (170.0, 500.0, 10.0), True: (40.0, 400.0, 8.0)}
+#: orders from here on meet resonances within the speed range
+_HIGH_ORDER = 100
+#: variance of the scatter in units of the function's
+_SCATTER = 0.05
+#: no more than this part of the rows is taken out
+_MOST = 0.05
+#: rows of one speed that are enough to tell their own scatter
+_LEAST_ROWS = 12
+
+
+@dataclass(frozen=True)
+class Faulty:
+    """rows: bool (n,), the faulty ones; score: float64 (n,), median relative error; orders: the ones off, by row."""
+
+    rows: npt.NDArray[np.bool_]
+    score: FloatArray
+    orders: tuple[tuple[int, ...], ...]
+
+
+def faulty_runs(table: HarmonicTable) -> Faulty:
+    """Judge the rows of one direction. Where there are few (under 4 for each order), none is called faulty."""
+    count = len(table)
+    rows, score = np.zeros(count, np.bool_), np.zeros(count)
+    orders: list[tuple[int, ...]] = [()] * count
+    if count < max(4 * len(table.orders), _LEAST_ROWS):
+        return Faulty(rows, score, tuple(orders))
+    while rows.sum() < _MOST * count:
+        kept = np.flatnonzero(~rows)
+        relative, owner = _relative_errors(table.rows(kept))
+        median = np.median(relative, axis=1)
+        score[kept] = median
+        worst = int(np.argmax(median))
+        if median[worst] <= LIMIT:
+            break
+        rows[kept[worst]] = True
+        orders[kept[worst]] = tuple(dict.fromkeys(map(int, owner[relative[worst] > _OFF])))
+    return Faulty(rows, score, tuple(orders))
+
+
+def _relative_errors(table: HarmonicTable) -> tuple[FloatArray, npt.NDArray[np.intp]]:
+    """Errors (n, numbers) over their robust size, and the order of each number."""
+    columns, owners = [], []
+    for order in table.orders:
+        c = table.column(order)
+        for part in (c.real,) if order == 0 else (c.real, c.imag):
+            columns.append((part - np.median(part)) / (np.std(part) or 1.0))
+            owners.append(order)
+    y, owner = np.stack(columns, axis=1), np.array(owners, np.intp)
+    error = np.empty_like(y)
+    for high in (False, True):
+        chosen = (owner >= _HIGH_ORDER) == high
+        if chosen.any():
+            error[:, chosen] = _left_out(table.conditions, y[:, chosen], _LENGTHS[high])
+    return np.abs(error) / _scatter(error, table.speed_rpm), owner
+
+
+def _left_out(x: FloatArray, y: FloatArray, lengths: tuple[float, ...]) -> FloatArray:
+    """Errors (n, columns) of each row predicted from the others, over their expected size.
+
+    With K the kernel matrix plus scatter: error = (K^-1 y)_i / (K^-1)_ii, variance 1 / (K^-1)_ii (Rasmussen and
+    Williams, Gaussian Processes for Machine Learning, eq. 5.12).
+    """
+    scaled = x / np.array(lengths)
+    square = ((scaled[:, None] - scaled[None]) ** 2).sum(axis=-1)
+    inverse = np.linalg.inv(np.exp(-0.5 * square) + _SCATTER * np.eye(len(x)))
+    errors: FloatArray = (inverse @ y) / np.sqrt(np.diag(inverse))[:, None]
+    return errors
+
+
+def _scatter(error: FloatArray, group: FloatArray) -> FloatArray:
+    """Robust size (1.4826 * median of absolute values) of each column's errors, by group where it is large enough."""
+    tiny = np.finfo(np.float64).tiny
+    size = np.broadcast_to(np.maximum(1.4826 * np.median(np.abs(error), axis=0), tiny), error.shape).copy()
+    for value in np.unique(group):
+        rows = group == value
+        if rows.sum() >= _LEAST_ROWS:
+            size[rows] = np.maximum(1.4826 * np.median(np.abs(error[rows]), axis=0), tiny)
+    return size

@@ -1,0 +1,223 @@
+"""A harmonic table in, chosen and fitted models out: split, faulty runs, search, choice, errors, final fit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from st_codegen.campaign.harmonic_table import HarmonicTable
+from st_codegen.errors import InputError
+from st_codegen.ir import Direction
+from st_codegen.training.choice import Choice, choose
+from st_codegen.training.errors import Errors, errors_of
+from st_codegen.training.export import BundleHead, FittedModel
+from st_codegen.training.families import FAMILIES, Candidate, family_named
+from st_codegen.training.faulty import Faulty, faulty_runs
+from st_codegen.training.search import Backend, Outcome, Progress, Task, one_thread, run_tasks
+from st_codegen.training.store import FitStore
+from st_codegen.training.study import Settings, Solution, Study, study
+from st_codegen.training.targets import combined, mean_direction, values
+
+BoolArray = npt.NDArray[np.bool_]
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+#: fewer rows in a direction cannot be split, cross-validated and learned from
+LEAST_ROWS = 20
+_T_95 = (12.71, 4.30, 3.18, 2.78, 2.57, 2.45, 2.36, 2.31, 2.26, 2.23)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be done beside the search itself.
+
+    test_share: part of the operating points kept apart; test_points: these instead, float64 (points, 3); limit_us:
+    worst case of all models of one direction; repeats: further random splits for confidence intervals; keep_faulty:
+    learn from faulty runs too.
+    """
+
+    settings: Settings
+    test_share: float = 0.2
+    test_points: FloatArray | None = None
+    limit_us: float = math.inf
+    repeats: int = 0
+    keep_faulty: bool = False
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Mean of an error over repeated splits, and half the width of its 95 % confidence interval."""
+
+    mean: float
+    half_width: float
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """One direction: the search, what was chosen, how good it is on points kept apart, and the final models.
+
+    intervals: by order, of the complex MAE (deg) over repeated splits, where there were any.
+    """
+
+    direction: Direction
+    faulty: Faulty
+    train: HarmonicTable
+    study: Study
+    choice: Choice
+    test_errors: Mapping[int, Errors]
+    models: tuple[FittedModel, ...]
+    intervals: Mapping[int, Interval] = field(default_factory=dict)
+
+
+def split_rows(table: HarmonicTable, plan: Plan) -> BoolArray:
+    """Which rows of one direction are test rows, bool (n,): the points of the plan, or a random share.
+
+    Raises InputError where a test point is not in the table, or too few rows are left.
+    """
+    rows = len(table)
+    if rows < LEAST_ROWS:
+        raise InputError(f"{rows} operating points in one direction: at least {LEAST_ROWS} are needed to learn from")
+    if plan.test_points is None:
+        order = np.random.default_rng(plan.settings.seed).permutation(rows)
+        mask = np.zeros(rows, np.bool_)
+        mask[order[: max(1, round(plan.test_share * rows))]] = True
+        return mask
+    wanted = {tuple(map(float, point)) for point in plan.test_points}
+    points = [tuple(map(float, row)) for row in table.conditions]
+    if missing := sorted(wanted - set(points)):
+        first = ", ".join(map(str, missing[:3]))
+        raise InputError(f"{len(missing)} of {len(wanted)} test points are not in the harmonic table: {first}, ..")
+    return np.array([point in wanted for point in points])
+
+
+def learn(
+    table: HarmonicTable,
+    direction: Direction,
+    plan: Plan,
+    store: FitStore,
+    backend: Backend,
+    progress: Progress | None = None,
+) -> Lesson:
+    """Learn one direction of a table. Raises InputError (too few points, nothing fits the cost limit)."""
+    rows = table.direction(direction)
+    is_test = split_rows(rows, plan)
+    train, test = rows.rows(~is_test), rows.rows(is_test)
+    faulty = faulty_runs(train)
+    good = train if plan.keep_faulty else train.rows(~faulty.rows)
+    searched = study(good, test, plan.settings, store, backend, progress=progress)
+    choice = choose(searched, limit_us=plan.limit_us)
+    errors = {s.order: errors_of(s.order, s.test, test.column(s.order)) for s in choice.solutions}
+    every = rows if plan.keep_faulty else rows.rows(~faulty_runs(rows).rows)
+    models = tuple(model for s in choice.solutions for model in fitted(every, direction, s, plan.settings))
+    intervals = repeated(rows, choice, plan, store, backend, progress) if plan.repeats else {}
+    return Lesson(direction, faulty, train, searched, choice, errors, models, intervals)
+
+
+def fitted(rows: HarmonicTable, direction: Direction, solution: Solution, settings: Settings) -> list[FittedModel]:
+    """The models of a solution, fitted on all rows."""
+    column = rows.column(solution.order)
+    turn = mean_direction(column) if settings.turned else 0.0
+    models = []
+    with one_thread():
+        for quantity, candidate in zip(solution.kind.quantities(solution.order), solution.candidates, strict=True):
+            y = values(column, quantity, solution.order, turn)
+            estimator = candidate.fit(rows.conditions, y, settings.seed)
+            models.append(FittedModel(direction, solution.order, quantity, estimator))
+    return models
+
+
+def repeated(
+    rows: HarmonicTable,
+    choice: Choice,
+    plan: Plan,
+    store: FitStore,
+    backend: Backend,
+    progress: Progress | None = None,
+) -> dict[int, Interval]:
+    """Complex MAE of the chosen solutions over random splits, faulty runs found anew in each training part."""
+    tests, tasks = [], []
+    for repeat in range(plan.repeats):
+        settings = replace(plan.settings, seed=plan.settings.seed + 1 + repeat)
+        is_test = split_rows(rows, Plan(settings, plan.test_share))
+        train, test = rows.rows(~is_test), rows.rows(is_test)
+        good = train if plan.keep_faulty else train.rows(~faulty_runs(train).rows)
+        tests.append(test)
+        for solution in choice.solutions:
+            tasks += _tasks(good, test.conditions, solution, plan.settings)
+    outcomes = iter(run_tasks(tasks, store, backend, progress))
+    errors: dict[int, list[float]] = {solution.order: [] for solution in choice.solutions}
+    for test in tests:
+        for solution in choice.solutions:
+            predicted = _combined(solution, outcomes)
+            errors[solution.order].append(errors_of(solution.order, predicted, test.column(solution.order)).complex_mae)
+    return {order: interval(values) for order, values in errors.items()}
+
+
+def predictions(
+    learn_from: HarmonicTable,
+    x: FloatArray,
+    solutions: Sequence[Solution],
+    settings: Settings,
+    store: FitStore,
+    backend: Backend,
+) -> dict[int, ComplexArray]:
+    """What solutions predict at x (points, 3) when they are fitted on these rows, by order."""
+    tasks = [task for solution in solutions for task in _tasks(learn_from, x, solution, settings)]
+    outcomes = iter(run_tasks(tasks, store, backend))
+    return {solution.order: _combined(solution, outcomes) for solution in solutions}
+
+
+def _tasks(learn_from: HarmonicTable, x: FloatArray, solution: Solution, settings: Settings) -> list[Task]:
+    """One fit for each quantity of a solution."""
+    order, column = solution.order, learn_from.column(solution.order)
+    turn = mean_direction(column) if settings.turned else 0.0
+    return [
+        Task(
+            candidate,
+            learn_from.conditions,
+            values(column, quantity, order, turn),
+            x,
+            0,
+            settings.seed,
+            f"order {order} again",
+        )
+        for quantity, candidate in zip(solution.kind.quantities(order), solution.candidates, strict=True)
+    ]
+
+
+def _combined(solution: Solution, outcomes: Iterator[Outcome]) -> ComplexArray:
+    """The coefficients of a solution from the next outcomes."""
+    parts = tuple(next(outcomes).test for _ in solution.candidates)
+    return combined(solution.order, solution.kind, parts)
+
+
+def interval(errors: Sequence[float]) -> Interval:
+    """Mean and 95 % confidence interval by Student's t; splits overlap, so that it is a little too narrow."""
+    count = len(errors)
+    if count < 2:
+        return Interval(float(np.mean(errors)), math.inf)
+    t = _T_95[count - 2] if count - 2 < len(_T_95) else 1.96 + 2.4 / (count - 1)
+    return Interval(float(np.mean(errors)), float(t * np.std(errors, ddof=1) / math.sqrt(count)))
+
+
+def bundle_head(table: HarmonicTable, name: str, reduction_ratio: float) -> BundleHead:
+    """Name, ratio, and the ranges of the features in a table."""
+    return BundleHead(name, reduction_ratio, np.stack([table.conditions.min(axis=0), table.conditions.max(axis=0)], 1))
+
+
+def only_exportable(settings: Settings, form: str) -> Settings:
+    """The settings without the families that cannot be saved in a form. Raises InputError where none is left."""
+    kept = tuple(c for c in settings.candidates if form in family_named(c.family).forms)
+    if not kept:
+        names = ", ".join(name for name, family in FAMILIES.items() if form in family.forms)
+        raise InputError(f"none of these families can be saved as {form}: {names} can")
+    return replace(settings, candidates=kept)
+
+
+def authors_candidates(names: Sequence[str]) -> tuple[Candidate, ...]:
+    """The families as the paper's authors tuned them."""
+    return tuple(Candidate(family.name, family.authors, True) for family in map(family_named, names))

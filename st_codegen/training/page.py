@@ -1,0 +1,98 @@
+"""The HTML page of `st-codegen train`: why these orders, which models, how good, and pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from st_codegen.report import COLOURS, Section, Table, figures, page
+from st_codegen.training.learn import Lesson
+from st_codegen.training.measured import Measured
+from st_codegen.training.study import Solution
+
+
+def training_page(name: str, measured: Measured, lessons: Sequence[Lesson]) -> str:
+    """The page as HTML."""
+    sections = []
+    if measured.reasons:
+        sections.append(_orders_section(measured))
+    if measured.bad:
+        sections.append(Section(f"Files left out: {len(measured.bad)}", details="\n".join(map(str, measured.bad))))
+    for lesson in lessons:
+        sections += [_models_section(lesson), _faulty_section(lesson), _pictures(lesson)]
+    summary = f"{len(measured.table)} curves, orders {', '.join(map(str, measured.table.orders))}."
+    return page(f"Trained models: {name}", sections, summary=summary)
+
+
+def _orders_section(measured: Measured) -> Section:
+    rows = [
+        (
+            reason.order,
+            reason.chosen,
+            f"{reason.above_noise} of {reason.curves}",
+            reason.rms_deg,
+            reason.noise_deg,
+            f"{reason.share:.2%}",
+            reason.reason,
+        )
+        for reason in measured.reasons[:60]
+    ]
+    columns = ("order", "chosen", "above the noise", "RMS, deg", "noise, deg", "share of the TE", "reason")
+    return Section("Orders", "From the curves, the strongest first.", Table(columns, rows))
+
+
+def _models_section(lesson: Lesson) -> Section:
+    rows = []
+    for solution in lesson.choice.solutions:
+        errors = lesson.test_errors[solution.order]
+        interval = lesson.intervals.get(solution.order)
+        rows.append(
+            (
+                solution.order,
+                solution.name,
+                errors.amplitude_mae,
+                errors.phase_mae if solution.order else "",
+                errors.complex_mae,
+                f"{interval.mean:.3g} +- {interval.half_width:.2g}" if interval else "",
+                f"{solution.cost_us:.1f}",
+            )
+        )
+    errors_of = ("amplitude MAE, deg", "phase MAE, rad", "complex MAE, deg", "complex, repeated splits (95 %)")
+    columns = ("order", "models", *errors_of, "worst case, us")
+    text = (
+        f"Chosen by cross-validation on {len(lesson.study.learn)} operating points, errors on {len(lesson.study.test)} "
+        f"that were kept apart. Worst case of all models: {lesson.choice.cost_us:.0f} us (estimate)."
+    )
+    return Section(f"Models, {lesson.direction}", text, Table(columns, rows))
+
+
+def _faulty_section(lesson: Lesson) -> Section:
+    rows = [
+        (*map(float, lesson.train.conditions[row]), lesson.faulty.score[row], ", ".join(map(str, orders)))
+        for row in np.flatnonzero(lesson.faulty.rows)
+        for orders in (lesson.faulty.orders[row],)
+    ]
+    columns = ("speed, rpm", "torque, N m", "oil, degC", "score", "orders that are off")
+    text = "Runs of the training part whose numbers are far from what their neighbours say."
+    return Section(f"Faulty runs, {lesson.direction}: {len(rows)}", text, Table(columns, rows) if rows else None)
+
+
+def _pictures(lesson: Lesson) -> Section:
+    """Measured against predicted, cosine and sine part, at the test points."""
+    panels: list[tuple[str, Callable[[Any], object]]] = [
+        (f"order {solution.order}", partial(_scatter, lesson, solution)) for solution in lesson.choice.solutions
+    ]
+    return Section(f"Measured and predicted, {lesson.direction}", figures=(figures(panels, columns=3, size_cm=(7, 6)),))
+
+
+def _scatter(lesson: Lesson, solution: Solution, axes: Any) -> None:
+    truth = lesson.study.test.column(solution.order)
+    parts = (("cosine", np.real), ("sine", np.imag)) if solution.order else (("mean", np.real),)
+    for colour, (label, part) in zip(COLOURS, parts, strict=False):
+        axes.plot(part(truth), part(solution.test), ".", markersize=3, color=colour, label=label)
+    low, high = axes.get_xlim()
+    axes.plot([low, high], [low, high], color="black", linewidth=0.6)
+    axes.set(xlabel="measured, deg", ylabel="predicted, deg")

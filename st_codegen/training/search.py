@@ -1,0 +1,176 @@
+"""Cross-validation of many candidates on many targets: parallel, resumable, the same bits for the same seed.
+
+A task is one candidate on one target: it is fitted once a fold for predictions of the rows left out, and once on all
+rows for the test points. Tasks are independent, so they run in processes of this machine or on a Dask cluster.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from st_codegen.errors import InputError, MissingExtraError
+from st_codegen.training.cost import worst_case_us
+from st_codegen.training.families import Candidate
+from st_codegen.training.store import FitStore
+
+FloatArray = npt.NDArray[np.float64]
+#: Called with (number of tasks done, number of tasks, name of the next one).
+Progress = Callable[[int, int, str], None]
+_LIBRARIES = ("numpy", "scikit-learn", "lightgbm", "xgboost-cpu")
+
+
+@dataclass(frozen=True)
+class Task:
+    """A candidate on one target: rows to learn from, rows to predict. `folds` of 1 or less: no cross-validation."""
+
+    candidate: Candidate
+    x: FloatArray
+    y: FloatArray
+    x_test: FloatArray
+    folds: int
+    seed: int
+    name: str = ""
+
+    @property
+    def key(self) -> str:
+        """SHA-256 over all that decides the result, the versions of the libraries included."""
+        digest = hashlib.sha256(f"{self.candidate.key}|{self.folds}|{self.seed}|{_versions()}".encode())
+        for array in (self.x, self.y, self.x_test):
+            digest.update(str(array.shape).encode())
+            digest.update(np.ascontiguousarray(array, np.float64).tobytes())
+        return digest.hexdigest()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Predictions of a task: of each row by the model that did not see it (n,), and of the test points.
+
+    cost_us: worst case of one evaluation (see `cost`), infinite for what cannot be compiled.
+    """
+
+    folds: FloatArray
+    test: FloatArray
+    cost_us: float
+
+
+@lru_cache(maxsize=1)
+def _versions() -> str:
+    found = {}
+    for name in _LIBRARIES:
+        with contextlib.suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return json.dumps(found)
+
+
+def fold_numbers(rows: int, folds: int, seed: int) -> npt.NDArray[np.intp]:
+    """The fold of each row, (rows,): `folds` parts of nearly equal size, at random."""
+    numbers = np.arange(rows) % folds
+    return np.random.default_rng(seed).permutation(numbers)
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """One thread of every library: sums in one order, and no threads of many processes that wait for each other."""
+    import sklearn.ensemble
+    import sklearn.svm  # noqa: F401 - the limit holds for libraries that are loaded
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(limits=1):
+        yield
+
+
+def run_task(task: Task) -> Outcome:
+    """Fit and predict, in one thread of every library."""
+    with one_thread():
+        folds = np.full(len(task.y), np.nan)
+        if task.folds > 1:
+            number = fold_numbers(len(task.y), task.folds, task.seed)
+            for fold in range(task.folds):
+                left_out = number == fold
+                model = task.candidate.fit(task.x[~left_out], task.y[~left_out], task.seed)
+                folds[left_out] = model.predict(task.x[left_out])
+        model = task.candidate.fit(task.x, task.y, task.seed)
+        test = model.predict(task.x_test) if len(task.x_test) else np.empty(0)
+    try:
+        cost = worst_case_us(model)
+    except InputError:
+        cost = np.inf
+    return Outcome(folds, np.asarray(test, np.float64), cost)
+
+
+@dataclass(frozen=True)
+class Backend:
+    """Where tasks run: `jobs` processes here, or the workers of the Dask scheduler at an address."""
+
+    jobs: int = 1
+    scheduler: str | None = None
+
+    @contextlib.contextmanager
+    def configured(self) -> Iterator[None]:
+        """joblib set up for it. Raises MissingExtraError, and InputError where no scheduler answers."""
+        try:
+            import joblib
+        except ImportError:
+            raise MissingExtraError("joblib", "train", "training") from None
+        if self.scheduler is None:
+            with joblib.parallel_config(n_jobs=self.jobs):
+                yield
+            return
+        try:
+            from distributed import Client
+        except ImportError:
+            raise MissingExtraError("distributed", "dask", "training on a Dask cluster") from None
+        try:
+            client: Any = Client(self.scheduler, timeout="10s", set_as_default=True)  # type: ignore[no-untyped-call]
+        except (OSError, ValueError) as error:
+            raise InputError(f"no Dask scheduler answers at '{self.scheduler}' ({error})") from None
+        with client, joblib.parallel_config(backend="dask", n_jobs=-1):
+            yield
+
+
+def run_tasks(
+    tasks: Sequence[Task], store: FitStore, backend: Backend, progress: Progress | None = None
+) -> tuple[Outcome, ...]:
+    """The outcomes of all tasks, in their order; what the store has is not run again, what is finished goes into it."""
+    keys = [task.key for task in tasks]
+    outcomes: dict[str, Outcome] = {}
+    missing: dict[str, Task] = {}
+    for key, task in zip(keys, tasks, strict=True):
+        known = store.get(key)
+        if known is not None:
+            outcomes[key] = Outcome(*known)
+        else:
+            missing.setdefault(key, task)
+    done = len(tasks) - len(missing)
+    for key, outcome in _run(missing, backend):
+        store.put(key, outcome.folds, outcome.test, outcome.cost_us)
+        outcomes[key] = outcome
+        done += 1
+        if progress:
+            progress(done, len(tasks), missing[key].name)
+    return tuple(outcomes[key] for key in keys)
+
+
+def _run(tasks: Mapping[str, Task], backend: Backend) -> Iterator[tuple[str, Outcome]]:
+    """Outcomes as they come in."""
+    if not tasks:
+        return
+    with backend.configured():
+        import joblib
+
+        parallel: Any = joblib.Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch="4*n_jobs")
+        yield from parallel(joblib.delayed(_keyed)(key, task) for key, task in tasks.items())
+
+
+def _keyed(key: str, task: Task) -> tuple[str, Outcome]:
+    return key, run_task(task)

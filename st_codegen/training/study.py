@@ -1,0 +1,142 @@
+"""One direction of a harmonic table, searched: what every candidate predicts of every order, and the choice from it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from st_codegen.campaign.harmonic_table import HarmonicTable
+from st_codegen.training.errors import Errors, errors_of
+from st_codegen.training.families import Candidate
+from st_codegen.training.search import Backend, Outcome, Progress, Task, run_tasks
+from st_codegen.training.store import FitStore
+from st_codegen.training.targets import Kind, combined, kinds, mean_direction, values
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a search is made: candidates, folds of the cross-validation, seed, and the ways to learn a harmonic."""
+
+    candidates: tuple[Candidate, ...]
+    folds: int = 10
+    seed: int = 0
+    kinds: tuple[Kind, ...] = tuple(Kind)
+    turned: bool = True
+
+
+@dataclass(frozen=True)
+class Solution:
+    """One way to predict an order: a candidate for each quantity of a kind, with predictions and cost.
+
+    left_out: complex128 (rows,), of rows that the models did not see; test: complex128 (points,); cost_us: sum of both.
+    """
+
+    order: int
+    kind: Kind
+    candidates: tuple[Candidate, ...]
+    left_out: ComplexArray
+    test: ComplexArray
+    cost_us: float
+    errors: Errors
+
+    @property
+    def name(self) -> str:
+        """Families and kind, for a table."""
+        families = list(dict.fromkeys(candidate.family for candidate in self.candidates))
+        return "+".join(families) + ("" if self.order == 0 else f" ({self.kind})")
+
+
+@dataclass(frozen=True)
+class Study:
+    """All outcomes of a search in one direction; `learn` and `test` are the rows that were used."""
+
+    learn: HarmonicTable
+    test: HarmonicTable
+    settings: Settings
+    outcomes: dict[tuple[int, Kind], tuple[tuple[Outcome, ...], ...]]
+
+    def solutions(self, order: int, *, mixed: bool = True) -> Iterator[Solution]:
+        """All pairs of candidates for an order; `mixed`: also of two different ones."""
+        truth = self.learn.column(order)
+        candidates = self.settings.candidates
+        for kind in self.settings.kinds:
+            if (order, kind) not in self.outcomes:
+                continue
+            quantities = self.outcomes[order, kind]
+            for pair in _pairs(len(candidates), len(quantities), mixed):
+                chosen = [quantities[place][number] for place, number in enumerate(pair)]
+                left_out = combined(order, kind, tuple(outcome.folds for outcome in chosen))
+                yield Solution(
+                    order,
+                    kind,
+                    tuple(candidates[number] for number in pair),
+                    left_out,
+                    combined(order, kind, tuple(outcome.test for outcome in chosen)),
+                    sum(outcome.cost_us for outcome in chosen),
+                    errors_of(order, left_out, truth),
+                )
+
+
+def _pairs(candidates: int, quantities: int, mixed: bool) -> Iterator[tuple[int, ...]]:
+    if quantities == 1 or not mixed:
+        yield from ((number,) * quantities for number in range(candidates))
+        return
+    yield from ((first, second) for first in range(candidates) for second in range(candidates))
+
+
+def tasks_of(
+    learn: HarmonicTable, test: HarmonicTable, settings: Settings, orders: Sequence[int]
+) -> tuple[list[tuple[int, Kind]], list[Task]]:
+    """The tasks of a search, and the order and kind of each group of them: quantities by candidates."""
+    groups, tasks = [], []
+    for order in orders:
+        column = learn.column(order)
+        turn = mean_direction(column) if settings.turned else 0.0
+        for kind in kinds(order):
+            if kind not in settings.kinds and order:
+                continue
+            groups.append((order, kind))
+            for quantity in kind.quantities(order):
+                y = values(column, quantity, order, turn)
+                tasks += [
+                    Task(
+                        candidate,
+                        learn.conditions,
+                        y,
+                        test.conditions,
+                        settings.folds,
+                        settings.seed,
+                        f"order {order} {quantity} {candidate.family}",
+                    )
+                    for candidate in settings.candidates
+                ]
+    return groups, tasks
+
+
+def study(
+    learn: HarmonicTable,
+    test: HarmonicTable,
+    settings: Settings,
+    store: FitStore,
+    backend: Backend,
+    *,
+    orders: Sequence[int] | None = None,
+    progress: Progress | None = None,
+) -> Study:
+    """Search one direction: learn from some rows, predict others. Both tables have the rows of one direction."""
+    groups, tasks = tasks_of(learn, test, settings, learn.orders if orders is None else orders)
+    done = run_tasks(tasks, store, backend, progress)
+    outcomes, start, width = {}, 0, len(settings.candidates)
+    for order, kind in groups:
+        quantities = len(kind.quantities(order))
+        outcomes[order, kind] = tuple(
+            done[start + place * width : start + (place + 1) * width] for place in range(quantities)
+        )
+        start += quantities * width
+    return Study(learn, test, settings, outcomes)

@@ -1,0 +1,129 @@
+"""A whole campaign: parallel and alone, with and without what was read before, and bad files all at once."""
+
+import os
+
+import numpy as np
+import pytest
+
+pytest.importorskip("polars")
+pytest.importorskip("joblib")
+
+from st_codegen.campaign import reader
+from st_codegen.campaign.curves import Conditions, Curve, Run, write_run
+from st_codegen.campaign.reader import read_campaign
+from st_codegen.errors import InputError
+from st_codegen.ir import Direction
+
+ORDERS = (0, 1, 39)
+VALUES = np.array([-0.03, 0.0172 * np.exp(0.3j), 1e-3 * np.exp(2j)])
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Six runs of two directions, 2000 samples each."""
+    random = np.random.default_rng(3)
+    for number in range(6):
+        theta = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
+        theta = theta + 0.003 * np.sin(2 * theta)
+        curves = {}
+        for direction in Direction:
+            angle = theta if direction is Direction.FORWARD else 2 * np.pi - theta
+            te = (np.exp(1j * np.outer(angle, ORDERS)) @ (VALUES * (1 + number))).real + 1e-6 * random.normal(size=2000)
+            curves[direction] = Curve(np.rad2deg(angle), te)
+        conditions = Conditions(100.0 * (number + 1), 100.0, 25.0)
+        write_run(Run(conditions, curves), tmp_path / "campaign" / conditions.rig_path(), digits=9)
+    return tmp_path / "campaign"
+
+
+def coefficients(campaign):
+    return campaign.table(campaign.fits(ORDERS))
+
+
+def test_the_table_of_a_campaign(folder):
+    table = coefficients(read_campaign(folder, jobs=1))
+    assert len(table) == 12
+    assert table.speed_rpm.tolist() == sorted(np.repeat(100.0 * np.arange(1, 7), 2))
+    assert table.backward.tolist() == [False, True] * 6
+    factor = table.speed_rpm / 100.0
+    # noise of 1e-6 on 2000 samples, six standard deviations, and nine decimals
+    assert np.abs(table.coefficients - factor[:, None] * VALUES).max() < 6 * 1e-6 * np.sqrt(4 / 2000) + 1e-9
+
+
+def test_processes_and_cache_give_the_same_bits(folder, tmp_path, monkeypatch):
+    cache = tmp_path / "cache" / "curves.parquet"
+    alone = coefficients(read_campaign(folder, jobs=1))
+    together = coefficients(read_campaign(folder, jobs=2, cache=cache))
+    assert np.array_equal(alone.coefficients, together.coefficients)
+    monkeypatch.setattr(reader, "read_run", lambda path, conditions: pytest.fail(f"{path} was read again"))
+    again = coefficients(read_campaign(folder, jobs=1, cache=cache))
+    assert np.array_equal(alone.coefficients, again.coefficients)
+    assert [path.name for path in cache.parent.iterdir()] == ["curves.parquet"]
+
+
+def test_changed_files_are_read_again(folder, tmp_path):
+    cache = tmp_path / "curves.parquet"
+    read_campaign(folder, jobs=1, cache=cache)
+    first, second, *_ = sorted(folder.rglob("*.csv"))
+    os.utime(first, ns=(1, 1))
+    second.unlink()
+    seen = []
+    campaign = read_campaign(folder, jobs=1, cache=cache, progress=lambda done, total, name: seen.append(name))
+    assert seen == [first.name]
+    assert len(campaign.curves) == 10
+
+
+@pytest.mark.parametrize("content", [b"", b"no parquet"])
+def test_a_broken_cache_is_made_anew(folder, tmp_path, content):
+    cache = tmp_path / "curves.parquet"
+    cache.write_bytes(content)
+    assert len(read_campaign(folder, jobs=1, cache=cache).curves) == 12
+    assert cache.stat().st_size > 1000
+
+
+def test_another_band_is_another_cache(folder, tmp_path):
+    cache = tmp_path / "curves.parquet"
+    read_campaign(folder, jobs=1, cache=cache, band=100)
+    assert read_campaign(folder, jobs=1, cache=cache, band=200).curves[0].sums.band == 200
+
+
+def spoil(folder):
+    """Three bad files of six, each in its own way, and one without conditions."""
+    files = sorted(folder.rglob("*.csv"))
+    lines = files[0].read_text().splitlines()
+    lines[100] = "1,2,x,4"
+    files[0].write_text("\n".join(lines))
+    files[1].write_text("\n".join(files[1].read_text().splitlines()[:300]))
+    files[2].write_bytes(b"\xff\xfe\x00")
+    (folder / "notes.csv").write_text("a,b\n1,2\n")
+    return files
+
+
+def test_bad_files_are_reported_all_at_once(folder, tmp_path):
+    files = spoil(folder)
+    with pytest.raises(InputError, match=r"--skip-bad\): 4 problems") as error:
+        read_campaign(folder, jobs=2)
+    text = str(error.value)
+    assert f"{files[0]}, line 101: 'x' is not a number" in text
+    assert f"{files[1]}, line 300: forward: the angle covers 53." in text
+    assert f"{files[2]}: not readable as text" in text
+    assert "notes.csv: no conditions" in text
+
+
+def test_bad_files_are_left_out_on_request(folder):
+    spoil(folder)
+    campaign = read_campaign(folder, jobs=1, skip_bad=True)
+    assert len(campaign.curves) == 6
+    assert len(campaign.bad) == 4
+
+
+def test_nothing_good_is_left(folder):
+    for path in folder.rglob("*.csv"):
+        path.write_text("")
+    with pytest.raises(InputError, match="no usable curve files"):
+        read_campaign(folder, jobs=1, skip_bad=True)
+
+
+def test_too_few_samples_for_an_order_are_named(folder):
+    with pytest.raises(InputError, match="12 problems") as error:
+        read_campaign(folder, jobs=1).fits([0, 450])
+    assert "100.0rpm100.0Nm25.0deg.csv, forward" in str(error.value)

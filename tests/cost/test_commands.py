@@ -1,0 +1,116 @@
+"""The budget, the explanation and the calibration on the command line."""
+
+import csv
+import json
+
+import pytest
+
+from st_codegen.bundle import load
+from st_codegen.cli.main import main
+from st_codegen.cost import load_profile
+from st_codegen.explain import Pricing
+from st_codegen.passes.choose import Options
+from st_codegen.passes.pipeline import compile_project
+from st_codegen.targets import TARGETS
+
+
+def run(*arguments):
+    with pytest.raises(SystemExit) as caught:
+        main([str(argument) for argument in arguments])
+    return caught.value.code
+
+
+@pytest.fixture
+def generated(bundle_folder, tmp_path):
+    out = tmp_path / "out"
+    assert run(bundle_folder, "--out", out, "-q") == 0
+    return out
+
+
+def test_verify_fails_with_a_table_when_a_cycle_does_not_fit(bundle_folder, generated, tmp_path, capsys):
+    verify = ["verify", bundle_folder, "--generated", generated, "--rows", 50]
+    report = tmp_path / "report.json"
+    assert run(*verify, "--cycle-us", 250, "--json", report) == 0
+    assert "fits" in capsys.readouterr().err
+    content = json.loads(report.read_text())["costs"]["twincat"]
+    assert content["fits"] is True
+    assert content["entries"] == ["PRG_Experiment", "PRG_Main"]
+    assert {"FB_Compensator", "FB_TEPredict"} < content["blocks"].keys()
+    block = content["blocks"]["FB_TEPredict"]
+    assert 0.0 < block["warm_us"] < block["cold_us"] < content["cold_us"]
+    assert block["operations"]["load"] > 10
+    assert block["table_bytes"] > 0
+
+    assert run(*verify, "--cycle-us", 1, "--profile", "cx5140", "-q", "--json", report) == 1
+    shown = capsys.readouterr().err
+    assert "DOES NOT FIT" in shown
+    assert "FB_TEPredict" in shown
+    content = json.loads(report.read_text())
+    assert content["passed"] is False
+    assert content["costs"]["twincat"]["cycle_us"] == 1
+    assert all(model["passed"] for model in content["models"].values())
+    # one block alone
+    assert run(*verify, "--cycle-us", block["cold_us"] + 0.01, "--entry", "FB_TEPredict") == 0
+    assert run(*verify, "--cycle-us", block["cold_us"] - 0.01, "--entry", "FB_TEPredict") == 1
+    # without a budget nothing can be exceeded
+    assert run(*verify) == 0
+
+
+def test_wrong_options_exit_with_2(bundle_folder, generated, capsys):
+    verify = ["verify", bundle_folder, "--generated", generated, "--rows", 50]
+    assert run(*verify, "--profile", "abacus") == 2
+    assert "no profile 'abacus': use one of" in capsys.readouterr().err
+    assert run(*verify, "--cycle-us", 0) == 2
+    assert run(*verify, "--entry", "FB_None") == 2
+    assert "no block FB_None" in capsys.readouterr().err
+
+
+def test_explain_shows_the_layouts_and_what_the_text_costs(bundle_folder, tmp_path, capsys):
+    assert run(bundle_folder, "--out", tmp_path / "out", "--explain", "-q") == 0
+    shown = capsys.readouterr().err
+    assert "FB_TEPredict" in shown
+    assert "us with cold ones on cx5140" in shown
+    assert "trees" in shown
+    # chosen by the emitted text: the first layout of a model is the cheapest one
+    assert run(bundle_folder, "--out", tmp_path / "other", "--profile", "cx5140", "--explain", "-q") == 0
+    assert "layouts, a block alone on cx5140" in capsys.readouterr().err
+    assert run(bundle_folder, "--profile", "abacus") == 2
+
+
+def test_layouts_are_chosen_by_the_worst_case_of_their_text(bundle_folder):
+    bundle = load(bundle_folder)
+    target = TARGETS["twincat"]
+    pricing = Pricing(target, target.limits, load_profile())
+    compiled = compile_project(bundle.project, Options(), pricing)
+    for decision in compiled.decisions:
+        costs = [candidate.cost.cold_us for candidate in decision.candidates]
+        assert costs == sorted(costs)
+        assert pricing(decision.candidates[0].model).cold_us == costs[0]
+        assert pricing.block(decision.candidates[0].model).is_bounded
+
+
+def test_calibrate_writes_a_profile_that_verify_takes(bundle_folder, generated, tmp_path, capsys):
+    report, times, mine = tmp_path / "report.json", tmp_path / "times.csv", tmp_path / "deep" / "mine.toml"
+    verify = ["verify", bundle_folder, "--generated", generated, "--rows", 50, "-q", "--json", report]
+    assert run(*verify) == 0
+    blocks = json.loads(report.read_text())["costs"]["twincat"]["blocks"]
+    with times.open("w", newline="") as file:
+        rows = [("block", "caches", "us")]
+        rows += [
+            (name, side, blocks[name][f"{side}_us"] / 2)
+            for name in ("FB_Compensator", "FB_TEPredict")
+            for side in ("warm", "cold")
+        ]
+        csv.writer(file).writerows(rows)
+    assert run("calibrate", generated, "--measured", times, "--out", mine) == 0
+    assert "compute x 0.5" in capsys.readouterr().err
+    assert not list(mine.parent.glob("*.partial"))
+    assert run(*verify, "--profile", mine) == 0
+    after = json.loads(report.read_text())["costs"]["twincat"]["blocks"]
+    assert after["FB_TEPredict"]["cold_us"] == pytest.approx(blocks["FB_TEPredict"]["cold_us"] / 2, rel=1e-4)
+    times.write_text("block,caches,us\nFB_None,warm,1\n")
+    mine.unlink()
+    assert run("calibrate", generated, "--measured", times, "--out", mine) == 2
+    assert "no block 'FB_None'" in capsys.readouterr().err
+    assert not mine.exists()
+    assert run("calibrate", generated, "--measured", times, "--out", tmp_path / "mine.txt") == 2

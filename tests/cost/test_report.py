@@ -1,0 +1,155 @@
+"""Budgets, profiles and calibration."""
+
+import re
+
+import numpy as np
+import pytest
+
+from st_codegen.cost import Operation, calibrate, load_profile, profile_names, project_cost, read_measurements
+from st_codegen.cost.calibrate import Measurement, with_factors
+from st_codegen.cost.profile import profiles_folder
+from st_codegen.errors import InputError
+from tests.cost.helpers import CONSTANTS, PROFILE, VARIABLES, block, cost, project
+from tests.cost.test_counts import STATEMENTS
+
+TWO = """FUNCTION_BLOCK FB_Inner VAR i : DINT; x : LREAL; END_VAR
+FOR i := 1 TO 50 DO x := SQRT(x); END_FOR; END_FUNCTION_BLOCK
+FUNCTION_BLOCK FB_Outer VAR fb : FB_Inner; y : LREAL; END_VAR
+fb(); y := y + 1.0; END_FUNCTION_BLOCK
+FUNCTION_BLOCK FB_Other VAR y : LREAL; END_VAR y := y / 2.0; END_FUNCTION_BLOCK
+"""
+
+
+def test_a_cycle_runs_what_nobody_calls_and_names_who_spends():
+    whole = cost(TWO)
+    assert whole.entries == ("FB_Outer", "FB_Other")
+    outer = whole.blocks["FB_Outer"]
+    assert [part.unit for part in outer.parts] == ["FB_Inner", "FB_Outer"]
+    assert sum(part.cold_us for part in outer.parts) == pytest.approx(outer.cold_us)
+    assert whole.cold_us == pytest.approx(outer.cold_us + whole.blocks["FB_Other"].cold_us)
+    assert whole.fits(whole.cold_us)
+    assert not whole.fits(0.99 * whole.cold_us)
+    assert cost(TWO, entries=["fb_other"]).cold_us == whole.blocks["FB_Other"].cold_us
+    # 50 rounds of load, root, store and loop, one more test and the start
+    cycles = PROFILE.cycles
+    rounds = 50 * (cycles[Operation.LOAD] + cycles[Operation.SQRT] + cycles[Operation.STORE] + cycles[Operation.LOOP])
+    expected = rounds + cycles[Operation.LOOP] + cycles[Operation.STORE]
+    assert whole.blocks["FB_Inner"].warm_us == pytest.approx(expected / PROFILE.machine["clock_MHz"])
+    assert whole.as_json()["blocks"]["FB_Outer"]["parts"]["FB_Inner"]["operations"] == 50 * 4 + 2
+
+
+def test_where_there_are_programs_a_cycle_runs_them():
+    whole = cost(TWO + "PROGRAM PRG_Main VAR fb : FB_Outer; END_VAR fb(); END_PROGRAM")
+    assert whole.entries == ("PRG_Main",)
+    assert whole.cold_us > whole.blocks["FB_Outer"].cold_us
+
+
+def test_a_loop_without_a_bound_fits_no_budget():
+    whole = cost(block("WHILE b DO x := y; END_WHILE;", VARIABLES))
+    assert not whole.fits(1e9)
+    assert whole.as_json()["bounded"] is False
+
+
+@pytest.mark.parametrize("body", STATEMENTS, ids=range(len(STATEMENTS)))
+def test_another_statement_never_makes_it_cheaper(body):
+    """Before, behind, and inside of a branch and a loop that are there anyhow."""
+    extra = "y := y + a[n];"
+    frame = "IF c THEN {} END_IF; FOR m := 0 TO 2 DO {} END_FOR; {} {}"
+    plain = cost(block(frame.format("", "", body, ""), VARIABLES + CONSTANTS))
+    for position in range(4):
+        parts = ["", "", "", ""]
+        parts[2] = body
+        parts[position] = f"{extra} {parts[position]}"
+        more = cost(block(frame.format(*parts), VARIABLES + CONSTANTS))
+        assert more.warm_us >= plain.warm_us
+        assert more.cold_us >= plain.cold_us
+        is_unreachable = position == 3 and "RETURN; x" in body
+        assert is_unreachable or more.cold_us > plain.cold_us
+
+
+def test_the_profile_says_where_its_numbers_are_from():
+    assert "cx5140" in profile_names()
+    assert set(PROFILE.cycles) == set(Operation)
+    assert all(PROFILE.sources.values())
+    assert "memory_cycles" in PROFILE.estimates
+    assert "add" not in PROFILE.estimates
+
+
+def test_every_problem_of_a_profile_is_in_one_message(tmp_path):
+    text = (profiles_folder() / "cx5140.toml").read_text(encoding="utf-8")
+    text = text.replace('store = { value = 1.0, source = "slm" }', "store = 1.0")
+    text = text.replace('load = { value = 3.0, source = "slm" }', "")
+    text = text.replace("compute = 1.0", "compute = -1.0")
+    text = re.sub(r"clock_MHz = .*", 'clock_MHz = { value = 0.0, source = "x" }', text)
+    path = tmp_path / "mine.toml"
+    path.write_text(text + '\nflop = { value = 1.0, source = "x" }\n[other]\n', encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        load_profile(path)
+    message = str(caught.value)
+    for part in (
+        "6 problems",
+        "[cycles] store must be {",
+        "load is missing",
+        "compute must be",
+        "clock_MHz = 0",
+        "flop",
+    ):
+        assert part in message
+    with pytest.raises(InputError, match="no profile 'none': use one of cx5140"):
+        load_profile("none")
+    path.write_text("[profile", encoding="utf-8")
+    with pytest.raises(InputError, match="not a readable profile"):
+        load_profile(path)
+
+
+def test_calibration_finds_the_factors_that_made_the_times(tmp_path):
+    checked = project(TWO)
+    text = with_factors(PROFILE, type("F", (), {"compute": 0.6, "memory": 1.7}), "true")
+    (tmp_path / "true.toml").write_text(text, encoding="utf-8")
+    true = load_profile(tmp_path / "true.toml")
+    assert true.name == "true"
+    made = project_cost(checked, true)
+    measurements = tuple(
+        Measurement(name, is_cold, made.blocks[name].cold_us if is_cold else made.blocks[name].warm_us)
+        for name in ("FB_Outer", "FB_Other")
+        for is_cold in (False, True)
+    )
+    fit = calibrate(checked, PROFILE, measurements)
+    assert (fit.compute, fit.memory) == pytest.approx((0.6, 1.7), rel=1e-4)
+    assert fit.largest_error(measurements) < 1e-4
+    # warm times alone say nothing of memory
+    fit = calibrate(checked, PROFILE, measurements[:1])
+    assert not fit.is_memory_known
+    assert (fit.compute, fit.memory) == pytest.approx((0.6, 1.0), rel=1e-4)
+
+
+def test_noisy_times_give_the_least_squares_factors():
+    checked = project(TWO)
+    random = np.random.default_rng(0)
+    made = project_cost(checked, PROFILE)
+    times = [
+        (name, cold, getattr(block, f"{'cold' if cold else 'warm'}_us"))
+        for name, block in made.blocks.items()
+        for cold in (0, 1)
+    ]
+    noisy = tuple(Measurement(name, bool(cold), us * random.uniform(0.9, 1.1)) for name, cold, us in times)
+    fit = calibrate(checked, PROFILE, noisy)
+    assert 0.85 < fit.compute < 1.15
+    assert 0.85 < fit.memory < 1.15
+    assert fit.largest_error(noisy) < 0.25
+
+
+def test_measured_times_are_read_with_all_their_problems(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text("block,caches,us\nFB_A,warm,1.5\nFB_B,cold,2\n")
+    assert read_measurements(path) == (Measurement("FB_A", False, 1.5), Measurement("FB_B", True, 2.0))
+    path.write_text("block,caches,us\nFB_A,hot,1.5\nFB_B,cold,-2\nFB_B,cold,\n")
+    with pytest.raises(InputError, match=r"(?s)3 problems.*line 2: caches.*line 3: us.*line 4"):
+        read_measurements(path)
+    path.write_text("a,b\n1,2\n")
+    with pytest.raises(InputError, match="needs the columns block,caches,us"):
+        read_measurements(path)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_measurements(tmp_path / "none.csv")
+    with pytest.raises(InputError, match=r"no block 'FB_None'"):
+        calibrate(project(TWO), PROFILE, (Measurement("FB_None", False, 1.0),))

@@ -1,0 +1,234 @@
+"""Motions with the generated text in the loop."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+pytest.importorskip("numba")
+
+from st_codegen.errors import InputError
+from st_codegen.rig.compensator import LAWS, EmittedCompensator, restricted, roles_of
+from st_codegen.rig.effects import catalogue
+from st_codegen.rig.machine import another_specimen, machine_of
+from st_codegen.rig.model import parse_rig
+from st_codegen.rig.motion import Case, compare, lead_time_s, plan, run
+from st_codegen.rig.profiles import Profile
+from st_codegen.rig.study import AUTO, Wish, parse_inputs, parse_lead, parse_orders, simulate, with_oil
+from st_codegen.rig.tasks import Form, Inputs, TaskSettings
+from st_codegen.st import ScalarMachine
+from tests.rig.conftest import LINEAR_RIG, ORDERS, write_bundle
+
+
+def turn(cycle=250e-6, speed=60.0, duration=0.6, torque=200.0):
+    """A short move: half a period of a raised cosine."""
+    time = np.arange(round(duration / cycle) + 1) * cycle
+    rate = speed * (1 - np.cos(2 * np.pi * time / duration)) / 2
+    angle = speed / 2 * (time - duration / (2 * np.pi) * np.sin(2 * np.pi * time / duration))
+    return Profile("turn", time, angle, rate, np.full_like(time, torque))
+
+
+@pytest.fixture(scope="module")
+def compensator(linear_bundle):
+    return EmittedCompensator(linear_bundle)
+
+
+@pytest.fixture(scope="module")
+def moved(linear_rig, compensator):
+    planned = plan(linear_rig, turn())
+    compensator.foresee(planned.speed_rpm, planned.wanted_Nm, planned.sensor_C)
+    return planned, run(linear_rig, planned)
+
+
+def test_the_prediction_is_the_rigs_own_error(linear_rig, compensator, moved):
+    """Models that are exact leave only the age of the angle: |TE'| * speed * age, and the blend of the start."""
+    planned, before = moved
+    outcome = compare(linear_rig, planned, before, compensator, Case(ORDERS, "full", Form.ONE))
+    slope = 0.0172 + 39 * (0.0007 + 0.0007 * 0.2)  # deg of TE a rad of the output
+    age = (linear_rig.tasks.main_us * 1e-6) * 1.0  # a prediction belongs to the angle latched a cycle before
+    moving = slice(planned.first, None)
+    true = (before.theta_out_deg - before.theta_in_deg / 81.0)[moving]
+    np.testing.assert_allclose(outcome.predicted_deg, true, atol=slope * np.radians(60.0) * (age + 350e-6) + 1e-6)
+
+
+def test_what_is_left_is_bounded_by_the_known_delays(linear_rig, compensator, moved):
+    planned, before = moved
+    outcome = compare(linear_rig, planned, before, compensator, Case(ORDERS, "full", Form.ONE))
+    delay = lead_time_s(linear_rig, Form.ONE)
+    slope = 0.0172 + 39 * (0.0007 + 0.0007 * 0.2)
+    # the correction itself moves the output by less than 0.05 deg / 81; the loops' own lag is below a millisecond
+    assert outcome.after.maximum < slope * np.radians(60.0) * (delay + 1e-3) + 1e-5
+    assert outcome.reduction[0] > 0.99
+
+
+def test_a_lead_removes_what_latency_leaves(linear_rig, compensator, moved):
+    planned, before = moved
+    cases = [Case(ORDERS, "full", Form.TWO), Case(ORDERS, "full", Form.TWO, lead_time_s(linear_rig, Form.TWO))]
+    late, ahead = (compare(linear_rig, planned, before, compensator, case).after.rms for case in cases)
+    assert ahead < 0.5 * late
+
+
+def test_orders_left_out_stay(linear_rig, linear_bundle, moved):
+    planned, before = moved
+    some = EmittedCompensator(restricted(linear_bundle, (0, 1)))
+    outcome = compare(linear_rig, planned, before, some, Case((0, 1), "full", Form.ONE))
+    theta = np.radians(before.theta_out_deg[planned.first :])
+    left = ((0.0007 * np.exp(-1.7j) + 0.00014 * np.exp(0.5j)) * np.exp(39j * theta)).real
+    assert outcome.after.rms == pytest.approx(float(np.sqrt(np.mean(left**2))), rel=0.05)
+
+
+def test_the_forms_agree_where_they_must(linear_rig, compensator, moved):
+    """Coefficients that hardly change make the split form the single one."""
+    planned, before = moved
+    one, split = (
+        compare(linear_rig, planned, before, compensator, Case(ORDERS, "continuous", form))
+        for form in (Form.ONE, Form.SPLIT)
+    )
+    assert split.after.rms == pytest.approx(one.after.rms, rel=0.05)
+
+
+def test_laws(linear_rig, compensator, moved):
+    planned, before = moved
+    by_law = {law: compare(linear_rig, planned, before, compensator, Case(ORDERS, law, Form.ONE)) for law in LAWS}
+    assert by_law["full"].after.rms < by_law["continuous"].after.rms < by_law["published"].after.rms
+    # where the weight is 1 they are the same
+    assert by_law["full"].full_before.rms == by_law["full"].before.rms
+    assert by_law["published"].full_after.rms < 0.02 * by_law["published"].full_before.rms
+
+
+def test_no_transmission_error_gives_no_error(linear_bundle):
+    """A perfect reducer, no compensation: theta_out is theta_in / ratio to the last bits."""
+    perfect = machine_of(
+        parse_rig("[rig]\nreduction_ratio = 81.0\n[axis.encoders]\noutput_noise_deg = 0.0\ninput_noise_deg = 0.0\n")
+    )
+    planned = plan(perfect, turn(duration=0.3))
+    record = run(perfect, planned)
+    assert (
+        np.abs(record.theta_out_deg - record.theta_in_deg / 81.0).max()
+        <= 4 * np.finfo(float).eps * np.abs(record.theta_out_deg).max()
+    )
+    steps = 360.0 / 2.0**26
+    assert np.abs(record.seen_out_deg - record.seen_in_deg / 81.0).max() < steps * (1 + 1 / 81) + 1e-12
+
+
+def test_a_compensator_that_predicts_nothing_changes_nothing(linear_rig, tmp_path, moved):
+    from st_codegen.bundle import load
+
+    nothing = parse_rig("[rig]\nreduction_ratio = 81.0\n")
+    bundle = load(write_bundle(nothing, tmp_path / "zero", (0, 1)))
+    planned, before = moved
+    outcome = compare(linear_rig, planned, before, EmittedCompensator(bundle), Case((0, 1), "full", Form.ONE))
+    assert outcome.error_after_deg.tobytes() == outcome.error_before_deg.tobytes()
+
+
+def test_foreseen_outputs_are_the_bits_of_the_text(compensator):
+    """The blocks' results with FB_TEPredict taken from the lanes, and with its text run in place."""
+    random = np.random.default_rng(5)
+    rows = np.stack([random.uniform(-1700, 1700, 60), random.uniform(0, 1800, 60), random.uniform(15, 45, 60)], axis=1)
+    compensator.foresee(*rows.T)
+    plain = ScalarMachine(compensator.project).instance("FB_Compensator")
+    plain["bEnable"] = True
+    plain["fCycle_s"] = 250e-6
+    quick = compensator.start(Form.ONE, "continuous", TaskSettings())
+    for number, (speed, torque, temperature) in enumerate(rows.tolist()):
+        theta = 0.1 * number
+        plain(fThetaOut_rad=theta, fSpeed_rpm=speed, fTorque_Nm=torque, fTemperature_C=temperature)
+        quick.correct(Inputs(theta, speed, torque, temperature))
+        for name in ("fTE_deg", "fCorrection_deg", "fWeight"):
+            assert plain[name].hex() == quick._ports[name].hex()
+
+
+def test_an_operating_point_that_was_not_foreseen_runs_the_text(compensator):
+    point = Inputs(0.3, 777.25, 123.5, 31.0)
+    plain = ScalarMachine(compensator.project).instance("FB_Compensator")
+    plain["bEnable"] = True
+    plain(fThetaOut_rad=0.3, fSpeed_rpm=777.25, fTorque_Nm=123.5, fTemperature_C=31.0, fCycle_s=250e-6)
+    quick = compensator.start(Form.ONE, "continuous", TaskSettings())
+    quick.correct(point)
+    assert quick.te_deg == plain["fTE_deg"]
+
+
+def test_the_same_seed_gives_the_same_bits_and_another_one_does_not():
+    rig = machine_of(
+        parse_rig(
+            LINEAR_RIG.replace("output_noise_deg = 0.0", "output_noise_deg = 1e-4") + "\n[tasks]\njitter_us = 5.0\n"
+        )
+    )
+    errors = [run(rig, plan(rig, turn(duration=0.1), seed=seed)).seen_out_deg.tobytes() for seed in (1, 1, 2)]
+    assert errors[0] == errors[1] != errors[2]
+
+
+def test_oil_that_drifts_and_its_slow_sensor(linear_rig):
+    warm = with_oil(linear_rig, 28.0, 6.0)
+    planned = plan(warm, turn())
+    assert planned.temperature_C[0] == 28.0
+    assert planned.temperature_C[-1] == pytest.approx(28.06)
+    assert planned.sensor_C[-1] < 28.01  # time constant of 20 s
+
+
+def test_another_specimen_differs_by_its_spread(linear_model):
+    other = another_specimen(linear_model, catalogue(()), 0.05, 3)
+    assert [e.name for e in other.effects] == [e.name for e in linear_model.effects]
+    old, new = (
+        np.array([e.table()["amplitude_deg"] for e in r.effects if "amplitude_deg" in e.table()])
+        for r in (linear_model, other)
+    )
+    assert 0.0 < np.abs(new / old - 1.0).max() < 0.25
+    assert another_specimen(linear_model, catalogue(()), 0.0, 3).text() == linear_model.text()
+
+
+def test_effects_of_recordings_set_the_axis():
+    extra = '\n[[effect]]\nname = "control_lag"\nlag_ms = 5.0\n[[effect]]\nname = "coupling_compliance"\nstiffness_Nm_per_rad = 5000.0\nbacklash_arcmin = 2.0\n'  # noqa: E501
+    axis = machine_of(parse_rig(LINEAR_RIG + extra)).axis
+    assert axis.drive.position_gain_per_s == pytest.approx(200.0)
+    assert axis.drive.speed_feedforward == 0.0
+    assert (axis.coupling.stiffness_Nm_per_rad, axis.coupling.backlash_arcmin) == (5000.0, 2.0)
+    own = machine_of(parse_rig(LINEAR_RIG + extra + "\n[axis.drive]\nposition_gain_per_s = 50.0\n")).axis
+    assert own.drive.position_gain_per_s == 50.0
+
+
+def test_a_study_runs_all_cases(linear_rig, linear_bundle):
+    wish = Wish(((0, 1), ORDERS), ("published",), (Form.TWO, Form.SPLIT), AUTO, inputs={"fBlendTime_s": 0.02})
+    seen = []
+    study = simulate(linear_rig, linear_bundle, turn(duration=0.2), wish, progress=lambda *state: seen.append(state))
+    assert [(len(o.case.orders), o.case.form) for o in study.outcomes] == [
+        (2, "two"),
+        (2, "split"),
+        (3, "two"),
+        (3, "split"),
+    ]
+    assert seen[0][0] == 0
+    assert seen[-1][:2] == (5, 5)
+    assert all(o.case.lead_s > 1e-3 for o in study.outcomes if o.case.form is Form.TWO)
+
+
+@pytest.mark.parametrize(
+    ("call", "part"),
+    [
+        (lambda b, c: parse_orders(("0,x",), b), "whole numbers"),
+        (lambda b, c: parse_orders(("0,7",), b), "order 7"),
+        (lambda b, c: parse_lead("soon"), "microseconds"),
+        (lambda b, c: parse_lead("-3"), "microseconds"),
+        (lambda b, c: parse_inputs(("fBlendTime_s",)), "fBlendTime_s=0.05"),
+        (lambda b, c: c.start(Form.ONE, "full", TaskSettings(), 0.2), "lead"),
+        (lambda b, c: c.start(Form.ONE, "full", TaskSettings(), 0.0, {"fWrong": 1.0}), "fWrong"),
+        (lambda b, c: EmittedCompensator(b, "iec").start(Form.SPLIT, "full", TaskSettings()), "twincat"),
+        (lambda b, c: c.start(Form.SPLIT, "full", TaskSettings(500.0, 500.0)), "main_us"),
+    ],
+)
+def test_wishes_that_cannot_be_met(linear_bundle, compensator, call, part):
+    with pytest.raises(InputError, match=part):
+        call(linear_bundle, compensator)
+
+
+def test_the_bundle_must_fit_the_rig(linear_bundle):
+    rig = machine_of(parse_rig("[rig]\nreduction_ratio = 100.0\n"))
+    with pytest.raises(InputError, match="reduction ratio 81"):
+        simulate(rig, linear_bundle, turn(), Wish((ORDERS,)))
+
+
+def test_features_the_rig_does_not_know(linear_bundle):
+    te = linear_bundle.transmission_error
+    strange = dataclasses.replace(te.features[1], name="humidity", unit="%")
+    with pytest.raises(InputError, match="humidity"):
+        roles_of(dataclasses.replace(te, features=(te.features[0], strange, te.features[2])))

@@ -1,0 +1,142 @@
+"""`st-codegen simulate motion`: files, faults, and its page in a real browser."""
+
+import csv
+import json
+import shutil
+import subprocess
+
+import pytest
+
+pytest.importorskip("numba")
+pytest.importorskip("matplotlib")
+
+from st_codegen.cli.main import main
+from tests.rig.conftest import LINEAR_RIG
+
+PROFILE = "t,theta_out,torque_Nm\n0,0,100\n0.2,3,200\n0.4,9,200\n0.6,12,100\n0.7,12,100\n"
+ROW = {"profile", "orders", "law", "tasks", "rms_before", "rms_after", "max_before", "max_after"}
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("motion")
+    (folder / "rig.toml").write_text(LINEAR_RIG)
+    (folder / "pick.csv").write_text(PROFILE)
+    return folder
+
+
+def arguments(files, models, **changes):
+    options = {"--models": models, "--rig": files / "rig.toml", "--profile": files / "pick.csv", "--out": files / "out"}
+    return ["simulate", "motion", *(str(part) for pair in (options | changes).items() for part in pair)]
+
+
+@pytest.fixture(scope="module")
+def out(files, linear_folder):
+    wanted = ["--orders", "0,1", "--orders", "all", "--law", "full", "--recording", "-q"]
+    with pytest.raises(SystemExit) as caught:
+        main([*arguments(files, linear_folder), *wanted])
+    assert caught.value.code == 0
+    return files / "out"
+
+
+def test_rows_curves_and_a_recording(out):
+    rows = json.loads((out / "motion.json").read_text())
+    assert [(row["orders"], row["tasks"]) for row in rows] == [
+        ([0, 1], "two"),
+        ([0, 1], "one"),
+        ([0, 1, 39], "two"),
+        ([0, 1, 39], "one"),
+    ]
+    assert all(set(row) >= ROW for row in rows)
+    # exact models: with all orders latency is left, without order 39 that order besides
+    assert max(row["rms_after"] for row in rows[2:]) < 0.5 * min(row["rms_after"] for row in rows[:2])
+    assert rows[0]["latency_us"] == pytest.approx(1325.3)
+    assert rows[2]["limit_output_rpm"] == pytest.approx(754.5 / 39 * 60, rel=1e-4)
+    with (out / "motion.csv").open() as file:
+        table = list(csv.DictReader(file))
+    assert [float(row["rms_after"]) for row in table] == [row["rms_after"] for row in rows]
+    lines = (out / "curves.csv").read_text().splitlines()
+    assert len(lines) == 1 + 701
+    recording = (out / "recording.csv").read_text().splitlines()
+    assert recording[0] == "t,theta_ref,theta_mot,theta_in,theta_out,speed_rpm,torque_Nm,temperature_C"
+    assert len(recording) == 1 + 2801
+
+
+def test_the_page_in_a_browser(out, tmp_path):
+    browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if browser is None:
+        pytest.skip("no browser: install chromium to have the page drawn (apt-get install chromium)")
+    page = (out / "report.html").resolve().as_uri()
+    command = [
+        browser,
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--hide-scrollbars",
+        f"--user-data-dir={tmp_path}",
+    ]
+
+    def browse(*more):
+        return subprocess.run([*command, *more, page], capture_output=True, text=True, timeout=120, check=False)
+
+    shown = browse("--dump-dom")
+    assert shown.returncode == 0, shown.stderr
+    for text in ("Motion pick", "Error of the output", "not compensated", "1325.3 us", "754.5 Hz"):
+        assert text in shown.stdout
+    assert shown.stdout.count("<svg") == 3
+    picture = tmp_path / "page.png"
+    browse(f"--screenshot={picture}", "--window-size=1000,1800")
+    pixels = pytest.importorskip("matplotlib.image").imread(picture)
+    assert pixels.shape[:2] == (1800, 1000)
+    # the pictures are there: blue of the first curve, and grey of the uncompensated one
+    colours = pixels[..., :3].reshape(-1, 3) * 255
+    assert (abs(colours - (0x00, 0x72, 0xB2)).max(axis=1) < 12).sum() > 200
+    assert (abs(colours - (0x99, 0x99, 0x99)).max(axis=1) < 12).sum() > 200
+
+
+@pytest.mark.parametrize(
+    ("changes", "part"),
+    [
+        ({"--rig": "none.toml"}, "no such file"),
+        ({"--models": "none"}, "no such folder"),
+        ({"--profile": "sine"}, "cycloidal, robot"),
+        ({"--orders": "0,2"}, "order 2"),
+        ({"--lead": "long"}, "microseconds"),
+        ({"--set": "fWrong=1"}, "fWrong"),
+        ({"--target": "basic"}, "basic"),
+    ],
+)
+def test_faults_give_one_message_and_write_nothing(files, linear_folder, tmp_path, capsys, changes, part):
+    out = tmp_path / "out"
+    with pytest.raises(SystemExit) as caught:
+        main(arguments(files, linear_folder, **({"--out": out} | changes)))
+    assert caught.value.code == 2
+    text = capsys.readouterr().err
+    assert part in text
+    assert "Traceback" not in text
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ("[axis]\nspeed = 3\n", "speed"),
+        ("[axis.drive]\nspeed_gain_Nms_per_rad = 500.0\n", "unstable"),
+        ("[tasks]\nslow_us = 510.0\n", "multiple"),
+        ("[wrong]\n", "wrong"),
+    ],
+)
+def test_faulty_rigs(files, linear_folder, tmp_path, capsys, text, part):
+    rig, out = tmp_path / "rig.toml", tmp_path / "out"
+    rig.write_text(LINEAR_RIG + "\n" + text if "[axis]" not in text else text + "[rig]\nreduction_ratio = 81.0\n")
+    with pytest.raises(SystemExit) as caught:
+        main(arguments(files, linear_folder, **{"--rig": rig, "--out": out}))
+    assert caught.value.code == 2
+    assert part in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_help_has_examples(capsys):
+    with pytest.raises(SystemExit):
+        main(["simulate", "motion", "--help"])
+    assert "--lead auto" in capsys.readouterr().out

@@ -1,0 +1,139 @@
+"""`st-codegen train` and `st-codegen tables` as a user calls them."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from st_codegen.bundle import load
+from st_codegen.campaign.harmonic_table import joined, read_table, write_table
+from st_codegen.cli.main import cli, main
+from st_codegen.cli.tables import ERRORS, PREDICTIONS, TABLE
+from st_codegen.training.tables import COLUMNS
+from tests.training.conftest import ORDERS, a_table, write_campaign
+
+FAST = ["--families", "DT,ET", "--folds", "2", "--jobs", "1"]
+
+
+def run(*arguments):
+    result = CliRunner().invoke(cli, [str(a) for a in arguments], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result
+
+
+def refused(capsys, *arguments):
+    with pytest.raises(SystemExit) as error:
+        main([str(a) for a in arguments])
+    assert error.value.code == 2
+    return capsys.readouterr().err
+
+
+def test_a_table_becomes_a_bundle_that_compiles(tmp_path):
+    write_table(joined([a_table(), a_table(backward=True)]), tmp_path / "t.csv")
+    arguments = ["train", tmp_path / "t.csv", "--out", tmp_path / "m", "--json", "--work", tmp_path / "fits.sqlite"]
+    result = run(*arguments, "--report", tmp_path / "report.html", *FAST)
+    facts = json.loads(result.stdout)
+    assert [fact["direction"] for fact in facts] == ["forward", "backward"]
+    assert [order["order"] for order in facts[0]["orders"]] == list(ORDERS)
+    assert "Models, backward" in (tmp_path / "report.html").read_text()
+    first = {path.name: path.read_bytes() for path in (tmp_path / "m").iterdir()}
+    run("generate", tmp_path / "m", "--target", "iec", "--out", tmp_path / "plc")
+    assert (tmp_path / "plc" / "iec").is_dir()
+    # the same seed gives the same bits, from finished fits and without
+    for work in ("fits.sqlite", "other.sqlite"):
+        arguments[-1] = tmp_path / work
+        run(*arguments, *FAST)
+        text = (tmp_path / "m" / "bundle.toml").read_bytes()
+        assert text == first["bundle.toml"]
+        again = load(tmp_path / "m")
+        x = a_table().conditions
+        (tmp_path / "old").mkdir(exist_ok=True)
+        for name, content in first.items():
+            (tmp_path / "old" / name).write_bytes(content)
+        for one, other in zip(load(tmp_path / "old").models, again.models, strict=True):
+            assert np.array_equal(one.predict(x), other.predict(x))
+
+
+def test_a_campaign_becomes_a_bundle(tmp_path):
+    write_campaign(tmp_path / "c", [a_table(speeds=5, torques=5)])
+    (tmp_path / "c" / "broken.csv").write_text("1,2")
+    result = run(
+        "train", tmp_path / "c", "--out", tmp_path / "m", "--skip-bad", "--table", tmp_path / "t.csv",
+        "--cache", tmp_path / "c.parquet", "--work", tmp_path / "f.sqlite", "--report", tmp_path / "r.html", *FAST,
+    )  # fmt: skip
+    assert "left out" in result.stderr
+    table = read_table(tmp_path / "t.csv")
+    assert table.orders == ORDERS
+    assert len(table) == 50
+    page = (tmp_path / "r.html").read_text()
+    assert "of the strongest" in page
+    assert "broken.csv" in page
+    assert load(tmp_path / "m").transmission_error.orders == ORDERS
+
+
+def test_bad_files_stop_it_and_nothing_is_written(tmp_path, capsys):
+    write_campaign(tmp_path / "c", [a_table(speeds=2, torques=2)])
+    for path in list((tmp_path / "c").rglob("*.csv"))[:2]:
+        path.write_text("1,2")
+    cache = ["--cache", tmp_path / "c.parquet", "--work", tmp_path / "f.sqlite"]
+    message = refused(capsys, "train", tmp_path / "c", "--out", tmp_path / "m", *cache, *FAST)
+    assert "2 problems" in message.replace("\n", " ")
+    assert "--skip-bad" in message
+    assert not (tmp_path / "m").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--orders", "1,x"], "give whole numbers"),
+        (["--orders", "1,7"], "order 7 is not in the harmonic table"),
+        (["--families", "KNN"], "unknown family 'KNN'"),
+        (["--families", ","], "--families is empty"),
+        (["--backend", "dask"], "go together"),
+        (["--reduction-ratio", "0"], "not a positive number"),
+        (["--format", "onnx", "--families", "LGBM"], "none of these families can be saved as onnx"),
+        (["--limit-us", "0.01"], "model fewer orders"),
+    ],
+)
+def test_refusals(tmp_path, capsys, arguments, message):
+    write_table(a_table(), tmp_path / "t.csv")
+    fast = {"--families": "DT", "--folds": "2", "--jobs": "1", "--work": tmp_path / "f.sqlite"}
+    rest = [part for key, value in fast.items() if key not in arguments for part in (key, value)]
+    given = refused(capsys, "train", tmp_path / "t.csv", "--out", tmp_path / "m", *arguments, *rest)
+    assert message in " ".join(given.split())
+    assert not (tmp_path / "m").exists()
+
+
+def test_tables_without_the_measured_data(tmp_path, capsys):
+    message = " ".join(refused(capsys, "tables", tmp_path).split())
+    assert "not part of this project" in message
+    assert "make tables DATA=FOLDER" in message
+
+
+def test_tables_of_made_up_data(tmp_path):
+    table = a_table(noise=1e-6)
+    write_table(table, tmp_path / TABLE)
+    test = table.rows(np.arange(0, len(table), 5))
+    write_table(test, tmp_path / PREDICTIONS)
+    rows = ["method,quantity,harmonic,MAE,RMSE"]
+    rows += [f"{f},{q},{k},1.0,2.0" for f in ("DT", "HGBM", "unnamed") for q in ("ampl", "phase") for k in ORDERS]
+    (tmp_path / ERRORS).write_text("\n".join(rows) + "\n")
+    run("tables", tmp_path, "--out", tmp_path / "o", "--repeats", "2", "--work", tmp_path / "f.sqlite", *FAST)
+    with (tmp_path / "o" / "errors.csv").open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    assert tuple(lines[0]) == COLUMNS
+    keys = {(int(line["order"]), line["quantity"], line["family"]) for line in lines}
+    assert keys == {(k, q, f) for k in ORDERS for q in ("ampl", "phase", "complex") for f in ("DT", "ET", "chosen")} - {
+        (0, "phase", f) for f in ("DT", "ET", "chosen")
+    }
+    dt = next(line for line in lines if line["family"] == "DT" and line["quantity"] == "ampl")
+    assert (dt["paper_mae"], dt["paper_rmse"]) == ("1", "2")
+    assert all(0 <= float(line["ours_mae"]) < 1 for line in lines)
+    # their predictions are the truth here
+    complex_error = next(line for line in lines if line["family"] == "chosen" and line["quantity"] == "complex")
+    assert float(complex_error["paper_mae"]) < 1e-12
+    assert "Table 6" in (tmp_path / "o" / "tables.md").read_text()
+    html = (tmp_path / "o" / "tables.html").read_text()
+    assert html.count("<svg") == len(ORDERS)

@@ -1,0 +1,230 @@
+"""From a table to a bundle that compiles: faulty runs, targets, choice, export."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from st_codegen.bundle import load
+from st_codegen.campaign.harmonic_table import HarmonicTable, joined
+from st_codegen.errors import InputError
+from st_codegen.ir import Direction, Quantity
+from st_codegen.predict import Engine, predict
+from st_codegen.training.choice import choose, loss
+from st_codegen.training.errors import errors_of
+from st_codegen.training.export import write_bundle
+from st_codegen.training.families import Candidate
+from st_codegen.training.faulty import faulty_runs
+from st_codegen.training.learn import Plan, bundle_head, interval, learn, only_exportable, split_rows
+from st_codegen.training.paper import reconstruction
+from st_codegen.training.search import Backend
+from st_codegen.training.store import FitStore
+from st_codegen.training.study import Settings, study
+from st_codegen.training.targets import Kind, Unit, combined, kinds, mean_direction, values
+from tests.training.conftest import ORDERS, a_table
+
+FEW = (
+    Candidate("SVM", {"C": 10.0, "epsilon": 0.05, "lengths": (200.0, 500.0, 8.0)}),
+    Candidate("DT", {"min_samples_leaf": 2}),
+    Candidate("ERT", {"n_estimators": 8}),
+)
+SETTINGS = Settings(FEW, folds=3)
+
+
+def changed(table, rows, change):
+    coefficients = np.array(table.coefficients)
+    coefficients[rows] = change(coefficients[rows])
+    return HarmonicTable(
+        table.backward, table.speed_rpm, table.torque_Nm, table.temperature_C, table.orders, coefficients
+    )
+
+
+@pytest.fixture(scope="module")
+def lessons():
+    both = joined([a_table(noise=1e-6), a_table(backward=True, noise=1e-6)])
+    with FitStore(None) as store:
+        return both, [learn(both, direction, Plan(SETTINGS, repeats=2), store, Backend(1)) for direction in Direction]
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_targets_give_the_coefficients_back(table, order):
+    c = table.column(order)
+    for kind in kinds(order):
+        parts = tuple(values(c, q, order, mean_direction(c)) for q in kind.quantities(order))
+        # polar coordinates and back: phases up to 2 pi carry an error of 2 pi * eps
+        assert np.abs(combined(order, kind, parts) - c).max() <= 8 * np.pi * np.finfo(float).eps * np.abs(c).max()
+
+
+def test_phases_are_turned_so_that_they_do_not_jump():
+    angles = np.linspace(np.pi - 0.5, np.pi + 0.5, 50)
+    c = 1e-3 * np.exp(1j * angles)
+    assert np.ptp(values(c, Quantity.PHASE, 156)) > 6
+    assert np.ptp(values(c, Quantity.PHASE, 156, mean_direction(c))) == pytest.approx(1.0)
+
+
+def test_units_are_robust():
+    y = np.concatenate([np.random.default_rng(0).normal(3.0, 2.0, 1000), [1e6]])
+    unit = Unit.of(y)
+    assert unit.centre == pytest.approx(3.0, abs=0.3)
+    assert unit.size == pytest.approx(2.0, rel=0.15)
+    assert np.allclose(unit.restored(unit.scaled(y)), y, rtol=1e-12)
+    assert Unit.of(np.ones(5)).size == 1.0
+
+
+def test_errors_go_around_the_circle():
+    truth, guess = np.exp(1j * np.array([3.1, 1.0])), 2 * np.exp(1j * np.array([-3.1, 1.0]))
+    errors = errors_of(39, guess, truth)
+    assert errors.phase_mae == pytest.approx((2 * np.pi - 6.2) / 2)
+    assert errors.bare_phase_mae == pytest.approx(3.1)
+    assert errors.amplitude_mae == pytest.approx(1.0)
+    assert errors_of(0, np.array([-1 + 0j]), np.array([1 + 0j])).amplitude_mae == 2.0
+
+
+def test_faulty_runs_are_found_and_good_ones_kept(table):
+    assert not faulty_runs(table).rows.any()
+    spoiled = np.array([20, 77])
+    # the coefficients of another speed, and a run that is off by a third in all orders
+    bad = changed(table, spoiled[:1], lambda c: table.coefficients[[110]])
+    bad = changed(bad, spoiled[1:], lambda c: c * (1.33 + 0j))
+    found = faulty_runs(bad)
+    assert np.array_equal(np.flatnonzero(found.rows), spoiled)
+    assert 156 in found.orders[20]
+    assert not faulty_runs(table.rows(np.arange(10))).rows.any()
+
+
+def test_a_single_bad_number_is_no_faulty_run(table):
+    coefficients = np.array(table.coefficients)
+    coefficients[30, 2] *= 3
+    one = HarmonicTable(
+        table.backward, table.speed_rpm, table.torque_Nm, table.temperature_C, table.orders, coefficients
+    )
+    assert not faulty_runs(one).rows[30]
+
+
+def test_splits(table):
+    mask = split_rows(table, Plan(SETTINGS))
+    assert mask.sum() == round(0.2 * len(table))
+    assert np.array_equal(mask, split_rows(table, Plan(SETTINGS)))
+    points = table.conditions[[3, 9]]
+    assert np.flatnonzero(split_rows(table, Plan(SETTINGS, test_points=points))).tolist() == [3, 9]
+    with pytest.raises(InputError, match="1 of 3 test points are not in"):
+        split_rows(table, Plan(SETTINGS, test_points=np.vstack([points, [[1, 2, 3]]])))
+    with pytest.raises(InputError, match="at least 20 are needed"):
+        split_rows(table.rows(np.arange(5)), Plan(SETTINGS))
+
+
+def test_learned_models_predict_points_kept_apart(lessons):
+    _, (forward, _) = lessons
+    for order, errors in forward.test_errors.items():
+        truth = forward.study.test.column(order)
+        # a constant, their median, is what no learning at all would give
+        constant = np.median(truth.real) + 1j * np.median(truth.imag)
+        assert errors.complex_mae < max(0.5 * np.abs(truth - constant).mean(), 3e-6), order
+        assert forward.intervals[order].half_width > 0
+
+
+def test_parts_are_chosen_where_phases_wrap():
+    table = a_table(torques=15)
+    coefficients = np.array(table.coefficients)
+    # once and a half around the circle over the range of torque
+    coefficients[:, 2] = 1e-3 * np.exp(1j * table.torque_Nm / 200)
+    turning = replace(table, coefficients=coefficients).only([39])
+    with FitStore(None) as store:
+        searched = study(turning, turning, Settings(FEW[:1], 3), store, Backend(1))
+    (solution,) = choose(searched).solutions
+    polar = next(s for s in searched.solutions(39) if s.kind is Kind.POLAR)
+    assert solution.kind is Kind.PARTS
+    assert solution.errors.complex_mae < 0.5 * polar.errors.complex_mae
+
+
+def test_the_choice_keeps_the_cost_limit(lessons):
+    _, (forward, _) = lessons
+    free = choose(forward.study)
+    limit = free.cost_us / 2
+    limited = choose(forward.study, limit_us=limit)
+    assert limited.cost_us <= limit < free.cost_us
+    assert sum(map(loss, limited.solutions)) >= sum(map(loss, free.solutions))
+    # each order alone: no cheaper-or-equal pair of models is better than the chosen one
+    for solution in free.solutions:
+        assert loss(solution) == min(loss(s) for s in forward.study.solutions(solution.order))
+    with pytest.raises(InputError, match="are allowed: model fewer orders"):
+        choose(forward.study, limit_us=0.1)
+
+
+def test_what_cannot_be_compiled_is_not_chosen(table):
+    with FitStore(None) as store:
+        searched = study(table, table, Settings((Candidate("ELM", {"neurons": 20}),), 3), store, Backend(1))
+    with pytest.raises(InputError, match="none of the families that were tried can be compiled"):
+        choose(searched)
+
+
+@pytest.mark.parametrize("form", ["native", "skops"])
+def test_the_bundle_compiles_and_predicts_the_same(lessons, tmp_path, form):
+    both, learned = lessons
+    models = [model for lesson in learned for model in lesson.models]
+    write_bundle(tmp_path / "models", bundle_head(both, "small", 81.0), models, form)
+    bundle = load(tmp_path / "models")
+    assert bundle.transmission_error.orders == ORDERS
+    rows = both.conditions[:40]
+    columns = dict(zip(("speed_rpm", "torque_Nm", "temperature_C"), rows.T, strict=True))
+    # the emitted text, inside the trained ranges
+    predicted = predict(bundle, columns, Engine.ST)
+    for model in models:
+        assert np.allclose(predicted[model.stem], model.estimator.predict(rows), rtol=1e-9, atol=1e-12), model.stem
+
+
+def test_a_bundle_replaces_only_a_bundle(lessons, tmp_path):
+    both, learned = lessons
+    head = bundle_head(both, "small", 81.0)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("keep me")
+    with pytest.raises(InputError, match="exists and is no bundle"):
+        write_bundle(tmp_path / "mine", head, learned[0].models)
+    assert (tmp_path / "mine" / "thesis.txt").read_text() == "keep me"
+    write_bundle(tmp_path / "new", head, learned[0].models)
+    first = sorted(path.name for path in (tmp_path / "new").iterdir())
+    write_bundle(tmp_path / "new", head, learned[1].models)
+    assert first != sorted(path.name for path in (tmp_path / "new").iterdir())
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
+
+
+@pytest.mark.parametrize(("family", "params"), [("ERT", {"n_estimators": 3}), ("SVM", FEW[0].params), ("MLP", None)])
+def test_onnx(table, tmp_path, family, params):
+    pytest.importorskip("skl2onnx")
+    params = params or {"scaled": True, "hidden_layer_sizes": (6,), "solver": "lbfgs", "max_iter": 50}
+    settings = Settings((Candidate(family, params),), folds=2)
+    with FitStore(None) as store:
+        lesson = learn(table.only([0, 39]), Direction.FORWARD, Plan(settings), store, Backend(1))
+    write_bundle(tmp_path / "models", bundle_head(table, "small", 81.0), lesson.models, "onnx")
+    bundle = load(tmp_path / "models")
+    for model, loaded in zip(sorted(lesson.models, key=lambda m: m.stem), bundle.models, strict=True):
+        expected = model.estimator.predict(table.conditions)
+        size = np.abs(expected).max()
+        # float32 parameters and sums of some hundred terms
+        assert np.abs(loaded.predict(table.conditions).ravel() - expected).max() < 1e-4 * size, model.stem
+
+
+def test_only_families_that_fit_the_form():
+    kept = only_exportable(Settings((*FEW, Candidate("LGBM", {}), Candidate("ELM", {}))), "onnx")
+    assert [candidate.family for candidate in kept.candidates] == ["SVM", "DT", "ERT"]
+    with pytest.raises(InputError, match="none of these families can be saved as onnx: SVM, MLP, RF"):
+        only_exportable(Settings((Candidate("LGBM", {}),)), "onnx")
+
+
+def test_reconstruction_is_parsevals(table):
+    theta = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
+    guess = table.coefficients * 1.05
+    truth = table.curves(theta)
+    off = truth - replace(table, coefficients=guess).curves(theta)
+    percent = 100 * np.sqrt((off**2).mean(axis=1)) / np.sqrt((truth**2).mean(axis=1))
+    deg, median, high = reconstruction(table, table.orders, guess)
+    assert median == pytest.approx(np.median(percent), rel=1e-9)
+    assert high == pytest.approx(np.percentile(percent, 95), rel=1e-9)
+    assert deg == pytest.approx(np.median(np.sqrt((off**2).mean(axis=1))), rel=1e-9)
+
+
+def test_interval():
+    made = interval([1.0, 2.0, 3.0])
+    assert made.mean == 2.0
+    assert made.half_width == pytest.approx(4.30 / math.sqrt(3))

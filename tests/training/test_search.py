@@ -1,0 +1,196 @@
+"""The search: the same bits whatever the order, the process or an interruption; nothing finished is lost."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from st_codegen.errors import InputError
+from st_codegen.training.cost import worst_case_us
+from st_codegen.training.families import FAMILIES, Candidate, candidates, family_named
+from st_codegen.training.search import Backend, Task, fold_numbers, run_task, run_tasks
+from st_codegen.training.store import FitStore
+from st_codegen.walkers.objects import from_estimator
+from tests.training.conftest import a_table
+
+SMALL = (
+    Candidate("SVM", {"C": 10.0, "epsilon": 0.05, "lengths": (300.0, 500.0, 8.0)}),
+    Candidate("ERT", {"n_estimators": 5}),
+    Candidate("LGBM", {"n_estimators": 10}),
+)
+
+
+def the_tasks(chosen=SMALL, folds=3):
+    table = a_table()
+    y = np.abs(table.column(39))
+    train, test = table.conditions[::2], table.conditions[1::2]
+    return [Task(candidate, train, y[::2], test, folds, 7, candidate.family) for candidate in chosen]
+
+
+def same(one, other):
+    return all(
+        np.array_equal(a.folds, b.folds, equal_nan=True) and np.array_equal(a.test, b.test) and a.cost_us == b.cost_us
+        for a, b in zip(one, other, strict=True)
+    )
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_every_family_learns_and_repeats_to_the_bit(name, table):
+    family = family_named(name)
+    x, y = table.conditions, np.abs(table.column(39))
+    for params, by_authors in ((family.grid[0], False), (family.authors, True)):
+        small = {key: min(value, 20) if key in ("n_estimators", "max_iter") else value for key, value in params.items()}
+        candidate = Candidate(name, small, by_authors)
+        one, other = candidate.fit(x, y, 3), candidate.fit(x, y, 3)
+        values = one.predict(x)
+        assert values.shape == y.shape
+        assert np.array_equal(values, other.predict(x))
+        if not by_authors and name != "MLP":  # 20 steps of L-BFGS are few
+            assert np.abs(values - y).mean() < 0.5 * np.abs(y - np.median(y)).mean()
+        if family.forms:
+            loaded = from_estimator(one, "model")
+            assert np.allclose(loaded.predict(x).ravel(), values, rtol=1e-6, atol=1e-9)
+            assert 0 < worst_case_us(one) < 10_000
+        else:
+            with pytest.raises(InputError):
+                worst_case_us(one)
+
+
+def test_unknown_family():
+    with pytest.raises(InputError, match="unknown family 'KNN'; known are SVM, MLP"):
+        candidates(["KNN"])
+
+
+def test_cost_counts_levels_and_vectors(table):
+    x, y = table.conditions, np.abs(table.column(39))
+    flat, deep = (worst_case_us(Candidate("DT", {"max_depth": d}).fit(x, y, 0)) for d in (1, 3))
+    ten, one = (worst_case_us(Candidate("RF", {"max_depth": 3, "n_estimators": n}).fit(x, y, 0)) for n in (10, 1))
+    # a call is c, a tree levels * a + b: two levels more, nine trees more
+    level, trees = (deep - flat) / 2, (ten - one) / 9
+    assert 0.0 < level < flat
+    assert 2.0 < trees / level <= 3.5
+    call = one - trees
+    assert 0.0 < call < level
+
+
+def test_folds_are_of_one_size_and_cover_all():
+    numbers = fold_numbers(103, 10, 0)
+    sizes = np.bincount(numbers)
+    assert sizes.min() >= 10
+    assert sizes.max() <= 11
+    assert not np.array_equal(numbers, fold_numbers(103, 10, 1))
+
+
+def test_out_of_fold_predictions_never_saw_their_row():
+    task = the_tasks((Candidate("DT", {}),))[0]
+    outcome = run_task(task)
+    number = fold_numbers(len(task.y), task.folds, task.seed)
+    for fold in range(task.folds):
+        out = number == fold
+        model = task.candidate.fit(task.x[~out], task.y[~out], task.seed)
+        assert np.array_equal(outcome.folds[out], model.predict(task.x[out]))
+
+
+def test_two_processes_and_any_order_give_the_same_bits():
+    tasks = the_tasks()
+    with FitStore(None) as store:
+        alone = run_tasks(tasks, store, Backend(1))
+    with FitStore(None) as store:
+        together = run_tasks(tasks[::-1], store, Backend(2))[::-1]
+    assert same(alone, together)
+
+
+def test_finished_fits_are_not_fitted_again(tmp_path, monkeypatch):
+    tasks = the_tasks()
+    with FitStore(tmp_path / "fits.sqlite") as store:
+        first = run_tasks(tasks[:2], store, Backend(1))
+    monkeypatch.setattr("st_codegen.training.search.run_task", lambda task: pytest.fail(task.name))
+    with FitStore(tmp_path / "fits.sqlite") as store:
+        assert same(first, run_tasks(tasks[:2], store, Backend(1)))
+
+
+def test_what_decides_a_result_is_in_its_key():
+    task = the_tasks()[0]
+    others = [
+        Task(SMALL[1], task.x, task.y, task.x_test, task.folds, task.seed),
+        Task(task.candidate, task.x, task.y + 1e-12, task.x_test, task.folds, task.seed),
+        Task(task.candidate, task.x[1:], task.y[1:], task.x_test, task.folds, task.seed),
+        Task(task.candidate, task.x, task.y, task.x_test[1:], task.folds, task.seed),
+        Task(task.candidate, task.x, task.y, task.x_test, 4, task.seed),
+        Task(task.candidate, task.x, task.y, task.x_test, task.folds, 8),
+    ]
+    assert len({task.key, *(other.key for other in others)}) == len(others) + 1
+
+
+def test_not_a_store(tmp_path):
+    (tmp_path / "fits.sqlite").write_text("this is no database, and long enough to be seen as none" * 20)
+    with pytest.raises(InputError, match="not a file of finished fits"):
+        FitStore(tmp_path / "fits.sqlite")
+
+
+KILLED = """
+import sys, time
+from pathlib import Path
+import st_codegen.training.search as search
+from tests.training.test_search import the_tasks
+from st_codegen.training.store import FitStore
+
+slow = search.run_task
+def run(task):
+    if task.name == "LGBM":
+        print("here", flush=True)
+        time.sleep(60)
+    return slow(task)
+search.run_task = run
+with FitStore(Path(sys.argv[1])) as store:
+    search.run_tasks(the_tasks(), store, search.Backend(1))
+"""
+
+
+def test_killed_and_resumed(tmp_path):
+    path = tmp_path / "fits.sqlite"
+    process = subprocess.Popen([sys.executable, "-c", KILLED, str(path)], stdout=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "here\n"
+    process.send_signal(signal.SIGKILL)
+    process.wait(10)
+    tasks = the_tasks()
+    ran = []
+    with FitStore(path) as store:
+        assert [store.get(task.key) is not None for task in tasks] == [True, True, False]
+        resumed = run_tasks(tasks, store, Backend(1), lambda done, total, name: ran.append((done, total, name)))
+    assert ran == [(3, 3, "LGBM")]
+    with FitStore(None) as store:
+        assert same(resumed, run_tasks(tasks, store, Backend(1)))
+
+
+def test_no_scheduler_answers():
+    pytest.importorskip("distributed")
+    backend = Backend(1, "tcp://127.0.0.1:1")
+    with FitStore(None) as store, pytest.raises(InputError, match="no Dask scheduler answers"):
+        run_tasks(the_tasks(), store, backend)
+
+
+@pytest.mark.slow
+def test_a_dask_worker_is_killed_and_nothing_is_lost():
+    """Two worker processes, one of which is killed while it works: all results are there, and the same bits."""
+    distributed = pytest.importorskip("distributed")
+    tasks = the_tasks(tuple(Candidate("ERT", {"n_estimators": n}) for n in range(40, 64)))
+    with FitStore(None) as store:
+        alone = run_tasks(tasks, store, Backend(1))
+    killed = []
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, memory_limit=0
+    ) as cluster:
+
+        def kill(done, total, name):
+            if done >= total // 4 and not killed:
+                killed.append(next(iter(cluster.workers.values())).pid)
+                os.kill(killed[0], signal.SIGKILL)
+
+        with FitStore(None) as store:
+            spread = run_tasks(tasks, store, Backend(1, cluster.scheduler_address), kill)
+    assert killed
+    assert same(alone, spread)
