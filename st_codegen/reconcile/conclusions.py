@@ -13,6 +13,7 @@ from st_codegen.reconcile.fitting import Fit, State, fit, inverse
 from st_codegen.reconcile.observations import rms_deg
 from st_codegen.reconcile.parameters import Coordinate, Piece
 from st_codegen.reconcile.peaks import bracket, spread
+from st_codegen.reconcile.remaining import structure
 from st_codegen.rig.effects import Catalogue, Conditions, Effect, Stage
 from st_codegen.rig.effects.base import ComplexArray
 from st_codegen.rig.model import RigModel
@@ -135,12 +136,11 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
     """Claims with evidence, changed parameters, alternatives."""
     added = [i for i, piece in enumerate(joint.state.pieces) if piece.added]
     changed, offset_changed = _changed(joint)
-    held = _held(joint, changed, offset_changed)
-    final = fit(joint.target, held) if added or changed or offset_changed else joint
-    if not (added or changed or offset_changed):
-        final = replace(
-            joint, state=_original(joint.state), residual=joint.target.residual(_original(joint.state).model())
-        )
+    final = _with_the_rest_held(joint, changed, offset_changed)
+    more = _changed_after_all(joint, final, changed)
+    if more:
+        changed |= more
+        final = _with_the_rest_held(joint, changed, offset_changed)
     claims = []
     for i in added:
         smaller = fit(joint.target, joint.state.without(i), steps=6, tolerance=0.1)
@@ -214,12 +214,43 @@ def _changed(joint: Fit) -> tuple[dict[int, float], bool]:
     return found, offset
 
 
+def _with_the_rest_held(joint: Fit, changed: dict[int, float], offset_changed: bool) -> Fit:
+    """The fit with all that did not change at the rig's own values."""
+    if any(piece.added for piece in joint.state.pieces) or changed or offset_changed:
+        return fit(joint.target, _held(joint, changed, offset_changed))
+    original = _original(joint.state)
+    return replace(joint, state=original, residual=joint.target.residual(original.model()))
+
+
+def _changed_after_all(joint: Fit, final: Fit, changed: dict[int, float]) -> dict[int, float]:
+    """Pieces of the rig whose orders keep structure at their own values and none at the fitted ones.
+
+    With many parameters and few clusters of runs the test by clusters sees nothing; what would be left tells.
+    """
+    held, free = (structure(joint.target, one.residual) for one in (final, joint))
+    loud = set(held.orders[held.significant & ~free.significant].tolist())
+    more = {}
+    vector = joint.state.vector()
+    for i, (piece, place) in enumerate(zip(joint.state.pieces, joint.state.slices(), strict=True)):
+        if piece.added or piece.origin is None or i in changed or not loud & set(piece.effect.touched_orders()):
+            continue
+        places = list(range(place.start, place.stop))
+        p = _p_alone(joint, places, vector[places] - Piece(piece.origin, piece.free).vector()) if places else 1.0
+        if p < _P_CHANGED:
+            more[i] = p
+    return more
+
+
 def _p_of(joint: Fit, places: list[int], difference: np.ndarray) -> float:
     """The larger chance of both tests; the one by clusters is brought to the scale of the other."""
-    block = joint.inverse[np.ix_(places, places)]
-    plain = chi_square_tail(float(difference @ inverse(block) @ difference), len(places))
-    clusters = p_of_clusters(joint, places, difference)
+    plain, clusters = _p_alone(joint, places, difference), p_of_clusters(joint, places, difference)
     return plain if clusters < P_CLUSTERS else max(plain, clusters)
+
+
+def _p_alone(joint: Fit, places: list[int], difference: np.ndarray) -> float:
+    """Chance of a difference by noise that is independent from run to run."""
+    block = joint.inverse[np.ix_(places, places)]
+    return chi_square_tail(float(difference @ inverse(block) @ difference), len(places))
 
 
 def _held(joint: Fit, changed: dict[int, float], offset_changed: bool) -> State:
