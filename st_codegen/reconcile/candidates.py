@@ -158,7 +158,7 @@ class Search:
             groups = {v - have for v in variants(effect, self.data.both_directions())} - {frozenset()}
             if self.data.both_directions():
                 groups |= _untied(effect, have)
-            for group in groups:
+            for group in sorted(groups, key=sorted):
                 if group & have:
                     continue
                 for starts in self._starts(effect, group):
@@ -305,7 +305,8 @@ def _untied(effect: type[Effect], have: set[str]) -> set[frozenset[str]]:
 def _zeros(effect: type[Effect], keys: frozenset[str]) -> dict[str, float]:
     """Neutral values of linear keys."""
     inverse = {s.key for s in effect.scalars if s.form is Form.INVERSE}
-    return {key: float("inf") if key in inverse else 0.0 for key in keys}
+    # in the catalogue's order: that of a set differs from process to process
+    return {key: float("inf") if key in inverse else 0.0 for key in effect.known_keys() if key in keys}
 
 
 def _started(
