@@ -329,6 +329,8 @@ class Fit:
         # few clusters underestimate: never below what independent runs would give
         factor = np.sqrt(np.maximum(1.0, np.diag(plain) / np.maximum(np.diag(sandwich), 1e-300)))
         found: FloatArray = sandwich * factor[:, None] * factor[None, :]
+        # what no run pulls at has no sandwich at all
+        np.fill_diagonal(found, np.maximum(np.diag(found), np.diag(plain)))
         return found
 
 
