@@ -15,6 +15,7 @@ import numpy as np
 
 from st_codegen.reconcile.fitting import Column, Fit, Propagation, State
 from st_codegen.reconcile.parameters import Coordinate, Piece
+from st_codegen.reconcile.target import by_place
 from st_codegen.rig.effects import Catalogue, Conditions, Constants, Effect, Form, Stage
 from st_codegen.rig.effects.base import BACKWARD, ComplexArray, FloatArray
 
@@ -339,13 +340,9 @@ class Scorer:
     def __post_init__(self) -> None:
         target = self.fit.target
         self.weights = target.weights(self.fit.residual)
-        entries: dict[int, list[tuple[int, ComplexArray]]] = {}
-        for number, (places, values) in enumerate(self.fit.columns):
-            for j, place in enumerate(places):
-                entries.setdefault(int(place), []).append((number, values[:, j]))
         self._by_place = {
             place: ([n for n, _ in found], _real(np.stack([v for _, v in found], axis=1)))
-            for place, found in entries.items()
+            for place, found in by_place(self.fit.columns).items()
         }
 
     def columns(self, candidate: Candidate) -> list[Column]:
@@ -375,11 +372,7 @@ class Scorer:
         """Linear step of new columns beside all fitted ones, their reduced normal matrix, and right side."""
         count, size = len(columns), len(self.fit.inverse)
         own, cross, pull = np.zeros((count, count)), np.zeros((count, size)), np.zeros(count)
-        by_place: dict[int, list[tuple[int, ComplexArray]]] = {}
-        for number, (places, values) in enumerate(columns):
-            for j, place in enumerate(places):
-                by_place.setdefault(int(place), []).append((number, values[:, j]))
-        for place, found in by_place.items():
+        for place, found in by_place(columns).items():
             index = np.array([n for n, _ in found])
             design = _real(np.stack([v for _, v in found], axis=1))
             weighted = design * np.tile(self.weights[:, place], 2)[:, None]

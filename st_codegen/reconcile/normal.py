@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from st_codegen.reconcile.target import Column, Target
+from st_codegen.reconcile.target import Column, Target, by_place
 from st_codegen.rig.effects.base import ComplexArray, FloatArray, IntArray
 
 
@@ -33,11 +33,7 @@ def gather(
     matrix, gradient = np.zeros((groups, count, count)), np.zeros((groups, count))
     order_of_rows = np.argsort(cells, kind="stable") if by_cell else slice(None)
     starts = np.append(np.searchsorted(cells[order_of_rows], np.arange(groups)) if by_cell else [0], len(cells))
-    by_order: dict[int, list[tuple[int, ComplexArray]]] = {}
-    for number, (places, values) in enumerate(columns):
-        for j, place in enumerate(places):
-            by_order.setdefault(int(place), []).append((number, values[:, j]))
-    for place, entries in by_order.items():
+    for place, entries in by_place(columns).items():
         index = np.array([number for number, _ in entries])
         block = np.stack([values for _, values in entries], axis=1)[order_of_rows]
         r, w = residual[order_of_rows, place], weights[order_of_rows, place]

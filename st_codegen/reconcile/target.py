@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,6 +17,15 @@ from st_codegen.rig.model import RigModel
 HUBER = 3.0
 #: columns of one coordinate: the places of the orders that it touches, and d(model)/d(coordinate) there (n, places)
 Column = tuple[IntArray, ComplexArray]
+
+
+def by_place(columns: Sequence[Column]) -> dict[int, list[tuple[int, ComplexArray]]]:
+    """For each order that columns touch: their numbers, and their values (n,) there."""
+    found: dict[int, list[tuple[int, ComplexArray]]] = {}
+    for number, (places, values) in enumerate(columns):
+        for j, place in enumerate(places):
+            found.setdefault(int(place), []).append((number, values[:, j]))
+    return found
 
 
 @dataclass(frozen=True)
