@@ -136,7 +136,8 @@ class Search:
             if effect.stage not in self.stages:
                 continue
             if effect.orders_key == "orders":
-                if self.data.angle_rad is None:
+                # lists of orders are searched where a frequency says which belong together
+                if self.data.angle_rad is None and any(s.unit == "Hz" for s in effect.scalars):
                     yield from self._many_orders(effect)
             else:
                 yield from self._growths(effect)

@@ -12,7 +12,7 @@ from st_codegen.reconcile.evidence import Evidence, judge
 from st_codegen.reconcile.fitting import Fit, State, fit, inverse
 from st_codegen.reconcile.observations import rms_deg
 from st_codegen.reconcile.parameters import Coordinate, Piece
-from st_codegen.reconcile.peaks import bracket, spread
+from st_codegen.reconcile.peaks import bracket, has_a_frequency, spread
 from st_codegen.reconcile.retuned import change_after_all, changes
 from st_codegen.rig.effects import Catalogue, Conditions, Effect, Stage
 from st_codegen.rig.effects.base import ComplexArray
@@ -165,7 +165,7 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
                 alternatives=tuple(sorted({other.name for other, _ in others} - {piece.effect.name})),
                 experiments=tuple(_experiment(joint, fitted, i, other) for other, fitted in others),
                 share=_share(rig, final, piece),
-                extrapolates=(*_extrapolates(joint, piece), *_shape_fails(peaks)),
+                extrapolates=(*_extrapolates(joint, piece), *_of_its_shape(piece, peaks)),
                 peaks=peaks,
             )
         )
@@ -178,14 +178,18 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
 
 def _peaks(final: Fit, piece: Piece) -> tuple[float, float] | None:
     """Where the peaks put a resonance whose orders keep as much structure as it explains; None for all others."""
-    if piece.effect.stage is not Stage.STRUCTURE or _misfit(final, piece) < _MISFIT_OF_PEAKS:
+    if not has_a_frequency(piece.effect) or _misfit(final, piece) < _MISFIT_OF_PEAKS:
         return None
     return bracket(final.target, final.residual + explained(final, piece), piece.effect)
 
 
-def _shape_fails(peaks: tuple[float, float] | None) -> tuple[str, ...]:
+def _of_its_shape(piece: Piece, peaks: tuple[float, float] | None) -> tuple[str, ...]:
+    """What the width of a resonance and the shape of its peaks leave open."""
     if peaks is None:
-        return ()
+        damping = piece.effect.values.get("damping_ratio")
+        narrow = isinstance(damping, float) and damping < _NARROW
+        text = "narrower than the steps of speed: height and damping are uncertain, the frequency is not"
+        return (text,) if narrow else ()
     return (
         f"the peaks are not those of one oscillator; the speeds at which they stand put it between {peaks[0]:.1f} "
         f"and {peaks[1]:.1f} Hz, height and damping are uncertain",
@@ -347,8 +351,6 @@ def _extrapolates(joint: Fit, piece: Piece) -> tuple[str, ...]:
     if isinstance(frequency, float):
         turn = at.speed_rpm / (60 * piece.effect.constants.reduction_ratio)
         outside = [k for k in piece.effect.orders if not k * turn.min() < frequency < k * turn.max()]
-        if float(piece.effect.scalar("damping_ratio")) < _NARROW:
-            remarks.append("narrower than the steps of speed: height and damping are uncertain, the frequency is not")
         if outside:
             remarks.append(f"orders {', '.join(map(str, outside))} do not reach the frequency in the measured speeds")
     return tuple(remarks)

@@ -6,8 +6,13 @@ import numpy as np
 
 from st_codegen.reconcile.fitting import Target
 from st_codegen.reconcile.noise import speed_levels
-from st_codegen.rig.effects import Effect
+from st_codegen.rig.effects import Effect, Stage
 from st_codegen.rig.effects.base import ComplexArray
+
+
+def has_a_frequency(effect: Effect) -> bool:
+    """Whether an effect peaks at a frequency; one of the structure that a user adds need not."""
+    return effect.stage is Stage.STRUCTURE and effect.orders_key == "orders" and "frequency_Hz" in effect.values
 
 
 def bracket(target: Target, residual: ComplexArray, effect: Effect) -> tuple[float, float] | None:

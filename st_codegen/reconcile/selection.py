@@ -11,6 +11,7 @@ from st_codegen.reconcile.candidates import SAME_RESONANCE, Candidate, Search
 from st_codegen.reconcile.evidence import Evidence, judge
 from st_codegen.reconcile.fitting import Fit, State, Target, fit
 from st_codegen.reconcile.noise import Noise, estimate
+from st_codegen.reconcile.peaks import has_a_frequency
 from st_codegen.rig.effects import Catalogue, Stage
 
 #: Called with (steps done, steps at most, what is tried).
@@ -121,7 +122,7 @@ def _tried(current: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:
     fitted = fit(current.target, candidate.put_into(current.state), steps=_QUICK_STEPS, tolerance=_QUICK)
     piece = fitted.state.pieces[candidate.place(fitted.state)]
     effect = piece.effect
-    if effect.orders_key != "orders":
+    if not has_a_frequency(effect):
         return fitted, candidate
     turn = current.target.data.at.speed_rpm / (60 * effect.constants.reduction_ratio)
     frequency = effect.scalar("frequency_Hz")
@@ -139,7 +140,7 @@ def _tried(current: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:
 def at_two_frequencies(without: Fit, with_it: Fit, candidate: Candidate) -> bool:
     """A resonance must show at two different frequencies at least: one loud point can be anything."""
     effect = with_it.state.pieces[candidate.place(with_it.state)].effect
-    if effect.stage is not Stage.STRUCTURE:
+    if not has_a_frequency(effect):
         return True
     data = with_it.target.data
     saved = with_it.target.losses(without.residual) - with_it.target.losses(with_it.residual)

@@ -185,3 +185,42 @@ def test_an_effect_of_the_users_own_is_found(tmp_path):
     report = json.loads((tmp_path / "o" / "report.json").read_text())
     assert [entry["name"] for entry in report["effects"]] == ["motor_cogging"]
     assert report["effects"][0]["parameters"]["amplitude_deg"]["value"] == pytest.approx(1e-3, rel=0.05)
+
+
+OWN_STRUCTURE = '''
+import numpy as np
+from st_codegen.rig.effects import Effect, Phasor, Scalar, Stage
+
+
+class Frame(Effect):
+    """Behind the sidebands like a resonance, but with no frequency."""
+
+    name = "frame"
+    title = "twist of the frame"
+    stage = Stage.STRUCTURE
+    phasors = (Phasor("amplitude_deg", "phase_rad", "deg", 1, "at 1000 N m"),)
+
+    def touched_orders(self):
+        return (2,)
+
+    def contribution(self, at, orders):
+        return (self.complex_at("amplitude_deg", at) * at.torque_Nm / 1000)[:, None] * np.isin(orders, (2,))
+
+
+class Listed(Effect):
+    """A list of orders without a frequency: nothing says which belong together, so it is not searched."""
+
+    name = "listed"
+    title = "several orders at once"
+    orders_key = "orders"
+    phasors = (Phasor("amplitude_deg", "phase_rad", "deg", 1, "amplitude"),)
+'''
+
+
+def test_effects_of_the_structure_need_no_frequency(tmp_path):
+    own = tmp_path / "frame.py"
+    own.write_text(OWN_STRUCTURE)
+    frame = catalogue([own])["frame"]({"amplitude_deg": 1e-3, "phase_rad": 0.7}, CONSTANTS)
+    report = run(tmp_path, RIG, grid(4, 5, 2), RigModel(effects=(*RIG.effects, frame)), "--effects", own)
+    assert [entry["name"] for entry in report["effects"]] == ["frame"]
+    assert report["effects"][0]["parameters"]["amplitude_deg"]["value"] == pytest.approx(1e-3, rel=0.05)
