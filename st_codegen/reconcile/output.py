@@ -6,15 +6,18 @@ import difflib
 import json
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from st_codegen.reconcile.conclusions import Claim, Retuned
 from st_codegen.reconcile.evidence import Evidence, digits
 from st_codegen.reconcile.run import Gap, Result
 from st_codegen.rig.effects import Effect
 
+if TYPE_CHECKING:
+    from st_codegen.reconcile.update import Update
 
-def report(result: Result) -> dict[str, Any]:
+
+def report(result: Result, update: Update | None = None) -> dict[str, Any]:
     """The content of report.json (DESIGN.md), and more beside it."""
     claims = result.conclusions.claims
     return {
@@ -50,6 +53,7 @@ def report(result: Result) -> dict[str, Any]:
             {"name": c.name, "orders": list(c.piece.effect.orders), "passed": e.passed, **_evidence(e)}
             for c, e in result.judged
         ],
+        **({} if update is None else {"models": update.as_json()}),
     }  # fmt: skip
 
 
@@ -132,9 +136,9 @@ def _gap(gap: Gap) -> dict[str, float]:
     return {"before": gap.before, "after": gap.after, "noise_floor": gap.noise_floor}
 
 
-def report_text(result: Result) -> str:
+def report_text(result: Result, update: Update | None = None) -> str:
     """report.json as text."""
-    return json.dumps(report(result), indent=1, allow_nan=False) + "\n"
+    return json.dumps(report(result, update), indent=1, allow_nan=False) + "\n"
 
 
 def rig_diff(result: Result) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,14 +16,19 @@ from st_codegen.report.html import Section, Table, page
 from st_codegen.report.picture import Draw, figure, figures
 from st_codegen.rig.effects.base import FloatArray
 
+if TYPE_CHECKING:
+    from st_codegen.reconcile.update import Update
+
 _MOST_BARS = 24
 _SAMPLES = 720
 
 
-def report_page(result: Result) -> str:
+def report_page(result: Result, update: Update | None = None) -> str:
     """The report as one HTML page. Raises MissingExtraError without Matplotlib."""
     sections = [_findings(result), _gap(result), _claims(result), _unexplained(result), _maps(result)]
     sections += [_curves(result), _ranking(result), _runs(result), _rig(result)]
+    if update is not None:
+        sections += [_models(update), _motion(update)]
     return page(
         "What the rig model lacks", [s for s in sections if s is not None], summary=VERDICT_TEXT[result.verdict]
     )
@@ -202,3 +207,62 @@ def _runs(result: Result) -> Section | None:
 def _rig(result: Result) -> Section:
     changes = rig_diff(result)
     return Section("The new rig", "" if changes else "The rig stays as it is.", details=changes)
+
+
+def _models(update: Update) -> Section:
+    """What became of the bundle."""
+    rows = [
+        [
+            d.order,
+            ", ".join(d.effects),
+            ("new order" if d.new else "term on the learned order") if d.entered else "left out",
+            d.before_deg,
+            d.after_deg,
+            d.reason,
+        ]
+        for d in update.decisions
+    ]
+    columns = ["order", "effects", "in the bundle", "RMS before, deg", "after, deg", ""]
+    text = "Measured minus what the bundle predicts, over all good runs, before and after. "
+    if update.verified is not None:
+        exact = sum(model.exact for model in update.verified.models)
+        text += (
+            f"The new bundle was compiled for {update.target}; models, reference and text agree in all "
+            f"{len(update.verified.models)} blocks ({exact} bit for bit, the others within a derived bound)."
+        )
+    return Section("The models for the controller", text, Table(columns, rows))
+
+
+def _motion(update: Update) -> Section | None:
+    """The rehearsal: errors over time."""
+    moved = update.motion
+    if moved is None:
+        return None
+    none = moved.cases[0]
+    rows = [
+        [
+            c.name,
+            len(c.orders),
+            c.whole.rms,
+            c.whole.maximum,
+            c.full.rms,
+            c.full.maximum,
+            1 - c.full.rms / none.full.rms,
+        ]
+        for c in moved.cases
+    ]
+    columns = ["compensator", "orders", "RMS, deg", "maximum", "RMS at full weight", "maximum", "share of it gone"]
+    table = Table(columns, rows)
+    every = max(1, len(moved.time_s) // _SAMPLES)
+
+    def draw(axes: Any) -> None:
+        for case in moved.cases:
+            axes.plot(moved.time_s[::every], case.error_deg[::every], label=case.name, linewidth=0.8)
+
+    text = (
+        f"The new rig moves along the profile {moved.profile}; the generated text runs in its tasks, ahead by the "
+        f"{moved.lead_s * 1e6:.0f} us that are known to pass from encoder to motor. Full weight: without the times near "
+        "standstill, in which the compensator fades its correction."
+    )
+    picture = figure(draw, xlabel="time, s", ylabel="error of the output, deg")
+    return Section("Rehearsal with the old and the new compensator", text, table, [picture])

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Any
 
 from st_codegen.rig.effects.base import (
     ComplexArray,
     Conditions,
     Effect,
-    FloatArray,
     Form,
-    IntArray,
     Phasor,
     Scalar,
     Stage,
@@ -31,24 +29,15 @@ class StructuralResonance(Effect):
     )
     phasors = (Phasor("amplitude_deg", "phase_rad", "deg", 1, "height at the resonance", own_flanks=True),)
 
-    def response(self, at: Conditions, orders: IntArray) -> ComplexArray:
-        """H at the frequencies of orders, conjugate backward, complex128 (n, len(orders))."""
-        frequency: FloatArray = np.outer(at.speed_rpm, orders) / (60 * self.constants.reduction_ratio)
-        ratio, damping = frequency / self.scalar("frequency_Hz"), self.scalar("damping_ratio")
-        response = 2 * damping * ratio**2 / (1 - ratio**2 + 2j * damping * ratio)
-        found: ComplexArray = np.where(at.sign[:, None] > 0, response, response.conj())
+    def response(self, at: Conditions, order: int) -> ComplexArray:
+        """H at the frequency of an order, conjugate backward, complex128 (n,)."""
+        ratio: Any = at.speed_rpm * (order / (60 * self.constants.reduction_ratio * self.scalar("frequency_Hz")))
+        damping, square = self.scalar("damping_ratio"), ratio * ratio
+        found: ComplexArray = 2 * damping * square / (1 - square + (2j * damping * at.sign) * ratio)
         return found
 
-    def contribution(self, at: Conditions, orders: IntArray) -> ComplexArray:
-        found = np.zeros((len(at), len(orders)), np.complex128)
-        own = np.array(self.orders)
-        places = np.flatnonzero(np.isin(own, orders))
-        if len(places):
-            heights = [
-                [self.complex_value("amplitude_deg", side, p) for p in places.tolist()] for side in (False, True)
-            ]
-            height = np.where(at.sign[:, None] > 0, *np.array(heights)[:, None, :])
-            growth = 1 + self.scalar("growth_per_kNm") * at.torque_Nm / 1000
-            # orders are rising wherever coefficients are computed
-            found[:, np.searchsorted(orders, own[places])] = height * growth[:, None] * self.response(at, own[places])
+    def coefficient(self, at: Conditions, order: int) -> ComplexArray:
+        height = self.complex_at("amplitude_deg", at, self.orders.index(order))
+        growth = 1 + self.scalar("growth_per_kNm") * at.torque_Nm / 1000
+        found: ComplexArray = height * growth * self.response(at, order)
         return found
