@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
@@ -15,6 +15,14 @@ from st_codegen.cli.console import console, progress_bar, quiet_option, trust_op
 from st_codegen.errors import InputError
 from st_codegen.reconcile.output import report, report_text, rig_diff
 from st_codegen.reconcile.run import Result, reconcile_files
+from st_codegen.reconcile.spectrum import (
+    SpectrumResult,
+    is_spectrum,
+    read_spectrum,
+    reconcile_spectrum,
+    spectrum_report,
+    spectrum_summary,
+)
 from st_codegen.reconcile.update import CODE, MODELS, Update, Wish, check_models, update_models
 from st_codegen.reconcile.words import summary, update_summary
 from st_codegen.rig.effects import catalogue
@@ -81,21 +89,22 @@ def command(
     wish = _wish(models, update, target, profile, trust_pickle, out)
     if wish is not None:
         check_models(model, wish)
-    with progress_bar("reconciling", quiet=quiet) as progress:
-        result = reconcile_files(model, measured, known, scale=scale, progress=progress)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=out.parent) as name:
-        stage, changes = Path(name), None
+    if is_spectrum(measured):
         if wish is not None:
-            with progress_bar("updating models", quiet=quiet) as progress:
-                changes = update_models(result, wish, stage, progress)
-        _write(result, changes, stage, out)
+            raise InputError(f"{measured}: a spectrum has no phases, so that no model can be made from it")
+        found = reconcile_spectrum(model, read_spectrum(measured), scale)
+        _write(_spectrum_texts(found), {}, out)
+        content, text = spectrum_report(found), spectrum_summary(found)
+    else:
+        with progress_bar("reconciling", quiet=quiet) as progress:
+            result = reconcile_files(model, measured, known, scale=scale, progress=progress)
+        changes = _written(result, wish, out, quiet)
+        content, text = report(result, changes), summary(result)
+        text += "" if changes is None else "\n" + update_summary(changes)
     if not quiet:
-        console.print(summary(result), highlight=False)
-        if changes is not None:
-            console.print(update_summary(changes), highlight=False)
+        console.print(text, highlight=False)
     if as_json:
-        click.echo(json.dumps(report(result, changes)))
+        click.echo(json.dumps(content))
 
 
 def _wish(models: Path | None, update: bool, target: str, profile: str, trust_pickle: bool, out: Path) -> Wish | None:
@@ -113,23 +122,44 @@ def _wish(models: Path | None, update: bool, target: str, profile: str, trust_pi
     return Wish(models, target, "" if profile == "none" else profile, trust_pickle=trust_pickle)
 
 
-def _write(result: Result, update: Update | None, stage: Path, out: Path) -> None:
-    """All files or none: written beside their places first."""
+def _written(result: Result, wish: Wish | None, out: Path, quiet: bool) -> Update | None:
+    """Update the models, and write everything at once."""
     from st_codegen.reconcile.pages import report_page
 
-    texts = {
-        "rig.toml": result.new_rig.text(),
-        "rig.diff": rig_diff(result),
-        "report.json": report_text(result, update),
-        "report.html": report_page(result, update),
-    }
-    for file, text in texts.items():
-        (stage / file).write_text(text, encoding="utf-8", newline="\n")
-    out.mkdir(exist_ok=True)
-    for name in (MODELS, CODE):
-        if update is not None and (stage / name).exists():
-            if (out / name).exists():
-                (out / name).rename(stage / f"old_{name}")
-            shutil.move(stage / name, out / name)
-    for file in texts:
-        os.replace(stage / file, out / file)  # noqa: PTH105
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=out.parent) as name:
+        changes = None
+        if wish is not None:
+            with progress_bar("updating models", quiet=quiet) as progress:
+                changes = update_models(result, wish, Path(name), progress)
+        texts = {
+            "rig.toml": result.new_rig.text(),
+            "rig.diff": rig_diff(result),
+            "report.json": report_text(result, changes),
+            "report.html": report_page(result, changes),
+        }
+        folders = {folder: Path(name) / folder for folder in (MODELS, CODE) if (Path(name) / folder).exists()}
+        _write(texts, folders, out)
+    return changes
+
+
+def _spectrum_texts(found: SpectrumResult) -> dict[str, str]:
+    from st_codegen.reconcile.pages import spectrum_page
+
+    content = json.dumps(spectrum_report(found), indent=1, allow_nan=False) + "\n"
+    return {"rig.toml": found.rig.text(), "rig.diff": "", "report.json": content, "report.html": spectrum_page(found)}
+
+
+def _write(texts: Mapping[str, str], folders: Mapping[str, Path], out: Path) -> None:
+    """All files or none: written beside their places first."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=out.parent) as name:
+        for file, text in texts.items():
+            (Path(name) / file).write_text(text, encoding="utf-8", newline="\n")
+        out.mkdir(exist_ok=True)
+        for folder, made in folders.items():
+            if (out / folder).exists():
+                (out / folder).rename(Path(name) / f"old_{folder}")
+            made.rename(out / folder)
+        for file in texts:
+            os.replace(Path(name) / file, out / file)  # noqa: PTH105

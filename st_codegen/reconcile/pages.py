@@ -11,6 +11,7 @@ from st_codegen.reconcile.conclusions import Claim
 from st_codegen.reconcile.evidence import digits
 from st_codegen.reconcile.output import parameters_of, rig_diff
 from st_codegen.reconcile.run import Result
+from st_codegen.reconcile.spectrum import SpectrumResult, sizes, spectrum_summary
 from st_codegen.reconcile.words import VERDICT_TEXT, sentence
 from st_codegen.report.html import Section, Table, page
 from st_codegen.report.picture import Draw, figure, figures
@@ -31,6 +32,33 @@ def report_page(result: Result, update: Update | None = None) -> str:
         sections += [_models(update), _motion(update)]
     return page(
         "What the rig model lacks", [s for s in sections if s is not None], summary=VERDICT_TEXT[result.verdict]
+    )
+
+
+def spectrum_page(result: SpectrumResult) -> str:
+    """The report of an order spectrum. Raises MissingExtraError without Matplotlib."""
+    rows: list[list[Any]] = [
+        [one.order, one.name, one.table, one.key, one.value, ", ".join(one.others), one.chance] for one in result.named
+    ]
+    columns = ["order", "effect", "of order", "parameter", "value", "or", "expected coincidences"]
+    shown = sizes(result)
+
+    def draw(axes: Any) -> None:
+        orders = [order for order, _ in shown]
+        measured, simulated, floor = np.array([three for _, three in shown]).T
+        axes.vlines(orders, floor, measured, color="0.8", linewidth=0.8)
+        axes.plot(orders, measured, ".", label="measured, median")
+        axes.plot(orders, np.where(simulated > 0, simulated, np.nan), "x", label="rig")
+        axes.plot(orders, floor, "k_", label="floor")
+        axes.set_yscale("log")
+
+    return page(
+        "What the rig model lacks",
+        [
+            Section("Findings", spectrum_summary(result).replace("\n", "\n\n"), Table(columns, rows)),
+            Section("Orders", "", None, [figure(draw, xlabel="order", ylabel="amplitude, deg")]),
+        ],
+        summary=VERDICT_TEXT[result.verdict],
     )
 
 
@@ -261,8 +289,8 @@ def _motion(update: Update) -> Section | None:
 
     text = (
         f"The new rig moves along the profile {moved.profile}; the generated text runs in its tasks, ahead by the "
-        f"{moved.lead_s * 1e6:.0f} us that are known to pass from encoder to motor. Full weight: without the times near "
-        "standstill, in which the compensator fades its correction."
+        f"{moved.lead_s * 1e6:.0f} us that are known to pass from encoder to motor. Full weight: without the times "
+        "near standstill, in which the compensator fades its correction."
     )
     picture = figure(draw, xlabel="time, s", ylabel="error of the output, deg")
     return Section("Rehearsal with the old and the new compensator", text, table, [picture])

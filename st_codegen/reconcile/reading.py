@@ -90,10 +90,11 @@ def check(data: Observations, rig: RigModel, path: Path) -> None:
             f"{path}: too few conditions for a claim: {points} operating points in {len(data)} curves; at least "
             f"{_LEAST_POINTS} different conditions and {_LEAST_RUNS} curves are needed"
         )
-    _check_units(data, rig, path)
+    check_units(data, rig, path)
 
 
-def _check_units(data: Observations, rig: RigModel, path: Path) -> None:
+def check_units(data: Observations, rig: RigModel, path: Path) -> None:
+    """Ask about sizes that look like other units. Raises InputError."""
     model = rig.coefficients(data.at, data.orders.tolist())
     norms = np.abs(model).max(axis=0)
     orders = np.flatnonzero(norms > 0)

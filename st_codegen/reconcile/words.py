@@ -65,7 +65,8 @@ def update_summary(update: Update) -> str:
             for case in update.motion.cases
         ]
         lines.append(
-            f"Error of the output on the profile {update.motion.profile} at full correction, deg RMS: {', '.join(sizes)}"
+            f"Error of the output on the profile {update.motion.profile}, deg RMS at full correction: "
+            f"{', '.join(sizes)}"
         )
     return "\n".join(lines)
 
