@@ -15,7 +15,7 @@ import numpy as np
 
 from st_codegen.reconcile.fitting import Column, Fit, Propagation, State
 from st_codegen.reconcile.parameters import Coordinate, Piece
-from st_codegen.rig.effects import Catalogue, Constants, Effect, Form, Stage
+from st_codegen.rig.effects import Catalogue, Conditions, Constants, Effect, Form, Stage
 from st_codegen.rig.effects.base import BACKWARD, ComplexArray, FloatArray
 
 #: a resonance takes in the orders of which it takes this much off the loss (four parameters: 1 in 10,000 by chance)
@@ -23,6 +23,8 @@ _ORDER_GAIN = 25.0
 _RESONANCE_POINTS = 3
 #: two resonances of the same orders lie this far apart at least (relative)
 SAME_RESONANCE = 0.1
+#: bytes of responses that are kept from search to search
+_MOST_KEPT = 400_000_000
 STAGES = (Stage.ADDITIVE, Stage.MODULATION, Stage.STRUCTURE, Stage.MEASURING)
 
 
@@ -231,24 +233,35 @@ class Search:
             level = (inverse[:, None] == np.arange(len(speeds))).astype(float)
             weight, sums = level.T @ w, level.T @ (w * self.fit.residual[np.ix_(rows, places)])
             loud = np.array([orders[j] for j in promising])
-            for i, frequency in enumerate(grid):
-                values = fixed | {
-                    key: frequency,
-                    "orders": tuple(loud.tolist()),
-                    effect.phasors[0].key: (1.0,) * len(loud),
-                }
-                h = effect(values, self.constants, check=False).contribution(point, loud)
-                gain = np.abs((h.conj() * sums).sum(axis=0)) ** 2 / np.maximum(
-                    (weight * np.abs(h) ** 2).sum(axis=0), 1e-300
-                )
-                turns = frequency / loud * 60 * self.constants.reduction_ratio
-                gains[i, promising] += gain * ((turns > 0.9 * speeds[0]) & (turns < 1.1 * speeds[-1]))
+            starts = [fixed | {key: float(frequency)} for frequency in grid]
+            h = self._unit_responses(effect, starts, orders, point)[:, :, promising]
+            power = h.real**2 + h.imag**2
+            gain = np.abs((h.conj() * sums).sum(axis=1)) ** 2 / np.maximum((weight * power).sum(axis=1), 1e-300)
+            turns = grid[:, None] / loud * 60 * self.constants.reduction_ratio
+            gains[:, promising] += gain * ((turns > 0.9 * speeds[0]) & (turns < 1.1 * speeds[-1]))
         found = []
         for i, f in enumerate(grid):
             chosen = [order for j, order in enumerate(orders) if gains[i, j] > _ORDER_GAIN]
             if chosen:
                 found.append((float(gains[i][gains[i] > _ORDER_GAIN].sum()), fixed | {key: float(f)}, chosen))
         return found
+
+    def _unit_responses(
+        self, effect: type[Effect], starts: Sequence[dict[str, float]], orders: list[int], point: Conditions
+    ) -> ComplexArray:
+        """What amplitudes of 1 contribute at each start, complex128 (starts, points, orders). The last few are kept."""
+        key = (effect.name, len(starts), *starts[0].items(), point.speed_rpm.tobytes(), point.sign[:1].tobytes())
+        kept = self.target.responses
+        if key not in kept:
+            places = np.array(orders)
+            ones = {"orders": tuple(orders), effect.phasors[0].key: (1.0,) * len(orders)}
+            found = np.empty((len(starts), len(point), len(orders)), np.complex128)
+            for i, values in enumerate(starts):
+                found[i] = effect(ones | values, self.constants, check=False).contribution(point, places)
+            if sum(array.nbytes for array in kept.values()) > _MOST_KEPT:
+                kept.clear()
+            kept[key] = found
+        return kept[key]
 
     def _loud_orders(self, orders: list[int]) -> list[int]:
         """Places of orders whose residual could hold a gain at all."""

@@ -12,6 +12,8 @@ from st_codegen.reconcile.evidence import P_CLUSTERS, Evidence, chi_square_tail,
 from st_codegen.reconcile.fitting import Fit, State, fit, inverse
 from st_codegen.reconcile.observations import rms_deg
 from st_codegen.reconcile.parameters import Coordinate, Piece
+from st_codegen.reconcile.peaks import bracket, spread
+from st_codegen.reconcile.remaining import structure
 from st_codegen.rig.effects import Catalogue, Conditions, Effect, Stage
 from st_codegen.rig.effects.base import ComplexArray
 from st_codegen.rig.model import RigModel
@@ -52,7 +54,8 @@ class Experiment:
 class Claim:
     """An effect that is missing in the rig: its piece, evidence, equally good names, and how to tell them apart.
 
-    share: of the gap (power) that the effect explains; misfit: structure left on its orders over what it explains.
+    share: of the gap (power) that the effect explains; peaks: the frequencies (Hz) between which the peaks of a
+    resonance's orders put it, where their shape is not that of one oscillator.
     """
 
     piece: Piece
@@ -62,6 +65,7 @@ class Claim:
     experiments: tuple[Experiment, ...]
     share: float
     extrapolates: tuple[str, ...]
+    peaks: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -132,12 +136,11 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
     """Claims with evidence, changed parameters, alternatives."""
     added = [i for i, piece in enumerate(joint.state.pieces) if piece.added]
     changed, offset_changed = _changed(joint)
-    held = _held(joint, changed, offset_changed)
-    final = fit(joint.target, held) if added or changed or offset_changed else joint
-    if not (added or changed or offset_changed):
-        final = replace(
-            joint, state=_original(joint.state), residual=joint.target.residual(_original(joint.state).model())
-        )
+    final = _with_the_rest_held(joint, changed, offset_changed)
+    more = _changed_after_all(joint, final, changed)
+    if more:
+        changed |= more
+        final = _with_the_rest_held(joint, changed, offset_changed)
     claims = []
     for i in added:
         smaller = fit(joint.target, joint.state.without(i), steps=6, tolerance=0.1)
@@ -145,15 +148,22 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
         evidence = judge(smaller, joint, places, i)
         others = _as_good(smaller, joint, i, known)
         piece = final.state.pieces[i]
+        stderr, peaks = standard_errors(joint, i), _peaks(final, piece)
+        if peaks is not None:
+            # the shape fails, so the errors of the fit say little: what the speeds of the peaks leave open counts
+            stderr["frequency_Hz"] = float(
+                np.hypot(stderr["frequency_Hz"], spread(piece.effect.scalar("frequency_Hz"), peaks))
+            )
         claims.append(
             Claim(
                 piece=piece,
-                stderr=standard_errors(joint, i),
+                stderr=stderr,
                 evidence=evidence,
                 alternatives=tuple(sorted({other.name for other, _ in others} - {piece.effect.name})),
                 experiments=tuple(_experiment(joint, fitted, i, other) for other, fitted in others),
                 share=_share(rig, final, piece),
-                extrapolates=_extrapolates(joint, piece),
+                extrapolates=(*_extrapolates(joint, piece), *_shape_fails(peaks)),
+                peaks=peaks,
             )
         )
     retuned = [
@@ -161,6 +171,22 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
         for i, p in changed.items()
     ]
     return Conclusions(joint, final, tuple(claims), tuple(retuned), offset_changed)
+
+
+def _peaks(final: Fit, piece: Piece) -> tuple[float, float] | None:
+    """Where the peaks put a resonance whose orders keep as much structure as it explains; None for all others."""
+    if piece.effect.stage is not Stage.STRUCTURE or _misfit(final, piece) < _MISFIT_OF_PEAKS:
+        return None
+    return bracket(final.target, final.residual + explained(final, piece), piece.effect)
+
+
+def _shape_fails(peaks: tuple[float, float] | None) -> tuple[str, ...]:
+    if peaks is None:
+        return ()
+    return (
+        f"the peaks are not those of one oscillator; the speeds at which they stand put it between {peaks[0]:.1f} "
+        f"and {peaks[1]:.1f} Hz, height and damping are uncertain",
+    )
 
 
 def _origin(piece: Piece) -> Effect:
@@ -188,12 +214,43 @@ def _changed(joint: Fit) -> tuple[dict[int, float], bool]:
     return found, offset
 
 
+def _with_the_rest_held(joint: Fit, changed: dict[int, float], offset_changed: bool) -> Fit:
+    """The fit with all that did not change at the rig's own values."""
+    if any(piece.added for piece in joint.state.pieces) or changed or offset_changed:
+        return fit(joint.target, _held(joint, changed, offset_changed))
+    original = _original(joint.state)
+    return replace(joint, state=original, residual=joint.target.residual(original.model()))
+
+
+def _changed_after_all(joint: Fit, final: Fit, changed: dict[int, float]) -> dict[int, float]:
+    """Pieces of the rig whose orders keep structure at their own values and none at the fitted ones.
+
+    With many parameters and few clusters of runs the test by clusters sees nothing; what would be left tells.
+    """
+    held, free = (structure(joint.target, one.residual) for one in (final, joint))
+    loud = set(held.orders[held.significant & ~free.significant].tolist())
+    more = {}
+    vector = joint.state.vector()
+    for i, (piece, place) in enumerate(zip(joint.state.pieces, joint.state.slices(), strict=True)):
+        if piece.added or piece.origin is None or i in changed or not loud & set(piece.effect.touched_orders()):
+            continue
+        places = list(range(place.start, place.stop))
+        p = _p_alone(joint, places, vector[places] - Piece(piece.origin, piece.free).vector()) if places else 1.0
+        if p < _P_CHANGED:
+            more[i] = p
+    return more
+
+
 def _p_of(joint: Fit, places: list[int], difference: np.ndarray) -> float:
     """The larger chance of both tests; the one by clusters is brought to the scale of the other."""
-    block = joint.inverse[np.ix_(places, places)]
-    plain = chi_square_tail(float(difference @ inverse(block) @ difference), len(places))
-    clusters = p_of_clusters(joint, places, difference)
+    plain, clusters = _p_alone(joint, places, difference), p_of_clusters(joint, places, difference)
     return plain if clusters < P_CLUSTERS else max(plain, clusters)
+
+
+def _p_alone(joint: Fit, places: list[int], difference: np.ndarray) -> float:
+    """Chance of a difference by noise that is independent from run to run."""
+    block = joint.inverse[np.ix_(places, places)]
+    return chi_square_tail(float(difference @ inverse(block) @ difference), len(places))
 
 
 def _held(joint: Fit, changed: dict[int, float], offset_changed: bool) -> State:
@@ -251,7 +308,6 @@ def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> list[tu
     # one order more or less is no resonance; it stands against other effects on many orders only
     stages = STAGES if len(own) > 2 else tuple(stage for stage in STAGES if stage is not Stage.STRUCTURE)
     finder = Search(known, smaller, stages=stages, touching=sorted(own))
-    limit = joint.loss + _AS_GOOD
     best: dict[str, Candidate] = {}
     for c in finder.ranked(least=20.0):
         touched = set(c.piece.effect.touched_orders())
@@ -260,10 +316,13 @@ def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> list[tu
         if c.gain > 0.3 * (smaller.loss - joint.loss):
             best[c.name] = c
     found = []
+    places = np.flatnonzero(np.isin(joint.target.data.model_orders(), sorted(own)))
     for c in list(best.values())[:_TRIES]:
         fitted = fit(joint.target, c.put_into(smaller.state), steps=8, tolerance=0.1)
         extra = len(c.coordinates()) - len(piece.coordinates())
-        if fitted.loss + 2.0 * max(extra, 0) < limit:
+        # what it gains on other orders does not make it a name for this one's
+        worse = joint.target.losses(fitted.residual)[:, places] - joint.target.losses(joint.residual)[:, places]
+        if max(fitted.loss - joint.loss, float(worse.sum())) + 2.0 * max(extra, 0) < _AS_GOOD:
             found.append((c, fitted))
     return found
 

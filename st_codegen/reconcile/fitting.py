@@ -123,6 +123,7 @@ class Target:
     groups: Groups
     reduction_ratio: float = 81.0
     cache: dict[object, tuple[Column, ...]] = field(default_factory=dict, compare=False)
+    responses: dict[object, ComplexArray] = field(default_factory=dict, compare=False)
 
     def subset(self, rows: BoolArray) -> Target:
         """The same with fewer rows that count."""

@@ -96,7 +96,7 @@ def test_coordinates_there_and_back(name):
 
 
 def test_variants_are_the_choices_of_optional_parts():
-    assert len(variants(KNOWN["friction_windup"], True)) == 3
+    assert len(variants(KNOWN["friction_windup"], True)) == 7
     assert len(variants(KNOWN["carrier_modulation"], True)) == 3
     assert len(variants(KNOWN["torsional_compliance"], True)) == 1
 
