@@ -22,6 +22,8 @@ _NEIGHBOURS = 10
 _MEDIAN_1, _MEDIAN_2 = 0.67449, 1.17741
 #: a run is suspected when its distance is this many times what is usual
 _SUSPECT = 6.0
+#: no noise is below this, deg
+_LEAST = 1e-9
 
 
 @dataclass(frozen=True)
@@ -120,11 +122,11 @@ class Noise:
     suspects: tuple[tuple[int, float], ...]
 
 
-def estimate(data: Observations, residual: ComplexArray, least: FloatArray | None = None) -> Noise:
+def estimate(data: Observations, residual: ComplexArray, known_bad: BoolArray | None = None) -> Noise:
     """Noise from the contrasts of residuals (n, K); bad runs are found one after the other and left out."""
     if data.angle_rad is not None:
         return _of_samples(data, residual)
-    good = np.ones(len(data), bool)
+    good = np.ones(len(data), bool) if known_bad is None else ~known_bad
     suspects: dict[int, float] = {}
     for _ in range(6):
         local = contrasts(data.at, good)
@@ -154,9 +156,8 @@ def estimate(data: Observations, residual: ComplexArray, least: FloatArray | Non
     else:
         sigma = np.broadcast_to(sigma_of(residual, data.orders), residual.shape).copy()
         floor = sigma_of(residual, data.orders)
-    lowest = 1e-9 if least is None else least
     ranked = tuple(sorted(suspects.items(), key=lambda item: -item[1]))
-    return Noise(np.maximum(sigma, lowest), np.maximum(floor, lowest), good, ranked)
+    return Noise(np.maximum(sigma, _LEAST), np.maximum(floor, _LEAST), good, ranked)
 
 
 def _sigma_by_direction(data: Observations, e: ComplexArray, rows: BoolArray) -> FloatArray:

@@ -40,7 +40,7 @@ def report(result: Result, update: Update | None = None) -> dict[str, Any]:
             {"order": g.order, "before": g.before, "after": g.after, "noise_floor": g.noise_floor}
             for g in result.orders
         ],
-        "suspect_runs": [f"{result.data.labels[row]}: {times:.1f} times the usual distance from its neighbours"
+        "suspect_runs": [f"{result.data.labels[row]}: {times:.1f} times the usual distance from what is expected"
                          for row, times in result.noise.suspects],
         "zero_offset_deg": {
             "rig": result.rig.zero_offset_deg,

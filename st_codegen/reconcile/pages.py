@@ -9,6 +9,7 @@ import numpy as np
 
 from st_codegen.reconcile.conclusions import Claim
 from st_codegen.reconcile.evidence import digits
+from st_codegen.reconcile.maps import map_sections
 from st_codegen.reconcile.output import parameters_of, rig_diff
 from st_codegen.reconcile.run import Result
 from st_codegen.reconcile.spectrum import SpectrumResult, sizes, spectrum_summary
@@ -26,7 +27,8 @@ _SAMPLES = 720
 
 def report_page(result: Result, update: Update | None = None) -> str:
     """The report as one HTML page. Raises MissingExtraError without Matplotlib."""
-    sections = [_findings(result), _gap(result), _claims(result), _unexplained(result), _maps(result)]
+    sections = [_findings(result), _gap(result), _claims(result), _unexplained(result)]
+    sections += map_sections(result)
     sections += [_curves(result), _ranking(result), _runs(result), _rig(result)]
     if update is not None:
         sections += [_models(update), _motion(update)]
@@ -130,31 +132,6 @@ def _unexplained(result: Result) -> Section | None:
     return Section("What stays unexplained", text, Table(["order", "RMS, deg", "of the gap", "direction", ""], rows))
 
 
-def _maps(result: Result) -> Section | None:
-    """Residual over speed and torque for the loudest orders, before and after, in noise units."""
-    at = result.data.at
-    if result.data.angle_rad is not None or len(np.unique(at.speed_rpm)) < 3 or len(np.unique(at.torque_Nm)) < 3:
-        return None
-    loud = sorted(result.orders, key=lambda gap: -gap.before / max(gap.noise_floor, 1e-12))[:4]
-    before = result.target.residual(result.rig)
-    after = result.conclusions.final.residual
-    panels: list[tuple[str, Draw]] = []
-    for gap in loud:
-        place = int(np.flatnonzero(result.data.orders == gap.order)[0])
-        for name, values in (("before", before), ("after", after)):
-            size = np.abs(values[:, place]) / result.target.sigma[:, place]
-            panels.append((f"order {gap.order}, {name}", _scatter(at.speed_rpm, at.torque_Nm, size)))
-    text = "Residual over the noise of one coefficient (colour, from 0 to 10) by speed (rpm) and torque (N m)."
-    return Section("Where: maps of the residual", text, figures=[figures(panels, columns=2)])
-
-
-def _scatter(x: FloatArray, y: FloatArray, size: FloatArray) -> Draw:
-    def draw(axes: Any) -> None:
-        axes.scatter(x, y, c=np.minimum(size, 10.0), cmap="viridis", vmin=0, vmax=10, s=9)
-
-    return draw
-
-
 def _curves(result: Result) -> Section | None:
     """Two measured curves, built from their orders, with the model before and after."""
     data = result.data
@@ -194,6 +171,10 @@ def _lines(x: FloatArray, curves: Sequence[tuple[str, FloatArray]]) -> Draw:
 def _ranking(result: Result) -> Section | None:
     if not result.judged:
         return None
+    # what was added first, in its order, then the refused ones by what they would have explained
+    ranked = sorted(
+        result.judged, key=lambda pair: (not pair[1].passed, 0.0 if pair[1].passed else -pair[1].loss_saved)
+    )
     rows = [
         [
             candidate.name,
@@ -206,7 +187,7 @@ def _ranking(result: Result) -> Section | None:
             evidence.stability,
             evidence.size_in_noise,
         ]
-        for candidate, evidence in result.judged
+        for candidate, evidence in ranked
     ]
     columns = [
         "candidate",
@@ -219,7 +200,10 @@ def _ranking(result: Result) -> Section | None:
         "stability",
         "size over noise",
     ]
-    text = "In the order in which they were tried. All tests must pass; docs/reconcile.md says which and how strict."
+    text = (
+        "First those that passed all tests, in the order in which they were added; then the others by what they would "
+        "have explained. docs/reconcile.md says which tests there are and how strict they are."
+    )
     return Section("Ranking of candidates", text, Table(columns, rows))
 
 
@@ -228,7 +212,10 @@ def _runs(result: Result) -> Section | None:
     if not suspects:
         return None
     rows = [[result.data.labels[row], times] for row, times in suspects]
-    text = "Runs that lie far from what their neighbours let expect, in several orders. They were left out of the fit."
+    text = (
+        "Runs that lie far from what model and neighbours let expect. They count neither in the gap nor in what stays "
+        "unexplained."
+    )
     return Section("Suspected bad runs", text, Table(["run", "times the usual distance"], rows))
 
 

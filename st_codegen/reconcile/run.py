@@ -27,6 +27,7 @@ from st_codegen.reconcile.recordings import (
 )
 from st_codegen.reconcile.remaining import Signature, Structure, lines_in_samples, signatures, structure
 from st_codegen.reconcile.selection import search, with_noise_of
+from st_codegen.reconcile.suspects import bad_runs
 from st_codegen.rig.effects import Catalogue, Effect, Stage
 from st_codegen.rig.model import RigModel
 
@@ -152,6 +153,8 @@ def reconcile_observations(
     conclusions = conclude(rig, last, known)
     final = conclusions.final
     target, noise = with_noise_of(final)
+    noise = _with_suspects(data, final, noise)
+    target = replace(target, good=noise.good)
     final_residual = final.residual
     before = target.residual(rig)
     weight = np.where(data.orders == 0, 1.0, 0.5)
@@ -163,7 +166,7 @@ def reconcile_observations(
     floor = float(np.sqrt(floor_power.sum()))
     good = target.good
     gaps = Gap(rms_deg(before[good], data.orders), rms_deg(final_residual[good], data.orders), floor)
-    held = Gap(gaps.before, held_out_gap(final), floor)
+    held = Gap(gaps.before, held_out_gap(replace(final, target=target)), floor)
     per_order = tuple(
         OrderGap(
             int(order),
@@ -175,6 +178,18 @@ def reconcile_observations(
     )
     new_rig = _new_rig(rig, final, conclusions)
     return Result(rig, new_rig, data, target, noise, conclusions, tuple(judged), found, left, gaps, held, per_order)
+
+
+def _with_suspects(data: Observations, final: Fit, noise: Noise) -> Noise:
+    """The noise with the bad runs that only the fitted model shows: they are named, and stay out of gap and rest."""
+    found = bad_runs(data, final.residual, noise.sigma)
+    if not found:
+        return noise
+    bad = ~noise.good
+    bad[list(found)] = True
+    again = estimate(data, final.residual, bad)
+    ranked = sorted((dict(noise.suspects) | found | dict(again.suspects)).items(), key=lambda entry: -entry[1])
+    return replace(again, suspects=tuple(ranked))
 
 
 def _own(effect: Effect) -> Piece:
