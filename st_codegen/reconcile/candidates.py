@@ -23,6 +23,8 @@ _ORDER_GAIN = 25.0
 _RESONANCE_POINTS = 3
 #: two resonances of the same orders lie this far apart at least (relative)
 SAME_RESONANCE = 0.1
+#: gains (of twice the loss) that differ by less are equal
+_TIE = 1e-3
 #: bytes of responses that are kept from search to search
 _MOST_KEPT = 400_000_000
 STAGES = (Stage.ADDITIVE, Stage.MODULATION, Stage.STRUCTURE, Stage.MEASURING)
@@ -71,7 +73,7 @@ def _keys_of(c: Coordinate) -> frozenset[str]:
 def variants(effect: type[Effect], both_directions: bool) -> list[frozenset[str]]:
     """Keys that are free together: what is required, and every choice of optional parts that gives a size."""
     always = {scalar.key for scalar in effect.scalars if scalar.default is None}
-    parts = [frozenset({s.key}) for s in effect.scalars if s.default is not None and not s.shapes]
+    parts = [frozenset({s.key, s.beside} - {""}) for s in effect.scalars if s.default is not None and not s.shapes]
     sizes = set(always) | {key for part in parts for key in part}
     for phasor in effect.phasors:
         backward = (False, True) if phasor.own_flanks and both_directions else (False,)
@@ -88,7 +90,7 @@ def variants(effect: type[Effect], both_directions: bool) -> list[frozenset[str]
             keys = frozenset(always).union(*chosen)
             if keys & sizes:
                 found.append(keys | {s.key for s in effect.scalars if s.shapes and s.shapes in keys})
-    return found
+    return list(dict.fromkeys(found))
 
 
 class Search:
@@ -113,7 +115,8 @@ class Search:
         for candidate in self.all():
             scored = self.scorer.scored(candidate)
             known = best.get(scored.identity)
-            if scored.gain >= least and (known is None or scored.gain > known.gain):
+            # starts that the data do not tell apart: the first one
+            if scored.gain >= least and (known is None or scored.gain > known.gain + _TIE):
                 best[scored.identity] = scored
         return sorted(best.values(), key=lambda c: -self.net(c))
 
@@ -158,7 +161,7 @@ class Search:
             groups = {v - have for v in variants(effect, self.data.both_directions())} - {frozenset()}
             if self.data.both_directions():
                 groups |= _untied(effect, have)
-            for group in groups:
+            for group in sorted(groups, key=sorted):
                 if group & have:
                     continue
                 for starts in self._starts(effect, group):
@@ -305,7 +308,8 @@ def _untied(effect: type[Effect], have: set[str]) -> set[frozenset[str]]:
 def _zeros(effect: type[Effect], keys: frozenset[str]) -> dict[str, float]:
     """Neutral values of linear keys."""
     inverse = {s.key for s in effect.scalars if s.form is Form.INVERSE}
-    return {key: float("inf") if key in inverse else 0.0 for key in keys}
+    # in the catalogue's order: that of a set differs from process to process
+    return {key: float("inf") if key in inverse else 0.0 for key in effect.known_keys() if key in keys}
 
 
 def _started(

@@ -254,11 +254,11 @@ def gather(
 ) -> Normal:
     """Normal equations of columns against residuals, by cell, or of all runs as one cell."""
     count = len(columns)
-    cells = target.groups.cells if by_cell else np.zeros(len(target.data), np.int64)
+    cells = target.groups.cells
     groups = len(target.groups.clusters) if by_cell else 1
     matrix, gradient = np.zeros((groups, count, count)), np.zeros((groups, count))
-    order_of_rows = np.argsort(cells, kind="stable")
-    starts = np.append(np.searchsorted(cells[order_of_rows], np.arange(groups)), len(cells))
+    order_of_rows = np.argsort(cells, kind="stable") if by_cell else slice(None)
+    starts = np.append(np.searchsorted(cells[order_of_rows], np.arange(groups)) if by_cell else [0], len(cells))
     by_order: dict[int, list[tuple[int, ComplexArray]]] = {}
     for number, (places, values) in enumerate(columns):
         for j, place in enumerate(places):
@@ -329,6 +329,8 @@ class Fit:
         # few clusters underestimate: never below what independent runs would give
         factor = np.sqrt(np.maximum(1.0, np.diag(plain) / np.maximum(np.diag(sandwich), 1e-300)))
         found: FloatArray = sandwich * factor[:, None] * factor[None, :]
+        # what no run pulls at has no sandwich at all
+        np.fill_diagonal(found, np.maximum(np.diag(found), np.diag(plain)))
         return found
 
 

@@ -6,6 +6,7 @@ import difflib
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from st_codegen.reconcile.conclusions import Claim, Retuned
@@ -36,10 +37,7 @@ def report(result: Result, update: Update | None = None) -> dict[str, Any]:
             for s in result.unexplained
         ],
         "gap": {"fitted": _gap(result.fitted), "held_out": _gap(result.held_out)},
-        "gap_by_order": [
-            {"order": g.order, "before": g.before, "after": g.after, "noise_floor": g.noise_floor}
-            for g in result.orders
-        ],
+        "gap_by_order": [asdict(gap) for gap in result.orders],
         "suspect_runs": [f"{result.data.labels[row]}: {times:.1f} times the usual distance from what is expected"
                          for row, times in result.noise.suspects],
         "zero_offset_deg": {

@@ -11,7 +11,7 @@ from st_codegen.reconcile.conclusions import Claim
 from st_codegen.reconcile.evidence import digits
 from st_codegen.reconcile.maps import map_sections
 from st_codegen.reconcile.output import parameters_of, rig_diff
-from st_codegen.reconcile.run import Result
+from st_codegen.reconcile.run import OrderGap, Result
 from st_codegen.reconcile.spectrum import SpectrumResult, sizes, spectrum_summary
 from st_codegen.reconcile.words import VERDICT_TEXT, sentence
 from st_codegen.report.html import Section, Table, page
@@ -23,11 +23,13 @@ if TYPE_CHECKING:
 
 _MOST_BARS = 24
 _SAMPLES = 720
+#: lines of a diff that are shown without a click
+_SHORT = 80
 
 
 def report_page(result: Result, update: Update | None = None) -> str:
     """The report as one HTML page. Raises MissingExtraError without Matplotlib."""
-    sections = [_findings(result), _gap(result), _claims(result), _unexplained(result)]
+    sections = [_findings(result), _gap(result), _by_order(result), _claims(result), _unexplained(result)]
     sections += map_sections(result)
     sections += [_curves(result), _ranking(result), _runs(result), _rig(result)]
     if update is not None:
@@ -87,14 +89,29 @@ def _gap(result: Result) -> Section:
     return Section("The gap", text, table, [_bars(result)])
 
 
-def _bars(result: Result) -> str:
+def _by_order(result: Result) -> Section:
+    shown = _largest(result)
+    rows = [[gap.order, gap.before, gap.after, gap.held_out, gap.noise_floor] for gap in shown]
+    left = len(result.orders) - len(shown)
+    text = f"The {len(shown)} orders with the largest gap; report.json has the other {left}." if left else ""
+    columns = ["order", "before", "after", "after, held out", "noise floor"]
+    return Section("The gap by order, RMS in deg", text, Table(columns, rows))
+
+
+def _largest(result: Result) -> list[OrderGap]:
+    """The orders with the largest gap before, by order."""
     largest = sorted(result.orders, key=lambda gap: -gap.before)[:_MOST_BARS]
-    shown = sorted(largest, key=lambda gap: gap.order)
+    return sorted(largest, key=lambda gap: gap.order)
+
+
+def _bars(result: Result) -> str:
+    shown = _largest(result)
     place = np.arange(len(shown))
 
     def draw(axes: Any) -> None:
-        axes.bar(place - 0.2, [gap.before for gap in shown], 0.4, label="before")
-        axes.bar(place + 0.2, [gap.after for gap in shown], 0.4, label="after")
+        axes.bar(place - 0.27, [gap.before for gap in shown], 0.27, label="before")
+        axes.bar(place, [gap.after for gap in shown], 0.27, label="after")
+        axes.bar(place + 0.27, [gap.held_out for gap in shown], 0.27, label="after, held out")
         axes.plot(place, [gap.noise_floor for gap in shown], "k_", markersize=12, label="noise floor")
         axes.set_yscale("log")
         axes.set_xticks(place, [str(gap.order) for gap in shown])
@@ -147,17 +164,15 @@ def _curves(result: Result) -> Section | None:
             continue
         row = int(rows[np.argmax(before[rows].sum(axis=1))])
         point = data.at.rows(np.array([row]))
-        curves = [
-            (name, (values @ waves).real)
-            for name, values in (
-                ("measured", data.values[row]),
-                ("rig", result.rig.coefficients(point, data.orders.tolist())[0]),
-                ("new rig", result.new_rig.coefficients(point, data.orders.tolist())[0]),
-            )
-        ]
-        panels.append((data.labels[row], _lines(theta, curves)))
+        models = [rig.coefficients(point, data.orders.tolist())[0] for rig in (result.rig, result.new_rig)]
+        measured, before_, after_ = ((values @ waves).real for values in (data.values[row], *models))
+        panels.append(
+            (data.labels[row], _lines(theta, [("measured", measured), ("rig", before_), ("new rig", after_)]))
+        )
+        rest = [("measured - rig", measured - before_), ("measured - new rig", measured - after_)]
+        panels.append(("what is left", _lines(theta, rest)))
     text = "The run with the largest gap in each direction; angle of the output in deg, TE in deg."
-    return Section("Curves", text, figures=[figures(panels, columns=1, size_cm=(16, 6))])
+    return Section("Curves", text, figures=[figures(panels, columns=2, size_cm=(12, 7))])
 
 
 def _lines(x: FloatArray, curves: Sequence[tuple[str, FloatArray]]) -> Draw:
@@ -221,7 +236,12 @@ def _runs(result: Result) -> Section | None:
 
 def _rig(result: Result) -> Section:
     changes = rig_diff(result)
-    return Section("The new rig", "" if changes else "The rig stays as it is.", details=changes)
+    return Section(
+        "The new rig",
+        "" if changes else "The rig stays as it is.",
+        details=changes,
+        open_details=changes.count("\n") < _SHORT,
+    )
 
 
 def _models(update: Update) -> Section:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from st_codegen.reconcile.candidates import Candidate
-from st_codegen.reconcile.conclusions import Conclusions, conclude, held_out_gap, without_misfits
+from st_codegen.reconcile.conclusions import Conclusions, conclude, held_out_rms, without_misfits
 from st_codegen.reconcile.evidence import Evidence
 from st_codegen.reconcile.fitting import Fit, State, Target, groups_of
 from st_codegen.reconcile.noise import Noise, estimate
@@ -46,12 +46,13 @@ class Gap:
 
 @dataclass(frozen=True)
 class OrderGap:
-    """The same for one order."""
+    """The same for one order; held_out: after, on conditions that were left out of the fit."""
 
     order: int
     before: float
     after: float
     noise_floor: float
+    held_out: float
 
 
 @dataclass(frozen=True)
@@ -166,13 +167,15 @@ def reconcile_observations(
     floor = float(np.sqrt(floor_power.sum()))
     good = target.good
     gaps = Gap(rms_deg(before[good], data.orders), rms_deg(final_residual[good], data.orders), floor)
-    held = Gap(gaps.before, held_out_gap(replace(final, target=target)), floor)
+    held_out = held_out_rms(replace(final, target=target))
+    held = Gap(gaps.before, float(np.sqrt((held_out**2).sum())), floor)
     per_order = tuple(
         OrderGap(
             int(order),
             rms_deg(before[good][:, [k]], data.orders[[k]]),
             rms_deg(final_residual[good][:, [k]], data.orders[[k]]),
             float(np.sqrt(floor_power[k])),
+            float(held_out[k]),
         )
         for k, order in enumerate(data.orders)
     )

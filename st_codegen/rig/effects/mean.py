@@ -45,7 +45,7 @@ class Backlash(_MeanEffect):
     scalars = (
         Scalar("gap_arcmin", "arcmin", 0, 20, "whole clearance at the output", None),
         Scalar(
-            "seating_torque_Nm", "Nm", 5, 150, "load that closes 76 % of it", None, Form.SHAPE, (10, 25, 50, 90, 140)
+            "seating_torque_Nm", "Nm", 5, 150, "load that closes 76 % of it", None, Form.SHAPE, (50, 25, 90, 10, 140)
         ),
     )
 
@@ -78,7 +78,14 @@ class FrictionWindup(_MeanEffect):
             (0.02, 0.04, 0.08),
             "viscous_arcmin_per_krpm",
         ),
-        Scalar("stribeck_arcmin", "arcmin", 0, 5, "wind-up at standstill that a film of oil takes away with speed"),
+        Scalar(
+            "stribeck_arcmin",
+            "arcmin",
+            0,
+            5,
+            "wind-up at standstill that a film of oil takes away with speed",
+            beside="coulomb_arcmin",
+        ),
         Scalar(
             "stribeck_speed_rpm",
             "rpm",
