@@ -57,7 +57,7 @@ def main() -> None:
     """Simulate, read, reconcile."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("build/bench_reconcile"))
-    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--profile", action="store_true", help="show where the time goes")
     options = parser.parse_args()

@@ -16,7 +16,7 @@ from st_codegen.rig.effects.base import ComplexArray, FloatArray, IntArray
 _MOST_ORDERS = 20
 _LEVELS = 12
 _ANGLES = 120
-#: end of the scale, in noise units
+#: the scale ends here, in noise units, or higher where something is
 _TOP = 10.0
 _DIRECTIONS = (("forward", 1.0), ("backward", -1.0))
 _AXES = (
@@ -39,6 +39,7 @@ def _orders(result: Result, before: ComplexArray, after: ComplexArray) -> Sectio
     data, good = result.data, result.target.good
     places = _loudest(result, before)
     panels: list[tuple[str, Draw]] = []
+    top = max(_TOP, float((np.abs(before[good][:, places]) / result.target.sigma[good][:, places]).max(initial=0.0)))
     for direction, sign in _DIRECTIONS:
         rows = good & (data.at.sign == sign)
         if not rows.any():
@@ -50,12 +51,12 @@ def _orders(result: Result, before: ComplexArray, after: ComplexArray) -> Sectio
                 panels.append(
                     (
                         f"{direction}, {when}",
-                        _heat(_by_level(size, levels, len(names)).T, names, label, data.orders[places], "order"),
+                        _heat(_by_level(size, levels, len(names)).T, top, names, label, data.orders[places], "order"),
                     )
                 )
     text = (
-        "RMS of the residual over the noise of one coefficient, by order and operating point; noise alone gives 1.4 "
-        f"(the mean: 1), the scale ends at {_TOP:g}. The {len(places)} orders that stood out most before."
+        "RMS of the residual over the noise of one coefficient, by order and operating point, on a logarithmic scale; "
+        f"noise alone gives 1.4 (the mean: 1). The {len(places)} orders that stood out most before."
     )
     height = 2.2 + 0.28 * len(places)
     return Section(
@@ -109,9 +110,17 @@ def _by_level(values: FloatArray, levels: IntArray, count: int) -> FloatArray:
     return np.stack([np.sqrt((values[levels == level] ** 2).mean(axis=0)) for level in range(count)])
 
 
-def _heat(values: FloatArray, columns: Sequence[str], xlabel: str, rows: IntArray, ylabel: str) -> Draw:
+def _heat(values: FloatArray, top: float, columns: Sequence[str], xlabel: str, rows: IntArray, ylabel: str) -> Draw:
     def draw(axes: Any) -> None:
-        image = axes.imshow(values, cmap="viridis", vmin=0, vmax=_TOP, aspect="auto", interpolation="nearest")
+        image = axes.imshow(
+            np.maximum(values, 1.0),
+            cmap="viridis",
+            norm="log",
+            vmin=1,
+            vmax=top,
+            aspect="auto",
+            interpolation="nearest",
+        )
         axes.grid(visible=False)
         every = -(-len(columns) // 6)
         axes.set_xticks(range(0, len(columns), every), columns[::every])

@@ -24,6 +24,7 @@ from st_codegen.reconcile.recordings import (
     observations,
     read_recordings,
     servo_link,
+    with_unmeasured_links,
 )
 from st_codegen.reconcile.remaining import Signature, Structure, lines_in_samples, signatures, structure
 from st_codegen.reconcile.selection import search, with_noise_of
@@ -111,7 +112,9 @@ def reconcile_recordings(
     claims = tuple(link.claim for link in links if link.claim is not None)
     retuned = tuple(link.retuned for link in links if link.retuned is not None)
     found = result.conclusions
-    conclusions = replace(found, claims=(*found.claims, *claims), retuned=(*found.retuned, *retuned))
+    conclusions = replace(
+        found, claims=(*with_unmeasured_links(found.claims, recordings), *claims), retuned=(*found.retuned, *retuned)
+    )
     changed = {entry.before: entry.after for entry in retuned}
     effects = [changed.get(effect, effect) for effect in result.new_rig.effects]
     new_rig = replace(result.new_rig, effects=(*effects, *(claim.piece.effect for claim in claims)))
