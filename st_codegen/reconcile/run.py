@@ -90,10 +90,9 @@ def reconcile_files(
     if files:
         return reconcile_recordings(rig, read_recordings(files), known, progress)
     data = read_measured(measured, rig, progress)
-    if scale is None:
-        check(data, rig, measured)
-    else:
+    if scale is not None:
         data = data.scaled(scale)
+    check(data, rig, measured, units=scale is None)
     return reconcile_observations(rig, data, known, progress)
 
 
