@@ -65,7 +65,7 @@ _KEPT: dict[tuple[int, int, bytes], tuple[Conditions, Contrasts]] = {}
 
 def _contrasts(at: Conditions, good: BoolArray) -> Contrasts:
     n = len(at)
-    scaled = np.stack([_scaled(at.speed_rpm, 4.0), _scaled(at.torque_Nm, 1.0), _scaled(at.temperature_C, 1.0)], axis=1)
+    scaled = np.stack([4.0 * in_steps(at.speed_rpm), in_steps(at.torque_Nm), in_steps(at.temperature_C)], axis=1)
     count = _NEIGHBOURS
     index = np.zeros((n, count), np.int64)
     weight = np.zeros((n, count))
@@ -90,13 +90,13 @@ def _contrasts(at: Conditions, good: BoolArray) -> Contrasts:
     return Contrasts(index, weight, norm)
 
 
-def _scaled(values: FloatArray, factor: float) -> FloatArray:
-    """Values in steps of their grid (or a tenth of their range), times a factor."""
+def in_steps(values: FloatArray) -> FloatArray:
+    """Values in steps of their grid (or a twentieth of their range)."""
     levels = np.unique(values)
     if len(levels) < 2:
         return np.zeros(len(values))
     step = max(float(np.median(np.diff(levels))), float(np.ptp(levels)) / 20)
-    found: FloatArray = values * (factor / step)
+    found: FloatArray = values / step
     return found
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from st_codegen.reconcile.noise import BoolArray, contrasts
+from st_codegen.reconcile.noise import BoolArray, in_steps
 from st_codegen.reconcile.observations import Observations
 from st_codegen.rig.effects.base import ComplexArray, FloatArray
 
@@ -18,8 +18,10 @@ from st_codegen.rig.effects.base import ComplexArray, FloatArray
 _OFF = 5.0
 #: orders that must be off in a run of one direction only
 _ORDERS_ALONE = 3
-#: a residual is shared where so many neighbours differ from it by less than this part of it
-_ALIKE, _SIMILAR = 3, 0.5
+#: a residual is shared where two of the four nearest runs along an axis differ from it by less than half of it
+_ALIKE, _NEAR, _SIMILAR = 2, 4, 0.5
+#: a step across an axis counts as so many along it
+_ACROSS = 4.0
 #: more suspects than this share are no bad runs, but something else
 _MOST = 0.1
 
@@ -61,8 +63,21 @@ def _scaled(data: Observations, residual: ComplexArray, sigma: FloatArray) -> Fl
 
 
 def _like_neighbours(data: Observations, residual: ComplexArray) -> BoolArray:
-    """Where several of the ten nearest runs have a similar residual, bool (n, K)."""
-    nearest = contrasts(data.at, np.ones(len(data), bool)).index
-    apart = np.abs(residual[nearest] - residual[:, None])
-    found: BoolArray = np.sort(apart, axis=1)[:, _ALIKE - 1] < _SIMILAR * np.abs(residual)
+    """Where neighbours along speed, torque or temperature have a similar residual, bool (n, K)."""
+    at = data.at
+    steps = np.stack([in_steps(values) for values in (at.speed_rpm, at.torque_Nm, at.temperature_C)], axis=1)
+    found = np.zeros(residual.shape, bool)
+    for sign in (1.0, -1.0):
+        rows = np.flatnonzero(at.sign == sign)
+        if len(rows) <= _NEAR:
+            continue
+        own = residual[rows]
+        for axis in range(3):
+            # along one axis the others must stay as they are
+            place = steps[rows] * np.where(np.arange(3) == axis, 1.0, _ACROSS)
+            distance = ((place[:, None] - place[None]) ** 2).sum(axis=2)
+            np.fill_diagonal(distance, np.inf)
+            nearest = np.argpartition(distance, _NEAR, axis=1)[:, :_NEAR]
+            apart = np.abs(own[nearest] - own[:, None])
+            found[rows] |= np.sort(apart, axis=1)[:, _ALIKE - 1] < _SIMILAR * np.abs(own)
     return found
