@@ -122,7 +122,7 @@ def _heat(values: FloatArray, top: float, columns: Sequence[str], xlabel: str, r
             interpolation="nearest",
         )
         axes.grid(visible=False)
-        every = -(-len(columns) // 6)
+        every = -(-len(columns) // 5)
         axes.set_xticks(range(0, len(columns), every), columns[::every])
         axes.set_yticks(range(len(rows)), [str(order) for order in rows])
         axes.set(xlabel=xlabel, ylabel=ylabel)

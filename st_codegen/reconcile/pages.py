@@ -12,7 +12,7 @@ from st_codegen.reconcile.evidence import digits
 from st_codegen.reconcile.maps import map_sections
 from st_codegen.reconcile.output import parameters_of, rig_diff
 from st_codegen.reconcile.run import OrderGap, Result
-from st_codegen.reconcile.spectrum import SpectrumResult, sizes, spectrum_summary
+from st_codegen.reconcile.spectrum import SpectrumResult, sizes, spectrum_report, spectrum_summary
 from st_codegen.reconcile.words import VERDICT_TEXT, sentence
 from st_codegen.report.html import Section, Table, page
 from st_codegen.report.picture import Draw, figure, figures
@@ -46,6 +46,8 @@ def spectrum_page(result: SpectrumResult) -> str:
     ]
     columns = ["order", "effect", "of order", "parameter", "value", "or", "expected coincidences"]
     shown = sizes(result)
+    lines = spectrum_summary(result).splitlines()
+    signatures = [entry["text"] for entry in spectrum_report(result)["unexplained"]]
 
     def draw(axes: Any) -> None:
         orders = [order for order, _ in shown]
@@ -59,7 +61,8 @@ def spectrum_page(result: SpectrumResult) -> str:
     return page(
         "What the rig model lacks",
         [
-            Section("Findings", spectrum_summary(result).replace("\n", "\n\n"), Table(columns, rows)),
+            Section("Findings", "\n\n".join([lines[0], *lines[-2:]]), Table(columns, rows)),
+            Section("What stays unexplained", "", Table(["signature"], [[text] for text in signatures])),
             Section("Orders", "", None, [figure(draw, xlabel="order", ylabel="amplitude, deg")]),
         ],
         summary=VERDICT_TEXT[result.verdict],

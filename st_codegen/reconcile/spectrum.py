@@ -298,7 +298,8 @@ def spectrum_report(result: SpectrumResult) -> dict[str, Any]:
             }
             for order in sorted(result.unexplained, key=lambda order: -_loudness(order, result.spectrum))
         ],
-        "gap": {"fitted": gap, "held_out": None},
+        # nothing is fitted, so nothing can be held out
+        "gap": {"fitted": gap, "held_out": gap | {"after": None}},
         "suspect_runs": [],
         "orders": result.spectrum.orders,
     }

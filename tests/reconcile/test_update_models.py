@@ -2,7 +2,9 @@
 
 import itertools
 import json
+import re
 import shutil
+import subprocess
 import tomllib
 
 import numpy as np
@@ -176,6 +178,26 @@ def test_the_page_shows_it(both):
     page = (folder / "out" / "report.html").read_text()
     for text in ("The models for the controller", "Rehearsal with the old and the new compensator", "new order"):
         assert text in page
+
+
+def test_the_page_in_a_browser(both, tmp_path):
+    """No wider than the window, nothing from the network, all pictures there."""
+    browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if browser is None:
+        pytest.skip("no browser: install chromium to have the page drawn (apt-get install chromium)")
+    folder, _ = both
+    text = (folder / "out" / "report.html").read_text()
+    assert not re.findall(r'(?:src|href)="(?!#|data:)[^"]*"', text)
+    assert text.count("<svg") == 5
+    script = "<script>document.title = 'width ' + document.documentElement.scrollWidth</script></body>"
+    (tmp_path / "page.html").write_text(text.replace("</body>", script))
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--window-size=1200,900", f"--user-data-dir={tmp_path}"]
+    command = [browser, *options, "--dump-dom", (tmp_path / "page.html").as_uri()]
+    shown = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert shown.returncode == 0, shown.stderr
+    width = re.search(r"<title>width (\d+)</title>", shown.stdout)
+    assert width is not None
+    assert int(width[1]) <= 1200
 
 
 def test_a_bundle_that_knows_the_effect_stays(tmp_path, capsys):
