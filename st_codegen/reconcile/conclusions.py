@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from st_codegen.reconcile.candidates import STAGES, Candidate, Search
-from st_codegen.reconcile.evidence import P_CLUSTERS, Evidence, chi_square_tail, judge, p_of_clusters
+from st_codegen.reconcile.evidence import Evidence, judge
 from st_codegen.reconcile.fitting import Fit, State, fit, inverse
 from st_codegen.reconcile.observations import rms_deg
 from st_codegen.reconcile.parameters import Coordinate, Piece
 from st_codegen.reconcile.peaks import bracket, spread
-from st_codegen.reconcile.remaining import structure
+from st_codegen.reconcile.retuned import change_after_all, changes
 from st_codegen.rig.effects import Catalogue, Conditions, Effect, Stage
 from st_codegen.rig.effects.base import ComplexArray, FloatArray
 from st_codegen.rig.model import RigModel
@@ -30,8 +30,9 @@ _MISFIT_OF_PEAKS = 1.0
 _ORDERS_THAT_AGREE, _MISFIT_OF_AGREEING = 3, 10.0
 #: twice the loss by which another name may be worse and still be as good a name: 1 in 1000 by chance for one parameter
 _AS_GOOD = 11.0
-_P_CHANGED = 1e-7
 _TRIES = 3
+#: parameters of the rig that are let go one after the other because of what they would leave
+_MOST_AFTER_ALL = 4
 #: damping ratio whose peak fits between two speeds of a campaign
 _NARROW = 0.006
 
@@ -135,10 +136,12 @@ def _misfit(current: Fit, piece: Piece) -> float:
 def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
     """Claims with evidence, changed parameters, alternatives."""
     added = [i for i, piece in enumerate(joint.state.pieces) if piece.added]
-    changed, offset_changed = _changed(joint)
+    changed, offset_changed = changes(joint)
     final = _with_the_rest_held(joint, changed, offset_changed)
-    more = _changed_after_all(joint, final, changed)
-    if more:
+    for _ in range(_MOST_AFTER_ALL):
+        more = change_after_all(joint, final, changed)
+        if not more:
+            break
         changed |= more
         final = _with_the_rest_held(joint, changed, offset_changed)
     claims = []
@@ -198,59 +201,12 @@ def _original(state: State) -> State:
     return State(state.rig, state.rig.zero_offset_deg, pieces)
 
 
-def _changed(joint: Fit) -> tuple[dict[int, float], bool]:
-    """Pieces of the rig whose own values the data refuse: by chance, and by clusters of runs."""
-    found = {}
-    vector = joint.state.vector()
-    for i, (piece, place) in enumerate(zip(joint.state.pieces, joint.state.slices(), strict=True)):
-        if piece.added or piece.origin is None or place.start == place.stop:
-            continue
-        own = Piece(piece.origin, piece.free)
-        places = list(range(place.start, place.stop))
-        p = _p_of(joint, places, vector[places] - own.vector())
-        if piece.effect.values.keys() != piece.origin.values.keys() or p < _P_CHANGED:
-            found[i] = p
-    offset = _p_of(joint, [0], vector[:1] - joint.state.rig.zero_offset_deg) < _P_CHANGED
-    return found, offset
-
-
 def _with_the_rest_held(joint: Fit, changed: dict[int, float], offset_changed: bool) -> Fit:
     """The fit with all that did not change at the rig's own values."""
     if any(piece.added for piece in joint.state.pieces) or changed or offset_changed:
         return fit(joint.target, _held(joint, changed, offset_changed))
     original = _original(joint.state)
     return replace(joint, state=original, residual=joint.target.residual(original.model()))
-
-
-def _changed_after_all(joint: Fit, final: Fit, changed: dict[int, float]) -> dict[int, float]:
-    """Pieces of the rig whose orders keep structure at their own values and none at the fitted ones.
-
-    With many parameters and few clusters of runs the test by clusters sees nothing; what would be left tells.
-    """
-    held, free = (structure(joint.target, one.residual) for one in (final, joint))
-    loud = set(held.orders[held.significant & ~free.significant].tolist())
-    more = {}
-    vector = joint.state.vector()
-    for i, (piece, place) in enumerate(zip(joint.state.pieces, joint.state.slices(), strict=True)):
-        if piece.added or piece.origin is None or i in changed or not loud & set(piece.effect.touched_orders()):
-            continue
-        places = list(range(place.start, place.stop))
-        p = _p_alone(joint, places, vector[places] - Piece(piece.origin, piece.free).vector()) if places else 1.0
-        if p < _P_CHANGED:
-            more[i] = p
-    return more
-
-
-def _p_of(joint: Fit, places: list[int], difference: np.ndarray) -> float:
-    """The larger chance of both tests; the one by clusters is brought to the scale of the other."""
-    plain, clusters = _p_alone(joint, places, difference), p_of_clusters(joint, places, difference)
-    return plain if clusters < P_CLUSTERS else max(plain, clusters)
-
-
-def _p_alone(joint: Fit, places: list[int], difference: np.ndarray) -> float:
-    """Chance of a difference by noise that is independent from run to run."""
-    block = joint.inverse[np.ix_(places, places)]
-    return chi_square_tail(float(difference @ inverse(block) @ difference), len(places))
 
 
 def _held(joint: Fit, changed: dict[int, float], offset_changed: bool) -> State:
