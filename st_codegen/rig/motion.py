@@ -257,5 +257,5 @@ def lead_time_s(rig: Rig, form: Form) -> float:
     """
     drive = rig.axis.drive
     lag = max(1.0 - drive.speed_feedforward, 0.0) / drive.position_gain_per_s if drive.position_gain_per_s else 0.0
-    chain = rig.tasks.latency_us(form) + rig.tasks.hold_us(form) + rig.tasks.main_us
+    chain = rig.tasks.latency(form).mean_us + rig.tasks.main_us
     return chain * 1e-6 + lag + rig.axis.encoders.delay_s

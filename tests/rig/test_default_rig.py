@@ -57,7 +57,7 @@ def test_the_sidebands_are_those_of_the_spectrum(measured, sizes, written):
 
 
 def test_medians_of_all_orders_are_near_those_of_the_real_rig(measured):
-    """12 %: by as much the real medians of order 3 differ between 25 and 35 degC, which no effect of the rig follows."""
+    """12 %: so much the real medians of order 3 differ between 25 and 35 degC, which no effect of the rig follows."""
     warm = measured.rows(measured.at.temperature_C == 30)
     rows = rig_table.compared(warm, rig_table.simulated(warm, read_rig(rig_sizes.RIG)))
     assert len(rows) == 2 * 10
