@@ -158,6 +158,24 @@ def test_the_same_seed_gives_the_same_bits_and_another_one_does_not():
     assert errors[0] == errors[1] != errors[2]
 
 
+def test_the_mean_does_not_jump_while_the_load_turns_over(linear_rig):
+    """Compliance follows the load, not the sign of the speed: at a reversal the two directions agree."""
+    there = turn(duration=0.3)
+    back = Profile(
+        "there and back",
+        np.arange(2 * len(there.time_s)) * 250e-6,
+        np.concatenate([there.angle_deg, there.angle_deg[::-1]]),
+        np.concatenate([there.speed_deg_s, -there.speed_deg_s[::-1]]),
+        np.concatenate([there.torque_Nm, there.torque_Nm]),
+    )
+    planned = plan(linear_rig, back)
+    mean = planned.harmonics.parts[:, :, 0]
+    np.testing.assert_allclose(mean[:, 0], mean[:, 2], atol=1e-15)
+    # 200 N m turn over: 2 * 200 / 454 arcmin, as fast as the load side's control lets it
+    assert mean[-1, 0] - mean[planned.first, 0] == pytest.approx(2 * 200 / 454 / 60, rel=1e-3)
+    assert np.abs(np.diff(mean[:, 0])).max() < 0.1 * 2 * 200 / 454 / 60
+
+
 def test_oil_that_drifts_and_its_slow_sensor(linear_rig):
     warm = with_oil(linear_rig, 28.0, 6.0)
     planned = plan(warm, turn())
