@@ -29,9 +29,11 @@ ROW = {
 def example():
     spec = importlib.util.spec_from_file_location("example_motion", RUN)
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(RUN.parent)
+        patch.setitem(sys.modules, spec.name, module)  # dataclasses look their module up
+        spec.loader.exec_module(module)
+        yield module
 
 
 @pytest.fixture(scope="module")
@@ -84,8 +86,8 @@ def test_the_table_of_limits_changes_one_thing_at_a_time(example):
 
 
 def test_a_second_run_keeps_what_is_there(example, out, monkeypatch, capsys):
-    for name in ("command", "simulate"):
-        monkeypatch.setattr(example, name, lambda *_, **__: pytest.fail("made again"))
+    for place in ((example, "command"), (sys.modules["jobs"], "simulate")):
+        monkeypatch.setattr(*place, lambda *_, **__: pytest.fail("made again"))
     (out / "motion.json").unlink()
     example.main(["--quick", "--jobs", "1", "--out", str(out), "--only", "campaign", "--only", "train",
                   "--only", "compile", "--only", "motion"])  # fmt: skip
