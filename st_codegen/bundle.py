@@ -137,7 +137,9 @@ def _output(reference: Reference, models: dict[str, LoadedModel], problems: Prob
             f"order {reference.order} {reference.direction}: output {reference.output} of '{reference.file}', "
             f"which has {len(models[name].ir.outputs)} (counted from 0)"
         )
-    return HarmonicOutput(reference.direction, reference.order, reference.quantity, name, reference.output)
+    return HarmonicOutput(
+        reference.direction, reference.order, reference.quantity, name, reference.output, reference.added
+    )
 
 
 def _for_bundle(model: LoadedModel, features: tuple[Feature, ...], problems: Problems) -> LoadedModel:

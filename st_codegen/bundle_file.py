@@ -25,6 +25,12 @@ direction = "forward"
 order = 39
 cosine = {file = "parts39_forward.onnx", output = 0}     # A*cos(phi), deg
 sine = {file = "parts39_forward.onnx", output = 1}       # A*sin(phi), deg
+
+[[term]]                             # added to the harmonic of its order and direction; as many as needed
+direction = "forward"
+order = 39
+cosine = {file = "structural_resonance_forward.onnx", output = 0}     # deg; order 0: amplitude, the mean
+sine = {file = "structural_resonance_forward.onnx", output = 1}
 """
 
 from __future__ import annotations
@@ -44,13 +50,14 @@ BUNDLE_FILE = "bundle.toml"
 
 @dataclass(frozen=True)
 class Reference:
-    """A model named in a [[harmonic]] table: `file`, or `{file, output}`."""
+    """A model named in a [[harmonic]] or [[term]] (`added`) table: `file`, or `{file, output}`."""
 
     direction: Direction
     order: int
     quantity: Quantity
     file: str
     output: int
+    added: bool = False
 
 
 @dataclass(frozen=True)
@@ -85,8 +92,8 @@ class _Reader:
     def __init__(self, text: dict[str, Any], problems: Problems) -> None:
         self.text = text
         self.problems = problems
-        for key in sorted(set(text) - {"bundle", "feature", "harmonic"}):
-            problems.add(f"unknown table [{key}]; known are [bundle], [[feature]] and [[harmonic]]")
+        for key in sorted(set(text) - {"bundle", "feature", "harmonic", "term"}):
+            problems.add(f"unknown table [{key}]; known are [bundle], [[feature]], [[harmonic]] and [[term]]")
 
     def _value(self, table: dict[str, Any], key: str, kind: type | tuple[type, ...], where: str) -> Any:
         value = table.get(key)
@@ -114,6 +121,7 @@ class _Reader:
         # a feature with another fault still counts as named
         head = self._head([table.get("name", "") for table in self._tables("feature", silent=True)])
         references = self._references(head["orders"], head["directions"])
+        references += self._terms(head["orders"], head["directions"])
         _check_files(references, self.problems)
         return Description(features=features, references=tuple(references), **head)
 
@@ -195,16 +203,29 @@ class _Reader:
             self.problems.add(f"harmonics announced in [bundle] without a [[harmonic]] table: {', '.join(missing)}")
         return [reference for d in directions for o in orders for reference in found.get((d, o), [])]
 
-    def _harmonic(self, table: dict[str, Any], direction: Direction, order: int, where: str) -> list[Reference]:
+    def _terms(self, orders: Sequence[int], directions: Sequence[Direction]) -> list[Reference]:
+        """What is added to harmonics, in the order of the file."""
+        found: list[Reference] = []
+        if "term" not in self.text:
+            return found
+        for number, table in enumerate(self._tables("term"), 1):
+            where = f"[[term]] {number}"
+            self._unknown(table, {"direction", "order", *_complete(0)[0], *_complete(1)[-1]}, where)
+            direction = self._value(table, "direction", str, where)
+            order = self._value(table, "order", int, where)
+            if direction is None or order is None:
+                continue
+            if direction not in directions or order not in orders:
+                self.problems.add(f"{where}: there is no harmonic of order {order} {direction} to add to")
+                continue
+            found += self._harmonic(table, Direction(direction), order, where, added=True)
+        return found
+
+    def _harmonic(
+        self, table: dict[str, Any], direction: Direction, order: int, where: str, *, added: bool = False
+    ) -> list[Reference]:
         given = {quantity for quantity in Quantity if quantity in table}
-        complete: list[set[Quantity]] = (
-            [{Quantity.AMPLITUDE}]
-            if order == 0
-            else [
-                {Quantity.AMPLITUDE, Quantity.PHASE},
-                {Quantity.COSINE, Quantity.SINE},
-            ]
-        )
+        complete = _complete(order)[-1:] if added else _complete(order)
         if given not in complete:
             wanted = " or ".join(" and ".join(sorted(pair)) for pair in complete)
             self.problems.add(f"{where}: order {order} needs {wanted}, it has {' and '.join(sorted(given)) or 'none'}")
@@ -216,8 +237,15 @@ class _Reader:
             if not isinstance(file, str) or not isinstance(output, int) or isinstance(output, bool):
                 self.problems.add(f"{where}: {quantity} = {value!r}; give a file name, or {{file = .., output = ..}}")
                 continue
-            references.append(Reference(direction, order, quantity, file, output))
+            references.append(Reference(direction, order, quantity, file, output, added))
         return references
+
+
+def _complete(order: int) -> list[set[Quantity]]:
+    """What says all about a harmonic; the last can be added to another."""
+    if order == 0:
+        return [{Quantity.AMPLITUDE}]
+    return [{Quantity.AMPLITUDE, Quantity.PHASE}, {Quantity.COSINE, Quantity.SINE}]
 
 
 def _check_files(references: Sequence[Reference], problems: Problems) -> None:

@@ -173,10 +173,12 @@ def _model_facts(model: ModelIR, compiled: Compiled) -> dict[str, Any]:
 def _te_facts(te: TransmissionError | None) -> dict[str, Any]:
     if te is None:
         return {}
+    terms = [f"order {o.order} {o.direction} {o.quantity}: {o.model}" for o in te.outputs if o.added]
     return {
         "name": te.name,
         "reduction_ratio": te.reduction_ratio,
         "orders": list(te.orders),
         "directions": [str(direction) for direction in te.directions],
         **({"calls": len(te.cycles)} if te.cycles else {}),
+        **({"terms": terms} if terms else {}),
     }

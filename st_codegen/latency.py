@@ -1,14 +1,15 @@
-"""From encoder to correction: how long a value takes through tasks that exchange their data at fixed moments.
+"""From encoder to correction: how old an angle is when the correction made from it gets to the drive.
 
-A chain of tasks passes a value on: each reads at the start of its cycle what the one before has handed over. With
-`Exchange.AT_START` a task hands over at the start of its next cycle (the paper's controller: "variables are exchanged
-at the beginning of tasks"), with `Exchange.AT_END` when its own run is over. Sampling times lie at the starts of the
-first task; the delay depends on where in the common period of the tasks a sample falls.
+A chain of tasks passes a value on: each starts with what the one before has handed over last. With `Exchange.AT_START`
+a task hands over at the start of its next cycle (the paper's controller: "variables are exchanged at the beginning of
+tasks"), with `Exchange.AT_END` when its own run is over. A fieldbus that latches the encoder at the start of its cycle
+and delivers at the next one is the first task of the chain. Values that are overwritten before anybody reads them do
+not count; a value that is used in several cycles gets older by a cycle each time.
 
-The paper's numbers (section 4.2): a main task of 250 us, the compensation in a task of 500 us, exchange at task starts.
-Main hands the angle over 250 us after it read it, the slow task starts up to 250 us later and hands over after 500 us,
-main hands over after another 250 us: 1000 or 1250 us. The paper states 1325.3 us, from its Fig. 7; the 75.3 us beyond
-whole cycles are what its bus and drive take after the last exchange, which is `output_us` here.
+The paper's numbers (section 4.2): bus and main task of 250 us, the compensation in a task of 500 us, exchange at task
+starts. Latched at 0, read by main at 250, by the slow task at 500, handed back at 1000, on the bus at 1250 us. The
+paper states 1325.3 us, from its Fig. 7; the 75.3 us beyond whole cycles are what bus and drive take after the last
+exchange, which is `output_us` here. The split is ours: the parts of the figure are not in the text.
 """
 
 from __future__ import annotations
@@ -54,7 +55,10 @@ class TaskTiming:
 
 @dataclass(frozen=True)
 class Latency:
-    """Delay from a sample to the correction made from it, over all samples of the tasks' common period, in us."""
+    """Age of an angle when the correction made from it arrives, in us.
+
+    best: a correction that was just made; worst: one that has been repeated longest; mean: over all that arrive.
+    """
 
     best_us: float
     mean_us: float
@@ -62,8 +66,9 @@ class Latency:
 
     @property
     def frequency_hz(self) -> float:
-        """Upper limit of what can be corrected, as the paper has it: one over the worst delay."""
-        return 1e6 / self.worst_us
+        """Upper limit of what can be corrected, as the paper has it: one over the time from a new value to its
+        correction."""
+        return 1e6 / self.best_us
 
     def output_speed_rpm(self, order: int) -> float:
         """Output speed at which a harmonic of this order reaches `frequency_hz`. Raises InputError for order 0."""
@@ -80,40 +85,44 @@ _TICKS = 10  # a tick is 0.1 us: all times are integers
 
 
 def latency(chain: Sequence[TaskTiming], *, output_us: float = 0.0, exchange: Exchange = Exchange.AT_START) -> Latency:
-    """Delay of a value that the first task of `chain` reads and that leaves the last one, plus `output_us`.
+    """Age of what the last task of `chain` hands over, counted from the start of the first one, plus `output_us`.
 
-    A task may occur several times in the chain: [main, slow, main] is the paper's. Raises InputError for an empty
+    A task may occur several times in the chain: [bus, main, slow, main] is the paper's. Raises InputError for an empty
     chain, and for times whose common period is longer than 10 s.
     """
     if not chain:
         raise InputError("no task: name at least the one that reads the encoder")
     if not (math.isfinite(output_us) and output_us >= 0):
         raise InputError(f"output time {output_us} us; give 0 or more")
-    first = chain[0]
+    last = chain[-1]
     period = math.lcm(*(_ticks(task.cycle_us) for task in chain))
     if period > 10_000_000 * _TICKS:
         raise InputError("the tasks' common period is longer than 10 s: give cycle times that are multiples of 1 us")
-    starts = range(_ticks(first.offset_us), _ticks(first.offset_us) + period, _ticks(first.cycle_us))
-    delays = [_through(chain, start, exchange) - start for start in starts]
-    rest = output_us
-    return Latency(min(delays) / _TICKS + rest, sum(delays) / len(delays) / _TICKS + rest, max(delays) / _TICKS + rest)
+    starts = range(_ticks(last.offset_us), _ticks(last.offset_us) + period, _ticks(last.cycle_us))
+    ages = [_age(chain, start, exchange) for start in starts]
+    return Latency(*(age / _TICKS + output_us for age in (min(ages), sum(ages) / len(ages), max(ages))))
 
 
 def _ticks(time_us: float) -> int:
     return round(time_us * _TICKS)
 
 
-def _through(chain: Sequence[TaskTiming], sampled: int, exchange: Exchange) -> int:
-    """When a sample that the first task reads at `sampled` has left the last task, in ticks."""
-    time = sampled
-    for task in chain:
+def _hand_over(task: TaskTiming, exchange: Exchange) -> int:
+    """Ticks from a task's start until others can read what it made of it."""
+    return _ticks(task.cycle_us if exchange is Exchange.AT_START else task.run_us)
+
+
+def _age(chain: Sequence[TaskTiming], start: int, exchange: Exchange) -> int:
+    """Age of what a run of the last task hands over that begins at `start`, in ticks: back through the chain."""
+    handed_over = start + _hand_over(chain[-1], exchange)
+    for task in reversed(chain[:-1]):
         cycle, offset = _ticks(task.cycle_us), _ticks(task.offset_us)
-        start = offset + -(-(time - offset) // cycle) * cycle  # the first start that is not earlier
-        time = start + (cycle if exchange is Exchange.AT_START else _ticks(task.run_us))
-    return time
+        latest = start - _hand_over(task, exchange) - offset
+        start = offset + latest // cycle * cycle
+    return handed_over - start
 
 
 def paper_latency() -> Latency:
-    """The paper's controller: 1325.3 us in the worst case, 754.5 Hz."""
-    main, slow = TaskTiming("main", 250.0), TaskTiming("slow", 500.0)
-    return latency([main, slow, main], output_us=PAPER_OUTPUT_US)
+    """The paper's controller: 1325.3 us from a new value to its correction, 754.5 Hz."""
+    bus, main, slow = TaskTiming("bus", 250.0), TaskTiming("main", 250.0), TaskTiming("slow", 500.0)
+    return latency([bus, main, slow, main], output_us=PAPER_OUTPUT_US)

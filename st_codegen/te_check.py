@@ -46,6 +46,7 @@ class HarmonicSet:
 
 #: Bound on |library - generated code| of a model for rows, (rows, outputs).
 Bound = Callable[[ModelIR, FloatArray], FloatArray]
+_Values = dict[Quantity, FloatArray]
 #: Predictions of a model for rows, (rows, outputs).
 Evaluation = Callable[[ModelIR, FloatArray], FloatArray]
 
@@ -68,15 +69,19 @@ def harmonics(
         outputs = te.quantities(direction, order)
         value = {quantity: values[of.model][:, of.output] for quantity, of in outputs.items()}
         error = {quantity: errors[of.model][:, of.output] for quantity, of in outputs.items()}
+        terms = te.terms(direction, order)
+        if terms and Quantity.PHASE in value:
+            value, error = _as_parts(value, error)
+        for quantity, added in terms.items():
+            parts = [values[term.model][:, term.output] for term in added]
+            total = value[quantity] + sum(parts)
+            # each sum is rounded once, and no partial sum is larger than all magnitudes together
+            size = np.abs(value[quantity]) + sum(np.abs(part) for part in parts)
+            own = sum(errors[term.model][:, term.output] for term in added)
+            value[quantity] = total
+            error[quantity] = error[quantity] + own + 2 * len(parts) * _UNIT * size
         if Quantity.COSINE in value:
-            amplitude = np.hypot(value[Quantity.COSINE], value[Quantity.SINE])
-            phase = np.arctan2(value[Quantity.SINE], value[Quantity.COSINE])
-            moved = error[Quantity.COSINE] + error[Quantity.SINE]
-            with np.errstate(divide="ignore", invalid="ignore"):
-                turned = np.where(moved > 0, moved / np.maximum(amplitude - moved, 0.0), 0.0)
-            columns.append(
-                (amplitude, phase, moved + _ROUNDINGS * _UNIT * amplitude, turned + _ROUNDINGS * _UNIT * np.pi)
-            )
+            columns.append(_polar(value, error))
         else:
             columns.append(
                 (
@@ -87,6 +92,25 @@ def harmonics(
                 )
             )
     return HarmonicSet(*(np.column_stack(part) for part in zip(*columns, strict=True)))
+
+
+def _as_parts(value: _Values, error: _Values) -> tuple[_Values, _Values]:
+    """Cosine and sine part of an amplitude and a phase; the block rounds COS, SIN and one product each."""
+    amplitude, phase = value[Quantity.AMPLITUDE], value[Quantity.PHASE]
+    size = np.abs(amplitude)
+    moved = error[Quantity.AMPLITUDE] + (size + error[Quantity.AMPLITUDE]) * (error[Quantity.PHASE] + 4 * _UNIT)
+    parts = {Quantity.COSINE: amplitude * np.cos(phase), Quantity.SINE: amplitude * np.sin(phase)}
+    return parts, dict.fromkeys(parts, moved)
+
+
+def _polar(value: _Values, error: _Values) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Amplitude, phase and their bounds, from cosine and sine part."""
+    amplitude = np.hypot(value[Quantity.COSINE], value[Quantity.SINE])
+    phase = np.arctan2(value[Quantity.SINE], value[Quantity.COSINE])
+    moved = error[Quantity.COSINE] + error[Quantity.SINE]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turned = np.where(moved > 0, moved / np.maximum(amplitude - moved, 0.0), 0.0)
+    return amplitude, phase, moved + _ROUNDINGS * _UNIT * amplitude, turned + _ROUNDINGS * _UNIT * np.pi
 
 
 def check_transmission_error(

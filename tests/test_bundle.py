@@ -111,6 +111,68 @@ def test_what_is_wrong_with_a_bundle_is_named(bundle_folder, replace, by, reason
         load(bundle_folder)
 
 
+TERMS = """
+[[term]]
+direction = "forward"
+order = 0
+amplitude = "b.txt"
+
+[[term]]
+direction = "forward"
+order = 1
+cosine = "a.txt"
+sine = {file = "b.txt", output = 0}
+
+[[term]]
+direction = "backward"
+order = 1
+cosine = "b.txt"
+sine = "a.txt"
+
+[[term]]
+direction = "backward"
+order = 1
+cosine = "a.txt"
+sine = "a.txt"
+"""
+
+
+@pytest.mark.parametrize("tasks", [1, 2])
+def test_terms_are_added_and_proven(bundle_folder, tmp_path, tasks):
+    """To a mean, to an amplitude with a phase, and twice to cosine and sine part."""
+    from st_codegen.generate import generate
+    from st_codegen.verify import verify
+
+    path = bundle_folder / "bundle.toml"
+    text = path.read_text(encoding="utf-8").replace("orders = ", f"tasks = {tasks}\norders = ")
+    path.write_text(text + TERMS, encoding="utf-8")
+    bundle = load(bundle_folder)
+    te = bundle.transmission_error
+    assert set(te.quantities(Direction.FORWARD, 1)) == {Quantity.AMPLITUDE, Quantity.PHASE}
+    assert [len(te.terms(Direction.BACKWARD, 1)[q]) for q in (Quantity.COSINE, Quantity.SINE)] == [2, 2]
+    for target in ("twincat", "iec"):
+        generate(bundle, target, tmp_path)
+    report = verify(bundle, tmp_path, rows=200)
+    assert report.passed
+    assert any(model.name.startswith("FB_TEPredict") for model in report.models)
+
+
+@pytest.mark.parametrize(
+    ("replace", "by", "reason"),
+    [
+        ("order = 0", "order = 7", "no harmonic of order 7 forward to add to"),
+        ('amplitude = "b.txt"', 'cosine = "b.txt"', "order 0 needs amplitude, it has cosine"),
+        ('sine = {file = "b.txt", output = 0}', 'phase = "b.txt"', "unknown key 'phase'"),
+        ('sine = {file = "b.txt", output = 0}', "", "order 1 needs cosine and sine"),
+    ],
+)
+def test_what_is_wrong_with_a_term_is_named(bundle_folder, replace, by, reason):
+    path = bundle_folder / "bundle.toml"
+    path.write_text(path.read_text(encoding="utf-8") + bad(TERMS, replace, by), encoding="utf-8")
+    with pytest.raises(InputError, match=reason):
+        load(bundle_folder)
+
+
 @pytest.mark.parametrize("tasks", ["3", "0", "true", '"two"', "1.5"])
 def test_a_number_of_tasks_is_one_or_two(bundle_folder, tasks):
     path = bundle_folder / "bundle.toml"

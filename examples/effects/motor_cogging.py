@@ -3,8 +3,6 @@
 st-codegen reconcile --rig rig.toml --measured campaign/ --out found --effects motor_cogging.py
 """
 
-import numpy as np
-
 from st_codegen.rig.effects import Effect, Phasor
 
 POLE_PAIRS = 5
@@ -21,7 +19,6 @@ class MotorCogging(Effect):
         """The orders to which it contributes."""
         return (round(POLE_PAIRS * self.constants.reduction_ratio),)
 
-    def contribution(self, at, orders):
-        """c_k in deg at operating points `at`, complex (len(at), len(orders))."""
-        wave = self.complex_at("amplitude_deg", at) * 1000 / at.speed_rpm
-        return wave[:, None] * np.isin(orders, self.touched_orders())
+    def coefficient(self, at, order):  # noqa: ARG002 - there is only one
+        """c_k in deg at operating points `at`, complex (len(at),)."""
+        return self.complex_at("amplitude_deg", at) * 1000 / at.speed_rpm

@@ -16,7 +16,7 @@ from st_codegen.latency import PAPER_OUTPUT_US, Exchange, Latency, TaskTiming, l
     epilog=f"""\b
 Examples:
   st-codegen latency --fast 250 --slow 500 --output {PAPER_OUTPUT_US}      the paper's controller: 1325.3 us, 754.5 Hz
-  st-codegen latency --fast 250 --output {PAPER_OUTPUT_US}                 sum and correction in the fast task
+  st-codegen latency --fast 250 --output {PAPER_OUTPUT_US}                 all in one task, or the sum in the fast one
   st-codegen latency --fast 250 --slow 500 --order 240 --json""",
 )
 @click.option("--fast", type=float, required=True, metavar="US", help="Cycle time of the task with encoder and axes.")
@@ -24,6 +24,12 @@ Examples:
 @click.option("--slow-offset", type=float, default=0.0, metavar="US", help="Start of its first cycle. Default: 0.")
 @click.option("--fast-run", type=float, default=0.0, metavar="US", help="Time of one run, for --exchange end.")
 @click.option("--slow-run", type=float, default=0.0, metavar="US", help="Time of one run, for --exchange end.")
+@click.option(
+    "--bus",
+    type=click.FloatRange(min=0),
+    metavar="US",
+    help="Cycle of the bus that latches the encoder. Default: that of --fast; 0: the task reads the encoder itself.",
+)
 @click.option(
     "--output", "output_us", type=float, default=0.0, metavar="US", help="From the last exchange to the axis."
 )
@@ -42,24 +48,30 @@ def command(
     slow_offset: float,
     fast_run: float,
     slow_run: float,
+    bus: float | None,
     output_us: float,
     exchange: str,
     order: int,
     as_json: bool,
 ) -> None:
-    """Delay from encoder to correction, over all positions of a sample in the tasks' common period.
+    """Age of an angle when the correction made from it arrives: of a new one, and of those in use.
 
     Without --slow everything is done in one task. With FB_CompensatorFast only coefficients come from the slow task:
-    its angle takes the way of one task. The mean delay is what fLead_s of the compensator should be.
+    its angle takes the way of one task. The mean age is what fLead_s of the compensator should be, if the drive adds
+    nothing.
     """
     first = TaskTiming("fast", fast, run_us=fast_run)
     chain = [first] if slow is None else [first, TaskTiming("slow", slow, slow_offset, slow_run), first]
+    if bus != 0:
+        # the bus delivers what it latched when its next cycle begins, whatever the tasks do
+        cycle = fast if bus is None else bus
+        chain = [TaskTiming("bus", cycle, run_us=cycle), *chain]
     found = latency(chain, output_us=output_us, exchange=Exchange(exchange))
     if as_json:
         click.echo(json.dumps(_numbers(found, order), indent=1))
         return
-    times = (found.worst_us, found.mean_us, found.best_us)
-    click.echo("delay: {:.1f} us at most, {:.1f} us in the mean, {:.1f} us at least".format(*times))
+    times = (found.best_us, found.mean_us, found.worst_us)
+    click.echo("delay: {:.1f} us of a new value, {:.1f} us in the mean, {:.1f} us at most".format(*times))
     click.echo(f"upper limit of the correction: {found.frequency_hz:.1f} Hz")
     click.echo(f"order {order} up to {found.output_speed_rpm(order):.1f} rpm at the output shaft")
     click.echo(f"lead time for the compensator: fLead_s := {found.mean_us * 1e-6:.7f}")

@@ -5,15 +5,26 @@ from __future__ import annotations
 import json
 import os
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
 
-from st_codegen.cli.console import console, progress_bar, quiet_option
+from st_codegen.bundle_file import BUNDLE_FILE
+from st_codegen.cli.console import console, progress_bar, quiet_option, trust_option
 from st_codegen.errors import InputError
 from st_codegen.reconcile.output import report, report_text, rig_diff
 from st_codegen.reconcile.run import Result, reconcile_files
-from st_codegen.reconcile.words import summary
+from st_codegen.reconcile.spectrum import (
+    SpectrumResult,
+    is_spectrum,
+    read_spectrum,
+    reconcile_spectrum,
+    spectrum_report,
+    spectrum_summary,
+)
+from st_codegen.reconcile.update import CODE, MODELS, Update, Wish, check_models, update_models
+from st_codegen.reconcile.words import summary, update_summary
 from st_codegen.rig.effects import catalogue
 from st_codegen.rig.model import read_rig
 
@@ -24,21 +35,37 @@ from st_codegen.rig.model import read_rig
 Examples:
   st-codegen reconcile --rig rig.toml --measured campaign/ --out found
   st-codegen reconcile --rig rig.toml --measured harmonics.csv --out found --effects my_effects.py
-  st-codegen reconcile --rig rig.toml --measured harmonics.csv --out found --scale 57.29578   measured in rad""",
+  st-codegen reconcile --rig rig.toml --measured harmonics.csv --out found --scale 57.29578   measured in rad
+  st-codegen reconcile --rig rig.toml --measured campaign/ --out found --models models/ --update-models""",
 )
 @click.option("--rig", type=click.Path(path_type=Path), required=True, help="Rig model, rig.toml.")
 @click.option(
     "--measured",
     type=click.Path(path_type=Path),
     required=True,
-    help="Campaign folder, harmonic table, or recording over time.",
+    help="Campaign folder, harmonic table, order spectrum, or recording over time.",
 )
 @click.option(
     "--out", type=click.Path(path_type=Path), required=True, help="Folder for rig.toml, report.json, report.html."
 )
 @click.option("--effects", type=click.Path(path_type=Path), multiple=True, help="Python file with effects of your own.")
 @click.option("--scale", type=float, help="Factor on the measured TE; 1 to accept it as it is.")
+@click.option("--models", type=click.Path(path_type=Path), help="Bundle of models that --update-models starts from.")
+@click.option(
+    "--update-models",
+    "update",
+    is_flag=True,
+    help=f"Put what was found into the bundle: OUT/{MODELS}, compiled and verified in OUT/{CODE}, moved by the rig.",
+)
+@click.option("--target", default="twincat", show_default=True, help="Dialect of the updated models' text.")
+@click.option(
+    "--profile",
+    default="cycloidal",
+    show_default=True,
+    help="Motion with the old and the new compensator: cycloidal, robot, a CSV (t,theta_out,torque_Nm), or none.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print report.json to standard output as well.")
+@trust_option
 @quiet_option
 def command(
     rig: Path,
@@ -46,7 +73,12 @@ def command(
     out: Path,
     effects: tuple[Path, ...],
     scale: float | None,
+    models: Path | None,
+    update: bool,
+    target: str,
+    profile: str,
     as_json: bool,
+    trust_pickle: bool,
     quiet: bool,
 ) -> None:
     """Find what the rig model lacks: compare it with measured data, name the missing effects, and add them."""
@@ -54,28 +86,80 @@ def command(
     model = read_rig(rig, known)
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file; the report needs a folder")
-    with progress_bar("reconciling", quiet=quiet) as progress:
-        result = reconcile_files(model, measured, known, scale=scale, progress=progress)
-    _write(result, out)
+    wish = _wish(models, update, target, profile, trust_pickle, out)
+    if wish is not None:
+        check_models(model, wish)
+    if is_spectrum(measured):
+        if wish is not None:
+            raise InputError(f"{measured}: a spectrum has no phases, so that no model can be made from it")
+        found = reconcile_spectrum(model, read_spectrum(measured), scale)
+        _write(_spectrum_texts(found), {}, out)
+        content, text = spectrum_report(found), spectrum_summary(found)
+    else:
+        with progress_bar("reconciling", quiet=quiet) as progress:
+            result = reconcile_files(model, measured, known, scale=scale, progress=progress)
+        changes = _written(result, wish, out, quiet)
+        content, text = report(result, changes), summary(result)
+        text += "" if changes is None else "\n" + update_summary(changes)
     if not quiet:
-        console.print(summary(result), highlight=False)
+        console.print(text, highlight=False)
     if as_json:
-        click.echo(json.dumps(report(result)))
+        click.echo(json.dumps(content))
 
 
-def _write(result: Result, out: Path) -> None:
-    """All files or none: written beside their places first."""
+def _wish(models: Path | None, update: bool, target: str, profile: str, trust_pickle: bool, out: Path) -> Wish | None:
+    """What is to be done with a bundle; faults are named before anything is computed."""
+    if update != (models is not None):
+        raise InputError("--models DIR and --update-models go together: which bundle is to get what is found?")
+    if models is None:
+        return None
+    if not (models / BUNDLE_FILE).is_file():
+        raise InputError(f"{models}: no bundle; --models wants a folder with {BUNDLE_FILE}")
+    for name, holds in ((MODELS, BUNDLE_FILE), (CODE, "")):
+        place = out / name
+        if place.exists() and (place.resolve() == models.resolve() or not (place / holds).exists()):
+            raise InputError(f"{place} exists and would be replaced: name another --out")
+    return Wish(models, target, "" if profile == "none" else profile, trust_pickle=trust_pickle)
+
+
+def _written(result: Result, wish: Wish | None, out: Path, quiet: bool) -> Update | None:
+    """Update the models, and write everything at once."""
     from st_codegen.reconcile.pages import report_page
 
-    texts = {
-        "rig.toml": result.new_rig.text(),
-        "rig.diff": rig_diff(result),
-        "report.json": report_text(result),
-        "report.html": report_page(result),
-    }
-    out.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=out) as name:
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=out.parent) as name:
+        changes = None
+        if wish is not None:
+            with progress_bar("updating models", quiet=quiet) as progress:
+                changes = update_models(result, wish, Path(name), progress)
+        texts = {
+            "rig.toml": result.new_rig.text(),
+            "rig.diff": rig_diff(result),
+            "report.json": report_text(result, changes),
+            "report.html": report_page(result, changes),
+        }
+        folders = {folder: Path(name) / folder for folder in (MODELS, CODE) if (Path(name) / folder).exists()}
+        _write(texts, folders, out)
+    return changes
+
+
+def _spectrum_texts(found: SpectrumResult) -> dict[str, str]:
+    from st_codegen.reconcile.pages import spectrum_page
+
+    content = json.dumps(spectrum_report(found), indent=1, allow_nan=False) + "\n"
+    return {"rig.toml": found.rig.text(), "rig.diff": "", "report.json": content, "report.html": spectrum_page(found)}
+
+
+def _write(texts: Mapping[str, str], folders: Mapping[str, Path], out: Path) -> None:
+    """All files or none: written beside their places first."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=out.parent) as name:
         for file, text in texts.items():
             (Path(name) / file).write_text(text, encoding="utf-8", newline="\n")
+        out.mkdir(exist_ok=True)
+        for folder, made in folders.items():
+            if (out / folder).exists():
+                (out / folder).rename(Path(name) / f"old_{folder}")
+            made.rename(out / folder)
         for file in texts:
             os.replace(Path(name) / file, out / file)  # noqa: PTH105

@@ -28,13 +28,17 @@ class Quantity(StrEnum):
 
 @dataclass(frozen=True)
 class HarmonicOutput:
-    """Output `output` (from 0) of model `model` predicts one quantity of one harmonic."""
+    """Output `output` (from 0) of model `model` predicts one quantity of one harmonic.
+
+    added: it is a term that is added to that harmonic's own prediction: a cosine or sine part, of order 0 the mean.
+    """
 
     direction: Direction
     order: int
     quantity: Quantity
     model: str
     output: int
+    added: bool = False
 
 
 @dataclass(frozen=True)
@@ -67,8 +71,19 @@ class TransmissionError:
             raise InputError("the cycles do not have each model once")
 
     def quantities(self, direction: Direction, order: int) -> dict[Quantity, HarmonicOutput]:
-        """The model outputs of one harmonic."""
-        return {o.quantity: o for o in self.outputs if o.direction is direction and o.order == order}
+        """The model outputs of one harmonic, without added terms."""
+        return {o.quantity: o for o in self._of(direction, order) if not o.added}
+
+    def terms(self, direction: Direction, order: int) -> dict[Quantity, tuple[HarmonicOutput, ...]]:
+        """The terms that are added to one harmonic, in their order; for none of them nothing."""
+        found: dict[Quantity, tuple[HarmonicOutput, ...]] = {}
+        for output in self._of(direction, order):
+            if output.added:
+                found[output.quantity] = (*found.get(output.quantity, ()), output)
+        return found
+
+    def _of(self, direction: Direction, order: int) -> list[HarmonicOutput]:
+        return [o for o in self.outputs if o.direction is direction and o.order == order]
 
 
 @dataclass(frozen=True)

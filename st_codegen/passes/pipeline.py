@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from st_codegen.ir import FactoredKernel, Feature, HarmonicOutput, ModelIR, ProjectIR, Rank, Source, TransmissionError
+from st_codegen.ir import FactoredKernel, Feature, ModelIR, ProjectIR, Rank, Source, TransmissionError
 from st_codegen.passes import tables
 from st_codegen.passes.choose import (
     Candidate,
@@ -241,7 +241,7 @@ def _spread(te: TransmissionError, models: Sequence[ModelIR], most: int | None) 
 def _moved(te: TransmissionError, places: dict[str, Place]) -> TransmissionError:
     """The harmonics read from where their models went."""
     outputs = tuple(
-        HarmonicOutput(o.direction, o.order, o.quantity, places[o.model].model, places[o.model].outputs[o.output])
+        dataclasses.replace(o, model=places[o.model].model, output=places[o.model].outputs[o.output])
         for o in te.outputs
     )
     return dataclasses.replace(te, outputs=outputs)

@@ -15,7 +15,7 @@ from st_codegen.reconcile.parameters import Coordinate, Piece
 from st_codegen.reconcile.peaks import bracket, has_a_frequency, spread
 from st_codegen.reconcile.retuned import change_after_all, changes
 from st_codegen.rig.effects import Catalogue, Conditions, Effect, Stage
-from st_codegen.rig.effects.base import ComplexArray
+from st_codegen.rig.effects.base import ComplexArray, FloatArray
 from st_codegen.rig.model import RigModel
 
 #: an effect is not named when its orders keep more loss, beyond noise, than this share of what it saves
@@ -356,9 +356,13 @@ def _extrapolates(joint: Fit, piece: Piece) -> tuple[str, ...]:
     return tuple(remarks)
 
 
-def held_out_gap(current: Fit, axes: Sequence[str] = ("speed", "torque", "temperature")) -> float:
-    """RMS (deg) on left-out levels, each fold predicted with parameters fitted to the others; all axes together."""
+def held_out_rms(current: Fit, axes: Sequence[str] = ("speed", "torque", "temperature")) -> FloatArray:
+    """RMS (deg) of each order on left-out levels, float64 (K,), all axes together.
+
+    Each fold is predicted with parameters fitted to the others.
+    """
     target = current.target
+    weight = np.where(target.data.orders == 0, 1.0, 0.5)
     powers = []
     for axis in axes:
         folds = target.groups.folds[axis]
@@ -373,5 +377,7 @@ def held_out_gap(current: Fit, axes: Sequence[str] = ("speed", "torque", "temper
             rows = inside[target.groups.cells]
             model = current.state.with_vector(np.clip(vector, *current.bounds)).model()
             residual[rows] = target.residual(model)[rows]
-        powers.append(rms_deg(residual[target.good], target.data.orders) ** 2)
-    return float(np.sqrt(np.mean(powers))) if powers else rms_deg(current.residual[target.good], target.data.orders)
+        powers.append(weight * (np.abs(residual[target.good]) ** 2).mean(axis=0))
+    power = np.mean(powers, axis=0) if powers else weight * (np.abs(current.residual[target.good]) ** 2).mean(axis=0)
+    found: FloatArray = np.sqrt(power)
+    return found

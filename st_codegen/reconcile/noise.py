@@ -22,6 +22,8 @@ _NEIGHBOURS = 10
 _MEDIAN_1, _MEDIAN_2 = 0.67449, 1.17741
 #: a run is suspected when its distance is this many times what is usual
 _SUSPECT = 6.0
+#: no noise is below this, deg
+_LEAST = 1e-9
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ _KEPT: dict[tuple[int, int, bytes], tuple[Conditions, Contrasts]] = {}
 
 def _contrasts(at: Conditions, good: BoolArray) -> Contrasts:
     n = len(at)
-    scaled = np.stack([_scaled(at.speed_rpm, 4.0), _scaled(at.torque_Nm, 1.0), _scaled(at.temperature_C, 1.0)], axis=1)
+    scaled = np.stack([4.0 * in_steps(at.speed_rpm), in_steps(at.torque_Nm), in_steps(at.temperature_C)], axis=1)
     count = _NEIGHBOURS
     index = np.zeros((n, count), np.int64)
     weight = np.zeros((n, count))
@@ -88,13 +90,13 @@ def _contrasts(at: Conditions, good: BoolArray) -> Contrasts:
     return Contrasts(index, weight, norm)
 
 
-def _scaled(values: FloatArray, factor: float) -> FloatArray:
-    """Values in steps of their grid (or a tenth of their range), times a factor."""
+def in_steps(values: FloatArray) -> FloatArray:
+    """Values in steps of their grid (or a twentieth of their range)."""
     levels = np.unique(values)
     if len(levels) < 2:
         return np.zeros(len(values))
     step = max(float(np.median(np.diff(levels))), float(np.ptp(levels)) / 20)
-    found: FloatArray = values * (factor / step)
+    found: FloatArray = values / step
     return found
 
 
@@ -120,11 +122,11 @@ class Noise:
     suspects: tuple[tuple[int, float], ...]
 
 
-def estimate(data: Observations, residual: ComplexArray, least: FloatArray | None = None) -> Noise:
+def estimate(data: Observations, residual: ComplexArray, known_bad: BoolArray | None = None) -> Noise:
     """Noise from the contrasts of residuals (n, K); bad runs are found one after the other and left out."""
     if data.angle_rad is not None:
         return _of_samples(data, residual)
-    good = np.ones(len(data), bool)
+    good = np.ones(len(data), bool) if known_bad is None else ~known_bad
     suspects: dict[int, float] = {}
     for _ in range(6):
         local = contrasts(data.at, good)
@@ -154,9 +156,8 @@ def estimate(data: Observations, residual: ComplexArray, least: FloatArray | Non
     else:
         sigma = np.broadcast_to(sigma_of(residual, data.orders), residual.shape).copy()
         floor = sigma_of(residual, data.orders)
-    lowest = 1e-9 if least is None else least
     ranked = tuple(sorted(suspects.items(), key=lambda item: -item[1]))
-    return Noise(np.maximum(sigma, lowest), np.maximum(floor, lowest), good, ranked)
+    return Noise(np.maximum(sigma, _LEAST), np.maximum(floor, _LEAST), good, ranked)
 
 
 def _sigma_by_direction(data: Observations, e: ComplexArray, rows: BoolArray) -> FloatArray:

@@ -6,15 +6,19 @@ import difflib
 import json
 import math
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
 from st_codegen.reconcile.conclusions import Claim, Retuned
 from st_codegen.reconcile.evidence import Evidence, digits
 from st_codegen.reconcile.run import Gap, Result
 from st_codegen.rig.effects import Effect
 
+if TYPE_CHECKING:
+    from st_codegen.reconcile.update import Update
 
-def report(result: Result) -> dict[str, Any]:
+
+def report(result: Result, update: Update | None = None) -> dict[str, Any]:
     """The content of report.json (DESIGN.md), and more beside it."""
     claims = result.conclusions.claims
     return {
@@ -33,11 +37,8 @@ def report(result: Result) -> dict[str, Any]:
             for s in result.unexplained
         ],
         "gap": {"fitted": _gap(result.fitted), "held_out": _gap(result.held_out)},
-        "gap_by_order": [
-            {"order": g.order, "before": g.before, "after": g.after, "noise_floor": g.noise_floor}
-            for g in result.orders
-        ],
-        "suspect_runs": [f"{result.data.labels[row]}: {times:.1f} times the usual distance from its neighbours"
+        "gap_by_order": [asdict(gap) for gap in result.orders],
+        "suspect_runs": [f"{result.data.labels[row]}: {times:.1f} times the usual distance from what is expected"
                          for row, times in result.noise.suspects],
         "zero_offset_deg": {
             "rig": result.rig.zero_offset_deg,
@@ -50,6 +51,7 @@ def report(result: Result) -> dict[str, Any]:
             {"name": c.name, "orders": list(c.piece.effect.orders), "passed": e.passed, **_evidence(e)}
             for c, e in result.judged
         ],
+        **({} if update is None else {"models": update.as_json()}),
     }  # fmt: skip
 
 
@@ -132,9 +134,9 @@ def _gap(gap: Gap) -> dict[str, float]:
     return {"before": gap.before, "after": gap.after, "noise_floor": gap.noise_floor}
 
 
-def report_text(result: Result) -> str:
+def report_text(result: Result, update: Update | None = None) -> str:
     """report.json as text."""
-    return json.dumps(report(result), indent=1, allow_nan=False) + "\n"
+    return json.dumps(report(result, update), indent=1, allow_nan=False) + "\n"
 
 
 def rig_diff(result: Result) -> str:

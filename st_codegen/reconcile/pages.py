@@ -3,29 +3,69 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from st_codegen.reconcile.conclusions import Claim
 from st_codegen.reconcile.evidence import digits
+from st_codegen.reconcile.maps import map_sections
 from st_codegen.reconcile.output import parameters_of, rig_diff
-from st_codegen.reconcile.run import Result
+from st_codegen.reconcile.run import OrderGap, Result
+from st_codegen.reconcile.spectrum import SpectrumResult, sizes, spectrum_report, spectrum_summary
 from st_codegen.reconcile.words import VERDICT_TEXT, sentence
 from st_codegen.report.html import Section, Table, page
 from st_codegen.report.picture import Draw, figure, figures
 from st_codegen.rig.effects.base import FloatArray
 
+if TYPE_CHECKING:
+    from st_codegen.reconcile.update import Update
+
 _MOST_BARS = 24
 _SAMPLES = 720
+#: lines of a diff that are shown without a click
+_SHORT = 80
 
 
-def report_page(result: Result) -> str:
+def report_page(result: Result, update: Update | None = None) -> str:
     """The report as one HTML page. Raises MissingExtraError without Matplotlib."""
-    sections = [_findings(result), _gap(result), _claims(result), _unexplained(result), _maps(result)]
+    sections = [_findings(result), _gap(result), _by_order(result), _claims(result), _unexplained(result)]
+    sections += map_sections(result)
     sections += [_curves(result), _ranking(result), _runs(result), _rig(result)]
+    if update is not None:
+        sections += [_models(update), _motion(update)]
     return page(
         "What the rig model lacks", [s for s in sections if s is not None], summary=VERDICT_TEXT[result.verdict]
+    )
+
+
+def spectrum_page(result: SpectrumResult) -> str:
+    """The report of an order spectrum. Raises MissingExtraError without Matplotlib."""
+    rows: list[list[Any]] = [
+        [one.order, one.name, one.table, one.key, one.value, ", ".join(one.others), one.chance] for one in result.named
+    ]
+    columns = ["order", "effect", "of order", "parameter", "value", "or", "expected coincidences"]
+    shown = sizes(result)
+    lines = spectrum_summary(result).splitlines()
+    signatures = [entry["text"] for entry in spectrum_report(result)["unexplained"]]
+
+    def draw(axes: Any) -> None:
+        orders = [order for order, _ in shown]
+        measured, simulated, floor = np.array([three for _, three in shown]).T
+        axes.vlines(orders, floor, measured, color="0.8", linewidth=0.8)
+        axes.plot(orders, measured, ".", label="measured, median")
+        axes.plot(orders, np.where(simulated > 0, simulated, np.nan), "x", label="rig")
+        axes.plot(orders, floor, "k_", label="floor")
+        axes.set_yscale("log")
+
+    return page(
+        "What the rig model lacks",
+        [
+            Section("Findings", "\n\n".join([lines[0], *lines[-2:]]), Table(columns, rows)),
+            Section("What stays unexplained", "", Table(["signature"], [[text] for text in signatures])),
+            Section("Orders", "", None, [figure(draw, xlabel="order", ylabel="amplitude, deg")]),
+        ],
+        summary=VERDICT_TEXT[result.verdict],
     )
 
 
@@ -52,14 +92,29 @@ def _gap(result: Result) -> Section:
     return Section("The gap", text, table, [_bars(result)])
 
 
-def _bars(result: Result) -> str:
+def _by_order(result: Result) -> Section:
+    shown = _largest(result)
+    rows = [[gap.order, gap.before, gap.after, gap.held_out, gap.noise_floor] for gap in shown]
+    left = len(result.orders) - len(shown)
+    text = f"The {len(shown)} orders with the largest gap; report.json has the other {left}." if left else ""
+    columns = ["order", "before", "after", "after, held out", "noise floor"]
+    return Section("The gap by order, RMS in deg", text, Table(columns, rows))
+
+
+def _largest(result: Result) -> list[OrderGap]:
+    """The orders with the largest gap before, by order."""
     largest = sorted(result.orders, key=lambda gap: -gap.before)[:_MOST_BARS]
-    shown = sorted(largest, key=lambda gap: gap.order)
+    return sorted(largest, key=lambda gap: gap.order)
+
+
+def _bars(result: Result) -> str:
+    shown = _largest(result)
     place = np.arange(len(shown))
 
     def draw(axes: Any) -> None:
-        axes.bar(place - 0.2, [gap.before for gap in shown], 0.4, label="before")
-        axes.bar(place + 0.2, [gap.after for gap in shown], 0.4, label="after")
+        axes.bar(place - 0.27, [gap.before for gap in shown], 0.27, label="before")
+        axes.bar(place, [gap.after for gap in shown], 0.27, label="after")
+        axes.bar(place + 0.27, [gap.held_out for gap in shown], 0.27, label="after, held out")
         axes.plot(place, [gap.noise_floor for gap in shown], "k_", markersize=12, label="noise floor")
         axes.set_yscale("log")
         axes.set_xticks(place, [str(gap.order) for gap in shown])
@@ -97,31 +152,6 @@ def _unexplained(result: Result) -> Section | None:
     return Section("What stays unexplained", text, Table(["order", "RMS, deg", "of the gap", "direction", ""], rows))
 
 
-def _maps(result: Result) -> Section | None:
-    """Residual over speed and torque for the loudest orders, before and after, in noise units."""
-    at = result.data.at
-    if result.data.angle_rad is not None or len(np.unique(at.speed_rpm)) < 3 or len(np.unique(at.torque_Nm)) < 3:
-        return None
-    loud = sorted(result.orders, key=lambda gap: -gap.before / max(gap.noise_floor, 1e-12))[:4]
-    before = result.target.residual(result.rig)
-    after = result.conclusions.final.residual
-    panels: list[tuple[str, Draw]] = []
-    for gap in loud:
-        place = int(np.flatnonzero(result.data.orders == gap.order)[0])
-        for name, values in (("before", before), ("after", after)):
-            size = np.abs(values[:, place]) / result.target.sigma[:, place]
-            panels.append((f"order {gap.order}, {name}", _scatter(at.speed_rpm, at.torque_Nm, size)))
-    text = "Residual over the noise of one coefficient (colour, from 0 to 10) by speed (rpm) and torque (N m)."
-    return Section("Where: maps of the residual", text, figures=[figures(panels, columns=2)])
-
-
-def _scatter(x: FloatArray, y: FloatArray, size: FloatArray) -> Draw:
-    def draw(axes: Any) -> None:
-        axes.scatter(x, y, c=np.minimum(size, 10.0), cmap="viridis", vmin=0, vmax=10, s=9)
-
-    return draw
-
-
 def _curves(result: Result) -> Section | None:
     """Two measured curves, built from their orders, with the model before and after."""
     data = result.data
@@ -137,17 +167,15 @@ def _curves(result: Result) -> Section | None:
             continue
         row = int(rows[np.argmax(before[rows].sum(axis=1))])
         point = data.at.rows(np.array([row]))
-        curves = [
-            (name, (values @ waves).real)
-            for name, values in (
-                ("measured", data.values[row]),
-                ("rig", result.rig.coefficients(point, data.orders.tolist())[0]),
-                ("new rig", result.new_rig.coefficients(point, data.orders.tolist())[0]),
-            )
-        ]
-        panels.append((data.labels[row], _lines(theta, curves)))
+        models = [rig.coefficients(point, data.orders.tolist())[0] for rig in (result.rig, result.new_rig)]
+        measured, before_, after_ = ((values @ waves).real for values in (data.values[row], *models))
+        panels.append(
+            (data.labels[row], _lines(theta, [("measured", measured), ("rig", before_), ("new rig", after_)]))
+        )
+        rest = [("measured - rig", measured - before_), ("measured - new rig", measured - after_)]
+        panels.append(("what is left", _lines(theta, rest)))
     text = "The run with the largest gap in each direction; angle of the output in deg, TE in deg."
-    return Section("Curves", text, figures=[figures(panels, columns=1, size_cm=(16, 6))])
+    return Section("Curves", text, figures=[figures(panels, columns=2, size_cm=(12, 7))])
 
 
 def _lines(x: FloatArray, curves: Sequence[tuple[str, FloatArray]]) -> Draw:
@@ -161,6 +189,10 @@ def _lines(x: FloatArray, curves: Sequence[tuple[str, FloatArray]]) -> Draw:
 def _ranking(result: Result) -> Section | None:
     if not result.judged:
         return None
+    # what was added first, in its order, then the refused ones by what they would have explained
+    ranked = sorted(
+        result.judged, key=lambda pair: (not pair[1].passed, 0.0 if pair[1].passed else -pair[1].loss_saved)
+    )
     rows = [
         [
             candidate.name,
@@ -173,7 +205,7 @@ def _ranking(result: Result) -> Section | None:
             evidence.stability,
             evidence.size_in_noise,
         ]
-        for candidate, evidence in result.judged
+        for candidate, evidence in ranked
     ]
     columns = [
         "candidate",
@@ -186,7 +218,10 @@ def _ranking(result: Result) -> Section | None:
         "stability",
         "size over noise",
     ]
-    text = "In the order in which they were tried. All tests must pass; docs/reconcile.md says which and how strict."
+    text = (
+        "First those that passed all tests, in the order in which they were added; then the others by what they would "
+        "have explained. docs/reconcile.md says which tests there are and how strict they are."
+    )
     return Section("Ranking of candidates", text, Table(columns, rows))
 
 
@@ -195,10 +230,77 @@ def _runs(result: Result) -> Section | None:
     if not suspects:
         return None
     rows = [[result.data.labels[row], times] for row, times in suspects]
-    text = "Runs that lie far from what their neighbours let expect, in several orders. They were left out of the fit."
+    text = (
+        "Runs that lie far from what model and neighbours let expect. They count neither in the gap nor in what stays "
+        "unexplained."
+    )
     return Section("Suspected bad runs", text, Table(["run", "times the usual distance"], rows))
 
 
 def _rig(result: Result) -> Section:
     changes = rig_diff(result)
-    return Section("The new rig", "" if changes else "The rig stays as it is.", details=changes)
+    return Section(
+        "The new rig",
+        "" if changes else "The rig stays as it is.",
+        details=changes,
+        open_details=changes.count("\n") < _SHORT,
+    )
+
+
+def _models(update: Update) -> Section:
+    """What became of the bundle."""
+    rows = [
+        [
+            d.order,
+            ", ".join(d.effects),
+            ("new order" if d.new else "term on the learned order") if d.entered else "left out",
+            d.before_deg,
+            d.after_deg,
+            d.reason,
+        ]
+        for d in update.decisions
+    ]
+    columns = ["order", "effects", "in the bundle", "RMS before, deg", "after, deg", ""]
+    text = "Measured minus what the bundle predicts, over all good runs, before and after. "
+    if update.verified is not None:
+        exact = sum(model.exact for model in update.verified.models)
+        text += (
+            f"The new bundle was compiled for {update.target}; models, reference and text agree in all "
+            f"{len(update.verified.models)} blocks ({exact} bit for bit, the others within a derived bound)."
+        )
+    return Section("The models for the controller", text, Table(columns, rows))
+
+
+def _motion(update: Update) -> Section | None:
+    """The rehearsal: errors over time."""
+    moved = update.motion
+    if moved is None:
+        return None
+    none = moved.cases[0]
+    rows = [
+        [
+            c.name,
+            len(c.orders),
+            c.whole.rms,
+            c.whole.maximum,
+            c.full.rms,
+            c.full.maximum,
+            1 - c.full.rms / none.full.rms,
+        ]
+        for c in moved.cases
+    ]
+    columns = ["compensator", "orders", "RMS, deg", "maximum", "RMS at full weight", "maximum", "share of it gone"]
+    table = Table(columns, rows)
+    every = max(1, len(moved.time_s) // _SAMPLES)
+
+    def draw(axes: Any) -> None:
+        for case in moved.cases:
+            axes.plot(moved.time_s[::every], case.error_deg[::every], label=case.name, linewidth=0.8)
+
+    text = (
+        f"The new rig moves along the profile {moved.profile}; the generated text runs in its tasks, ahead by the "
+        f"{moved.lead_s * 1e6:.0f} us that are known to pass from encoder to motor. Full weight: without the times "
+        "near standstill, in which the compensator fades its correction."
+    )
+    picture = figure(draw, xlabel="time, s", ylabel="error of the output, deg")
+    return Section("Rehearsal with the old and the new compensator", text, table, [picture])

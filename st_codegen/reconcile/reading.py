@@ -11,7 +11,7 @@ import numpy as np
 from st_codegen.campaign.harmonic_table import read_table
 from st_codegen.campaign.orders import BAND
 from st_codegen.campaign.reader import read_campaign
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, Problems
 from st_codegen.reconcile.noise import BoolArray
 from st_codegen.reconcile.observations import Observations, from_table, labels
 from st_codegen.rig.effects import Conditions
@@ -74,26 +74,35 @@ def _loud(spectra: np.ndarray, floors: np.ndarray) -> BoolArray:
     return loud
 
 
-def check(data: Observations, rig: RigModel, path: Path) -> None:
-    """Refuse data that cannot be compared with the rig.
+def check(data: Observations, rig: RigModel, path: Path, *, units: bool = True) -> None:
+    """Refuse data that cannot be compared with the rig; `units`: sizes that look like other units too.
 
-    Raises InputError: no order in common, too few conditions, wrong units.
+    Raises one InputError with all of it: no order in common, too few conditions, values that are not finite, units.
     """
-    if not set(data.orders.tolist()) & set(rig.orders()) or not np.abs(data.values).any():
-        raise InputError(
-            f"{path}: no overlap with the rig: measured are the orders {_listed(data.orders.tolist())}, the rig has "
+    problems = Problems(str(path))
+    if not np.isfinite(data.values).all():
+        rows = np.flatnonzero(~np.isfinite(data.values).all(axis=1))
+        problems.add(f"{len(rows)} curves have values that are not finite, the first is {data.labels[rows[0]]}")
+    overlap = bool(set(data.orders.tolist()) & set(rig.orders())) and bool(np.abs(data.values).any())
+    if not overlap:
+        problems.add(
+            f"no overlap with the rig: measured are the orders {_listed(data.orders.tolist())}, the rig has "
             f"{_listed(list(rig.orders()))}; nothing can be compared"
         )
     points = len({*zip(data.at.speed_rpm, data.at.torque_Nm, data.at.temperature_C, strict=True)})
     if len(data) < _LEAST_RUNS or points < _LEAST_POINTS:
-        raise InputError(
-            f"{path}: too few conditions for a claim: {points} operating points in {len(data)} curves; at least "
+        problems.add(
+            f"too few conditions for a claim: {points} operating points in {len(data)} curves; at least "
             f"{_LEAST_POINTS} different conditions and {_LEAST_RUNS} curves are needed"
         )
-    _check_units(data, rig, path)
+    if overlap and units:
+        with problems.collect():
+            check_units(data, rig, path)
+    problems.raise_if_any()
 
 
-def _check_units(data: Observations, rig: RigModel, path: Path) -> None:
+def check_units(data: Observations, rig: RigModel, path: Path) -> None:
+    """Ask about sizes that look like other units. Raises InputError."""
     model = rig.coefficients(data.at, data.orders.tolist())
     norms = np.abs(model).max(axis=0)
     orders = np.flatnonzero(norms > 0)

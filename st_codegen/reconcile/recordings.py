@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,8 @@ from st_codegen.rig.effects.base import FloatArray
 from st_codegen.rig.model import RigModel
 
 ANGLES = ("theta_ref", "theta_mot", "theta_in", "theta_out")
+#: angles of the fast side, the one nearest to the reducer first
+_FAST = ("theta_in", "theta_mot", "theta_ref")
 _CONDITIONS = ("speed_rpm", "torque_Nm", "temperature_C")
 #: samples of the transmission error that the common core is given at most
 _MOST_SAMPLES = 6000
@@ -61,7 +63,7 @@ def is_recording(path: Path) -> bool:
             names = {cell.strip() for cell in file.readline().replace(";", ",").split(",")}
     except (OSError, UnicodeDecodeError):
         return False
-    return "t" in names and len(names & set(ANGLES)) > 1
+    return "t" in names and bool(names & set(ANGLES))
 
 
 def read_recordings(paths: Sequence[Path]) -> tuple[Recording, ...]:
@@ -76,6 +78,35 @@ def read_recordings(paths: Sequence[Path]) -> tuple[Recording, ...]:
 
 
 def _read(path: Path) -> Recording:
+    columns = _columns(path)
+    problems = Problems(str(path))
+    if missing := [name for name in ("t", "torque_Nm", "temperature_C") if name not in columns]:
+        problems.add(f"the columns {', '.join(missing)} are missing")
+    angles = {name: columns[name] for name in ANGLES if name in columns}
+    if len(angles) < 2 or not angles.keys() & set(_FAST):
+        problems.add(
+            f"the angles {', '.join(angles)} do not suffice: two of {', '.join(ANGLES)} are needed to tell a difference"
+        )
+    bad = [name for name, values in columns.items() if not np.isfinite(values).all()]
+    if bad:
+        problems.add(f"values of {', '.join(bad)} are not finite")
+    time = columns.get("t", np.arange(float(_LEAST_SAMPLES)))
+    if len(time) < _LEAST_SAMPLES:
+        problems.add(f"{len(time)} samples are too few: {_LEAST_SAMPLES} at least")
+    if not bad and (np.diff(time) <= 0).any():
+        problems.add(f"the time does not rise from row {int(np.argmax(np.diff(time) <= 0)) + 2} to the next")
+    problems.raise_if_any()
+    smooth = next(angles[name] for name in ("theta_ref", "theta_in", "theta_mot") if name in angles)
+    speed = np.gradient(smooth, time)
+    if "theta_ref" not in angles:
+        speed = _smoothed(speed, 15)
+    given = columns.get("speed_rpm", np.abs(speed) / 6.0)
+    at = Conditions(_directions(speed), np.abs(given), columns["torque_Nm"], columns["temperature_C"])
+    return Recording(path.name, time, angles, at)
+
+
+def _columns(path: Path) -> dict[str, FloatArray]:
+    """The columns of a file by name. Raises InputError for what is no table of numbers."""
     text = path.read_text(encoding="utf-8-sig")
     first = text.partition("\n")[0]
     separator = ";" if ";" in first else ","
@@ -86,26 +117,9 @@ def _read(path: Path) -> Recording:
         table = np.loadtxt(text.splitlines()[1:], delimiter=separator, ndmin=2)
     except ValueError as error:
         raise InputError(f"{path}: not readable as numbers ({error})") from None
-    if table.shape[1] != len(names) or not np.isfinite(table).all():
-        raise InputError(f"{path}: rows do not fit the header, or values are not finite")
-    columns = dict(zip(names, table.T, strict=True))
-    for name in ("t", "torque_Nm", "temperature_C"):
-        if name not in columns:
-            raise InputError(f"{path}: the column '{name}' is missing")
-    time = columns["t"]
-    if len(time) < _LEAST_SAMPLES or (np.diff(time) <= 0).any():
-        raise InputError(f"{path}: needs {_LEAST_SAMPLES} samples at least, and times that rise")
-    angles = {name: columns[name] for name in ANGLES if name in columns}
-    fast = next((angles[name] for name in ("theta_in", "theta_mot", "theta_ref") if name in angles), None)
-    if fast is None:
-        raise InputError(f"{path}: needs an angle of the fast side: theta_ref, theta_mot or theta_in")
-    smooth = next(angles[name] for name in ("theta_ref", "theta_in", "theta_mot") if name in angles)
-    speed = np.gradient(smooth, time)
-    if "theta_ref" not in angles:
-        speed = _smoothed(speed, 15)
-    given = columns.get("speed_rpm", np.abs(speed) / 6.0)
-    at = Conditions(_directions(speed), np.abs(given), columns["torque_Nm"], columns["temperature_C"])
-    return Recording(path.name, time, angles, at)
+    if table.shape[1] != len(names):
+        raise InputError(f"{path}: rows of {table.shape[1]} values do not fit the header with {len(names)}")
+    return dict(zip(names, table.T, strict=True))
 
 
 def _smoothed(values: FloatArray, count: int) -> FloatArray:
@@ -126,9 +140,9 @@ def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations
     """The transmission error of recordings as samples for the common core."""
     parts = []
     for r in recordings:
-        if {"theta_in", "theta_out"} <= r.angles.keys():
+        if "theta_out" in r.angles:
             out = r.angles["theta_out"]
-            te = out - r.angles["theta_in"] / rig.constants.reduction_ratio
+            te = out - _input_angle(r, rig) / rig.constants.reduction_ratio
         else:
             # nothing is measured of the reducer: nothing differs there
             out = next(iter(r.angles.values())) / rig.constants.reduction_ratio
@@ -152,6 +166,41 @@ def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations
     inside = tuple(sorted({0, 1, 2, constants.cranks, *rig.orders(), *mesh, *sides, *range(13)}))
     column = np.concatenate(values).astype(np.complex128)[:, None]
     return Observations(at, tuple(labels), np.zeros(1, np.int64), column, np.concatenate(angles), inside)
+
+
+def _input_angle(r: Recording, rig: RigModel) -> FloatArray:
+    """theta_in, deg: measured, or by the rig's own links from the next angle of the fast side that is there."""
+    if "theta_in" in r.angles:
+        return r.angles["theta_in"]
+    angle = r.angles.get("theta_mot")
+    if angle is None:
+        angle = r.angles["theta_ref"]
+        for effect in rig.effects:
+            angle = effect.motor_angle(r.time_s, angle) if isinstance(effect, ControlLag) else angle
+    for effect in rig.effects:
+        angle = angle + effect.twist(r.at) if isinstance(effect, CouplingCompliance) else angle
+    return angle
+
+
+#: what the coupling does to the angles, seen from the motor
+_LIKE_COUPLING = ("torsional_compliance", "backlash")
+
+
+def with_unmeasured_links(claims: Sequence[Claim], recordings: Sequence[Recording]) -> tuple[Claim, ...]:
+    """Claims with what cannot be told from them where theta_in was not measured: the coupling twists as well."""
+    if all("theta_in" in r.angles for r in recordings):
+        return tuple(claims)
+    remark = "theta_in was not measured: the coupling's part is not told from the reducer's; record it"
+    return tuple(
+        replace(
+            claim,
+            alternatives=tuple(sorted({*claim.alternatives, "coupling_compliance"})),
+            extrapolates=(*claim.extrapolates, remark),
+        )
+        if claim.piece.effect.name in _LIKE_COUPLING
+        else claim
+        for claim in claims
+    )
 
 
 # ---------------------------------------------------------------------------------------------- links of the axis

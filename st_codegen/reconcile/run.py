@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from st_codegen.reconcile.candidates import Candidate
-from st_codegen.reconcile.conclusions import Conclusions, conclude, held_out_gap, without_misfits
+from st_codegen.reconcile.conclusions import Conclusions, conclude, held_out_rms, without_misfits
 from st_codegen.reconcile.evidence import Evidence
 from st_codegen.reconcile.fitting import Fit, State, Target, groups_of
 from st_codegen.reconcile.noise import Noise, estimate
@@ -24,9 +24,11 @@ from st_codegen.reconcile.recordings import (
     observations,
     read_recordings,
     servo_link,
+    with_unmeasured_links,
 )
 from st_codegen.reconcile.remaining import Signature, Structure, lines_in_samples, signatures, structure
 from st_codegen.reconcile.selection import search, with_noise_of
+from st_codegen.reconcile.suspects import bad_runs
 from st_codegen.rig.effects import Catalogue, Effect, Stage
 from st_codegen.rig.model import RigModel
 
@@ -45,12 +47,13 @@ class Gap:
 
 @dataclass(frozen=True)
 class OrderGap:
-    """The same for one order."""
+    """The same for one order; held_out: after, on conditions that were left out of the fit."""
 
     order: int
     before: float
     after: float
     noise_floor: float
+    held_out: float
 
 
 @dataclass(frozen=True)
@@ -87,10 +90,9 @@ def reconcile_files(
     if files:
         return reconcile_recordings(rig, read_recordings(files), known, progress)
     data = read_measured(measured, rig, progress)
-    if scale is None:
-        check(data, rig, measured)
-    else:
+    if scale is not None:
         data = data.scaled(scale)
+    check(data, rig, measured, units=scale is None)
     return reconcile_observations(rig, data, known, progress)
 
 
@@ -109,7 +111,9 @@ def reconcile_recordings(
     claims = tuple(link.claim for link in links if link.claim is not None)
     retuned = tuple(link.retuned for link in links if link.retuned is not None)
     found = result.conclusions
-    conclusions = replace(found, claims=(*found.claims, *claims), retuned=(*found.retuned, *retuned))
+    conclusions = replace(
+        found, claims=(*with_unmeasured_links(found.claims, recordings), *claims), retuned=(*found.retuned, *retuned)
+    )
     changed = {entry.before: entry.after for entry in retuned}
     effects = [changed.get(effect, effect) for effect in result.new_rig.effects]
     new_rig = replace(result.new_rig, effects=(*effects, *(claim.piece.effect for claim in claims)))
@@ -152,6 +156,8 @@ def reconcile_observations(
     conclusions = conclude(rig, last, known)
     final = conclusions.final
     target, noise = with_noise_of(final)
+    noise = _with_suspects(data, final, noise)
+    target = replace(target, good=noise.good)
     final_residual = final.residual
     before = target.residual(rig)
     weight = np.where(data.orders == 0, 1.0, 0.5)
@@ -163,18 +169,32 @@ def reconcile_observations(
     floor = float(np.sqrt(floor_power.sum()))
     good = target.good
     gaps = Gap(rms_deg(before[good], data.orders), rms_deg(final_residual[good], data.orders), floor)
-    held = Gap(gaps.before, held_out_gap(final), floor)
+    held_out = held_out_rms(replace(final, target=target))
+    held = Gap(gaps.before, float(np.sqrt((held_out**2).sum())), floor)
     per_order = tuple(
         OrderGap(
             int(order),
             rms_deg(before[good][:, [k]], data.orders[[k]]),
             rms_deg(final_residual[good][:, [k]], data.orders[[k]]),
             float(np.sqrt(floor_power[k])),
+            float(held_out[k]),
         )
         for k, order in enumerate(data.orders)
     )
     new_rig = _new_rig(rig, final, conclusions)
     return Result(rig, new_rig, data, target, noise, conclusions, tuple(judged), found, left, gaps, held, per_order)
+
+
+def _with_suspects(data: Observations, final: Fit, noise: Noise) -> Noise:
+    """The noise with the bad runs that only the fitted model shows: they are named, and stay out of gap and rest."""
+    found = bad_runs(data, final.residual, noise.sigma)
+    if not found:
+        return noise
+    bad = ~noise.good
+    bad[list(found)] = True
+    again = estimate(data, final.residual, bad)
+    ranked = sorted((dict(noise.suspects) | found | dict(again.suspects)).items(), key=lambda entry: -entry[1])
+    return replace(again, suspects=tuple(ranked))
 
 
 def _own(effect: Effect) -> Piece:

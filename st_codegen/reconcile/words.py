@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from st_codegen.reconcile.conclusions import Claim
 from st_codegen.reconcile.run import Result
 from st_codegen.rig.effects import Effect
 from st_codegen.rig.effects.base import ARCMIN
+
+if TYPE_CHECKING:
+    from st_codegen.reconcile.update import Update
 
 VERDICT_TEXT = {
     "explained": "What was missing is named, and what is left is noise.",
@@ -40,6 +43,35 @@ def summary(result: Result) -> str:
         worst = result.data.labels[result.noise.suspects[0][0]]
         lines.append(f"Suspected bad runs: {len(result.noise.suspects)}, the worst {worst}")
     return "\n".join(lines)
+
+
+def update_summary(update: Update) -> str:
+    """What became of the models, as a few lines."""
+    entered = [d for d in update.decisions if d.entered]
+    lines = []
+    if entered:
+        new, added = ([str(d.order) for d in entered if d.new is kind] for kind in (True, False))
+        parts = [f"new orders {', '.join(new)}"] if new else []
+        parts += [f"terms on orders {', '.join(added)}"] if added else []
+        lines.append(f"Models: {'; '.join(parts)}; compiled for {update.target} and verified")
+    else:
+        lines.append("Models: nothing to add")
+    for reason in sorted({d.reason for d in update.decisions if not d.entered}):
+        orders = [str(d.order) for d in update.decisions if not d.entered and d.reason == reason]
+        lines.append(f"- left out: order {', '.join(orders)}: {reason}")
+    if update.motion is not None:
+        sizes = [
+            f"{_COMPENSATOR[case.name]} {case.full.rms:.3g} (maximum {case.full.maximum:.3g})"
+            for case in update.motion.cases
+        ]
+        lines.append(
+            f"Error of the output on the profile {update.motion.profile}, deg RMS at full correction: "
+            f"{', '.join(sizes)}"
+        )
+    return "\n".join(lines)
+
+
+_COMPENSATOR = {"none": "without compensation", "old": "with the old models", "new": "with the new models"}
 
 
 def sentence(claim: Claim, result: Result) -> str:

@@ -47,7 +47,7 @@ class Section:
     """A part of a page, top to bottom: title, text, table, pictures, folded text.
 
     text: plain; an empty line parts paragraphs. figures: SVG as `figure` and `figures` return it. details: a long text
-    (a log, a TOML file) that opens on a click.
+    (a log, a TOML file) that opens on a click, or is open from the start.
     """
 
     title: str
@@ -55,6 +55,7 @@ class Section:
     table: Table | None = None
     figures: Sequence[str] = ()
     details: str = ""
+    open_details: bool = False
 
 
 def page(title: str, sections: Sequence[Section], *, summary: str = "") -> str:
@@ -71,6 +72,7 @@ def page(title: str, sections: Sequence[Section], *, summary: str = "") -> str:
                     "table": section.table.values() if section.table else None,
                     "figures": list(section.figures),
                     "details": section.details,
+                    "open": section.open_details,
                 }
                 for section in sections
             ],

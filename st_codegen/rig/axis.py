@@ -49,11 +49,15 @@ class Harmonics:
 
     @classmethod
     def along(
-        cls, model: ErrorModel, speed_rpm: FloatArray, torque_Nm: FloatArray, temperature_C: FloatArray
+        cls, model: ErrorModel, speed_rpm: FloatArray, load_Nm: FloatArray, temperature_C: FloatArray
     ) -> Harmonics:
-        """Of a model at operating points, one a cycle."""
-        orders, forward = model.harmonics(False, speed_rpm, torque_Nm, temperature_C)
-        also, backward = model.harmonics(True, speed_rpm, torque_Nm, temperature_C)
+        """Of a model at operating points, one a cycle. `load_Nm` is the torque against positive motion.
+
+        It opposes forward motion and drives backward motion: while it turns over at a reversal, each direction has its
+        own sign of it, and what depends on the load alone (compliance, seating) is the same in both.
+        """
+        orders, forward = model.harmonics(False, speed_rpm, load_Nm, temperature_C)
+        also, backward = model.harmonics(True, speed_rpm, -load_Nm, temperature_C)
         if not np.array_equal(orders, also):
             raise InputError("the rig model has different orders forward and backward")
         parts = np.stack([forward.real, forward.imag, backward.real, backward.imag], axis=1)

@@ -131,7 +131,7 @@ class EmittedCompensator:
         self._arrays: list[bool] = []
 
     def foresee(self, speed_rpm: FloatArray, torque_Nm: FloatArray, temperature_C: FloatArray) -> None:
-        """Run FB_TEPredict at operating points, (rows,) each, so that the loop need not."""
+        """Run FB_TEPredict at operating points, (rows,) each, so that the loop need not; others are forgotten."""
         by_role = dict(
             zip(
                 (self.roles.speed, self.roles.torque, self.roles.temperature),
@@ -140,7 +140,9 @@ class EmittedCompensator:
             )
         )
         rows = np.stack([np.abs(by_role[n]) if n == self.roles.speed else by_role[n] for n in self._names], axis=1)
-        rows = np.unique(rows, axis=0)
+        wanted = list(map(tuple, np.unique(rows, axis=0).tolist()))
+        self._known = {key: self._known[key] for key in wanted if key in self._known}
+        rows = np.array([key for key in wanted if key not in self._known]).reshape(-1, len(self._names))
         for start in range(0, len(rows), _BATCH):
             part = rows[start : start + _BATCH]
             instance = LaneMachine(self.project, lanes=len(part)).instance(_PREDICT)

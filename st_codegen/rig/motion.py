@@ -106,7 +106,7 @@ def plan(rig: Rig, profile: Profile, *, seed: int = 0) -> Plan:
         load_Nm=load,
         temperature_C=temperature,
         sensor_C=_sensed(temperature, rig.axis.thermal, cycle),
-        harmonics=Harmonics.along(rig.model, np.abs(speed), load * side, temperature),
+        harmonics=Harmonics.along(rig.model, np.abs(speed), load, temperature),
         noise_in_deg=random.normal(0.0, 1.0, len(speed)) * encoders.input_noise_deg,
         noise_out_deg=random.normal(0.0, 1.0, len(speed)) * encoders.output_noise_deg,
         jitter_s=random.normal(0.0, 1.0, len(speed)) * rig.tasks.jitter_us * 1e-6,
@@ -257,5 +257,5 @@ def lead_time_s(rig: Rig, form: Form) -> float:
     """
     drive = rig.axis.drive
     lag = max(1.0 - drive.speed_feedforward, 0.0) / drive.position_gain_per_s if drive.position_gain_per_s else 0.0
-    chain = rig.tasks.latency_us(form) + rig.tasks.hold_us(form) + rig.tasks.main_us
+    chain = rig.tasks.latency(form).mean_us + rig.tasks.main_us
     return chain * 1e-6 + lag + rig.axis.encoders.delay_s

@@ -45,7 +45,7 @@ def row(study: Study, outcome: Outcome) -> dict[str, Any]:
     """One case as numbers: deg, us, Hz."""
     case, tasks = outcome.case, study.rig.tasks
     highest = max(case.orders)
-    limit = tasks.limit_hz(case.form)
+    timing = tasks.latency(case.form)
     return {
         "profile": study.plan.profile.name,
         "orders": list(case.orders),
@@ -64,9 +64,9 @@ def row(study: Study, outcome: Outcome) -> dict[str, Any]:
         "full_max_after": outcome.full_after.maximum,
         "following_rms_before": outcome.following_before.rms,
         "following_rms_after": outcome.following_after.rms,
-        "latency_us": tasks.latency_us(case.form),
-        "limit_Hz": limit,
-        "limit_output_rpm": limit / highest * 60.0 if highest else None,
+        "latency_us": timing.best_us,
+        "limit_Hz": timing.frequency_hz,
+        "limit_output_rpm": timing.output_speed_rpm(highest) if highest else None,
     }
 
 
@@ -173,11 +173,10 @@ def html(study: Study) -> str:
 
 
 _TIMING = (
-    "From a latched angle to the set-point at the drive. The limit is one over the latency, as in the paper (1325.3 "
-    "us, 754.5 Hz for two tasks); "
+    "From a latched angle to the set-point at the drive, and the mean age, since a set-point may be repeated "
+    "(st_codegen/latency.py). The limit is one over the latency, as in the paper (1325.3 us, 754.5 Hz for two tasks); "
     "a wave at that frequency would be corrected a whole period late, and the phase error at a frequency f is 360 "
-    "deg * f * latency. A lead "
-    "takes the angle ahead by the known delays and removes it at constant speed."
+    "deg * f * latency. A lead takes the angle ahead by the known delays and removes it at constant speed."
 )
 
 
@@ -223,16 +222,13 @@ def _facts(study: Study) -> Table:
 def _timing(study: Study) -> Table:
     tasks = study.rig.tasks
     top = max((order for outcome in study.outcomes for order in outcome.case.orders), default=0)
-    rows = [
-        (
-            str(form),
-            f"{tasks.latency_us(form):.1f} us",
-            f"{tasks.limit_hz(form):.1f} Hz",
-            f"{tasks.limit_hz(form) / max(top, 1) * 60.0:.1f} rpm",
-        )
-        for form in Form
-    ]
-    return Table(("tasks", "latency", "limit", f"output speed at which order {top} meets it"), rows)
+    rows = []
+    for form in Form:
+        timing = tasks.latency(form)
+        times = (timing.best_us, timing.mean_us)
+        speed = f"{timing.output_speed_rpm(top):.1f} rpm" if top else "-"
+        rows.append((str(form), *(f"{time:.1f} us" for time in times), f"{timing.frequency_hz:.1f} Hz", speed))
+    return Table(("tasks", "latency", "mean age", "limit", f"output speed at which order {top} meets it"), rows)
 
 
 def _thin(count: int) -> slice:

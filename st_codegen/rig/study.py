@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field
 
 from st_codegen.bundle import Bundle
@@ -82,10 +82,21 @@ def with_oil(rig: Rig, temperature_C: float | None, drift_K_per_min: float | Non
 
 
 def simulate(
-    rig: Rig, bundle: Bundle, profile: str | Profile, wish: Wish, *, seed: int = 0, progress: Progress | None = None
+    rig: Rig,
+    bundle: Bundle,
+    profile: str | Profile,
+    wish: Wish,
+    *,
+    seed: int = 0,
+    progress: Progress | None = None,
+    compensators: MutableMapping[tuple[int, ...], EmittedCompensator] | None = None,
 ) -> Study:
-    """Move without compensation, then once for each set of orders, law and form. Raises InputError,
-    GeneratedCodeError."""
+    """Move without compensation, then once for each set of orders, law and form.
+
+    `compensators`: the generated code by its orders, kept from study to study with the same bundle and target. Raises
+    InputError, GeneratedCodeError.
+    """
+    known = {} if compensators is None else compensators
     _check_ratio(rig, bundle)
     cycle = rig.tasks.main_us * 1e-6
     motion = profile_named(profile, cycle) if isinstance(profile, str) else profile
@@ -101,7 +112,8 @@ def simulate(
     done = 1
     outcomes = []
     for orders in wish.orders:
-        compensator = EmittedCompensator(restricted(bundle, orders), wish.target)
+        compensator = known.get(orders) or EmittedCompensator(restricted(bundle, orders), wish.target)
+        known[orders] = compensator
         compensator.foresee(planned.speed_rpm, planned.wanted_Nm, planned.sensor_C)
         for law in wish.laws:
             for form in wish.forms:

@@ -2,14 +2,8 @@
 
 Rules, as the paper states them: signals go over the fieldbus once in a main cycle, and variables are exchanged at the
 beginning of tasks. So at each tick the tasks that start publish what they computed in their last cycle, then read what
-is published:
-
-    encoder latched at tick 0 -> read by the main task at 1 -> published to the slow task at 2 -> published by it at 2
-    + slow/main
-    -> used by the main task, published to the bus one tick later -> at the drive after the transfer
-
-With 250 and 500 us that is 5 * 250 us and the transfer. The paper's 1325.3 us leave 75.3 us for it; the parts of its
-time diagram are not in the text, so this split is ours. The main task alone needs 2 * 250 us and the transfer.
+is published. `st_codegen/latency.py` counts what that takes; the paper's 1325.3 us leave 75.3 us for the transfer
+to the drive, which is our split: the parts of its time diagram are not in the text.
 """
 
 from __future__ import annotations
@@ -20,6 +14,7 @@ from enum import StrEnum
 from typing import Any, NamedTuple, Protocol
 
 from st_codegen.errors import InputError, Problems
+from st_codegen.latency import PAPER_OUTPUT_US, Latency, TaskTiming, latency
 from st_codegen.rig.axis_parameters import parameter, read_table
 
 
@@ -37,7 +32,7 @@ class TaskSettings:
 
     main_us: float = parameter(250.0, 10.0, 1e5, "[P]")
     slow_us: float = parameter(500.0, 10.0, 1e6, "[P]")
-    transfer_us: float = parameter(75.3, 0.0, 1e5, "what 1325.3 us [P] leave beside whole cycles")
+    transfer_us: float = parameter(PAPER_OUTPUT_US, 0.0, 1e5, "what 1325.3 us [P] leave beside whole cycles")
     jitter_us: float = parameter(0.0, 0.0, 1e4, "standard deviation of the instants of sampling, none unless asked for")
 
     def __post_init__(self) -> None:
@@ -51,21 +46,11 @@ class TaskSettings:
         """Main cycles in a slow one."""
         return round(self.slow_us / self.main_us)
 
-    def cycles(self, form: Form) -> int:
-        """Whole main cycles between the latching of an angle and the set-point on the bus."""
-        return 3 + self.ratio if form is Form.TWO else 2
-
-    def latency_us(self, form: Form) -> float:
-        """From the latched angle to the set-point at the drive."""
-        return self.cycles(form) * self.main_us + self.transfer_us
-
-    def limit_hz(self, form: Form) -> float:
-        """The paper's limit of what can be corrected: one over the latency."""
-        return 1e6 / self.latency_us(form)
-
-    def hold_us(self, form: Form) -> float:
-        """Mean age that a correction gains while it is held for several main cycles."""
-        return (self.slow_us - self.main_us) / 2.0 if form is Form.TWO else 0.0
+    def latency(self, form: Form) -> Latency:
+        """Age of an angle when its correction gets to the drive, by the form's chain of bus and tasks."""
+        bus, main = TaskTiming("bus", self.main_us), TaskTiming("main", self.main_us)
+        chain = [bus, main, TaskTiming("slow", self.slow_us), main] if form is Form.TWO else [bus, main]
+        return latency(chain, output_us=self.transfer_us)
 
 
 def read_tasks(table: Mapping[str, Any], problems: Problems) -> TaskSettings:

@@ -52,7 +52,7 @@ def faulty_runs(table: HarmonicTable) -> Faulty:
         return Faulty(rows, score, tuple(orders))
     while rows.sum() < _MOST * count:
         kept = np.flatnonzero(~rows)
-        relative, owner = _relative_errors(table.rows(kept))
+        relative, owner = relative_errors(table.rows(kept))
         median = np.median(relative, axis=1)
         score[kept] = median
         worst = int(np.argmax(median))
@@ -63,8 +63,8 @@ def faulty_runs(table: HarmonicTable) -> Faulty:
     return Faulty(rows, score, tuple(orders))
 
 
-def _relative_errors(table: HarmonicTable) -> tuple[FloatArray, npt.NDArray[np.intp]]:
-    """Errors (n, numbers) over their robust size, and the order of each number."""
+def relative_errors(table: HarmonicTable) -> tuple[FloatArray, npt.NDArray[np.intp]]:
+    """Leave-one-out errors of one direction, float64 (n, numbers), over their robust size; the order of each number."""
     columns, owners = [], []
     for order in table.orders:
         c = table.column(order)

@@ -67,6 +67,12 @@ def test_too_few_conditions(tmp_path, rig):
     refused(tmp_path, measured(tmp_path / "h.csv", rig, runs), "condition")
 
 
+def test_all_that_is_wrong_in_one_message(tmp_path, rig):
+    """Few conditions and other units at once."""
+    runs = grid().take(np.arange(2))
+    refused(tmp_path, measured(tmp_path / "h.csv", rig, runs, 81.0), "2 problems", "condition", "81")
+
+
 def test_no_overlap_of_orders(tmp_path, rig):
     """A table of orders that the model does not have at all, its numbers zero: there is nothing to compare."""
     runs = grid()

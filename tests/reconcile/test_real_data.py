@@ -122,6 +122,15 @@ def test_the_gap_of_the_real_rig_shrinks_and_what_remains_is_said(on_the_real_ta
 
 @needs_data
 @pytest.mark.slow
+def test_the_run_far_from_its_neighbours_is_suspected(on_the_real_table):
+    """The README of the data names it; it is off in both directions."""
+    suspects = on_the_real_table["suspect_runs"]
+    for direction in ("forward", "backward"):
+        assert any(text.startswith(f"1400 rpm, 400 N m, 25 degC, {direction}") for text in suspects)
+
+
+@needs_data
+@pytest.mark.slow
 def test_no_wrong_names_on_the_real_table(on_the_real_table):
     """Effects of which nothing is known on the real rig: it is healthy, and its order 1 is in the model already."""
     for name in ("wear", "encoder_eccentricity", "control_lag", "coupling_compliance"):

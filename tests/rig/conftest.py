@@ -27,6 +27,11 @@ output_steps_per_rev = 1e12
 name = "torsional_compliance"
 stiffness_Nm_per_arcmin = 454.0
 
+# the drag keeps the flanks apart: without it a rig changes its flank with every tremor
+[[effect]]
+name = "friction_windup"
+coulomb_arcmin = 0.25
+
 [[effect]]
 name = "thermal_drift"
 drift_arcmin_per_K = 0.01

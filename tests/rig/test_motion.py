@@ -93,7 +93,11 @@ def test_laws(linear_rig, compensator, moved):
     assert by_law["full"].after.rms < by_law["continuous"].after.rms < by_law["published"].after.rms
     # where the weight is 1 they are the same
     assert by_law["full"].full_before.rms == by_law["full"].before.rms
-    assert by_law["published"].full_after.rms < 0.02 * by_law["published"].full_before.rms
+    # at 100 rpm the published law steps by a third: that fades with the position loop's time constant, after the delays
+    drive, full = linear_rig.axis.drive, (np.abs(planned.speed_rpm) >= 100.0).sum() * planned.cycle_s
+    fading = 0.5 / drive.position_gain_per_s + lead_time_s(linear_rig, Form.ONE)
+    published = by_law["published"]
+    assert published.full_after.rms < published.before.maximum / 3 * np.sqrt(fading / full)
 
 
 def test_no_transmission_error_gives_no_error(linear_bundle):
@@ -156,6 +160,24 @@ def test_the_same_seed_gives_the_same_bits_and_another_one_does_not():
     )
     errors = [run(rig, plan(rig, turn(duration=0.1), seed=seed)).seen_out_deg.tobytes() for seed in (1, 1, 2)]
     assert errors[0] == errors[1] != errors[2]
+
+
+def test_the_mean_does_not_jump_while_the_load_turns_over(linear_rig):
+    """Compliance follows the load, not the sign of the speed: it is the same in both directions."""
+    there = turn(duration=0.3)
+    back = Profile(
+        "there and back",
+        np.arange(2 * len(there.time_s)) * 250e-6,
+        np.concatenate([there.angle_deg, there.angle_deg[::-1]]),
+        np.concatenate([there.speed_deg_s, -there.speed_deg_s[::-1]]),
+        np.concatenate([there.torque_Nm, there.torque_Nm]),
+    )
+    planned = plan(linear_rig, back)
+    mean = planned.harmonics.parts[:, :, 0]
+    np.testing.assert_allclose(mean[:, 2] - mean[:, 0], 2 * 0.25 / 60, atol=1e-15)  # the drag alone tells them apart
+    # 200 N m turn over: 2 * 200 / 454 arcmin, as fast as the load side's control lets it
+    assert mean[-1, 0] - mean[planned.first, 0] == pytest.approx(2 * 200 / 454 / 60, rel=1e-3)
+    assert np.abs(np.diff(mean[:, 0])).max() < 0.1 * 2 * 200 / 454 / 60
 
 
 def test_oil_that_drifts_and_its_slow_sensor(linear_rig):

@@ -5,6 +5,7 @@ import math
 import pytest
 
 from st_codegen.errors import InputError, Problems
+from st_codegen.latency import paper_latency
 from st_codegen.rig.tasks import Form, Inputs, Plc, TaskSettings, read_tasks
 
 
@@ -34,29 +35,29 @@ def ages(form, settings, ticks=60):
 
 
 def test_the_papers_timing():
-    settings = TaskSettings()
-    assert settings.latency_us(Form.TWO) == pytest.approx(1325.3)
-    assert settings.limit_hz(Form.TWO) == pytest.approx(754.5, abs=0.05)
+    timing = TaskSettings().latency(Form.TWO)
+    assert timing == paper_latency()
+    assert timing.best_us == pytest.approx(1325.3)
+    assert timing.frequency_hz == pytest.approx(754.5, abs=0.05)
     # highest order 240 of the paper: 188.6 rpm at the output
-    assert settings.limit_hz(Form.TWO) / 240 * 60 == pytest.approx(188.6, abs=0.05)
+    assert timing.output_speed_rpm(240) == pytest.approx(188.6, abs=0.05)
 
 
 def test_one_task_answers_in_less_than_half_the_time():
-    settings = TaskSettings()
-    assert settings.latency_us(Form.ONE) == pytest.approx(575.3)
-    assert settings.latency_us(Form.SPLIT) == settings.latency_us(Form.ONE)
-    assert settings.limit_hz(Form.ONE) == pytest.approx(1738.2, abs=0.05)
+    timing = TaskSettings().latency(Form.ONE)
+    assert timing.best_us == timing.worst_us == pytest.approx(575.3)
+    assert TaskSettings().latency(Form.SPLIT) == timing
+    assert timing.frequency_hz == pytest.approx(1738.2, abs=0.05)
 
 
 @pytest.mark.parametrize("slow_us", [250.0, 500.0, 1000.0])
 def test_the_simulated_exchange_has_the_stated_latency(slow_us):
     settings = TaskSettings(slow_us=slow_us)
-    seen = ages(Form.TWO, settings)
-    assert min(seen) == settings.cycles(Form.TWO)
-    # held for a slow cycle: the last main cycle of it carries the oldest value
-    assert max(seen) == settings.cycles(Form.TWO) + settings.ratio - 1
-    mean = sum(seen) / len(seen) * settings.main_us + settings.transfer_us
-    assert mean == pytest.approx(settings.latency_us(Form.TWO) + settings.hold_us(Form.TWO), rel=0.02)
+    # whole slow cycles, so that the mean is one
+    seen = [age * settings.main_us + settings.transfer_us for age in ages(Form.TWO, settings, ticks=121)[-80:]]
+    stated = settings.latency(Form.TWO)
+    assert (min(seen), max(seen)) == pytest.approx((stated.best_us, stated.worst_us))
+    assert sum(seen) / len(seen) == pytest.approx(stated.mean_us)
 
 
 @pytest.mark.parametrize("form", [Form.ONE, Form.SPLIT])

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from st_codegen.blocks.compensation.parts import HARMONICS_TYPE, SUFFIX, block, boolean, lreal, set_variables
 from st_codegen.blocks.listing import Block, Section, Variable
 from st_codegen.blocks.model import block_name, feature_text, input_variables
-from st_codegen.ir import Direction, TransmissionError
+from st_codegen.ir import Direction, Quantity, TransmissionError
 
 
 def predict_block(te: TransmissionError) -> Block:
@@ -82,7 +82,20 @@ def _harmonic(te: TransmissionError, direction: Direction, number: int, instance
         quantity.value: f"{instances[output.model]}.fOut{output.output + 1}"
         for quantity, output in te.quantities(direction, order).items()
     }
-    return {"index": number, "order": order, "suffix": SUFFIX[direction], "direction": direction, "of": of}
+    added = te.terms(direction, order)
+    terms = {
+        quantity.value: [f"{instances[term.model]}.fOut{term.output + 1}" for term in added.get(quantity, ())]
+        for quantity in Quantity
+    }
+    return {
+        "index": number,
+        "order": order,
+        "suffix": SUFFIX[direction],
+        "direction": direction,
+        "of": of,
+        "added": bool(added),
+        "terms": terms,
+    }
 
 
 def _outputs(te: TransmissionError) -> tuple[Variable, ...]:

@@ -188,9 +188,27 @@ class Effect(ABC):
         """The orders of the earlier stage from which the coefficient of `order` is made (MODULATION)."""
         return ()
 
+    def coefficient(self, at: Conditions, order: int) -> Any:
+        """What is added to c_k of one of `touched_orders`, (n,), deg. For stages ADDITIVE and STRUCTURE.
+
+        Written with arithmetic, np.exp and np.tanh of speed, torque and temperature alone, it is also the formula that
+        `reconcile --update-models` compiles for the controller.
+        """
+        return self.contribution(at, np.array([order], np.int64))[:, 0]
+
     def contribution(self, at: Conditions, orders: IntArray) -> ComplexArray:
-        """What is added to c_k: complex128 (n, len(orders)), deg. For stages ADDITIVE and STRUCTURE."""
-        return np.zeros((len(at), len(orders)), np.complex128)
+        """What is added to c_k: complex128 (n, len(orders)), deg. A subclass gives this or `coefficient`."""
+        found = np.zeros((len(at), len(orders)), np.complex128)
+        if type(self).coefficient is not Effect.coefficient:
+            touched = set(self.touched_orders())
+            for place, order in enumerate(orders.tolist()):
+                if order in touched:
+                    found[:, place] = self.coefficient(at, order)
+        return found
+
+    def transfer(self, order: int) -> Mapping[int, complex] | None:
+        """What c_k of `order` gets from earlier orders, as factors (MODULATION); None: not by constant factors."""
+        return None
 
     def passed_on(self, at: Conditions, orders: IntArray, coefficients: ComplexArray) -> ComplexArray:
         """The coefficients behind this effect, given those before it (n, len(orders)); affine in them."""

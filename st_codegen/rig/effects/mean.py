@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from st_codegen.rig.effects.base import ARCMIN, ComplexArray, Conditions, Effect, FloatArray, Form, IntArray, Scalar
+from st_codegen.rig.effects.base import ARCMIN, Conditions, Effect, FloatArray, Form, Scalar
 
 
 class _MeanEffect(Effect):
@@ -17,10 +17,8 @@ class _MeanEffect(Effect):
         """Contribution to the mean, deg, float64 (n,)."""
         raise NotImplementedError
 
-    def contribution(self, at: Conditions, orders: IntArray) -> ComplexArray:
-        found = np.zeros((len(at), len(orders)), np.complex128)
-        found[:, orders == 0] = self.mean(at)[:, None]
-        return found
+    def coefficient(self, at: Conditions, order: int) -> FloatArray:
+        return self.mean(at)
 
 
 class TorsionalCompliance(_MeanEffect):

@@ -36,5 +36,8 @@ class MeasurementDelay(Effect):
         delay = self.scalar("delay_us") * 1e-6
         if math.isclose(delay, 0.0, abs_tol=1e-15):
             return change
-        turned: ComplexArray = change * np.exp(-1j * delay * np.outer(at.output_rad_s(self.constants), orders))
+        turned: ComplexArray = change.copy()
+        # most changes touch few orders
+        touched = np.flatnonzero(change.any(axis=0))
+        turned[:, touched] *= np.exp(-1j * delay * np.outer(at.output_rad_s(self.constants), orders[touched]))
         return turned

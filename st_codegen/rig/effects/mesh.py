@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from st_codegen.rig.effects.base import ComplexArray, Conditions, Constants, Effect, IntArray, Phasor
+from st_codegen.rig.effects.base import ComplexArray, Conditions, Constants, Effect, Phasor
 
 
 class _MeshError(Effect):
@@ -17,10 +15,8 @@ class _MeshError(Effect):
         """The coefficient, complex128 (n,), deg."""
         return self.complex_at("amplitude_deg", at)
 
-    def contribution(self, at: Conditions, orders: IntArray) -> ComplexArray:
-        found = np.zeros((len(at), len(orders)), np.complex128)
-        found[:, orders == self.orders[0]] = self.wave(at)[:, None]
-        return found
+    def coefficient(self, at: Conditions, order: int) -> ComplexArray:
+        return self.wave(at)
 
 
 class CycloidToothError(_MeshError):

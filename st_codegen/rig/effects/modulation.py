@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from st_codegen.rig.effects.base import ComplexArray, Conditions, Constants, Effect, IntArray, Phasor, Stage
@@ -33,6 +35,9 @@ class CarrierModulation(Effect):
 
     def needed_orders(self, order: int) -> tuple[int, ...]:
         return self.orders if order in self.touched_orders() else ()
+
+    def transfer(self, order: int) -> Mapping[int, complex]:
+        return {self.orders[0]: sum(self.complex_value(key) for key, k in self.sidebands() if k == order)}
 
     def passed_on(self, at: Conditions, orders: IntArray, coefficients: ComplexArray) -> ComplexArray:
         return self.passed_on_change(at, orders, coefficients)

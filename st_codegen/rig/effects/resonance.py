@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from st_codegen.rig.effects.base import (
     ComplexArray,
     Conditions,
     Effect,
-    FloatArray,
     Form,
     IntArray,
     Phasor,
@@ -31,15 +32,20 @@ class StructuralResonance(Effect):
     )
     phasors = (Phasor("amplitude_deg", "phase_rad", "deg", 1, "height at the resonance", own_flanks=True),)
 
-    def response(self, at: Conditions, orders: IntArray) -> ComplexArray:
-        """H at the frequencies of orders, conjugate backward, complex128 (n, len(orders))."""
-        frequency: FloatArray = np.outer(at.speed_rpm, orders) / (60 * self.constants.reduction_ratio)
-        ratio, damping = frequency / self.scalar("frequency_Hz"), self.scalar("damping_ratio")
-        response = 2 * damping * ratio**2 / (1 - ratio**2 + 2j * damping * ratio)
-        found: ComplexArray = np.where(at.sign[:, None] > 0, response, response.conj())
+    def response(self, speed_rpm: Any, sign: Any, order: Any) -> Any:
+        """H at the frequencies of orders, conjugate backward; arrays of one shape, or that broadcast to one."""
+        ratio = speed_rpm * (order / (60 * self.constants.reduction_ratio * self.scalar("frequency_Hz")))
+        damping, square = self.scalar("damping_ratio"), ratio * ratio
+        return 2 * damping * square / (1 - square + (2j * damping * sign) * ratio)
+
+    def coefficient(self, at: Conditions, order: int) -> ComplexArray:
+        height = self.complex_at("amplitude_deg", at, self.orders.index(order))
+        growth = 1 + self.scalar("growth_per_kNm") * at.torque_Nm / 1000
+        found: ComplexArray = height * growth * self.response(at.speed_rpm, at.sign, order)
         return found
 
     def contribution(self, at: Conditions, orders: IntArray) -> ComplexArray:
+        """The same for all orders at once."""
         found = np.zeros((len(at), len(orders)), np.complex128)
         wanted = set(orders.tolist())
         heights = {
@@ -52,6 +58,7 @@ class StructuralResonance(Effect):
             own = np.array(list(acting))
             height = np.where(at.sign[:, None] > 0, *np.array(list(acting.values())).T[:, None, :])
             growth = 1 + self.scalar("growth_per_kNm") * at.torque_Nm / 1000
+            response = self.response(at.speed_rpm[:, None], at.sign[:, None], own)
             # orders are rising wherever coefficients are computed
-            found[:, np.searchsorted(orders, own)] = height * growth[:, None] * self.response(at, own)
+            found[:, np.searchsorted(orders, own)] = height * growth[:, None] * response
         return found

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from st_codegen.rig.effects.base import ComplexArray, Conditions, Effect, Form, IntArray, Phasor, Scalar
+from st_codegen.rig.effects.base import ComplexArray, Conditions, Effect, Form, Phasor, Scalar
 
 
 class _Wave(Effect):
@@ -21,10 +19,8 @@ class _Wave(Effect):
         """The coefficient, complex128 (n,), deg."""
         return self.complex_at("amplitude_deg", at)
 
-    def contribution(self, at: Conditions, orders: IntArray) -> ComplexArray:
-        found = np.zeros((len(at), len(orders)), np.complex128)
-        found[:, orders == self.wave_order()] = self.wave(at)[:, None]
-        return found
+    def coefficient(self, at: Conditions, order: int) -> ComplexArray:
+        return self.wave(at)
 
 
 class OutputShaftEccentricity(_Wave):

@@ -1,0 +1,97 @@
+"""Motions of the example: on which machine, compensated how; each is done once and kept."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from st_codegen.bundle import Bundle, load
+from st_codegen.rig import motion_files
+from st_codegen.rig.compensator import EmittedCompensator
+from st_codegen.rig.effects import catalogue
+from st_codegen.rig.machine import another_specimen, machine_of
+from st_codegen.rig.model import read_rig
+from st_codegen.rig.motion import Rig
+from st_codegen.rig.study import Wish, simulate, with_oil
+
+RIG = Path(__file__).resolve().parent.parent / "rv160n" / "rig.toml"
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A rig beside the trained one: `spread` of its sizes, oil that warms up, other values by their path."""
+
+    spread: float = 0.0
+    specimen: int = 11
+    drift_K_per_min: float = 0.0
+    values: Mapping[str, float] = field(default_factory=dict)
+
+    def build(self) -> Rig:
+        """The rig in time."""
+        model = read_rig(RIG)
+        if self.spread:
+            model = another_specimen(model, catalogue(()), self.spread, self.specimen)
+        rig = with_oil(machine_of(model), 29.0, self.drift_K_per_min)
+        for path, value in self.values.items():
+            rig = changed(rig, path, value)
+        return rig
+
+
+def changed(thing: Any, path: str, value: float) -> Any:
+    """The same dataclass with one value changed, by its path."""
+    head, _, rest = path.partition(".")
+    return dataclasses.replace(thing, **{head: changed(getattr(thing, head), rest, value) if rest else value})
+
+
+@dataclass(frozen=True)
+class Job:
+    """Motions with the same profile and machine."""
+
+    name: str
+    profile: str
+    machine: Machine
+    wish: Wish
+    seed: int = 5
+
+
+@functools.lru_cache(maxsize=1)
+def learned_code(models: Path, _learned: str) -> tuple[Bundle, dict[tuple[int, ...], EmittedCompensator]]:
+    """The bundle, and what is generated of it: made once in a process. `_learned` names the contents of the folder."""
+    return load(models), {}
+
+
+def run_job(out: Path, learned: str, job: Job) -> list[dict[str, Any]]:
+    """Rows of a job; those of the same job with the same models are kept."""
+    shown = "/" not in job.name
+    folder = out / job.name if shown else out / "motions" / digest(job.name)[:8]
+    kept, known = folder / "rows.json", digest(learned, job)
+    if kept.is_file() and (content := json.loads(kept.read_text()))["made_of"] == known:
+        rows: list[dict[str, Any]] = content["rows"]
+        return rows
+    profile = str(out / job.profile) if job.profile.endswith(".csv") else job.profile
+    bundle, code = learned_code(out / "models", learned)
+    study = simulate(job.machine.build(), bundle, profile, job.wish, seed=job.seed, compensators=code)
+    folder.mkdir(parents=True, exist_ok=True)
+    if shown:
+        motion_files.write(study, folder)
+    rows = [motion_files.row(study, outcome) for outcome in study.outcomes]
+    write(kept, json.dumps({"made_of": known, "rows": rows}))
+    return rows
+
+
+def digest(*parts: object) -> str:
+    """A name for what something was made of."""
+    return hashlib.sha256("\n".join(map(repr, parts)).encode()).hexdigest()
+
+
+def write(path: Path, text: str) -> None:
+    """A file that is complete or not there."""
+    part = path.with_name(path.name + ".part")
+    part.write_text(text, encoding="utf-8")
+    part.replace(path)

@@ -1,0 +1,82 @@
+"""A bundle with terms: the old folder's files, one ONNX model an effect and direction, tables in bundle.toml."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+from st_codegen.bundle import Bundle
+from st_codegen.bundle_file import BUNDLE_FILE, read_description
+from st_codegen.errors import InputError
+from st_codegen.ir import Direction
+from st_codegen.reconcile.formula import Node, write_onnx
+from st_codegen.reconcile.terms import Decision, Inputs, Part
+from st_codegen.rig.compensator import transmission_error
+
+_ORDERS = re.compile(r"^(\s*orders\s*=\s*)\[[^\]]*\]", re.MULTILINE)
+
+
+def write_updated(bundle: Bundle, folder: Path, decisions: Sequence[Decision], target: Path) -> tuple[str, ...]:
+    """Copy a bundle's folder to `target`, with the terms that enter it. Returns the names of the new files.
+
+    The text of bundle.toml stays as it is but for its list of orders; tables are added at its end.
+    """
+    te = transmission_error(bundle)
+    inputs = Inputs.of(te)
+    target.mkdir(parents=True)
+    for path in sorted(folder.iterdir()):
+        if path.is_file():
+            shutil.copyfile(path, target / path.name)
+    entered = [decision for decision in decisions if decision.entered]
+    groups: dict[tuple[str, Direction], list[Part]] = {}
+    for decision in entered:
+        for part in decision.parts:
+            groups.setdefault((part.name, part.direction), []).append(part)
+    places: dict[Part, tuple[str, int]] = {}
+    files = []
+    for (name, direction), parts in groups.items():
+        file = _free_name(f"{name}_{direction}", target)
+        nodes: list[Node] = []
+        for part in parts:
+            places[part] = (file, len(nodes))
+            nodes += [part.cosine] if part.order == 0 else [part.cosine, part.sine]
+        orders = ", ".join(str(part.order) for part in parts)
+        write_onnx(target / file, nodes, inputs.quantities, f"{name}, {direction}, orders {orders}")
+        files.append(file)
+    text = (folder / BUNDLE_FILE).read_text(encoding="utf-8")
+    wanted = [*te.orders, *(decision.order for decision in entered if decision.new)]
+    text = _ORDERS.sub(lambda found: f"{found[1]}{wanted}", text, count=1).rstrip("\n") + "\n"
+    text += "".join(_tables(decision, places) for decision in entered)
+    (target / BUNDLE_FILE).write_text(text, encoding="utf-8", newline="\n")
+    if list(read_description(target / BUNDLE_FILE).orders) != wanted:
+        raise InputError(f"{folder / BUNDLE_FILE}: the list of orders is written in a way that cannot be added to")
+    return tuple(files)
+
+
+def _free_name(stem: str, folder: Path) -> str:
+    """A file name whose stem no other model has."""
+    taken = {path.stem.lower() for path in folder.iterdir()}
+    number, name = 1, stem
+    while name.lower() in taken:
+        number += 1
+        name = f"{stem}_{number}"
+    return f"{name}.onnx"
+
+
+def _tables(decision: Decision, places: dict[Part, tuple[str, int]]) -> str:
+    """The tables of one order: the first part of a new order is its harmonic, the others are added."""
+    lines = []
+    seen = set()
+    for part in decision.parts:
+        kind = "harmonic" if decision.new and part.direction not in seen else "term"
+        seen.add(part.direction)
+        file, output = places[part]
+        lines += ["", f"[[{kind}]]", f'direction = "{part.direction}"', f"order = {part.order}"]
+        if part.order == 0:
+            lines.append(f'amplitude = {{file = "{file}", output = {output}}}')
+        else:
+            lines.append(f'cosine = {{file = "{file}", output = {output}}}')
+            lines.append(f'sine = {{file = "{file}", output = {output + 1}}}')
+    return "\n".join(lines) + "\n"

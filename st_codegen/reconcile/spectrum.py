@@ -1,0 +1,346 @@
+"""An order spectrum (sizes of orders over a whole campaign) against a rig: which orders it lacks, named by kinematics.
+
+A spectrum has neither phases nor operating points, so nothing is fitted and the rig stays as it is. An order gets a
+name where the machine has a part that turns or meshes with it. Any order may do so by chance: names are given from
+the loudest order down, as long as no more than a tenth of those of one effect are expected to be coincidences.
+"""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from st_codegen.errors import InputError, Problems
+from st_codegen.reconcile.observations import Observations, labels
+from st_codegen.reconcile.reading import check_units, columns_of
+from st_codegen.rig.effects import Conditions, Constants
+from st_codegen.rig.effects.base import FloatArray
+from st_codegen.rig.model import RigModel
+
+COLUMNS = ("direction", "order", "median_deg")
+_DIRECTIONS = {"fw": 1.0, "forward": 1.0, "bw": -1.0, "backward": -1.0}
+#: an order is there when it stands this many times above the floor
+_CLEAR = 3.0
+#: share of the listed orders, the quietest, whose median is the floor
+_QUIET = 0.25
+#: share of the names of one effect that may be expected to be coincidences of orders
+_COINCIDENCE = 0.1
+#: a sideband is at most this large against its mesh order (the bound of the effect)
+_LARGEST_RATIO = 5.0
+#: an unnamed order is described by mesh orders that are no farther away
+_NEAR = 8
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Median amplitude (deg) by direction (+1, -1) and order, over the runs of a campaign."""
+
+    path: Path
+    size: Mapping[tuple[float, int], float]
+
+    @property
+    def orders(self) -> list[int]:
+        """All orders, rising."""
+        return sorted({order for _, order in self.size})
+
+    @property
+    def signs(self) -> list[float]:
+        """Directions that are there."""
+        return sorted({sign for sign, _ in self.size}, reverse=True)
+
+    def of(self, order: int) -> dict[float, float]:
+        """Sizes of one order by direction."""
+        return {sign: self.size[sign, order] for sign in self.signs if (sign, order) in self.size}
+
+
+@dataclass(frozen=True)
+class Named:
+    """An order that the rig lacks: the effect, the order of its table, the key of its size; other effects that fit.
+
+    chance: share of the names of this effect, down to this order's loudness, that is expected by coincidence.
+    """
+
+    order: int
+    name: str
+    table: int | None
+    key: str
+    value: float
+    unit: str
+    others: tuple[str, ...] = ()
+    chance: float = 0.0
+
+
+@dataclass(frozen=True)
+class SpectrumResult:
+    """What a spectrum says about a rig. gap: RMS in deg of a curve made of the median sizes."""
+
+    rig: RigModel
+    spectrum: Spectrum
+    floor: Mapping[float, float]
+    simulated: Mapping[tuple[float, int], float]
+    named: tuple[Named, ...]
+    unexplained: tuple[int, ...]
+    gap: tuple[float, float, float]
+
+    @property
+    def verdict(self) -> str:
+        """One of the verdicts of report.json."""
+        if not self.unexplained:
+            return "explained" if self.named else "nothing_missing"
+        return "partly_explained" if self.named else "unexplained"
+
+
+def is_spectrum(path: Path) -> bool:
+    """Whether a file is an order spectrum, by its header."""
+    return path.is_file() and {"order", "median_deg"} <= set(columns_of(path))
+
+
+def read_spectrum(path: Path) -> Spectrum:
+    """Read `direction,order,median_deg,..`. Raises one InputError that lists every problem."""
+    problems = Problems(str(path))
+    names = columns_of(path)
+    if missing := [name for name in COLUMNS if name not in names]:
+        problems.add(f"the columns {', '.join(missing)} are missing; an order spectrum has {','.join(COLUMNS)}")
+        problems.raise_if_any()
+    text = path.read_text(encoding="utf-8-sig").splitlines()
+    delimiter = ";" if ";" in text[0] else ","
+    size: dict[tuple[float, int], float] = {}
+    for line, row in enumerate(csv.DictReader(text, delimiter=delimiter), 2):
+        cells = {str(key).strip(): str(value).strip() for key, value in row.items()}
+        sign = _DIRECTIONS.get(cells["direction"].lower())
+        try:
+            order = int(cells["order"])
+            median = float(cells["median_deg"].replace(",", ".") if delimiter == ";" else cells["median_deg"])
+        except ValueError:
+            order, median = -1, math.nan
+        if sign is None or order < 0 or not math.isfinite(median) or median < 0:
+            problems.add(f"line {line}: '{delimiter.join(cells.values())}' is no direction, order and size in deg")
+        elif (sign, order) in size:
+            problems.add(f"line {line}: order {order} stands there twice for this direction")
+        else:
+            size[sign, order] = median
+    if len(size) < 8 and not problems.errors:
+        problems.add(f"{len(size)} orders are too few for a floor; list all that were measured")
+    problems.raise_if_any()
+    return Spectrum(path, size)
+
+
+def reconcile_spectrum(rig: RigModel, spectrum: Spectrum, scale: float | None = None) -> SpectrumResult:
+    """Which orders the rig lacks. Raises InputError for sizes in other units, and no order in common."""
+    if scale is not None:
+        spectrum = replace(spectrum, size={key: value * scale for key, value in spectrum.size.items()})
+    simulated = _simulated(rig, spectrum)
+    if not any(value > 0 for value in simulated.values()):
+        raise InputError(f"{spectrum.path}: no overlap with the rig: it has none of these orders")
+    if scale is None:
+        _check_units(rig, spectrum)
+    floor = {sign: _floor(spectrum, sign) for sign in spectrum.signs}
+    lacking = [
+        order
+        for order in spectrum.orders
+        if order > 0
+        and all(
+            simulated[sign, order] == 0.0 and size >= _CLEAR * floor[sign] for sign, size in spectrum.of(order).items()
+        )
+    ]
+    named = _names(lacking, rig, spectrum, floor)
+    left = tuple(sorted(set(lacking) - {one.order for one in named}))
+    before, after, least = (_rms(spectrum, orders, floor) for orders in (lacking, left, []))
+    return SpectrumResult(rig, spectrum, floor, simulated, named, left, (before, after, least))
+
+
+def _grid(spectrum: Spectrum) -> Conditions:
+    """The operating points over which a campaign's median is taken."""
+    axes = np.array(list(itertools.product(range(100, 1801, 100), range(0, 1801, 100), (25, 30, 35))), np.float64)
+    signs = np.repeat(spectrum.signs, len(axes))
+    return Conditions.of(signs, *np.tile(axes, (len(spectrum.signs), 1)).T)
+
+
+def _simulated(rig: RigModel, spectrum: Spectrum) -> dict[tuple[float, int], float]:
+    """Median sizes of the rig over the paper's grid."""
+    at, orders = _grid(spectrum), spectrum.orders
+    size = np.abs(rig.coefficients(at, orders))
+    return {
+        (sign, order): float(np.median(size[at.sign == sign, place]))
+        for sign in spectrum.signs
+        for place, order in enumerate(orders)
+    }
+
+
+def _check_units(rig: RigModel, spectrum: Spectrum) -> None:
+    orders = [order for order in spectrum.orders if order > 0]
+    at = Conditions.of(spectrum.signs, 900.0, 900.0, rig.constants.reference_temperature_C)
+    values = np.array([[spectrum.size.get((sign, order), 0.0) for order in orders] for sign in spectrum.signs])
+    check_units(Observations(at, labels(at), np.array(orders), values.astype(np.complex128)), rig, spectrum.path)
+
+
+def _floor(spectrum: Spectrum, sign: float) -> float:
+    """Median of the quietest listed orders: no less than the noise, since noise stands in all of them."""
+    sizes = np.sort([size for (own, order), size in spectrum.size.items() if own == sign and order > 0])
+    return float(np.median(sizes[: max(3, int(_QUIET * len(sizes)))]))
+
+
+def _loudness(order: int, spectrum: Spectrum) -> float:
+    return max(spectrum.of(order).values(), default=0.0)
+
+
+def _carriers(order: int, constants: Constants, spectrum: Spectrum, floor: Mapping[float, float]) -> list[int]:
+    """Mesh orders that are there and of which an order is a sideband, the loudest first."""
+    near = [order - constants.cranks, order + constants.cranks]
+    there = [
+        carrier
+        for carrier in near
+        if carrier in constants.mesh_orders()
+        and any(size >= _CLEAR * floor[sign] for sign, size in spectrum.of(carrier).items())
+        and _loudness(order, spectrum) <= _LARGEST_RATIO * _loudness(carrier, spectrum)
+    ]
+    return sorted(there, key=lambda carrier: -_loudness(carrier, spectrum))
+
+
+def _direct(order: int, constants: Constants) -> list[str]:
+    """Effects whose own order this is."""
+    known = {
+        "output_shaft_eccentricity": (1,),
+        "encoder_eccentricity": (1,),
+        "output_shaft_ovality": (2,),
+        "crank_misalignment": (constants.cranks,),
+        "cycloid_tooth_error": constants.tooth_orders(),
+        "pin_error": constants.pin_orders(),
+        "input_shaft_misalignment": constants.shaft_orders(),
+    }
+    return [name for name, orders in known.items() if order in orders]
+
+
+def _name(order: int, constants: Constants, spectrum: Spectrum, floor: Mapping[float, float]) -> Named | None:
+    direct, carriers = _direct(order, constants), _carriers(order, constants, spectrum, floor)
+    size = _loudness(order, spectrum)
+    if direct:
+        table = order if direct[0] in ("cycloid_tooth_error", "pin_error", "input_shaft_misalignment") else None
+        key = "amplitude_deg" if table is None else f"amplitude_deg[{order}]"
+        others = (*direct[1:], *(["carrier_modulation"] if carriers else []))
+        return Named(order, direct[0], table, key, size, "deg", others)
+    if carriers:
+        first = carriers[0]
+        side = "lower_ratio" if order < first else "upper_ratio"
+        others = tuple(f"carrier_modulation of order {other}" for other in carriers[1:])
+        ratio = size / _loudness(first, spectrum)
+        return Named(order, "carrier_modulation", first, f"{side}[{first}]", ratio, "", others)
+    return None
+
+
+def _names(
+    lacking: Sequence[int], rig: RigModel, spectrum: Spectrum, floor: Mapping[float, float]
+) -> tuple[Named, ...]:
+    """Names for the lacking orders, each effect's from the loudest order down to where coincidences become likely."""
+    have = set(rig.orders())
+    places = [_name(k, rig.constants, spectrum, floor) for k in range(1, max(spectrum.orders) + 1) if k not in have]
+    ranked = sorted(lacking, key=lambda order: -_loudness(order, spectrum))
+    found = [(rank, _name(order, rig.constants, spectrum, floor)) for rank, order in enumerate(ranked, 1)]
+    kept: list[Named] = []
+    for name in sorted({one.name for _, one in found if one is not None}):
+        share = sum(one is not None and one.name == name for one in places) / len(places)
+        own = [(rank, one) for rank, one in found if one is not None and one.name == name]
+        chances = [share * rank / hits for hits, (rank, _) in enumerate(own, 1)]
+        last = max((place for place, chance in enumerate(chances) if chance <= _COINCIDENCE), default=-1)
+        kept += [replace(one, chance=chance) for (_, one), chance in zip(own[: last + 1], chances, strict=False)]
+    return tuple(sorted(kept, key=lambda one: one.order))
+
+
+def _rms(spectrum: Spectrum, orders: Sequence[int], floor: Mapping[float, float]) -> float:
+    """RMS in deg of what these orders make, and of the floor of all listed ones, both directions."""
+    powers = []
+    for sign in spectrum.signs:
+        noise = floor[sign] ** 2 / 2 * len(spectrum.orders)
+        powers.append(noise + sum(spectrum.size.get((sign, order), 0.0) ** 2 / 2 for order in orders))
+    return float(np.sqrt(np.mean(powers)))
+
+
+# --- what is written ---
+
+
+def spectrum_report(result: SpectrumResult) -> dict[str, Any]:
+    """The content of report.json: the keys of DESIGN.md, as far as a spectrum can fill them."""
+    gap = dict(zip(("before", "after", "noise_floor"), result.gap, strict=True))
+    effects = []
+    for name in sorted({one.name for one in result.named}):
+        ones = [one for one in result.named if one.name == name]
+        effects.append(
+            {
+                "name": name,
+                "orders": sorted({one.order if one.table is None else one.table for one in ones}),
+                "touched_orders": [one.order for one in ones],
+                "parameters": {one.key: {"value": one.value, "stderr": None, "unit": one.unit} for one in ones},
+                "evidence": {
+                    "expected_coincidences": {str(one.order): round(one.chance, 4) for one in ones},
+                    "size_over_floor": {str(one.order): _over_floor(one.order, result) for one in ones},
+                },
+                "alternatives": sorted({other for one in ones for other in one.others}),
+                "remarks": ["named by its order alone: a spectrum has neither phases nor operating points"],
+            }
+        )
+    return {
+        "verdict": result.verdict,
+        "effects": effects,
+        "unexplained": [
+            {
+                "order": order,
+                "dependence": {},
+                "direction": "both" if len(result.spectrum.of(order)) == len(result.spectrum.signs) else "one",
+                "size": _loudness(order, result.spectrum) / math.sqrt(2),
+                "text": _signature(order, result),
+            }
+            for order in sorted(result.unexplained, key=lambda order: -_loudness(order, result.spectrum))
+        ],
+        # nothing is fitted, so nothing can be held out
+        "gap": {"fitted": gap, "held_out": gap | {"after": None}},
+        "suspect_runs": [],
+        "orders": result.spectrum.orders,
+    }
+
+
+def _over_floor(order: int, result: SpectrumResult) -> float:
+    return max(size / result.floor[sign] for sign, size in result.spectrum.of(order).items())
+
+
+def _signature(order: int, result: SpectrumResult) -> str:
+    """An unnamed order by its distance from the nearest mesh orders."""
+    near = sorted((abs(order - mesh), mesh) for mesh in result.rig.constants.mesh_orders())[:2]
+    beside = " and ".join(
+        f"{mesh} {'+' if order > mesh else '-'} {distance}" if distance else f"order {mesh} of the mesh"
+        for distance, mesh in near
+        if distance <= _NEAR
+    )
+    size, times = _loudness(order, result.spectrum), _over_floor(order, result)
+    place = f"it is {beside}" if beside else "far from the mesh"
+    return f"order {order}: median {size:.2g} deg, {times:.1f} times the floor; {place}"
+
+
+def spectrum_summary(result: SpectrumResult) -> str:
+    """The findings as a few lines."""
+    lines = [f"Orders that the rig lacks and that stand {_CLEAR:g} times above the floor of the spectrum:"]
+    for one in sorted(result.named, key=lambda one: (one.name, one.order)):
+        also = f" (or {', '.join(one.others)})" if one.others else ""
+        of = f" of order {one.table}" if one.name == "carrier_modulation" else ""
+        lines.append(f"- order {one.order}, {_loudness(one.order, result.spectrum):.2g} deg: {one.name}{of}{also}")
+    lines += [f"- unexplained: {_signature(order, result)}" for order in result.unexplained]
+    before, after, floor = result.gap
+    lines.append(f"RMS of the median curve: lacking {before:.3g}, not named {after:.3g}, floor {floor:.3g} deg")
+    lines.append("A spectrum has no phases: the rig stays as it is. Measure a harmonic table to have them fitted.")
+    return "\n".join(lines)
+
+
+def sizes(result: SpectrumResult) -> list[tuple[int, FloatArray]]:
+    """Order and (measured, simulated, floor) of the loudest direction, for tables and pictures."""
+    found = []
+    for order in result.spectrum.orders:
+        by_sign = result.spectrum.of(order)
+        sign = max(by_sign, key=lambda own: by_sign[own])
+        found.append((order, np.array([by_sign[sign], result.simulated[sign, order], result.floor[sign]])))
+    return found

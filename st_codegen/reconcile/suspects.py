@@ -1,0 +1,83 @@
+"""Runs that are bad as a whole, found after the fit: by what the model leaves of them, and by their neighbours.
+
+A run is measured forward and backward. Noise, even with heavy tails, is rarely large in both directions on the same
+order; a run with a wrong label, a shifted zero or a slipping coupling is. A number counts as off where it is both far
+from the fitted model and unlike its neighbours: what the model lacks is shared by them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from st_codegen.reconcile.noise import BoolArray, in_steps
+from st_codegen.reconcile.observations import Observations
+from st_codegen.rig.effects.base import ComplexArray, FloatArray
+
+#: an order is off from here on, in standard deviations. On development seeds of the blind suite one of 2200 good runs
+#: with all kinds of noise is above it in both directions at once; bad runs that show at all begin at 4.8
+_OFF = 5.0
+#: orders that must be off in a run of one direction only
+_ORDERS_ALONE = 3
+#: a residual is shared where two of the four nearest runs along an axis differ from it by less than half of it
+_ALIKE, _NEAR, _SIMILAR = 2, 4, 0.5
+#: a step across an axis counts as so many along it
+_ACROSS = 4.0
+#: more suspects than this share are no bad runs, but something else
+_MOST = 0.1
+
+
+def bad_runs(data: Observations, residual: ComplexArray, sigma: FloatArray) -> dict[int, float]:
+    """Rows of bad runs and how far off they are, in standard deviations; residual (n, K), sigma (n, K)."""
+    if data.angle_rad is not None:
+        return {}
+    size = _scaled(data, residual, sigma)
+    size = np.where(_like_neighbours(data, residual), 0.0, size)
+    found: dict[int, float] = {}
+    for rows in _runs(data):
+        if len({data.at.sign[row] for row in rows}) == 2:
+            score = float(size[rows].min(axis=0).max())
+        else:
+            largest = np.sort(size[rows].max(axis=0))
+            score = float(largest[-_ORDERS_ALONE]) if len(largest) >= _ORDERS_ALONE else 0.0
+        if score > _OFF:
+            found |= dict.fromkeys(rows, score)
+    return found if len(found) <= _MOST * len(data) else {}
+
+
+def _runs(data: Observations) -> list[list[int]]:
+    """Rows of the same operating point: a run's two directions."""
+    at = data.at
+    groups: dict[tuple[float, ...], list[int]] = {}
+    for row, point in enumerate(zip(at.speed_rpm, at.torque_Nm, at.temperature_C, strict=True)):
+        groups.setdefault(tuple(map(float, point)), []).append(row)
+    found = []
+    for rows in groups.values():
+        # a point that was measured twice is no pair of directions
+        found += [rows] if len(rows) == len({at.sign[row] for row in rows}) else [[row] for row in rows]
+    return found
+
+
+def _scaled(data: Observations, residual: ComplexArray, sigma: FloatArray) -> FloatArray:
+    found: FloatArray = np.where(data.orders == 0, np.abs(residual.real), np.abs(residual) / np.sqrt(2)) / sigma
+    return found
+
+
+def _like_neighbours(data: Observations, residual: ComplexArray) -> BoolArray:
+    """Where neighbours along speed, torque or temperature have a similar residual, bool (n, K)."""
+    at = data.at
+    steps = np.stack([in_steps(values) for values in (at.speed_rpm, at.torque_Nm, at.temperature_C)], axis=1)
+    found = np.zeros(residual.shape, bool)
+    for sign in (1.0, -1.0):
+        rows = np.flatnonzero(at.sign == sign)
+        if len(rows) <= _NEAR:
+            continue
+        own = residual[rows]
+        for axis in range(3):
+            # along one axis the others must stay as they are
+            place = steps[rows] * np.where(np.arange(3) == axis, 1.0, _ACROSS)
+            distance = ((place[:, None] - place[None]) ** 2).sum(axis=2)
+            np.fill_diagonal(distance, np.inf)
+            nearest = np.argpartition(distance, _NEAR, axis=1)[:, :_NEAR]
+            apart = np.abs(own[nearest] - own[:, None])
+            found[rows] |= np.sort(apart, axis=1)[:, _ALIKE - 1] < _SIMILAR * np.abs(own)
+    return found

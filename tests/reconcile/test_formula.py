@@ -1,0 +1,111 @@
+"""Effects as formulas: the same numbers as the effects themselves, in NumPy, in onnxruntime and in the compiler."""
+
+import numpy as np
+import pytest
+
+from st_codegen.reconcile.formula import (
+    QUANTITIES,
+    Graph,
+    NoFormulaError,
+    addends,
+    evaluate,
+    operating_point,
+    write_onnx,
+)
+from st_codegen.rig.effects import Conditions, Effect, Scalar, Stage, catalogue
+from st_codegen.rig.model import parse_rig
+
+from .blind import effects as blind_effects
+from .blind import hidden, write
+
+
+def rig_of(folder, seed, kept=lambda name: True):
+    """A rig with effects of random sizes, as the blind generator makes them."""
+    rng = np.random.default_rng(seed)
+    names = [name for name in blind_effects.NAMES if name not in blind_effects.IN_TIME and kept(name)]
+    ones = [hidden.MAKERS[name](rng) for name in names]
+    known = hidden.healthy(rng, ones, ())
+    tables = [*known.true, *(one.table for one in ones)]
+    delays = [table for table in tables if table["name"] == blind_effects.DELAY]
+    write.rig(folder / "rig.toml", {"rig": known.head}, [table for table in tables if table not in delays[:-1]])
+    return parse_rig((folder / "rig.toml").read_text())
+
+
+def points(count=40):
+    rng = np.random.default_rng(1)
+    sign = np.where(np.arange(count) % 2 == 0, 1.0, -1.0)
+    return Conditions(sign, rng.uniform(100, 1800, count), rng.uniform(0, 1800, count), rng.uniform(20, 40, count))
+
+
+def formulas(rig, sign):
+    """Real and imaginary part of every order, as nodes."""
+    graph, nodes = Graph(), []
+    at = operating_point(graph, sign)
+    for order in rig.orders():
+        total = sum((symbol for _, symbol in addends(rig, order, at, graph)), 0.0)
+        nodes += [total.real, total.imag]
+    return nodes
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_formulas_are_the_effects(seed, tmp_path):
+    """Of all effects at once. What the measuring chain adds is no error of the machine, and no part of a formula."""
+    rig = rig_of(tmp_path, seed)
+    assert {effect.name for effect in rig.effects} >= {"structural_resonance", "carrier_modulation", "wear"}
+    machine = rig.with_effects(effect for effect in rig.effects if effect.stage is not Stage.MEASURING)
+    for sign in (1.0, -1.0):
+        at = points().rows(points().sign == sign)
+        got = evaluate(formulas(rig, sign), {name: getattr(at, name) for name in QUANTITIES})
+        expected = machine.coefficients(at, rig.orders())
+        size = np.abs(expected).max()
+        assert got[:, 0::2] == pytest.approx(expected.real, abs=1e-13 * size)
+        assert got[:, 1::2] == pytest.approx(expected.imag, abs=1e-13 * size)
+
+
+def test_the_model_file_has_the_same_numbers(tmp_path):
+    """Features in another order. To the last bit where there is neither exp nor tanh."""
+    pytest.importorskip("onnxruntime")
+    from st_codegen import reference
+    from st_codegen.walkers.files import load_model
+
+    rig = rig_of(tmp_path, 3)
+    at = points()
+    nodes = formulas(rig, 1.0)
+    write_onnx(tmp_path / "all.onnx", nodes, ("temperature_C", "speed_rpm", "torque_Nm"), "test")
+    model = load_model(tmp_path / "all.onnx", "all")
+    x = np.column_stack([at.temperature_C, at.speed_rpm, at.torque_Nm])
+    own = evaluate(nodes, {name: getattr(at, name) for name in QUANTITIES})
+    free = np.array([not any(n in ("Exp", "Tanh") for n in operators(node)) for node in nodes])
+    assert free.sum() > 20
+    for got in (model.predict(x), reference.evaluate(model.ir, x)):
+        np.testing.assert_array_equal(got[:, free], own[:, free])
+        assert got == pytest.approx(own, rel=1e-14)
+
+
+def operators(node):
+    from st_codegen.reconcile.formula import in_order
+
+    return [one.operator for one in in_order([node])]
+
+
+class Steps(Effect):
+    """An effect that is no formula."""
+
+    name = "steps"
+    title = "steps"
+    scalars = (Scalar("size_deg", "deg", 0, 1, "size", None),)
+
+    def touched_orders(self):
+        return (0,)
+
+    def coefficient(self, at, order):
+        return np.where(at.speed_rpm > 500, self.scalar("size_deg"), 0.0)
+
+
+def test_what_is_no_formula_is_refused(tmp_path):
+    known = {**catalogue(), "steps": Steps}
+    text = '[rig]\nreduction_ratio = 81.0\n[[effect]]\nname = "steps"\nsize_deg = 0.1\n'
+    rig = parse_rig(text, known=known)
+    graph = Graph()
+    with pytest.raises(NoFormulaError, match="steps"):
+        addends(rig, 0, operating_point(graph, 1.0), graph)

@@ -1,0 +1,76 @@
+"""Bad runs are named, good ones are not: wrong labels, moved means, waves that slipped."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from st_codegen.reconcile.observations import Observations, labels
+from st_codegen.reconcile.suspects import bad_runs
+from st_codegen.rig.effects import Conditions
+
+ORDERS = np.array([0, 1, 3, 39, 40, 78])
+SIGMA = np.array([1e-3, *[1e-5] * 5])
+GRID = np.array(list(itertools.product(range(100, 1801, 200), range(0, 1801, 300), (25, 30))), float)
+
+
+def residual(seed, heavy, directions=(1.0, -1.0)):
+    """Noise alone, on a grid; standard deviation SIGMA in each part, of Student's t with three degrees if heavy."""
+    rng = np.random.default_rng(seed)
+    at = Conditions.of(np.repeat(directions, len(GRID)), *np.tile(GRID, (len(directions), 1)).T)
+    shape = (2, len(at), len(ORDERS))
+    parts = rng.standard_t(3, shape) / np.sqrt(3) if heavy else rng.standard_normal(shape)
+    values = SIGMA * (parts[0] + 1j * parts[1])
+    values[:, 0] = values[:, 0].real
+    return Observations(at, labels(at), ORDERS, values)
+
+
+def found(data):
+    return bad_runs(data, data.values, np.broadcast_to(SIGMA, data.values.shape))
+
+
+@pytest.mark.parametrize("heavy", [False, True])
+def test_good_runs_are_not_suspected(heavy):
+    """20 campaigns of 126 runs."""
+    assert sum(len(found(residual(seed, heavy))) for seed in range(20)) == 0
+
+
+@pytest.mark.parametrize("heavy", [False, True])
+def test_bad_runs_are_named_in_both_directions(heavy):
+    data = residual(0, heavy)
+    count = len(GRID)
+    # a moved zero, one wave that slipped, and all orders of another speed
+    data.values[[10, 10 + count], 0] += 0.02
+    data.values[[60, 60 + count], 3] += 2e-4
+    data.values[[99, 99 + count], 1:] += 3e-4j
+    assert set(found(data)) == {10, 60, 99, 10 + count, 60 + count, 99 + count}
+
+
+def test_one_direction_alone_needs_several_orders():
+    data = residual(0, heavy=True, directions=(1.0,))
+    data.values[10, 0] += 0.02
+    data.values[99, 1:] += 3e-4j
+    assert set(found(data)) == {99}
+
+
+def test_what_the_model_lacks_is_no_bad_run():
+    """A resonance that is in no model: large, but its neighbours in torque and temperature know of it."""
+    data = residual(0, heavy=False)
+    peak = 3e-4 / (1 + 5j * (data.at.speed_rpm / 1100 - 1) * 10)
+    data.values[:, 5] += peak * (1 + data.at.torque_Nm / 2000)
+    assert not found(data)
+
+
+def test_what_happens_without_load_only_is_no_bad_run():
+    """At the edge of the grid, where two of three kinds of neighbours know nothing of it."""
+    data = residual(0, heavy=False)
+    data.values[data.at.torque_Nm == 0, 0] += 0.02
+    assert not found(data)
+
+
+def test_more_than_a_few_are_something_else():
+    data = residual(0, heavy=False)
+    rows = np.arange(0, len(GRID), 5)
+    for side in (0, len(GRID)):
+        data.values[rows + side, 1] += 3e-4 * np.exp(1j * rows)
+    assert not found(data)
