@@ -16,6 +16,8 @@ import numpy as np
 from benchmarks.contenders import Built
 
 WARM_ROWS, COLD_CALLS, PASSES, COUNTED = 256, 61, 31, 32
+#: Calls from Python that take longer are repeated less
+SLOW_CALL_S = 0.005
 
 
 @dataclass
@@ -92,18 +94,22 @@ class Harness:
 
     def _python_times(self, call: Callable[[np.ndarray], object], rows: np.ndarray) -> tuple[float, float]:
         single = [np.ascontiguousarray(rows[i : i + 1]) for i in range(WARM_ROWS)]
-        for row in single[:20]:
+        start = time.perf_counter()
+        for row in single[:4]:
             call(row)
+        # a slow call needs no repeats for the clock's sake
+        is_slow = time.perf_counter() - start > 4 * SLOW_CALL_S
+        calls, passes, cold_calls = (2, 7, 15) if is_slow else (16, PASSES, COLD_CALLS)
         warm = []
-        for _ in range(PASSES):
-            start = time.thread_time_ns()
-            for row in single[:16]:
+        for _ in range(passes):
+            begin = time.thread_time_ns()
+            for row in single[:calls]:
                 call(row)
-            warm.append((time.thread_time_ns() - start) / 16)
+            warm.append((time.thread_time_ns() - begin) / calls)
         cold = []
-        for row in single[:COLD_CALLS]:
+        for row in single[:cold_calls]:
             self._evict(None)
-            start = time.perf_counter_ns()
+            begin = time.perf_counter_ns()
             call(row)
-            cold.append(time.perf_counter_ns() - start)
+            cold.append(time.perf_counter_ns() - begin)
         return statistics.median(warm), statistics.median(cold)

@@ -75,9 +75,7 @@ def test_an_error_writes_nothing(lone_folder, tmp_path):
 
 def test_tables_beyond_the_limit_are_an_error_that_names_the_largest(lone_folder, tmp_path):
     out = tmp_path / "out"
-    with pytest.raises(
-        TargetError, match=r"target twincat is 100; the largest: FB_Te [\d,]+.*--max-bytes"
-    ):
+    with pytest.raises(TargetError, match=r"target twincat is 100; the largest: FB_Te [\d,]+.*--max-bytes"):
         generate(load(lone_folder), TWINCAT, out, options=Options(data_bytes=100))
     assert not out.exists()
     small = dataclasses.replace(TWINCAT.limits, data_bytes=100)
