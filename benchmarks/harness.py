@@ -16,6 +16,8 @@ import numpy as np
 from benchmarks.contenders import Built
 
 WARM_ROWS, COLD_CALLS, PASSES, COUNTED = 256, 61, 31, 32
+#: Runs of the program
+RUNS, COLD_RUNS = 5, 2
 #: Calls from Python that take longer are repeated less
 SLOW_CALL_S = 0.005
 
@@ -59,11 +61,12 @@ class Harness:
         return np.frombuffer(raw, np.float64).reshape(len(rows), built.outputs)
 
     def times(self, built: Built, rows: np.ndarray, folder: Path) -> tuple[float, float]:
-        """Median ns a call, warm and cold."""
+        """ns a call, warm and cold: the smallest of the medians of several runs, for others use the machine, too."""
         if built.call is not None:
             return self._python_times(built.call, rows)
-        warm = float(self._run(built, rows[:WARM_ROWS], folder, "warm", PASSES))
-        return warm, float(self._run(built, rows[:WARM_ROWS], folder, "cold", COLD_CALLS))
+        warm = [float(self._run(built, rows[:WARM_ROWS], folder, "warm", PASSES)) for _ in range(RUNS)]
+        cold = [float(self._run(built, rows[:WARM_ROWS], folder, "cold", COLD_CALLS)) for _ in range(COLD_RUNS)]
+        return min(warm), min(cold)
 
     def instructions(self, built: Built, rows: np.ndarray, folder: Path) -> float | None:
         """Instructions a call, mean over some rows."""
@@ -112,4 +115,5 @@ class Harness:
             begin = time.perf_counter_ns()
             call(row)
             cold.append(time.perf_counter_ns() - begin)
-        return statistics.median(warm), statistics.median(cold)
+        parts = [warm[at::RUNS] for at in range(RUNS)]
+        return min(statistics.median(part) for part in parts), statistics.median(cold)

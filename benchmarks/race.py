@@ -3,15 +3,16 @@
     python benchmarks/race.py [CASE ..]      cases whose name contains one of the words
 
 Writes build/race.json, a list with a row for each case and contender, rewritten after every row:
-    case, contender, ns_warm, ns_cold   median of several, one row a call; warm: many rows in a circle; cold: everything
-                                        evicted from the caches before each call
+    case, contender, ns_warm, ns_cold   one row a call, the smallest of the medians of several runs; warm: many rows in
+                                        a circle; cold: everything evicted from the caches before each call
     instructions                        a call, by callgrind, mean over some rows; null from Python or without valgrind
     code_bytes, data_bytes              of the object file
-    generate_s, compile_s               seconds; compiled libraries are kept in build/race/ with the seconds they took
+    generate_s, compile_s               seconds; compiled libraries stay in build/race/ with the seconds they took
     exact                               every bit of every row is that of the library
     error, note                         why a contender did not finish, or what to know about it
 All times are of this machine, whatever it is; only their ratios within one run mean something. Each contender runs in a
-process of its own. Without the measured table beside the checkout the cases of the rig are left out.
+process of its own. build/race.md sets ours beside the fastest peer of each case. Without the measured table beside the
+checkout the cases of the rig are left out.
 """
 
 from __future__ import annotations
@@ -138,17 +139,23 @@ def _number(value: float | None, digits: int = 0) -> str:
 
 
 def summary(results: list[Result]) -> str:
-    """Ours over the fastest peer, within this run."""
-    lines = ["", f"{'case':26} {'warm: peer / ours':>18} {'cold: peer / ours':>18}   fastest peers"]
+    """Ours beside the fastest peer of each case, within this run, as a table in Markdown."""
+    lines = [
+        "| case | ns warm | ns cold | instructions | fastest peer warm | ns | peer / ours | fastest peer cold | ns "
+        "| peer / ours | exact |",
+        "|---|--:|--:|--:|---|--:|--:|---|--:|--:|---|",
+    ]
     for case in dict.fromkeys(result.case for result in results):
         mine = next((r for r in results if r.case == case and r.contender == OURS and r.ns_warm), None)
-        peers = [r for r in results if r.case == case and r.contender != OURS and r.ns_warm]
+        peers = [r for r in results if r.case == case and r.contender != OURS and r.ns_warm and r.ns_cold]
         if mine is None or not peers:
             continue
         warm, cold = min(peers, key=lambda r: r.ns_warm), min(peers, key=lambda r: r.ns_cold)
         lines.append(
-            f"{case:26} {warm.ns_warm / mine.ns_warm:18.2f} {cold.ns_cold / mine.ns_cold:18.2f}   "
-            f"{warm.contender}, {cold.contender}"
+            f"| {case} | {mine.ns_warm:,.0f} | {mine.ns_cold:,.0f} | {_number(mine.instructions)} "
+            f"| {warm.contender} | {warm.ns_warm:,.0f} | {warm.ns_warm / mine.ns_warm:.2f} "
+            f"| {cold.contender} | {cold.ns_cold:,.0f} | {cold.ns_cold / mine.ns_cold:.2f} "
+            f"| {'yes' if mine.exact else 'no'} |"
         )
     return "\n".join(lines)
 
@@ -201,7 +208,9 @@ def main(words: list[str]) -> int:
     if not report.results:
         print("no case has such a name")
         return 2
-    print(summary(report.results))
+    table = report.path.with_suffix(".md")
+    table.write_text(summary(report.results) + "\n")
+    print("\n" + table.read_text())
     print(f"\n{report.path.relative_to(ROOT)}: {len(report.results)} rows")
     return 0
 

@@ -1,4 +1,4 @@
-"""The code of ranks and cell tables: short searches without jumps that depend on the data, and one row of a table."""
+"""The code of ranks and cell tables: short searches of as many steps whatever the data, and one row of a table."""
 
 from __future__ import annotations
 
@@ -71,19 +71,16 @@ def _(op: Rank, step: Step, listing: Listing) -> None:
     )
 
 
-def _steps(count: int, table: str) -> list[str]:
-    """What each step makes the rank: it grows where the number lies beyond a threshold, without a jump in the code."""
+def _steps(count: int, table: str) -> list[dict[str, str]]:
+    """The threshold that each step looks at, and the rank beyond it."""
     first, *others = halvings(count) or [0]
-    steps = [_gain(table, str(first - 1), str(first))] if first else []
-    return steps + [f"nRank + {_gain(table, _ahead('nRank', half), str(half))}" for half in others]
+    steps = [{"edge": f"{table}[{first - 1}]", "beyond": str(first)}] if first else []
+    return steps + [_step("nRank", half, table) for half in others]
 
 
-def _ahead(place: str, half: int) -> str:
-    return f"{place} + {half - 1}" if half > 1 else place
-
-
-def _gain(table: str, probe: str, step: str) -> str:
-    return f"BOOL_TO_DINT(fX > {table}[{probe}])" + ("" if step == "1" else f" * {step}")
+def _step(place: str, half: int, table: str) -> dict[str, str]:
+    probe = f"{place} + {half - 1}" if half > 1 else place
+    return {"edge": f"{table}[{probe}]", "beyond": f"{place} + {half}"}
 
 
 def _edges(search: _Search, position: int, step: Step, listing: Listing) -> str:
@@ -137,10 +134,9 @@ def _joined_tables(searches: list[_Search], step: Step, listing: Listing) -> dic
     return {"found": listing.local(f"anFound{step.number}", "DINT", len(searches)), "parts": parts}
 
 
-def _power_steps(bits: int, table: str) -> list[str]:
+def _power_steps(bits: int, table: str) -> list[dict[str, str]]:
     """The steps behind the first one."""
-    halves = [1 << level for level in reversed(range(bits - 1))]
-    return [_gain(table, _ahead("nBase", half), str(half)) for half in halves]
+    return [_step("nBase", 1 << level, table) for level in reversed(range(bits - 1))]
 
 
 def _runs_of_bits(counts: list[int]) -> list[tuple[int, int, int]]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from st_codegen.st import typed as t
-from st_codegen.st.types import BOOL, Elementary, Kind, Type
+from st_codegen.st.types import Elementary, Kind, Type
 
 
 class Interval(NamedTuple):
@@ -96,7 +96,7 @@ class Ranges:
                 inner = self.of(operand)
                 return None if inner is None else Interval(-inner.high, -inner.low)
             case t.Conversion(operand=operand):
-                return Interval(0, 1) if operand.type == BOOL else self.of(operand)
+                return self.of(operand)
             case t.Binary():
                 return self._of_binary(node)
             case t.StandardCall():
