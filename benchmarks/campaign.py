@@ -1,14 +1,14 @@
 """The campaign reader against a bare `polars.read_csv`, and order analysis against a plain FFT; `make bench`.
 
 Writes a campaign of the rig's shape (fewer runs) to a temporary folder. Rates are rows of the files a second; a row has
-a sample of each direction. Each reader is a process of its own, so that its peak memory is its own.
+a sample of each direction. Each case runs in a process of its own; memory is the peak of it and all it started.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import multiprocessing
-import resource
 import tempfile
 import time
 from collections.abc import Callable
@@ -21,8 +21,11 @@ import numpy as np
 ORDERS = (0, 1, 3, 39, 40, 78, 81, 156, 162, 240)
 
 
-def write_campaign(folder: Path, runs: int) -> int:
-    """Runs of all speeds with 194,400 samples at 100 rpm, down to 10,800 at 1800; returns the number of rows."""
+def write_campaign(folder: Path, runs: int, density: float) -> int:
+    """Runs of all speeds with 194,400 samples at 100 rpm, down to 10,800 at 1800; returns the number of rows.
+
+    `density` multiplies these numbers.
+    """
     from st_codegen.campaign.curves import Conditions, Curve, Run, write_run
     from st_codegen.ir import Direction
 
@@ -31,7 +34,7 @@ def write_campaign(folder: Path, runs: int) -> int:
     rows = 0
     for number in range(runs):
         speed = 100.0 * (1 + number % 18)
-        samples = int(194_400 * 100 / speed)
+        samples = int(density * 194_400 * 100 / speed)
         theta = np.linspace(0, 2 * np.pi, samples, endpoint=False)
         theta += 0.002 * np.sin(5 * theta)
         curves = {}
@@ -75,44 +78,66 @@ def analysed(folder: Path, cache: Path) -> None:
 
 
 def measured(work: Callable[[Path, Path], None], folder: Path, cache: Path, results: Any) -> None:
-    import polars  # noqa: F401 - its import is not measured
+    import joblib  # imports are not measured
+    import polars  # noqa: F401
     import scipy  # noqa: F401
 
     started = time.perf_counter()
     work(folder, cache)
-    elapsed = time.perf_counter() - started
-    memory = [resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    results.put((elapsed, memory[0] / 1024, memory[1] / 1024))
+    results.put(time.perf_counter() - started)
+    joblib.externals.loky.get_reusable_executor().shutdown()  # else this process waits until its workers are tired
+
+
+def peak_memory(process: Any) -> float:
+    """Largest sum of the resident memory of a process and all it started, MB, until it ends."""
+    import psutil
+
+    peak, root = 0, psutil.Process(process.pid)
+    while process.is_alive():
+        total = 0
+        with contextlib.suppress(psutil.NoSuchProcess):
+            for one in (root, *root.children(recursive=True)):
+                with contextlib.suppress(psutil.NoSuchProcess):
+                    total += one.memory_info().rss
+        peak = max(peak, total)
+        process.join(0.2)
+    return peak / 1e6
+
+
+CASES: dict[str, Callable[[Path, Path], None]] = {
+    "polars.read_csv": bare_polars,
+    "reader, 1 process, no cache": reader,
+    "reader, 2 processes, no cache": partial(reader, jobs=2),
+    "reader, 2 processes, writes the cache": partial(reader, jobs=2, keep=True),
+    "reader, from the cache": partial(reader, keep=True),
+    "reader, from the cache, and least squares": analysed,
+    "reading, 1 process, and a plain FFT": plain_fft,
+}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=54, help="of the rig's 1026")
-    runs = parser.parse_args().runs
-    cases = {
-        "polars.read_csv": bare_polars,
-        "reader, 1 process, no cache": reader,
-        "reader, 2 processes, no cache": partial(reader, jobs=2),
-        "reader, 2 processes, writes the cache": partial(reader, jobs=2, keep=True),
-        "reader, from the cache": partial(reader, keep=True),
-        "reader, from the cache, and least squares": analysed,
-        "reading, 1 process, and a plain FFT": plain_fft,
-    }
+    parser.add_argument(
+        "--density", type=float, default=1.0, help="with 1026 runs, 4.1 gives the rig's 160 million rows"
+    )
+    parser.add_argument("--only", action="append", choices=CASES, metavar="CASE", help="this one (may be repeated)")
+    options = parser.parse_args()
     context = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory() as name:
         folder, cache = Path(name) / "campaign", Path(name) / "curves.parquet"
-        rows = write_campaign(folder, runs)
+        rows = write_campaign(folder, options.runs, options.density)
         size = sum(path.stat().st_size for path in folder.rglob("*.csv"))
-        print(f"{runs} files, {rows:,} rows, {size / 1e6:.0f} MB")
-        for title, work in cases.items():
+        print(f"{options.runs} files, {rows:,} rows, {size / 1e6:.0f} MB", flush=True)
+        for title in options.only or CASES:
             results = context.Queue()
-            process = context.Process(target=measured, args=(work, folder, cache, results))
+            process = context.Process(target=measured, args=(CASES[title], folder, cache, results))
             process.start()
-            elapsed, own, children = results.get()
-            process.join()
+            memory = peak_memory(process)
+            elapsed = results.get(timeout=1)
             print(
-                f"{title:<45} {elapsed:8.2f} s {rows / elapsed / 1e6:8.2f} million rows/s "
-                f"{own:6.0f} MB, largest worker {children:.0f} MB"
+                f"{title:<45} {elapsed:8.2f} s {rows / elapsed / 1e6:8.2f} million rows/s {memory:6.0f} MB",
+                flush=True,
             )
 
 

@@ -23,6 +23,7 @@ from st_codegen.training.choice import Choice, choose
 from st_codegen.training.errors import Errors, errors_of
 from st_codegen.training.families import FAMILIES
 from st_codegen.training.faulty import Faulty, faulty_runs
+from st_codegen.training.faulty_gain import Gain, gains
 from st_codegen.training.learn import Interval, Plan, authors_candidates, predictions, repeated, split_rows
 from st_codegen.training.search import Backend, Progress
 from st_codegen.training.store import FitStore
@@ -94,6 +95,7 @@ class Comparison:
     chosen_errors: Mapping[int, Errors]
     paper_complex: Mapping[int, Errors]
     with_faulty: Mapping[int, Errors]
+    gains: Mapping[int, Gain]
     intervals: Mapping[int, Interval]
     reconstruction: Mapping[str, tuple[float, float, float]]
 
@@ -150,6 +152,7 @@ def compare(
         {s.order: errors_of(s.order, s.test, test.column(s.order)) for s in choice.solutions},
         {k: errors_of(k, theirs_at_test.column(k), test.column(k)) for k in test.orders},
         with_faulty,
+        gains(train, faulty, choice.solutions, settings, store, backend),
         repeated(rows, choice, replace(plan, test_points=None), store, backend, progress) if repeats else {},
         dict(_reconstructions(choice, theirs_at_test, test)),
     )

@@ -11,17 +11,20 @@ from st_codegen.campaign.harmonic_table import HarmonicTable, joined
 from st_codegen.errors import InputError
 from st_codegen.ir import Direction, Quantity
 from st_codegen.predict import Engine, predict
+from st_codegen.reference import evaluate
 from st_codegen.training.choice import choose, loss
 from st_codegen.training.errors import errors_of
 from st_codegen.training.export import write_bundle
 from st_codegen.training.families import Candidate
-from st_codegen.training.faulty import faulty_runs
+from st_codegen.training.faulty import Faulty, faulty_runs
+from st_codegen.training.faulty_gain import gains, near_to
 from st_codegen.training.learn import Plan, bundle_head, interval, learn, only_exportable, split_rows
 from st_codegen.training.paper import reconstruction
 from st_codegen.training.search import Backend
 from st_codegen.training.store import FitStore
-from st_codegen.training.study import Settings, study
+from st_codegen.training.study import Settings, Solution, study
 from st_codegen.training.targets import Kind, Unit, combined, kinds, mean_direction, values
+from st_codegen.walkers.objects import from_estimator
 from tests.training.conftest import ORDERS, a_table
 
 FEW = (
@@ -100,6 +103,42 @@ def test_a_single_bad_number_is_no_faulty_run(table):
         table.backward, table.speed_rpm, table.torque_Nm, table.temperature_C, table.orders, coefficients
     )
     assert not faulty_runs(one).rows[30]
+
+
+def test_the_gain_of_leaving_faulty_runs_out(table):
+    """A run with another speed's coefficients spoils what is learned beside it, and nothing far away."""
+    bad = changed(table, np.array([60]), lambda c: table.coefficients[[110]])
+    rows = np.arange(len(table)) == 60
+    solution = Solution(
+        156, Kind.PARTS, (Candidate("DT", {"min_samples_leaf": 1}),) * 2, np.empty(0), np.empty(0), 1.0,
+        errors_of(156, bad.column(156), bad.column(156)),
+    )  # fmt: skip
+    faulty = Faulty(rows, np.zeros(len(bad)), ((),) * len(bad))
+    with FitStore(None) as store:
+        found = gains(bad, faulty, [solution], SETTINGS, store, Backend(1))[156]
+        assert gains(bad, replace(faulty, rows=rows & False), [solution], SETTINGS, store, Backend(1)) == {}
+    assert found.near_without < 0.9 * found.near_with
+    share = near_to(bad, rows).sum() / len(bad)
+    assert share < 0.5
+    # what changes is near: the mean over all sound rows moves by the share of these rows
+    assert found.sound_with - found.sound_without < 1.5 * share * (found.near_with - found.near_without)
+
+
+def test_near_rows_are_one_step_away(table):
+    near = near_to(table, np.arange(len(table)) == 60)
+    centre, steps = table.conditions[60], [np.diff(np.unique(column)).max() for column in table.conditions.T]
+    within = (np.abs(table.conditions - centre) <= np.array(steps) * 1.001).all(axis=1)
+    assert np.array_equal(near, within)
+
+
+def test_copies_of_the_speed_are_one_input_of_the_compiled_model(table):
+    candidate = Candidate("ERT", {"n_estimators": 5, "speed_copies": 3})
+    y = np.abs(table.column(156))
+    model = candidate.fit(table.conditions, y, 0)
+    assert model.named_steps["trees"].n_features_in_ == table.conditions.shape[1] + 2
+    loaded = from_estimator(model, "copied")
+    assert len(loaded.ir.features) == table.conditions.shape[1]
+    assert np.array_equal(evaluate(loaded.ir, table.conditions).ravel(), model.predict(table.conditions))
 
 
 def test_splits(table):
@@ -189,7 +228,15 @@ def test_a_bundle_replaces_only_a_bundle(lessons, tmp_path):
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
 
 
-@pytest.mark.parametrize(("family", "params"), [("ERT", {"n_estimators": 3}), ("SVM", FEW[0].params), ("MLP", None)])
+@pytest.mark.parametrize(
+    ("family", "params"),
+    [
+        ("ERT", {"n_estimators": 3}),
+        ("ERT", {"n_estimators": 3, "speed_copies": 3}),
+        ("SVM", FEW[0].params),
+        ("MLP", None),
+    ],
+)
 def test_onnx(table, tmp_path, family, params):
     pytest.importorskip("skl2onnx")
     params = params or {"scaled": True, "hidden_layer_sizes": (6,), "solver": "lbfgs", "max_iter": 50}
