@@ -17,7 +17,7 @@ from benchmarks.contenders import Built
 
 WARM_ROWS, COLD_CALLS, PASSES, COUNTED = 256, 61, 31, 32
 #: Runs of the program
-RUNS, COLD_RUNS = 5, 2
+RUNS, COLD_RUNS = 3, 1
 #: Calls from Python that take longer are repeated less
 SLOW_CALL_S = 0.005
 
