@@ -73,8 +73,9 @@ def _child(work: Callable[[], Any], there: Connection) -> None:
 def _short(error: BaseException) -> str:
     text = str(error) or repr(error)
     stderr = getattr(error, "stderr", None)
-    if stderr:
-        text += " " + (stderr.decode(errors="replace") if isinstance(stderr, bytes) else str(stderr))[-300:]
+    if stderr:  # of a compiler the first error says more than the command
+        lines = (stderr.decode(errors="replace") if isinstance(stderr, bytes) else str(stderr)).splitlines()
+        text = next((line for line in lines if "error" in line), lines[-1])
     return f"{type(error).__name__}: {' '.join(text.split())[:300]}"
 
 
