@@ -45,7 +45,7 @@ soak: $(INSTALLED)  ## 100,000 hostile sequences through the blocks of the compe
 	$(BIN)/python -m tests.application.hostile
 
 blind: $(INSTALLED)  ## hidden effects on held-out seeds: three rounds of cases, rates in build/blind.json; takes an hour
-	$(BIN)/python -m tests.reconcile.blind.run --seeds heldout --cases 348 --jobs 2 --json build/blind.json
+	$(BIN)/python -m tests.reconcile.blind.run --seeds heldout --cases 348 --jobs 2 --lean --json build/blind.json
 
 example: $(INSTALLED)  ## campaign of the simulated rig, training, Structured Text, motions with it; build/example/motion.json
 	$(BIN)/python examples/motion/run.py --out build/example

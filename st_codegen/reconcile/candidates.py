@@ -15,7 +15,8 @@ import numpy as np
 
 from st_codegen.reconcile.fitting import Column, Fit, Propagation, State
 from st_codegen.reconcile.parameters import Coordinate, Piece
-from st_codegen.rig.effects import Catalogue, Constants, Effect, Form, Stage
+from st_codegen.reconcile.target import by_place
+from st_codegen.rig.effects import Catalogue, Conditions, Constants, Effect, Form, Stage
 from st_codegen.rig.effects.base import BACKWARD, ComplexArray, FloatArray
 
 #: a resonance takes in the orders of which it takes this much off the loss (four parameters: 1 in 10,000 by chance)
@@ -23,6 +24,10 @@ _ORDER_GAIN = 25.0
 _RESONANCE_POINTS = 3
 #: two resonances of the same orders lie this far apart at least (relative)
 SAME_RESONANCE = 0.1
+#: gains (of twice the loss) that differ by less are equal
+_TIE = 1e-3
+#: bytes of responses that are kept from search to search
+_MOST_KEPT = 400_000_000
 STAGES = (Stage.ADDITIVE, Stage.MODULATION, Stage.STRUCTURE, Stage.MEASURING)
 
 
@@ -69,7 +74,7 @@ def _keys_of(c: Coordinate) -> frozenset[str]:
 def variants(effect: type[Effect], both_directions: bool) -> list[frozenset[str]]:
     """Keys that are free together: what is required, and every choice of optional parts that gives a size."""
     always = {scalar.key for scalar in effect.scalars if scalar.default is None}
-    parts = [frozenset({s.key}) for s in effect.scalars if s.default is not None and not s.shapes]
+    parts = [frozenset({s.key, s.beside} - {""}) for s in effect.scalars if s.default is not None and not s.shapes]
     sizes = set(always) | {key for part in parts for key in part}
     for phasor in effect.phasors:
         backward = (False, True) if phasor.own_flanks and both_directions else (False,)
@@ -86,7 +91,7 @@ def variants(effect: type[Effect], both_directions: bool) -> list[frozenset[str]
             keys = frozenset(always).union(*chosen)
             if keys & sizes:
                 found.append(keys | {s.key for s in effect.scalars if s.shapes and s.shapes in keys})
-    return found
+    return list(dict.fromkeys(found))
 
 
 class Search:
@@ -111,7 +116,8 @@ class Search:
         for candidate in self.all():
             scored = self.scorer.scored(candidate)
             known = best.get(scored.identity)
-            if scored.gain >= least and (known is None or scored.gain > known.gain):
+            # starts that the data do not tell apart: the first one
+            if scored.gain >= least and (known is None or scored.gain > known.gain + _TIE):
                 best[scored.identity] = scored
         return sorted(best.values(), key=lambda c: -self.net(c))
 
@@ -156,7 +162,7 @@ class Search:
             groups = {v - have for v in variants(effect, self.data.both_directions())} - {frozenset()}
             if self.data.both_directions():
                 groups |= _untied(effect, have)
-            for group in groups:
+            for group in sorted(groups, key=sorted):
                 if group & have:
                     continue
                 for starts in self._starts(effect, group):
@@ -231,24 +237,35 @@ class Search:
             level = (inverse[:, None] == np.arange(len(speeds))).astype(float)
             weight, sums = level.T @ w, level.T @ (w * self.fit.residual[np.ix_(rows, places)])
             loud = np.array([orders[j] for j in promising])
-            for i, frequency in enumerate(grid):
-                values = fixed | {
-                    key: frequency,
-                    "orders": tuple(loud.tolist()),
-                    effect.phasors[0].key: (1.0,) * len(loud),
-                }
-                h = effect(values, self.constants, check=False).contribution(point, loud)
-                gain = np.abs((h.conj() * sums).sum(axis=0)) ** 2 / np.maximum(
-                    (weight * np.abs(h) ** 2).sum(axis=0), 1e-300
-                )
-                turns = frequency / loud * 60 * self.constants.reduction_ratio
-                gains[i, promising] += gain * ((turns > 0.9 * speeds[0]) & (turns < 1.1 * speeds[-1]))
+            starts = [fixed | {key: float(frequency)} for frequency in grid]
+            h = self._unit_responses(effect, starts, orders, point)[:, :, promising]
+            power = h.real**2 + h.imag**2
+            gain = np.abs((h.conj() * sums).sum(axis=1)) ** 2 / np.maximum((weight * power).sum(axis=1), 1e-300)
+            turns = grid[:, None] / loud * 60 * self.constants.reduction_ratio
+            gains[:, promising] += gain * ((turns > 0.9 * speeds[0]) & (turns < 1.1 * speeds[-1]))
         found = []
         for i, f in enumerate(grid):
             chosen = [order for j, order in enumerate(orders) if gains[i, j] > _ORDER_GAIN]
             if chosen:
                 found.append((float(gains[i][gains[i] > _ORDER_GAIN].sum()), fixed | {key: float(f)}, chosen))
         return found
+
+    def _unit_responses(
+        self, effect: type[Effect], starts: Sequence[dict[str, float]], orders: list[int], point: Conditions
+    ) -> ComplexArray:
+        """What amplitudes of 1 contribute at each start, complex128 (starts, points, orders). The last few are kept."""
+        key = (effect.name, len(starts), *starts[0].items(), point.speed_rpm.tobytes(), point.sign[:1].tobytes())
+        kept = self.target.responses
+        if key not in kept:
+            places = np.array(orders)
+            ones = {"orders": tuple(orders), effect.phasors[0].key: (1.0,) * len(orders)}
+            found = np.empty((len(starts), len(point), len(orders)), np.complex128)
+            for i, values in enumerate(starts):
+                found[i] = effect(ones | values, self.constants, check=False).contribution(point, places)
+            if sum(array.nbytes for array in kept.values()) > _MOST_KEPT:
+                kept.clear()
+            kept[key] = found
+        return kept[key]
 
     def _loud_orders(self, orders: list[int]) -> list[int]:
         """Places of orders whose residual could hold a gain at all."""
@@ -292,7 +309,8 @@ def _untied(effect: type[Effect], have: set[str]) -> set[frozenset[str]]:
 def _zeros(effect: type[Effect], keys: frozenset[str]) -> dict[str, float]:
     """Neutral values of linear keys."""
     inverse = {s.key for s in effect.scalars if s.form is Form.INVERSE}
-    return {key: float("inf") if key in inverse else 0.0 for key in keys}
+    # in the catalogue's order: that of a set differs from process to process
+    return {key: float("inf") if key in inverse else 0.0 for key in effect.known_keys() if key in keys}
 
 
 def _started(
@@ -322,13 +340,9 @@ class Scorer:
     def __post_init__(self) -> None:
         target = self.fit.target
         self.weights = target.weights(self.fit.residual)
-        entries: dict[int, list[tuple[int, ComplexArray]]] = {}
-        for number, (places, values) in enumerate(self.fit.columns):
-            for j, place in enumerate(places):
-                entries.setdefault(int(place), []).append((number, values[:, j]))
         self._by_place = {
             place: ([n for n, _ in found], _real(np.stack([v for _, v in found], axis=1)))
-            for place, found in entries.items()
+            for place, found in by_place(self.fit.columns).items()
         }
 
     def columns(self, candidate: Candidate) -> list[Column]:
@@ -358,11 +372,7 @@ class Scorer:
         """Linear step of new columns beside all fitted ones, their reduced normal matrix, and right side."""
         count, size = len(columns), len(self.fit.inverse)
         own, cross, pull = np.zeros((count, count)), np.zeros((count, size)), np.zeros(count)
-        by_place: dict[int, list[tuple[int, ComplexArray]]] = {}
-        for number, (places, values) in enumerate(columns):
-            for j, place in enumerate(places):
-                by_place.setdefault(int(place), []).append((number, values[:, j]))
-        for place, found in by_place.items():
+        for place, found in by_place(columns).items():
             index = np.array([n for n, _ in found])
             design = _real(np.stack([v for _, v in found], axis=1))
             weighted = design * np.tile(self.weights[:, place], 2)[:, None]

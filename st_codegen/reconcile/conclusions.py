@@ -8,21 +8,33 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from st_codegen.reconcile.candidates import STAGES, Candidate, Search
-from st_codegen.reconcile.evidence import P_CLUSTERS, Evidence, chi_square_tail, judge, p_of_clusters
+from st_codegen.reconcile.evidence import Evidence, judge
 from st_codegen.reconcile.fitting import Fit, State, fit, inverse
-from st_codegen.reconcile.noise import estimate
 from st_codegen.reconcile.observations import rms_deg
 from st_codegen.reconcile.parameters import Coordinate, Piece
+from st_codegen.reconcile.peaks import bracket, spread
+from st_codegen.reconcile.retuned import change_after_all, changes
 from st_codegen.rig.effects import Catalogue, Conditions, Effect, Stage
-from st_codegen.rig.effects.base import ComplexArray, FloatArray
+from st_codegen.rig.effects.base import ComplexArray
 from st_codegen.rig.model import RigModel
 
-#: an effect whose orders keep more structure than this share of what it explains is not named
+#: an effect is not named when its orders keep more loss, beyond noise, than this share of what it saves
 _MISFIT = 0.3
+#: an effect acts where its contribution is more than this part of its largest
+_ACTS = 0.3
+#: loss of a run by noise with heavy tails, which a robust noise estimate takes for one
+_TAILS = 1.4
+#: the same as _MISFIT for a resonance, never quite that of one oscillator: it must explain more than is left
+_MISFIT_OF_PEAKS = 1.0
+#: and when as many orders peak at one frequency, each at its own speed
+_ORDERS_THAT_AGREE, _MISFIT_OF_AGREEING = 3, 10.0
 #: twice the loss by which another name may be worse and still be as good a name: 1 in 1000 by chance for one parameter
 _AS_GOOD = 11.0
-_P_CHANGED = 1e-7
 _TRIES = 3
+#: parameters of the rig that are let go one after the other because of what they would leave
+_MOST_AFTER_ALL = 4
+#: damping ratio whose peak fits between two speeds of a campaign
+_NARROW = 0.006
 
 
 @dataclass(frozen=True)
@@ -43,7 +55,8 @@ class Experiment:
 class Claim:
     """An effect that is missing in the rig: its piece, evidence, equally good names, and how to tell them apart.
 
-    share: of the gap (power) that the effect explains; misfit: structure left on its orders over what it explains.
+    share: of the gap (power) that the effect explains; peaks: the frequencies (Hz) between which the peaks of a
+    resonance's orders put it, where their shape is not that of one oscillator.
     """
 
     piece: Piece
@@ -53,6 +66,7 @@ class Claim:
     experiments: tuple[Experiment, ...]
     share: float
     extrapolates: tuple[str, ...]
+    peaks: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -80,13 +94,13 @@ def without_misfits(current: Fit) -> tuple[Fit, list[Piece]]:
     """Take back additions whose orders keep too much structure: the data want something else there."""
     dropped: list[Piece] = []
     while True:
-        left = _left(current)
         worst: tuple[float, int] | None = None
         for number, piece in enumerate(current.state.pieces):
             if not piece.added:
                 continue
-            ratio = _misfit(current, piece, left)
-            if ratio > _MISFIT and (worst is None or ratio > worst[0]):
+            ratio = _misfit(current, piece)
+            limit = _MISFIT if piece.effect.stage is not Stage.STRUCTURE else _misfit_of_peaks(piece)
+            if ratio > limit and (worst is None or ratio > worst[0]):
                 worst = (ratio, number)
         if worst is None:
             return current, dropped
@@ -94,13 +108,9 @@ def without_misfits(current: Fit) -> tuple[Fit, list[Piece]]:
         current = fit(current.target, current.state.without(worst[1]))
 
 
-def _left(current: Fit) -> FloatArray:
-    """Mean square of the residual above the noise floor, by order, deg^2: tails count in both."""
-    target = current.target
-    floor = estimate(target.data, current.residual).floor_rms ** 2 * np.where(target.data.orders == 0, 1, 2)
-    power = (np.abs(current.residual[target.good]) ** 2).mean(axis=0)
-    found: FloatArray = np.maximum(power - 1.1 * floor, 0.0)
-    return found
+def _misfit_of_peaks(piece: Piece) -> float:
+    """The limit for a resonance: its frequency is sure when several orders peak there, whatever their exact shape."""
+    return _MISFIT_OF_PEAKS if len(piece.effect.orders) < _ORDERS_THAT_AGREE else _MISFIT_OF_AGREEING
 
 
 def explained(current: Fit, piece: Piece) -> ComplexArray:
@@ -109,24 +119,31 @@ def explained(current: Fit, piece: Piece) -> ComplexArray:
     return propagation.measured(propagation.change(piece.effect), piece.effect.stage)
 
 
-def _misfit(current: Fit, piece: Piece, left: np.ndarray) -> float:
-    """Structure left on the orders of a piece, over what it explains there, by the order that matters most."""
-    weight = np.where(current.target.data.orders == 0, 1.0, 0.5)
-    own = (np.abs(explained(current, piece)[current.target.good]) ** 2).mean(axis=0) * weight
-    mine = own > 0.05 * own.sum()
-    return float((left * weight)[mine].sum() / max(own[mine].sum(), 1e-300))
+def _misfit(current: Fit, piece: Piece) -> float:
+    """Loss left where a piece acts, beyond what noise costs, over the loss that it saves there."""
+    target = current.target
+    own = explained(current, piece)
+    size = np.abs(own)
+    acts = (size > _ACTS * size.max(axis=0)) & target.good[:, None]
+    with_it = (target.losses(current.residual) * acts).sum(axis=0)
+    without = (target.losses(current.residual + own) * acts).sum(axis=0)
+    noise = _TAILS * acts.sum(axis=0) * np.where(target.data.orders == 0, 1, 2)
+    left, saved = np.maximum(with_it - noise, 0.0), without - with_it
+    mine = saved > 0.05 * saved.sum()
+    return float(left[mine].sum() / max(saved[mine].sum(), 1e-300))
 
 
 def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
     """Claims with evidence, changed parameters, alternatives."""
     added = [i for i, piece in enumerate(joint.state.pieces) if piece.added]
-    changed, offset_changed = _changed(joint)
-    held = _held(joint, changed, offset_changed)
-    final = fit(joint.target, held) if added or changed or offset_changed else joint
-    if not (added or changed or offset_changed):
-        final = replace(
-            joint, state=_original(joint.state), residual=joint.target.residual(_original(joint.state).model())
-        )
+    changed, offset_changed = changes(joint)
+    final = _with_the_rest_held(joint, changed, offset_changed)
+    for _ in range(_MOST_AFTER_ALL):
+        more = change_after_all(joint, final, changed)
+        if not more:
+            break
+        changed |= more
+        final = _with_the_rest_held(joint, changed, offset_changed)
     claims = []
     for i in added:
         smaller = fit(joint.target, joint.state.without(i), steps=6, tolerance=0.1)
@@ -134,15 +151,22 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
         evidence = judge(smaller, joint, places, i)
         others = _as_good(smaller, joint, i, known)
         piece = final.state.pieces[i]
+        stderr, peaks = standard_errors(joint, i), _peaks(final, piece)
+        if peaks is not None:
+            # the shape fails, so the errors of the fit say little: what the speeds of the peaks leave open counts
+            stderr["frequency_Hz"] = float(
+                np.hypot(stderr["frequency_Hz"], spread(piece.effect.scalar("frequency_Hz"), peaks))
+            )
         claims.append(
             Claim(
                 piece=piece,
-                stderr=standard_errors(joint, i),
+                stderr=stderr,
                 evidence=evidence,
                 alternatives=tuple(sorted({other.name for other, _ in others} - {piece.effect.name})),
                 experiments=tuple(_experiment(joint, fitted, i, other) for other, fitted in others),
                 share=_share(rig, final, piece),
-                extrapolates=_extrapolates(joint, piece),
+                extrapolates=(*_extrapolates(joint, piece), *_shape_fails(peaks)),
+                peaks=peaks,
             )
         )
     retuned = [
@@ -150,6 +174,22 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
         for i, p in changed.items()
     ]
     return Conclusions(joint, final, tuple(claims), tuple(retuned), offset_changed)
+
+
+def _peaks(final: Fit, piece: Piece) -> tuple[float, float] | None:
+    """Where the peaks put a resonance whose orders keep as much structure as it explains; None for all others."""
+    if piece.effect.stage is not Stage.STRUCTURE or _misfit(final, piece) < _MISFIT_OF_PEAKS:
+        return None
+    return bracket(final.target, final.residual + explained(final, piece), piece.effect)
+
+
+def _shape_fails(peaks: tuple[float, float] | None) -> tuple[str, ...]:
+    if peaks is None:
+        return ()
+    return (
+        f"the peaks are not those of one oscillator; the speeds at which they stand put it between {peaks[0]:.1f} "
+        f"and {peaks[1]:.1f} Hz, height and damping are uncertain",
+    )
 
 
 def _origin(piece: Piece) -> Effect:
@@ -161,28 +201,12 @@ def _original(state: State) -> State:
     return State(state.rig, state.rig.zero_offset_deg, pieces)
 
 
-def _changed(joint: Fit) -> tuple[dict[int, float], bool]:
-    """Pieces of the rig whose own values the data refuse: by chance, and by clusters of runs."""
-    found = {}
-    vector = joint.state.vector()
-    for i, (piece, place) in enumerate(zip(joint.state.pieces, joint.state.slices(), strict=True)):
-        if piece.added or piece.origin is None or place.start == place.stop:
-            continue
-        own = Piece(piece.origin, piece.free)
-        places = list(range(place.start, place.stop))
-        p = _p_of(joint, places, vector[places] - own.vector())
-        if piece.effect.values.keys() != piece.origin.values.keys() or p < _P_CHANGED:
-            found[i] = p
-    offset = _p_of(joint, [0], vector[:1] - joint.state.rig.zero_offset_deg) < _P_CHANGED
-    return found, offset
-
-
-def _p_of(joint: Fit, places: list[int], difference: np.ndarray) -> float:
-    """The larger chance of both tests; the one by clusters is brought to the scale of the other."""
-    block = joint.inverse[np.ix_(places, places)]
-    plain = chi_square_tail(float(difference @ inverse(block) @ difference), len(places))
-    clusters = p_of_clusters(joint, places, difference)
-    return plain if clusters < P_CLUSTERS else max(plain, clusters)
+def _with_the_rest_held(joint: Fit, changed: dict[int, float], offset_changed: bool) -> Fit:
+    """The fit with all that did not change at the rig's own values."""
+    if any(piece.added for piece in joint.state.pieces) or changed or offset_changed:
+        return fit(joint.target, _held(joint, changed, offset_changed))
+    original = _original(joint.state)
+    return replace(joint, state=original, residual=joint.target.residual(original.model()))
 
 
 def _held(joint: Fit, changed: dict[int, float], offset_changed: bool) -> State:
@@ -240,7 +264,6 @@ def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> list[tu
     # one order more or less is no resonance; it stands against other effects on many orders only
     stages = STAGES if len(own) > 2 else tuple(stage for stage in STAGES if stage is not Stage.STRUCTURE)
     finder = Search(known, smaller, stages=stages, touching=sorted(own))
-    limit = joint.loss + _AS_GOOD
     best: dict[str, Candidate] = {}
     for c in finder.ranked(least=20.0):
         touched = set(c.piece.effect.touched_orders())
@@ -249,10 +272,13 @@ def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> list[tu
         if c.gain > 0.3 * (smaller.loss - joint.loss):
             best[c.name] = c
     found = []
+    places = np.flatnonzero(np.isin(joint.target.data.model_orders(), sorted(own)))
     for c in list(best.values())[:_TRIES]:
         fitted = fit(joint.target, c.put_into(smaller.state), steps=8, tolerance=0.1)
         extra = len(c.coordinates()) - len(piece.coordinates())
-        if fitted.loss + 2.0 * max(extra, 0) < limit:
+        # what it gains on other orders does not make it a name for this one's
+        worse = joint.target.losses(fitted.residual)[:, places] - joint.target.losses(joint.residual)[:, places]
+        if max(fitted.loss - joint.loss, float(worse.sum())) + 2.0 * max(extra, 0) < _AS_GOOD:
             found.append((c, fitted))
     return found
 
@@ -321,6 +347,8 @@ def _extrapolates(joint: Fit, piece: Piece) -> tuple[str, ...]:
     if isinstance(frequency, float):
         turn = at.speed_rpm / (60 * piece.effect.constants.reduction_ratio)
         outside = [k for k in piece.effect.orders if not k * turn.min() < frequency < k * turn.max()]
+        if float(piece.effect.scalar("damping_ratio")) < _NARROW:
+            remarks.append("narrower than the steps of speed: height and damping are uncertain, the frequency is not")
         if outside:
             remarks.append(f"orders {', '.join(map(str, outside))} do not reach the frequency in the measured speeds")
     return tuple(remarks)

@@ -7,280 +7,24 @@ cluster-robust errors are made from them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from st_codegen.reconcile.noise import BoolArray, speed_levels
-from st_codegen.reconcile.observations import Observations
-from st_codegen.reconcile.parameters import Coordinate, Piece
-from st_codegen.rig.effects import Conditions, Effect, Form, Stage
-from st_codegen.rig.effects.base import ComplexArray, FloatArray, IntArray
-from st_codegen.rig.model import RigModel
+from st_codegen.reconcile.noise import BoolArray
+from st_codegen.reconcile.normal import Normal, by_group, gather, inverse
+from st_codegen.reconcile.parameters import Piece
+from st_codegen.reconcile.propagation import Propagation
+from st_codegen.reconcile.state import State
+from st_codegen.reconcile.target import Column, Target, groups_of
+from st_codegen.rig.effects import Form
+from st_codegen.rig.effects.base import ComplexArray, FloatArray
 
-#: Huber's threshold, in standard deviations of one component
-HUBER = 3.0
+__all__ = ["Column", "Fit", "Propagation", "State", "Target", "by_group", "fit", "gather", "groups_of", "inverse"]
+
 #: values of the rig are believed this far (relative) before the data speak: keeps what the data do not see in place
 _PRIOR = 1.0
-#: pieces whose columns are kept
-_MOST_CACHED = 300
-
-
-@dataclass(frozen=True)
-class State:
-    """A rig under fit: its constant offset, and its effects with their free keys."""
-
-    rig: RigModel
-    offset: float
-    pieces: tuple[Piece, ...]
-    offset_free: bool = True
-
-    def model(self) -> RigModel:
-        """The rig with the present values."""
-        return replace(self.rig, zero_offset_deg=self.offset, effects=tuple(piece.effect for piece in self.pieces))
-
-    def vector(self) -> FloatArray:
-        """Offset and coordinates of all pieces."""
-        return np.concatenate([[self.offset], *(piece.vector() for piece in self.pieces)])
-
-    def coordinates(self) -> list[Coordinate | None]:
-        """The coordinates; None for the offset."""
-        found: list[Coordinate | None] = [None]
-        for piece in self.pieces:
-            found += piece.coordinates()
-        return found
-
-    def slices(self) -> list[slice]:
-        """Where the coordinates of each piece stand."""
-        start, found = 1, []
-        for piece in self.pieces:
-            count = len(piece.coordinates())
-            found.append(slice(start, start + count))
-            start += count
-        return found
-
-    def with_vector(self, vector: FloatArray) -> State:
-        """The same with other values."""
-        pieces = tuple(piece.with_vector(vector[s]) for piece, s in zip(self.pieces, self.slices(), strict=True))
-        return replace(self, offset=float(vector[0]), pieces=pieces)
-
-    def with_piece(self, piece: Piece) -> State:
-        """The same with one more piece."""
-        return replace(self, pieces=(*self.pieces, piece))
-
-    def without(self, number: int) -> State:
-        """The same without a piece."""
-        return replace(self, pieces=self.pieces[:number] + self.pieces[number + 1 :])
-
-    def replaced(self, number: int, piece: Piece) -> State:
-        """The same with another piece in a place."""
-        return replace(self, pieces=(*self.pieces[:number], piece, *self.pieces[number + 1 :]))
-
-
-@dataclass(frozen=True)
-class Groups:
-    """Rows in cells of about the same conditions, and cells in larger groups.
-
-    cells: int (n,), cell of a row; clusters: int (cells,), cluster of a cell: runs within one may have noise in common;
-    folds: for `speed`, `torque`, `temperature` the fold (held-out block) of a cell.
-    """
-
-    cells: IntArray
-    clusters: IntArray
-    folds: Mapping[str, IntArray]
-
-
-def groups_of(at: Conditions) -> Groups:
-    """Cells of speed level, torque fold and temperature; whole levels make a fold, five folds of torques at most."""
-    speed = speed_levels(at.speed_rpm)
-    torque, temperature = _folds(at.torque_Nm, 5), _folds(at.temperature_C, 4)
-    code = (speed * 8 + torque) * 8 + temperature
-    kinds, cells = np.unique(code, return_inverse=True)
-    of_speed, of_torque, of_temperature = kinds // 64, kinds // 8 % 8, kinds % 8
-    clusters = np.unique(of_speed * 8 + of_temperature, return_inverse=True)[1]
-    folds = {"speed": of_speed % 12, "torque": of_torque, "temperature": of_temperature}
-    return Groups(cells.astype(np.int64), clusters.astype(np.int64), folds)
-
-
-def _folds(values: FloatArray, count: int) -> IntArray:
-    """Folds of whole levels, dealt in turn; values that hardly repeat are cut into blocks."""
-    levels, index = np.unique(values, return_inverse=True)
-    if len(levels) > max(25, len(values) // 4):
-        cuts = np.quantile(values, np.linspace(0, 1, count + 1)[1:-1])
-        return np.searchsorted(cuts, values).astype(np.int64)
-    return (index % count).astype(np.int64)
-
-
-@dataclass(frozen=True)
-class Target:
-    """What is fitted: data, their noise (n, K), the rows that count (n,), and how the rows are grouped."""
-
-    data: Observations
-    sigma: FloatArray
-    good: BoolArray
-    groups: Groups
-    reduction_ratio: float = 81.0
-    cache: dict[object, tuple[Column, ...]] = field(default_factory=dict, compare=False)
-
-    def subset(self, rows: BoolArray) -> Target:
-        """The same with fewer rows that count."""
-        return replace(self, good=self.good & rows)
-
-    def residual(self, model: RigModel) -> ComplexArray:
-        """measured - model, (n, K)."""
-        return self.data.values - self.data.observed(model.coefficients(self.data.at, self.data.model_orders()))
-
-    def losses(self, residual: ComplexArray) -> FloatArray:
-        """Twice Huber's loss of each row and order, float64 (n, K); behaves like a chi-square for small residuals."""
-        z = np.abs(np.where(self.data.orders == 0, residual.real, residual)) / self.sigma
-        z = z * self.good[:, None]
-        found: FloatArray = np.where(z <= HUBER, z**2, 2 * HUBER * z - HUBER**2)
-        return found
-
-    def weights(self, residual: ComplexArray) -> FloatArray:
-        """Weights of least squares that equal Huber's loss at these residuals, by row and order, in 1/deg^2."""
-        z = np.abs(np.where(self.data.orders == 0, residual.real, residual)) / self.sigma
-        found: FloatArray = self.good[:, None] * np.minimum(1.0, HUBER / np.maximum(z, HUBER)) / self.sigma**2
-        return found
-
-
-#: columns of one coordinate: the places of the orders that it touches, and d(model)/d(coordinate) there (n, places)
-Column = tuple[IntArray, ComplexArray]
-
-
-class Propagation:
-    """How additive contributions reach the measured coefficients: sidebands, structure, measuring chain."""
-
-    def __init__(self, model: RigModel, data: Observations) -> None:
-        self.model, self.data = model, data
-        self.orders = model.closure(data.model_orders())
-        self.places = np.searchsorted(self.orders, data.model_orders())
-        at = data.at
-        self.base = np.zeros((len(data), len(self.orders)), np.complex128)
-        self.base[:, self.orders == 0] = model.zero_offset_deg
-        for effect in model.of_stage(Stage.ADDITIVE):
-            self.base += effect.contribution(at, self.orders)
-        self.before_measuring = self.base.copy()
-        for effect in model.of_stage(Stage.MODULATION):
-            self.before_measuring += effect.passed_on(at, self.orders, self.base) - self.base
-        for effect in model.of_stage(Stage.STRUCTURE):
-            self.before_measuring += effect.contribution(at, self.orders)
-
-    def measured(self, change: ComplexArray, stage: Stage) -> ComplexArray:
-        """What a change of coefficients (n, all orders) at a stage becomes in the measured ones (n, K)."""
-        at = self.data.at
-        if stage is Stage.ADDITIVE:
-            sidebands = [
-                effect.passed_on_change(at, self.orders, change) - change
-                for effect in self.model.of_stage(Stage.MODULATION)
-                if change[:, self.orders == effect.orders[0]].any()
-            ]
-            change = change + sum(sidebands) if sidebands else change
-        if stage is not Stage.MEASURING:
-            for effect in self.model.of_stage(Stage.MEASURING):
-                change = effect.passed_on_change(at, self.orders, change)
-        return self.data.observed(change[:, self.places])
-
-    def change(self, effect: Effect) -> ComplexArray:
-        """The part of the coefficients that an effect makes, at its own stage (n, all orders)."""
-        at = self.data.at
-        if effect.stage is Stage.MODULATION:
-            return effect.passed_on(at, self.orders, self.base) - self.base
-        if effect.stage is Stage.MEASURING:
-            return effect.passed_on(at, self.orders, self.before_measuring) - self.before_measuring
-        return effect.contribution(at, self.orders)
-
-    def columns(self, piece: Piece) -> list[Column]:
-        """Derivatives of the measured coefficients by the coordinates of a piece."""
-        found = []
-        coordinates, vector = piece.coordinates(), piece.vector()
-        for number, c in enumerate(coordinates):
-            change = self.change(piece.unit(c)) if c.linear else self._slope(piece, vector, number, c)
-            found.append(self._column(self.measured(change, piece.effect.stage)))
-        return found
-
-    def cached_columns(self, piece: Piece, cache: dict[object, tuple[Column, ...]]) -> tuple[Column, ...]:
-        """The same, kept from step to step where it depends on nothing that changes."""
-        effect = piece.effect
-        if effect.stage not in (Stage.ADDITIVE, Stage.STRUCTURE) or not all(c.linear for c in piece.coordinates()):
-            return tuple(self.columns(piece))
-        later = [e for stage in (Stage.MODULATION, Stage.MEASURING) for e in self.model.of_stage(stage)]
-        tables = tuple((e.name, *sorted(e.values.items())) for e in later)
-        fixed = tuple(sorted((key, value) for key, value in effect.values.items() if key not in piece.free))
-        key = (effect.name, effect.orders, piece.free, fixed, tables)
-        if key not in cache:
-            if len(cache) > _MOST_CACHED:
-                cache.clear()
-            cache[key] = tuple(self.columns(piece))
-        return cache[key]
-
-    def offset_column(self) -> Column:
-        """Derivative by the rig's constant offset."""
-        change = np.zeros_like(self.base)
-        change[:, self.orders == 0] = 1.0
-        return self._column(self.measured(change, Stage.ADDITIVE))
-
-    def _slope(self, piece: Piece, vector: FloatArray, number: int, c: Coordinate) -> ComplexArray:
-        step = 1e-4 * max(abs(vector[number]), 1e-3 * c.scale)
-        up, down = vector.copy(), vector.copy()
-        up[number], down[number] = min(up[number] + step, c.upper), max(down[number] - step, c.lower)
-        changes = [self.change(piece.with_vector(v).effect) for v in (up, down)]
-        found: ComplexArray = (changes[0] - changes[1]) / (up[number] - down[number])
-        return found
-
-    @staticmethod
-    def _column(values: ComplexArray) -> Column:
-        touched = np.flatnonzero(np.abs(values).max(axis=0, initial=0.0) > 0)
-        return touched, np.ascontiguousarray(values[:, touched])
-
-
-@dataclass(frozen=True)
-class Normal:
-    """Normal equations by cell: matrix (G, p, p), gradient (G, p); cells numbered 0 .. G-1."""
-
-    matrix: FloatArray
-    gradient: FloatArray
-
-    def total(self) -> tuple[FloatArray, FloatArray]:
-        """Of all runs together."""
-        return self.matrix.sum(axis=0), self.gradient.sum(axis=0)
-
-
-def gather(
-    target: Target, columns: Sequence[Column], residual: ComplexArray, weights: FloatArray, *, by_cell: bool = True
-) -> Normal:
-    """Normal equations of columns against residuals, by cell, or of all runs as one cell."""
-    count = len(columns)
-    cells = target.groups.cells if by_cell else np.zeros(len(target.data), np.int64)
-    groups = len(target.groups.clusters) if by_cell else 1
-    matrix, gradient = np.zeros((groups, count, count)), np.zeros((groups, count))
-    order_of_rows = np.argsort(cells, kind="stable")
-    starts = np.append(np.searchsorted(cells[order_of_rows], np.arange(groups)), len(cells))
-    by_order: dict[int, list[tuple[int, ComplexArray]]] = {}
-    for number, (places, values) in enumerate(columns):
-        for j, place in enumerate(places):
-            by_order.setdefault(int(place), []).append((number, values[:, j]))
-    for place, entries in by_order.items():
-        index = np.array([number for number, _ in entries])
-        block = np.stack([values for _, values in entries], axis=1)[order_of_rows]
-        r, w = residual[order_of_rows, place], weights[order_of_rows, place]
-        parts = (
-            [(block.real, r.real)] if target.data.orders[place] == 0 else [(block.real, r.real), (block.imag, r.imag)]
-        )
-        square = (slice(None), index[:, None], index[None, :])
-        local, pull = np.zeros((groups, len(index), len(index))), np.zeros((groups, len(index)))
-        for part, right in parts:
-            design = np.ascontiguousarray(part)
-            weighted = design * w[:, None]
-            for group in range(groups):
-                rows = slice(starts[group], starts[group + 1])
-                local[group] += weighted[rows].T @ design[rows]
-                pull[group] += right[rows] @ weighted[rows]
-        matrix[square] += local
-        gradient[:, index] += pull
-    return Normal(matrix, gradient)
 
 
 @dataclass(frozen=True)
@@ -328,23 +72,9 @@ class Fit:
         # few clusters underestimate: never below what independent runs would give
         factor = np.sqrt(np.maximum(1.0, np.diag(plain) / np.maximum(np.diag(sandwich), 1e-300)))
         found: FloatArray = sandwich * factor[:, None] * factor[None, :]
+        # what no run pulls at has no sandwich at all
+        np.fill_diagonal(found, np.maximum(np.diag(found), np.diag(plain)))
         return found
-
-
-def by_group(values: FloatArray, groups: IntArray) -> FloatArray:
-    """Sums of values (cells, ..) over the cells of each group, (groups, ..)."""
-    member = (np.arange(int(groups.max(initial=0)) + 1)[:, None] == groups[None, :]).astype(np.float64)
-    found: FloatArray = np.tensordot(member, values, 1)
-    return found
-
-
-def inverse(matrix: FloatArray) -> FloatArray:
-    """Inverse of a positive matrix whose rows have very different sizes."""
-    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    scaled = matrix / size[:, None] / size[None, :]
-    scaled[np.diag_indices_from(scaled)] += 1e-10
-    found: FloatArray = np.linalg.inv(scaled) / size[:, None] / size[None, :]
-    return found
 
 
 def _prior(state: State) -> tuple[FloatArray, FloatArray]:

@@ -25,6 +25,8 @@ _ROUNDS = 4
 _CLEAR = 0.5
 #: loss that a resonance must save at two frequencies at least, each
 _POINT_GAIN = 12.0
+#: damping ratio above which there is no peak that could be told from any other dependence on speed
+_BROADEST = 0.15
 #: steps of a fit that only compares candidates, and how exact it is (of twice the loss)
 _QUICK_STEPS, _QUICK = 6, 0.5
 #: a candidate that failed is tried again when its gain has changed by this factor
@@ -157,7 +159,8 @@ def at_two_frequencies(without: Fit, with_it: Fit, candidate: Candidate) -> bool
         abs(frequency / other.scalar("frequency_Hz") - 1) > SAME_RESONANCE or not set(other.orders) & set(effect.orders)
         for other in others
     )
-    return len(points) >= 2 and 1.02 * low < frequency < 0.98 * high and apart
+    peak = effect.scalar("damping_ratio") < _BROADEST
+    return len(points) >= 2 and 1.02 * low < frequency < 0.98 * high and apart and peak
 
 
 def _pruned(current: Fit, refused: dict[object, float]) -> Fit:

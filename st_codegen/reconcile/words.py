@@ -77,7 +77,8 @@ def _drift(effect: Effect, result: Result) -> str:
 
 def _resonance(effect: Effect, result: Result) -> str:
     """Which order is lifted how far at which speed."""
-    frequency = _value(effect, "frequency_Hz")
+    peaks = next((claim.peaks for claim in result.conclusions.claims if claim.piece.effect is effect), None)
+    frequency = _value(effect, "frequency_Hz") if peaks is None else sum(peaks) / 2
     at, final = result.data.at, result.conclusions.final
     without = final.state.model().with_effects(e for e in final.state.model().effects if e is not effect)
     parts = []
@@ -94,7 +95,10 @@ def _resonance(effect: Effect, result: Result) -> str:
         lifted = f"lifted {with_it / alone:.0f} times" if alone > 1e-7 and with_it > 1.5 * alone else "changed"
         parts.append(f"order {order} is {lifted} at {speed:g} rpm")
     one = "one resonance" if len(effect.orders) > 1 else "a resonance"
-    return f"{', '.join(parts)}: {one} of the structure at {frequency:.1f} Hz"
+    where = (
+        f"at {frequency:.1f} Hz" if peaks is None else f"near {frequency:.0f} Hz ({peaks[0]:.1f} to {peaks[1]:.1f} Hz)"
+    )
+    return f"{', '.join(parts)}: {one} of the structure {where}"
 
 
 def _growing(effect: Effect, result: Result) -> str:
@@ -124,7 +128,11 @@ def _delay(effect: Effect, result: Result) -> str:
 
 def _friction(effect: Effect, result: Result) -> str:
     dry, wet = _value(effect, "coulomb_arcmin"), _value(effect, "viscous_arcmin_per_krpm")
-    return f"drag winds the transmission up: {dry:.2g} arcmin dry and {wet:.2g} arcmin per 1000 rpm by the oil"
+    mixed = _value(effect, "stribeck_arcmin")
+    parts = [f"{dry:.2g} arcmin dry"] if dry else []
+    parts += [f"{wet:.2g} arcmin per 1000 rpm by the oil"] if wet else []
+    parts += [f"{mixed:.2g} arcmin that fall with speed as the oil film builds up"] if mixed else []
+    return f"drag winds the transmission up: {' and '.join(parts)}"
 
 
 def _worn(effect: Effect, result: Result) -> str:

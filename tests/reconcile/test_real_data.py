@@ -56,7 +56,8 @@ def on_the_real_table(tmp_path_factory):
     write.rig(folder / "rig.toml", *constant_harmonics())
     done = run.reconcile(folder / "rig.toml", TABLE, folder / "out")
     assert done.returncode == 0, done.stderr
-    return json.loads((folder / "out" / "report.json").read_text())
+    report = json.loads((folder / "out" / "report.json").read_text())
+    return report | {"page": (folder / "out" / "report.html").read_text()}
 
 
 def named(report, name):
@@ -83,8 +84,30 @@ def test_mesh_orders_of_the_real_rig_grow_with_torque(on_the_real_table):
 @pytest.mark.slow
 def test_one_resonance_feeds_three_orders(on_the_real_table):
     (found,) = named(on_the_real_table, "structural_resonance")
-    assert found["parameters"]["frequency_Hz"]["value"] == pytest.approx(54.0, abs=1.0)
     assert set(found["orders"]) >= {156, 162, 240}
+    # The table's speeds are 100 rpm apart (1200 is missing). An order that is loudest at one speed peaks between the
+    # middles to its neighbours: 156 at 1700 rpm, 162 at 1600, 240 at 1100. That leaves 53.0 to 55.0 Hz for any shape
+    low = max(k * n / 60 / 81 for k, n in ((156, 1650), (162, 1550), (240, 1050)))
+    high = min(k * n / 60 / 81 for k, n in ((156, 1750), (162, 1650), (240, 1200)))
+    assert low < 54.0 < high
+    assert any(f"between {low:.1f} and {high:.1f} Hz" in remark for remark in found["remarks"])
+    assert "one resonance of the structure near 54 Hz" in on_the_real_table["page"]
+    # The peaks are not those of one oscillator (at 25 degC they stand lower), so the fit of one may lie outside; its
+    # error says how far from 54 Hz it can be, and that is no more than the bracket is wide
+    frequency = found["parameters"]["frequency_Hz"]
+    assert abs(frequency["value"] - 54.0) < 2 * frequency["stderr"] < 2 * (high - low)
+
+
+@needs_data
+@pytest.mark.slow
+def test_the_wind_up_of_the_real_rig_falls_with_speed(on_the_real_table):
+    """Under load half the difference of the directions falls with speed: no delay of the encoders does that."""
+    assert not named(on_the_real_table, "measurement_delay")
+    (found,) = named(on_the_real_table, "friction_windup")
+    size, speed = (found["parameters"][key]["value"] for key in ("stribeck_arcmin", "stribeck_speed_rpm"))
+    # medians of the table over the torques: 0.41, 0.40 and 0.32 arcmin at 25, 30 and 35 degC
+    fall = size * (np.exp(-100 / speed) - np.exp(-1800 / speed))
+    assert fall == pytest.approx(0.40, abs=0.08)
 
 
 @needs_data

@@ -50,8 +50,22 @@ FORMULAS = {
         lambda s, n, M, T: -s * 0.01 * np.tanh(M / 50) + 0 * X,
     ),
     "friction_windup": (
-        {"coulomb_arcmin": 0.6, "viscous_arcmin_per_krpm": 0.3, "viscosity_decay_per_K": 0.05},
-        lambda s, n, M, T: -s * (0.01 + 0.005 * n / 1000 * np.exp(-0.05 * (T - 30))) + 0 * X,
+        {
+            "coulomb_arcmin": 0.6,
+            "viscous_arcmin_per_krpm": 0.3,
+            "viscosity_decay_per_K": 0.05,
+            "stribeck_arcmin": 1.2,
+            "stribeck_speed_rpm": 400,
+        },
+        lambda s, n, M, T: (
+            -s
+            * (
+                0.01
+                + 0.005 * n / 1000 * np.exp(-0.05 * (T - 30))
+                + 0.02 * np.exp(-n / 400 * np.exp(-0.05 * (T - 30)))
+            )
+            + 0 * X
+        ),
     ),
     "thermal_drift": ({"drift_arcmin_per_K": 0.6}, lambda s, n, M, T: 0.01 * (T - 30) + 0 * X),
     "output_shaft_eccentricity": (

@@ -112,7 +112,8 @@ class Stage(IntEnum):
 class Scalar:
     """A real parameter. `starts` are where a fit begins (SHAPE); `default` None: the key is required.
 
-    shapes: the key of the scalar that this one only shapes; without that it means nothing.
+    shapes: the key of the scalar that this one only shapes; without that it means nothing. beside: the key of the one
+    on top of which this one comes; a search does not free it alone.
     """
 
     key: str
@@ -124,6 +125,7 @@ class Scalar:
     form: Form = Form.LINEAR
     starts: tuple[float, ...] = ()
     shapes: str = ""
+    beside: str = ""
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ class Backlash(_MeanEffect):
     scalars = (
         Scalar("gap_arcmin", "arcmin", 0, 20, "whole clearance at the output", None),
         Scalar(
-            "seating_torque_Nm", "Nm", 5, 150, "load that closes 76 % of it", None, Form.SHAPE, (10, 25, 50, 90, 140)
+            "seating_torque_Nm", "Nm", 5, 150, "load that closes 76 % of it", None, Form.SHAPE, (50, 25, 90, 10, 140)
         ),
     )
 
@@ -58,7 +58,11 @@ class Backlash(_MeanEffect):
 
 
 class FrictionWindup(_MeanEffect):
-    """Drag winds the transmission up; its viscous part grows with speed and fades with warmth."""
+    """Drag winds the transmission up; its viscous part grows with speed and fades with warmth, its mixed part falls.
+
+    The part that falls with speed is the Stribeck curve's exponential form (Tustin 1947; Armstrong-Helouvry, Dupont and
+    Canudas de Wit, Automatica 30(7), 1994); it depends on speed times viscosity, as the oil film does.
+    """
 
     name = "friction_windup"
     title = "wind-up by friction"
@@ -76,13 +80,34 @@ class FrictionWindup(_MeanEffect):
             (0.02, 0.04, 0.08),
             "viscous_arcmin_per_krpm",
         ),
+        Scalar(
+            "stribeck_arcmin",
+            "arcmin",
+            0,
+            5,
+            "wind-up at standstill that a film of oil takes away with speed",
+            beside="coulomb_arcmin",
+        ),
+        Scalar(
+            "stribeck_speed_rpm",
+            "rpm",
+            30,
+            1000,
+            "speed at which it has fallen to 37 % at the reference temperature",
+            300.0,
+            Form.SHAPE,
+            (100, 300, 800),
+            "stribeck_arcmin",
+        ),
     )
 
     def mean(self, at: Conditions) -> FloatArray:
         warmer = at.temperature_C - self.constants.reference_temperature_C
         fading = np.exp(-self.scalar("viscosity_decay_per_K") * warmer)
         viscous = self.scalar("viscous_arcmin_per_krpm") * at.speed_rpm / 1000 * fading
-        found: FloatArray = -at.sign * (self.scalar("coulomb_arcmin") + viscous) * ARCMIN
+        film = at.speed_rpm / self.scalar("stribeck_speed_rpm") * fading
+        mixed = self.scalar("stribeck_arcmin") * np.exp(-film)
+        found: FloatArray = -at.sign * (self.scalar("coulomb_arcmin") + viscous + mixed) * ARCMIN
         return found
 
 

@@ -41,14 +41,17 @@ class StructuralResonance(Effect):
 
     def contribution(self, at: Conditions, orders: IntArray) -> ComplexArray:
         found = np.zeros((len(at), len(orders)), np.complex128)
-        own = np.array(self.orders)
-        places = np.flatnonzero(np.isin(own, orders))
-        if len(places):
-            heights = [
-                [self.complex_value("amplitude_deg", side, p) for p in places.tolist()] for side in (False, True)
-            ]
-            height = np.where(at.sign[:, None] > 0, *np.array(heights)[:, None, :])
+        wanted = set(orders.tolist())
+        heights = {
+            order: [self.complex_value("amplitude_deg", side, place) for side in (False, True)]
+            for place, order in enumerate(self.orders)
+            if order in wanted
+        }
+        acting = {order: sides for order, sides in heights.items() if any(sides)}
+        if acting:
+            own = np.array(list(acting))
+            height = np.where(at.sign[:, None] > 0, *np.array(list(acting.values())).T[:, None, :])
             growth = 1 + self.scalar("growth_per_kNm") * at.torque_Nm / 1000
             # orders are rising wherever coefficients are computed
-            found[:, np.searchsorted(orders, own[places])] = height * growth[:, None] * self.response(at, own[places])
+            found[:, np.searchsorted(orders, own)] = height * growth[:, None] * self.response(at, own)
         return found

@@ -68,7 +68,9 @@ def _backlash(effect: Effect, at: Point) -> Spectrum:
 def _windup(effect: Effect, at: Point) -> Spectrum:
     thinner = np.exp(-effect.get("viscosity_decay_per_K", 0.04) * at.warmer)
     viscous = effect.get("viscous_arcmin_per_krpm", 0.0) * at.rpm / 1000.0 * thinner
-    return {0: at.spread(-at.s * (effect.get("coulomb_arcmin", 0.0) + viscous) / 60.0)}
+    film = np.exp(-at.rpm * thinner / effect.get("stribeck_speed_rpm", 300.0))
+    dry = effect.get("coulomb_arcmin", 0.0) + effect.get("stribeck_arcmin", 0.0) * film
+    return {0: at.spread(-at.s * (dry + viscous) / 60.0)}
 
 
 def _thermal(effect: Effect, at: Point) -> Spectrum:

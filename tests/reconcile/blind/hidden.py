@@ -102,7 +102,11 @@ def _windup(rng: np.random.Generator) -> Hidden:
     }
     if rng.random() < 0.5:
         table["viscosity_decay_per_K"] = float(rng.uniform(0.02, 0.08))
-    scaled = ("coulomb_arcmin", "viscous_arcmin_per_krpm")
+    scaled: tuple[str, ...] = ("coulomb_arcmin", "viscous_arcmin_per_krpm")
+    if rng.random() < 0.33:
+        table = {"name": "friction_windup", "coulomb_arcmin": table["coulomb_arcmin"]}
+        table |= {"stribeck_arcmin": _about(rng, 0.5), "stribeck_speed_rpm": float(rng.uniform(200.0, 600.0))}
+        scaled = ("coulomb_arcmin", "stribeck_arcmin")
     return Hidden(table, scaled, tuple(key for key in table if key != "name"))
 
 

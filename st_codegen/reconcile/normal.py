@@ -1,0 +1,70 @@
+"""Normal equations of complex columns, order by order and group by group of runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from st_codegen.reconcile.target import Column, Target, by_place
+from st_codegen.rig.effects.base import ComplexArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal equations by cell: matrix (G, p, p), gradient (G, p); cells numbered 0 .. G-1."""
+
+    matrix: FloatArray
+    gradient: FloatArray
+
+    def total(self) -> tuple[FloatArray, FloatArray]:
+        """Of all runs together."""
+        return self.matrix.sum(axis=0), self.gradient.sum(axis=0)
+
+
+def gather(
+    target: Target, columns: Sequence[Column], residual: ComplexArray, weights: FloatArray, *, by_cell: bool = True
+) -> Normal:
+    """Normal equations of columns against residuals, by cell, or of all runs as one cell."""
+    count = len(columns)
+    cells = target.groups.cells
+    groups = len(target.groups.clusters) if by_cell else 1
+    matrix, gradient = np.zeros((groups, count, count)), np.zeros((groups, count))
+    order_of_rows = np.argsort(cells, kind="stable") if by_cell else slice(None)
+    starts = np.append(np.searchsorted(cells[order_of_rows], np.arange(groups)) if by_cell else [0], len(cells))
+    for place, entries in by_place(columns).items():
+        index = np.array([number for number, _ in entries])
+        block = np.stack([values for _, values in entries], axis=1)[order_of_rows]
+        r, w = residual[order_of_rows, place], weights[order_of_rows, place]
+        parts = (
+            [(block.real, r.real)] if target.data.orders[place] == 0 else [(block.real, r.real), (block.imag, r.imag)]
+        )
+        square = (slice(None), index[:, None], index[None, :])
+        local, pull = np.zeros((groups, len(index), len(index))), np.zeros((groups, len(index)))
+        for part, right in parts:
+            design = np.ascontiguousarray(part)
+            weighted = design * w[:, None]
+            for group in range(groups):
+                rows = slice(starts[group], starts[group + 1])
+                local[group] += weighted[rows].T @ design[rows]
+                pull[group] += right[rows] @ weighted[rows]
+        matrix[square] += local
+        gradient[:, index] += pull
+    return Normal(matrix, gradient)
+
+
+def by_group(values: FloatArray, groups: IntArray) -> FloatArray:
+    """Sums of values (cells, ..) over the cells of each group, (groups, ..)."""
+    member = (np.arange(int(groups.max(initial=0)) + 1)[:, None] == groups[None, :]).astype(np.float64)
+    found: FloatArray = np.tensordot(member, values, 1)
+    return found
+
+
+def inverse(matrix: FloatArray) -> FloatArray:
+    """Inverse of a positive matrix whose rows have very different sizes."""
+    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    scaled = matrix / size[:, None] / size[None, :]
+    scaled[np.diag_indices_from(scaled)] += 1e-10
+    found: FloatArray = np.linalg.inv(scaled) / size[:, None] / size[None, :]
+    return found

@@ -1,0 +1,101 @@
+"""How additive contributions reach the measured coefficients, and their derivatives by the coordinates of a fit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from st_codegen.reconcile.observations import Observations
+from st_codegen.reconcile.parameters import Coordinate, Piece
+from st_codegen.reconcile.target import Column
+from st_codegen.rig.effects import Effect, Stage
+from st_codegen.rig.effects.base import ComplexArray, FloatArray
+from st_codegen.rig.model import RigModel
+
+#: pieces whose columns are kept
+_MOST_CACHED = 300
+
+
+class Propagation:
+    """How additive contributions reach the measured coefficients: sidebands, structure, measuring chain."""
+
+    def __init__(self, model: RigModel, data: Observations) -> None:
+        self.model, self.data = model, data
+        self.orders = model.closure(data.model_orders())
+        self.places = np.searchsorted(self.orders, data.model_orders())
+        at = data.at
+        self.base = np.zeros((len(data), len(self.orders)), np.complex128)
+        self.base[:, self.orders == 0] = model.zero_offset_deg
+        for effect in model.of_stage(Stage.ADDITIVE):
+            self.base += effect.contribution(at, self.orders)
+        self.before_measuring = self.base.copy()
+        for effect in model.of_stage(Stage.MODULATION):
+            self.before_measuring += effect.passed_on(at, self.orders, self.base) - self.base
+        for effect in model.of_stage(Stage.STRUCTURE):
+            self.before_measuring += effect.contribution(at, self.orders)
+
+    def measured(self, change: ComplexArray, stage: Stage) -> ComplexArray:
+        """What a change of coefficients (n, all orders) at a stage becomes in the measured ones (n, K)."""
+        at = self.data.at
+        if stage is Stage.ADDITIVE:
+            sidebands = [
+                effect.passed_on_change(at, self.orders, change) - change
+                for effect in self.model.of_stage(Stage.MODULATION)
+                if change[:, self.orders == effect.orders[0]].any()
+            ]
+            change = change + sum(sidebands) if sidebands else change
+        if stage is not Stage.MEASURING:
+            for effect in self.model.of_stage(Stage.MEASURING):
+                change = effect.passed_on_change(at, self.orders, change)
+        return self.data.observed(change[:, self.places])
+
+    def change(self, effect: Effect) -> ComplexArray:
+        """The part of the coefficients that an effect makes, at its own stage (n, all orders)."""
+        at = self.data.at
+        if effect.stage is Stage.MODULATION:
+            return effect.passed_on(at, self.orders, self.base) - self.base
+        if effect.stage is Stage.MEASURING:
+            return effect.passed_on(at, self.orders, self.before_measuring) - self.before_measuring
+        return effect.contribution(at, self.orders)
+
+    def columns(self, piece: Piece) -> list[Column]:
+        """Derivatives of the measured coefficients by the coordinates of a piece."""
+        found = []
+        coordinates, vector = piece.coordinates(), piece.vector()
+        for number, c in enumerate(coordinates):
+            change = self.change(piece.unit(c)) if c.linear else self._slope(piece, vector, number, c)
+            found.append(self._column(self.measured(change, piece.effect.stage)))
+        return found
+
+    def cached_columns(self, piece: Piece, cache: dict[object, tuple[Column, ...]]) -> tuple[Column, ...]:
+        """The same, kept from step to step where it depends on nothing that changes."""
+        effect = piece.effect
+        if effect.stage not in (Stage.ADDITIVE, Stage.STRUCTURE) or not all(c.linear for c in piece.coordinates()):
+            return tuple(self.columns(piece))
+        later = [e for stage in (Stage.MODULATION, Stage.MEASURING) for e in self.model.of_stage(stage)]
+        tables = tuple((e.name, *sorted(e.values.items())) for e in later)
+        fixed = tuple(sorted((key, value) for key, value in effect.values.items() if key not in piece.free))
+        key = (effect.name, effect.orders, piece.free, fixed, tables)
+        if key not in cache:
+            if len(cache) > _MOST_CACHED:
+                cache.clear()
+            cache[key] = tuple(self.columns(piece))
+        return cache[key]
+
+    def offset_column(self) -> Column:
+        """Derivative by the rig's constant offset."""
+        change = np.zeros_like(self.base)
+        change[:, self.orders == 0] = 1.0
+        return self._column(self.measured(change, Stage.ADDITIVE))
+
+    def _slope(self, piece: Piece, vector: FloatArray, number: int, c: Coordinate) -> ComplexArray:
+        step = 1e-4 * max(abs(vector[number]), 1e-3 * c.scale)
+        up, down = vector.copy(), vector.copy()
+        up[number], down[number] = min(up[number] + step, c.upper), max(down[number] - step, c.lower)
+        changes = [self.change(piece.with_vector(v).effect) for v in (up, down)]
+        found: ComplexArray = (changes[0] - changes[1]) / (up[number] - down[number])
+        return found
+
+    @staticmethod
+    def _column(values: ComplexArray) -> Column:
+        touched = np.flatnonzero(np.abs(values).max(axis=0, initial=0.0) > 0)
+        return touched, np.ascontiguousarray(values[:, touched])

@@ -1,0 +1,100 @@
+"""Which parameters that the rig has already the data refuse."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from st_codegen.reconcile.evidence import P_CLUSTERS, chi_square_tail, p_of_clusters
+from st_codegen.reconcile.fitting import Fit, inverse
+from st_codegen.reconcile.parameters import Piece
+from st_codegen.reconcile.remaining import structure
+from st_codegen.rig.effects.base import FloatArray
+
+P_CHANGED = 1e-7
+#: a change that is the same in all runs counts from this size on, in noises of one coefficient: noise that lasts over
+#: the runs looks like a smaller one
+_LEAST_CONSTANT = 0.63
+#: share of its power that a change may vary by and still be the same in all runs
+_VARIES = 0.1
+
+
+def changes(joint: Fit) -> tuple[dict[int, float], bool]:
+    """Pieces of the rig whose own values the data refuse, with the chance of that; whether the offset is refused."""
+    found = {}
+    for i in _own_pieces(joint):
+        piece = joint.state.pieces[i]
+        assert piece.origin is not None
+        places, difference = _difference(joint, i)
+        p = _p_of(joint, places, difference)
+        grown = piece.effect.values.keys() != piece.origin.values.keys()
+        if grown or (p < P_CHANGED and not _lasting_noise(joint, piece)):
+            found[i] = p
+    shift = joint.state.vector()[:1] - joint.state.rig.zero_offset_deg
+    sigma = joint.target.sigma[:, joint.target.data.orders == 0]
+    large = bool(sigma.size) and abs(float(shift[0])) > _LEAST_CONSTANT * float(np.sqrt((sigma**2).mean()))
+    return found, large and _p_of(joint, [0], shift) < P_CHANGED
+
+
+def change_after_all(joint: Fit, final: Fit, changed: dict[int, float]) -> dict[int, float]:
+    """The piece of the rig that changed most among those whose orders keep structure only while they are held.
+
+    Pieces that share an order can each be within their errors and together not; with many parameters and few clusters
+    of runs the test by clusters sees nothing. What would be left tells.
+    """
+    held, free = (structure(joint.target, one.residual) for one in (final, joint))
+    loud = set(held.orders[held.significant & ~free.significant].tolist())
+    chances = {}
+    for i in _own_pieces(joint):
+        if i not in changed and loud & set(joint.state.pieces[i].effect.touched_orders()):
+            chances[i] = _p_alone(joint, *_difference(joint, i))
+    best = min(chances, key=lambda i: chances[i], default=None)
+    return {} if best is None else {best: chances[best]}
+
+
+def _own_pieces(joint: Fit) -> list[int]:
+    """Pieces that the rig has and that have something free."""
+    slices = joint.state.slices()
+    return [
+        i
+        for i, piece in enumerate(joint.state.pieces)
+        if not piece.added and piece.origin is not None and slices[i].stop > slices[i].start
+    ]
+
+
+def _difference(joint: Fit, number: int) -> tuple[list[int], FloatArray]:
+    """Places of the coordinates of a piece, and how far they are from the rig's own."""
+    piece, place = joint.state.pieces[number], joint.state.slices()[number]
+    assert piece.origin is not None
+    own = Piece(piece.origin, piece.free)
+    places = list(range(place.start, place.stop))
+    return places, joint.state.vector()[places] - own.vector()
+
+
+def _lasting_noise(joint: Fit, piece: Piece) -> bool:
+    """Whether a change is so small and so much the same in all runs that noise which lasts would look like it."""
+    assert piece.origin is not None
+    propagation, target = joint.propagation, joint.target
+    part = propagation.change(piece.effect) - propagation.change(piece.origin)
+    part = propagation.measured(part, piece.effect.stage) / target.sigma
+    parts = np.where(target.data.orders == 0, 1, 2)
+    size, varies = 0.0, 0.0
+    for sign in (1.0, -1.0):
+        rows = part[target.good & (target.data.at.sign == sign)]
+        if len(rows):
+            power = (np.abs(rows) ** 2).mean(axis=0) / parts
+            size = max(size, float(np.sqrt(power.max(initial=0.0))))
+            spread = (np.abs(rows - rows.mean(axis=0)) ** 2).mean(axis=0) / parts
+            varies = max(varies, float(spread.sum() / max(float(power.sum()), 1e-300)))
+    return size < _LEAST_CONSTANT and varies < _VARIES
+
+
+def _p_of(joint: Fit, places: list[int], difference: FloatArray) -> float:
+    """The larger chance of both tests; the one by clusters is brought to the scale of the other."""
+    plain, clusters = _p_alone(joint, places, difference), p_of_clusters(joint, places, difference)
+    return plain if clusters < P_CLUSTERS else max(plain, clusters)
+
+
+def _p_alone(joint: Fit, places: list[int], difference: FloatArray) -> float:
+    """Chance of a difference by noise that is independent from run to run."""
+    block = joint.inverse[np.ix_(places, places)]
+    return chi_square_tail(float(difference @ inverse(block) @ difference), len(places))

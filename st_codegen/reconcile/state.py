@@ -1,0 +1,62 @@
+"""A rig under fit: its constant offset, and its effects with their free keys."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from st_codegen.reconcile.parameters import Coordinate, Piece
+from st_codegen.rig.effects.base import FloatArray
+from st_codegen.rig.model import RigModel
+
+
+@dataclass(frozen=True)
+class State:
+    """A rig under fit: its constant offset, and its effects with their free keys."""
+
+    rig: RigModel
+    offset: float
+    pieces: tuple[Piece, ...]
+    offset_free: bool = True
+
+    def model(self) -> RigModel:
+        """The rig with the present values."""
+        return replace(self.rig, zero_offset_deg=self.offset, effects=tuple(piece.effect for piece in self.pieces))
+
+    def vector(self) -> FloatArray:
+        """Offset and coordinates of all pieces."""
+        return np.concatenate([[self.offset], *(piece.vector() for piece in self.pieces)])
+
+    def coordinates(self) -> list[Coordinate | None]:
+        """The coordinates; None for the offset."""
+        found: list[Coordinate | None] = [None]
+        for piece in self.pieces:
+            found += piece.coordinates()
+        return found
+
+    def slices(self) -> list[slice]:
+        """Where the coordinates of each piece stand."""
+        start, found = 1, []
+        for piece in self.pieces:
+            count = len(piece.coordinates())
+            found.append(slice(start, start + count))
+            start += count
+        return found
+
+    def with_vector(self, vector: FloatArray) -> State:
+        """The same with other values."""
+        pieces = tuple(piece.with_vector(vector[s]) for piece, s in zip(self.pieces, self.slices(), strict=True))
+        return replace(self, offset=float(vector[0]), pieces=pieces)
+
+    def with_piece(self, piece: Piece) -> State:
+        """The same with one more piece."""
+        return replace(self, pieces=(*self.pieces, piece))
+
+    def without(self, number: int) -> State:
+        """The same without a piece."""
+        return replace(self, pieces=self.pieces[:number] + self.pieces[number + 1 :])
+
+    def replaced(self, number: int, piece: Piece) -> State:
+        """The same with another piece in a place."""
+        return replace(self, pieces=(*self.pieces[:number], piece, *self.pieces[number + 1 :]))

@@ -1,0 +1,96 @@
+"""What is fitted: data, their noise, which runs count, and how they are grouped for held-out fits and errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from st_codegen.reconcile.noise import BoolArray, speed_levels
+from st_codegen.reconcile.observations import Observations
+from st_codegen.rig.effects import Conditions
+from st_codegen.rig.effects.base import ComplexArray, FloatArray, IntArray
+from st_codegen.rig.model import RigModel
+
+#: Huber's threshold, in standard deviations of one component
+HUBER = 3.0
+#: columns of one coordinate: the places of the orders that it touches, and d(model)/d(coordinate) there (n, places)
+Column = tuple[IntArray, ComplexArray]
+
+
+def by_place(columns: Sequence[Column]) -> dict[int, list[tuple[int, ComplexArray]]]:
+    """For each order that columns touch: their numbers, and their values (n,) there."""
+    found: dict[int, list[tuple[int, ComplexArray]]] = {}
+    for number, (places, values) in enumerate(columns):
+        for j, place in enumerate(places):
+            found.setdefault(int(place), []).append((number, values[:, j]))
+    return found
+
+
+@dataclass(frozen=True)
+class Groups:
+    """Rows in cells of about the same conditions, and cells in larger groups.
+
+    cells: int (n,), cell of a row; clusters: int (cells,), cluster of a cell: runs within one may have noise in common;
+    folds: for `speed`, `torque`, `temperature` the fold (held-out block) of a cell.
+    """
+
+    cells: IntArray
+    clusters: IntArray
+    folds: Mapping[str, IntArray]
+
+
+def groups_of(at: Conditions) -> Groups:
+    """Cells of speed level, torque fold and temperature; whole levels make a fold, five folds of torques at most."""
+    speed = speed_levels(at.speed_rpm)
+    torque, temperature = _folds(at.torque_Nm, 5), _folds(at.temperature_C, 4)
+    code = (speed * 8 + torque) * 8 + temperature
+    kinds, cells = np.unique(code, return_inverse=True)
+    of_speed, of_torque, of_temperature = kinds // 64, kinds // 8 % 8, kinds % 8
+    clusters = np.unique(of_speed * 8 + of_temperature, return_inverse=True)[1]
+    folds = {"speed": of_speed % 12, "torque": of_torque, "temperature": of_temperature}
+    return Groups(cells.astype(np.int64), clusters.astype(np.int64), folds)
+
+
+def _folds(values: FloatArray, count: int) -> IntArray:
+    """Folds of whole levels, dealt in turn; values that hardly repeat are cut into blocks."""
+    levels, index = np.unique(values, return_inverse=True)
+    if len(levels) > max(25, len(values) // 4):
+        cuts = np.quantile(values, np.linspace(0, 1, count + 1)[1:-1])
+        return np.searchsorted(cuts, values).astype(np.int64)
+    return (index % count).astype(np.int64)
+
+
+@dataclass(frozen=True)
+class Target:
+    """What is fitted: data, their noise (n, K), the rows that count (n,), and how the rows are grouped."""
+
+    data: Observations
+    sigma: FloatArray
+    good: BoolArray
+    groups: Groups
+    reduction_ratio: float = 81.0
+    cache: dict[object, tuple[Column, ...]] = field(default_factory=dict, compare=False)
+    responses: dict[object, ComplexArray] = field(default_factory=dict, compare=False)
+
+    def subset(self, rows: BoolArray) -> Target:
+        """The same with fewer rows that count."""
+        return replace(self, good=self.good & rows)
+
+    def residual(self, model: RigModel) -> ComplexArray:
+        """measured - model, (n, K)."""
+        return self.data.values - self.data.observed(model.coefficients(self.data.at, self.data.model_orders()))
+
+    def losses(self, residual: ComplexArray) -> FloatArray:
+        """Twice Huber's loss of each row and order, float64 (n, K); behaves like a chi-square for small residuals."""
+        z = np.abs(np.where(self.data.orders == 0, residual.real, residual)) / self.sigma
+        z = z * self.good[:, None]
+        found: FloatArray = np.where(z <= HUBER, z**2, 2 * HUBER * z - HUBER**2)
+        return found
+
+    def weights(self, residual: ComplexArray) -> FloatArray:
+        """Weights of least squares that equal Huber's loss at these residuals, by row and order, in 1/deg^2."""
+        z = np.abs(np.where(self.data.orders == 0, residual.real, residual)) / self.sigma
+        found: FloatArray = self.good[:, None] * np.minimum(1.0, HUBER / np.maximum(z, HUBER)) / self.sigma**2
+        return found

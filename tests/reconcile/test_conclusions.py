@@ -1,0 +1,117 @@
+"""What is concluded from a fit: changed parameters, errors of what no run sees, a resonance placed by its peaks."""
+
+import numpy as np
+import pytest
+
+from st_codegen.reconcile.candidates import Search, variants
+from st_codegen.reconcile.fitting import State, Target, fit, groups_of
+from st_codegen.reconcile.noise import estimate
+from st_codegen.reconcile.parameters import piece_of
+from st_codegen.reconcile.peaks import bracket, spread
+from st_codegen.reconcile.retuned import changes
+from st_codegen.rig.effects import Conditions
+from st_codegen.rig.model import RigModel
+
+from .test_core import KNOWN, RIG, SIGMA, effect, grid, observed
+
+
+def fitted(rig, data):
+    noise = estimate(data, data.values - data.observed(rig.coefficients(data.at, data.model_orders())))
+    target = Target(data, noise.sigma, noise.good, groups_of(data.at))
+    return fit(target, State(rig, 0.0, tuple(piece_of(e, added=False, origin=e) for e in rig.effects)))
+
+
+def with_values(rig, number, **values):
+    effects = list(rig.effects)
+    effects[number] = effects[number].with_values({**effects[number].values, **values})
+    return RigModel(effects=tuple(effects))
+
+
+def test_a_shift_that_noise_could_be_is_no_changed_parameter():
+    # four tenths of the noise of a coefficient: seven standard errors of 252 independent runs, two of runs that share
+    # noise with their next five
+    truth = with_values(RIG, 2, amplitude_deg=1e-3 + 0.4 * SIGMA, backward_amplitude_deg=5e-4 + 0.4 * SIGMA)
+    assert changes(fitted(RIG, observed(truth, grid()))) == ({}, False)
+
+
+@pytest.mark.parametrize(
+    ("number", "values"),
+    [
+        (2, {"amplitude_deg": 1e-3 + 2 * SIGMA}),
+        # 0.8 noises at the largest torque, half of that RMS: noise that lasts does not follow the torque
+        (0, {"stiffness_Nm_per_arcmin": 454.0 * (1 + 0.8 * SIGMA / (1800 / 454 / 60))}),
+    ],
+)
+def test_a_changed_parameter_is_found(number, values):
+    found, offset = changes(fitted(RIG, observed(with_values(RIG, number, **values), grid())))
+    assert (list(found), offset) == ([number], False)
+
+
+def test_an_offset_counts_from_its_size_on():
+    at = grid()
+    for shift, expected in ((0.3 * SIGMA, False), (3 * SIGMA, True)):
+        moved = RigModel(zero_offset_deg=shift, effects=RIG.effects)
+        assert changes(fitted(RIG, observed(moved, at)))[1] is expected
+
+
+def test_what_no_run_sees_has_a_large_error():
+    """With all torques at 600 N m and above the seating torque cannot be seen: its error is what the rig's own says."""
+    at = grid()
+    at = Conditions(at.sign, at.speed_rpm, 600 + at.torque_Nm * 2 / 3, at.temperature_C)
+    rig = RigModel(effects=(*RIG.effects, effect("backlash", gap_arcmin=1.0, seating_torque_Nm=25.0)))
+    result = fitted(rig, observed(rig, at))
+    place = result.state.slices()[-1].stop - 1
+    # a value of the rig is believed to its own size before the data speak
+    assert np.sqrt(result.covariance[place, place]) == pytest.approx(25.0, rel=1e-6)
+
+
+def test_free_keys_stand_in_the_order_of_the_catalogue():
+    """That of a set differs from process to process, and a report must not."""
+    search = Search(KNOWN, fitted(RIG, observed(RIG, grid(4, 4, 2))))
+    for candidate in search.all():
+        if candidate.number is None and candidate.piece.effect.orders_key is None:
+            keys = [key for key in candidate.piece.effect.values if key in candidate.piece.free]
+            order = candidate.piece.effect.known_keys()
+            assert keys == sorted(keys, key=order.index), candidate.name
+
+
+def test_the_falling_part_of_friction_comes_with_the_constant_one():
+    for keys in variants(KNOWN["friction_windup"], True):
+        assert ("stribeck_arcmin" in keys) <= ("coulomb_arcmin" in keys)
+        assert ("stribeck_arcmin" in keys) == ("stribeck_speed_rpm" in keys)
+
+
+def resonance(**frequency_of_order):
+    """One resonance for each order, with what the peaks say of all of them."""
+    axes = np.meshgrid(np.arange(100.0, 1801.0, 100.0), [0.0, 900.0, 1800.0], [1.0, -1.0])
+    at = Conditions.of(axes[2].ravel(), axes[0].ravel(), axes[1].ravel(), 30.0)
+    orders = [int(name[1:]) for name in frequency_of_order]
+    effects = [
+        effect("structural_resonance", frequency_Hz=hertz, damping_ratio=0.02, orders=[k], amplitude_deg=[1e-3])
+        for k, hertz in zip(orders, frequency_of_order.values(), strict=True)
+    ]
+    data = observed(RigModel(effects=tuple(effects)), at, orders=(0, *orders))
+    target = Target(data, np.full(data.values.shape, SIGMA), np.ones(len(at), bool), groups_of(at))
+    shape = {"frequency_Hz": 54.0, "damping_ratio": 0.02, "amplitude_deg": [0.0] * len(orders)}
+    whole = effect("structural_resonance", orders=orders, **shape)
+    return bracket(target, data.values, whole)
+
+
+def test_peaks_bracket_a_frequency():
+    """Speeds stand 100 rpm apart; an order is loudest at the one next to its peak, on either side of it half a step."""
+    low, high = resonance(k156=54.0, k162=54.0, k240=54.0)
+    step = {k: k * 100 / 60 / 81 for k in (156, 162, 240)}
+    # 54 Hz: order 156 at 1682 rpm, loudest at 1700; order 162 at 1620, at 1600; order 240 at 1094, at 1100
+    assert low == pytest.approx(max(16.5 * step[156], 15.5 * step[162], 10.5 * step[240]))
+    assert high == pytest.approx(min(17.5 * step[156], 16.5 * step[162], 11.5 * step[240]))
+    assert low < 54.0 < high
+
+
+def test_peaks_of_two_resonances_have_no_bracket():
+    assert resonance(k156=42.0, k162=54.0) is None
+
+
+def test_spread_of_a_frequency_in_a_bracket_is_that_of_an_equal_distribution():
+    assert spread(54.0, (53.0, 55.0)) == pytest.approx(2 / np.sqrt(12))
+    values = 53.0 + (np.arange(100_000) + 0.5) * 2e-5
+    assert spread(55.5, (53.0, 55.0)) == pytest.approx(np.sqrt(((values - 55.5) ** 2).mean()), rel=1e-6)
