@@ -18,7 +18,11 @@ from typing import Any
 
 import numpy as np
 
+from st_codegen.passes.choose import Options
+
 ROOT = Path(__file__).resolve().parent.parent
+#: These models are larger than what a controller holds
+UNLIMITED = Options(data_bytes=2**40)
 
 
 def forest(trees: int, nodes: int) -> Any:
@@ -72,7 +76,7 @@ def generate_forest(trees: int, nodes: int) -> str:
     bundle = forest(trees, nodes)
     with tempfile.TemporaryDirectory() as folder:
         start = time.perf_counter()
-        generated = generate(bundle, TARGETS["twincat"], Path(folder))
+        generated = generate(bundle, TARGETS["twincat"], Path(folder), options=UNLIMITED)
         seconds = time.perf_counter() - start
     return f"{seconds:6.1f} s, {sum(generated.files.values()) / 1e6:.0f} MB of text"
 
@@ -86,7 +90,7 @@ def run_forest(trees: int, nodes: int, rows: int) -> str:
     bundle = forest(trees, nodes)
     x = np.random.default_rng(1).normal(size=(rows, 8))
     with tempfile.TemporaryDirectory() as folder:
-        code = GeneratedCode(generate(bundle, TARGETS["twincat"], Path(folder)).folder, "twincat")
+        code = GeneratedCode(generate(bundle, TARGETS["twincat"], Path(folder), options=UNLIMITED).folder, "twincat")
         code.run_model("FB_Forest", x[:100], 1)
         start = time.perf_counter()
         code.run_model("FB_Forest", x, 1)
@@ -104,7 +108,7 @@ def bundle_times(models: Path, rows: int) -> str:
     with tempfile.TemporaryDirectory() as folder:
         start = time.perf_counter()
         bundle = load(models, trust_pickle=True)
-        generate(bundle, TARGETS["twincat"], Path(folder))
+        generate(bundle, TARGETS["twincat"], Path(folder), options=UNLIMITED)
         generated = time.perf_counter()
         report = verify(bundle, Path(folder), rows=rows)
         verified = time.perf_counter()

@@ -16,6 +16,10 @@ import numpy as np
 from benchmarks.contenders import Built
 
 WARM_ROWS, COLD_CALLS, PASSES, COUNTED = 256, 61, 31, 32
+#: Runs of the program
+RUNS, COLD_RUNS = 3, 1
+#: Calls from Python that take longer are repeated less
+SLOW_CALL_S = 0.005
 
 
 @dataclass
@@ -57,11 +61,12 @@ class Harness:
         return np.frombuffer(raw, np.float64).reshape(len(rows), built.outputs)
 
     def times(self, built: Built, rows: np.ndarray, folder: Path) -> tuple[float, float]:
-        """Median ns a call, warm and cold."""
+        """ns a call, warm and cold: the smallest of the medians of several runs, for others use the machine, too."""
         if built.call is not None:
             return self._python_times(built.call, rows)
-        warm = float(self._run(built, rows[:WARM_ROWS], folder, "warm", PASSES))
-        return warm, float(self._run(built, rows[:WARM_ROWS], folder, "cold", COLD_CALLS))
+        warm = [float(self._run(built, rows[:WARM_ROWS], folder, "warm", PASSES)) for _ in range(RUNS)]
+        cold = [float(self._run(built, rows[:WARM_ROWS], folder, "cold", COLD_CALLS)) for _ in range(COLD_RUNS)]
+        return min(warm), min(cold)
 
     def instructions(self, built: Built, rows: np.ndarray, folder: Path) -> float | None:
         """Instructions a call, mean over some rows."""
@@ -92,18 +97,23 @@ class Harness:
 
     def _python_times(self, call: Callable[[np.ndarray], object], rows: np.ndarray) -> tuple[float, float]:
         single = [np.ascontiguousarray(rows[i : i + 1]) for i in range(WARM_ROWS)]
-        for row in single[:20]:
+        start = time.perf_counter()
+        for row in single[:4]:
             call(row)
+        # a slow call needs no repeats for the clock's sake
+        is_slow = time.perf_counter() - start > 4 * SLOW_CALL_S
+        calls, passes, cold_calls = (2, 7, 15) if is_slow else (16, PASSES, COLD_CALLS)
         warm = []
-        for _ in range(PASSES):
-            start = time.thread_time_ns()
-            for row in single[:16]:
+        for _ in range(passes):
+            begin = time.thread_time_ns()
+            for row in single[:calls]:
                 call(row)
-            warm.append((time.thread_time_ns() - start) / 16)
+            warm.append((time.thread_time_ns() - begin) / calls)
         cold = []
-        for row in single[:COLD_CALLS]:
+        for row in single[:cold_calls]:
             self._evict(None)
-            start = time.perf_counter_ns()
+            begin = time.perf_counter_ns()
             call(row)
-            cold.append(time.perf_counter_ns() - start)
-        return statistics.median(warm), statistics.median(cold)
+            cold.append(time.perf_counter_ns() - begin)
+        parts = [warm[at::RUNS] for at in range(RUNS)]
+        return min(statistics.median(part) for part in parts), statistics.median(cold)

@@ -96,6 +96,20 @@ def _number(value: Any, type_: Type) -> str:
     return str(int(value)) if int(value) >= 0 else f"({int(value)})"
 
 
+def _parts_first(type_: StructType) -> Iterator[StructType]:
+    for field in type_.fields:
+        element = field.type.element if isinstance(field.type, ArrayType) else field.type
+        if isinstance(element, StructType):
+            yield from _parts_first(element)
+    yield type_
+
+
+def _assigned(type_: Type, target: str, value: str) -> str:
+    if isinstance(type_, ArrayType):
+        return f"memcpy({target}, {value}, sizeof {target});"
+    return f"{target} = {value};"
+
+
 class _Unit:
     def __init__(self, project: t.Project) -> None:
         self.project = project
@@ -106,12 +120,14 @@ class _Unit:
 
     def whole(self, main: t.Pou, symbol: str) -> Iterator[str]:
         order = list(dict.fromkeys(self._callees_first(main.key)))
-        for type_ in self.project.types.values():
-            if isinstance(type_, StructType):
-                yield self._struct(type_)
+        structs = [type_ for type_ in self.project.types.values() if isinstance(type_, StructType)]
+        for part in dict.fromkeys(part for struct in structs for part in _parts_first(struct)):
+            yield self._struct(part)
+        used = self._used_variables(order)
         for owner, variables in self.project.globals.items():
             for variable in variables:
-                yield self._table(variable, f"g_{owner}_{variable.key}", is_const=variable.is_constant)
+                if variable in used:
+                    yield self._table(variable, f"g_{owner}_{variable.key}", is_const=variable.is_constant)
         for key in order:
             self.pou = self.project.pous[key]
             if self.pou.is_native or self.pou.kind is PouKind.METHOD:
@@ -129,6 +145,11 @@ class _Unit:
             if isinstance(variable.type, BlockType):
                 yield from self._callees_first(variable.type.name.upper())
         yield key
+
+    def _used_variables(self, units: list[str]) -> set[t.Variable]:
+        bodies = (self.project.pous[key].body for key in units)
+        found = (node for body in bodies for node in walk.all_expressions(body))
+        return {node.variable for node in found if isinstance(node, t.VariableRef)}
 
     def _type(self, type_: Type) -> str:
         if isinstance(type_, EnumType):
@@ -236,10 +257,7 @@ class _Unit:
         pad = "    " * depth
         match statement:
             case t.Assign(target=target, value=value):
-                if isinstance(target.type, ArrayType):
-                    goal = self._value(target)
-                    return [f"{pad}memcpy({goal}, {self._value(value)}, sizeof {goal});"]
-                return [f"{pad}{self._value(target)} = {self._value(value)};"]
+                return [pad + _assigned(target.type, self._value(target), self._value(value))]
             case t.CallStatement(call=call):
                 return [pad + line for line in self._call_statement(call)]
             case t.If():
@@ -311,9 +329,9 @@ class _Unit:
         for argument in call.arguments:
             field = f"{instance}.{argument.parameter.key}"
             if argument.passing is t.Passing.INPUT:
-                lines.append(f"{field} = {self._value(argument.value)};")
+                lines.append(_assigned(argument.parameter.type, field, self._value(argument.value)))
             elif argument.passing is t.Passing.OUTPUT:
-                after.append(f"{self._value(argument.value)} = {field};")
+                after.append(_assigned(argument.parameter.type, self._value(argument.value), field))
             else:
                 raise UntranslatableError("VAR_IN_OUT")
         return [*lines, f"{_name(call.callee)}(&{instance});", *after]

@@ -19,10 +19,11 @@ _TEXTS = (".st", ".TcPOU", ".TcGVL", ".TcDUT", ".xml")
 
 @dataclass(frozen=True)
 class EmittedCost(Cost):
-    """The worst case of a model's block on one controller, in us."""
+    """The worst case of a model's block on one controller, in us, and an estimate of its machine code."""
 
     warm_us: float = 0.0
     cold_us: float = 0.0
+    code_bytes: int = 0
 
     @property
     def nanoseconds(self) -> float:
@@ -45,6 +46,7 @@ class Pricing:
             table_bytes=sum(part.table_bytes for part in cost.parts),
             warm_us=cost.warm_us,
             cold_us=cost.cold_us,
+            code_bytes=sum(part.code_bytes for part in cost.parts),
         )
 
     def block(self, model: ModelIR) -> BlockCost:

@@ -21,6 +21,9 @@ from st_codegen.render import print_plans
 from st_codegen.targets import TARGETS, FilePlan, Target, target_named
 from st_codegen.vectors import reference_vectors
 
+#: Blocks that an error names
+_NAMED = 5
+
 
 @dataclass(frozen=True)
 class Generated:
@@ -115,13 +118,15 @@ def _prepared(
         able = ", ".join(name for name, other in TARGETS.items() if other.has_tests)
         raise TargetError(f"the target {target.name} has no test suites; --with-tests goes with {able}")
     limits = limits_for(target, max_array)
+    options = options or Options()
     if target.compiles:
-        options = dataclasses.replace(options or Options(), max_array=limits.max_array)
+        options = dataclasses.replace(options, max_array=limits.max_array)
         compiled = compile_project(bundle.project, options, cost)
     else:
         compiled = unchanged(bundle.project)
     vectors = reference_vectors(bundle, compiled) if with_tests else ()
     plans = tuple(target.plan(compiled.project, limits, vectors))
+    _check_size(target, plans, limits.data_bytes if options.data_bytes is None else options.data_bytes)
     return _Prepared(compiled, plans, facts(bundle, compiled, plans))
 
 
@@ -132,6 +137,22 @@ def _lines(path: Path) -> list[str]:
 def limits_for(target: Target, max_array: int | None) -> Limits:
     """The target's limits, with the user's own bound on the length of an array."""
     return target.limits if max_array is None else dataclasses.replace(target.limits, max_array=max_array)
+
+
+def _check_size(target: Target, plans: Sequence[FilePlan], limit: int) -> None:
+    """Raises TargetError that names the largest blocks where all tables together are larger than the limit."""
+    blocks = {block.name: block.table_bytes for plan in plans for block in plan.blocks}
+    total = sum(blocks.values())
+    if total <= limit:
+        return
+    largest = sorted(blocks.items(), key=lambda item: -item[1])[:_NAMED]
+    names = ", ".join(f"{name} {size:,}" for name, size in largest)
+    others = len(blocks) - len(largest)
+    raise TargetError(
+        f"the tables take {total:,} bytes, the limit of the target {target.name} is {limit:,}; the largest: "
+        f"{names}{f' and {others} smaller ones' if others else ''}. Train smaller models, or raise the limit with "
+        "--max-bytes if your controller has the memory"
+    )
 
 
 def facts(bundle: Bundle, compiled: Compiled, plans: Sequence[FilePlan]) -> dict[str, Any]:

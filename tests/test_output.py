@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import os
 import signal
@@ -9,7 +10,7 @@ import pytest
 
 from st_codegen import output
 from st_codegen.bundle import load
-from st_codegen.errors import GeneratedCodeError, InputError
+from st_codegen.errors import GeneratedCodeError, InputError, TargetError
 from st_codegen.generate import check, generate
 from st_codegen.passes.choose import Layout, Options
 from st_codegen.targets import TARGETS
@@ -70,6 +71,19 @@ def test_an_error_writes_nothing(lone_folder, tmp_path):
     with pytest.raises(InputError, match="--max-array"):
         generate(load(lone_folder), TWINCAT, out, max_array=3)
     assert not out.exists()
+
+
+def test_tables_beyond_the_limit_are_an_error_that_names_the_largest(lone_folder, tmp_path):
+    out = tmp_path / "out"
+    with pytest.raises(TargetError, match=r"target twincat is 100; the largest: FB_Te [\d,]+.*--max-bytes"):
+        generate(load(lone_folder), TWINCAT, out, options=Options(data_bytes=100))
+    assert not out.exists()
+    small = dataclasses.replace(TWINCAT.limits, data_bytes=100)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(type(TWINCAT), "limits", small)
+        with pytest.raises(TargetError, match="--max-bytes"):
+            generate(load(lone_folder), TWINCAT, out)
+        generate(load(lone_folder), TWINCAT, out, options=Options(data_bytes=2**20))
 
 
 def test_a_changed_manifest_cannot_remove_files_elsewhere(lone_folder, tmp_path):

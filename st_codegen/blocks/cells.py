@@ -1,8 +1,9 @@
-"""The code of ranks and cell tables: short searches without data-dependent jumps, and one row of a table."""
+"""The code of ranks and cell tables: short searches of as many steps whatever the data, and one row of a table."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -50,13 +51,16 @@ def _(op: Rank, step: Step, listing: Listing) -> None:
     listing.locals("DINT", "nRank")
     searches = _searches(op)
     joined = len(searches) > _MOST_SEARCHES
+    if joined:  # those that take as many steps stand together
+        searches.sort(key=lambda search: search.first.highest.bit_length())
     looped = _joined_tables(searches, step, listing) if joined else None
     columns = [
         {
             "position": position,
             "column": search.first.column,
-            "edges": None if joined or not search.first.highest else _edges(search, position, step, listing),
-            "steps": [] if joined else _steps(search.first.highest),
+            "steps": []
+            if joined or not search.first.highest
+            else _steps(search.first.highest, _edges(search, position, step, listing)),
             "results": [_result(number, column, step) for number, column in search.results],
         }
         for position, search in enumerate(searches)
@@ -67,13 +71,16 @@ def _(op: Rank, step: Step, listing: Listing) -> None:
     )
 
 
-def _steps(count: int) -> list[dict[str, str]]:
-    """Index of the threshold that each step looks at, and the rank behind it."""
+def _steps(count: int, table: str) -> list[dict[str, str]]:
+    """The threshold that each step looks at, and the rank beyond it."""
     first, *others = halvings(count) or [0]
-    steps = [{"probe": str(first - 1), "rank": str(first)}] if first else []
-    for half in others:
-        steps.append({"probe": f"nRank + {half - 1}" if half > 1 else "nRank", "rank": f"nRank + {half}"})
-    return steps
+    steps = [{"edge": f"{table}[{first - 1}]", "beyond": str(first)}] if first else []
+    return steps + [_step("nRank", half, table) for half in others]
+
+
+def _step(place: str, half: int, table: str) -> dict[str, str]:
+    probe = f"{place} + {half - 1}" if half > 1 else place
+    return {"edge": f"{table}[{probe}]", "beyond": f"{place} + {half}"}
 
 
 def _edges(search: _Search, position: int, step: Step, listing: Listing) -> str:
@@ -91,8 +98,13 @@ def _result(number: int, column: RankColumn, step: Step) -> dict[str, object]:
 
 
 def _joined_tables(searches: list[_Search], step: Step, listing: Listing) -> dict[str, object]:
-    """All thresholds in one table (or several where it would be too long), searched in a loop."""
-    listing.locals("DINT", "nColumn", "nBase", "nCount", "nHalf", "nLevel")
+    """All thresholds in one table (or several where it would be too long), searched in loops.
+
+    A search among n thresholds, 2^k <= n < 2^(k+1), first looks at number 2^k (counted from 1): beyond it the rank is
+    at least 2^k, so that the last 2^k ranks are left, otherwise the first 2^k are. From there on all searches of the
+    same k take the same steps: halves of powers of two.
+    """
+    listing.locals("DINT", "nColumn", "nBase")
     counts = [search.first.highest for search in searches]
     parts = []
     runs = listing.chunks(counts, "column")
@@ -102,23 +114,36 @@ def _joined_tables(searches: list[_Search], step: Step, listing: Listing) -> dic
         starts = np.cumsum([0, *counts[first:stop]])
         groups = [Group(f"column {s.first.column}", starts[n], starts[n + 1]) for n, s in enumerate(run)]
         edges = np.concatenate([search.first.edges for search in run])
+        table = listing.table(step.table(f"EDGE{suffix}"), "LREAL", edges if len(edges) else np.zeros(1), groups)
+        jumps = [count + 1 - (1 << (count.bit_length() - 1)) if count else 0 for count in counts[first:stop]]
         parts.append(
             {
-                "first": first,
-                "last": stop - 1,
                 "offset": f" - {first}" if first else "",
-                "levels": len(halvings(max(counts[first:stop]))),
                 "column": listing.table(
                     step.table(f"EDGE_COLUMN{suffix}"), "DINT", [search.first.column for search in run]
                 ),
                 "start": listing.table(step.table(f"EDGE_START{suffix}"), "DINT", starts[:-1]),
-                "count": listing.table(step.table(f"EDGE_COUNT{suffix}"), "DINT", counts[first:stop]),
-                "edges": listing.table(
-                    step.table(f"EDGE{suffix}"), "LREAL", edges if len(edges) else np.zeros(1), groups
-                ),
+                "jump": listing.table(step.table(f"EDGE_JUMP{suffix}"), "DINT", jumps),
+                "table": table,
+                "loops": [
+                    {"first": first + low, "last": first + high - 1, "bits": bits, "steps": _power_steps(bits, table)}
+                    for bits, low, high in _runs_of_bits(counts[first:stop])
+                ],
             }
         )
     return {"found": listing.local(f"anFound{step.number}", "DINT", len(searches)), "parts": parts}
+
+
+def _power_steps(bits: int, table: str) -> list[dict[str, str]]:
+    """The steps behind the first one."""
+    return [_step("nBase", 1 << level, table) for level in reversed(range(bits - 1))]
+
+
+def _runs_of_bits(counts: list[int]) -> list[tuple[int, int, int]]:
+    """Bits, first and last (not included) of searches that stand together and take as many steps."""
+    bits = [count.bit_length() for count in counts]
+    edges = [0, *(at for at in range(1, len(bits)) if bits[at] != bits[at - 1]), len(bits)]
+    return [(bits[low], low, high) for low, high in pairwise(edges)]
 
 
 @lay_out.register

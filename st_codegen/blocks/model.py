@@ -4,15 +4,26 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from st_codegen.blocks import cells, trees  # noqa: F401 - these register the code of their operations
 from st_codegen.blocks.listing import LINE_LENGTH, Block, Listing, Variable
-from st_codegen.blocks.operations import Step, lay_out
+from st_codegen.blocks.operations import Step, lay_out, lay_out_layer
 from st_codegen.errors import InputError, errors_name
-from st_codegen.ir import FLOAT32_OVERFLOW, Feature, ModelIR, Operation, Rank, Select, TreeEnsemble
+from st_codegen.ir import (
+    FLOAT32_OVERFLOW,
+    Activation,
+    Feature,
+    Linear,
+    ModelIR,
+    Operation,
+    Rank,
+    Select,
+    TreeEnsemble,
+)
 from st_codegen.literals import capitalised, check_text, identifier, real, unit_text
 
 #: Names a block uses itself; an input may not be called so.
@@ -21,10 +32,14 @@ _OUTPUT_STEM = "fOut"
 
 @dataclass(frozen=True)
 class Limits:
-    """What a target holds: elements of an array, and the range of scalar real literals (None: all)."""
+    """What a target holds.
+
+    `max_array`: elements of an array; `real_range`: of scalar real literals (None: all); `data_bytes`: of all tables.
+    """
 
     max_array: int
     real_range: tuple[float, float] | None = None
+    data_bytes: int = 32 * 1024 * 1024
 
 
 def block_name(model: str) -> str:
@@ -183,8 +198,11 @@ def _operations(model: ModelIR, listing: Listing) -> None:
     missing = _missing_inputs(model)
     *_, last = model.ops
     picked = isinstance(last, Select)  # the outputs are read where they are
+    layers = _layers(model)
     for number, op in enumerate(model.ops[:-1] if picked else model.ops, 1):
         result = f"anRank{number}" if isinstance(op, Rank) else f"aStep{number}"
+        if number - 1 in layers:  # done with the sums that it reads
+            continue
         operands = tuple(names[value] for value in op.inputs)
         step = Step(
             number=number,
@@ -196,8 +214,12 @@ def _operations(model: ModelIR, listing: Listing) -> None:
             fits_real=op.inputs == (0,)
             and all((limit or np.inf) <= FLOAT32_OVERFLOW for limit in model.magnitude_limits),
         )
-        lay_out(op, step, listing)
-        names.append(result)
+        if number in layers:
+            names += ["", f"aStep{number + 1}"]
+            lay_out_layer(*layers[number], replace(step, result=names[-1]), listing)
+        else:
+            lay_out(op, step, listing)
+            names.append(result)
     results = [f"{names[-1]}[{number}]" for number in range(len(model.outputs))]
     if isinstance(last, Select):
         joined = [f"{names[value]}[{number}]" for value in last.inputs for number in range(model.value_width(value))]
@@ -208,6 +230,16 @@ def _operations(model: ModelIR, listing: Listing) -> None:
         assignments=[{"output": f"{_OUTPUT_STEM}{number + 1}", "value": value} for number, value in enumerate(results)],
         ranged=is_ranged(model),
     )
+
+
+def _layers(model: ModelIR) -> dict[int, tuple[Linear, Activation]]:
+    """Weighted sums, by number, of which nothing but the function behind them is read."""
+    found = {}
+    for number, (op, behind) in enumerate(pairwise(model.ops), 1):
+        readers = sum(number in other.inputs for other in model.ops)
+        if isinstance(op, Linear) and isinstance(behind, Activation) and behind.inputs == (number,) and readers == 1:
+            found[number] = op, behind
+    return found
 
 
 def _missing_inputs(model: ModelIR) -> list[tuple[int, ...]]:

@@ -159,6 +159,18 @@ def _(op: Clip, step: Step, listing: Listing) -> None:
 
 @lay_out.register
 def _(op: Linear, step: Step, listing: Listing) -> None:
+    _lay_out_sums(op, step, listing, f"{op.width} weighted sums of {op.weights.shape[1]} numbers", {"function": None})
+
+
+def lay_out_layer(op: Linear, activation: Activation, step: Step, listing: Listing) -> None:
+    """Weighted sums and the function of each in one loop; `step` has the operand of the sums and the layer's result."""
+    values = _function_values(activation, step, listing)
+    values["function_single"] = values.pop("single")
+    title = f"layer: {op.width} weighted sums of {op.weights.shape[1]} numbers, {activation.function.value} of each"
+    _lay_out_sums(op, step, listing, title, values)
+
+
+def _lay_out_sums(op: Linear, step: Step, listing: Listing, title: str, function: dict[str, object]) -> None:
     _declare_result(op, step, listing)
     listing.locals("DINT", "nRow", "nColumn", "nBase")
     listing.locals("LREAL", "fSum")
@@ -177,7 +189,7 @@ def _(op: Linear, step: Step, listing: Listing) -> None:
         name = listing.table(step.table(stem), "LREAL", np.ravel(op.weights[first:stop]), groups)
         parts.append({"name": name, "first": first, "last": stop - 1})
     listing.section(
-        f"{outputs} weighted sums of {columns} numbers",
+        title,
         "linear",
         step=step,
         columns=columns,
@@ -186,6 +198,7 @@ def _(op: Linear, step: Step, listing: Listing) -> None:
         parts=parts,
         sequential_single=sequential_single,
         single=op.precision is Precision.FLOAT32,
+        **function,
     )
 
 
@@ -193,6 +206,12 @@ def _(op: Linear, step: Step, listing: Listing) -> None:
 def _(op: Activation, step: Step, listing: Listing) -> None:
     _declare_result(op, step, listing)
     listing.locals("DINT", "nColumn")
+    values = _function_values(op, step, listing)
+    listing.section(f"{op.function.value} of each column", "activation", step=step, last=op.width - 1, **values)
+
+
+def _function_values(op: Activation, step: Step, listing: Listing) -> dict[str, object]:
+    """What `activated` needs to compute fY from fX."""
     listing.locals("LREAL", "fX", "fY")
     if op.function not in (Function.IDENTITY, Function.RELU, Function.LEAKY_RELU, Function.SIGNED_SQUARE):
         listing.locals("LREAL", "fExp")
@@ -203,17 +222,13 @@ def _(op: Activation, step: Step, listing: Listing) -> None:
     parameter = None
     if op.function in (Function.LEAKY_RELU, Function.ELU):
         parameter = listing.constant(step.table("PARAMETER"), op.parameter)
-    listing.section(
-        f"{op.function.value} of each column",
-        "activation",
-        step=step,
-        last=op.width - 1,
-        function=op.function.value,
-        parameter=parameter,
-        exp_limit=real(op.limit) if math.isfinite(op.limit) else None,
-        exp_reach=real(EXP_REACH),
-        single=op.precision is Precision.FLOAT32,
-    )
+    return {
+        "function": op.function.value,
+        "parameter": parameter,
+        "exp_limit": real(op.limit) if math.isfinite(op.limit) else None,
+        "exp_reach": real(EXP_REACH),
+        "single": op.precision is Precision.FLOAT32,
+    }
 
 
 @lay_out.register

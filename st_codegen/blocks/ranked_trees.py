@@ -2,9 +2,10 @@
 
 A node is two integers side by side: what it compares, and where its left child is; the right child follows the left
 one. What it compares is `threshold * slots + slot`, so one number names both the rank and the threshold (the rank is
-scaled likewise). A leaf holds a number above every rank, its own place as its child, and so it stays where it is: every
-tree takes the same number of steps, and several trees go down together, which hides the waiting for memory. Children of
-the larger subtree come next in memory. Equal subtrees of a table are there once.
+scaled likewise). A leaf holds a number above every rank, its own place as its child, and so it stays where it is: trees
+of one class of depths take the same number of steps, and several go down together, which hides the waiting for memory.
+Where there are several classes, the leaves that were reached are noted and summed in the library's order of the trees.
+Children of the larger subtree come next in memory. Equal subtrees of a table are there once.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from st_codegen.blocks.depth_classes import DepthClasses, depth_classes
 from st_codegen.blocks.listing import Group, Listing
 from st_codegen.blocks.operations import Step
 from st_codegen.errors import TargetError
@@ -73,7 +75,7 @@ def lay_out_ranked(op: TreeEnsemble, step: Step, listing: Listing) -> None:
     values["parts"] = _parts(op, step, listing, keys)
     mask = keys.slots - 1
     listing.section(
-        f"{op.n_trees:,} trees, {op.n_nodes:,} nodes, {depth_of(op)} comparisons a tree",
+        f"{op.n_trees:,} trees, {op.n_nodes:,} nodes, at most {depth_of(op)} comparisons a tree",
         "ranked_trees",
         step=step,
         slots=slots,
@@ -112,17 +114,31 @@ def _parts(op: TreeEnsemble, step: Step, listing: Listing, keys: _Keys) -> list[
             {
                 "node": listing.table(step.table(f"NODE{suffix}"), "DINT", tables.node, tables.groups),
                 "leaf": listing.table(step.table(f"LEAF{suffix}"), "LREAL", tables.leaf.ravel()),
-                "depth": tables.depth,
-                "runs": _tree_runs(stop - first, first, listing),
+                "classes": [
+                    {"depth": depth, "runs": _tree_runs((low, high), first, listing)}
+                    for low, high, depth in tables.classes.runs
+                ],
+                **_sorted_part(tables.classes, first, suffix, step, listing),
             }
         )
     return parts
 
 
-def _tree_runs(trees: int, offset: int, listing: Listing) -> list[dict[str, object]]:
-    """Loops over trees: as many as go evenly together, and the rest."""
+def _sorted_part(classes: DepthClasses, first: int, suffix: str, step: Step, listing: Listing) -> dict[str, object]:
+    """The order in which trees are visited, where it is not that of their sum, and a place to keep what they found."""
+    trees = len(classes.order)
+    values: dict[str, object] = {"first": first, "last": first + trees - 1, "order": None, "offset": ""}
+    if classes.is_sorted:
+        values["order"] = listing.table(step.table(f"TREE_ORDER{suffix}"), "DINT", classes.order)
+        values["reached"] = listing.local(f"anLeaf{step.number}{suffix}", "DINT", trees)
+        values["offset"] = f" - {first}" if first else ""
+    return values
+
+
+def _tree_runs(run: tuple[int, int], offset: int, listing: Listing) -> list[dict[str, object]]:
+    """Loops over trees `run[0]` to `run[1]` - 1: as many as go evenly together, and the rest."""
     runs: list[dict[str, object]] = []
-    done = 0
+    done, trees = run
     while done < trees:
         lanes = min(LANES, trees - done)
         count = (trees - done) // lanes * lanes
@@ -134,6 +150,7 @@ def _tree_runs(trees: int, offset: int, listing: Listing) -> list[dict[str, obje
                     {
                         "node": listing.local(f"nNode{lane + 1}", "DINT"),
                         "root": f" + {2 * lane}" if lane else "",
+                        "place": f" + {lane}" if lane else "",
                         "output": f" + {offset + lane}" if offset + lane else "",
                     }
                     for lane in range(lanes)
@@ -150,7 +167,7 @@ class _Tables:
 
     node: IntArray
     leaf: FloatArray
-    depth: int
+    classes: DepthClasses
     groups: tuple[Group, ...]
 
 
@@ -169,7 +186,8 @@ def _tables(op: TreeEnsemble, equal: NDArray[np.int64], run: tuple[int, int], ke
     node = np.empty((trees + 2 * n_pairs, 2), np.int64)
     # the record of a node: the same for all nodes whose subtrees are equal
     place = 2 * (trees + 2 * pair_of)
-    source = np.concatenate([part.roots, np.column_stack([part.left[owner], part.right[owner]]).ravel()])
+    classes = depth_classes(part.depths(), LANES)
+    source = np.concatenate([part.roots[classes.order], np.column_stack([part.left[owner], part.right[owner]]).ravel()])
     node[:, 0] = key[source]
     own = 2 * np.arange(len(source))
     # a leaf is its own left child: its key is above every rank, so it stays
@@ -180,7 +198,7 @@ def _tables(op: TreeEnsemble, equal: NDArray[np.int64], run: tuple[int, int], ke
     for number, (low, high) in enumerate(pairwise(edges.tolist())):
         if high > low:
             groups.append(Group(f"tree {first + number}", 2 * trees + 4 * low, 2 * trees + 4 * high))
-    return _Tables(node.ravel().astype(np.int32), op.leaf_value[used], part.depth(), tuple(groups))
+    return _Tables(node.ravel().astype(np.int32), op.leaf_value[used], classes, tuple(groups))
 
 
 class _Part:
@@ -196,15 +214,17 @@ class _Part:
         self.right = np.where(inner, op.right[begin:end].astype(np.int64) - begin, -1)
         self.number = equal
 
-    def depth(self) -> int:
-        """The largest number of splits on a path."""
-        node, depth = self.roots, 0
+    def depths(self) -> NDArray[np.int64]:
+        """The largest number of splits on a path of each tree."""
+        node, tree, level = self.roots, np.arange(len(self.roots)), 0
+        depths = np.zeros(len(self.roots), np.int64)
         while True:
-            node = node[self.split[node] >= 0]
+            inner = self.split[node] >= 0
+            node, tree, level = node[inner], tree[inner], level + 1
             if not node.size:
-                return depth
-            node = np.concatenate([self.left[node], self.right[node]])
-            depth += 1
+                return depths
+            depths[tree] = level
+            node, tree = np.concatenate([self.left[node], self.right[node]]), np.concatenate([tree, tree])
 
     def pairs(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Distinct pairs of children: a node that owns each, and the pair of every node.

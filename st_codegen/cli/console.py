@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from st_codegen.passes.choose import Layout, Options
+from st_codegen.targets import TARGETS
 
 #: Messages and progress; results go to standard output.
 console = Console(stderr=True, width=None if Console(stderr=True).is_terminal else 120)
@@ -43,6 +44,17 @@ def array_option(function: Command) -> Command:
         type=click.IntRange(min=1),
         default=None,
         help="Largest number of elements in one array (default: the target's). Larger tables are cut into several.",
+    )(function)
+
+
+def bytes_option(function: Command) -> Command:
+    """The option --max-bytes."""
+    defaults = ", ".join(f"{name} {target.limits.data_bytes // 2**20}" for name, target in TARGETS.items())
+    return click.option(
+        "--max-bytes",
+        type=click.IntRange(min=1),
+        default=None,
+        help=f"Largest number of bytes of all tables together; more is an error. Default, in MiB: {defaults}.",
     )(function)
 
 

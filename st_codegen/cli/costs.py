@@ -95,7 +95,7 @@ def price_table(target: str, profile: str, priced: Iterable[Price]) -> Table:
     table = Table(title=f"{target}: layouts, a block alone on {profile}", title_justify="left")
     for name in ("model", "layout"):
         table.add_column(name)
-    for name in ("operations", "tables B", "touched lines", "warm us", "cold us"):
+    for name in ("operations", "tables B", "code B", "touched lines", "warm us", "cold us"):
         table.add_column(name, justify="right")
     for price in priced:
         cost = price.cost
@@ -104,6 +104,7 @@ def price_table(target: str, profile: str, priced: Iterable[Price]) -> Table:
             f"[bold]{price.layout}[/]" if price.is_chosen else f"[dim]{price.layout}[/]",
             f"{cost.instructions:,.0f}",
             f"{cost.table_bytes:,}",
+            f"{cost.code_bytes:,}",
             f"{cost.lines:,.0f}",
             f"{cost.warm_us:.2f}",
             f"{cost.cold_us:.2f}",

@@ -12,6 +12,7 @@ from rich.table import Table
 from st_codegen.bundle import load
 from st_codegen.cli.console import (
     array_option,
+    bytes_option,
     console,
     layout_options,
     models_argument,
@@ -69,6 +70,7 @@ Examples:
     help="Also write TcUnit suites that compare every block with the library's answers, and a task that runs them.",
 )
 @array_option
+@bytes_option
 @click.option(
     "--profile",
     metavar="NAME|FILE",
@@ -86,6 +88,7 @@ def command(
     only_check: bool,
     with_tests: bool,
     max_array: int | None,
+    max_bytes: int | None,
     explain: bool,
     profile: str | None,
     trust_pickle: bool,
@@ -102,6 +105,7 @@ def command(
         Layout(layout["layout"]),
         table_bytes=layout["table_limit"] * 1024,
         outputs_per_cycle=layout["outputs_per_cycle"],
+        data_bytes=max_bytes,
     )
     chosen = [target_named(name) for name in targets or ("twincat",)]
     with progress_bar("loading", quiet=quiet) as progress:

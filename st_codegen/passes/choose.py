@@ -42,6 +42,7 @@ class Options:
     `max_array`: elements of an array that the target holds; longer lists of thresholds have no layout.
     `ranks`: trees may compare ranks; False leaves them as their library has them. `outputs_per_cycle`: models are
     spread over successive calls, at most so many outputs in each (one model is never cut); None: all in every call.
+    `data_bytes`: of all tables that are printed, more is an error; None: what the target says.
     """
 
     layout: Layout = Layout.AUTO
@@ -50,6 +51,7 @@ class Options:
     max_array: int = 65_536
     ranks: bool = True
     outputs_per_cycle: int | None = None
+    data_bytes: int | None = None
 
 
 @dataclass(frozen=True)

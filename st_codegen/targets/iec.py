@@ -19,7 +19,7 @@ class IecTarget(Target):
     name = "iec"
     summary = "portable Structured Text (.st)"
     dialect = "iec"
-    limits = Limits(max_array=65_536, real_range=(1e-37, 1e37))
+    limits = Limits(max_array=65_536, real_range=(1e-37, 1e37), data_bytes=16 * 1024 * 1024)
 
     def files(self, application: Application) -> Iterable[FilePlan]:
         if application.connected:

@@ -65,7 +65,7 @@ class PlcOpenTarget(Target):
     name = "plcopen"
     summary = "PLCopen XML, TC6 version 2.01 (.xml)"
     dialect = "iec"
-    limits = Limits(max_array=65_536, real_range=(1e-37, 1e37))
+    limits = Limits(max_array=65_536, real_range=(1e-37, 1e37), data_bytes=16 * 1024 * 1024)
 
     def files(self, application: Application) -> Iterable[FilePlan]:
         problems = Problems("PLCopen XML")

@@ -31,7 +31,7 @@ class TwinCatTarget(Target):
     name = "twincat"
     summary = "TwinCAT 3 PLC project (.plcproj, .TcPOU, .TcDUT, .TcGVL, .TcTTO)"
     dialect = "twincat"
-    limits = Limits(max_array=65_536)
+    limits = Limits(max_array=65_536, data_bytes=32 * 1024 * 1024)
     has_tests = True
 
     def files(self, application: Application) -> Iterable[FilePlan]:
