@@ -29,6 +29,7 @@ from st_codegen.reconcile.recordings import (
 from st_codegen.reconcile.remaining import Signature, Structure, lines_in_samples, signatures, structure
 from st_codegen.reconcile.selection import search, with_noise_of
 from st_codegen.reconcile.suspects import bad_runs
+from st_codegen.reconcile.threads import one_thread
 from st_codegen.rig.effects import Catalogue, Effect, Stage
 from st_codegen.rig.model import RigModel
 
@@ -147,6 +148,11 @@ def reconcile_observations(
     rig: RigModel, data: Observations, known: Catalogue, progress: Progress | None = None
 ) -> Result:
     """The statistical core on observations."""
+    with one_thread():
+        return _reconcile(rig, data, known, progress)
+
+
+def _reconcile(rig: RigModel, data: Observations, known: Catalogue, progress: Progress | None) -> Result:
     model = data.observed(rig.coefficients(data.at, data.model_orders()))
     noise = estimate(data, data.values - model)
     target = Target(data, noise.sigma, noise.good, groups_of(data.at), rig.constants.reduction_ratio)

@@ -9,6 +9,7 @@ from st_codegen.reconcile.noise import estimate
 from st_codegen.reconcile.parameters import piece_of
 from st_codegen.reconcile.peaks import bracket, spread
 from st_codegen.reconcile.retuned import changes
+from st_codegen.reconcile.threads import one_thread
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
 
@@ -115,3 +116,9 @@ def test_spread_of_a_frequency_in_a_bracket_is_that_of_an_equal_distribution():
     assert spread(54.0, (53.0, 55.0)) == pytest.approx(2 / np.sqrt(12))
     values = 53.0 + (np.arange(100_000) + 0.5) * 2e-5
     assert spread(55.5, (53.0, 55.0)) == pytest.approx(np.sqrt(((values - 55.5) ** 2).mean()), rel=1e-6)
+
+
+def test_linear_algebra_has_one_thread_while_reconciling():
+    pools = pytest.importorskip("threadpoolctl")
+    with one_thread():
+        assert {pool["num_threads"] for pool in pools.threadpool_info() if pool["user_api"] == "blas"} <= {1}
