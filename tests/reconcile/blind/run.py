@@ -12,6 +12,7 @@ import argparse
 import hashlib
 import json
 import multiprocessing
+import multiprocessing.util
 import os
 import shutil
 import subprocess
@@ -54,6 +55,17 @@ def reconcile(rig: Path, measured: Path, out: Path, *more: str) -> subprocess.Co
 
 #: (rig, measured, out) -> exit code and messages
 Reconcile = Callable[[Path, Path, Path], subprocess.CompletedProcess[str]]
+
+
+def leave_nobody() -> None:
+    """Have a worker stop its own workers when it ends; else it waits for them to be idle long enough."""
+    multiprocessing.util.Finalize(None, stop_workers, exitpriority=100)
+
+
+def stop_workers() -> None:
+    from joblib.externals.loky import get_reusable_executor
+
+    get_reusable_executor().shutdown()
 
 
 def lean(rig: Path, measured: Path, out: Path) -> subprocess.CompletedProcess[str]:
@@ -240,7 +252,8 @@ def main(values: Sequence[str] | None = None) -> int:
     if options.lean:
         # workers load NumPy anew, on one core each
         os.environ |= ONE_CORE
-        pool, how = ProcessPoolExecutor(options.jobs, multiprocessing.get_context("spawn")), lean
+        pool = ProcessPoolExecutor(options.jobs, multiprocessing.get_context("spawn"), initializer=leave_nobody)
+        how = lean
     with pool, partial.open("w") as file:
         for result in kept.values():
             file.write(json.dumps({"program": mark, "result": result}) + "\n")
