@@ -55,8 +55,9 @@ class Experiment:
 class Claim:
     """An effect that is missing in the rig: its piece, evidence, equally good names, and how to tell them apart.
 
-    share: of the gap (power) that the effect explains; peaks: the frequencies (Hz) between which the peaks of a
-    resonance's orders put it, where their shape is not that of one oscillator.
+    share: of the gap (power) that the effect explains; own_gap: RMS (deg) of the gap of its orders alone, before and
+    after all changes; peaks: the frequencies (Hz) between which the peaks of a resonance's orders put it, where their
+    shape is not that of one oscillator.
     """
 
     piece: Piece
@@ -65,6 +66,7 @@ class Claim:
     alternatives: tuple[str, ...]
     experiments: tuple[Experiment, ...]
     share: float
+    own_gap: tuple[float, float]
     extrapolates: tuple[str, ...]
     peaks: tuple[float, float] | None = None
 
@@ -165,6 +167,7 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
                 alternatives=tuple(sorted({other.name for other, _ in others} - {piece.effect.name})),
                 experiments=tuple(_experiment(joint, fitted, i, other) for other, fitted in others),
                 share=_share(rig, final, piece),
+                own_gap=_own_gap(rig, final, piece),
                 extrapolates=(*_extrapolates(joint, piece), *_of_its_shape(piece, peaks)),
                 peaks=peaks,
             )
@@ -259,6 +262,18 @@ def _share(rig: RigModel, final: Fit, piece: Piece) -> float:
     without = rms_deg(final.residual[good] + explained(final, piece)[good], orders) ** 2
     after = rms_deg(final.residual[good], orders) ** 2
     return float(np.clip((without - after) / max(before - after, 1e-300), 0.0, 1.0))
+
+
+def _own_gap(rig: RigModel, final: Fit, piece: Piece) -> tuple[float, float]:
+    """RMS of what the old and the new rig leave at the orders of a piece; at all where the data are over the angle."""
+    data, good = final.target.data, final.target.good
+    own = np.isin(data.orders, piece.effect.touched_orders())
+    columns = own if data.angle_rad is None and own.any() else np.ones_like(own)
+    before, after = (
+        rms_deg(residual[good][:, columns], data.orders[columns])
+        for residual in (final.target.residual(rig), final.residual)
+    )
+    return before, after
 
 
 def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> list[tuple[Candidate, Fit]]:

@@ -13,7 +13,7 @@ from st_codegen.reconcile.maps import map_sections
 from st_codegen.reconcile.output import parameters_of, rig_diff
 from st_codegen.reconcile.run import OrderGap, Result
 from st_codegen.reconcile.spectrum import SpectrumResult, sizes, spectrum_report, spectrum_summary
-from st_codegen.reconcile.words import VERDICT_TEXT, sentence
+from st_codegen.reconcile.words import VERDICT_TEXT, plain, sentence
 from st_codegen.report.html import Section, Table, page
 from st_codegen.report.picture import Draw, figure, figures
 from st_codegen.rig.effects.base import FloatArray
@@ -72,7 +72,7 @@ def spectrum_page(result: SpectrumResult) -> str:
 def _findings(result: Result) -> Section:
     found = result.conclusions
     rows: list[list[Any]] = [[sentence(claim, result)] for claim in found.claims]
-    rows += [[f"{entry.after.title}: parameters of the rig that the data refuse"] for entry in found.retuned]
+    rows += [[f"{plain(entry.after, result)}: parameters of the rig that the data refuse"] for entry in found.retuned]
     if found.offset_changed:
         old, new = result.rig.zero_offset_deg, result.new_rig.zero_offset_deg
         rows.append([f"the encoders' common zero moved from {old:.4g} to {new:.4g} deg"])

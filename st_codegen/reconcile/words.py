@@ -28,7 +28,8 @@ def summary(result: Result) -> str:
     lines = [VERDICT_TEXT[result.verdict]]
     lines += [f"- {sentence(claim, result)}" for claim in result.conclusions.claims]
     lines += [
-        f"- {entry.after.title}: its parameters in the rig do not fit the data" for entry in result.conclusions.retuned
+        f"- {plain(entry.after, result)}: its parameters in the rig do not fit the data"
+        for entry in result.conclusions.retuned
     ]
     if result.conclusions.offset_changed:
         lines.append("- the encoders' common zero has moved")
@@ -71,22 +72,28 @@ def update_summary(update: Update) -> str:
     return "\n".join(lines)
 
 
+#: share of the whole gap from which on it says more than the gap of an effect's own orders
+_MUCH = 0.05
 _COMPENSATOR = {"none": "without compensation", "old": "with the old models", "new": "with the new models"}
 
 
 def sentence(claim: Claim, result: Result) -> str:
     """One claim in words."""
     effect = claim.piece.effect
-    words = _WORDS.get(effect.name, _plain)(effect, result)
+    words = _WORDS.get(effect.name, plain)(effect, result)
     hedge = f" (the data would allow {', '.join(claim.alternatives)} as well)" if claim.alternatives else ""
-    return f"{words}{hedge}; it explains {100 * claim.share:.0f} % of the gap"
+    if claim.share >= _MUCH:
+        return f"{words}{hedge}; it explains {100 * claim.share:.0f} % of the gap"
+    before, after = claim.own_gap
+    return f"{words}{hedge}; the gap of its orders falls from {before:.2g} to {after:.2g} deg"
 
 
 def _value(effect: Effect, key: str) -> float:
     return effect.scalar(key)
 
 
-def _plain(effect: Effect, result: Result) -> str:
+def plain(effect: Effect, result: Result) -> str:
+    """An effect by its title and orders."""
     orders = f", order {', '.join(map(str, effect.orders))}" if effect.orders else ""
     return f"{effect.title}{orders}"
 

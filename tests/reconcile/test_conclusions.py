@@ -1,15 +1,20 @@
 """What is concluded from a fit: changed parameters, errors of what no run sees, a resonance placed by its peaks."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from st_codegen.reconcile.candidates import Search, variants
+from st_codegen.reconcile.conclusions import Claim
 from st_codegen.reconcile.fitting import State, Target, fit, groups_of
 from st_codegen.reconcile.noise import estimate
-from st_codegen.reconcile.parameters import piece_of
+from st_codegen.reconcile.parameters import Piece, piece_of
 from st_codegen.reconcile.peaks import bracket, spread
 from st_codegen.reconcile.retuned import changes
 from st_codegen.reconcile.threads import one_thread
+from st_codegen.reconcile.words import sentence
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
 
@@ -122,3 +127,12 @@ def test_linear_algebra_has_one_thread_while_reconciling():
     pools = pytest.importorskip("threadpoolctl")
     with one_thread():
         assert {pool["num_threads"] for pool in pools.threadpool_info() if pool["user_api"] == "blas"} <= {1}
+
+
+def test_a_small_share_is_told_by_the_gap_of_its_own_orders():
+    """Where the mean has most of the gap, a share of it says nothing of an order."""
+    effect = RIG.effects[0]
+    result = SimpleNamespace(data=SimpleNamespace(at=SimpleNamespace(torque_Nm=np.array([454.0]))))
+    claim = Claim(Piece(effect, frozenset(), True), {}, None, (), (), 0.002, (3e-3, 4e-4), ())
+    assert sentence(claim, result).endswith("; the gap of its orders falls from 0.003 to 0.0004 deg")
+    assert sentence(replace(claim, share=0.05), result).endswith("; it explains 5 % of the gap")

@@ -158,6 +158,7 @@ def test_a_missing_effect_is_named_added_and_the_page_says_so(tmp_path):
     assert 'name = "torsional_compliance"' in (tmp_path / "o" / "rig.toml").read_text()
     page = (tmp_path / "o" / "report.html").read_text()
     assert "N m per arcmin" in page and "<svg" in page
+    assert f"it explains {100 * found['share_of_gap']:.0f} % of the gap" in page
     assert '+name = "torsional_compliance"' in (tmp_path / "o" / "rig.diff").read_text()
 
 
