@@ -16,10 +16,10 @@ test: $(INSTALLED)  ## the whole test suite
 	$(BIN)/python -m pytest -n 2 -q
 
 real: $(INSTALLED)  ## the models of the real rig on 100,000 inputs each, reconcile on its table; needs the measured data
-	$(BIN)/python -m pytest -q -m slow tests/test_real_rig.py tests/reconcile/test_real_data.py
+	$(BIN)/python -m pytest -q -m slow tests/proof/test_real_rig.py tests/reconcile/test_real_data.py
 
 blark: $(INSTALLED)  ## every generated TwinCAT file through an independent parser
-	$(BIN)/python -m pytest -q -m slow tests/targets/test_blark.py
+	$(BIN)/python -m pytest -q -m slow tests/emit/targets/test_blark.py
 
 # the measured tables, and how thoroughly to search: DATA=FOLDER FOLDS=10 for the paper's own number of folds
 DATA ?= ../shared/data
@@ -41,8 +41,8 @@ bench: $(INSTALLED)  ## times and memory of the compiler and the interpreter
 	$(BIN)/python benchmarks/campaign.py
 
 soak: $(INSTALLED)  ## 100,000 hostile sequences through the blocks of the compensation, about 5 minutes
-	$(BIN)/python -m pytest -q -m slow tests/application
-	$(BIN)/python -m tests.application.hostile
+	$(BIN)/python -m pytest -q -m slow tests/te
+	$(BIN)/python -m tests.te.hostile
 
 blind: $(INSTALLED)  ## hidden effects on held-out seeds: three rounds of cases, rates in build/blind.json; takes an hour
 	$(BIN)/python -m tests.reconcile.blind.run --seeds heldout --cases 348 --jobs 2 --lean --json build/blind.json

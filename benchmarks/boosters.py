@@ -37,7 +37,8 @@ def train(folder: Path) -> None:
 
 def measure(path: Path) -> None:
     from st_codegen.ir import TreeEnsemble
-    from st_codegen.walkers import lightgbm, xgboost
+    from st_codegen.walkers.lightgbm import model as lightgbm
+    from st_codegen.walkers.xgboost import model as xgboost
 
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     start = time.perf_counter()

@@ -27,9 +27,9 @@ UNLIMITED = Options(data_bytes=2**40)
 
 def forest(trees: int, nodes: int) -> Any:
     """A forest of complete random trees on eight features that knows missing values."""
-    from st_codegen.bundle import Bundle
     from st_codegen.ir import Comparison, Feature, ModelIR, Precision, Source, TreeColumn, TreeEnsemble
     from st_codegen.ir.preorder import preorder
+    from st_codegen.te.bundle import Bundle
     from st_codegen.walkers.base import LoadedModel
 
     random = np.random.default_rng(0)
@@ -70,8 +70,8 @@ def forest(trees: int, nodes: int) -> Any:
 
 def generate_forest(trees: int, nodes: int) -> str:
     """Generate a forest; the time does not count making it."""
-    from st_codegen.generate import generate
-    from st_codegen.targets import TARGETS
+    from st_codegen.emit.generate import generate
+    from st_codegen.emit.targets import TARGETS
 
     bundle = forest(trees, nodes)
     with tempfile.TemporaryDirectory() as folder:
@@ -83,9 +83,9 @@ def generate_forest(trees: int, nodes: int) -> str:
 
 def run_forest(trees: int, nodes: int, rows: int) -> str:
     """Rows a second of the interpreter on a generated forest."""
-    from st_codegen.engine import GeneratedCode
-    from st_codegen.generate import generate
-    from st_codegen.targets import TARGETS
+    from st_codegen.emit.generate import generate
+    from st_codegen.emit.targets import TARGETS
+    from st_codegen.proof.runner import GeneratedCode
 
     bundle = forest(trees, nodes)
     x = np.random.default_rng(1).normal(size=(rows, 8))
@@ -100,10 +100,10 @@ def run_forest(trees: int, nodes: int, rows: int) -> str:
 
 def bundle_times(models: Path, rows: int) -> str:
     """Load and generate, then verify a bundle."""
-    from st_codegen.bundle import load
-    from st_codegen.generate import generate
-    from st_codegen.targets import TARGETS
-    from st_codegen.verify import verify
+    from st_codegen.emit.generate import generate
+    from st_codegen.emit.targets import TARGETS
+    from st_codegen.proof.verify import verify
+    from st_codegen.te.bundle import load
 
     with tempfile.TemporaryDirectory() as folder:
         start = time.perf_counter()

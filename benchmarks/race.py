@@ -89,8 +89,8 @@ def check_translation(case: Case, built: Built, harness: Harness, folder: Path) 
     Bit for bit for models of trees; the others call EXP, whose last bit is the library's own, so that only two units
     in the last place of the largest result may differ.
     """
-    from st_codegen.engine import GeneratedCode
-    from st_codegen.probes import probe_rows
+    from st_codegen.proof.probes import probe_rows
+    from st_codegen.proof.runner import GeneratedCode
 
     (model,) = bundle_of(case).models
     x = probe_rows(model.ir, 2_000)[:CHECKED]

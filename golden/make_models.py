@@ -6,7 +6,7 @@ The files below `golden/` are committed; run this only to add a model:
     python golden/make_models.py NAME ..    # makes these again
 
 Each model gets `lone/models/NAME.*`, `lone/inputs/NAME.csv` and `lone/outputs/NAME.csv`. The expected Structured Text
-is written by `pytest tests/test_golden.py --update-golden`.
+is written by `pytest tests/emit/test_golden.py --update-golden`.
 """
 
 from __future__ import annotations

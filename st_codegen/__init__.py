@@ -20,10 +20,10 @@ __version__ = "0.1.0"
 
 # the package, before the function of the same name is defined: its later modules do not take the name back
 import st_codegen.reconcile  # noqa: F401
-from st_codegen.bundle import Bundle, load
-from st_codegen.generate import generate
-from st_codegen.review import diff
-from st_codegen.verify import verify
+from st_codegen.emit.generate import generate
+from st_codegen.proof.review import diff
+from st_codegen.proof.verify import verify
+from st_codegen.te.bundle import Bundle, load
 
 if TYPE_CHECKING:
     from st_codegen.reconcile.run import Result

@@ -16,7 +16,7 @@ def pytest_addoption(parser):
     parser.addoption(
         "--update-golden",
         action="store_true",
-        help="rewrite the expected files in golden/ and show what changes (see tests/test_golden.py)",
+        help="rewrite the expected files in golden/ and show what changes (see tests/emit/test_golden.py)",
     )
 
 

@@ -10,10 +10,10 @@ from rich.table import Table
 from st_codegen.cli.console import console, quiet_option
 from st_codegen.cli.costs import profile_option
 from st_codegen.cost import calibrate, load_profile, read_measurements, with_factors
-from st_codegen.engine import GeneratedCode
+from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import InputError
-from st_codegen.targets import TARGETS
-from st_codegen.verify import target_folders
+from st_codegen.proof.runner import GeneratedCode
+from st_codegen.proof.verify import target_folders
 
 
 @click.command(

@@ -11,8 +11,8 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from st_codegen.emit.targets import TARGETS
 from st_codegen.passes.choose import Layout, Options
-from st_codegen.targets import TARGETS
 
 #: Messages and progress; results go to standard output.
 console = Console(stderr=True, width=None if Console(stderr=True).is_terminal else 120)

@@ -9,7 +9,7 @@ from rich.table import Table
 
 from st_codegen.cli.console import Command, console
 from st_codegen.cost import DEFAULT, BlockCost, Part, ProjectCost, profile_names
-from st_codegen.explain import Price
+from st_codegen.proof.explain import Price
 
 #: Parts of a cycle that take less than this share are added up in one row.
 _SMALL = 0.002

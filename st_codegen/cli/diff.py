@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from st_codegen.cli.console import console, progress_bar, quiet_option
-from st_codegen.review import Change, ModelChange, Review, diff
+from st_codegen.proof.review import Change, ModelChange, Review, diff
 
 
 @click.command(

@@ -9,7 +9,6 @@ from typing import Any
 import click
 from rich.table import Table
 
-from st_codegen.bundle import load
 from st_codegen.cli.console import (
     array_option,
     bytes_option,
@@ -22,12 +21,13 @@ from st_codegen.cli.console import (
 )
 from st_codegen.cli.costs import price_table, print_budget
 from st_codegen.cost import DEFAULT, load_profile
-from st_codegen.engine import GeneratedCode
-from st_codegen.explain import Pricing, prices
-from st_codegen.generate import Generated, check, generate, limits_for
+from st_codegen.emit.generate import Generated, check, generate, limits_for
+from st_codegen.emit.targets import TARGETS, target_named
 from st_codegen.passes.choose import CostFunction, Layout, Options, simple_cost
-from st_codegen.targets import TARGETS, target_named
-from st_codegen.verify import cycle_cost
+from st_codegen.proof.explain import Pricing, prices
+from st_codegen.proof.runner import GeneratedCode
+from st_codegen.proof.verify import cycle_cost
+from st_codegen.te.bundle import load
 
 
 @click.command(

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from st_codegen.latency import PAPER_OUTPUT_US, Exchange, Latency, TaskTiming, latency
+from st_codegen.te.latency import PAPER_OUTPUT_US, Exchange, Latency, TaskTiming, latency
 
 
 @click.command(

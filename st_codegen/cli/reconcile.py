@@ -10,7 +10,6 @@ from pathlib import Path
 
 import click
 
-from st_codegen.bundle_file import BUNDLE_FILE
 from st_codegen.cli.console import console, progress_bar, quiet_option, trust_option
 from st_codegen.errors import InputError
 from st_codegen.reconcile.output import report, report_text, rig_diff
@@ -27,6 +26,7 @@ from st_codegen.reconcile.update import CODE, MODELS, Update, Wish, check_models
 from st_codegen.reconcile.words import summary, update_summary
 from st_codegen.rig.effects import catalogue
 from st_codegen.rig.model import read_rig
+from st_codegen.te.bundle_file import BUNDLE_FILE
 
 
 @click.command(

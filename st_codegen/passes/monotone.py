@@ -17,7 +17,6 @@ from functools import singledispatch
 import numpy as np
 from numpy.typing import NDArray
 
-from st_codegen import reference
 from st_codegen.ir import (
     BoolArray,
     Clip,
@@ -34,6 +33,7 @@ from st_codegen.ir import (
     Select,
     TreeColumn,
     TreeEnsemble,
+    reference,
 )
 
 #: Stands for infinity among the neighbours of a float32 number: as far behind the largest one as that is from the next.

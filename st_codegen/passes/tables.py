@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from st_codegen import reference
 from st_codegen.ir import (
     CellTable,
     FloatArray,
@@ -27,6 +26,7 @@ from st_codegen.ir import (
     Select,
     TableAxis,
     TreeEnsemble,
+    reference,
 )
 from st_codegen.passes.monotone import Chain, Column, Kind, columns_of, domain_of, step_edges
 

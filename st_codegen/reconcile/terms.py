@@ -13,11 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from st_codegen import reference
-from st_codegen.blocks.model import input_variables
-from st_codegen.bundle import Bundle
+from st_codegen.emit.blocks.model import input_variables
 from st_codegen.errors import InputError, Problems
-from st_codegen.ir import Direction, ModelIR, Quantity, TransmissionError
+from st_codegen.ir import Direction, ModelIR, Quantity, TransmissionError, reference
 from st_codegen.reconcile.formula import (
     QUANTITIES,
     Graph,
@@ -33,6 +31,7 @@ from st_codegen.reconcile.observations import rms_deg
 from st_codegen.reconcile.run import Result
 from st_codegen.rig.compensator import roles_of, transmission_error
 from st_codegen.rig.effects.base import ComplexArray, FloatArray, IntArray
+from st_codegen.te.bundle import Bundle
 
 SIGN = {Direction.FORWARD: 1.0, Direction.BACKWARD: -1.0}
 _LEAST_ROWS = 8

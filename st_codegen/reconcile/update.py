@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from st_codegen.bundle import Bundle, load
-from st_codegen.bundle_file import BUNDLE_FILE, read_description
+from st_codegen.emit.generate import generate
+from st_codegen.emit.targets import target_named
 from st_codegen.errors import GeneratedCodeError, InputError, Problems
-from st_codegen.generate import generate
+from st_codegen.proof.verify import VerifyReport, verify
 from st_codegen.reconcile.bundle_files import write_updated
 from st_codegen.reconcile.run import Result
 from st_codegen.reconcile.terms import Decision, decide
@@ -21,8 +21,8 @@ from st_codegen.rig.model import RigModel
 from st_codegen.rig.motion import Case, Size, compare, lead_time_s, plan, run
 from st_codegen.rig.profiles import profile_named
 from st_codegen.rig.tasks import Form
-from st_codegen.targets import target_named
-from st_codegen.verify import VerifyReport, verify
+from st_codegen.te.bundle import Bundle, load
+from st_codegen.te.bundle_file import BUNDLE_FILE, read_description
 
 Progress = Callable[[int, int, str], None]
 #: folders below the output

@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from st_codegen.render import render_report
+from st_codegen.emit.render import render_report
 
 
 @dataclass(frozen=True)

@@ -20,15 +20,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from st_codegen.blocks.model import input_variables
-from st_codegen.bundle import Bundle
+from st_codegen.emit.blocks.model import input_variables
+from st_codegen.emit.generate import generate
+from st_codegen.emit.targets import target_named
 from st_codegen.errors import GeneratedCodeError, InputError
-from st_codegen.generate import generate
 from st_codegen.ir import TransmissionError
 from st_codegen.rig.tasks import Form, Inputs, TaskSettings
 from st_codegen.st import LaneMachine, ScalarMachine, StError, StRuntimeError, load_project
 from st_codegen.st.typed import Project
-from st_codegen.targets import target_named
+from st_codegen.te.bundle import Bundle
 
 FloatArray = NDArray[np.float64]
 

@@ -174,7 +174,7 @@ def html(study: Study) -> str:
 
 _TIMING = (
     "From a latched angle to the set-point at the drive, and the mean age, since a set-point may be repeated "
-    "(st_codegen/latency.py). The limit is one over the latency, as in the paper (1325.3 us, 754.5 Hz for two tasks); "
+    "(`st-codegen latency`). The limit is one over the latency, as in the paper (1325.3 us, 754.5 Hz for two tasks); "
     "a wave at that frequency would be corrected a whole period late, and the phase error at a frequency f is 360 "
     "deg * f * latency. A lead takes the angle ahead by the known delays and removes it at constant speed."
 )

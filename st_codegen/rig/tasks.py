@@ -2,7 +2,7 @@
 
 Rules, as the paper states them: signals go over the fieldbus once in a main cycle, and variables are exchanged at the
 beginning of tasks. So at each tick the tasks that start publish what they computed in their last cycle, then read what
-is published. `st_codegen/latency.py` counts what that takes; the paper's 1325.3 us leave 75.3 us for the transfer
+is published. `st_codegen/te/latency.py` counts what that takes; the paper's 1325.3 us leave 75.3 us for the transfer
 to the drive, which is our split: the parts of its time diagram are not in the text.
 """
 
@@ -14,8 +14,8 @@ from enum import StrEnum
 from typing import Any, NamedTuple, Protocol
 
 from st_codegen.errors import InputError, Problems
-from st_codegen.latency import PAPER_OUTPUT_US, Latency, TaskTiming, latency
 from st_codegen.rig.axis_parameters import parameter, read_table
+from st_codegen.te.latency import PAPER_OUTPUT_US, Latency, TaskTiming, latency
 
 
 class Form(StrEnum):

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from st_codegen.bundle_file import BUNDLE_FILE
 from st_codegen.errors import InputError, MissingExtraError
 from st_codegen.ir import Direction, Quantity
+from st_codegen.te.bundle_file import BUNDLE_FILE
 
 FloatArray = npt.NDArray[np.float64]
 #: name, unit

@@ -75,12 +75,12 @@ EstimatorWalker = Callable[[Any, GraphBuilder, int], int]
 _WALKERS: dict[tuple[str, str], EstimatorWalker] = {}
 _MODULES = {
     "sklearn": (
-        "st_codegen.walkers.sklearn_trees",
-        "st_codegen.walkers.sklearn_models",
-        "st_codegen.walkers.sklearn_compose",
+        "st_codegen.walkers.sklearn.trees",
+        "st_codegen.walkers.sklearn.models",
+        "st_codegen.walkers.sklearn.compose",
     ),
-    "lightgbm": ("st_codegen.walkers.lightgbm",),
-    "xgboost": ("st_codegen.walkers.xgboost",),
+    "lightgbm": ("st_codegen.walkers.lightgbm.model",),
+    "xgboost": ("st_codegen.walkers.xgboost.model",),
 }
 
 

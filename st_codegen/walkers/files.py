@@ -13,11 +13,11 @@ from st_codegen.walkers.objects import load_pickle, load_skops
 
 #: Suffix -> module with a function `load_file(path, name)`.
 _MODULES = {
-    ".onnx": "st_codegen.walkers.onnx",
-    ".txt": "st_codegen.walkers.lightgbm",
-    ".json": "st_codegen.walkers.xgboost",
-    ".ubj": "st_codegen.walkers.xgboost",
-    ".xml": "st_codegen.walkers.beckhoff_ml",
+    ".onnx": "st_codegen.walkers.onnx.load",
+    ".txt": "st_codegen.walkers.lightgbm.model",
+    ".json": "st_codegen.walkers.xgboost.model",
+    ".ubj": "st_codegen.walkers.xgboost.model",
+    ".xml": "st_codegen.beckhoff_ml.model",
 }
 _PICKLES = (".joblib", ".pkl", ".pickle")
 

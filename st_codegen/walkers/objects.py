@@ -17,7 +17,7 @@ from st_codegen.walkers.base import GraphBuilder, LoadedModel, Predictor, walk_e
 _LIBRARIES = {"sklearn": "scikit-learn", "lightgbm": "LightGBM", "xgboost": "XGBoost"}
 
 #: Packages whose objects know more of themselves (boosters, categories) than a scikit-learn estimator does.
-_LOADERS = {"lightgbm": "st_codegen.walkers.lightgbm", "xgboost": "st_codegen.walkers.xgboost"}
+_LOADERS = {"lightgbm": "st_codegen.walkers.lightgbm.model", "xgboost": "st_codegen.walkers.xgboost.model"}
 
 #: What regressors of the three libraries need beyond the types that skops trusts itself. None of these runs code from
 #: the file; a `partial` can only hold a function that is itself trusted.

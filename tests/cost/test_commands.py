@@ -5,13 +5,13 @@ import json
 
 import pytest
 
-from st_codegen.bundle import load
 from st_codegen.cli.main import main
 from st_codegen.cost import load_profile
-from st_codegen.explain import Pricing
+from st_codegen.emit.targets import TARGETS
 from st_codegen.passes.choose import Options
 from st_codegen.passes.pipeline import compile_project
-from st_codegen.targets import TARGETS
+from st_codegen.proof.explain import Pricing
+from st_codegen.te.bundle import load
 
 
 def run(*arguments):

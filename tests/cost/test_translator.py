@@ -10,7 +10,7 @@ import pytest
 from benchmarks.contenders import Built
 from benchmarks.harness import Harness
 from benchmarks.st_to_c import UntranslatableError, ports, translate
-from st_codegen.engine import GeneratedCode
+from st_codegen.proof.runner import GeneratedCode
 from st_codegen.st import LaneMachine, parse_project
 
 GOLDEN = Path(__file__).resolve().parent.parent.parent / "golden" / "lone"

@@ -8,19 +8,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from st_codegen import reference
-from st_codegen.blocks import depth_classes as classes
-from st_codegen.blocks.depth_classes import depth_classes
-from st_codegen.blocks.model import Limits
-from st_codegen.blocks.ranked_trees import LANES
-from st_codegen.ir import Aggregate, Comparison, Precision, Rank, TreeEnsemble
+from st_codegen.emit.blocks import depth_classes as classes
+from st_codegen.emit.blocks.depth_classes import depth_classes
+from st_codegen.emit.blocks.model import Limits
+from st_codegen.emit.blocks.ranked_trees import LANES
+from st_codegen.ir import Aggregate, Comparison, Precision, Rank, TreeEnsemble, reference
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.passes.prune import pruned
 from st_codegen.passes.ranks import ranked
-from st_codegen.probes import probe_rows
+from st_codegen.proof.probes import probe_rows
+from tests.emit.test_emitted import run
 from tests.models import model, random_trees
 from tests.passes.test_tables import SLOW
-from tests.test_emitted import run
 
 
 @settings(max_examples=60, deadline=None)

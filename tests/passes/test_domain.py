@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from st_codegen import reference
 from st_codegen.errors import InputError
 from st_codegen.ir import (
     Activation,
@@ -20,6 +19,7 @@ from st_codegen.ir import (
     Round,
     Scale,
     Source,
+    reference,
 )
 from st_codegen.passes.domain import limit_inputs
 

@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from st_codegen import bounds, reference
-from st_codegen.ir import FactoredKernel, Kernel, KernelSum, Operator, Precision, Round, Scale
+from st_codegen.ir import FactoredKernel, Kernel, KernelSum, Operator, Precision, Round, Scale, reference
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.passes.kernels import factored, grid_of
-from st_codegen.probes import probe_rows
+from st_codegen.proof import bounds
+from st_codegen.proof.probes import probe_rows
+from tests.emit.test_emitted import run
 from tests.models import model
 from tests.passes.test_tables import SLOW
-from tests.test_emitted import run
 
 
 def kernel_on_grid(random, shape, outputs=1, kept=1.0, gamma=0.4, **options):

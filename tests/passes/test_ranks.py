@@ -7,18 +7,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from st_codegen import reference
-from st_codegen.blocks.model import Limits, block_name
-from st_codegen.ir import Comparison, Feature, Operator, Precision, Rank, Scale, TreeEnsemble, depth_of
+from st_codegen.emit.blocks.model import Limits, block_name
+from st_codegen.ir import Comparison, Feature, Operator, Precision, Rank, Scale, TreeEnsemble, depth_of, reference
 from st_codegen.passes.choose import Layout, Options
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.passes.pipeline import compile_project
 from st_codegen.passes.prune import pruned, subtrees
 from st_codegen.passes.ranks import ranked
-from st_codegen.probes import probe_rows
+from st_codegen.proof.probes import probe_rows
+from tests.emit.test_emitted import run
 from tests.models import SMALL_MODELS, model, random_trees, tree_models
 from tests.passes.test_tables import SLOW, assert_same_bits, ranged
-from tests.test_emitted import run
 
 
 @settings(max_examples=200, deadline=None, suppress_health_check=SLOW)

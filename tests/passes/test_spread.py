@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from st_codegen.bundle import load
-from st_codegen.engine import GeneratedCode
-from st_codegen.generate import generate
+from st_codegen.emit.generate import generate
 from st_codegen.passes.choose import Layout, Options
+from st_codegen.proof.runner import GeneratedCode
+from st_codegen.proof.verify import verify
 from st_codegen.st import LaneMachine
-from st_codegen.verify import verify
+from st_codegen.te.bundle import load
 
 
 @pytest.fixture(params=["twincat", "iec"])

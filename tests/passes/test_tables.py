@@ -7,8 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from st_codegen import reference
-from st_codegen.blocks.model import Limits
+from st_codegen.emit.blocks.model import Limits
 from st_codegen.ir import (
     CellTable,
     Comparison,
@@ -23,15 +22,16 @@ from st_codegen.ir import (
     Scale,
     TransmissionError,
     TreeColumn,
+    reference,
 )
 from st_codegen.passes.choose import Layout, Options
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.passes.monotone import Chain, Domain, changeovers, split_edges
 from st_codegen.passes.pipeline import compile_project
 from st_codegen.passes.tables import as_model, cells_of, united
-from st_codegen.probes import probe_rows
+from st_codegen.proof.probes import probe_rows
+from tests.emit.test_emitted import run
 from tests.models import SMALL_MODELS, model, random_trees, tree_models
-from tests.test_emitted import run
 
 SLOW = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much]
 MOST = 100_000

@@ -65,7 +65,7 @@ def test_formulas_are_the_effects(seed, tmp_path):
 def test_the_model_file_has_the_same_numbers(tmp_path):
     """Features in another order. To the last bit where there is neither exp nor tanh."""
     pytest.importorskip("onnxruntime")
-    from st_codegen import reference
+    from st_codegen.ir import reference
     from st_codegen.walkers.files import load_model
 
     rig = rig_of(tmp_path, 3)

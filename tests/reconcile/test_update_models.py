@@ -10,11 +10,11 @@ import tomllib
 import numpy as np
 import pytest
 
-from st_codegen.bundle import load
 from st_codegen.cli.main import main
 from st_codegen.ir import Quantity
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import parse_rig
+from st_codegen.te.bundle import load
 
 for _needed in ("numba", "matplotlib", "onnx"):
     pytest.importorskip(_needed)

@@ -116,7 +116,7 @@ def test_no_transmission_error_gives_no_error(linear_bundle):
 
 
 def test_a_compensator_that_predicts_nothing_changes_nothing(linear_rig, tmp_path, moved):
-    from st_codegen.bundle import load
+    from st_codegen.te.bundle import load
 
     nothing = parse_rig("[rig]\nreduction_ratio = 81.0\n")
     bundle = load(write_bundle(nothing, tmp_path / "zero", (0, 1)))

@@ -5,8 +5,8 @@ import math
 import pytest
 
 from st_codegen.errors import InputError, Problems
-from st_codegen.latency import paper_latency
 from st_codegen.rig.tasks import Form, Inputs, Plc, TaskSettings, read_tasks
+from st_codegen.te.latency import paper_latency
 
 
 class Echo:

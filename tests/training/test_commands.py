@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from st_codegen.bundle import load
 from st_codegen.campaign.harmonic_table import joined, read_table, write_table
 from st_codegen.cli.main import cli, main
 from st_codegen.cli.tables import ERRORS, PREDICTIONS, TABLE
+from st_codegen.te.bundle import load
 from st_codegen.training.tables import COLUMNS
 from tests.training.conftest import ORDERS, a_table, write_campaign
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from st_codegen.bundle import load
 from st_codegen.campaign.harmonic_table import HarmonicTable, joined
 from st_codegen.errors import InputError
 from st_codegen.ir import Direction, Quantity
-from st_codegen.predict import Engine, predict
-from st_codegen.reference import evaluate
+from st_codegen.ir.reference import evaluate
+from st_codegen.proof.predict import Engine, predict
+from st_codegen.te.bundle import load
 from st_codegen.training.choice import choose, loss
 from st_codegen.training.errors import errors_of
 from st_codegen.training.export import write_bundle

@@ -13,10 +13,9 @@ import pytest
 from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
-from st_codegen import reference
-from st_codegen.ir import TreeEnsemble
+from st_codegen.ir import TreeEnsemble, reference
 from st_codegen.walkers.base import LoadedModel
-from st_codegen.walkers.onnx import load_file
+from st_codegen.walkers.onnx.load import load_file
 
 FLOAT, DOUBLE, INT64 = TensorProto.FLOAT, TensorProto.DOUBLE, TensorProto.INT64
 ELEM_TYPES = {np.dtype(np.float32): FLOAT, np.dtype(np.float64): DOUBLE}
@@ -85,7 +84,7 @@ def assert_equal_bits(loaded: LoadedModel, x: NDArray[Any]) -> NDArray[np.float6
 
 def assert_within_bound(loaded: LoadedModel, x: NDArray[Any]) -> None:
     """The reference is as near to onnxruntime as the derived bound says, on rows that it all accepts."""
-    bounds = pytest.importorskip("st_codegen.bounds")
+    bounds = pytest.importorskip("st_codegen.proof.bounds")
     x = np.asarray(x, np.float64)
     assert not loaded.ir.exact
     assert np.all(reference.valid_rows(loaded.ir, x))

@@ -11,11 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from st_codegen import reference
 from st_codegen.errors import InputError, MissingExtraError
-from st_codegen.ir import Activation, Function, Operator, Scale, TreeEnsemble
-from st_codegen.walkers import lightgbm as walker
+from st_codegen.ir import Activation, Function, Operator, Scale, TreeEnsemble, reference
 from st_codegen.walkers.base import GraphBuilder, LoadedModel, walk_estimator
+from st_codegen.walkers.lightgbm import model as walker
 
 lgb = pytest.importorskip("lightgbm")
 

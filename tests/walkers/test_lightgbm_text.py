@@ -12,10 +12,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from st_codegen import reference
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.walkers import lightgbm as walker
+from st_codegen.ir import reference
 from st_codegen.walkers.forest import MAX_CATEGORY_CELLS
+from st_codegen.walkers.lightgbm import model as walker
 
 DATA = Path(__file__).parent / "data"
 

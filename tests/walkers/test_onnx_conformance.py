@@ -9,10 +9,10 @@ import onnx
 import pytest
 from onnx import helper, numpy_helper
 
-from st_codegen import reference
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.walkers import onnx_ml  # noqa: F401  (registers the operators)
-from st_codegen.walkers.onnx_graph import RULES
+from st_codegen.ir import reference
+from st_codegen.walkers.onnx import ml  # noqa: F401  (registers the operators)
+from st_codegen.walkers.onnx.graph import RULES
 from tests.walkers import onnx_builders as build
 
 DATA = Path(onnx.__file__).parent / "backend" / "test" / "data" / "node"

@@ -29,9 +29,8 @@ from sklearn.preprocessing import (
 from sklearn.svm import SVR, LinearSVR, NuSVR
 from sklearn.tree import DecisionTreeRegressor, ExtraTreeRegressor
 
-from st_codegen import reference
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import TreeEnsemble
+from st_codegen.ir import TreeEnsemble, reference
 from tests.walkers import onnx_builders as build
 from tests.walkers.onnx_builders import assert_equal_bits, assert_within_bound
 

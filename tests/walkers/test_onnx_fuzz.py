@@ -9,8 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from onnx import helper
 
-from st_codegen import reference
 from st_codegen.errors import InputError
+from st_codegen.ir import reference
 from tests.walkers import onnx_builders as build
 from tests.walkers.onnx_builders import Branch, constant, graph_model, info, leaf, ml
 

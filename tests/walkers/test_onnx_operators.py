@@ -7,9 +7,8 @@ import onnx
 import pytest
 from onnx import helper
 
-from st_codegen import reference
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import FLOAT32_OVERFLOW, Activation, Linear, Normalize, Precision, Round, Scale, Select
+from st_codegen.ir import FLOAT32_OVERFLOW, Activation, Linear, Normalize, Precision, Round, Scale, Select, reference
 from tests.walkers import onnx_builders as build
 from tests.walkers.onnx_builders import (
     DOUBLE,
@@ -323,7 +322,7 @@ def test_double_graphs_refuse_infinities_only(tmp_path):
 
 def test_opsets_are_those_of_the_schemas(tmp_path):
     """Every version of an operator that the installed onnx knows is walked, but for those before opset 7."""
-    from st_codegen.walkers.onnx_graph import RULES
+    from st_codegen.walkers.onnx.graph import RULES
 
     legacy = {"Gemm": 6, "Add": 6, "Sub": 6, "Mul": 6, "Div": 6, "Dropout": 6, "Sum": 6, "Reshape": 1, "MatMul": 1}
     legacy |= {"Clip": 1, "Tanh": 1, "Relu": 1, "Sigmoid": 1, "LeakyRelu": 1, "Elu": 1, "Exp": 1, "Neg": 1}

@@ -10,7 +10,7 @@ import pytest
 from onnx import TensorProto, helper
 
 from st_codegen.errors import InputError, MissingExtraError, UnsupportedModelError
-from st_codegen.walkers.onnx import load_file
+from st_codegen.walkers.onnx.load import load_file
 from tests.walkers import onnx_builders as build
 from tests.walkers.onnx_builders import DOUBLE, FLOAT, constant, graph_model, info, leaf, ml, single
 
@@ -50,7 +50,7 @@ def test_every_truncation_of_a_model_is_refused_or_loads(tmp_path):
 def test_missing_and_oversized_files(tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"absent\.onnx: cannot be read \(No such file"):
         load_file(tmp_path / "absent.onnx", "absent")
-    monkeypatch.setattr("st_codegen.walkers.onnx_model.MAX_FILE_SIZE", 10)
+    monkeypatch.setattr("st_codegen.walkers.onnx.model.MAX_FILE_SIZE", 10)
     assert "at most 10 are supported" in refused(single("Neg"), tmp_path)
 
 

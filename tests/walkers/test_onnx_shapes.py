@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from onnx import TensorProto, helper
 
-from st_codegen import reference
 from st_codegen.errors import InputError
-from st_codegen.ir import Round, Scale
+from st_codegen.ir import Round, Scale, reference
 from tests.walkers import onnx_builders as build
 from tests.walkers.onnx_builders import DOUBLE, FLOAT, assert_equal_bits, constant, graph_model, info, rows
 

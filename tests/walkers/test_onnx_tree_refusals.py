@@ -162,7 +162,7 @@ def test_lowest_double_has_nothing_below_it(tmp_path):
 
 
 def test_leaf_values_beyond_memory_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("st_codegen.walkers.onnx_tree_layout.MAX_LEAF_VALUES", 3)
+    monkeypatch.setattr("st_codegen.walkers.onnx.tree_layout.MAX_LEAF_VALUES", 3)
     model = build.regressor([Branch("LEQ", 0, 0.5, leaf(1.0, 2.0), leaf(3.0, 4.0))], n_targets=2)
     with pytest.raises(UnsupportedModelError, match="2 leaves with 2 numbers each: at most 3 leaf values"):
         build.load(model, tmp_path)

@@ -29,10 +29,11 @@ from sklearn.preprocessing import (  # noqa: E402
 from sklearn.svm import SVR, LinearSVR, NuSVR  # noqa: E402
 from sklearn.tree import DecisionTreeRegressor, ExtraTreeRegressor  # noqa: E402
 
-from st_codegen import bounds, reference  # noqa: E402
 from st_codegen.errors import InputError, UnsupportedModelError  # noqa: E402
+from st_codegen.ir import reference  # noqa: E402
 from st_codegen.passes.domain import limit_inputs  # noqa: E402
-from st_codegen.probes import probe_rows  # noqa: E402
+from st_codegen.proof import bounds  # noqa: E402
+from st_codegen.proof.probes import probe_rows  # noqa: E402
 from st_codegen.walkers.objects import from_estimator  # noqa: E402
 
 RANDOM = np.random.default_rng(7)

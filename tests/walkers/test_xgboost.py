@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from st_codegen import reference
 from st_codegen.errors import InputError, MissingExtraError, UnsupportedModelError
 from st_codegen.ir import (
     FLOAT32_OVERFLOW,
@@ -23,9 +22,10 @@ from st_codegen.ir import (
     Operator,
     Scale,
     TreeEnsemble,
+    reference,
 )
-from st_codegen.walkers import xgboost as walker
 from st_codegen.walkers.base import GraphBuilder, LoadedModel, walk_estimator
+from st_codegen.walkers.xgboost import model as walker
 
 xgb = pytest.importorskip("xgboost")
 

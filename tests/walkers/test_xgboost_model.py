@@ -15,9 +15,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from st_codegen import reference
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.walkers import xgboost as walker
+from st_codegen.ir import reference
+from st_codegen.walkers.xgboost import model as walker
 
 DATA = Path(__file__).parent / "data"
 

@@ -1,0 +1,1 @@
+"""The target for TwinCAT's machine learning runtime, and the reader of its model files."""

@@ -1,0 +1,134 @@
+"""How far an engine of TwinCAT's machine learning runtime may lie from the library, row by row.
+
+Derived as in `bounds`, for the arithmetic that the format prescribes: trees and support vectors in float64, networks
+with float32 weights and float32 arithmetic. Assumed is what the format does not say: sums in any order, functions
+within a few units of the last place.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from st_codegen.beckhoff_ml.engines import Affine, Engine, engines_of, output_of
+from st_codegen.ir import (
+    CEILING,
+    Activation,
+    FloatArray,
+    KernelSum,
+    Linear,
+    ModelIR,
+    Operation,
+    Precision,
+    Round,
+    Scale,
+    TreeEnsemble,
+    reference,
+)
+from st_codegen.proof import bounds
+
+_UNIT = {Precision.FLOAT64: 2.0**-53, Precision.FLOAT32: 2.0**-24}
+#: A sigmoid, TANH, EXP or the like of the engine: relative error in units of roundoff, as in `bounds`.
+_FUNCTION_ROUNDINGS = 12
+#: Roundings of `scaling * x + offset` and of its two numbers.
+_AFFINE_ROUNDINGS = 8
+#: What float32 loses below its smallest normal number, many times over.
+_TINY = 1e-36
+
+
+def engine_bound(model: ModelIR, x: FloatArray) -> FloatArray:
+    """Bound on |library - engine| for rows of `x` (rows, features), shape (rows, outputs).
+
+    0 where every step is exact, infinite where rounding may send a row through other leaves of a tree without bound.
+    """
+    engine = engines_of(model)[0]
+    unit = max((_UNIT[op.precision] for op in model.ops if isinstance(op, Scale)), default=0.0)
+    values = reference.trace(model, x)
+    differences = [np.zeros_like(values[0])]
+    with np.errstate(all="ignore"):
+        for number, op in enumerate(model.ops, 1):
+            operands = [values[value] for value in op.inputs]
+            given = [differences[value] for value in op.inputs]
+            if number == engine.first:
+                given = [given[0] + _input_error(engine, x, operands[0], unit)]
+            difference = bounds.step(op, operands, given, values[number])
+            if engine.first <= number <= engine.last:
+                difference = difference + _own_error(op, engine, operands[0], given[0], values[number])
+            elif isinstance(op, Round):
+                difference = difference + _UNIT[Precision.FLOAT32] * np.abs(operands[0])  # the engine does not round
+            differences.append(np.where(np.isnan(difference), np.inf, difference))
+        core = values[engine.last]
+        difference = differences[-1] + _affine_error(
+            output_of(model, engine.last), core, differences[engine.last], unit
+        )
+    if _answers_in_single(engine):
+        difference = difference + _UNIT[Precision.FLOAT32] * np.abs(values[-1])
+        # beyond REAL, on the way or at the end, the engine has no answer and the block flags the row
+        largest = np.max(np.abs(np.hstack(values)), axis=1, keepdims=True)
+        difference = np.where(largest < CEILING[Precision.FLOAT32], difference, np.inf)
+    return np.asarray(difference)
+
+
+def _answers_in_single(engine: Engine) -> bool:
+    """Whether the result is handed over as REAL."""
+    return engine.precision is Precision.FLOAT32
+
+
+def _input_error(engine: Engine, x: FloatArray, operand: FloatArray, unit: float) -> FloatArray:
+    """The transformation of the inputs and their rounding, in the columns that the first operation reads."""
+    size = np.abs(operand)
+    error = np.zeros_like(operand)
+    if not engine.input.changes_nothing:
+        # any column may come from any feature: the largest error of all of them is one for each
+        whole = _affine_error(engine.input, x, np.zeros_like(x), unit)
+        error = error + np.max(whole, axis=1, keepdims=True)
+    if engine.rounds or engine.precision is Precision.FLOAT32:
+        # the input itself is handed over as REAL, and what is computed from it is rounded again
+        single = _UNIT[Precision.FLOAT32]
+        handed = np.max(np.abs(engine.input.scaling * x), axis=1, keepdims=True)
+        error = error + 2 * single * (size + handed + error)
+    return error
+
+
+def _affine_error(affine: Affine, x: FloatArray, difference: FloatArray, unit: float) -> FloatArray:
+    """Rounding of `scaling * x + offset` where the library takes its steps one by one, rounded by `unit`."""
+    if affine.changes_nothing:
+        return np.zeros_like(x)
+    size = np.abs(affine.scaling) * (np.abs(x) + difference) + affine.terms
+    return _AFFINE_ROUNDINGS * unit * size
+
+
+def _own_error(op: Operation, engine: Engine, operand: FloatArray, given: FloatArray, result: FloatArray) -> FloatArray:
+    """What the engine's own numbers and arithmetic add to the difference."""
+    unit = _UNIT[engine.precision]
+    if isinstance(op, Linear):
+        weights = np.abs(op.weights)
+        size = (np.abs(operand) + given) @ weights.T + np.abs(op.bias)
+        # one rounding of each weight, one of each product, and the sum; the weights' own error grows the sum a little
+        return bounds.gamma(op.operand_width + 4, engine.precision) * (1 + unit) * size + _TINY
+    if isinstance(op, Activation):
+        return np.where(op.exact, 1.0, _FUNCTION_ROUNDINGS) * unit * (np.abs(result) + given + 1.0) + _TINY
+    if isinstance(op, KernelSum):
+        return np.zeros_like(result)  # `bounds` allows for two evaluations in float64
+    if isinstance(op, TreeEnsemble):
+        return _tree_error(op, result)
+    return unit * np.abs(result)
+
+
+def _tree_error(op: TreeEnsemble, result: FloatArray) -> FloatArray:
+    """Leaves that were divided one by one, and sums in another precision or order than the library's."""
+    same = op.divisor == 1.0 and op.sum_precision is Precision.FLOAT64 and not op.base_last
+    if same or not op.n_trees:
+        return np.zeros_like(result)
+    leaves = np.flatnonzero(op.split < 0)
+    tree = np.searchsorted(op.roots, leaves, side="right") - 1
+    largest = np.zeros((op.n_trees, op.leaf_value.shape[1]))
+    np.maximum.at(largest, tree, np.abs(op.leaf_value[op.leaf[leaves]]))
+    total = np.zeros(op.width)
+    if largest.shape[1] == op.width:
+        total += np.sum(largest, axis=0)
+    else:
+        np.add.at(total, op.tree_output, largest[:, 0])
+    size = total / abs(op.divisor) + np.abs(op.base) / (1.0 if op.base_last else abs(op.divisor))
+    terms = op.n_trees + 2
+    library = bounds.gamma(terms, op.sum_precision)
+    return np.broadcast_to((library + bounds.gamma(terms, Precision.FLOAT64)) * size, result.shape)

@@ -1,0 +1,394 @@
+"""Model files of TwinCAT's machine learning runtime (TF3800, TF3810): the vendor's XML, as its converter writes it.
+
+Read are tree ensembles, networks of dense layers and support vector regression, one engine a file. The vendor's runtime
+is not at hand, so the answers of the "library" are an evaluation of the file's own numbers, by the arithmetic that the
+format prescribes and nothing shared with the rest of the program: float64 sums in tree order, float32 layers.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from st_codegen.beckhoff_ml.file import MAX_BYTES, MAX_INPUTS, SHOWN, Element, parse
+from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.ir import (
+    FLOAT32_OVERFLOW,
+    Activation,
+    Comparison,
+    Feature,
+    FloatArray,
+    Function,
+    Kernel,
+    KernelSum,
+    Linear,
+    Operator,
+    Precision,
+    Round,
+    Scale,
+    Source,
+    TreeColumn,
+    TreeEnsemble,
+)
+from st_codegen.ir.preorder import preorder
+from st_codegen.walkers.base import GraphBuilder, LoadedModel, Predictor
+
+_ACTIVATIONS = {
+    "SIGMOID": Function.LOGISTIC,
+    "EXP": Function.EXP,
+    "TANH": Function.TANH,
+    "RELU": Function.RELU,
+    "SOFTPLUS": Function.SOFTPLUS,
+    "IDENTITY": Function.IDENTITY,
+}
+_FUNCTIONS: dict[Function, Callable[[Any], Any]] = {
+    Function.LOGISTIC: lambda x: 1 / (1 + np.exp(-x)),
+    Function.EXP: np.exp,
+    Function.TANH: np.tanh,
+    Function.RELU: lambda x: np.maximum(x, 0),
+    Function.SOFTPLUS: lambda x: np.logaddexp(0, x),
+    Function.IDENTITY: lambda x: x,
+}
+_KERNELS = {
+    "LINEAR": Kernel.LINEAR,
+    "POLYNOMIAL": Kernel.POLYNOMIAL,
+    "RBF": Kernel.RBF,
+    "SIGMOID": Kernel.SIGMOID,
+}
+
+
+def load_file(path: Path, name: str) -> LoadedModel:
+    """Load one model file. Raises InputError for what is damaged, UnsupportedModelError for what is not read."""
+    size = path.stat().st_size
+    if size > MAX_BYTES:
+        raise InputError(f"{path.name}: {size} bytes are more than the limit of {MAX_BYTES}")
+    return read_model(path.read_bytes(), path.name, name)
+
+
+def read_model(content: bytes, file: str, name: str) -> LoadedModel:
+    """A model from the bytes of its file."""
+    element = Element(parse(content, file), file)
+    if element.tag != "MLlib_XML_File":
+        raise InputError(f"{file}: the root element is '{element.tag}', not 'MLlib_XML_File'")
+    model = element.only("MachineLearningModel")
+    kind = model.text("modelName").lower()
+    if kind not in _KINDS:
+        raise UnsupportedModelError(
+            f"{file}: the model '{kind[:SHOWN]}' is not read; known are {', '.join(_KINDS)} (one engine a file)"
+        )
+    return _KINDS[kind](model).loaded(name)
+
+
+@dataclass(frozen=True)
+class _Transformation:
+    """`scaling * x + offset`, column by column."""
+
+    scaling: FloatArray
+    offset: FloatArray
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        return self.scaling * x + self.offset
+
+    def add(self, builder: GraphBuilder, value: int) -> int:
+        """As two operations."""
+        value = builder.add(Scale((value,), Operator.MULTIPLY, self.scaling))
+        return builder.add(Scale((value,), Operator.ADD, self.offset))
+
+
+class _File:
+    """What all kinds share: the envelope, the transformations, the finished model."""
+
+    def __init__(self, model: Element) -> None:
+        self.model = model
+        self.configuration = model.only("Configuration")
+        self.parameters = model.only("Parameters")
+        self.n_inputs = self.inputs()
+        if self.n_inputs < 1:
+            raise self.configuration.error("a model without inputs")
+        self.n_outputs = self.read()
+        self.input = self._transformation("InputTransformation", self.n_inputs)
+        self.output = self._transformation("OutputTransformation", self.n_outputs)
+
+    def inputs(self) -> int:
+        """The number of inputs."""
+        raise NotImplementedError
+
+    def read(self) -> int:
+        """Read the parameters; returns the number of outputs."""
+        raise NotImplementedError
+
+    def add(self, builder: GraphBuilder, value: int) -> int:
+        """Add the engine's operations."""
+        raise NotImplementedError
+
+    def evaluate(self, x: FloatArray) -> FloatArray:
+        """The engine's answer for rows of `x` behind the input transformation."""
+        raise NotImplementedError
+
+    def _transformation(self, tag: str, width: int) -> _Transformation | None:
+        specifications = self.model.optional("AuxiliarySpecifications")
+        modification = specifications.optional("IOModification") if specifications is not None else None
+        found = modification.optional(tag) if modification is not None else None
+        if found is None:
+            return None
+        if found.text("str_type") != "SCALED_OFFSET":
+            raise UnsupportedModelError(
+                f"{found.file}: the transformation '{found.text('str_type')[:SHOWN]}' is not read"
+            )
+        scaling, offset = found.doubles("scalings"), found.doubles("offsets")
+        if len(scaling) != width or len(offset) != width:
+            raise found.error(f"{len(scaling)} scalings and {len(offset)} offsets for {width} columns")
+        return _Transformation(scaling, offset)
+
+    def loaded(self, name: str) -> LoadedModel:
+        """The model, and the evaluation of the file."""
+        builder = GraphBuilder(self.n_inputs)
+        builder.refuse_nan()
+        value = self.add(builder, self._first(builder))
+        if self.output is not None:
+            self.output.add(builder, value)
+        information = self.model.optional("AuxiliarySpecifications")
+        information = information.optional("PTI") if information is not None else None
+        attributes: dict[str, str] = {}
+        if information is not None:
+            attributes = {str(key): str(value) for key, value in information.element.attrib.items()}
+        source = Source(
+            library=_plain(attributes.get("str_producer", "Beckhoff MLlib")),
+            version=_plain(attributes.get("str_producerVersion", "unknown")),
+            model_class=self.model.text("modelName"),
+            notes=("evaluated by the arithmetic of the file format, not by the vendor's runtime",),
+        )
+        features = tuple(Feature(f"f{number}") for number in range(self.n_inputs))
+        return LoadedModel(builder.model(name, features, source), self._predictor())
+
+    def _first(self, builder: GraphBuilder) -> int:
+        return self.input.add(builder, 0) if self.input is not None else 0
+
+    def _predictor(self) -> Predictor:
+        def predict(x: FloatArray) -> FloatArray:
+            with np.errstate(all="ignore"):
+                result = self.evaluate(x if self.input is None else self.input(x))
+                return result if self.output is None else self.output(result)
+
+        return predict
+
+
+def _plain(text: str) -> str:
+    """Text of the file that may stand in a comment."""
+    return re.sub(r"[^A-Za-z0-9 ._-]", "_", text)[:60] or "unknown"
+
+
+class _Trees(_File):
+    """Flat arrays: children first left, then right, 0 for a leaf."""
+
+    def inputs(self) -> int:
+        for name, wanted in (("str_TreeType", "TREE_TYPE_REGRESSOR"), ("str_PostTransform", "NONE")):
+            found = self.configuration.text(name)
+            if found != wanted:
+                raise UnsupportedModelError(f"{self.model.file}: {name} '{found[:SHOWN]}' is not read, only {wanted}")
+        return self.configuration.count("inputDimension", MAX_INPUTS)
+
+    def read(self) -> int:
+        parts = {tag: self.parameters.only(tag) for tag in ("SplitValues", "SplitVars", "ChildNodes")}
+        trees = self.configuration.count("numTrees", len(parts["SplitValues"].element.attrib) // 2)
+        if trees < 1 or any(len(part.element.attrib) != 2 * trees for part in parts.values()):
+            raise self.configuration.error(f"{trees} trees are announced, the parameters have another number")
+        base = self.parameters.only("BaseValues")
+        if base.count("N", 1 << 31) != 1:
+            raise UnsupportedModelError(f"{base.file}: trees with several outputs are not read")
+        self.base = base.double("BaseValues")
+        columns = [self._tree(parts, number) for number in range(trees)]
+        sizes = np.array([len(values) for values, _, _ in columns])
+        starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+        self.values = np.concatenate([values for values, _, _ in columns])
+        self.variables = np.concatenate([variables for _, variables, _ in columns])
+        shifted = [
+            np.where(children > 0, children + start, -1)
+            for (_, _, children), start in zip(columns, starts, strict=True)
+        ]
+        self.left = np.concatenate([part[: len(part) // 2] for part in shifted])
+        self.right = np.concatenate([part[len(part) // 2 :] for part in shifted])
+        self.layout = preorder(starts, self.left, self.right)
+        self.roots = starts
+        self._check_weights()
+        return 1
+
+    def _tree(self, parts: dict[str, Element], number: int) -> tuple[FloatArray, NDArray[np.int64], NDArray[np.int64]]:
+        values = parts["SplitValues"].doubles(f"TR_{number}")
+        variables = parts["SplitVars"].integers(f"TR_{number}")
+        children = parts["ChildNodes"].integers(f"TR_{number}")
+        nodes = len(values)
+        announced = {part.count(f"ND_{number}", 1 << 31) for part in parts.values()}
+        if announced != {nodes} or len(variables) != nodes or len(children) != 2 * nodes:
+            raise parts["SplitValues"].error(
+                f"tree {number}: {nodes} values, {len(variables)} variables, {len(children)} children; "
+                f"announced are {', '.join(map(str, sorted(announced)))} nodes"
+            )
+        if np.any(children < 0) or np.any(children >= nodes):
+            raise parts["ChildNodes"].error(f"tree {number}: a child outside 0 .. {nodes - 1}")
+        if np.any(variables < 0) or np.any(variables >= self.n_inputs):
+            raise parts["SplitVars"].error(f"tree {number}: an input outside 0 .. {self.n_inputs - 1}")
+        return values, variables, children
+
+    def _check_weights(self) -> None:
+        found = self.parameters.only("ClassWeights")
+        weights = found.doubles("Weights")
+        leaves = self.values[self.left < 0]
+        if not np.array_equal(weights, leaves):
+            raise found.error(f"{len(weights)} leaf values differ from the {len(leaves)} that the trees have")
+
+    def add(self, builder: GraphBuilder, value: int) -> int:
+        order, inner = self.layout.order, self.layout.left >= 0
+        return builder.add(
+            TreeEnsemble(
+                inputs=(value,),
+                columns=tuple(TreeColumn(column) for column in range(self.n_inputs)),
+                roots=self.layout.roots,
+                split=np.where(inner, self.variables[order], -1),
+                threshold=np.where(inner, self.values[order], 0.0),
+                left=self.layout.left,
+                right=self.layout.right,
+                missing_left=np.zeros(len(order), np.bool_),
+                leaf=np.where(inner, -1, np.cumsum(~inner) - 1),
+                leaf_value=self.values[order][~inner][:, None],
+                tree_output=np.zeros(len(self.roots), np.int32),
+                base=np.array([self.base]),
+                comparison=Comparison.LESS_OR_EQUAL,
+            )
+        )
+
+    def evaluate(self, x: FloatArray) -> FloatArray:
+        total = np.full(len(x), self.base)
+        rows = np.arange(len(x))
+        for root in self.roots:
+            node = np.full(len(x), root)
+            while np.any(self.left[node] >= 0):
+                goes_left = x[rows, self.variables[node]] <= self.values[node]
+                following = np.where(goes_left, self.left[node], self.right[node])
+                node = np.where(self.left[node] >= 0, following, node)
+            total += self.values[node]
+        return total[:, None]
+
+
+class _Network(_File):
+    """Dense layers; a row of weights a neuron, its constant last; float32."""
+
+    def inputs(self) -> int:
+        return self.configuration.count("numInputNeurons", MAX_INPUTS)
+
+    def read(self) -> int:
+        count = self.configuration.count("numLayers", len(self.configuration.element))
+        bias = self.configuration.text("bool_usesBias").lower() == "true"
+        self.layers: list[tuple[FloatArray, FloatArray, Function]] = []
+        width = self.n_inputs
+        announced = self.configuration.numbered("MlpLayer", count)
+        for described, layer in zip(announced, self.parameters.numbered("MlpLayer", count), strict=True):
+            if layer.text("str_type").upper() != "DENSE":
+                raise UnsupportedModelError(f"{layer.file}: a layer '{layer.text('str_type')[:SHOWN]}' is not read")
+            name = layer.text("str_activationFunction").removeprefix("ACT_FN_")
+            if name not in _ACTIVATIONS:
+                raise UnsupportedModelError(
+                    f"{layer.file}: the activation function '{name[:SHOWN]}' is not read; known are "
+                    f"{', '.join(_ACTIVATIONS)}"
+                )
+            matrix = layer.only("WeightMatrix").matrix(Element.singles)
+            neurons = described.count("numNeurons", MAX_INPUTS)
+            if matrix.shape != (neurons, width + bias):
+                raise layer.error(f"weights of shape {matrix.shape}, expected is {(neurons, width + bias)}")
+            weights, constant = (matrix[:, :-1], matrix[:, -1]) if bias else (matrix, np.zeros(neurons))
+            self.layers.append((weights, constant, _ACTIVATIONS[name]))
+            width = neurons
+        if not self.layers:
+            raise self.configuration.error("a network without layers")
+        return width
+
+    def add(self, builder: GraphBuilder, value: int) -> int:
+        builder.refuse_magnitude(FLOAT32_OVERFLOW)
+        value = builder.add(Round((value,), self.n_inputs))
+        for weights, constant, function in self.layers:
+            value = builder.add(Linear((value,), weights, constant, precision=Precision.FLOAT32))
+            value = builder.add(Activation((value,), function, len(weights), precision=Precision.FLOAT32))
+        return value
+
+    def evaluate(self, x: FloatArray) -> FloatArray:
+        values = x.astype(np.float32)
+        for weights, constant, function in self.layers:
+            values = values @ weights.astype(np.float32).T + constant.astype(np.float32)
+            values = _FUNCTIONS[function](values).astype(np.float32)
+        return values.astype(np.float64)
+
+
+class _SupportVectors(_File):
+    """sum of coefficient * kernel(x, vector) - rho."""
+
+    def inputs(self) -> int:
+        kind = self.configuration.text("str_operationType").removeprefix("SVM_TYPE_")
+        if kind not in ("EPSILON_REGRESSION", "NU_REGRESSION"):
+            raise UnsupportedModelError(f"{self.model.file}: support vectors for '{kind[:SHOWN]}' are not read")
+        name = self.configuration.text("str_kernelFunction").removeprefix("KERNEL_FN_")
+        if name not in _KERNELS:
+            raise UnsupportedModelError(
+                f"{self.model.file}: the kernel '{name[:SHOWN]}' is not read; known are {', '.join(_KERNELS)}"
+            )
+        self.kernel = _KERNELS[name]
+        self.gamma = 1.0 if self.kernel is Kernel.LINEAR else self.configuration.double("gamma")
+        shifted = self.kernel in (Kernel.POLYNOMIAL, Kernel.SIGMOID)
+        self.coef0 = self.configuration.double("coef0") if shifted else 0.0
+        self.degree = self.configuration.count("degree", 1000) if self.kernel is Kernel.POLYNOMIAL else 3
+        return self.configuration.count("numInputAttributes", MAX_INPUTS)
+
+    def read(self) -> int:
+        vectors, coefficients = (
+            self.parameters.only(tag).matrix(Element.doubles)
+            for tag in ("SupportVectors", "SupportVectorClassCoefficients")
+        )
+        announced = self.parameters.only("ModelInfo").count("numSVs", 1 << 31)
+        if vectors.shape != (announced, self.n_inputs) or coefficients.shape != (1, announced):
+            raise self.parameters.error(
+                f"vectors of shape {vectors.shape}, coefficients of shape {coefficients.shape}; expected are "
+                f"{announced} vectors of {self.n_inputs} numbers and a coefficient each"
+            )
+        self.vectors, self.coefficients = vectors, coefficients[0]
+        self.rho = self.parameters.only("ProbabilityInfo").double("rhoConstants")
+        return 1
+
+    def add(self, builder: GraphBuilder, value: int) -> int:
+        builder.refuse_magnitude(np.inf)
+        return builder.add(
+            KernelSum(
+                inputs=(value,),
+                kernel=self.kernel,
+                support_vectors=self.vectors,
+                coefficients=self.coefficients[None, :],
+                intercept=np.array([-self.rho]),
+                gamma=self.gamma,
+                coef0=self.coef0,
+                degree=self.degree,
+            )
+        )
+
+    def evaluate(self, x: FloatArray) -> FloatArray:
+        total = np.full(len(x), -self.rho)
+        for vector, coefficient in zip(self.vectors, self.coefficients, strict=True):
+            product = x @ vector
+            if self.kernel is Kernel.RBF:
+                product = np.exp(-self.gamma * np.sum((x - vector) ** 2, axis=1))
+            elif self.kernel is Kernel.POLYNOMIAL:
+                product = (self.gamma * product + self.coef0) ** self.degree
+            elif self.kernel is Kernel.SIGMOID:
+                product = np.tanh(self.gamma * product + self.coef0)
+            total += coefficient * product
+        return total[:, None]
+
+
+_KINDS: dict[str, Callable[[Element], _File]] = {
+    "tree_ensemble": _Trees,
+    "mlp_neural_network": _Network,
+    "support_vector_machine": _SupportVectors,
+}

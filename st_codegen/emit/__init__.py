@@ -1,0 +1,1 @@
+"""From models as operations to the text of a target."""

@@ -1,0 +1,143 @@
+"""What a generated project consists of, whatever files it comes in: types, globals, blocks, programs, tasks, tests.
+
+A target lays all of it out without knowing what any of it is for: a new program, list of globals or task is added
+here and appears in every target, with its file, its entry in the project file and its place among the declarations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from st_codegen.emit.blocks.listing import Block, Table, Variable
+from st_codegen.errors import InputError
+
+
+@dataclass(frozen=True)
+class Structure:
+    """STRUCT with its fields, in order."""
+
+    name: str
+    comment: tuple[str, ...]
+    fields: tuple[Variable, ...]
+    template: ClassVar[str] = "structure"
+    portable: ClassVar[bool] = True
+
+
+@dataclass(frozen=True)
+class Overlay:
+    """UNION: all fields at one place in memory. TwinCAT only."""
+
+    name: str
+    comment: tuple[str, ...]
+    fields: tuple[Variable, ...]
+    template: ClassVar[str] = "overlay"
+    portable: ClassVar[bool] = False
+
+
+@dataclass(frozen=True)
+class EnumValue:
+    """One name of an enumeration and its number, which is written out so that it never moves."""
+
+    name: str
+    value: int
+    comment: str = ""
+
+
+@dataclass(frozen=True)
+class Enumeration:
+    """Named numbers; `base` is the integer type that holds them. The portable subset has constants instead."""
+
+    name: str
+    comment: tuple[str, ...]
+    values: tuple[EnumValue, ...]
+    base: str = "DINT"
+    template: ClassVar[str] = "enumeration"
+    fields: ClassVar[tuple[Variable, ...]] = ()
+    portable: ClassVar[bool] = False
+
+
+@dataclass(frozen=True)
+class ArrayAlias:
+    """A named array type, bounds 0 .. length - 1: strict compilers want one for arrays that blocks exchange."""
+
+    name: str
+    comment: tuple[str, ...]
+    element: str
+    length: int
+    template: ClassVar[str] = "array"
+    fields: ClassVar[tuple[Variable, ...]] = ()
+    portable: ClassVar[bool] = True
+
+    @property
+    def last(self) -> int:
+        """Upper bound."""
+        return self.length - 1
+
+
+DataType = Structure | Overlay | Enumeration | ArrayAlias
+
+
+@dataclass(frozen=True)
+class GlobalList:
+    """VAR_GLOBAL, always used with its name in front (`GVL_X.nValue`)."""
+
+    name: str
+    comment: tuple[str, ...]
+    variables: tuple[Variable, ...] = ()
+    tables: tuple[Table, ...] = ()
+    constant: bool = False
+
+
+@dataclass(frozen=True)
+class Task:
+    """A cyclic task: its cycle time in us, its priority (smaller is more urgent) and its programs in calling order."""
+
+    name: str
+    cycle_us: int
+    priority: int
+    programs: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if self.cycle_us <= 0 or not 0 <= self.priority <= 31 or not self.programs:
+            raise InputError(
+                f"task {self.name}: cycle time {self.cycle_us} us, priority {self.priority}, programs "
+                f"{', '.join(self.programs) or 'none'}; give a positive time, a priority of 0 .. 31 and a program"
+            )
+
+
+@dataclass(frozen=True)
+class Application:
+    """All of a project, each kind in the order in which strict compilers want it declared: users after what they use.
+
+    `blocks` are functions, function blocks and programs; `tests` are test suites and the program that runs them, which
+    targets without a test library leave out, with the tasks of such programs. `libraries` are names of TwinCAT
+    libraries beside Tc2_Standard. Where `connected` is False, every block stands alone.
+    """
+
+    name: str
+    connected: bool = True
+    types: tuple[DataType, ...] = ()
+    globals: tuple[GlobalList, ...] = ()
+    blocks: tuple[Block, ...] = ()
+    tasks: tuple[Task, ...] = ()
+    tests: tuple[Block, ...] = ()
+    libraries: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        taken: dict[str, str] = {}
+        for item in (*self.types, *self.globals, *self.blocks, *self.tests, *self.tasks):
+            if item.name.lower() in taken:
+                raise InputError(f"two objects of the project would be called {item.name}: rename one of the models")
+            taken[item.name.lower()] = item.name
+        programs = {block.name for block in (*self.blocks, *self.tests) if block.kind == "PROGRAM"}
+        for task in self.tasks:
+            missing = [name for name in task.programs if name not in programs]
+            if missing:
+                raise InputError(f"task {task.name}: no program {', '.join(missing)} in the project")
+
+    @property
+    def own_tasks(self) -> tuple[Task, ...]:
+        """The tasks that call no test program."""
+        tests = {block.name for block in self.tests}
+        return tuple(task for task in self.tasks if not tests & set(task.programs))

@@ -1,0 +1,247 @@
+"""What a function block consists of: variables, tables and sections of code.
+
+Python decides here which tables and variables a block needs and what they are called; templates lay them out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from st_codegen.emit.blocks.wording import meaning
+from st_codegen.emit.literals import real
+from st_codegen.errors import TargetError
+
+#: Bytes of an element.
+SIZES = {"LREAL": 8, "DINT": 4, "SINT": 1, "BOOL": 1, "REAL": 4}
+
+#: Numbers on a line. Fixed, so that a changed number changes its own line only.
+_PER_LINE = {"LREAL": 4, "DINT": 10, "SINT": 30}
+LINE_LENGTH = 100
+_INDENT = 8
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A declared variable; `length` makes it an array from 0."""
+
+    name: str
+    type: str
+    length: int | None = None
+    initial: str = ""
+    comment: str = ""
+
+    @property
+    def last(self) -> int:
+        """Upper bound of the array."""
+        return (self.length or 1) - 1
+
+    @property
+    def comment_above(self) -> bool:
+        """Whether declaration and comment together are too long for a line."""
+        words = [self.name, self.type, self.initial, f"ARRAY[0..{self.last}] OF " * bool(self.length)]
+        own = sum(map(len, words)) + _DECLARATION_MARKS
+        return bool(self.comment) and own + len(f"(* {self.comment} *)") > LINE_LENGTH
+
+
+#: Indent, colon, assignment sign, semicolon and the blanks between them.
+_DECLARATION_MARKS = 13
+
+
+@dataclass(frozen=True)
+class Group:
+    """Consecutive rows of a table under one label, such as the nodes of a tree."""
+
+    label: str
+    start: int
+    stop: int
+
+
+@dataclass(frozen=True)
+class Table:
+    """A constant array, written group by group; a group starts on a new line.
+
+    `per_line`: numbers on a line where a row of the table has a natural length (a support vector, a neuron).
+    """
+
+    name: str
+    type: str
+    values: NDArray[Any]
+    groups: tuple[Group, ...] = ()
+    per_line: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.values.ndim != 1 or len(self.values) == 0:
+            raise ValueError(f"table {self.name}: shape {self.values.shape}")
+
+    @property
+    def last(self) -> int:
+        return len(self.values) - 1
+
+    @property
+    def comment(self) -> str:
+        return meaning(self.name)
+
+    @property
+    def n_bytes(self) -> int:
+        return len(self.values) * SIZES[self.type]
+
+    def lines(self) -> Iterator[str]:
+        """The initialiser line by line, without brackets."""
+        left = len(self.values)
+        step = min(self.per_line or _PER_LINE[self.type], _PER_LINE[self.type])
+        for label, texts in self.labelled():
+            if label:
+                yield f"(* {label} *)"
+            for at in range(0, len(texts), step):
+                line = texts[at : at + step]
+                left -= len(line)
+                yield from _fit(line, final=not left)
+
+    def labelled(self) -> Iterator[tuple[str, list[str]]]:
+        """The label of each group (empty: none) and its numbers as text."""
+        for group in self.groups or (Group("", 0, len(self.values)),):
+            yield group.label, self._texts(group)
+
+    def _texts(self, group: Group) -> list[str]:
+        values = self.values[group.start : group.stop].tolist()
+        return [real(value) for value in values] if self.type == "LREAL" else [str(value) for value in values]
+
+
+def _fit(texts: Sequence[str], *, final: bool) -> Iterator[str]:
+    """One line, or two halves where it would be too long."""
+    line = ", ".join(texts) + ("" if final else ",")
+    if len(line) + _INDENT <= LINE_LENGTH or len(texts) == 1:
+        yield line
+        return
+    half = len(texts) // 2
+    yield from _fit(texts[:half], final=False)
+    yield from _fit(texts[half:], final=final)
+
+
+@dataclass(frozen=True)
+class Section:
+    """A titled piece of code: a template and what it prints."""
+
+    title: str
+    template: str
+    values: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Code:
+    """A named number: a value of the enumeration `type`, or, where a dialect has none, the DINT constant `constant`."""
+
+    type: str
+    constant: str
+    name: str
+    value: int
+    comment: str
+
+
+@dataclass(frozen=True)
+class Block:
+    """A function block, or another kind of code, ready for printing.
+
+    `kind` is the opening keyword: FUNCTION_BLOCK, PROGRAM or FUNCTION; `result` the type that a function returns;
+    `extends` the block that a function block is built on. `codes` are the named numbers that its text uses. A program
+    with `needs_globals` shares variables with another; others have inputs and outputs where a dialect has no globals.
+    """
+
+    name: str
+    header: tuple[str, ...]
+    inputs: tuple[Variable, ...] = ()
+    outputs: tuple[Variable, ...] = ()
+    variables: tuple[Variable, ...] = ()
+    constants: tuple[Variable, ...] = ()
+    tables: tuple[Table, ...] = ()
+    sections: tuple[Section, ...] = ()
+    kind: str = "FUNCTION_BLOCK"
+    result: str = ""
+    extends: str = ""
+    in_outs: tuple[Variable, ...] = ()
+    codes: tuple[Code, ...] = ()
+    needs_globals: bool = False
+
+    @property
+    def table_bytes(self) -> int:
+        """Bytes of constant tables."""
+        return sum(table.n_bytes for table in self.tables)
+
+
+@dataclass
+class Listing:
+    """Collects the parts of a block while its operations are laid out, one after another."""
+
+    max_array: int
+    real_range: tuple[float, float] | None = None
+    variables: dict[str, Variable] = field(default_factory=dict)
+    constants: list[Variable] = field(default_factory=list)
+    tables: list[Table] = field(default_factory=list)
+    sections: list[Section] = field(default_factory=list)
+
+    def local(self, name: str, kind: str, length: int | None = None, initial: str = "") -> str:
+        """Declare a local variable (again: the same variable); returns its name."""
+        self.variables.setdefault(name, Variable(name, kind, length, initial, meaning(name)))
+        return name
+
+    def locals(self, kind: str, *names: str) -> None:
+        """Declare several scalar locals of one type."""
+        for name in names:
+            self.local(name, kind)
+
+    def constant(self, name: str, value: float) -> str:
+        """Declare a LREAL constant. Raises TargetError for a magnitude that the target's compilers do not read."""
+        if self.real_range is not None and value != 0 and not self.real_range[0] <= abs(value) <= self.real_range[1]:
+            raise TargetError(
+                f"the constant {name} = {value} lies outside {self.real_range[0]:g} .. {self.real_range[1]:g}, which "
+                "portable compilers read: scale the model's inputs or target, or use --target twincat"
+            )
+        self.constants.append(Variable(name, "LREAL", initial=real(value), comment=meaning(name)))
+        return name
+
+    def table(
+        self,
+        name: str,
+        kind: str,
+        values: NDArray[Any] | Sequence[Any],
+        groups: Iterable[Group] = (),
+        per_line: int | None = None,
+    ) -> str:
+        """Declare a constant array; returns its name. Raises TargetError for one that the target cannot hold."""
+        array = np.asarray(values)
+        if len(array) > self.max_array:
+            raise TargetError(
+                f"the table {name} needs {len(array):,} elements in one array, the limit is {self.max_array:,}: "
+                "train a smaller model, or raise the limit with --max-array if your controller allows it"
+            )
+        self.tables.append(Table(name, kind, array, tuple(groups), per_line))
+        return name
+
+    def section(self, title: str, template: str, **values: Any) -> None:
+        """Append a piece of code."""
+        self.sections.append(Section(title, template, values))
+
+    def chunks(self, sizes: NDArray[Any] | Sequence[int], what: str) -> list[tuple[int, int]]:
+        """Split consecutive items (trees, neurons, support vectors) of the given sizes into runs that fit an array.
+
+        Returns (first, stop) item numbers. Raises TargetError where a single item does not fit.
+        """
+        runs: list[tuple[int, int]] = []
+        first, total = 0, 0
+        for number, size in enumerate(np.asarray(sizes).tolist()):
+            if size > self.max_array:
+                raise TargetError(
+                    f"{what} {number} needs {size:,} elements in one array, the limit is {self.max_array:,}: "
+                    "train a smaller model, or raise the limit with --max-array if your controller allows it"
+                )
+            if total + size > self.max_array:
+                runs.append((first, number))
+                first, total = number, 0
+            total += size
+        runs.append((first, len(sizes)))
+        return runs

@@ -1,0 +1,263 @@
+"""A model's function block: inputs, checks, operations, outputs."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from st_codegen.emit.blocks import cells, trees  # noqa: F401 - these register the code of their operations
+from st_codegen.emit.blocks.listing import LINE_LENGTH, Block, Listing, Variable
+from st_codegen.emit.blocks.operations import Step, lay_out, lay_out_layer
+from st_codegen.emit.literals import capitalised, check_text, identifier, real, unit_text
+from st_codegen.errors import InputError, errors_name
+from st_codegen.ir import (
+    FLOAT32_OVERFLOW,
+    Activation,
+    Feature,
+    Linear,
+    ModelIR,
+    Operation,
+    Rank,
+    Select,
+    TreeEnsemble,
+)
+
+#: Names a block uses itself; an input may not be called so.
+_OUTPUT_STEM = "fOut"
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a target holds.
+
+    `max_array`: elements of an array; `real_range`: of scalar real literals (None: all); `data_bytes`: of all tables.
+    """
+
+    max_array: int
+    real_range: tuple[float, float] | None = None
+    data_bytes: int = 32 * 1024 * 1024
+
+
+def block_name(model: str) -> str:
+    """The name of a model's function block."""
+    return f"FB_{capitalised(identifier(model, 'model name'))}"
+
+
+def model_block(model: ModelIR, limits: Limits) -> Block:
+    """The function block of a model.
+
+    Raises InputError for names that Structured Text cannot have, TargetError for tables that the target cannot hold.
+    """
+    with errors_name(f"model '{model.name}'"):
+        return _block(model, Listing(limits.max_array, limits.real_range))
+
+
+def _block(model: ModelIR, listing: Listing) -> Block:
+    inputs = input_variables(model.features)
+    outputs = model_outputs(model)
+    check_inputs(model, inputs, listing)
+    _operations(model, listing)
+    return finished_block(model, inputs, outputs, listing, model_header(model))
+
+
+def model_outputs(model: ModelIR) -> tuple[Variable, ...]:
+    """fOut1 .., bValid, and bInRange where inputs are limited."""
+    return (
+        *(
+            Variable(f"{_OUTPUT_STEM}{number + 1}", "LREAL", comment=f"prediction: {name}")
+            for number, name in enumerate(model.outputs)
+        ),
+        Variable("bValid", "BOOL", comment="the outputs belong to the inputs of this call"),
+        *(
+            [Variable("bInRange", "BOOL", comment="no input had to be limited to its trained range")]
+            if is_ranged(model)
+            else []
+        ),
+    )
+
+
+def finished_block(
+    model: ModelIR,
+    inputs: tuple[Variable, ...],
+    outputs: tuple[Variable, ...],
+    listing: Listing,
+    header: tuple[str, ...],
+) -> Block:
+    """The block of what was laid out; inputs that have the name of one of its own variables are renamed."""
+    clash = {name.lower() for name in listing.variables} | {variable.name.lower() for variable in outputs}
+    inputs = tuple(_renamed(variable) if variable.name.lower() in clash else variable for variable in inputs)
+    return Block(
+        name=block_name(model.name),
+        header=header,
+        inputs=inputs,
+        outputs=outputs,
+        variables=tuple(listing.variables.values()),
+        constants=tuple(listing.constants),
+        tables=tuple(listing.tables),
+        sections=tuple(listing.sections),
+    )
+
+
+def is_ranged(model: ModelIR) -> bool:
+    """Whether any input is limited to its trained range."""
+    return any(feature.lower is not None for feature in model.features)
+
+
+def input_variables(features: tuple[Feature, ...]) -> tuple[Variable, ...]:
+    """One LREAL input a feature, in order. Raises InputError for names that become equal."""
+    variables: dict[str, Variable] = {}
+    for feature in features:
+        name = "f" + capitalised(identifier(feature.name, "feature name"))
+        if name.lower() in variables:
+            raise InputError(
+                f"feature '{feature.name}': its input would be called {name}, as that of another feature: rename one"
+            )
+        variables[name.lower()] = Variable(name, "LREAL", comment=feature_text(feature))
+    return tuple(variables.values())
+
+
+def _renamed(variable: Variable) -> Variable:
+    return Variable(f"fInput_{variable.name[1:]}", variable.type, variable.length, variable.initial, variable.comment)
+
+
+def feature_text(feature: Feature) -> str:
+    """Name, unit and range of a feature, for comments."""
+    text = feature.name
+    if feature.unit:
+        text += f", {unit_text(feature.unit, f'unit of feature {feature.name}')}"
+    if feature.lower is not None and feature.upper is not None:
+        text += f", trained {real(feature.lower)} .. {real(feature.upper)}"
+    return text
+
+
+def model_header(model: ModelIR, *closing: str) -> tuple[str, ...]:
+    """Where a model comes from and what its inputs are; `closing` says what its numbers are worth."""
+    source = model.source
+    lines = [f"{block_name(model.name)}: {source.model_class}", f"Source: {source.library} {source.version}".rstrip()]
+    if source.file:
+        lines.append(f"File: {source.file}")
+    if source.sha256:
+        lines.append(f"SHA-256: {source.sha256}")
+    lines.extend(f"Note: {note}" for note in source.notes)
+    lines.extend(f"Input {number}: {feature_text(feature)}" for number, feature in enumerate(model.features, 1))
+    exact = (
+        "Equals the library bit for bit." if model.exact else "Equals the library within the bound that verify states."
+    )
+    lines.extend(closing or (exact,))
+    return header_lines(lines)
+
+
+def header_lines(lines: Iterable[str]) -> tuple[str, ...]:
+    """Lines of a header comment: harmless text, cut to the width of a line."""
+    return tuple(
+        part
+        for line in lines
+        for part in textwrap.wrap(check_text(line, "the header text"), LINE_LENGTH - 4, subsequent_indent="    ")
+    )
+
+
+def check_inputs(model: ModelIR, inputs: tuple[Variable, ...], listing: Listing) -> None:
+    """Copying and checking the inputs: NaN by its bits, the trained range, the largest magnitude."""
+    listing.local("aInput", "LREAL", len(inputs))
+    listing.locals("DINT", "nColumn")
+    listing.locals("BOOL", "bUsable", *(["bInside"] if is_ranged(model) else []))
+    if model.accepts_nan:
+        listing.local("abMissing", "BOOL", len(inputs))
+    ranged = is_ranged(model)
+    largest = float(np.finfo(np.float64).max)  # the range of a feature that declares none
+    lower = upper = limit = None
+    if ranged:
+        lower = listing.table(
+            "RANGE_LOWER", "LREAL", [-largest if f.lower is None else f.lower for f in model.features]
+        )
+        upper = listing.table("RANGE_UPPER", "LREAL", [largest if f.upper is None else f.upper for f in model.features])
+    limits = model.magnitude_limits
+    if any(value is not None for value in limits):
+        # the largest number that is accepted; 0: no limit
+        limit = listing.table(
+            "INPUT_LIMIT", "LREAL", [0.0 if v is None else float(np.nextafter(v, 0.0)) for v in limits]
+        )
+    listing.section(
+        "inputs, checked",
+        "inputs",
+        accepts_nan=model.accepts_nan,
+        last=len(inputs) - 1,
+        lower=lower,
+        upper=upper,
+        limit=limit,
+        some_unlimited=any(value is None for value in limits),
+    )
+
+
+def _operations(model: ModelIR, listing: Listing) -> None:
+    names = ["aInput"]
+    missing = _missing_inputs(model)
+    *_, last = model.ops
+    picked = isinstance(last, Select)  # the outputs are read where they are
+    layers = _layers(model)
+    for number, op in enumerate(model.ops[:-1] if picked else model.ops, 1):
+        result = f"anRank{number}" if isinstance(op, Rank) else f"aStep{number}"
+        if number - 1 in layers:  # done with the sums that it reads
+            continue
+        operands = tuple(names[value] for value in op.inputs)
+        step = Step(
+            number=number,
+            operands=operands,
+            widths=tuple(model.value_width(value) for value in op.inputs),
+            result=result,
+            ranks=model.reads_ranks(op),
+            missing=missing[op.inputs[0]] if model.accepts_nan else None,
+            fits_real=op.inputs == (0,)
+            and all((limit or np.inf) <= FLOAT32_OVERFLOW for limit in model.magnitude_limits),
+        )
+        if number in layers:
+            names += ["", f"aStep{number + 1}"]
+            lay_out_layer(*layers[number], replace(step, result=names[-1]), listing)
+        else:
+            lay_out(op, step, listing)
+            names.append(result)
+    results = [f"{names[-1]}[{number}]" for number in range(len(model.outputs))]
+    if isinstance(last, Select):
+        joined = [f"{names[value]}[{number}]" for value in last.inputs for number in range(model.value_width(value))]
+        results = [joined[column] for column in last.columns]
+    listing.section(
+        "outputs",
+        "outputs",
+        assignments=[{"output": f"{_OUTPUT_STEM}{number + 1}", "value": value} for number, value in enumerate(results)],
+        ranged=is_ranged(model),
+    )
+
+
+def _layers(model: ModelIR) -> dict[int, tuple[Linear, Activation]]:
+    """Weighted sums, by number, of which nothing but the function behind them is read."""
+    found = {}
+    for number, (op, behind) in enumerate(pairwise(model.ops), 1):
+        readers = sum(number in other.inputs for other in model.ops)
+        if isinstance(op, Linear) and isinstance(behind, Activation) and behind.inputs == (number,) and readers == 1:
+            found[number] = op, behind
+    return found
+
+
+def _missing_inputs(model: ModelIR) -> list[tuple[int, ...]]:
+    """For each value and column, the input that decides whether it is missing.
+
+    An operation that mixes columns passes no missing value on: `walkers` let a model accept NaN only where its trees
+    read columns that came through one by one.
+    """
+    values = [tuple(range(len(model.features)))]
+    for op in model.ops:
+        values.append(_missing_after(op, [values[value] for value in op.inputs]))
+    return values
+
+
+def _missing_after(op: Operation, operands: list[tuple[int, ...]]) -> tuple[int, ...]:
+    if isinstance(op, Select):
+        joined = sum(operands, ())
+        return tuple(joined[column] for column in op.columns)
+    if isinstance(op, Rank | TreeEnsemble):
+        return (0,) * op.width
+    return operands[0] if op.width == len(operands[0]) else (0,) * op.width

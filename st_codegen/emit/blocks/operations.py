@@ -1,0 +1,337 @@
+"""The code of each operation except trees: its tables, its variables, its template."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import singledispatch
+
+import numpy as np
+
+from st_codegen.emit.blocks.listing import Group, Listing
+from st_codegen.emit.literals import real
+from st_codegen.ir import (
+    Activation,
+    Clip,
+    Combine,
+    FactoredKernel,
+    FillMissing,
+    Function,
+    Kernel,
+    KernelSum,
+    Linear,
+    Norm,
+    Normalize,
+    Operation,
+    Operator,
+    Precision,
+    Round,
+    Scale,
+    Select,
+    SummationOrder,
+)
+
+#: Below minus this argument EXP gives a denormal number or zero; 0.0 is taken instead, at most 3.4E-308 away.
+EXP_REACH = 708.0
+
+
+@dataclass(frozen=True)
+class Step:
+    """Where an operation stands in its block.
+
+    `missing`: for each column of the operands, the input whose `abMissing` flag says whether it is missing; None in a
+    block that takes no missing values. `fits_real`: all operands are inputs known to lie in the range of REAL.
+    `ranks`: the operand is a list of ranks, which are integers.
+    """
+
+    number: int
+    operands: tuple[str, ...]
+    widths: tuple[int, ...]
+    result: str
+    missing: tuple[int, ...] | None = None
+    fits_real: bool = False
+    ranks: bool = False
+
+    @property
+    def source(self) -> str:
+        """The only operand."""
+        return self.operands[0]
+
+    def table(self, stem: str) -> str:
+        """The name of a table of this operation."""
+        return f"{stem}_{self.number}"
+
+
+@singledispatch
+def lay_out(op: Operation, step: Step, listing: Listing) -> None:
+    """Append the code of an operation to a listing."""
+    raise NotImplementedError(type(op).__name__)
+
+
+@lay_out.register
+def _(op: Select, step: Step, listing: Listing) -> None:
+    _declare_result(op, step, listing)
+    sources = [
+        f"{name}[{column}]" for name, width in zip(step.operands, step.widths, strict=True) for column in range(width)
+    ]
+    picked = [sources[column] for column in op.columns]
+    listing.section("pick columns", "select", step=step, sources=picked)
+
+
+@lay_out.register
+def _(op: Scale, step: Step, listing: Listing) -> None:
+    _declare_result(op, step, listing)
+    listing.locals("DINT", "nColumn")
+    constant = listing.table(step.table("OPERAND"), "LREAL", op.constant)
+    least = None
+    if op.reverse and op.operator is Operator.DIVIDE:
+        least = listing.table(step.table("LEAST"), "LREAL", np.abs(op.constant) * (1.0 / op.ceiling))
+    left, right = f"{step.source}[nColumn]", f"{constant}[nColumn]"
+    if op.reverse:
+        left, right = right, left
+    listing.section(
+        f"each column: {'constant ' + op.operator + ' x' if op.reverse else 'x ' + op.operator + ' constant'}",
+        "scale",
+        step=step,
+        last=op.width - 1,
+        left=left,
+        right=right,
+        operator=op.operator.value,
+        least=least,
+        single=op.precision is Precision.FLOAT32,
+    )
+
+
+@lay_out.register
+def _(op: Combine, step: Step, listing: Listing) -> None:
+    _declare_result(op, step, listing)
+    listing.locals("DINT", "nColumn")
+    least = None
+    if op.operator is Operator.DIVIDE:
+        least = listing.table(step.table("LEAST"), "LREAL", [1.0 / op.ceiling])
+    listing.section(
+        f"column by column: a {op.operator.value} b",
+        "combine",
+        step=step,
+        last=op.width - 1,
+        operator=op.operator.value,
+        least=least,
+        single=op.precision is Precision.FLOAT32,
+    )
+
+
+@lay_out.register
+def _(op: Round, step: Step, listing: Listing) -> None:
+    _declare_result(op, step, listing)
+    listing.locals("DINT", "nColumn")
+    listing.section("rounded to REAL, as the library computes", "round", step=step, last=op.width - 1)
+
+
+@lay_out.register
+def _(op: FillMissing, step: Step, listing: Listing) -> None:
+    _declare_result(op, step, listing)
+    listing.locals("DINT", "nColumn")
+    listing.locals("LREAL", "fX")
+    listing.section(
+        "missing values filled in",
+        "fill_missing",
+        step=step,
+        last=op.width - 1,
+        fill=listing.constant(step.table("FILL"), op.fill),
+        sentinel=None if op.sentinel is None else listing.constant(step.table("SENTINEL"), op.sentinel),
+        flags=None if step.missing is None else listing.table(step.table("FLAG_INPUT"), "DINT", step.missing),
+    )
+
+
+@lay_out.register
+def _(op: Clip, step: Step, listing: Listing) -> None:
+    _declare_result(op, step, listing)
+    listing.locals("DINT", "nColumn")
+    listing.section(
+        "limited",
+        "clip",
+        step=step,
+        last=op.width - 1,
+        lower=listing.table(step.table("LOWER"), "LREAL", op.lower),
+        upper=listing.table(step.table("UPPER"), "LREAL", op.upper),
+    )
+
+
+@lay_out.register
+def _(op: Linear, step: Step, listing: Listing) -> None:
+    _lay_out_sums(op, step, listing, f"{op.width} weighted sums of {op.weights.shape[1]} numbers", {"function": None})
+
+
+def lay_out_layer(op: Linear, activation: Activation, step: Step, listing: Listing) -> None:
+    """Weighted sums and the function of each in one loop; `step` has the operand of the sums and the layer's result."""
+    values = _function_values(activation, step, listing)
+    values["function_single"] = values.pop("single")
+    title = f"layer: {op.width} weighted sums of {op.weights.shape[1]} numbers, {activation.function.value} of each"
+    _lay_out_sums(op, step, listing, title, values)
+
+
+def _lay_out_sums(op: Linear, step: Step, listing: Listing, title: str, function: dict[str, object]) -> None:
+    _declare_result(op, step, listing)
+    listing.locals("DINT", "nRow", "nColumn", "nBase")
+    listing.locals("LREAL", "fSum")
+    sequential_single = op.order is SummationOrder.SEQUENTIAL and op.precision is Precision.FLOAT32
+    if sequential_single:
+        listing.local("fTerm", "LREAL")
+    outputs, columns = op.weights.shape
+    bias = listing.table(step.table("BIAS"), "LREAL", op.bias)
+    runs = listing.chunks(np.full(outputs, columns), "neuron")
+    parts = []
+    for number, (first, stop) in enumerate(runs):
+        stem = "WEIGHT" if len(runs) == 1 else f"WEIGHT_{number}"
+        groups = [
+            Group(f"row {row}", (row - first) * columns, (row - first + 1) * columns) for row in range(first, stop)
+        ]
+        name = listing.table(step.table(stem), "LREAL", np.ravel(op.weights[first:stop]), groups)
+        parts.append({"name": name, "first": first, "last": stop - 1})
+    listing.section(
+        title,
+        "linear",
+        step=step,
+        columns=columns,
+        last_column=columns - 1,
+        bias=bias,
+        parts=parts,
+        sequential_single=sequential_single,
+        single=op.precision is Precision.FLOAT32,
+        **function,
+    )
+
+
+@lay_out.register
+def _(op: Activation, step: Step, listing: Listing) -> None:
+    _declare_result(op, step, listing)
+    listing.locals("DINT", "nColumn")
+    values = _function_values(op, step, listing)
+    listing.section(f"{op.function.value} of each column", "activation", step=step, last=op.width - 1, **values)
+
+
+def _function_values(op: Activation, step: Step, listing: Listing) -> dict[str, object]:
+    """What `activated` needs to compute fY from fX."""
+    listing.locals("LREAL", "fX", "fY")
+    if op.function not in (Function.IDENTITY, Function.RELU, Function.LEAKY_RELU, Function.SIGNED_SQUARE):
+        listing.locals("LREAL", "fExp")
+    if op.function is Function.TANH:
+        listing.locals("LREAL", "fSquare")
+    if op.function is Function.SOFTPLUS:
+        listing.locals("LREAL", "fPositive")
+    parameter = None
+    if op.function in (Function.LEAKY_RELU, Function.ELU):
+        parameter = listing.constant(step.table("PARAMETER"), op.parameter)
+    return {
+        "function": op.function.value,
+        "parameter": parameter,
+        "exp_limit": real(op.limit) if math.isfinite(op.limit) else None,
+        "exp_reach": real(EXP_REACH),
+        "single": op.precision is Precision.FLOAT32,
+    }
+
+
+@lay_out.register
+def _(op: Normalize, step: Step, listing: Listing) -> None:
+    _declare_result(op, step, listing)
+    listing.locals("DINT", "nColumn")
+    listing.locals("LREAL", "fX", "fY", "fSum")
+    least = listing.table(step.table("LEAST"), "LREAL", [1.0 / op.ceiling]) if op.norm is Norm.MAX else None
+    listing.section(
+        f"divided by the {op.norm.value} norm",
+        "normalize",
+        step=step,
+        last=op.width - 1,
+        norm=op.norm.value,
+        least=least,
+        single=op.precision is Precision.FLOAT32,
+    )
+
+
+@lay_out.register
+def _(op: KernelSum, step: Step, listing: Listing) -> None:
+    _declare_result(op, step, listing)
+    listing.locals("DINT", "nVector", "nColumn", "nBase", "nRow")
+    listing.locals("LREAL", "fKernel", "fSum")
+    vectors, columns = op.support_vectors.shape
+    if op.kernel is Kernel.RBF:
+        listing.locals("LREAL", "fDelta")
+    if op.kernel is Kernel.SIGMOID:
+        listing.locals("LREAL", "fX", "fY", "fExp", "fSquare")
+    if op.kernel is Kernel.POLYNOMIAL:
+        listing.locals("LREAL", "fPower")
+        listing.locals("DINT", "nPower")
+    intercept = listing.table(step.table("INTERCEPT"), "LREAL", op.intercept)
+    gamma = listing.constant(step.table("GAMMA"), op.gamma) if op.kernel is not Kernel.LINEAR else None
+    coef0 = (
+        listing.constant(step.table("COEF0"), op.coef0) if op.kernel in (Kernel.POLYNOMIAL, Kernel.SIGMOID) else None
+    )
+    runs = listing.chunks(np.full(vectors, max(columns, op.width)), "support vector")
+    parts = []
+    for number, (first, stop) in enumerate(runs):
+        suffix = "" if len(runs) == 1 else f"_{number}"
+        rows = stop - first
+        groups = [Group("", row * columns, (row + 1) * columns) for row in range(rows)]
+        vector = listing.table(
+            step.table(f"VECTOR{suffix}"), "LREAL", np.ravel(op.support_vectors[first:stop]), groups, per_line=columns
+        )
+        coefficient = listing.table(
+            step.table(f"COEFFICIENT{suffix}"), "LREAL", np.ravel(op.coefficients[:, first:stop].T)
+        )
+        parts.append({"vector": vector, "coefficient": coefficient, "last": rows - 1})
+    listing.section(
+        f"{vectors} support vectors, {op.kernel.value} kernel",
+        "kernel_sum",
+        step=step,
+        columns=columns,
+        last_column=columns - 1,
+        last_output=op.width - 1,
+        coefficient_index="nVector" if op.width == 1 else f"nVector * {op.width} + nRow",
+        kernel=op.kernel.value,
+        gamma=gamma,
+        coef0=coef0,
+        degree=op.degree,
+        intercept=intercept,
+        parts=parts,
+        exp_reach=real(EXP_REACH),
+        single=op.precision is Precision.FLOAT32,
+    )
+
+
+@lay_out.register
+def _(op: FactoredKernel, step: Step, listing: Listing) -> None:
+    _declare_result(op, step, listing)
+    listing.locals("DINT", "nRow", "nTerm", "nColumn")
+    listing.locals("LREAL", "fSum", "fDelta")
+    lengths = [len(axis) for axis in op.axes]
+    ends = np.cumsum(lengths)
+    groups = [Group(f"column {column}", end - n, end) for column, end, n in zip(op.columns, ends, lengths, strict=True)]
+    points = op.coefficients.shape[1]
+    sums = []
+    for axis in reversed(range(len(lengths))):
+        # results so far: a row for each point of the axes that are left
+        rows = op.width * math.prod(lengths[:axis])
+        first = int(ends[axis]) - lengths[axis]
+        sums.append({"first": first, "last": int(ends[axis]) - 1, "last_row": rows - 1})
+    coefficients = listing.table(step.table("COEFFICIENT"), "LREAL", op.coefficients.ravel(), per_line=lengths[-1])
+    listing.section(
+        f"rbf kernel on a grid of {' x '.join(map(str, lengths))} points",
+        "factored_kernel",
+        step=step,
+        axis=listing.table(step.table("AXIS"), "LREAL", np.concatenate(op.axes), groups),
+        columns=listing.table(step.table("AXIS_COLUMN"), "DINT", np.repeat(op.columns, lengths)),
+        last=int(ends[-1]) - 1,
+        factor=listing.local(f"aFactor{step.number}", "LREAL", int(ends[-1])),
+        work=listing.local(f"aWork{step.number}", "LREAL", op.width * points // lengths[-1]),
+        coefficients=coefficients,
+        sums=sums,
+        gamma=listing.constant(step.table("GAMMA"), op.gamma),
+        intercept=listing.table(step.table("INTERCEPT"), "LREAL", op.intercept),
+        last_output=op.width - 1,
+        exp_reach=real(EXP_REACH),
+        single=op.precision is Precision.FLOAT32,
+    )
+
+
+def _declare_result(op: Operation, step: Step, listing: Listing) -> None:
+    listing.local(step.result, "LREAL", op.width)

@@ -1,0 +1,252 @@
+"""The code of tree ensembles on ranks: one table of small integers, several trees at a time, no data-dependent jumps.
+
+A node is two integers side by side: what it compares, and where its left child is; the right child follows the left
+one. What it compares is `threshold * slots + slot`, so one number names both the rank and the threshold (the rank is
+scaled likewise). A leaf holds a number above every rank, its own place as its child, and so it stays where it is: trees
+of one class of depths take the same number of steps, and several go down together, which hides the waiting for memory.
+Where there are several classes, the leaves that were reached are noted and summed in the library's order of the trees.
+Children of the larger subtree come next in memory. Equal subtrees of a table are there once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from st_codegen.emit.blocks.depth_classes import DepthClasses, depth_classes
+from st_codegen.emit.blocks.listing import Group, Listing
+from st_codegen.emit.blocks.operations import Step
+from st_codegen.errors import TargetError
+from st_codegen.ir import Aggregate, FloatArray, IntArray, Precision, TreeEnsemble, depth_of
+from st_codegen.ir.preorder import preorder
+from st_codegen.passes.prune import subtrees
+
+#: Trees that go down together.
+LANES = 4
+
+
+@dataclass(frozen=True)
+class _Keys:
+    """How nodes and ranks are written: `slots` is a power of two, keys from `leaf` on are leaves."""
+
+    slots: int
+    leaf: int
+
+
+def sum_values(op: TreeEnsemble, step: Step, listing: Listing) -> dict[str, object]:
+    """What templates need to begin, add to and end the sums of an ensemble, as `sums`."""
+    base_last = op.base_last or op.aggregate is not Aggregate.SUM
+    sums = {
+        "last_output": op.width - 1,
+        "single": op.sum_precision is Precision.FLOAT32,
+        "aggregate": op.aggregate.value,
+        "base_last": listing.table(step.table("BASE"), "LREAL", op.base) if base_last and np.any(op.base) else None,
+        "start": listing.table(step.table("START"), "LREAL", _start(op, base_last=base_last)),
+        "divisor": listing.constant(step.table("DIVISOR"), op.divisor) if op.divisor != 1.0 else None,
+    }
+    return {"sums": sums}
+
+
+def _start(op: TreeEnsemble, *, base_last: bool) -> FloatArray:
+    """What the outputs hold before the first tree."""
+    if not base_last:
+        return op.base
+    largest = np.finfo(np.float64).max
+    neutral = {Aggregate.SUM: 0.0, Aggregate.MINIMUM: largest, Aggregate.MAXIMUM: -largest}[op.aggregate]
+    return np.full(op.width, neutral)
+
+
+def lay_out_ranked(op: TreeEnsemble, step: Step, listing: Listing) -> None:
+    """Append the code of an ensemble whose splits compare ranks (`passes.ranks`)."""
+    listing.local(step.result, "LREAL", op.width)
+    listing.locals("DINT", "nTree", "nLevel", "nKey", "nSlot")
+    listing.locals("LREAL", "fX")
+    narrow = op.leaf_value.shape[1] == 1
+    if op.width > 1:
+        listing.local("nOutput", "DINT")
+    if not narrow:
+        listing.local("nBase", "DINT")
+    keys = _keys(op)
+    slots = listing.local(f"anSlot{step.number}", "DINT", keys.slots)
+    values = sum_values(op, step, listing)
+    values["parts"] = _parts(op, step, listing, keys)
+    mask = keys.slots - 1
+    listing.section(
+        f"{op.n_trees:,} trees, {op.n_nodes:,} nodes, at most {depth_of(op)} comparisons a tree",
+        "ranked_trees",
+        step=step,
+        slots=slots,
+        slot=f"DWORD_TO_DINT(DINT_TO_DWORD(nKey) AND DWORD#16#{mask:X})" if mask else "0",
+        last_rank=step.widths[0] - 1,
+        scale=f" * {keys.slots}" if mask else "",
+        leaf_key=keys.leaf,
+        wide=None if narrow else op.width,
+        tree_output=listing.table(step.table("TREE_OUTPUT"), "DINT", op.tree_output)
+        if narrow and op.width > 1
+        else None,
+        **values,
+    )
+
+
+def _keys(op: TreeEnsemble) -> _Keys:
+    slots = 1 << (len(op.columns) - 1).bit_length()
+    # ranks go up to the largest threshold + 1, one more for missing values
+    leaf = (int(op.threshold.max(initial=0)) + 3) * slots
+    if leaf + len(op.leaf_value) >= 2**31:
+        raise TargetError("the ensemble has too many thresholds for its nodes to be numbered: use another layout")
+    return _Keys(slots, leaf)
+
+
+def _parts(op: TreeEnsemble, step: Step, listing: Listing, keys: _Keys) -> list[dict[str, object]]:
+    """The nodes, cut into runs of whole trees that fit an array."""
+    stops = np.append(op.roots[1:], op.n_nodes)
+    sizes = stops - op.roots
+    equal = subtrees(op).number
+    runs = listing.chunks(np.maximum(2 * sizes, (sizes + 1) // 2 * op.leaf_value.shape[1]), "tree")
+    parts: list[dict[str, object]] = []
+    for number, (first, stop) in enumerate(runs):
+        suffix = "" if len(runs) == 1 else f"_{number}"
+        tables = _tables(op, equal, (first, stop), keys)
+        parts.append(
+            {
+                "node": listing.table(step.table(f"NODE{suffix}"), "DINT", tables.node, tables.groups),
+                "leaf": listing.table(step.table(f"LEAF{suffix}"), "LREAL", tables.leaf.ravel()),
+                "classes": [
+                    {"depth": depth, "runs": _tree_runs((low, high), first, listing)}
+                    for low, high, depth in tables.classes.runs
+                ],
+                **_sorted_part(tables.classes, first, suffix, step, listing),
+            }
+        )
+    return parts
+
+
+def _sorted_part(classes: DepthClasses, first: int, suffix: str, step: Step, listing: Listing) -> dict[str, object]:
+    """The order in which trees are visited, where it is not that of their sum, and a place to keep what they found."""
+    trees = len(classes.order)
+    values: dict[str, object] = {"first": first, "last": first + trees - 1, "order": None, "offset": ""}
+    if classes.is_sorted:
+        values["order"] = listing.table(step.table(f"TREE_ORDER{suffix}"), "DINT", classes.order)
+        values["reached"] = listing.local(f"anLeaf{step.number}{suffix}", "DINT", trees)
+        values["offset"] = f" - {first}" if first else ""
+    return values
+
+
+def _tree_runs(run: tuple[int, int], offset: int, listing: Listing) -> list[dict[str, object]]:
+    """Loops over trees `run[0]` to `run[1]` - 1: as many as go evenly together, and the rest."""
+    runs: list[dict[str, object]] = []
+    done, trees = run
+    while done < trees:
+        lanes = min(LANES, trees - done)
+        count = (trees - done) // lanes * lanes
+        runs.append(
+            {
+                "first": done,
+                "last": done + count - lanes,
+                "lanes": [
+                    {
+                        "node": listing.local(f"nNode{lane + 1}", "DINT"),
+                        "root": f" + {2 * lane}" if lane else "",
+                        "place": f" + {lane}" if lane else "",
+                        "output": f" + {offset + lane}" if offset + lane else "",
+                    }
+                    for lane in range(lanes)
+                ],
+            }
+        )
+        done += count
+    return runs
+
+
+@dataclass(frozen=True)
+class _Tables:
+    """A run of trees as it is written."""
+
+    node: IntArray
+    leaf: FloatArray
+    classes: DepthClasses
+    groups: tuple[Group, ...]
+
+
+def _tables(op: TreeEnsemble, equal: NDArray[np.int64], run: tuple[int, int], keys: _Keys) -> _Tables:
+    """Nodes of trees `run[0]` to `run[1]` - 1: the roots, then pairs of children."""
+    first, stop = run
+    begin = int(op.roots[first])
+    end = int(op.roots[stop]) if stop < op.n_trees else op.n_nodes
+    part = _Part(op, begin, end, op.roots[first:stop] - begin, equal[begin:end])
+    trees = stop - first
+    used, leaf = np.unique(part.leaf[part.split < 0], return_inverse=True)
+    key = np.where(part.split >= 0, part.threshold * keys.slots + part.split, 0)
+    key[part.split < 0] = keys.leaf + leaf
+    owner, pair_of = part.pairs()
+    n_pairs = len(owner)
+    node = np.empty((trees + 2 * n_pairs, 2), np.int64)
+    # the record of a node: the same for all nodes whose subtrees are equal
+    place = 2 * (trees + 2 * pair_of)
+    classes = depth_classes(part.depths(), LANES)
+    source = np.concatenate([part.roots[classes.order], np.column_stack([part.left[owner], part.right[owner]]).ravel()])
+    node[:, 0] = key[source]
+    own = 2 * np.arange(len(source))
+    # a leaf is its own left child: its key is above every rank, so it stays
+    node[:, 1] = np.where(part.split[source] >= 0, place[source], own)
+    tree = part.tree_of(owner)
+    edges = np.searchsorted(tree, np.arange(trees + 1))
+    groups = [Group("roots", 0, 2 * trees)]
+    for number, (low, high) in enumerate(pairwise(edges.tolist())):
+        if high > low:
+            groups.append(Group(f"tree {first + number}", 2 * trees + 4 * low, 2 * trees + 4 * high))
+    return _Tables(node.ravel().astype(np.int32), op.leaf_value[used], classes, tuple(groups))
+
+
+class _Part:
+    """Some consecutive trees, with node numbers of their own."""
+
+    def __init__(self, op: TreeEnsemble, begin: int, end: int, roots: IntArray, equal: NDArray[np.int64]) -> None:
+        self.roots = roots.astype(np.int64)
+        self.split = op.split[begin:end].astype(np.int64)
+        self.threshold = op.threshold[begin:end].astype(np.int64)
+        self.leaf = op.leaf[begin:end]
+        inner = self.split >= 0
+        self.left = np.where(inner, op.left[begin:end].astype(np.int64) - begin, -1)
+        self.right = np.where(inner, op.right[begin:end].astype(np.int64) - begin, -1)
+        self.number = equal
+
+    def depths(self) -> NDArray[np.int64]:
+        """The largest number of splits on a path of each tree."""
+        node, tree, level = self.roots, np.arange(len(self.roots)), 0
+        depths = np.zeros(len(self.roots), np.int64)
+        while True:
+            inner = self.split[node] >= 0
+            node, tree, level = node[inner], tree[inner], level + 1
+            if not node.size:
+                return depths
+            depths[tree] = level
+            node, tree = np.concatenate([self.left[node], self.right[node]]), np.concatenate([tree, tree])
+
+    def pairs(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Distinct pairs of children: a node that owns each, and the pair of every node.
+
+        In the order of a walk that visits the larger subtree first, so that the likely path lies side by side.
+        """
+        size = preorder(self.roots, self.left, self.right).size
+        left_larger = size[self.left] >= size[self.right]
+        hot = np.where(left_larger, self.left, self.right)
+        cold = np.where(left_larger, self.right, self.left)
+        order = preorder(self.roots, hot, cold).order
+        walk = order[self.split[order] >= 0]
+        left, right = self.number[self.left[walk]], self.number[self.right[walk]]
+        both = left * (self.number.max(initial=0) + 1) + right
+        _, first, kind = np.unique(both, return_index=True, return_inverse=True)
+        in_order = np.argsort(first)
+        rank = np.empty_like(in_order)
+        rank[in_order] = np.arange(len(in_order))
+        pair = np.full(len(self.split), -1, np.int64)
+        pair[walk] = rank[kind]
+        return walk[first[in_order]], pair
+
+    def tree_of(self, node: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The tree of each node."""
+        return np.searchsorted(self.roots, node, side="right") - 1

@@ -1,0 +1,181 @@
+"""Writing generated files: staged in a temporary folder, moved into place, never half a project.
+
+`st-codegen.json` beside the generated files lists them, so that a later run removes what is no longer generated and
+leaves the user's own files alone.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from st_codegen.emit.blocks.model import block_name
+from st_codegen.emit.render import RenderedFile
+from st_codegen.errors import GeneratedCodeError, InputError
+
+MANIFEST = "st-codegen.json"
+_FORMAT = 1
+_FACTS = ("models", "blocks", "transmission_error")
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a generated folder contains: files with their SHA-256, and the facts of the project (`generate.facts`)."""
+
+    files: Mapping[str, str]
+    facts: Mapping[str, Any]
+
+    def text(self) -> str:
+        """The manifest as JSON: one line a file, sorted, so that a change moves nothing else."""
+        return json.dumps({"format": _FORMAT, "files": dict(self.files), **self.facts}, indent=1) + "\n"
+
+
+def read_manifest(folder: Path) -> Manifest | None:
+    """The manifest of a generated folder, or None. Raises GeneratedCodeError for one that cannot be read."""
+    path = folder / MANIFEST
+    if not path.is_file():
+        return None
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        manifest = Manifest(dict(content["files"]), {key: dict(content.get(key, {})) for key in _FACTS})
+        safe = content["format"] == _FORMAT and all(_is_below(name) for name in manifest.files)
+    except (ValueError, KeyError, TypeError) as error:
+        raise GeneratedCodeError(f"{path}: not readable ({error}); delete it and generate again") from None
+    if not safe:
+        raise GeneratedCodeError(f"{path}: written by another version, or changed; delete it and generate again")
+    return manifest
+
+
+def block_of(folder: Path, model: str) -> tuple[str, tuple[int, ...]]:
+    """The block of a generated folder that computes a model, and which of the block's outputs are the model's.
+
+    Raises GeneratedCodeError where the folder was generated without this model.
+    """
+    manifest = read_manifest(folder)
+    facts = None if manifest is None else manifest.facts["models"].get(model)
+    if facts is None:
+        raise GeneratedCodeError(f"{folder}: no block {block_name(model)}; the models have changed: generate again")
+    return facts["block"], tuple(facts.get("block_outputs", range(len(facts["outputs"]))))
+
+
+def calls_of(folder: Path) -> int:
+    """How many calls of FB_TEPredict a generated folder spreads its models over."""
+    manifest = read_manifest(folder)
+    return 1 if manifest is None else int(manifest.facts["transmission_error"].get("calls", 1))
+
+
+def _is_below(name: str) -> bool:
+    """A manifest names files below its folder, nothing else: they may be removed."""
+    path = PurePosixPath(name)
+    return not path.is_absolute() and ".." not in path.parts
+
+
+@contextlib.contextmanager
+def staged(parent: Path, files: Iterable[RenderedFile], facts: Mapping[str, Any]) -> Iterator[Path]:
+    """Write files and their manifest into a temporary folder beside the final one, removed at the end of the block."""
+    parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=parent) as name:
+        stage = Path(name) / "stage"
+        stage.mkdir()
+        sums = {}
+        for file in files:
+            sums[file.path] = _write(stage / file.path, file.pieces)
+        (stage / MANIFEST).write_text(
+            Manifest(dict(sorted(sums.items())), facts).text(), encoding="utf-8", newline="\n"
+        )
+        yield stage
+
+
+def _write(path: Path, pieces: Iterable[str]) -> str:
+    """Write a text piece by piece; returns its SHA-256."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    digest = hashlib.sha256()
+    with path.open("wb") as file:
+        for piece in pieces:
+            data = piece.encode("utf-8")
+            digest.update(data)
+            file.write(data)
+    return digest.hexdigest()
+
+
+def generated_names(folder: Path) -> list[str]:
+    """The files of a folder that are ours, the manifest included."""
+    manifest = read_manifest(folder)
+    return [] if manifest is None else [*manifest.files, MANIFEST]
+
+
+def install(stage: Path, folder: Path) -> None:
+    """Put a staged folder in place of `folder`; files in `folder` that are not generated are kept.
+
+    The new folder is completed beside the old one and exchanged with it in one step (two where the system cannot), so
+    that a crash leaves the old project or the new one. Raises InputError where a file of the user's has the name of a
+    generated one.
+    """
+    if not folder.exists():
+        stage.rename(folder)
+        return
+    if not folder.is_dir():
+        raise InputError(f"{folder} is a file; the generated files need a folder of this name")
+    _keep_user_files(folder, stage)
+    if _exchange(stage, folder):
+        shutil.rmtree(stage)
+        return
+    old = stage.parent / "old"
+    folder.rename(old)
+    try:
+        stage.rename(folder)
+    except OSError:
+        old.rename(folder)
+        raise
+
+
+def _keep_user_files(folder: Path, stage: Path) -> None:
+    """Bring the user's own files over; unchanged generated files get their old times, so that no tool reloads them."""
+    ours = set(generated_names(folder))
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder).as_posix()
+        target = stage / name
+        if path.is_dir() and not path.is_symlink():
+            if name not in ours and not target.exists() and _holds_user_files(path, folder, ours):
+                target.mkdir(parents=True)
+        elif name not in ours:
+            if target.exists() and target.read_bytes() != path.read_bytes():
+                raise InputError(
+                    f"{path} was not generated, but a generated file has the same name: rename or delete it"
+                )
+            if not target.exists():
+                _link(path, target)
+        elif target.exists() and target.read_bytes() == path.read_bytes():
+            shutil.copystat(path, target)
+
+
+def _holds_user_files(path: Path, folder: Path, ours: set[str]) -> bool:
+    inside = [p for p in path.rglob("*") if not p.is_dir() or p.is_symlink()]
+    return not inside or any(p.relative_to(folder).as_posix() not in ours for p in inside)
+
+
+def _link(path: Path, target: Path) -> None:
+    """A second name for a file where the file system can, else a copy."""
+    try:
+        os.link(path, target, follow_symlinks=False)
+    except OSError:
+        shutil.copy2(path, target, follow_symlinks=False)
+
+
+def _exchange(one: Path, other: Path) -> bool:
+    """Exchange two folders in one step (Linux renameat2 with RENAME_EXCHANGE); False where that does not exist."""
+    try:
+        call = ctypes.CDLL(None, use_errno=True).renameat2
+    except (AttributeError, OSError):
+        return False
+    here, exchange = -100, 2
+    return bool(call(here, os.fsencode(one), here, os.fsencode(other), exchange) == 0)

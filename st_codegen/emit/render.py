@@ -1,0 +1,106 @@
+"""Intermediate representation and a target -> text files. The only file that knows Jinja."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import escape
+
+import jinja2
+
+from st_codegen.emit.blocks.listing import Block, Section
+from st_codegen.emit.blocks.model import Limits
+from st_codegen.emit.targets import FilePlan, Target
+from st_codegen.ir import ProjectIR
+
+
+@dataclass(frozen=True)
+class RenderedFile:
+    """A file as it will be written: path below the target's folder, and its text piece by piece."""
+
+    path: str
+    pieces: Iterator[str]
+
+
+def templates_folder() -> Path:
+    """`templates/` of the installed package, or of the checkout."""
+    installed = Path(str(files("st_codegen"))) / "templates"
+    return installed if installed.is_dir() else Path(__file__).resolve().parents[2] / "templates"
+
+
+def environment(target: Target) -> jinja2.Environment:
+    """The templates of a target. They lay out, Python decides; an undefined name is an error.
+
+    Every template sees the macros of `common/macros.st.j2`, the target's dialect, and `code(block, section)`, which
+    prints a section of a block by the section's own template.
+    """
+    templates = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(templates_folder()),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,
+    )
+    templates.filters["xml"] = _as_xml_text
+
+    def code(block: Block, section: Section) -> str:
+        template = templates.get_template(f"common/operations/{section.template}.st.j2")
+        return template.render(block=block, **section.values)
+
+    templates.globals["code"] = code
+    templates.globals["dialect"] = templates.get_template(f"{target.dialect}/dialect.st.j2").module
+    macros = templates.get_template("common/macros.st.j2").module
+    templates.globals.update({name: macro for name, macro in vars(macros).items() if not name.startswith("_")})
+    return templates
+
+
+def _as_xml_text(text: str) -> str:
+    """Text between tags or in double quotes."""
+    return escape(str(text), {'"': "&quot;"})
+
+
+def render(project: ProjectIR, target: Target, limits: Limits | None = None) -> Iterator[RenderedFile]:
+    """The files of a project for one target, in a fixed order.
+
+    All checks are made before the first file is handed out; texts are printed piece by piece while they are consumed,
+    so that a table of millions of numbers is never a string. Raises InputError, TargetError.
+    """
+    return print_plans(target, list(target.plan(project, limits or target.limits)))
+
+
+def print_plans(target: Target, plans: Iterable[FilePlan]) -> Iterator[RenderedFile]:
+    """The files that a target has planned, printed piece by piece while they are consumed."""
+    templates = environment(target)
+    return (RenderedFile(plan.path, _print(templates, plan)) for plan in plans)
+
+
+def render_report(template: str, values: Mapping[str, Any]) -> str:
+    """A page of a report from `templates/`; text is escaped for HTML, an undefined name is an error."""
+    templates = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(templates_folder()),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=True,
+    )
+    return templates.get_template(template).render(**values)
+
+
+def _print(templates: jinja2.Environment, plan: FilePlan) -> Iterator[str]:
+    pieces = templates.get_template(plan.template).generate(**plan.values)
+    return _as_twincat(pieces) if plan.twincat_xml else pieces
+
+
+def _as_twincat(pieces: Iterator[str]) -> Iterator[str]:
+    """With the byte order mark, and without the last line end."""
+    held = "\ufeff"
+    for piece in pieces:
+        if piece:
+            yield held
+            held = piece
+    yield held.removesuffix("\n")

@@ -1,0 +1,1 @@
+"""That the generated text computes what the library does."""

@@ -1,0 +1,316 @@
+"""How far two correct evaluations of a model may lie apart, derived row by row from the model and the input.
+
+Trees, scalers and other exact operations give equal bits for equal inputs. Sums whose order a library leaves open
+(BLAS) and transcendental functions do not; standard forward error analysis bounds the difference. With unit roundoff
+u, a sum of n terms in any order, fused or not, has an error of at most gamma(n) * sum of |terms|, gamma(n) = n*u / (1
+- n*u) (Higham, Accuracy and Stability of Numerical Algorithms, section 4.2). Both evaluations err, so their errors
+add.
+"""
+
+from __future__ import annotations
+
+from functools import singledispatch
+from typing import Literal
+
+import numpy as np
+
+from st_codegen.ir import (
+    Activation,
+    BoolArray,
+    CellTable,
+    Clip,
+    Combine,
+    Comparison,
+    FactoredKernel,
+    FillMissing,
+    FloatArray,
+    Function,
+    Kernel,
+    KernelSum,
+    Linear,
+    ModelIR,
+    Norm,
+    Normalize,
+    Operation,
+    Operator,
+    Precision,
+    Rank,
+    Round,
+    Scale,
+    Select,
+    TreeEnsemble,
+    reference,
+)
+from st_codegen.passes.kernels import grid_of
+
+_UNIT = {Precision.FLOAT64: 2.0**-53, Precision.FLOAT32: 2.0**-24}
+
+#: Relative error of one transcendental function, in units of roundoff: libraries document up to 4 ulp (8 u) for their
+#: vectorised versions; the generated formulas have at most 8 roundings besides one EXP, LN or quotient of 2 ulp.
+_FUNCTION_ROUNDINGS = 12
+
+#: What is lost by taking 0 for exponentials below exp(-708).
+_TINY = 1e-307
+
+
+def difference_bound(model: ModelIR, x: FloatArray) -> FloatArray:
+    """Bound on |library - generated code| for rows of `x` (rows, features), shape (rows, outputs).
+
+    0 where the result must be equal to the bit; infinite where rounding may send a row through another leaf of a tree
+    behind an inexact operation and no finite bound holds.
+    """
+    if model.exact:
+        return np.zeros((len(x), len(model.outputs)))
+    values = reference.trace(model, x)
+    differences = [np.zeros_like(values[0])]
+    with np.errstate(all="ignore"):
+        for number, op in enumerate(model.ops, 1):
+            operands = [values[value] for value in op.inputs]
+            given = [differences[value] for value in op.inputs]
+            difference = step(op, operands, given, values[number])
+            differences.append(np.where(np.isnan(difference), np.inf, difference))
+    return differences[-1]
+
+
+def gamma(terms: int, precision: Precision) -> float:
+    """Relative error of a sum of so many terms, in any order."""
+    unit = _UNIT[precision]
+    return terms * unit / (1.0 - terms * unit)
+
+
+def _rounding(op: Operation, result: FloatArray, difference: FloatArray) -> FloatArray:
+    """Rounding after one exact elementwise operation: equal inputs round to equal results, others add an error each."""
+    unit = _UNIT[getattr(op, "precision", Precision.FLOAT64)]
+    return np.where(difference > 0, difference * (1 + unit) + 2 * unit * (np.abs(result) + difference), 0.0)
+
+
+@singledispatch
+def step(op: Operation, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    """Bound on the difference of the results when the operands differ by at most `given`."""
+    raise NotImplementedError(type(op).__name__)
+
+
+@step.register
+def _(op: Select, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    return np.hstack(given)[:, op.columns]
+
+
+@step.register
+def _(op: Scale, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    constant = np.broadcast_to(op.constant, operands[0].shape)
+    zero = np.zeros_like(given[0])
+    pair, errors = (
+        ([constant, operands[0]], [zero, given[0]]) if op.reverse else ([operands[0], constant], [given[0], zero])
+    )
+    return _rounding(op, result, _arithmetic(op.operator, pair, errors))
+
+
+@step.register
+def _(op: Combine, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    return _rounding(op, result, _arithmetic(op.operator, operands, given))
+
+
+def _arithmetic(operator: Operator, operands: list[FloatArray], given: list[FloatArray]) -> FloatArray:
+    (a, b), (da, db) = operands, given
+    if operator in (Operator.ADD, Operator.SUBTRACT):
+        return da + db
+    if operator is Operator.MULTIPLY:
+        return np.abs(a) * db + np.abs(b) * da + da * db
+    room = np.abs(b) - db
+    return np.where(room > 0, (da + np.abs(a / b) * db) / room, np.inf) * (da + db > 0)
+
+
+@step.register
+def _(op: Round, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    unit = _UNIT[Precision.FLOAT32]
+    return np.where(given[0] > 0, given[0] + 2 * unit * (np.abs(operands[0]) + given[0]), 0.0)
+
+
+@step.register(Clip)
+@step.register(FillMissing)
+def _(op: Operation, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    return given[0]
+
+
+@step.register
+def _(op: Linear, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    weights = np.abs(op.weights)
+    difference = given[0] @ weights.T
+    size = np.abs(operands[0]) @ weights.T + np.abs(op.bias)
+    if op.exact:
+        return np.where(difference > 0, difference + 2 * gamma(2 * op.operand_width + 1, op.precision) * size, 0.0)
+    return difference + _sum_rounding(op.operand_width + 1, size + difference, result, op.precision)
+
+
+def _sum_rounding(terms: int, size: FloatArray, result: FloatArray, precision: Precision) -> FloatArray:
+    """The library adds in its precision, the generated code in LREAL with one rounding at the end."""
+    library = gamma(terms, precision) * size
+    generated = gamma(terms, Precision.FLOAT64) * size
+    last = _UNIT[precision] * np.abs(result) if precision is Precision.FLOAT32 else 0.0
+    return library + generated + last
+
+
+@step.register
+def _(op: Activation, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    x, difference = operands[0], given[0]
+    moved = _slope(op, x, difference) * difference
+    if op.exact:
+        return _rounding(op, result, moved)
+    roundings = _FUNCTION_ROUNDINGS * (_UNIT[op.precision] + _UNIT[Precision.FLOAT64])
+    # libraries lose digits where they take 1 - y or exp(x) - 1 instead of the accurate form (onnxruntime's Sigmoid and
+    # Elu), and softplus adds a part of up to log(2): the error is then one of a number of this size
+    size = np.abs(result) + moved
+    if op.function in (Function.LOGISTIC, Function.SOFTPLUS):
+        size = size + 1.0
+    elif op.function is Function.ELU:
+        size = size + abs(op.parameter)
+    return moved + roundings * size + _TINY
+
+
+def _slope(op: Activation, x: FloatArray, difference: FloatArray) -> FloatArray:
+    """Largest slope of the function within `difference` of x."""
+    near = np.abs(x) + difference
+    constant = np.ones_like(x)
+    if op.function in (Function.EXP, Function.EXPM1):
+        return np.exp(x + difference)
+    if op.function is Function.LOG1P:
+        room = 1.0 + x - difference
+        return np.where(room > 0, 1.0 / room, np.inf)
+    if op.function is Function.SIGNED_SQUARE:
+        return 2.0 * near
+    if op.function in (Function.LEAKY_RELU, Function.ELU):
+        return constant * max(1.0, abs(op.parameter))
+    return constant
+
+
+@step.register
+def _(op: Normalize, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    x, difference = operands[0], given[0]
+    if op.norm is Norm.MAX:
+        size = np.abs(np.max(x, axis=1, keepdims=True))
+        moved = np.max(difference, axis=1, keepdims=True)
+    else:
+        size = (
+            np.sum(np.abs(x), axis=1, keepdims=True) if op.norm is Norm.L1 else np.linalg.norm(x, axis=1, keepdims=True)
+        )
+        moved = np.sum(difference, axis=1, keepdims=True)
+    room = size - moved
+    change = np.where(room > 0, (difference + np.abs(result) * moved) / room, np.inf)
+    return np.where(moved > 0, change + 2 * gamma(op.width + 5, op.precision) * (np.abs(result) + change), 0.0)
+
+
+@step.register
+def _(op: KernelSum, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    x, moved = operands[0], given[0]
+    size = np.broadcast_to(np.abs(op.intercept), result.shape).copy()
+    difference = np.zeros_like(size)
+    # generated code may take an exponential a column and multiply; then products and the sums over the columns of a
+    # grid are rounded too
+    axes = grid_of(op)
+    factors = 1 if axes is None else len(axes)
+    terms = len(op.support_vectors) + 1
+    if axes is not None:
+        terms = max(terms, sum(map(len, axes)) + 2 * factors + 1)
+    for vector, coefficients in zip(op.support_vectors, np.abs(op.coefficients.T), strict=True):
+        kernel, change = _kernel_difference(op, x, moved, vector, factors)
+        size += (np.abs(kernel) + change)[:, None] * coefficients
+        difference += change[:, None] * coefficients
+    return difference + _sum_rounding(terms, size, result, op.precision)
+
+
+def _kernel_difference(
+    op: KernelSum, x: FloatArray, moved: FloatArray, vector: FloatArray, factors: int
+) -> tuple[FloatArray, FloatArray]:
+    """The kernel of each row with one vector, and the difference of two evaluations of it.
+
+    One of them may be a product of `factors` exponentials: each has the error of a function, each product one rounding.
+    """
+    terms = len(vector)
+    both = gamma(terms + 4, op.precision) + gamma(terms + 4, Precision.FLOAT64)
+    function = _FUNCTION_ROUNDINGS * (_UNIT[op.precision] + _UNIT[Precision.FLOAT64])
+    kernel = reference.kernel_value(op, x, vector)
+    if op.kernel is Kernel.RBF:
+        delta = np.abs(x - vector)
+        distance = np.sum(delta**2, axis=1)
+        argument = op.gamma * (both * distance + np.sum(2 * delta * moved + moved**2, axis=1))
+        function += (factors - 1) * (_FUNCTION_ROUNDINGS + 1) * _UNIT[Precision.FLOAT64]
+        return kernel, kernel * (np.expm1(argument) + function) + factors * _TINY
+    size = np.sum(np.abs(x * vector), axis=1)
+    change = both * size + np.sum(np.abs(vector) * moved, axis=1)
+    if op.kernel is Kernel.LINEAR:
+        return kernel, change
+    base = np.abs(op.gamma) * size + abs(op.coef0)
+    change = abs(op.gamma) * change + both * base
+    if op.kernel is Kernel.SIGMOID:
+        return kernel, change + function * np.abs(kernel)
+    larger = (base + change) ** op.degree
+    return kernel, larger - base**op.degree + op.degree * both * larger
+
+
+@step.register
+def _(op: FactoredKernel, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    return step(_unfactored(op), operands, given, result)
+
+
+def _unfactored(op: FactoredKernel) -> KernelSum:
+    """The same sum over all points of the grid."""
+    columns = np.argsort(op.columns)
+    points = np.stack(np.meshgrid(*op.axes, indexing="ij"), -1).reshape(-1, len(op.axes))[:, columns]
+    return KernelSum(
+        op.inputs, Kernel.RBF, points, op.coefficients, op.intercept, gamma=op.gamma, precision=op.precision
+    )
+
+
+@step.register(Rank)
+@step.register(CellTable)
+def _(op: Operation, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    unsure = np.any(np.hstack(given) > 0, axis=1, keepdims=True)
+    return np.where(unsure, np.inf, np.zeros_like(result))
+
+
+@step.register
+def _(op: TreeEnsemble, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    unsure = np.zeros(len(result), np.bool_)
+    for number, column in enumerate(op.columns):
+        difference = given[0][:, column.column]
+        value = operands[0][:, column.column]
+        if column.categorical or column.missing_interval is not None:
+            unsure |= difference > 0
+        else:
+            unsure |= _crosses(op, number, value, difference)
+    if op.linear is not None:
+        unsure |= np.any(given[0] > 0, axis=1)
+    spread = _leaf_spread(op)
+    return np.where(unsure[:, None], spread, 0.0)
+
+
+def _crosses(op: TreeEnsemble, number: int, value: FloatArray, difference: FloatArray) -> BoolArray:
+    """Whether a threshold of the column lies between the two ends of a value's interval."""
+    thresholds = np.unique(op.threshold[op.split == number])
+    side: Literal["left", "right"] = "right" if op.comparison is Comparison.LESS else "left"
+    low = reference.rounded(value - difference, op.input_precision)
+    high = reference.rounded(value + difference, op.input_precision)
+    crossed: BoolArray = np.searchsorted(thresholds, low, side) != np.searchsorted(thresholds, high, side)
+    return crossed
+
+
+def _leaf_spread(op: TreeEnsemble) -> FloatArray:
+    """The largest possible change of each output: every tree goes from its largest to its smallest leaf."""
+    if op.linear is not None:
+        return np.full(op.width, np.inf)
+    leaves = np.flatnonzero(op.split < 0)
+    tree = np.searchsorted(op.roots, leaves, side="right") - 1
+    values = op.leaf_value[op.leaf[leaves]]
+    high = np.full((op.n_trees, values.shape[1]), -np.inf)
+    low = np.full((op.n_trees, values.shape[1]), np.inf)
+    np.maximum.at(high, tree, values)
+    np.minimum.at(low, tree, values)
+    spread = high - low
+    if values.shape[1] == op.width:
+        total = spread.sum(axis=0)
+    else:
+        total = np.zeros(op.width)
+        np.add.at(total, op.tree_output, spread[:, 0])
+    rounding = 2 * gamma(op.n_trees + 2, op.sum_precision) * (np.abs(op.base) + op.n_trees * np.max(np.abs(values)))
+    bound: FloatArray = (total + rounding) / abs(op.divisor)
+    return bound

@@ -1,0 +1,79 @@
+"""Prices of layouts from the text that they would be: what `passes.choose` asks for, answered by the cost model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from st_codegen.cost import BlockCost, Profile, project_cost
+from st_codegen.emit.blocks.model import Limits, block_name
+from st_codegen.emit.render import render
+from st_codegen.emit.targets import Target
+from st_codegen.ir import ModelIR, ProjectIR
+from st_codegen.passes.choose import Cost
+from st_codegen.passes.pipeline import Compiled
+from st_codegen.st import parse_project
+
+#: Files that hold Structured Text; others are projects and tasks
+_TEXTS = (".st", ".TcPOU", ".TcGVL", ".TcDUT", ".xml")
+
+
+@dataclass(frozen=True)
+class EmittedCost(Cost):
+    """The worst case of a model's block on one controller, in us, and an estimate of its machine code."""
+
+    warm_us: float = 0.0
+    cold_us: float = 0.0
+    code_bytes: int = 0
+
+    @property
+    def nanoseconds(self) -> float:
+        return 1000.0 * self.cold_us
+
+
+@dataclass(frozen=True)
+class Pricing:
+    """Prices models for a target on a controller: each is printed, read again and counted. A `CostFunction`."""
+
+    target: Target
+    limits: Limits
+    profile: Profile
+
+    def __call__(self, model: ModelIR) -> EmittedCost:
+        cost = self.block(model)
+        return EmittedCost(
+            instructions=sum(cost.operations.values()),
+            lines=sum(part.lines for part in cost.parts),
+            table_bytes=sum(part.table_bytes for part in cost.parts),
+            warm_us=cost.warm_us,
+            cold_us=cost.cold_us,
+            code_bytes=sum(part.code_bytes for part in cost.parts),
+        )
+
+    def block(self, model: ModelIR) -> BlockCost:
+        """The worst case of the block of one model."""
+        files = render(ProjectIR((model,), None), self.target, self.limits)
+        texts = {file.path: "".join(file.pieces) for file in files if file.path.endswith(_TEXTS)}
+        project = parse_project(texts, self.target.dialect)
+        name = block_name(model.name)
+        return project_cost(project, self.profile, [name]).blocks[name]
+
+
+@dataclass(frozen=True)
+class Price:
+    """One layout that a model could have."""
+
+    model: str
+    layout: str
+    is_chosen: bool
+    cost: EmittedCost
+
+
+def prices(compiled: Compiled, pricing: Pricing) -> list[Price]:
+    """Every layout of every model: what was chosen and what else was possible."""
+    found = []
+    for decision in compiled.decisions:
+        for number, candidate in enumerate(decision.candidates):
+            known = candidate.cost
+            cost = known if isinstance(known, EmittedCost) else pricing(candidate.model)
+            found.append(Price(decision.model, candidate.layout, number == 0, cost))
+    return found

@@ -1,0 +1,128 @@
+"""Predictions of models for a table of inputs, by three ways that must agree: library, reference, emitted text."""
+
+from __future__ import annotations
+
+import csv
+import tempfile
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+
+from st_codegen.emit.generate import generate
+from st_codegen.emit.output import block_of
+from st_codegen.emit.targets import TARGETS
+from st_codegen.errors import InputError, Problems
+from st_codegen.ir import FloatArray, ModelIR, reference
+from st_codegen.proof.runner import GeneratedCode
+from st_codegen.te.bundle import Bundle
+from st_codegen.walkers.base import LoadedModel
+
+
+class Engine(StrEnum):
+    """Who computes."""
+
+    ST = "st"  # the emitted text, in the interpreter
+    REFERENCE = "reference"  # the intermediate representation, in NumPy
+    SOURCE = "source"  # the source library
+
+
+def predict(bundle: Bundle, columns: dict[str, FloatArray], engine: Engine) -> dict[str, FloatArray]:
+    """Predict every model for columns of inputs, by feature name (or `f0`, `f1`, .. by place).
+
+    Returns a column a model, headed by its name, `name[i]` (from 0) where it has several outputs; NaN where a model
+    takes no such input. Raises one InputError that lists all missing features.
+    """
+    problems = Problems("input")
+    inputs = {}
+    for model in bundle.models:
+        with problems.collect():
+            inputs[model.ir.name] = _rows(model.ir, columns)
+    problems.raise_if_any()
+    if engine is not Engine.ST:
+        results = {model.ir.name: _by_library(model, inputs[model.ir.name], engine) for model in bundle.models}
+    else:
+        with tempfile.TemporaryDirectory(prefix="st-codegen-") as folder:
+            code = GeneratedCode(generate(bundle, TARGETS["twincat"], Path(folder)).folder, "twincat")
+            results = {model.ir.name: _by_text(model.ir, inputs[model.ir.name], code) for model in bundle.models}
+    named = {}
+    for name, values in results.items():
+        for output in range(values.shape[1]):
+            named[name if values.shape[1] == 1 else f"{name}[{output}]"] = values[:, output]
+    return named
+
+
+def _rows(model: ModelIR, columns: dict[str, FloatArray]) -> FloatArray:
+    """The model's inputs (rows, features): by its own names, else by place."""
+    for names in ([feature.name for feature in model.features], [f"f{n}" for n in range(len(model.features))]):
+        if all(name in columns for name in names):
+            return np.column_stack([columns[name] for name in names])
+    missing = [feature.name for feature in model.features if feature.name not in columns]
+    raise InputError(f"model '{model.name}': no column {', '.join(missing)}; the header has {', '.join(columns)}")
+
+
+def _by_library(model: LoadedModel, x: FloatArray, engine: Engine) -> FloatArray:
+    expected = reference.evaluate(model.ir, x)
+    if engine is Engine.REFERENCE:
+        return expected
+    result = np.full_like(expected, np.nan)
+    usable = np.all(np.isfinite(expected), axis=1)  # the library raises for the others, or has no number for them
+    if usable.any():
+        result[usable] = model.predict(reference.limited(model.ir, x)[usable])
+    return result
+
+
+def _by_text(model: ModelIR, x: FloatArray, code: GeneratedCode) -> FloatArray:
+    block, outputs = block_of(code.folder, model.name)
+    result = code.run_model(block, x, outputs)
+    return np.where(result.valid[:, None], result.values, np.nan)
+
+
+def read_table(path: Path) -> dict[str, FloatArray]:
+    """A CSV table with a header, as columns of numbers; `nan` and `inf` allowed.
+
+    Raises one InputError that lists every bad cell (the first ten) with its line.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    problems = Problems(str(path))
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        rows = csv.reader(file)
+        header = [name.strip() for name in next(rows, [])]
+        if not header or not all(header):
+            raise InputError(f"{path}: the first line must name the features")
+        if len(set(header)) != len(header):
+            raise InputError(f"{path}: the header names a feature twice")
+        values: list[list[float]] = []
+        for cells in rows:
+            if cells:
+                values.append(_numbers(cells, header, rows.line_num, problems))
+            if len(problems.errors) >= 10:
+                break
+    problems.raise_if_any()
+    table = np.array(values, dtype=np.float64).reshape(len(values), len(header))
+    return dict(zip(header, table.T, strict=True))
+
+
+def _numbers(cells: list[str], header: list[str], line: int, problems: Problems) -> list[float]:
+    if len(cells) != len(header):
+        problems.add(f"line {line}: {len(cells)} values, the header has {len(header)}")
+        return [np.nan] * len(header)
+    numbers = []
+    for name, cell in zip(header, cells, strict=True):
+        try:
+            numbers.append(float(cell))
+        except ValueError:
+            problems.add(f"line {line}, column {name}: {cell!r} is not a number")
+            numbers.append(np.nan)
+    return numbers
+
+
+def write_table(path: Path, columns: dict[str, FloatArray]) -> None:
+    """Write columns as CSV, numbers as `%.17g`, which reads back as the same bits."""
+    rows = zip(*columns.values(), strict=True)
+    lines = [",".join(columns), *(",".join(f"{value:.17g}" for value in row) for row in rows)]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(path.name + ".part")
+    temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    temporary.replace(path)

@@ -1,0 +1,229 @@
+"""What a reviewer wants to know before reading a diff of generated code: what changed, in the engineer's words.
+
+Sizes and ranges come from the manifests that `generate` writes; the changes of the outputs are found by running both
+emitted texts through the interpreter on the same operating points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from st_codegen.emit.output import Manifest, read_manifest
+from st_codegen.emit.targets import TARGETS
+from st_codegen.errors import GeneratedCodeError
+from st_codegen.ir import FloatArray
+from st_codegen.proof.runner import GeneratedCode
+from st_codegen.proof.verify import target_folders
+
+#: Called with (number done, total, what is next).
+Progress = Callable[[int, int, str], None]
+
+#: Facts of a model that are compared one by one, with the words for them.
+_FACTS = {
+    "library": "library",
+    "class": "model class",
+    "features": "features",
+    "outputs": "outputs",
+    "accepts_nan": "takes missing values",
+    "exact": "equals the library bit for bit",
+    "layout": "layout",
+    "block": "block",
+    "trees": "trees",
+    "nodes": "nodes",
+    "support_vectors": "support vectors",
+    "table_bytes": "bytes of tables",
+}
+
+
+@dataclass(frozen=True)
+class Change:
+    """One fact before and after."""
+
+    what: str
+    before: Any
+    after: Any
+
+
+@dataclass(frozen=True)
+class OutputChange:
+    """How one output moved over the trained range; `where` is the operating point of the largest change."""
+
+    output: str
+    largest: float
+    mean: float
+    where: dict[str, float]
+
+
+@dataclass(frozen=True)
+class ModelChange:
+    """What changed in one model that both folders have. `rows_lost`: points that only the old text answered."""
+
+    name: str
+    facts: tuple[Change, ...]
+    outputs: tuple[OutputChange, ...]
+    rows: int
+    rows_lost: int
+    rows_gained: int
+    text_changed: bool
+
+    @property
+    def changed(self) -> bool:
+        return bool(
+            self.facts
+            or self.text_changed
+            or self.rows_lost
+            or self.rows_gained
+            or any(o.largest for o in self.outputs)
+        )
+
+
+@dataclass(frozen=True)
+class Review:
+    """The difference of two generated folders of one target."""
+
+    target: str
+    added: tuple[str, ...]
+    removed: tuple[str, ...]
+    models: tuple[ModelChange, ...]
+    project: tuple[Change, ...]
+    files: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def changed(self) -> bool:
+        return bool(self.added or self.removed or self.project or self.files or any(m.changed for m in self.models))
+
+    def as_json(self) -> dict[str, Any]:
+        """Everything, with `changed` on top."""
+        return {"changed": self.changed, **asdict(self)}
+
+
+def diff(
+    old: Path | str, new: Path | str, *, rows: int = 10_000, seed: int = 0, progress: Progress | None = None
+) -> Review:
+    """Compare two folders that `generate` wrote, on the first target that both have.
+
+    Raises GeneratedCodeError where a folder holds no generated files, or they have no target in common.
+    """
+    before, after = _common_target(Path(old), Path(new))
+    manifests = [_manifest(folder) for folder in (before, after)]
+    codes = [GeneratedCode(folder, TARGETS[folder.name].dialect) for folder in (before, after)]
+    models = [_with_sizes(manifest, code) for manifest, code in zip(manifests, codes, strict=True)]
+    common = sorted(set(models[0]) & set(models[1]))
+    changes = []
+    for number, name in enumerate(common):
+        if progress is not None:
+            progress(number, len(common), name)
+        changes.append(_compare_model(name, (models[0][name], models[1][name]), codes, rows, seed))
+    if progress is not None:
+        progress(len(common), len(common), "")
+    project = [manifest.facts["transmission_error"] for manifest in manifests]
+    return Review(
+        target=before.name,
+        added=tuple(sorted(set(models[1]) - set(models[0]))),
+        removed=tuple(sorted(set(models[0]) - set(models[1]))),
+        models=tuple(changes),
+        project=tuple(
+            Change(key.replace("_", " "), project[0].get(key), project[1].get(key))
+            for key in sorted({*project[0], *project[1]})
+            if project[0].get(key) != project[1].get(key)
+        ),
+        files=_changed_files((before, manifests[0]), (after, manifests[1])),
+    )
+
+
+def _common_target(old: Path, new: Path) -> tuple[Path, Path]:
+    before = {folder.name: folder for folder in target_folders(old)}
+    after = {folder.name: folder for folder in target_folders(new)}
+    for name, folder in before.items():
+        if name in after:
+            return folder, after[name]
+    raise GeneratedCodeError(f"{old} has the targets {', '.join(before)}, {new} has {', '.join(after)}: none in common")
+
+
+def _manifest(folder: Path) -> Manifest:
+    manifest = read_manifest(folder)
+    if manifest is None:
+        raise GeneratedCodeError(f"{folder}: no generated files; run st-codegen generate first")
+    return manifest
+
+
+def _with_sizes(manifest: Manifest, code: GeneratedCode) -> dict[str, dict[str, Any]]:
+    """The facts of the models, with what their tables take in memory by the text itself (not of a shared block's)."""
+    models = manifest.facts["models"]
+    return {
+        name: facts if facts.get("shared") else {**facts, "table_bytes": code.table_bytes(facts["block"])}
+        for name, facts in models.items()
+    }
+
+
+def _changed_files(before: tuple[Path, Manifest], after: tuple[Path, Manifest]) -> dict[str, str]:
+    """Generated files that differ as they are on disk: added, removed or changed."""
+    texts = [
+        {name: (folder / name).read_bytes() for name in manifest.files if (folder / name).is_file()}
+        for folder, manifest in (before, after)
+    ]
+    kinds = {}
+    for name in sorted({*texts[0], *texts[1]}):
+        if texts[0].get(name) != texts[1].get(name):
+            kinds[name] = "added" if name not in texts[0] else "removed" if name not in texts[1] else "changed"
+    return kinds
+
+
+def _compare_model(
+    name: str, facts: tuple[dict[str, Any], dict[str, Any]], codes: list[GeneratedCode], rows: int, seed: int
+) -> ModelChange:
+    old, new = facts
+    changes = tuple(
+        Change(words, old.get(key), new.get(key)) for key, words in _FACTS.items() if old.get(key) != new.get(key)
+    )
+    text_changed = codes[0].text(old["block"]) != codes[1].text(new["block"])
+    same_shape = len(old["features"]) == len(new["features"]) and len(old["outputs"]) == len(new["outputs"])
+    if not same_shape or not text_changed:
+        return ModelChange(name, changes, (), 0, 0, 0, text_changed)
+    x = _operating_points(old, new, rows, seed)
+    results = [
+        code.run_model(f["block"], x, f.get("block_outputs", len(f["outputs"])))
+        for code, f in zip(codes, facts, strict=True)
+    ]
+    both = results[0].valid & results[1].valid
+    difference = np.abs(results[1].values[both] - results[0].values[both])
+    if new.get("shared"):  # the text is that of other models too
+        text_changed = bool(changes or np.any(difference) or np.any(results[0].valid != results[1].valid))
+    names = [feature["name"] for feature in new["features"]]
+    return ModelChange(
+        name,
+        changes,
+        tuple(
+            _output_change(output, difference[:, number], x[both], names)
+            for number, output in enumerate(new["outputs"])
+            if both.any()
+        ),
+        len(x),
+        int(np.sum(results[0].valid & ~results[1].valid)),
+        int(np.sum(results[1].valid & ~results[0].valid)),
+        text_changed,
+    )
+
+
+def _operating_points(old: dict[str, Any], new: dict[str, Any], rows: int, seed: int) -> FloatArray:
+    """Points at random in the trained range; what only one of two differing ranges covers belongs to it."""
+    ends = np.array([[feature["range"] for feature in facts["features"]] for facts in (old, new)])
+    lower, upper = ends[:, :, 0].min(axis=0), ends[:, :, 1].max(axis=0)
+    random = np.random.default_rng(seed)
+    points: FloatArray = lower + (upper - lower) * random.random((rows, len(lower)))
+    return points
+
+
+def _output_change(output: str, difference: FloatArray, x: FloatArray, names: list[str]) -> OutputChange:
+    worst = int(np.argmax(difference))
+    return OutputChange(
+        output,
+        float(difference[worst]),
+        float(np.mean(difference)),
+        {name: float(value) for name, value in zip(names, x[worst], strict=True)},
+    )

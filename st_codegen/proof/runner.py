@@ -1,0 +1,142 @@
+"""Runs generated text: rows in, predictions out, through the interpreter alone."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from st_codegen.beckhoff_ml.library import mll_library
+from st_codegen.errors import GeneratedCodeError
+from st_codegen.ir import BoolArray, FloatArray
+from st_codegen.st import LaneMachine, Library, Project, StError, StRuntimeError, load_project
+from st_codegen.st.library import TCUNIT
+from st_codegen.st.machine import Instance
+from st_codegen.st.typed import Pou
+from st_codegen.st.types import ArrayType, Elementary, Type
+
+#: Rows that the interpreter takes at once: bounds its memory.
+_BATCH = 20_000
+
+#: Where a block begins and ends in files that hold several.
+_PART_OF_FILE = {
+    ".st": r"^FUNCTION_BLOCK {}$.*?^END_FUNCTION_BLOCK",
+    ".xml": r'^ *<pou name="{}" .*?</pou>',
+}
+
+
+@dataclass(frozen=True)
+class BlockResult:
+    """Outputs of a block for some rows: (rows, outputs), and whether it called them valid."""
+
+    values: FloatArray
+    valid: BoolArray
+
+
+class GeneratedCode:
+    """The checked text of one target's folder.
+
+    Every batch of rows starts from a new machine, so that no row sees what an earlier one left behind.
+    """
+
+    def __init__(self, folder: Path, dialect: str) -> None:
+        """Parse and check. Raises GeneratedCodeError that lists what is wrong with the text."""
+        if not folder.is_dir():
+            raise GeneratedCodeError(f"{folder}: no generated files; run st-codegen generate first")
+        self.folder = folder
+        self.libraries = _libraries(folder)
+        try:
+            self.project: Project = load_project([folder], dialect, self.libraries)
+        except StError as error:
+            raise GeneratedCodeError(f"{folder}: the text is not valid Structured Text\n{error}") from error
+
+    @property
+    def task_programs(self) -> tuple[str, ...]:
+        """The programs that the tasks of a TwinCAT project call, in order; empty where there is no task."""
+        calls = []
+        for path in sorted(self.folder.rglob("*.TcTTO")):
+            calls += re.findall(r"<PouCall>\s*<Name>\s*(\w+)\s*</Name>", path.read_text(encoding="utf-8-sig"))
+        return tuple(dict.fromkeys(calls))
+
+    def table_bytes(self, block: str) -> int:
+        """Bytes of a block's constant arrays."""
+        variables = self._pou(block).variables
+        return sum(_bytes(variable.type) for variable in variables if variable.is_constant)
+
+    def text(self, block: str) -> str:
+        """The block's own text: its file, or its part of a file with several blocks."""
+        for path in sorted(self.folder.rglob("*")):
+            if path.suffix == ".TcPOU" and path.stem == block:
+                return path.read_text(encoding="utf-8-sig")
+            if path.suffix in _PART_OF_FILE:
+                pattern = _PART_OF_FILE[path.suffix].format(block)
+                found = re.search(pattern, path.read_text(encoding="utf-8"), re.M | re.S)
+                if found is not None:
+                    return found[0]
+        raise GeneratedCodeError(f"{self.folder}: no block {block}")
+
+    def _pou(self, block: str) -> Pou:
+        try:
+            return self.project.pous[block.upper()]
+        except KeyError:
+            raise GeneratedCodeError(
+                f"{self.folder}: no block {block}; the models have changed: generate again"
+            ) from None
+
+    def run_model(self, block: str, x: FloatArray, outputs: int | Sequence[int]) -> BlockResult:
+        """Call a model's block once for each row of `x` (rows, features), its inputs in order.
+
+        `outputs`: how many outputs, or the numbers (from 0) of those that are wanted.
+        Raises GeneratedCodeError where the controller would stop: a floating point exception, an index out of range.
+        """
+        wanted = range(outputs) if isinstance(outputs, int) else outputs
+        if not len(x):
+            return BlockResult(np.zeros((0, len(wanted))), np.zeros(0, np.bool_))
+        parts = [self._batch(block, x[at : at + _BATCH], wanted) for at in range(0, len(x), _BATCH)]
+        return BlockResult(np.vstack([p.values for p in parts]), np.concatenate([p.valid for p in parts]))
+
+    def _batch(self, block: str, x: FloatArray, outputs: Sequence[int]) -> BlockResult:
+        instance = self._instance(block, len(x))
+        inputs = dict(zip((port.name for port in instance.inputs), x.T, strict=True))
+        result = self._run(instance, block, inputs)
+        values = np.column_stack([result[f"fOut{number + 1}"] for number in outputs])
+        return BlockResult(values, result["bValid"].astype(np.bool_))
+
+    def call(
+        self, block: str, inputs: Mapping[str, FloatArray], lanes: int, *, calls: int = 1
+    ) -> dict[str, FloatArray]:
+        """Call a block `calls` times with an array for each named input; returns all its outputs, lanes first."""
+        instance = self._instance(block, lanes)
+        for _ in range(calls - 1):
+            self._run(instance, block, inputs)
+        return self._run(instance, block, inputs)
+
+    def _instance(self, block: str, lanes: int) -> Instance:
+        return LaneMachine(self.project, lanes=lanes, libraries=self.libraries).instance(self._pou(block).name)
+
+    def _run(self, instance: Instance, block: str, inputs: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        try:
+            for name, value in inputs.items():
+                instance[name] = value
+            instance()
+        except StRuntimeError as error:
+            raise GeneratedCodeError(f"{self.folder}: the controller would stop in {block}\n{error}") from error
+        return {port.name: np.asarray(instance[port.name]) for port in instance.outputs}
+
+
+def _libraries(folder: Path) -> tuple[Library, ...]:
+    """The libraries that the text of a folder may use: for test suites, and for model files."""
+    libraries = [TCUNIT] if (folder / "Tests").is_dir() else []
+    if any(folder.glob("Models/*/*.xml")):
+        libraries.append(mll_library(folder))
+    return tuple(libraries)
+
+
+def _bytes(type_: Type) -> int:
+    """What a value takes in memory; bits count as bytes."""
+    if isinstance(type_, ArrayType):
+        return type_.size * _bytes(type_.element)
+    return max(type_.bits // 8, 1) if isinstance(type_, Elementary) else 0

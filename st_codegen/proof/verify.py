@@ -1,0 +1,325 @@
+"""The proof: source library = reference = emitted text, on rows chosen to make them differ.
+
+For each model three answers are computed: by the source library alone, by the reference evaluation of the intermediate
+representation, and by the emitted text in the interpreter. An exact model must agree in every bit; another one within
+the bound that `bounds` derives for the very row. Rows that the library refuses must be flagged by the block.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from st_codegen.cost import Profile, ProjectCost, project_cost
+from st_codegen.emit.output import MANIFEST, block_of
+from st_codegen.emit.targets import TARGETS
+from st_codegen.errors import GeneratedCodeError
+from st_codegen.ir import BoolArray, FloatArray, TransmissionError, reference
+from st_codegen.proof import bounds
+from st_codegen.proof.probes import probe_rows, trained_range
+from st_codegen.proof.runner import GeneratedCode
+from st_codegen.te.bundle import Bundle
+from st_codegen.te.check import check_transmission_error
+from st_codegen.walkers.base import LoadedModel
+
+#: Operating points on which FB_TEPredict and FB_Compensator are tried; their models have been verified before.
+_TE_ROWS = 2_000
+
+#: Called with (number done, total, what is next).
+Progress = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """One row on which two answers differ by more than they may."""
+
+    between: str
+    input: tuple[float, ...]
+    expected: tuple[float, ...]
+    got: tuple[float, ...]
+    bound: float
+
+
+@dataclass
+class ModelReport:
+    """What verification found for one model (or block) over all generated targets.
+
+    `n` rows were tried in each target, and each must agree. `exact`: every bit did. `max_abs_err`, `max_ulp` and
+    `worst_input` (the row with the largest error) compare the emitted text with the library on the rows inside the
+    trained range, `bound` is the largest error that the derivation allows there: the error of a sum at an input of 1E30
+    says nothing. Units in the last place are those of float32 where the library answers in float32. `unbounded` rows
+    lie so close to a threshold behind an inexact operation that no finite bound holds; they do not count.
+    """
+
+    name: str
+    n: int = 0
+    max_abs_err: float = 0.0
+    max_ulp: int = 0
+    exact: bool = True
+    worst_input: list[float] | None = None
+    bound: float = 0.0
+    unbounded: int = 0
+    must_be_exact: bool = True
+    targets: list[str] = field(default_factory=list)
+    failures: list[Disagreement] = field(default_factory=list)
+
+    @property
+    def passed(self) -> bool:
+        return not self.failures and (self.exact or not self.must_be_exact)
+
+    def as_json(self) -> dict[str, Any]:
+        """For reports: numbers that JSON has no way to write become text."""
+        content = asdict(self)
+        content["passed"] = self.passed
+        return {key: _plain(value) for key, value in content.items()}
+
+
+@dataclass(frozen=True)
+class VerifyReport:
+    """What `st-codegen verify` found.
+
+    `notes` say, by target, what this does not show; `costs` are the worst cases by target, `cycle_us` the budget of one
+    cycle.
+    """
+
+    models: tuple[ModelReport, ...]
+    notes: Mapping[str, str] = field(default_factory=dict)
+    costs: Mapping[str, ProjectCost] = field(default_factory=dict)
+    cycle_us: float | None = None
+
+    @property
+    def passed(self) -> bool:
+        return all(model.passed for model in self.models) and not self.over_budget
+
+    @property
+    def over_budget(self) -> dict[str, ProjectCost]:
+        """The targets whose cycle takes longer than the budget, or has loops without a known bound."""
+        if self.cycle_us is None:
+            return {}
+        return {target: cost for target, cost in self.costs.items() if not cost.fits(self.cycle_us)}
+
+    def as_json(self) -> dict[str, Any]:
+        """`passed`, `models` by name, `notes` and `costs` by target."""
+        return {
+            "passed": self.passed,
+            "models": {model.name: model.as_json() for model in self.models},
+            "notes": dict(self.notes),
+            "costs": {
+                target: {"cycle_us": self.cycle_us, "fits": target not in self.over_budget, **cost.as_json()}
+                for target, cost in self.costs.items()
+            },
+        }
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The time of one cycle on one machine, in us (None: no limit), and the blocks that it runs.
+
+    Without `entries`: the programs that its tasks call.
+    """
+
+    profile: Profile
+    cycle_us: float | None = None
+    entries: tuple[str, ...] = ()
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if np.isfinite(value) else str(value)
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def verify(
+    bundle: Bundle,
+    generated: Path | str,
+    *,
+    rows: int = 10_000,
+    seed: int = 0,
+    budget: Budget | None = None,
+    progress: Progress | None = None,
+) -> VerifyReport:
+    """Compare the library, the reference and every generated target below `generated` on about `rows` rows a model.
+
+    With a `budget` the worst case of each target is computed and compared with it. Raises GeneratedCodeError where
+    there is nothing to verify, or the text cannot be read or would stop a controller.
+    """
+    targets = {
+        folder.name: GeneratedCode(folder, TARGETS[folder.name].dialect) for folder in target_folders(Path(generated))
+    }
+    reports = []
+    total = len(bundle.models)
+    for number, model in enumerate(bundle.models):
+        if progress is not None:
+            progress(number, total, model.ir.name)
+        reports.append(_verify_model(model, targets, rows, seed))
+    if bundle.transmission_error is not None:
+        for name, code in targets.items():
+            reports.extend(_te_reports(bundle, bundle.transmission_error, code, name, seed))
+    if progress is not None:
+        progress(total, total, "")
+    notes = {name: TARGETS[name].proof for name in targets if TARGETS[name].proof}
+    costs = (
+        {}
+        if budget is None
+        else {name: cycle_cost(code, budget.profile, budget.entries) for name, code in targets.items()}
+    )
+    return VerifyReport(tuple(_merged(reports)), notes, costs, None if budget is None else budget.cycle_us)
+
+
+def cycle_cost(code: GeneratedCode, profile: Profile, entries: tuple[str, ...] = ()) -> ProjectCost:
+    """The worst case of a cycle of generated text: of `entries`, else of what its tasks call (see `project_cost`).
+
+    Programs of several tasks are added up, for they share a processor. Raises GeneratedCodeError for an unknown entry.
+    """
+    names = {name.upper() for name in code.project.pous}
+    missing = [name for name in entries if name.upper() not in names]
+    if missing:
+        raise GeneratedCodeError(f"{code.folder}: no block {', '.join(missing)}")
+    tasks = tuple(name for name in code.task_programs if name.upper() in names)
+    return project_cost(code.project, profile, entries or tasks or None)
+
+
+def target_folders(generated: Path) -> list[Path]:
+    """The generated folders in `generated`, or `generated` itself when it is one."""
+    candidates = [generated, *(generated / name for name in TARGETS)]
+    folders = [folder for folder in candidates if folder.name in TARGETS and (folder / MANIFEST).is_file()]
+    if not folders:
+        raise GeneratedCodeError(f"{generated}: no generated files; run st-codegen generate MODELS --out {generated}")
+    return folders
+
+
+def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: int, seed: int) -> ModelReport:
+    ir = model.ir
+    x = probe_rows(ir, rows, seed)
+    expected = reference.evaluate(ir, x)
+    usable = np.all(np.isfinite(expected), axis=1)
+    limited = reference.limited(ir, x)
+    bound = np.where(usable[:, None], bounds.difference_bound(ir, limited), 0.0)
+    library = np.full_like(expected, np.nan)
+    library[usable] = _by_library(model, limited[usable])
+    report = ModelReport(ir.name, n=len(x), must_be_exact=ir.exact)
+    report.unbounded = int(np.sum(~np.all(np.isfinite(bound), axis=1)))
+    lower, upper = trained_range(ir)
+    inside = usable & np.all((x >= lower) & (x <= upper), axis=1)
+    report.bound = float(np.max(bound[inside][np.isfinite(bound[inside])], initial=0.0))
+    _compare(report, "library and reference", x, library, expected, bound)
+    for name, code in targets.items():
+        report.targets.append(name)
+        block, outputs = block_of(code.folder, ir.name)
+        result = code.run_model(block, x, outputs)
+        got = np.where(result.valid[:, None], result.values, np.nan)
+        answered = usable & TARGETS[name].answers(ir, limited)
+        allowed = np.where(answered[:, None], TARGETS[name].difference_bound(ir, limited), 0.0)
+        report.must_be_exact &= not np.any(allowed)
+        report.bound = max(report.bound, float(np.max(allowed[inside & np.isfinite(allowed).all(axis=1)], initial=0.0)))
+        _compare(report, f"reference and {name}", x, np.where(answered[:, None], expected, np.nan), got, allowed)
+        report.exact &= not np.any(library[answered] != got[answered])
+        _measure(report, x, library, got, inside & answered & result.valid)
+    return report
+
+
+def _by_library(model: LoadedModel, x: FloatArray) -> FloatArray:
+    """The library's answers; NaN for rows that it refuses with an exception, found by halving."""
+    try:
+        return model.predict(x)
+    except Exception:
+        if len(x) <= 1:
+            return np.full((len(x), len(model.ir.outputs)), np.nan)
+        half = len(x) // 2
+        return np.vstack([_by_library(model, x[:half]), _by_library(model, x[half:])])
+
+
+def _compare(
+    report: ModelReport, between: str, x: FloatArray, expected: FloatArray, got: FloatArray, bound: FloatArray
+) -> None:
+    """Note the first rows on which two answers differ by more than the bound, or only one of them is an answer."""
+    same = (expected == got) | (np.isnan(expected) & np.isnan(got))
+    with np.errstate(invalid="ignore"):
+        near = (np.abs(expected - got) <= bound) | np.isinf(bound)
+    wrong = np.flatnonzero(~np.all(same | near, axis=1))
+    for row in wrong[:3]:
+        report.failures.append(
+            Disagreement(
+                between,
+                tuple(map(float, x[row])),
+                tuple(map(float, expected[row])),
+                tuple(map(float, got[row])),
+                float(np.max(bound[row])),
+            )
+        )
+
+
+def _measure(report: ModelReport, x: FloatArray, library: FloatArray, got: FloatArray, rows: BoolArray) -> None:
+    """Largest error of the emitted text against the library on some rows."""
+    if not rows.any():
+        return
+    error = np.max(np.abs(library[rows] - got[rows]), axis=1)
+    worst = int(np.argmax(error))
+    report.max_ulp = max(report.max_ulp, int(np.max(ulps_between(library[rows], got[rows]))))
+    if report.worst_input is None or error[worst] > report.max_abs_err:
+        report.worst_input = [float(value) for value in x[rows][worst]]
+    report.max_abs_err = max(report.max_abs_err, float(error[worst]))
+
+
+def ulps_between(a: FloatArray, b: FloatArray) -> NDArray[np.int64]:
+    """How many representable numbers lie from `a` to `b`; 0 for equal numbers, +0 and -0 included.
+
+    Counts float32 numbers when all of `a` are such, else float64 numbers. Distances from 2**62 on are given as 2**62.
+    """
+    with np.errstate(over="ignore"):
+        single = np.array_equal(a, a.astype(np.float32))
+    first, second = (_in_order(value.astype(np.float32) if single else value) for value in (a, b))
+    near = np.abs(first.astype(np.float64) - second.astype(np.float64)) < 2.0**62
+    distance = np.abs(np.where(near, first, 0) - np.where(near, second, 0))
+    return np.where(near, distance, np.int64(2**62))
+
+
+def _in_order(value: NDArray[Any]) -> NDArray[np.int64]:
+    """Integers that are in the order of the numbers, one apart for neighbours."""
+    contiguous = np.ascontiguousarray(value)
+    if value.dtype == np.float64:
+        bits, lowest = contiguous.view(np.int64), -(2**63)
+    else:
+        bits, lowest = contiguous.view(np.int32).astype(np.int64), -(2**31)
+    return np.where(bits < 0, lowest - bits, bits)
+
+
+def _te_reports(
+    bundle: Bundle, te: TransmissionError, code: GeneratedCode, target: str, seed: int
+) -> list[ModelReport]:
+    """FB_TEPredict and FB_Compensator against the models that they are made of."""
+    reports = []
+    bound = TARGETS[target].difference_bound
+    for check in check_transmission_error(bundle.project, te, code, _TE_ROWS, seed, bound):
+        report = ModelReport(check.block, n=len(check.inputs), must_be_exact=False, targets=[target])
+        report.bound = float(np.max(check.bound, initial=0.0))
+        _compare(report, f"models and {target}", check.inputs, check.expected, check.got, check.bound)
+        answered = np.all(np.isfinite(check.expected) & np.isfinite(check.got), axis=1)
+        report.exact = bool(np.array_equal(check.expected, check.got, equal_nan=True))
+        _measure(report, check.inputs, check.expected, check.got, answered)
+        reports.append(report)
+    return reports
+
+
+def _merged(reports: list[ModelReport]) -> list[ModelReport]:
+    """One report a name: the worst over the targets."""
+    merged: dict[str, ModelReport] = {}
+    for report in reports:
+        known = merged.setdefault(report.name, report)
+        if known is report:
+            continue
+        known.targets += report.targets
+        known.failures += report.failures
+        known.exact &= report.exact
+        known.bound = max(known.bound, report.bound)
+        known.max_ulp = max(known.max_ulp, report.max_ulp)
+        if report.max_abs_err > known.max_abs_err:
+            known.max_abs_err, known.worst_input = report.max_abs_err, report.worst_input
+    return list(merged.values())

@@ -1,0 +1,181 @@
+"""What FB_TEPredict and FB_Compensator must compute, from the models alone (Eq. 2, 3 and 6)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from st_codegen.emit.blocks.model import input_variables
+from st_codegen.emit.output import calls_of
+from st_codegen.ir import Direction, FloatArray, ModelIR, ProjectIR, Quantity, TransmissionError, reference
+from st_codegen.proof import bounds
+from st_codegen.proof.runner import GeneratedCode
+from st_codegen.te.compensation.harmonic_sum import ERROR_PER_ORDER
+
+#: SQRT, ATAN, COS and the few operations around them: relative error of each result, in units of roundoff.
+_ROUNDINGS = 16
+_UNIT = 2.0**-53
+
+
+@dataclass(frozen=True)
+class BlockCheck:
+    """Rows for one block, its expected and its actual outputs, and how far these may lie apart."""
+
+    block: str
+    inputs: FloatArray
+    expected: FloatArray
+    got: FloatArray
+    bound: FloatArray
+
+
+@dataclass(frozen=True)
+class HarmonicSet:
+    """Amplitudes (deg) and phases (rad) of one direction for some operating points, each (rows, orders).
+
+    The bounds say how far the generated code may lie from them: what the models may differ, and the rounding of square
+    root and arc tangent.
+    """
+
+    amplitude: FloatArray
+    phase: FloatArray
+    amplitude_bound: FloatArray
+    phase_bound: FloatArray
+
+
+#: Bound on |library - generated code| of a model for rows, (rows, outputs).
+Bound = Callable[[ModelIR, FloatArray], FloatArray]
+_Values = dict[Quantity, FloatArray]
+#: Predictions of a model for rows, (rows, outputs).
+Evaluation = Callable[[ModelIR, FloatArray], FloatArray]
+
+
+def harmonics(
+    project: ProjectIR,
+    te: TransmissionError,
+    direction: Direction,
+    x: FloatArray,
+    bound: Bound = bounds.difference_bound,
+    evaluate: Evaluation = reference.evaluate,
+) -> HarmonicSet:
+    """Amplitudes and phases that the models predict at operating points `x` (rows, features)."""
+    models = {model.name: model for model in project.models}
+    values = {name: evaluate(models[name], x) for name in {output.model for output in te.outputs}}
+    errors = {name: bound(models[name], x) for name in values}
+    zero = np.zeros(len(x))
+    columns = []
+    for order in te.orders:
+        outputs = te.quantities(direction, order)
+        value = {quantity: values[of.model][:, of.output] for quantity, of in outputs.items()}
+        error = {quantity: errors[of.model][:, of.output] for quantity, of in outputs.items()}
+        terms = te.terms(direction, order)
+        if terms and Quantity.PHASE in value:
+            value, error = _as_parts(value, error)
+        for quantity, added in terms.items():
+            parts = [values[term.model][:, term.output] for term in added]
+            total = value[quantity] + sum(parts)
+            # each sum is rounded once, and no partial sum is larger than all magnitudes together
+            size = np.abs(value[quantity]) + sum(np.abs(part) for part in parts)
+            own = sum(errors[term.model][:, term.output] for term in added)
+            value[quantity] = total
+            error[quantity] = error[quantity] + own + 2 * len(parts) * _UNIT * size
+        if Quantity.COSINE in value:
+            columns.append(_polar(value, error))
+        else:
+            columns.append(
+                (
+                    value[Quantity.AMPLITUDE],
+                    value.get(Quantity.PHASE, zero),
+                    error[Quantity.AMPLITUDE],
+                    error.get(Quantity.PHASE, zero),
+                )
+            )
+    return HarmonicSet(*(np.column_stack(part) for part in zip(*columns, strict=True)))
+
+
+def _as_parts(value: _Values, error: _Values) -> tuple[_Values, _Values]:
+    """Cosine and sine part of an amplitude and a phase; the block rounds COS, SIN and one product each."""
+    amplitude, phase = value[Quantity.AMPLITUDE], value[Quantity.PHASE]
+    size = np.abs(amplitude)
+    moved = error[Quantity.AMPLITUDE] + (size + error[Quantity.AMPLITUDE]) * (error[Quantity.PHASE] + 4 * _UNIT)
+    parts = {Quantity.COSINE: amplitude * np.cos(phase), Quantity.SINE: amplitude * np.sin(phase)}
+    return parts, dict.fromkeys(parts, moved)
+
+
+def _polar(value: _Values, error: _Values) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Amplitude, phase and their bounds, from cosine and sine part."""
+    amplitude = np.hypot(value[Quantity.COSINE], value[Quantity.SINE])
+    phase = np.arctan2(value[Quantity.SINE], value[Quantity.COSINE])
+    moved = error[Quantity.COSINE] + error[Quantity.SINE]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turned = np.where(moved > 0, moved / np.maximum(amplitude - moved, 0.0), 0.0)
+    return amplitude, phase, moved + _ROUNDINGS * _UNIT * amplitude, turned + _ROUNDINGS * _UNIT * np.pi
+
+
+def check_transmission_error(
+    project: ProjectIR,
+    te: TransmissionError,
+    code: GeneratedCode,
+    rows: int,
+    seed: int,
+    bound: Bound = bounds.difference_bound,
+) -> list[BlockCheck]:
+    """Run both blocks at random operating points inside the trained range, and compute what they must give."""
+    random = np.random.default_rng(seed)
+    lower = np.array([feature.lower for feature in te.features], dtype=np.float64)
+    upper = np.array([feature.upper for feature in te.features], dtype=np.float64)
+    x = lower + (upper - lower) * random.random((rows, len(te.features)))
+    theta = random.uniform(-2 * np.pi, 2 * np.pi, rows)
+    sets = {direction: harmonics(project, te, direction, x, bound) for direction in te.directions}
+    return [_check_predict(te, code, x, sets), _check_sum(te, code, x, theta, sets)]
+
+
+def _feature_inputs(te: TransmissionError, x: FloatArray) -> dict[str, FloatArray]:
+    return dict(zip((variable.name for variable in input_variables(te.features)), x.T, strict=True))
+
+
+def _check_predict(
+    te: TransmissionError, code: GeneratedCode, x: FloatArray, sets: dict[Direction, HarmonicSet]
+) -> BlockCheck:
+    result = code.call("FB_TEPredict", _feature_inputs(te, x), len(x), calls=calls_of(code.folder))
+    expected, got, bound = [], [], []
+    for direction, harmonic in sets.items():
+        suffix = {Direction.FORWARD: "Fw", Direction.BACKWARD: "Bw"}[direction]
+        amplitude = np.where(result["bValid"][:, None], result[f"aAmplitude{suffix}"], np.nan)
+        phase = result[f"aPhase{suffix}"]
+        # the same angle may come as +pi and -pi
+        turns = np.round((phase - harmonic.phase) / (2 * np.pi))
+        phase = phase - 2 * np.pi * turns
+        expected += [harmonic.amplitude, harmonic.phase]
+        got += [amplitude, phase]
+        bound += [harmonic.amplitude_bound, harmonic.phase_bound]
+    return BlockCheck("FB_TEPredict", x, np.hstack(expected), np.hstack(got), np.hstack(bound))
+
+
+def _check_sum(
+    te: TransmissionError,
+    code: GeneratedCode,
+    x: FloatArray,
+    theta: FloatArray,
+    sets: dict[Direction, HarmonicSet],
+) -> BlockCheck:
+    """TE of Eq. 3; the sign of the speed chooses the direction."""
+    backward = np.arange(len(x)) % 2 == 1 if len(sets) == 2 else np.full(len(x), Direction.BACKWARD in sets)
+    signed = x.copy()
+    signed[backward, te.speed_feature] *= -1.0
+    inputs = _feature_inputs(te, signed) | {"fThetaOut_rad": theta, "bEnable": np.ones(len(x), np.bool_)}
+    result = code.call("FB_Compensator", inputs, len(x), calls=calls_of(code.folder))
+    expected, bound = np.zeros(len(x)), np.zeros(len(x))
+    for direction, harmonic in sets.items():
+        angle = np.array(te.orders) * theta[:, None] + harmonic.phase
+        chosen = backward if direction is Direction.BACKWARD else ~backward
+        expected = np.where(chosen, np.sum(harmonic.amplitude * np.cos(angle), axis=1), expected)
+        # here an angle of many turns is rounded before its cosine is taken; the block multiplies along its chain
+        size = np.abs(harmonic.amplitude)
+        chain = ERROR_PER_ORDER * np.array(te.orders)
+        rounding = size * (chain + (_ROUNDINGS + len(te.orders)) * _UNIT * (1 + np.abs(angle)))
+        own = harmonic.amplitude_bound + size * harmonic.phase_bound + rounding
+        bound = np.where(chosen, np.sum(own, axis=1), bound)
+    got = np.where(result["bValid"], result["fTE_deg"], np.nan)
+    return BlockCheck("FB_Compensator", signed, expected[:, None], got[:, None], bound[:, None])

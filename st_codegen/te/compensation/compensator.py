@@ -1,0 +1,79 @@
+"""FB_Compensator: prediction and correction in one task."""
+
+from __future__ import annotations
+
+from st_codegen.emit.blocks.listing import Block, Section, Variable
+from st_codegen.emit.blocks.model import input_variables
+from st_codegen.emit.literals import real
+from st_codegen.ir import TransmissionError
+from st_codegen.te.compensation.codes import TE_ERROR
+from st_codegen.te.compensation.correction import parameters, results
+from st_codegen.te.compensation.parts import (
+    LARGEST_INPUT,
+    Argument,
+    block,
+    boolean,
+    check,
+    lreal,
+    same,
+    set_parts,
+)
+
+ANGLE = lreal("fThetaOut_rad", "angle of the output shaft from its encoder, rad")
+IN_RANGE = boolean("bInRange", "no input had to be limited to its trained range")
+
+
+def compensator_block(te: TransmissionError) -> Block:
+    """FB_TEPredict and FB_Correction, one after the other."""
+    features = input_variables(te.features)
+    speed = features[te.speed_feature].name
+    given = parameters("0.0005")
+    correction = [
+        *same(["fThetaOut_rad"]),
+        Argument("fSpeed_rpm", speed),
+        *(Argument(name, f"fbPredict.{name}") for name, _ in set_parts(te)),
+        *same(["eSet", *(variable.name for variable in given)]),
+    ]
+    return block(
+        "FB_Compensator",
+        (
+            "FB_Compensator: correction of the motor's reference, for one task that does everything",
+            f"Bundle: {te.name}, reduction ratio {real(te.reduction_ratio)}",
+            "Motor reference = reduction ratio * theta_out + fCorrection_deg. The law, and what happens after bad "
+            "inputs, are described in FB_Correction; for two tasks see FB_CompensatorFast.",
+        ),
+        inputs=(ANGLE, *features, *given),
+        outputs=(*results(), IN_RANGE),
+        variables=(
+            Variable("fbPredict", "FB_TEPredict", comment="harmonics at the operating point"),
+            Variable("fbCorrection", "FB_Correction", comment="law, fading and limits"),
+            Variable("eSet", TE_ERROR.type, comment="whether the harmonics may be used"),
+        ),
+        sections=(
+            predict_section(te),
+            Section("correction", "te_call", {"instance": "fbCorrection", "arguments": correction}),
+            outputs_section("fbCorrection"),
+        ),
+        codes=TE_ERROR.some("NONE", "OPERATING_POINT", "NO_PREDICTION"),
+    )
+
+
+def predict_section(te: TransmissionError) -> Section:
+    """The operating point, checked, and the prediction: leaves `eSet` and `bInRange`."""
+    features = input_variables(te.features)
+    speed = features[te.speed_feature].name
+    checks = [check(variable.name, -LARGEST_INPUT, LARGEST_INPUT, TE_ERROR["OPERATING_POINT"]) for variable in features]
+    values = {
+        "checks": checks,
+        "speed": speed,
+        "inputs": [variable.name for variable in features],
+        "no_error": TE_ERROR["NONE"],
+        "failed": TE_ERROR["NO_PREDICTION"],
+    }
+    return Section("prediction at the operating point", "te_predict", values)
+
+
+def outputs_section(instance: str) -> Section:
+    """Hand on the results of FB_Correction."""
+    names = [variable.name for variable in results()]
+    return Section("outputs", "te_outputs", {"instance": instance, "names": names})

@@ -1,0 +1,161 @@
+"""FB_Correction: direction, law, fading and limits; all that is done with a set of coefficients in a cycle."""
+
+from __future__ import annotations
+
+from st_codegen.emit.blocks.listing import Block, Section, Variable
+from st_codegen.emit.literals import real
+from st_codegen.errors import InputError
+from st_codegen.ir import TransmissionError
+from st_codegen.te.compensation.codes import TE_ERROR
+from st_codegen.te.compensation.parts import (
+    HARMONICS_TYPE,
+    LARGEST_ANGLE,
+    SUFFIX,
+    Check,
+    block,
+    boolean,
+    check,
+    dint,
+    error_output,
+    lreal,
+    set_variables,
+)
+
+#: Input speeds beyond this are no measurement, rpm.
+_LARGEST_SPEED = 1e6
+#: Reduction ratios with which nothing overflows.
+_RATIOS = (1e-3, 1e6)
+
+
+def parameters(cycle_s: str) -> tuple[Variable, ...]:
+    """Inputs that say how the correction is applied; the blocks hand them on under these names."""
+    return (
+        lreal("fCycle_s", "cycle time of the calling task, s, up to 1.0", cycle_s),
+        boolean("bEnable", "TRUE: the correction ramps up; FALSE: it ramps down to zero"),
+        boolean("bPublishedLaw", "TRUE: the law as published, FALSE: the continuous one", "FALSE"),
+        lreal("fCorrectionLimit_deg", "largest correction, deg at the motor, 0.0 .. 360.0", "20.0"),
+        lreal("fSlewLimit_deg_s", "its fastest change, deg/s at the motor, 1.0 .. 1.0E6", "2000.0"),
+        lreal("fRampTime_s", "time from no to full correction and back, s, 0.0 .. 10.0", "0.5"),
+        lreal("fHysteresis_rpm", "input speed that decides the direction, rpm, 0.0 .. 1.0E6", "2.0"),
+        lreal("fBlendTime_s", "time from one direction's set to the other's, s, 0.0 .. 10.0", "0.1"),
+        lreal("fLead_s", "lead time: the angle is taken that much later, s, 0.0 .. 0.1", "0.0"),
+        lreal("fFullSpeed_rpm", "continuous law: full from this input speed up, rpm, 0.0 .. 1.0E6", "100.0"),
+    )
+
+
+def results() -> tuple[Variable, ...]:
+    """Outputs of the correction; the blocks hand them on under these names."""
+    return (
+        lreal("fTE_deg", "predicted transmission error, deg at the output shaft"),
+        lreal("fCorrection_deg", "to be added to the motor's reference, deg at the motor"),
+        lreal("fWeight", "weight of the law at this speed, 0 .. 1"),
+        boolean("bActive", "a correction is being applied"),
+        boolean("bValid", "all inputs were usable in this call"),
+        error_output(),
+    )
+
+
+def _checks() -> tuple[Check, ...]:
+    """The later one decides the error code."""
+    parameter = TE_ERROR["PARAMETER"]
+    return (
+        check("fCorrectionLimit_deg", 0.0, 360.0, parameter, "fLimit"),
+        check("fSlewLimit_deg_s", 1.0, 1e6, parameter, "fSlew"),
+        check("fRampTime_s", 0.0, 10.0, parameter, "fRamp"),
+        check("fHysteresis_rpm", 0.0, 1e6, parameter),
+        check("fBlendTime_s", 0.0, 10.0, parameter),
+        check("fLead_s", 0.0, 0.1, parameter),
+        check("fFullSpeed_rpm", 0.0, 1e6, parameter),
+        check("fCycle_s", 1e-6, 1.0, TE_ERROR["CYCLE_TIME"], "fCycle"),
+        check("fSpeed_rpm", -_LARGEST_SPEED, _LARGEST_SPEED, TE_ERROR["OPERATING_POINT"]),
+        check("fThetaOut_rad", -LARGEST_ANGLE, LARGEST_ANGLE, TE_ERROR["ANGLE"]),
+    )
+
+
+def correction_block(te: TransmissionError) -> Block:
+    """Correction of the motor's reference (Eq. 6) from an angle and a set of coefficients."""
+    if not _RATIOS[0] <= te.reduction_ratio <= _RATIOS[1]:
+        raise InputError(f"reduction ratio {te.reduction_ratio}: the compensator takes {_RATIOS[0]} .. {_RATIOS[1]:g}")
+    both = len(te.directions) == 2
+    suffixes = [SUFFIX[direction] for direction in te.directions]
+    names = ["NONE", "ANGLE", "OPERATING_POINT", "CYCLE_TIME", "PARAMETER", *([] if both else ["DIRECTION"])]
+    return block(
+        "FB_Correction",
+        _header(te, both),
+        inputs=(
+            lreal("fThetaOut_rad", "angle of the output shaft from its encoder, rad"),
+            lreal("fSpeed_rpm", "input speed, its sign is the direction, rpm"),
+            *set_variables(te),
+            Variable("eSet", TE_ERROR.type, comment="NONE: the set may be used; else why not"),
+            *parameters("0.0005"),
+        ),
+        outputs=results(),
+        variables=(
+            Variable("fbSum", "FB_HarmonicSum", comment="sum of Eq. 2"),
+            *(_set_locals() if both else ()),
+            boolean("bStarted", "the direction is known"),
+            boolean("bBackward", "direction of rotation"),
+            boolean("bFading", "after an error, until the correction has faded out"),
+            *((lreal("fBlend", "share of the backward set, 0 .. 1"), lreal("fGoal", "where it goes")) if both else ()),
+            lreal("fFull", "correction without ramp and limits, deg at the motor"),
+            lreal("fFade", "how far the correction is ramped up, 0 .. 1"),
+            lreal("fTarget", "correction before the slew limit, deg at the motor"),
+            lreal("fStep", "largest change in this cycle"),
+            # kept for calls with bad inputs, so that fading out takes its time
+            lreal("fCycle", "last usable cycle time, s", "0.0005"),
+            lreal("fLimit", "last usable correction limit, deg", "20.0"),
+            lreal("fSlew", "last usable slew limit, deg/s", "2000.0"),
+            lreal("fRamp", "last usable ramp time, s", "0.5"),
+        ),
+        constants=(
+            lreal("REDUCTION_RATIO", "theta_in / theta_out", real(te.reduction_ratio)),
+            lreal("RAD_PER_TURN", "2 * pi", "6.283185307179586"),
+        ),
+        sections=(
+            Section("inputs, checked", "te_checks", {"checks": _checks(), "no_error": TE_ERROR["NONE"]}),
+            Section(
+                "direction of rotation",
+                "te_direction",
+                {"both": both, "suffix": suffixes[0], "no_error": TE_ERROR["NONE"], "wrong": TE_ERROR["DIRECTION"]},
+            ),
+            Section(
+                "transmission error of Eq. 3",
+                "te_sum",
+                {"both": both, "suffix": suffixes[0], "last": len(te.orders) - 1, "no_error": TE_ERROR["NONE"]},
+            ),
+            Section("law of Eq. 6", "te_law", {"no_error": TE_ERROR["NONE"]}),
+            Section("fading and limits", "te_limits", {"no_error": TE_ERROR["NONE"]}),
+        ),
+        codes=TE_ERROR.some(*names),
+    )
+
+
+def _set_locals() -> tuple[Variable, ...]:
+    return (
+        Variable("aCosine", HARMONICS_TYPE, comment="blended A_k * cos(phi_k), deg"),
+        Variable("aSine", HARMONICS_TYPE, comment="blended A_k * sin(phi_k), deg"),
+        dint("nOrder", "number of the harmonic"),
+    )
+
+
+def _header(te: TransmissionError, both: bool) -> tuple[str, ...]:
+    direction = (
+        "The direction follows the sign of the speed beyond the hysteresis; at a change the sets of both directions "
+        "are blended over fBlendTime_s."
+        if both
+        else f"This bundle knows one direction, {te.directions[0]}; in the other the correction fades out."
+    )
+    return (
+        "FB_Correction: correction of the motor's reference from an angle and a set of coefficients",
+        f"Bundle: {te.name}, reduction ratio {real(te.reduction_ratio)}",
+        "Motor reference = reduction ratio * theta_out + fCorrection_deg, with",
+        "fCorrection_deg = -reduction ratio * TE * weight, ramped and limited.",
+        "Weight of the published law (Eq. 6): 1 from 100 rpm input speed up, speed / 150 below,",
+        "which jumps from 2/3 to 1 at 100 rpm; of the continuous law (default): speed / fFullSpeed_rpm below that "
+        "speed, 100 rpm by default. With 0 it corrects fully at all speeds, also at standstill.",
+        direction,
+        "After any error the correction fades to zero over the ramp time, with the last good value as its start; only "
+        "then, and with good inputs, does it ramp up again: there is no step in either.",
+        "The correction never exceeds its limit and never changes faster than its slew limit; a limit that is "
+        "lowered below the present correction is reached at the slew limit.",
+    )

@@ -1,0 +1,181 @@
+"""FB_Experiment: one measurement of the campaign, both directions (section 2.4)."""
+
+from __future__ import annotations
+
+from st_codegen.emit.blocks.listing import Block, Section, Variable
+from st_codegen.emit.literals import real
+from st_codegen.ir import TransmissionError
+from st_codegen.te.compensation.codes import EXPERIMENT_ERROR, EXPERIMENT_STATE
+from st_codegen.te.compensation.load_torque import LARGEST_TORQUE, LOAD_RATIO
+from st_codegen.te.compensation.parts import LARGEST_ANGLE, Check, block, boolean, check, dint, lreal
+
+#: Limits of section 2.1: motor of the tested side, motor of the loading side (input speeds, rpm).
+LARGEST_SPEED = 1800.0
+LARGEST_LOAD_SPEED = 4000.0
+#: Below this a revolution takes longer than anybody waits, rpm.
+_SMALLEST_SPEED = 10.0
+
+
+def inputs() -> tuple[Variable, ...]:
+    """Commands, settings, sensors."""
+    return (
+        boolean("bStart", "TRUE starts a measurement; FALSE after its end makes ready for the next"),
+        boolean("bAbort", "TRUE ends it: torque and speed go down to zero"),
+        lreal("fSpeed_rpm", "input speed of the measurement, rpm"),
+        lreal("fTorque_Nm", "load at the slow shaft against the motion, N m"),
+        lreal("fTemperature_C", "oil temperature of the measurement, degC"),
+        lreal("fThetaIn_rad", "angle of the input shaft from its encoder, rad"),
+        lreal("fThetaOut_rad", "angle of the output shaft from its encoder, rad"),
+        boolean("bEncodersReady", "both encoders report no error"),
+        lreal("fOil_C", "measured oil temperature, degC"),
+        lreal("fShaftTorque_Nm", "measured torque at the slow shaft, N m"),
+        lreal("fCycle_s", "cycle time of the calling task, s, up to 1.0", "0.0005"),
+        lreal("fWarmUpSpeed_rpm", "input speed of the warm-up, rpm", "1000.0"),
+        lreal("fHomingSpeed_rpm", "largest input speed of the homing, rpm", "50.0"),
+        lreal("fBacklashSpeed_rpm", "input speed that looks for the backlash, rpm", "1.0"),
+        lreal("fAcceleration_rpm_s", "change of the input speed, rpm/s", "200.0"),
+        lreal("fOilBand_C", "the oil may be this much warmer than wanted, K", "2.0"),
+        lreal("fWarmUpTimeOut_s", "longest warm-up, s", "7200.0"),
+        lreal("fStepTimeOut_s", "longest other step beside its own motion, s", "120.0"),
+    )
+
+
+def outputs() -> tuple[Variable, ...]:
+    """Commands to the axes, and what happens."""
+    return (
+        lreal("fMotorSpeed_rpm", "speed command of the tested motor, rpm"),
+        lreal("fLoadTorque_Nm", "to FB_LoadTorque; positive resists forward motion, N m"),
+        boolean("bLoadEnable", "to FB_LoadTorque"),
+        boolean("bDataValid", "TRUE for exactly one revolution of the output shaft"),
+        boolean("bBackward", "direction of the measurement"),
+        lreal("fIn_rad", "angle of the input shaft from the zero of the homing, rad"),
+        lreal("fOut_rad", "angle of the output shaft from the zero of the homing, rad"),
+        Variable("eState", EXPERIMENT_STATE.type, comment="step"),
+        Variable("eError", EXPERIMENT_ERROR.type, comment="NONE, or why the measurement ended early"),
+        boolean("bBusy", "a measurement is going on"),
+        boolean("bDone", "both directions are measured"),
+    )
+
+
+def _settings() -> tuple[Check, ...]:
+    """Parameters with their limits, kept from the start to the end of a measurement."""
+    parameter = EXPERIMENT_ERROR["PARAMETER"]
+    return (
+        check("fWarmUpSpeed_rpm", _SMALLEST_SPEED, LARGEST_SPEED, parameter, "fWarmUpSpeed"),
+        check("fHomingSpeed_rpm", 1.0, 200.0, parameter, "fHomingSpeed"),
+        check("fBacklashSpeed_rpm", 0.1, 10.0, parameter, "fBacklashSpeed"),
+        check("fAcceleration_rpm_s", 10.0, 10000.0, parameter, "fAcceleration"),
+        check("fOilBand_C", 0.1, 50.0, parameter, "fOilBand"),
+        check("fWarmUpTimeOut_s", 1.0, 86400.0, parameter, "fWarmUpTimeOut"),
+        check("fStepTimeOut_s", 1.0, 86400.0, parameter, "fStepTimeOut"),
+        check("fTemperature_C", 10.0, 60.0, EXPERIMENT_ERROR["TEMPERATURE"], "fTemperature"),
+        check("fTorque_Nm", 0.0, LARGEST_TORQUE, EXPERIMENT_ERROR["TORQUE"], "fTorque"),
+        check("fSpeed_rpm", _SMALLEST_SPEED, LARGEST_SPEED, EXPERIMENT_ERROR["SPEED"], "fSpeed"),
+    )
+
+
+def _sensors() -> tuple[Check, ...]:
+    """Measured values with the limits of what is believed."""
+    return (
+        check("fCycle_s", 1e-6, 1.0, EXPERIMENT_ERROR["CYCLE_TIME"], "fCycle"),
+        check("fOil_C", -50.0, 200.0, EXPERIMENT_ERROR["SENSOR"], "fOil"),
+        check("fShaftTorque_Nm", -1e5, 1e5, EXPERIMENT_ERROR["SENSOR"], "fShaft"),
+    )
+
+
+def _encoders() -> tuple[Check, ...]:
+    encoder = EXPERIMENT_ERROR["ENCODER"]
+    return (
+        check("fThetaIn_rad", -LARGEST_ANGLE, LARGEST_ANGLE, encoder),
+        check("fThetaOut_rad", -LARGEST_ANGLE, LARGEST_ANGLE, encoder),
+    )
+
+
+def experiment_block(te: TransmissionError) -> Block:
+    """The state machine of a measurement."""
+    states = {code.name: code for code in EXPERIMENT_STATE.all}
+    errors = {code.name: code for code in EXPERIMENT_ERROR.all}
+    values = {
+        "state": states,
+        "error": errors,
+        "settings": _settings(),
+        "sensors": _sensors(),
+        "encoders": _encoders(),
+        "load_ratio": real(LOAD_RATIO),
+    }
+    return block(
+        "FB_Experiment",
+        _header(),
+        inputs=inputs(),
+        outputs=outputs(),
+        variables=_locals(),
+        constants=(
+            lreal("REDUCTION_RATIO", "theta_in / theta_out", real(te.reduction_ratio)),
+            lreal("LOAD_RATIO", "loading motor to slow shaft", real(LOAD_RATIO)),
+            lreal("LOAD_SPEED_LIMIT", "speed of the loading motor, rpm", real(LARGEST_LOAD_SPEED)),
+            lreal("TURN", "one revolution, rad", "6.283185307179586"),
+            lreal("RPM_PER_RAD", "speed towards a goal: that many rpm for each rad of the motor", "9.5"),
+            lreal("HOME_BAND", "output shaft is at its zero angle, rad", "1.0E-4"),
+            lreal("CENTRE_BAND", "motor is in the middle of the backlash, rad", "1.0E-3"),
+            lreal("FOLLOW_BAND", "output shaft follows the motor, rad", "3.5E-5"),
+            lreal("TORQUE_BAND", "torque is where it should be, N m", "10.0"),
+            lreal("SETTLE_S", "so long in its band, s", "1.0"),
+            lreal("JUMP_IN", "change in a cycle that no motion explains, rad", "0.5"),
+            lreal("JUMP_OUT", "the same at the output shaft, rad", "0.01"),
+            lreal("FASTEST", "twice the largest input speed, rad/s", "377.0"),
+        ),
+        sections=(
+            Section("sensors, checked", "experiment_sensors", values),
+            Section("steps", "experiment_steps", values),
+            Section("errors and time-outs", "experiment_faults", values),
+            Section("commands", "experiment_commands", values),
+        ),
+        codes=(*EXPERIMENT_STATE.all, *EXPERIMENT_ERROR.all),
+    )
+
+
+def _locals() -> tuple[Variable, ...]:
+    state, error = EXPERIMENT_STATE.type, EXPERIMENT_ERROR.type
+    return (
+        Variable("eNext", state, comment="next step"),
+        Variable("eFault", error, comment="what is wrong in this cycle"),
+        boolean("bUsable", "both angles are usable"),
+        boolean("bSeen", "an angle has been seen before"),
+        lreal("fIn", "last usable angle of the input shaft, rad"),
+        lreal("fOut", "last usable angle of the output shaft, rad"),
+        lreal("fZeroIn", "zero of the input shaft, rad"),
+        lreal("fZeroOut", "zero of the output shaft, rad"),
+        lreal("fOil", "last usable oil temperature, degC"),
+        lreal("fShaft", "last usable torque, N m"),
+        lreal("fCycle", "last usable cycle time, s", "0.0005"),
+        *(lreal(item.kept, "kept during the measurement", "1.0") for item in _settings()),
+        lreal("fTime", "time in this step, s"),
+        lreal("fAllowed", "longest time in this step, s"),
+        lreal("fSettled", "time in the band, s"),
+        lreal("fFrom", "output shaft at the start of the step, rad"),
+        lreal("fPlus", "motor at the forward end of the backlash, rad"),
+        lreal("fMinus", "motor at the backward end of the backlash, rad"),
+        lreal("fGoal", "speed to go to, rpm"),
+        lreal("fTorqueGoal", "torque to go to, N m"),
+        lreal("fSign", "1.0 forward, -1.0 backward"),
+        lreal("fDistance", "distance to go, or angle behind, rad"),
+        lreal("fStep", "largest change of the speed in this cycle, rpm"),
+        lreal("fStart", "angle at which the measured revolution starts, rad"),
+        dint("nTurn", "whole revolutions of the output shaft"),
+        dint("nLastTurn", "the same before"),
+    )
+
+
+def _header() -> tuple[str, ...]:
+    return (
+        "FB_Experiment: one measurement of the transmission error, forward and backward (section 2.4)",
+        "Parameters against their limits, encoders, warm-up without load, homing with the motor in the middle of "
+        "the backlash, run-up with load, one revolution with bDataValid, run-down; then the other direction "
+        "without warm-up and homing.",
+        "bDataValid starts with the first cycle behind the zero angle of the output shaft and ends before the "
+        "first cycle a revolution later: the samples cover one revolution, none of it twice.",
+        "Any error, time-out or bAbort takes torque and speed down to zero and says why in eError.",
+        "While this block is busy no correction may be added to the motor's reference.",
+        f"Limits: {LARGEST_SPEED:.0f} rpm, {LARGEST_LOAD_SPEED:.0f} rpm at the loading motor, "
+        f"{LARGEST_TORQUE:.0f} N m at the slow shaft.",
+    )

@@ -1,0 +1,146 @@
+"""What the blocks of the compensation share: ports, checks of inputs, calls."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from st_codegen.emit.blocks.listing import Block, Code, Section, Variable
+from st_codegen.emit.blocks.model import header_lines
+from st_codegen.emit.literals import real
+from st_codegen.errors import InputError
+from st_codegen.ir import Direction, TransmissionError
+from st_codegen.te.compensation.codes import TE_ERROR
+
+#: The type of one number for each harmonic; strict compilers want a name for arrays that blocks exchange.
+HARMONICS_TYPE = "T_Harmonics"
+
+#: Ends of names of what belongs to a direction.
+SUFFIX = {Direction.FORWARD: "Fw", Direction.BACKWARD: "Bw"}
+
+#: Inputs beyond these are no measurement but a fault.
+LARGEST_ANGLE = 1e9
+LARGEST_INPUT = 1e9
+
+
+@dataclass(frozen=True)
+class Check:
+    """An input that must lie within a closed range, and the code where it does not.
+
+    `kept`: the local variable that keeps the last usable value, for calls in which the input is not usable.
+    """
+
+    name: str
+    lower: str
+    upper: str
+    code: Code
+    kept: str = ""
+
+
+def check(name: str, lower: float, upper: float, code: Code, kept: str = "") -> Check:
+    """A check with its limits as text."""
+    return Check(name, real(lower), real(upper), code, kept)
+
+
+@dataclass(frozen=True)
+class Argument:
+    """One argument of a call; with the list of signals that its value stands in, where it is one."""
+
+    name: str
+    value: str
+    list: str = ""
+
+
+def same(names: Iterable[str]) -> list[Argument]:
+    """Arguments that are called as the variables that are passed."""
+    return [Argument(name, name) for name in names]
+
+
+def lreal(name: str, comment: str, initial: str = "") -> Variable:
+    """A LREAL variable."""
+    return Variable(name, "LREAL", initial=initial, comment=comment)
+
+
+def boolean(name: str, comment: str, initial: str = "") -> Variable:
+    """A BOOL variable."""
+    return Variable(name, "BOOL", initial=initial, comment=comment)
+
+
+def dint(name: str, comment: str, initial: str = "") -> Variable:
+    """A DINT variable."""
+    return Variable(name, "DINT", initial=initial, comment=comment)
+
+
+def error_output(type_: str = TE_ERROR.type) -> Variable:
+    """The error code of a block."""
+    return Variable("eError", type_, comment="NONE, or why bValid is FALSE")
+
+
+def block(  # noqa: PLR0913 - the parts of a block
+    name: str,
+    header: Sequence[str],
+    *,
+    inputs: Sequence[Variable] = (),
+    outputs: Sequence[Variable] = (),
+    in_outs: Sequence[Variable] = (),
+    variables: Sequence[Variable] = (),
+    constants: Sequence[Variable] = (),
+    sections: Sequence[Section] = (),
+    codes: Sequence[Code] = (),
+    kind: str = "FUNCTION_BLOCK",
+    result: str = "",
+    needs_globals: bool = False,
+) -> Block:
+    """A block. Raises InputError where two of its variables would have one name, as a feature and an output may."""
+    taken: dict[str, str] = {}
+    for variable in (*inputs, *outputs, *in_outs, *variables, *constants):
+        if variable.name.lower() in taken:
+            raise InputError(f"{name} would have two variables called {variable.name}: rename the feature")
+        taken[variable.name.lower()] = variable.name
+    return Block(
+        name=name,
+        header=header_lines(header),
+        inputs=tuple(inputs),
+        outputs=tuple(outputs),
+        in_outs=tuple(in_outs),
+        variables=tuple(variables),
+        constants=tuple(constants),
+        sections=tuple(sections),
+        codes=tuple(codes),
+        kind=kind,
+        result=result,
+        needs_globals=needs_globals,
+    )
+
+
+def set_parts(te: TransmissionError) -> list[tuple[str, str]]:
+    """Names and meanings of a set of coefficients: the two parts of every harmonic, for each direction."""
+    return [
+        (f"a{part}{SUFFIX[direction]}", f"A_k * {function}(phi_k) {direction}, deg")
+        for direction in te.directions
+        for part, function in (("Cosine", "cos"), ("Sine", "sin"))
+    ]
+
+
+def set_variables(te: TransmissionError) -> tuple[Variable, ...]:
+    """A set of coefficients as variables."""
+    return tuple(Variable(name, HARMONICS_TYPE, comment=comment) for name, comment in set_parts(te))
+
+
+def within_function() -> Block:
+    """F_IsWithin: the only comparison that the blocks make with a number that may be none."""
+    return block(
+        "F_IsWithin",
+        (
+            "F_IsWithin: TRUE for a number within fLower .. fUpper; FALSE for what is no number.",
+            "NaN is recognised before anything is compared with it.",
+        ),
+        inputs=(
+            lreal("fValue", "any 64 bits"),
+            lreal("fLower", "lower limit, itself allowed"),
+            lreal("fUpper", "upper limit, itself allowed"),
+        ),
+        sections=(Section("not a number, then the range", "te_within", {}),),
+        kind="FUNCTION",
+        result="BOOL",
+    )

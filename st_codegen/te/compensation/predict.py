@@ -1,0 +1,131 @@
+"""FB_TEPredict: the harmonics of the transmission error at an operating point."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from st_codegen.emit.blocks.listing import Block, Section, Variable
+from st_codegen.emit.blocks.model import block_name, feature_text, input_variables
+from st_codegen.ir import Direction, Quantity, TransmissionError
+from st_codegen.te.compensation.parts import HARMONICS_TYPE, SUFFIX, block, boolean, lreal, set_variables
+
+
+def predict_block(te: TransmissionError) -> Block:
+    """Amplitudes and phases, and cosine and sine parts, of all harmonics in both directions."""
+    inputs = input_variables(te.features)
+    models = list(dict.fromkeys(output.model for output in te.outputs))
+    instances = {
+        model: Variable(f"fb{block_name(model)[3:]}", block_name(model), comment=f"model {model}") for model in models
+    }
+    harmonics = [
+        _harmonic(te, direction, number, {model: instance.name for model, instance in instances.items()})
+        for direction in te.directions
+        for number in range(len(te.orders))
+    ]
+    return block(
+        "FB_TEPredict",
+        _header(te),
+        inputs=inputs,
+        outputs=_outputs(te),
+        variables=(
+            boolean("bUsable", "nothing has gone wrong so far"),
+            boolean("bInside", "no input had to be limited"),
+            *_spread_variables(te),
+            *instances.values(),
+            lreal("fAmplitude", "A, deg"),
+            lreal("fPhase", "phi, rad"),
+            lreal("fCosine", "A * cos(phi), deg"),
+            lreal("fSine", "A * sin(phi), deg"),
+        ),
+        sections=(
+            Section("the operating point is checked once for all models", "te_inputs", {"inputs": _names(inputs)}),
+            *_model_sections(te, inputs, {model: instance.name for model, instance in instances.items()}),
+            Section(
+                "amplitudes, phases and parts",
+                "te_harmonics",
+                {"harmonics": harmonics, "calls": len(te.cycles), "usable": "bRound" if te.cycles else "bUsable"},
+            ),
+        ),
+    )
+
+
+def _model_sections(
+    te: TransmissionError, inputs: tuple[Variable, ...], instances: dict[str, str]
+) -> tuple[Section, ...]:
+    """The calls of the models; a model block names its inputs by its own features, which the bundle's are."""
+    if not te.cycles:
+        return (Section("models", "te_models", {"instances": list(instances.values()), "inputs": inputs}),)
+    parts = [
+        {"number": number, "instances": [instances[name] for name in names]} for number, names in enumerate(te.cycles)
+    ]
+    return (Section(f"models, spread over {len(parts)} calls", "te_spread", {"parts": parts, "inputs": inputs}),)
+
+
+def _spread_variables(te: TransmissionError) -> tuple[Variable, ...]:
+    if not te.cycles:
+        return ()
+    return (
+        Variable("nPart", "DINT", comment="which of the calls of a round comes next"),
+        Variable("aPoint", "LREAL", len(te.features), comment="operating point of the round"),
+        boolean("bRound", "nothing has gone wrong in this round"),
+        boolean("bRoundInside", "no input of this round had to be limited"),
+    )
+
+
+def _names(variables: Iterable[Variable]) -> list[str]:
+    return [variable.name for variable in variables]
+
+
+def _harmonic(te: TransmissionError, direction: Direction, number: int, instances: dict[str, str]) -> dict[str, object]:
+    order = te.orders[number]
+    of = {
+        quantity.value: f"{instances[output.model]}.fOut{output.output + 1}"
+        for quantity, output in te.quantities(direction, order).items()
+    }
+    added = te.terms(direction, order)
+    terms = {
+        quantity.value: [f"{instances[term.model]}.fOut{term.output + 1}" for term in added.get(quantity, ())]
+        for quantity in Quantity
+    }
+    return {
+        "index": number,
+        "order": order,
+        "suffix": SUFFIX[direction],
+        "direction": direction,
+        "of": of,
+        "added": bool(added),
+        "terms": terms,
+    }
+
+
+def _outputs(te: TransmissionError) -> tuple[Variable, ...]:
+    polar = []
+    for direction in te.directions:
+        suffix = SUFFIX[direction]
+        polar.append(Variable(f"aAmplitude{suffix}", HARMONICS_TYPE, comment=f"A_k {direction}, deg"))
+        polar.append(Variable(f"aPhase{suffix}", HARMONICS_TYPE, comment=f"phi_k {direction}, rad"))
+    return (
+        *polar,
+        *set_variables(te),
+        boolean("bValid", "the outputs belong to the inputs of this call"),
+        boolean("bInRange", "no input had to be limited to its trained range"),
+    )
+
+
+def _header(te: TransmissionError) -> tuple[str, ...]:
+    return (
+        "FB_TEPredict: harmonics of the transmission error at an operating point",
+        f"Bundle: {te.name}",
+        "TE(theta) = sum over k of A_k * cos(k * theta + phi_k), theta the angle of the output shaft;",
+        "k = 0 is the mean, with its sign and without a phase.",
+        *(
+            [
+                f"The models are spread over {len(te.cycles)} calls. The outputs change with the last of them and",
+                f"belong to the operating point of {len(te.cycles) - 1} to {2 * len(te.cycles) - 2} calls before.",
+            ]
+            if te.cycles
+            else []
+        ),
+        *(f"Index {number}: order {order}" for number, order in enumerate(te.orders)),
+        *(f"Input {number}: {feature_text(feature)}" for number, feature in enumerate(te.features, 1)),
+    )

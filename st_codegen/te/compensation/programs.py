@@ -1,0 +1,189 @@
+"""The programs, the signals that they share with the rest of the controller, and the tasks that call them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from st_codegen.emit.blocks.application import GlobalList, Task
+from st_codegen.emit.blocks.listing import Block, Section, Variable
+from st_codegen.emit.blocks.model import input_variables
+from st_codegen.emit.literals import real
+from st_codegen.ir import TransmissionError
+from st_codegen.te.compensation import experiment
+from st_codegen.te.compensation.compensator import ANGLE, IN_RANGE
+from st_codegen.te.compensation.correction import parameters, results
+from st_codegen.te.compensation.parts import Argument, block, lreal
+from st_codegen.te.compensation.two_tasks import AGE_LIMIT, EXCHANGE, fast_results
+
+#: What the paper's rig runs: 250 us for the axes, 500 us for the models.
+FAST_US = 250
+SLOW_US = 500
+
+#: Everything in one task.
+SINGLE_TASK = (Task("PlcTask", SLOW_US, 10, ("PRG_Experiment", "PRG_Main")),)
+#: Models in a slow task of lower priority (a larger number), sum and correction in the fast one.
+TWO_TASKS = (
+    Task("FastTask", FAST_US, 10, ("PRG_Fast",)),
+    Task("SlowTask", SLOW_US, 20, ("PRG_Experiment", "PRG_Slow")),
+)
+
+#: Lists of signals, for the dialects that have global variables.
+SIGNALS = "GVL_Machine"
+EXPERIMENT_SIGNALS = "GVL_Experiment"
+
+
+def compensation_inputs(te: TransmissionError) -> tuple[Variable, ...]:
+    """What the machine gives to the compensation: angle, operating point, settings."""
+    return (ANGLE, *input_variables(te.features), *_settings())
+
+
+def compensation_outputs() -> tuple[Variable, ...]:
+    """What the compensation gives to the machine."""
+    return (*results(), IN_RANGE)
+
+
+def _settings() -> tuple[Variable, ...]:
+    """Parameters of the correction without the cycle time, which belongs to the task."""
+    return tuple(variable for variable in parameters("0.0005") if variable.name != "fCycle_s")
+
+
+def signals(te: TransmissionError) -> GlobalList:
+    """GVL_Machine: the signals between programs and the rest of the controller."""
+    return GlobalList(
+        SIGNALS,
+        ("Signals of the programs: link the inputs to sensors and motion profile, the outputs to the axes.",),
+        (*compensation_inputs(te), *compensation_outputs(), AGE_LIMIT, *fast_results(), EXCHANGE),
+    )
+
+
+def experiment_inputs() -> tuple[Variable, ...]:
+    """Commands, settings and sensors of a measurement; the cycle time belongs to the task."""
+    return tuple(variable for variable in experiment.inputs() if variable.name != "fCycle_s")
+
+
+def experiment_outputs() -> tuple[Variable, ...]:
+    """What a measurement gives to the axes, and what happens in it."""
+    return (*experiment.outputs(), lreal("fMotorTorque_Nm", "torque of the loading motor, N m"))
+
+
+def experiment_signals() -> GlobalList:
+    """GVL_Experiment: the signals of PRG_Experiment."""
+    return GlobalList(
+        EXPERIMENT_SIGNALS,
+        ("Signals of a measurement: link the inputs to sensors and the operator, the outputs to the axes.",),
+        (*experiment_inputs(), *experiment_outputs()),
+    )
+
+
+def _given(names: Iterable[str], signals: str = SIGNALS) -> list[Argument]:
+    return [Argument(name, name, signals) for name in names]
+
+
+def _call(instance: str, arguments: list[Argument], title: str) -> Section:
+    return Section(title, "te_call", {"instance": instance, "arguments": arguments})
+
+
+def _results(instance: str, names: Iterable[str], title: str, signals: str = SIGNALS) -> Section:
+    return Section(title, "te_results", {"instance": instance, "names": list(names), "list": signals})
+
+
+def _names(variables: Iterable[Variable]) -> list[str]:
+    return [variable.name for variable in variables]
+
+
+def _cycle(microseconds: int) -> Variable:
+    return lreal("CYCLE_S", "cycle time of the task that calls this program, s", real(microseconds * 1e-6))
+
+
+def main_program(te: TransmissionError) -> Block:
+    """PRG_Main: everything in one task."""
+    arguments = [*_given(_names(compensation_inputs(te))), Argument("fCycle_s", "CYCLE_S")]
+    return block(
+        "PRG_Main",
+        (
+            "PRG_Main: prediction and correction in one task",
+            f"Bundle: {te.name}",
+            "To be called by one task with the cycle time CYCLE_S, in place of PRG_Fast and PRG_Slow.",
+        ),
+        inputs=compensation_inputs(te),
+        outputs=compensation_outputs(),
+        variables=(Variable("fbCompensator", "FB_Compensator", comment="prediction and correction"),),
+        constants=(_cycle(SLOW_US),),
+        sections=(
+            _call("fbCompensator", arguments, "prediction and correction"),
+            _results("fbCompensator", _names(compensation_outputs()), "signals to the axes"),
+        ),
+        kind="PROGRAM",
+    )
+
+
+def slow_program(te: TransmissionError) -> Block:
+    """PRG_Slow: the models."""
+    arguments = [*_given(_names(input_variables(te.features))), *_given([EXCHANGE.name])]
+    return block(
+        "PRG_Slow",
+        (
+            "PRG_Slow: coefficients at the operating point, for PRG_Fast",
+            f"Bundle: {te.name}",
+            "To be called by the slow task; one that is late or stops lets the correction of PRG_Fast fade out.",
+        ),
+        variables=(Variable("fbSlow", "FB_CompensatorSlow", comment="models"),),
+        sections=(_call("fbSlow", arguments, "coefficients"),),
+        kind="PROGRAM",
+        needs_globals=True,
+    )
+
+
+def fast_program(te: TransmissionError) -> Block:
+    """PRG_Fast: sum and correction from the coefficients of PRG_Slow."""
+    speed = input_variables(te.features)[te.speed_feature]
+    given = [ANGLE.name, speed.name, *_names(_settings()), AGE_LIMIT.name, EXCHANGE.name]
+    outputs = [*_names(compensation_outputs()), *_names(fast_results())]
+    return block(
+        "PRG_Fast",
+        (
+            "PRG_Fast: correction from the coefficients of PRG_Slow",
+            f"Bundle: {te.name}",
+            "To be called by the fast task with the cycle time CYCLE_S, in place of PRG_Main.",
+        ),
+        variables=(Variable("fbFast", "FB_CompensatorFast", comment="harmonic sum and correction"),),
+        constants=(_cycle(FAST_US),),
+        sections=(
+            _call("fbFast", [*_given(given), Argument("fCycle_s", "CYCLE_S")], "correction"),
+            _results("fbFast", outputs, "signals to the axes"),
+        ),
+        kind="PROGRAM",
+        needs_globals=True,
+    )
+
+
+def experiment_program() -> Block:
+    """PRG_Experiment: a measurement, and the loading side."""
+    cycle = Argument("fCycle_s", "CYCLE_S")
+    load = [
+        Argument("fTorque_Nm", "fbExperiment.fLoadTorque_Nm"),
+        Argument("bEnable", "fbExperiment.bLoadEnable"),
+        cycle,
+    ]
+    return block(
+        "PRG_Experiment",
+        (
+            "PRG_Experiment: measurements of the transmission error, and the torque of the loading side",
+            "To be called by a task with the cycle time CYCLE_S. While bBusy is TRUE the motor follows "
+            "fMotorSpeed_rpm, without correction.",
+        ),
+        inputs=experiment_inputs(),
+        outputs=experiment_outputs(),
+        variables=(
+            Variable("fbExperiment", "FB_Experiment", comment="the measurement, step by step"),
+            Variable("fbLoadTorque", "FB_LoadTorque", comment="the loading side"),
+        ),
+        constants=(_cycle(SLOW_US),),
+        sections=(
+            _call("fbExperiment", [*_given(_names(experiment_inputs()), EXPERIMENT_SIGNALS), cycle], "measurement"),
+            _call("fbLoadTorque", load, "loading side"),
+            _results("fbExperiment", _names(experiment.outputs()), "signals of the measurement", EXPERIMENT_SIGNALS),
+            _results("fbLoadTorque", ["fMotorTorque_Nm"], "signal to the loading motor", EXPERIMENT_SIGNALS),
+        ),
+        kind="PROGRAM",
+    )

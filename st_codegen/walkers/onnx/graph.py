@@ -1,0 +1,287 @@
+"""Walks an ONNX graph as onnxruntime evaluates it for one row, and notes its operations in a graph builder.
+
+The batch dimension is 1 throughout. A computed tensor is a list of references to columns of the intermediate
+representation's values, so that whatever only moves numbers about (Reshape, Concat, Gather, ..) costs nothing and is
+checked by doing it. float32 tensors are rounded where they are first computed with.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import onnx
+from numpy.typing import NDArray
+
+from st_codegen.errors import InputError, Problems, UnsupportedModelError
+from st_codegen.ir import FLOAT32_OVERFLOW, Round, Select
+from st_codegen.walkers.base import GraphBuilder
+from st_codegen.walkers.onnx.file import Node, Numbers, domain_of, node_label, printable, read_tensor
+from st_codegen.walkers.onnx.operands import (
+    FLOAT32,
+    FLOAT64,
+    MAX_COLUMNS,
+    Constant,
+    Operand,
+    Tensor,
+    check_size,
+    require_float,
+)
+
+#: Numbers in all results and weights of one graph.
+MAX_NUMBERS = 2**26
+
+
+@dataclass(frozen=True)
+class Call:
+    """One node and the operands it reads, None for an optional input that is absent."""
+
+    walk: GraphWalk
+    node: Node
+    operands: Sequence[Operand | None]
+
+    def optional(self, number: int) -> Operand | None:
+        """An input that may be absent."""
+        return self.operands[number] if number < len(self.operands) else None
+
+    def required(self, number: int = 0) -> Operand:
+        """An input; raises InputError where it is absent."""
+        operand = self.optional(number)
+        if operand is None:
+            raise InputError(f"input {number} is missing; the model file is damaged")
+        return operand
+
+    def computed(self, number: int = 0) -> Tensor:
+        """An input that has to be computed floating-point numbers."""
+        operand = self.required(number)
+        if isinstance(operand, Constant):
+            raise UnsupportedModelError("reads a constant; fold constants when exporting")
+        return require_float(operand)
+
+    def constant(self, number: int, what: str) -> NDArray[Any] | None:
+        """The array of a constant input that may be absent."""
+        operand = self.optional(number)
+        if isinstance(operand, Tensor):
+            raise UnsupportedModelError(f"{what} is computed from the inputs; it has to be a constant")
+        return None if operand is None else operand.array
+
+    def integers(self, number: int, what: str) -> list[int] | None:
+        """The whole numbers of a constant input that may be absent."""
+        array = self.constant(number, what)
+        if array is None:
+            return None
+        if array.dtype not in (np.int64, np.int32) or array.ndim > 1:
+            raise InputError(f"{what} is {array.dtype} of shape {array.shape}, expected a list of integers")
+        if array.size > MAX_COLUMNS:
+            raise UnsupportedModelError(f"{what} has {array.size} numbers, at most {MAX_COLUMNS} are supported")
+        return [int(number) for number in array.ravel()]
+
+    def positions(self) -> NDArray[Any]:
+        """The second input of an operator that picks elements."""
+        positions = self.constant(1, "the list of positions")
+        if positions is None or positions.dtype not in (np.int64, np.int32):
+            raise InputError("the positions are missing or not integers; the model file is damaged")
+        return positions
+
+
+Handler = Callable[[Call], Operand]
+
+
+@dataclass(frozen=True)
+class Rule:
+    """How the first output of an operator is walked, and the versions of it (opset of their last change) that fit."""
+
+    handler: Handler
+    versions: frozenset[int]
+
+
+RULES: dict[tuple[str, str], Rule] = {}
+
+
+def operator(name: str, *versions: int, domain: str = "") -> Callable[[Handler], Handler]:
+    """Register the handler of an operator's versions."""
+
+    def register(handler: Handler) -> Handler:
+        RULES[domain, name] = Rule(handler, frozenset(versions))
+        return handler
+
+    return register
+
+
+class GraphWalk:
+    """One walk through a graph; `values` holds the tensors by name, None for what could not be computed."""
+
+    def __init__(self, n_features: int) -> None:
+        self.builder = GraphBuilder(n_features)
+        self.values: dict[str, Operand | None] = {}
+        self.narrows = False
+        self._numbers = 0
+        self._settled: dict[tuple[bytes, bytes, bool], int] = {}
+
+    def charge(self, count: int) -> None:
+        """Count numbers that the walk keeps; raises UnsupportedModelError when a graph asks for too many."""
+        self._numbers += count
+        if self._numbers > MAX_NUMBERS:
+            raise UnsupportedModelError(
+                f"the graph needs more than {MAX_NUMBERS} numbers in all; share less, or split the model"
+            )
+
+    def settle(self, tensor: Tensor) -> int:
+        """The value of the representation whose columns are the elements of a tensor in order, rounded."""
+        value, column = np.ravel(tensor.value), np.ravel(tensor.column)
+        key = (value.tobytes(), column.tobytes(), tensor.unrounded)
+        if key not in self._settled:
+            number = self.gathered(value, column)
+            if tensor.unrounded:
+                number = self.builder.add(Round(inputs=(number,), width=len(column)))
+            self._settled[key] = number
+        return self._settled[key]
+
+    def gathered(self, value: Numbers, column: Numbers) -> int:
+        """The value that has the given columns of other values, without rounding."""
+        first = int(value[0])
+        width = self.builder.width(first)
+        if np.all(value == first) and np.array_equal(column, np.arange(width)):
+            return first
+        inputs = np.unique(value)
+        start = np.cumsum([0, *(self.builder.width(int(number)) for number in inputs)])
+        columns = start[np.searchsorted(inputs, value)] + column
+        return self.builder.add(Select(inputs=tuple(inputs.tolist()), columns=columns.astype(np.int32)))
+
+    def computed(self, value: int, shape: Sequence[int], dtype: np.dtype[Any], special: bool) -> Tensor:
+        """The tensor that a value of the representation holds."""
+        width = self.builder.width(value)
+        column = np.arange(width).reshape(tuple(shape))
+        return Tensor(np.full(tuple(shape), value), column, dtype, special=special)
+
+    def finish(self, tensors: Sequence[Tensor]) -> None:
+        """Make the elements of all tensors, in order, the last value."""
+        settled = [self.settle(tensor) for tensor in tensors]
+        value = np.repeat(settled, [tensor.size for tensor in tensors])
+        column = np.concatenate([np.arange(tensor.size) for tensor in tensors])
+        number = self.gathered(value, column)
+        if number < max(len(self.builder.ops), 1):
+            self.builder.add(Select(inputs=(number,), columns=np.arange(len(column), dtype=np.int32)))
+
+    def refuse_special(self, tensor: Tensor) -> None:
+        """Refuse NaN and infinite inputs where what an operator makes of them is not certain."""
+        if tensor.special:
+            self.builder.refuse_nan()
+            self.builder.refuse_magnitude(FLOAT32_OVERFLOW if self.narrows else math.inf)
+
+    def as_type(self, tensor: Tensor, dtype: np.dtype[Any]) -> Tensor:
+        """A tensor cast to float32 or float64."""
+        if dtype == FLOAT64 or tensor.dtype == FLOAT32:
+            return replace(tensor, dtype=dtype)
+        self.narrows = True
+        return replace(tensor, dtype=dtype, unrounded=True)
+
+
+def run_nodes(walk: GraphWalk, graph: onnx.GraphProto, opsets: dict[str, int], problems: Problems) -> None:
+    """Walk all nodes of a graph; what is wrong with any of them is noted in `problems`."""
+    unsupported: dict[tuple[str, str, int], list[str]] = {}
+    made_by = {name: label for node in graph.node for label in [node_label(node)] for name in node.output if name}
+    for proto in graph.node:
+        domain = domain_of(proto.domain)
+        label = f"{node_label(proto)} ({printable(proto.op_type)}, opset {opsets.get(domain, 'unknown')})"
+        rule = RULES.get((domain, proto.op_type))
+        result: Operand | None = None
+        if rule is None:
+            unsupported.setdefault((domain, proto.op_type, opsets.get(domain, 0)), []).append(node_label(proto))
+        else:
+            with problems.collect(), _naming(label):
+                result = _run_node(walk, proto, rule, opsets, made_by)
+        with problems.collect(), _naming(label):
+            _store(walk, proto, result)
+    _report_unsupported(unsupported, problems)
+
+
+@contextmanager
+def _naming(where: str) -> Iterator[None]:
+    """Put the place in front of the message of an error."""
+    try:
+        yield
+    except InputError as error:
+        raise type(error)(f"{where}: {error}") from None
+
+
+def _run_node(
+    walk: GraphWalk, proto: onnx.NodeProto, rule: Rule, opsets: dict[str, int], made_by: dict[str, str]
+) -> Operand | None:
+    """The result of a node; None where one of its inputs could not be computed."""
+    domain = domain_of(proto.domain)
+    if domain not in opsets:
+        raise InputError(f"the file names no opset for the domain '{domain or 'ai.onnx'}'; the model file is damaged")
+    try:
+        node = Node(proto, onnx.defs.get_schema(proto.op_type, opsets[domain], domain))
+    except onnx.defs.SchemaError:
+        raise UnsupportedModelError("this opset has no such operator; export with another target_opset") from None
+    if node.version not in rule.versions:
+        known = ", ".join(map(str, sorted(rule.versions)))
+        raise UnsupportedModelError(
+            f"version {node.version} of this operator is not supported (known: {known}); "
+            "export the model with another target_opset"
+        )
+    node.check()
+    operands: list[Operand | None] = []
+    for name in proto.input:
+        if name and name not in walk.values:
+            raise InputError(
+                f"reads '{printable(name)}', "
+                + (
+                    f"which {made_by[name]} computes only later: the graph has a cycle or is not in order"
+                    if name in made_by
+                    else "which nothing computes"
+                )
+                + "; the model file is damaged"
+            )
+        operands.append(walk.values[name] if name else None)
+    if any(name and operand is None for name, operand in zip(proto.input, operands, strict=True)):
+        return None
+    result = rule.handler(Call(walk, node, operands))
+    if isinstance(result, Tensor):
+        check_size(result.shape)
+    walk.charge(math.prod(result.shape))
+    return result
+
+
+def _store(walk: GraphWalk, proto: onnx.NodeProto, result: Operand | None) -> None:
+    for name in filter(None, proto.output):
+        if name in walk.values:
+            raise InputError(f"'{printable(name)}' is computed twice; the model file is damaged")
+        walk.values[name] = result
+
+
+def _report_unsupported(unsupported: dict[tuple[str, str, int], list[str]], problems: Problems) -> None:
+    for (domain, name, opset), labels in unsupported.items():
+        more = f" and {len(labels) - 3} more" if len(labels) > 3 else ""
+        where = f"{', '.join(labels[:3])}{more}"
+        full = f"{printable(domain)}.{printable(name)}" if domain else printable(name)
+        problems.errors.append(
+            UnsupportedModelError(f"operator {full} (opset {opset or 'unknown'}) is not supported: {where}")
+        )
+    if unsupported:
+        known = ", ".join(sorted(name for _, name in RULES))
+        problems.errors.append(
+            UnsupportedModelError(
+                f"supported operators: {known}; leave the others out when exporting, or compile the native model"
+            )
+        )
+
+
+def read_initializers(walk: GraphWalk, graph: onnx.GraphProto, problems: Problems) -> None:
+    """Note the constants of a graph."""
+    if graph.sparse_initializer:
+        problems.errors.append(UnsupportedModelError("sparse initializers are not supported; export dense tensors"))
+    for tensor in graph.initializer:
+        name = printable(tensor.name)
+        with problems.collect():
+            if tensor.name in walk.values:
+                raise InputError(f"the initializer '{name}' appears twice; the model file is damaged")
+            walk.values[tensor.name] = None
+            with _naming(f"initializer '{name}'"):
+                walk.values[tensor.name] = Constant(read_tensor(tensor))

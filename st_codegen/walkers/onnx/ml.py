@@ -1,0 +1,185 @@
+"""The operators of the domain ai.onnx.ml: preprocessing, linear and support vector regression, tree ensembles.
+
+Rules of onnxruntime (core/providers/cpu/ml): parameters are float32; Scaler and Normalizer are exact; LinearRegressor
+and SVMRegressor add products in any order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.ir import FloatArray, Kernel, KernelSum, Norm, Normalize, Operator, Precision
+from st_codegen.walkers.onnx.file import Node
+from st_codegen.walkers.onnx.forest import Forest, NumberType, refuse_post_transform
+from st_codegen.walkers.onnx.graph import Call, GraphWalk, operator
+from st_codegen.walkers.onnx.operands import (
+    FLOAT32,
+    FLOAT64,
+    Constant,
+    Operand,
+    Tensor,
+    one_row,
+)
+from st_codegen.walkers.onnx.operators import apply_linear, combined
+from st_codegen.walkers.onnx.shapes import joined, picked
+from st_codegen.walkers.onnx.tree_ensemble import read_ensemble
+from st_codegen.walkers.onnx.tree_layout import build_ensemble
+from st_codegen.walkers.onnx.tree_lists import read_regressor
+
+_DOMAIN = "ai.onnx.ml"
+_KERNELS = {"LINEAR": Kernel.LINEAR, "POLY": Kernel.POLYNOMIAL, "RBF": Kernel.RBF, "SIGMOID": Kernel.SIGMOID}
+
+
+@operator("Scaler", 1, domain=_DOMAIN)
+def _scaler(call: Call) -> Operand:
+    tensor = one_row(call.computed())
+    result: Operand = tensor
+    for name, code in (("offset", Operator.SUBTRACT), ("scale", Operator.MULTIPLY)):
+        numbers = call.node.floats(name)
+        if len(numbers) not in (1, tensor.size):
+            raise InputError(f"{name} has {len(numbers)} entries for {tensor.size} features; the model file is damaged")
+        result = combined(call.walk, code, result, Constant(numbers.astype(tensor.dtype)))
+    if len(call.node.floats("offset")) != len(call.node.floats("scale")):
+        raise InputError("offset and scale have different lengths; the model file is damaged")
+    return _as_float32(call.walk, result)
+
+
+def _as_float32(walk: GraphWalk, operand: Operand) -> Tensor:
+    if isinstance(operand, Constant):
+        raise UnsupportedModelError("reads a constant; fold constants when exporting")
+    return walk.as_type(operand, FLOAT32)
+
+
+@operator("Normalizer", 1, domain=_DOMAIN)
+def _normalizer(call: Call) -> Operand:
+    tensor = one_row(call.computed())
+    name = call.node.text("norm", "MAX")
+    if name not in ("MAX", "L1", "L2"):
+        raise UnsupportedModelError(f"norm {name}: known are MAX, L1, L2")
+    norm = Norm(name.lower())
+    if norm is Norm.L2 and tensor.dtype == FLOAT64:
+        raise UnsupportedModelError("norm L2 of double numbers; cast the input to float")
+    tensor = call.walk.as_type(tensor, FLOAT32)
+    call.walk.refuse_special(tensor)
+    value = call.walk.builder.add(Normalize(inputs=(call.walk.settle(tensor),), norm=norm, width=tensor.size))
+    return call.walk.computed(value, tensor.shape, FLOAT32, special=False)
+
+
+def _float32_row(call: Call) -> Tensor:
+    tensor = one_row(call.computed())
+    if tensor.dtype != FLOAT32:
+        raise UnsupportedModelError("reads double numbers; onnxruntime has it for float only: cast the input to float")
+    return tensor
+
+
+@operator("LinearRegressor", 1, domain=_DOMAIN)
+def _linear_regressor(call: Call) -> Operand:
+    tensor = _float32_row(call)
+    refuse_post_transform(call.node.text("post_transform", "NONE"))
+    targets, coefficients, bias = (
+        call.node.integer("targets", 1),
+        call.node.floats("coefficients"),
+        call.node.floats("intercepts"),
+    )
+    if targets < 1 or len(coefficients) != targets * tensor.size:
+        raise InputError(
+            f"{len(coefficients)} coefficients for {targets} targets and {tensor.size} features; "
+            "the model file is damaged"
+        )
+    if len(bias) not in (0, targets):
+        raise InputError(f"{len(bias)} intercepts for {targets} targets; the model file is damaged")
+    weights = coefficients.reshape(targets, tensor.size)
+    return apply_linear(call.walk, tensor, weights, bias if len(bias) else np.zeros(targets), (1, targets))
+
+
+@operator("SVMRegressor", 1, domain=_DOMAIN)
+def _svm_regressor(call: Call) -> Operand:
+    tensor = _float32_row(call)
+    refuse_post_transform(call.node.text("post_transform", "NONE"))
+    if call.node.integer("one_class"):
+        raise UnsupportedModelError("one_class: a detector of outliers, not a regression")
+    coefficients, rho = call.node.floats("coefficients"), call.node.floats("rho")
+    n_vectors, vectors = call.node.integer("n_supports"), call.node.floats("support_vectors")
+    if len(rho) != 1:
+        raise InputError(f"rho has {len(rho)} entries, expected 1; the model file is damaged")
+    if n_vectors == 0:
+        if len(coefficients) != tensor.size:
+            raise InputError(f"{len(coefficients)} coefficients for {tensor.size} features; the model file is damaged")
+        return apply_linear(call.walk, tensor, coefficients[None, :], rho, (1, 1))
+    if n_vectors != len(coefficients) or len(vectors) != n_vectors * tensor.size:
+        raise InputError(
+            f"n_supports is {n_vectors}, with {len(coefficients)} coefficients and {len(vectors)} numbers in "
+            f"support_vectors for {tensor.size} features; the model file is damaged"
+        )
+    call.walk.refuse_special(tensor)
+    op = _kernel_sum(call.node, call.walk.settle(tensor), vectors.reshape(n_vectors, tensor.size), coefficients, rho)
+    return call.walk.computed(call.walk.builder.add(op), (1, 1), FLOAT32, special=False)
+
+
+def _kernel_sum(node: Node, value: int, vectors: FloatArray, coefficients: FloatArray, rho: FloatArray) -> KernelSum:
+    name, parameters = node.text("kernel_type", "LINEAR"), node.floats("kernel_params")
+    if name not in _KERNELS:
+        raise UnsupportedModelError(f"kernel_type {name}: known are {', '.join(_KERNELS)}")
+    if len(parameters) not in (0, 3):
+        raise InputError(f"kernel_params has {len(parameters)} entries, expected 3; the model file is damaged")
+    gamma, coef0, degree = parameters if len(parameters) else (0.0, 0.0, 0.0)
+    kernel = _KERNELS[name]
+    if kernel is Kernel.POLYNOMIAL and not (0 <= degree <= 64 and degree == int(degree)):
+        raise UnsupportedModelError(f"degree {degree} of the polynomial kernel: it has to be a whole number up to 64")
+    return KernelSum(
+        inputs=(value,),
+        kernel=kernel,
+        support_vectors=vectors,
+        coefficients=coefficients[None, :],
+        intercept=rho,
+        gamma=float(gamma),
+        coef0=float(coef0),
+        degree=int(degree) if kernel is Kernel.POLYNOMIAL else 3,
+        precision=Precision.FLOAT32,
+    )
+
+
+@operator("ArrayFeatureExtractor", 1, domain=_DOMAIN)
+def _array_feature_extractor(call: Call) -> Operand:
+    operand, positions = call.required(), np.ravel(call.positions())
+    if len(operand.shape) < 2:
+        operand = operand.moved(lambda array: array.reshape(1, -1))
+    if np.any(positions < 0):
+        raise InputError("negative positions; the model file is damaged")
+    return picked(operand, positions, len(operand.shape) - 1)
+
+
+@operator("FeatureVectorizer", 1, domain=_DOMAIN)
+def _feature_vectorizer(call: Call) -> Operand:
+    parts = [one_row(call.computed(number)) for number in range(len(call.operands))]
+    widths = call.node.integers("inputdimensions").tolist()
+    if widths != [part.size for part in parts]:
+        raise InputError(
+            f"inputdimensions {widths} for inputs of {[part.size for part in parts]} columns; the model file is damaged"
+        )
+    return joined(call.walk, [call.walk.as_type(part, FLOAT32) for part in parts], axis=1)
+
+
+def _trees(call: Call, read: Callable[[Node, NumberType], Forest]) -> Tensor:
+    """The sum (or extreme) of an ensemble, in the type of its input."""
+    tensor = one_row(call.computed())
+    forest = read(call.node, np.float32 if tensor.dtype == FLOAT32 else np.float64)
+    value, column = np.ravel(tensor.value), np.ravel(tensor.column)
+    if np.any(value != value[0]):
+        value, column = np.array([call.walk.gathered(value, column)]), np.arange(tensor.size)
+    precision = Precision.FLOAT32 if tensor.unrounded else Precision.FLOAT64
+    ensemble = build_ensemble(forest, (int(value[0]),), column, precision)
+    return call.walk.computed(call.walk.builder.add(ensemble), (1, forest.n_targets), tensor.dtype, special=False)
+
+
+@operator("TreeEnsembleRegressor", 1, 3, domain=_DOMAIN)
+def _tree_ensemble_regressor(call: Call) -> Operand:
+    return call.walk.as_type(_trees(call, read_regressor), FLOAT32)
+
+
+@operator("TreeEnsemble", 5, domain=_DOMAIN)
+def _tree_ensemble(call: Call) -> Operand:
+    return _trees(call, read_ensemble)

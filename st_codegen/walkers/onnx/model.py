@@ -1,0 +1,237 @@
+"""An ONNX model as a whole: its file, its opsets, its inputs and outputs, and where it comes from."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+from google.protobuf.message import DecodeError
+from onnx import TensorProto
+from onnx.helper import OP_SET_ID_VERSION_MAP
+
+from st_codegen.errors import InputError, Problems, UnsupportedModelError
+from st_codegen.ir import Feature, Source
+from st_codegen.walkers.base import LoadedModel
+from st_codegen.walkers.onnx import ml, operators, shapes  # noqa: F401  (they register the operators)
+from st_codegen.walkers.onnx.file import check_names, domain_of, printable, type_name
+from st_codegen.walkers.onnx.graph import GraphWalk, read_initializers, run_nodes
+from st_codegen.walkers.onnx.operands import FLOAT32, MAX_COLUMNS, Constant, Tensor
+from st_codegen.walkers.onnx.session import GraphInput, predictor
+
+#: Bytes of a file; a forest of a million nodes has about 40 MB.
+MAX_FILE_SIZE = 2**30
+#: Operators that only move numbers about, left out of the description of a model.
+_PLUMBING = frozenset(
+    (
+        *("Identity", "Cast", "Constant", "Shape", "Reshape", "Flatten", "Squeeze", "Unsqueeze", "Transpose"),
+        *("Concat", "Gather", "Dropout", "ArrayFeatureExtractor", "FeatureVectorizer"),
+    )
+)
+
+
+def load(path: Path, name: str) -> LoadedModel:
+    """Load a file; see `st_codegen.walkers.onnx.load.load_file`."""
+    data = _read(path)
+    model = _parse(data, path.name)
+    problems = Problems(path.name)
+    opsets = _opsets(model, problems)
+    inputs = _inputs(model.graph, problems)
+    problems.raise_if_any()
+    walk = _walk(model.graph, inputs, opsets, problems)
+    _finish(walk, model.graph, problems)
+    problems.raise_if_any()
+    with problems.collect():
+        ir = walk.builder.model(name, _features(inputs), _source(model, inputs, opsets))
+    problems.raise_if_any()
+    return LoadedModel(ir, predictor(model, data, inputs, len(ir.outputs), path.name))
+
+
+def _read(path: Path) -> bytes:
+    try:
+        size = path.stat().st_size
+        if size > MAX_FILE_SIZE:
+            raise UnsupportedModelError(f"{path.name}: {size} bytes, at most {MAX_FILE_SIZE} are supported")
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(
+            f"{path.name}: cannot be read ({error.strerror}); check the path and its permissions"
+        ) from error
+
+
+def _parse(data: bytes, file: str) -> onnx.ModelProto:
+    try:
+        model: onnx.ModelProto = onnx.ModelProto.FromString(data)
+    except (DecodeError, RecursionError, UnicodeDecodeError) as error:
+        raise InputError(f"{file}: not an ONNX model, or truncated; export or copy the file again") from error
+    if not model.HasField("graph") or not model.graph.node:
+        raise InputError(f"{file}: not an ONNX model, or one without nodes; export or copy the file again")
+    try:
+        check_names(model)
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
+    return model
+
+
+def _opsets(model: onnx.ModelProto, problems: Problems) -> dict[str, int]:
+    """The version of each operator domain."""
+    if model.functions:
+        names = ", ".join(sorted({printable(function.name) for function in model.functions}))
+        problems.errors.append(
+            UnsupportedModelError(f"functions of its own ({names}) are not supported; inline them (onnx.inliner)")
+        )
+    opsets: dict[str, int] = {}
+    for entry in model.opset_import:
+        domain = domain_of(entry.domain)
+        newest = max((v for (known, v) in OP_SET_ID_VERSION_MAP if known == (domain or "ai.onnx")), default=None)
+        if opsets.setdefault(domain, entry.version) != entry.version:
+            problems.add(f"two opsets of the domain '{printable(domain) or 'ai.onnx'}'; the model file is damaged")
+        elif newest is not None and not 1 <= entry.version <= newest:
+            problems.errors.append(
+                UnsupportedModelError(
+                    f"opset {entry.version} of the domain '{domain or 'ai.onnx'}': the installed onnx package knows "
+                    f"1 to {newest}; export the model with another target_opset, or install a newer onnx"
+                )
+            )
+    return opsets
+
+
+def _inputs(graph: onnx.GraphProto, problems: Problems) -> list[GraphInput]:
+    constants = {tensor.name for tensor in graph.initializer}
+    inputs: list[GraphInput] = []
+    seen: set[str] = set()
+    for info in graph.input:
+        if info.name in constants:
+            continue
+        with problems.collect():
+            name = printable(info.name)
+            if info.name in seen:
+                raise InputError(f"two inputs '{name}'; the model file is damaged")
+            seen.add(info.name)
+            start = inputs[-1].start + inputs[-1].size if inputs else 0
+            given = GraphInput(info.name, _row_shape(info, name), _element_type(info, name), start)
+            if start + given.size > MAX_COLUMNS:
+                raise UnsupportedModelError(f"input '{name}': at most {MAX_COLUMNS} features are supported")
+            inputs.append(given)
+    if not inputs and not problems.errors:
+        problems.add("the graph has no inputs; the model file is damaged")
+    return inputs
+
+
+def _row_shape(info: onnx.ValueInfoProto, name: str) -> tuple[int, ...]:
+    """The shape of an input for one row: the batch dimension, if there is one, is 1."""
+    advice = "export the model with a fixed number of columns, such as FloatTensorType([None, 3])"
+    if info.type.WhichOneof("value") != "tensor_type":
+        raise UnsupportedModelError(f"input '{name}' is not a tensor; {advice}")
+    if not info.type.tensor_type.HasField("shape"):
+        raise UnsupportedModelError(f"input '{name}' has no shape, so the number of features is not known; {advice}")
+    dims = [dim.dim_value if dim.HasField("dim_value") else -1 for dim in info.type.tensor_type.shape.dim]
+    shown = [length if length >= 0 else "?" for length in dims]
+    if 0 in dims:
+        raise InputError(f"input '{name}' of shape {shown} has a dimension of length 0; {advice}")
+    if len(dims) > 1:
+        if dims[0] > 1:
+            raise UnsupportedModelError(
+                f"input '{name}' of shape {shown} takes {dims[0]} rows at once; export the model with a symbolic batch "
+                "dimension"
+            )
+        dims[0] = 1
+    if any(length < 0 for length in dims):
+        raise UnsupportedModelError(f"input '{name}' of shape {shown}: the number of features is not known; {advice}")
+    return tuple(dims)
+
+
+def _element_type(info: onnx.ValueInfoProto, name: str) -> np.dtype[Any]:
+    """float32, float64, or int64 for all whole numbers."""
+    elem_type = info.type.tensor_type.elem_type
+    if elem_type in (TensorProto.FLOAT, TensorProto.DOUBLE):
+        return np.dtype(np.float32 if elem_type == TensorProto.FLOAT else np.float64)
+    whole = type_name(elem_type)
+    if whole.removeprefix("U") in ("INT8", "INT16", "INT32", "INT64"):
+        return np.dtype(np.int64)
+    raise UnsupportedModelError(f"input '{name}' is of {whole}; export the model with float inputs")
+
+
+def _walk(graph: onnx.GraphProto, inputs: list[GraphInput], opsets: dict[str, int], problems: Problems) -> GraphWalk:
+    walk = GraphWalk(sum(given.size for given in inputs))
+    for given in inputs:
+        narrow = given.dtype == FLOAT32
+        walk.narrows |= narrow
+        walk.values[given.name] = Tensor(
+            np.zeros(given.shape, np.int64), given.columns, given.dtype, unrounded=narrow, special=True
+        )
+    read_initializers(walk, graph, problems)
+    run_nodes(walk, graph, opsets, problems)
+    return walk
+
+
+def _finish(walk: GraphWalk, graph: onnx.GraphProto, problems: Problems) -> None:
+    """Lay all outputs end to end as the last operation, unless there are problems."""
+    tensors: list[Tensor] = []
+    for info in graph.output:
+        with problems.collect():
+            name = printable(info.name)
+            if info.name not in walk.values:
+                raise InputError(f"the output '{name}' is not computed by any node; the model file is damaged")
+            operand = walk.values[info.name]
+            if isinstance(operand, Constant):
+                raise UnsupportedModelError(f"the output '{name}' is a constant; remove it from the graph")
+            if operand is not None:
+                _check_output(info, name, operand)
+                tensors.append(operand)
+    if not graph.output:
+        problems.add("the graph has no outputs; the model file is damaged")
+    if not problems.errors:
+        for tensor in tensors:
+            walk.refuse_special(tensor)
+        walk.finish(tensors)
+
+
+def _check_output(info: onnx.ValueInfoProto, name: str, tensor: Tensor) -> None:
+    declared = info.type.tensor_type.elem_type
+    computed = {"float32": TensorProto.FLOAT, "float64": TensorProto.DOUBLE}.get(tensor.dtype.name)
+    if computed is None:
+        raise UnsupportedModelError(f"the output '{name}' holds integers; leave it out of the graph")
+    if declared != computed:
+        raise UnsupportedModelError(
+            f"the output '{name}' is declared as {type_name(declared)}, its operator computes {type_name(computed)}, "
+            "which onnxruntime refuses; export the model with float inputs (FloatTensorType)"
+        )
+
+
+def _features(inputs: list[GraphInput]) -> tuple[Feature, ...]:
+    names = [f"f{number}" for number in range(inputs[-1].start + inputs[-1].size)]
+    if len(inputs) > 1:
+        own = [
+            given.name if given.size == 1 else f"{given.name}_{number}"
+            for given in inputs
+            for number in range(given.size)
+        ]
+        names = own if len(set(own)) == len(own) else names
+    return tuple(Feature(name) for name in names)
+
+
+def _plain(text: str) -> str:
+    """A text from the file as a comment of generated code can hold it."""
+    return re.sub(r"[^A-Za-z0-9 ._+:/-]", "?", text)[:80]
+
+
+def _source(model: onnx.ModelProto, inputs: list[GraphInput], opsets: dict[str, int]) -> Source:
+    producer = " ".join(filter(None, (model.producer_name, model.producer_version))) or "unknown producer"
+    domains = ", ".join(f"{_plain(domain) or 'ai.onnx'} {version}" for domain, version in sorted(opsets.items()))
+    computing = [node.op_type for node in model.graph.node if node.op_type not in _PLUMBING]
+    shown = ", ".join(computing[:8]) + (f" and {len(computing) - 8} more" if len(computing) > 8 else "")
+    whole = [_plain(given.name) for given in inputs if given.dtype == np.int64]
+    notes = ["evaluated as onnxruntime does, one row at a time, with one thread and no graph optimizations"]
+    if whole:
+        notes.append(f"integer inputs are read as numbers, not cut to integers: {', '.join(whole)}")
+    if len(model.graph.output) > 1:
+        notes.append("outputs in order: " + ", ".join(_plain(info.name) for info in model.graph.output))
+    return Source(
+        library="ONNX",
+        version=f"file by {_plain(producer)}; opsets: {domains}",
+        model_class=computing[0] if len(computing) == 1 else f"feed-forward graph ({shown or 'Identity'})",
+        notes=tuple(notes),
+    )

@@ -1,0 +1,109 @@
+"""What the operators of an ONNX graph read: constants, tensors computed for one row, and checks of both."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.ir import Precision
+from st_codegen.walkers.onnx.file import Numbers
+
+#: Columns of one computed tensor, and features of one model.
+MAX_COLUMNS = 2**16
+#: Numbers of one constant that the graph computes from others.
+MAX_FOLDED = 2**24
+
+FLOAT32 = np.dtype(np.float32)
+FLOAT64 = np.dtype(np.float64)
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A tensor whose numbers stand in the file."""
+
+    array: NDArray[Any]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.array.shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return self.array.dtype
+
+    def moved(self, move: Callable[[NDArray[Any]], NDArray[Any]]) -> Constant:
+        """The result of an operator that only moves numbers about."""
+        return Constant(move(self.array))
+
+
+@dataclass(frozen=True)
+class Tensor:
+    """A tensor computed from the inputs: each element is column `column` of value `value` of the representation.
+
+    `dtype` is int64 for all integer inputs. `unrounded`: the elements still have to be rounded to float32.
+    `special`: NaN and infinite inputs come through to this tensor.
+    """
+
+    value: Numbers
+    column: Numbers
+    dtype: np.dtype[Any]
+    unrounded: bool = False
+    special: bool = True
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.value.shape
+
+    @property
+    def size(self) -> int:
+        return self.value.size
+
+    @property
+    def precision(self) -> Precision:
+        return Precision.FLOAT32 if self.dtype == FLOAT32 else Precision.FLOAT64
+
+    def moved(self, move: Callable[[NDArray[Any]], NDArray[Any]]) -> Tensor:
+        """The result of an operator that only moves numbers about."""
+        return replace(self, value=move(self.value), column=move(self.column))
+
+
+Operand = Constant | Tensor
+
+
+def require_float(tensor: Tensor) -> Tensor:
+    """The tensor itself; raises UnsupportedModelError where it holds integers."""
+    if tensor.dtype not in (FLOAT32, FLOAT64):
+        raise UnsupportedModelError("reads integers; export the model with float inputs")
+    return tensor
+
+
+def one_row(tensor: Tensor) -> Tensor:
+    """The tensor as a matrix of one row; operators of ai.onnx.ml read vectors and matrices so."""
+    if len(tensor.shape) not in (1, 2) or (len(tensor.shape) == 2 and tensor.shape[0] != 1):
+        raise UnsupportedModelError(
+            f"reads a tensor of shape {tensor.shape} (for one row); expected one row of numbers, "
+            "export the model with a symbolic batch dimension"
+        )
+    return tensor.moved(lambda array: array.reshape(1, -1))
+
+
+def axis_of(axis: int, rank: int) -> int:
+    """An axis counted from the front; raises InputError where there is none."""
+    if not -rank <= axis < max(rank, 1):
+        raise InputError(f"axis {axis} of a tensor with {rank} dimensions; the model file is damaged")
+    return axis % rank if rank else 0
+
+
+def check_size(shape: Iterable[int], limit: int = MAX_COLUMNS) -> None:
+    """Raise InputError where a result has no elements, UnsupportedModelError where it has too many."""
+    size = math.prod(shape)
+    if size == 0:
+        raise InputError("the result has no elements (a dimension is 0); the model file is damaged")
+    if size > limit:
+        raise UnsupportedModelError(f"the result has {size} numbers for one row, at most {limit} are supported")

@@ -1,0 +1,262 @@
+"""Arithmetic, linear maps and activations of the standard ONNX domain.
+
+Arithmetic of two tensors is rounded once and exact. Sums of products (Gemm, MatMul, reductions) are added in an order
+that onnxruntime's kernels choose by the machine, so they are equal within a bound only.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.ir import Activation, Clip, Combine, Function, Linear, Operator, Scale
+from st_codegen.walkers.onnx.graph import Call, GraphWalk, operator
+from st_codegen.walkers.onnx.operands import (
+    FLOAT32,
+    FLOAT64,
+    MAX_FOLDED,
+    Constant,
+    Operand,
+    Tensor,
+    axis_of,
+    check_size,
+    require_float,
+)
+
+#: Coefficients that a reduction may be written with.
+_MAX_REDUCTION = 2**24
+_SYMBOLS = {"Add": Operator.ADD, "Sub": Operator.SUBTRACT, "Mul": Operator.MULTIPLY, "Div": Operator.DIVIDE}
+
+
+def _arithmetic(call: Call) -> Operand:
+    return combined(call.walk, _SYMBOLS[call.node.op_type], call.required(), call.required(1))
+
+
+for _name in _SYMBOLS:
+    operator(_name, 7, 13, 14)(_arithmetic)
+
+
+@operator("Sum", 8, 13)
+def _sum(call: Call) -> Operand:
+    total = call.required()
+    for number in range(1, len(call.operands)):
+        total = combined(call.walk, Operator.ADD, total, call.required(number))
+    return total
+
+
+def combined(walk: GraphWalk, code: Operator, left: Operand, right: Operand) -> Operand:
+    """`left <code> right` with broadcasting, rounded once."""
+    if left.dtype != right.dtype:
+        raise InputError(f"the inputs have different types, {left.dtype} and {right.dtype}; the model file is damaged")
+    try:
+        shape = np.broadcast_shapes(left.shape, right.shape)
+    except ValueError:
+        raise InputError(f"shapes {left.shape} and {right.shape} do not fit; the model file is damaged") from None
+    if isinstance(left, Constant):
+        if isinstance(right, Constant):
+            check_size(shape, MAX_FOLDED)
+            return Constant(_folded(code, left.array, right.array))
+        return _scaled(walk, code, right, left.array, shape, reverse=True)
+    if isinstance(right, Constant):
+        return _scaled(walk, code, left, right.array, shape, reverse=False)
+    check_size(shape)
+    values = tuple(walk.settle(_spread(require_float(side), shape)) for side in (left, right))
+    op = Combine(inputs=values, operator=code, width=math.prod(shape), precision=left.precision)
+    return walk.computed(walk.builder.add(op), shape, left.dtype, left.special or right.special)
+
+
+def _scaled(
+    walk: GraphWalk, code: Operator, tensor: Tensor, constant: NDArray[Any], shape: tuple[int, ...], reverse: bool
+) -> Tensor:
+    check_size(shape)
+    scale = Scale(
+        inputs=(walk.settle(_spread(require_float(tensor), shape)),),
+        operator=code,
+        constant=np.broadcast_to(constant, shape).astype(np.float64).ravel(),
+        precision=tensor.precision,
+        reverse=reverse,
+    )
+    return walk.computed(walk.builder.add(scale), shape, tensor.dtype, tensor.special)
+
+
+def _spread(tensor: Tensor, shape: tuple[int, ...]) -> Tensor:
+    return tensor.moved(lambda array: np.broadcast_to(array, shape))
+
+
+def _folded(code: Operator, left: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
+    if left.dtype not in (FLOAT32, FLOAT64):
+        raise UnsupportedModelError("computes with integer constants; fold constants when exporting")
+    functions = {
+        Operator.ADD: np.add,
+        Operator.SUBTRACT: np.subtract,
+        Operator.MULTIPLY: np.multiply,
+        Operator.DIVIDE: np.divide,
+    }
+    with np.errstate(all="ignore"):
+        return np.asarray(functions[code](left, right))
+
+
+@operator("Neg", 6, 13)
+def _negate(call: Call) -> Operand:
+    tensor = call.computed()
+    return combined(call.walk, Operator.MULTIPLY, tensor, Constant(np.array(-1.0, tensor.dtype)))
+
+
+def apply_linear(
+    walk: GraphWalk, tensor: Tensor, weights: NDArray[Any], bias: NDArray[Any], shape: Sequence[int]
+) -> Tensor:
+    """weights @ tensor + bias, added in any order."""
+    walk.refuse_special(tensor)
+    walk.charge(weights.size)
+    linear = Linear(inputs=(walk.settle(tensor),), weights=weights, bias=bias, precision=tensor.precision)
+    return walk.computed(walk.builder.add(linear), shape, tensor.dtype, special=False)
+
+
+def _matrix(constant: Constant, tensor: Tensor) -> NDArray[np.float64]:
+    if constant.dtype != tensor.dtype:
+        raise InputError(f"the weights are {constant.dtype}, the input {tensor.dtype}; the model file is damaged")
+    if constant.array.ndim > 2:
+        raise UnsupportedModelError(f"weights of {constant.array.ndim} dimensions; at most 2 are supported")
+    return constant.array.astype(np.float64)
+
+
+@operator("MatMul", 9, 13)
+def _matmul(call: Call) -> Operand:
+    left, right = call.required(), call.required(1)
+    if isinstance(left, Tensor) and isinstance(right, Constant):
+        weights = _matrix(right, require_float(left))
+        columns, rows = left.shape[-1:], left.shape[:-1]
+        if right.array.ndim and columns == weights.shape[:1] and math.prod(rows) == 1:
+            shape = (*rows, *weights.shape[1:])
+            weights = weights.reshape(len(weights), -1).T
+            return apply_linear(call.walk, left, weights, np.zeros(len(weights)), shape)
+    elif isinstance(left, Constant) and isinstance(right, Tensor):
+        weights = _matrix(left, require_float(right))
+        rows = right.shape[-2:-1] or right.shape
+        if left.array.ndim and rows == weights.shape[-1:] and right.size == rows[0]:
+            shape = (*right.shape[:-2], *weights.shape[:-1], *right.shape[-1:][: len(right.shape) - 1])
+            weights = weights.reshape(-1, rows[0])
+            return apply_linear(call.walk, right, weights, np.zeros(len(weights)), shape)
+    raise UnsupportedModelError(
+        f"multiplies tensors of shapes {left.shape} and {right.shape} (for one row); one row of numbers times constant "
+        "weights is supported"
+    )
+
+
+@operator("Gemm", 7, 9, 11, 13)
+def _gemm(call: Call) -> Operand:
+    tensor = call.computed()
+    right = call.required(1)
+    if not isinstance(right, Constant):
+        raise UnsupportedModelError("both factors are computed; one of them has to be constant weights")
+    weights = _matrix(right, tensor)
+    if weights.ndim != 2 or len(tensor.shape) != 2:
+        raise InputError(f"shapes {tensor.shape} and {weights.shape}, expected matrices; the model file is damaged")
+    row = tensor.moved(np.transpose) if call.node.integer("transA") else tensor
+    weights = weights if call.node.integer("transB") else weights.T
+    if row.shape != (1, weights.shape[1]):
+        raise UnsupportedModelError(
+            f"multiplies shapes {row.shape} and {weights.T.shape} (for one row); one row that fits is supported"
+        )
+    bias = _gemm_bias(call, row, len(weights))
+    shape = (1, len(weights))
+    alpha = call.node.number("alpha", 1.0)
+    if alpha == 1.0:
+        return apply_linear(call.walk, row, weights, bias, shape)
+    product = apply_linear(call.walk, row, weights, np.zeros(len(weights)), shape)
+    scaled = combined(call.walk, Operator.MULTIPLY, product, Constant(np.array(alpha, row.dtype)))
+    return combined(call.walk, Operator.ADD, scaled, Constant(bias.astype(row.dtype)))
+
+
+def _gemm_bias(call: Call, row: Tensor, width: int) -> NDArray[np.float64]:
+    """beta * C for each column, rounded to the type of the graph."""
+    constant = call.constant(2, "C")
+    if constant is None:
+        return np.zeros(width)
+    try:
+        spread = np.broadcast_to(constant, (1, width)).ravel()
+    except ValueError:
+        raise InputError(f"C has shape {constant.shape} for {width} columns; the model file is damaged") from None
+    with np.errstate(all="ignore"):
+        return np.asarray(spread * np.array(call.node.number("beta", 1.0), row.dtype), np.float64)
+
+
+def _activation(function: Function, name: str, *versions: int, alpha: float | None = None) -> None:
+    """Register an operator that is one function of each number."""
+
+    def handler(call: Call) -> Operand:
+        tensor = call.computed()
+        if function is Function.SOFTPLUS and tensor.dtype == FLOAT64:
+            raise UnsupportedModelError("onnxruntime's double version overflows above 709; cast the input to float")
+        call.walk.refuse_special(tensor)
+        op = Activation(
+            inputs=(call.walk.settle(tensor),),
+            function=function,
+            width=tensor.size,
+            parameter=1.0 if alpha is None else call.node.number("alpha", alpha),
+            precision=tensor.precision,
+        )
+        return call.walk.computed(call.walk.builder.add(op), tensor.shape, tensor.dtype, special=False)
+
+    operator(name, *versions)(handler)
+
+
+_activation(Function.TANH, "Tanh", 6, 13)
+_activation(Function.LOGISTIC, "Sigmoid", 6, 13)
+_activation(Function.RELU, "Relu", 6, 13, 14)
+_activation(Function.LEAKY_RELU, "LeakyRelu", 6, 16, alpha=0.01)
+_activation(Function.ELU, "Elu", 6, 22, alpha=1.0)
+_activation(Function.SOFTPLUS, "Softplus", 1, 22)
+_activation(Function.EXP, "Exp", 6, 13)
+
+
+@operator("Clip", 6, 11, 12, 13)
+def _clip(call: Call) -> Operand:
+    tensor = call.computed()
+    limits = np.finfo(tensor.dtype)
+    bounds = [float(limits.min), float(limits.max)]
+    for number, name in enumerate(("min", "max")):
+        if call.node.version < 11:
+            bounds[number] = call.node.number(name, bounds[number])
+            continue
+        bound = call.constant(number + 1, name)
+        if bound is not None:
+            if bound.size != 1 or bound.dtype != tensor.dtype:
+                raise InputError(f"{name} is {bound.dtype} of shape {bound.shape}, expected one {tensor.dtype}")
+            bounds[number] = float(np.clip(bound.ravel()[0], limits.min, limits.max))
+    call.walk.refuse_special(tensor)
+    lower, upper = (np.full(tensor.size, bound) for bound in bounds)
+    value = call.walk.builder.add(Clip(inputs=(call.walk.settle(tensor),), lower=lower, upper=upper))
+    return call.walk.computed(value, tensor.shape, tensor.dtype, special=False)
+
+
+def _reduction(call: Call) -> Operand:
+    tensor = call.computed()
+    by_input = call.node.version >= (13 if call.node.op_type == "ReduceSum" else 18)
+    axes = call.integers(1, "axes") if by_input else call.node.integers("axes").tolist()
+    if not axes and call.node.integer("noop_with_empty_axes"):
+        return tensor
+    rank = len(tensor.shape)
+    reduced = {axis_of(axis, rank) for axis in axes or range(rank)}
+    groups = tuple(1 if axis in reduced else length for axis, length in enumerate(tensor.shape))
+    kept = (
+        groups if call.node.integer("keepdims", 1) else tuple(n for axis, n in enumerate(groups) if axis not in reduced)
+    )
+    outputs = math.prod(groups)
+    if outputs * tensor.size > _MAX_REDUCTION:
+        raise UnsupportedModelError(f"reduces {tensor.size} numbers to {outputs}; the table of both is too large")
+    group = np.broadcast_to(np.arange(outputs).reshape(groups), tensor.shape).ravel()
+    weights = (np.arange(outputs)[:, None] == group[None, :]).astype(np.float64)
+    total = apply_linear(call.walk, tensor, weights, np.zeros(outputs), kept)
+    if call.node.op_type == "ReduceSum":
+        return total
+    return combined(call.walk, Operator.DIVIDE, total, Constant(np.array(tensor.size // outputs, tensor.dtype)))
+
+
+operator("ReduceSum", 1, 11, 13)(_reduction)
+operator("ReduceMean", 1, 11, 13, 18)(_reduction)

@@ -1,0 +1,78 @@
+"""The answers of onnxruntime itself, one row at a time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import onnx
+import onnxruntime
+from numpy.typing import NDArray
+from onnx import TensorProto
+
+from st_codegen.errors import InputError
+from st_codegen.ir import FloatArray
+from st_codegen.walkers.base import Predictor
+from st_codegen.walkers.onnx.file import printable
+
+
+@dataclass(frozen=True)
+class GraphInput:
+    """An input of the graph: its shape for one row, its type, and the first of its features."""
+
+    name: str
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    start: int
+
+    @property
+    def size(self) -> int:
+        return math.prod(self.shape)
+
+    @property
+    def columns(self) -> NDArray[np.int64]:
+        return np.arange(self.start, self.start + self.size).reshape(self.shape)
+
+
+def predictor(model: onnx.ModelProto, data: bytes, inputs: list[GraphInput], width: int, file: str) -> Predictor:
+    """onnxruntime on rows (rows, features), one at a time; raises InputError where it refuses the model."""
+    if any(given.dtype == np.int64 for given in inputs):
+        data = _with_double_inputs(model, inputs)
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
+    options.log_severity_level = 4
+    try:
+        session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # its exceptions have no common base class
+        raise InputError(f"{file}: onnxruntime refuses the model: {printable(str(error), 400)}") from error
+    names = [output.name for output in session.get_outputs()]
+
+    def predict(x: FloatArray) -> FloatArray:
+        with np.errstate(over="ignore"):
+            columns = {
+                given.name: x[:, given.columns].astype(np.float32 if given.dtype == np.float32 else np.float64)
+                for given in inputs
+            }
+        result = np.empty((len(x), width))
+        for row in range(len(x)):
+            try:
+                outputs = session.run(names, {name: np.asarray(column[row]) for name, column in columns.items()})
+            except Exception as error:  # as above
+                raise InputError(f"{file}: onnxruntime fails on row {row}: {printable(str(error), 400)}") from error
+            result[row] = np.concatenate([np.ravel(output) for output in outputs])
+        return result
+
+    predict(np.zeros((1, inputs[-1].start + inputs[-1].size)))  # some faults show only when a model runs
+    return predict
+
+
+def _with_double_inputs(model: onnx.ModelProto, inputs: list[GraphInput]) -> bytes:
+    """The model with double in place of integer inputs, which only casts to float or double read."""
+    whole = {given.name for given in inputs if given.dtype == np.int64}
+    for info in model.graph.input:
+        if info.name in whole:
+            info.type.tensor_type.elem_type = TensorProto.DOUBLE
+    return bytes(model.SerializeToString())

@@ -1,0 +1,216 @@
+"""Operators of the standard ONNX domain that only move numbers about, and constants."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import onnx
+from numpy.typing import NDArray
+
+from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.walkers.onnx.file import type_name
+from st_codegen.walkers.onnx.graph import Call, GraphWalk, operator
+from st_codegen.walkers.onnx.operands import (
+    FLOAT32,
+    FLOAT64,
+    MAX_COLUMNS,
+    MAX_FOLDED,
+    Constant,
+    Operand,
+    Tensor,
+    axis_of,
+    check_size,
+)
+
+_SHAPE_VERSIONS = (13, 21, 23, 24, 25)
+_CASTS: dict[int, type[np.generic]] = {
+    onnx.TensorProto.FLOAT: np.float32,
+    onnx.TensorProto.DOUBLE: np.float64,
+    onnx.TensorProto.INT64: np.int64,
+    onnx.TensorProto.INT32: np.int32,
+}
+
+
+@operator("Identity", 1, 13, 14, 16, 19, 21, 23, 24, 25)
+def _identity(call: Call) -> Operand:
+    return call.required()
+
+
+@operator("Dropout", 7, 10, 12, 13, 22)
+def _dropout(call: Call) -> Operand:
+    training = call.constant(2, "training_mode")
+    if len([name for name in call.node.proto.output if name]) > 1 or (training is not None and np.any(training)):
+        raise UnsupportedModelError("Dropout in training mode; export the model for inference (model.eval())")
+    return call.required()
+
+
+@operator("Cast", 6, 9, 13, 19, 21, 23, 24, 25)
+def _cast(call: Call) -> Operand:
+    operand, target = call.required(), _CASTS.get(call.node.integer("to"))
+    if target is None:
+        raise UnsupportedModelError(f"casts to {type_name(call.node.integer('to'))}; FLOAT and DOUBLE are supported")
+    dtype = np.dtype(target)
+    if isinstance(operand, Tensor):
+        if dtype in (FLOAT32, FLOAT64):
+            return call.walk.as_type(operand, dtype)
+        if operand.dtype not in (FLOAT32, FLOAT64):
+            return operand
+        raise UnsupportedModelError("casts numbers to integers, which has no exact counterpart; leave the cast out")
+    if np.issubdtype(dtype, np.integer) and not np.issubdtype(operand.dtype, np.integer):
+        raise UnsupportedModelError("casts constants to integers; fold constants when exporting")
+    with np.errstate(over="ignore"):
+        return Constant(operand.array.astype(dtype))
+
+
+@operator("Constant", 1, 9, 11, 12, 13, 19, 21, 23, 24, 25)
+def _constant(call: Call) -> Operand:
+    arrays: dict[str, Callable[[], NDArray[Any]]] = {
+        "value": lambda: np.asarray(call.node.tensor("value")),
+        "value_float": lambda: np.array(call.node.number("value_float"), np.float32),
+        "value_floats": lambda: call.node.floats("value_floats").astype(np.float32),
+        "value_int": lambda: np.array(call.node.integer("value_int"), np.int64),
+        "value_ints": lambda: call.node.integers("value_ints"),
+    }
+    names = [name for name in call.node.attributes if name in arrays]
+    if len(names) != 1 or len(call.node.attributes) != 1:
+        raise UnsupportedModelError("a constant has to be one of " + ", ".join(arrays))
+    return Constant(arrays[names[0]]())
+
+
+@operator("Shape", 1, 15, 19, *_SHAPE_VERSIONS)
+def _shape(call: Call) -> Operand:
+    shape = call.required().shape
+    end = call.node.integer("end", len(shape))
+    return Constant(np.array(shape[call.node.integer("start") : end], np.int64))
+
+
+@operator("Reshape", 5, 14, 19, *_SHAPE_VERSIONS)
+def _reshape(call: Call) -> Operand:
+    operand = call.required()
+    shape = call.integers(1, "shape") or []
+    if not call.node.integer("allowzero"):
+        copied = [*operand.shape, *[0] * len(shape)]
+        shape = [copied[axis] if length == 0 else length for axis, length in enumerate(shape)]
+    return _reshaped(operand, shape)
+
+
+def _reshaped(operand: Operand, shape: Sequence[int]) -> Operand:
+    if any(length < -1 for length in shape):
+        raise InputError(f"the shape {list(shape)} has a negative length; the model file is damaged")
+    try:
+        return operand.moved(lambda array: array.reshape(tuple(shape)))
+    except ValueError:
+        raise InputError(
+            f"{math.prod(operand.shape)} numbers (of one row, shape {operand.shape}) do not fill the shape "
+            f"{list(shape)}; export the model with a symbolic batch dimension"
+        ) from None
+
+
+@operator("Flatten", 1, 9, 11, *_SHAPE_VERSIONS)
+def _flatten(call: Call) -> Operand:
+    operand, axis = call.required(), call.node.integer("axis", 1)
+    rank = len(operand.shape)
+    axis = axis if axis == rank else axis_of(axis, rank)
+    return _reshaped(operand, (math.prod(operand.shape[:axis]), math.prod(operand.shape[axis:])))
+
+
+def _axes(call: Call) -> list[int] | None:
+    if call.node.version >= 13:
+        return call.integers(1, "axes")
+    return call.node.integers("axes").tolist() if "axes" in call.node else None
+
+
+@operator("Squeeze", 1, 11, *_SHAPE_VERSIONS)
+def _squeeze(call: Call) -> Operand:
+    operand, axes = call.required(), _axes(call)
+    rank = len(operand.shape)
+    dropped = {axis for axis, length in enumerate(operand.shape) if length == 1}
+    if axes is not None:
+        wanted = {axis_of(axis, rank) for axis in axes}
+        if not wanted <= dropped:
+            raise InputError(f"drops axes {axes} of shape {operand.shape}, which are not all of length 1")
+        dropped = wanted
+    return _reshaped(operand, [length for axis, length in enumerate(operand.shape) if axis not in dropped])
+
+
+@operator("Unsqueeze", 1, 11, *_SHAPE_VERSIONS)
+def _unsqueeze(call: Call) -> Operand:
+    operand, axes = call.required(), _axes(call)
+    if axes is None:
+        raise InputError("axes are missing; the model file is damaged")
+    rank = len(operand.shape) + len(axes)
+    inserted = {axis_of(axis, rank) for axis in axes}
+    if len(inserted) < len(axes):
+        raise InputError(f"inserts axes {axes} twice; the model file is damaged")
+    lengths = iter(operand.shape)
+    return _reshaped(operand, [1 if axis in inserted else next(lengths) for axis in range(rank)])
+
+
+@operator("Transpose", 1, *_SHAPE_VERSIONS)
+def _transpose(call: Call) -> Operand:
+    operand, order = call.required(), call.node.integers("perm").tolist()
+    order = order or list(reversed(range(len(operand.shape))))
+    if sorted(order) != list(range(len(operand.shape))):
+        raise InputError(f"perm {order} for {len(operand.shape)} dimensions; the model file is damaged")
+    return operand.moved(lambda array: array.transpose(order))
+
+
+@operator("Concat", 4, 11, 13)
+def _concat(call: Call) -> Operand:
+    parts = [call.required(number) for number in range(len(call.operands))]
+    rank = len(parts[0].shape)
+    if rank == 0:
+        raise InputError("joins numbers without dimensions; the model file is damaged")
+    return joined(call.walk, parts, axis_of(call.node.integer("axis"), rank))
+
+
+def joined(walk: GraphWalk, parts: Sequence[Operand], axis: int) -> Operand:
+    """The parts laid end to end along an axis."""
+    if len({part.dtype for part in parts}) > 1:
+        raise InputError("joins tensors of different types; the model file is damaged")
+    constants = [part.array for part in parts if isinstance(part, Constant)]
+    tensors = [part for part in parts if isinstance(part, Tensor)]
+    try:
+        if not tensors:
+            check_size([sum(constant.size for constant in constants)], MAX_FOLDED)
+            return Constant(np.concatenate(constants, axis))
+        if constants:
+            raise UnsupportedModelError("joins computed and constant numbers; leave the constants out")
+        check_size([sum(tensor.size for tensor in tensors)])
+        if len({tensor.unrounded for tensor in tensors}) > 1:
+            tensors = [_rounded(walk, tensor) for tensor in tensors]
+        return replace(
+            tensors[0],
+            value=np.concatenate([tensor.value for tensor in tensors], axis),
+            column=np.concatenate([tensor.column for tensor in tensors], axis),
+            special=any(tensor.special for tensor in tensors),
+        )
+    except ValueError:
+        shapes = ", ".join(str(part.shape) for part in parts)
+        raise InputError(f"tensors of shapes {shapes} cannot be joined along axis {axis}") from None
+
+
+def _rounded(walk: GraphWalk, tensor: Tensor) -> Tensor:
+    return walk.computed(walk.settle(tensor), tensor.shape, tensor.dtype, tensor.special)
+
+
+@operator("Gather", 1, 11, 13)
+def _gather(call: Call) -> Operand:
+    operand = call.required()
+    return picked(operand, call.positions(), axis_of(call.node.integer("axis"), len(operand.shape)))
+
+
+def picked(operand: Operand, indices: NDArray[Any], axis: int) -> Operand:
+    """Elements of an operand along an axis, by constant positions (negative: from the end)."""
+    if not operand.shape:
+        raise InputError("picks elements of a number without dimensions; the model file is damaged")
+    length = operand.shape[axis]
+    if np.any((indices < -length) | (indices >= length)):
+        raise InputError(f"positions outside 0 .. {length - 1}; the model file is damaged")
+    others = math.prod(operand.shape[:axis] + operand.shape[axis + 1 :])
+    check_size([others, indices.size], MAX_COLUMNS if isinstance(operand, Tensor) else MAX_FOLDED)
+    return operand.moved(lambda array: np.take(array, indices, axis=axis))

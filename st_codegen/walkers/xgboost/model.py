@@ -1,0 +1,336 @@
+"""XGBoost: `.json` and `.ubj` files, XGBRegressor, XGBRFRegressor and Booster objects.
+
+Rules of prediction, from XGBoost 3.2: inputs are rounded to float32, compared by `<`, missing values take the default
+child, categories of the set go right (src/predictor/predict_fn.h, src/common/categorical.h); leaves are added in tree
+order to the base score, in float32 (src/predictor/cpu_predictor.cc). The base score in the file has passed the
+objective's link, whose inverse gives the start of the sum (`ProbToMargin`, src/objective/regression_loss.h).
+
+There are two paths. `Booster.predict` on a DMatrix refuses infinities; `XGBRegressor.predict` predicts in place, takes
+them, and stops at the best iteration. With dart they round differently (`Dart::PredictBatchImpl` and
+`Dart::InplacePredict`, src/gbm/gbtree.cc). With gblinear both go through a DMatrix.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from st_codegen.errors import InputError, MissingExtraError, UnsupportedModelError, errors_name
+from st_codegen.ir import (
+    FLOAT32_OVERFLOW,
+    Activation,
+    Comparison,
+    Feature,
+    FillMissing,
+    FloatArray,
+    Function,
+    Linear,
+    Precision,
+    Round,
+    Source,
+    SummationOrder,
+    TreeColumn,
+)
+from st_codegen.walkers.base import GraphBuilder, LoadedModel, walks
+from st_codegen.walkers.forest import ParsedTree, category_note, flatten
+from st_codegen.walkers.xgboost.document import READ_CATEGORY, BoosterModel, loads
+
+#: What an objective does to the sum of the trees; its inverse was applied to the base score.
+_LINKS: dict[str, Function] = {
+    "reg:squarederror": Function.IDENTITY,
+    "reg:linear": Function.IDENTITY,
+    "reg:squaredlogerror": Function.IDENTITY,
+    "reg:pseudohubererror": Function.IDENTITY,
+    "reg:absoluteerror": Function.IDENTITY,
+    "reg:quantileerror": Function.IDENTITY,
+    "reg:logistic": Function.LOGISTIC,
+    "reg:gamma": Function.EXP,
+    "reg:tweedie": Function.EXP,
+    "count:poisson": Function.EXP,
+}
+
+#: `kRtEps`, include/xgboost/base.h: how near to 0 and 1 the base score of reg:logistic may come.
+_LOGISTIC_MARGIN = np.float32(1e-6)
+
+
+@dataclass(frozen=True)
+class _Path:
+    """Which of the library's ways to predict is meant, and up to which round."""
+
+    sklearn: bool
+    missing: float = math.nan
+    best_round: int | None = None
+
+    @property
+    def sentinel(self) -> float | None:
+        """The number that means "missing" besides NaN, as the library compares it."""
+        return None if math.isnan(self.missing) else float(np.float32(self.missing))
+
+
+def load_file(path: Path, name: str) -> LoadedModel:
+    """Read an XGBoost `.json` or `.ubj` file. `predict` of the result needs the package xgboost; reading does not.
+
+    A file saved from XGBRegressor predicts as that class does, any other as Booster on a DMatrix. Raises InputError for
+    a file that is no such model or is damaged, UnsupportedModelError for classifiers, rankers and survival models.
+    """
+    with errors_name(path.name):
+        try:
+            data = path.read_bytes()
+        except OSError as error:
+            raise InputError(f"cannot be read: {error.strerror}") from None
+        model = loads(data, binary=path.suffix.lower() == ".ubj")
+        sklearn = "scikit_learn" in model.attributes
+        way = _Path(sklearn, best_round=_best_round(model) if sklearn else None)
+        return _loaded(model, way, name, lambda: _load_booster(path))
+
+
+def load_object(estimator: Any, name: str) -> LoadedModel:
+    """A fitted XGBRegressor, XGBRFRegressor or Booster as a model of its own; errors as in `load_file`."""
+    with errors_name(type(estimator).__name__):
+        model, way = _model_of(estimator)
+        booster = _booster(estimator)
+        return _loaded(model, way, name, lambda: booster)
+
+
+@walks("xgboost.XGBRegressor", "xgboost.XGBRFRegressor", "xgboost.Booster")
+def walk(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """Add a fitted XGBRegressor or XGBRFRegressor (up to its best iteration), or a Booster (all rounds)."""
+    with errors_name(type(estimator).__name__):
+        model, way = _model_of(estimator)
+        return _add(model, builder, value, way)
+
+
+def features_of(estimator: Any) -> tuple[str, ...] | None:
+    """Feature names of a fitted XGBRegressor, XGBRFRegressor or Booster; None where it was trained without names."""
+    names = _booster(estimator).feature_names
+    return None if names is None else tuple(names)
+
+
+def _booster(estimator: Any) -> Any:
+    if type(estimator).__name__ == "Booster":
+        return estimator
+    if not estimator.__sklearn_is_fitted__():
+        raise InputError("not fitted: call fit() before saving it")
+    return estimator.get_booster()
+
+
+def _model_of(estimator: Any) -> tuple[BoosterModel, _Path]:
+    booster = _booster(estimator)
+    model = loads(bytes(booster.save_raw("ubj")), binary=True)
+    if booster is estimator:
+        return model, _Path(sklearn=False)
+    missing = math.nan if estimator.missing is None else float(estimator.missing)
+    with np.errstate(over="ignore"):
+        if np.isinf(np.float32(missing)):
+            raise UnsupportedModelError(f"missing={missing}: use NaN or a finite number for missing values")
+    return model, _Path(True, missing, _best_round(model))
+
+
+def _best_round(model: BoosterModel) -> int | None:
+    """The attribute that early stopping leaves; gblinear ignores it."""
+    if "best_iteration" not in model.attributes or model.booster == "gblinear":
+        return None
+    text = model.attributes["best_iteration"]
+    rounds = len(model.round_starts) - 1
+    if not text.isdecimal() or len(text) > 9 or int(text) >= rounds:
+        raise InputError(f"learner.attributes.best_iteration: '{text[:40]}' in a model of {rounds} rounds")
+    return int(text)
+
+
+def _loaded(model: BoosterModel, way: _Path, name: str, load_booster: Callable[[], Any]) -> LoadedModel:
+    builder = GraphBuilder(model.n_features)
+    _add(model, builder, 0, way)
+    ir = builder.model(name, tuple(Feature(feature) for feature in model.names), _source(model, way))
+    return LoadedModel(ir, _Predictor(load_booster, model, way))
+
+
+def _load_booster(path: Path) -> Any:
+    try:
+        import xgboost
+    except ImportError:
+        raise MissingExtraError("xgboost", "xgboost", f"the prediction of {path.name} by XGBoost") from None
+    booster = xgboost.Booster()
+    try:
+        with xgboost.config_context(verbosity=0):  # it warns of files of older versions
+            booster.load_model(str(path))
+            # on a busy machine, threads that wait for each other cost more than they save
+            booster.set_param("nthread", "1")
+    except (xgboost.core.XGBoostError, OSError, ValueError) as error:
+        raise InputError(f"{path.name}: XGBoost cannot load it: {_first_line(error)}") from None
+    return booster
+
+
+def _first_line(error: Exception) -> str:
+    """An error of the library without its stack trace."""
+    return str(error).partition("\n")[0]
+
+
+class _Predictor:
+    """XGBoost's own prediction; a file is loaded at the first call."""
+
+    def __init__(self, load_booster: Callable[[], Any], model: BoosterModel, way: _Path) -> None:
+        self.load_booster = load_booster
+        self.n_outputs = model.n_outputs
+        self.feature_names, self.feature_types = model.feature_names, model.feature_types
+        self.in_place = way.sklearn and model.booster != "gblinear"
+        self.missing = way.missing
+        self.iteration_range = (0, 0 if way.best_round is None else way.best_round + 1)
+
+    @cached_property
+    def booster(self) -> Any:
+        return self.load_booster()
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        """Rows (rows, features) -> (rows, outputs)."""
+        if len(x) == 0:
+            return np.zeros((0, self.n_outputs))
+        rows = np.ascontiguousarray(x, np.float64)
+        booster = self.booster
+        import xgboost
+
+        try:
+            result = self._in_place(booster, rows) if self.in_place else self._by_matrix(booster, rows)
+        except xgboost.core.XGBoostError as error:
+            raise InputError(f"XGBoost cannot predict: {_first_line(error)}") from None
+        return np.asarray(result, np.float64).reshape(len(rows), self.n_outputs)
+
+    def _in_place(self, booster: Any, rows: FloatArray) -> Any:
+        return booster.inplace_predict(rows, iteration_range=self.iteration_range, missing=self.missing)
+
+    def _by_matrix(self, booster: Any, rows: FloatArray) -> Any:
+        import xgboost
+
+        matrix = xgboost.DMatrix(
+            rows, missing=self.missing, feature_names=self.feature_names, feature_types=self.feature_types, nthread=1
+        )
+        return booster.predict(matrix, iteration_range=self.iteration_range)
+
+
+def _source(model: BoosterModel, way: _Path) -> Source:
+    notes = [f"predicts as {'XGBRegressor.predict' if way.sklearn else 'Booster.predict on a DMatrix'}"]
+    if way.sentinel is not None:
+        notes.append(f"missing values: NaN and {way.sentinel:.9g}")
+    rounds = len(model.round_starts) - 1
+    if way.best_round is not None and way.best_round + 1 < rounds:
+        notes.append(f"early stopping: the first {way.best_round + 1} of {rounds} rounds are used")
+    notes += [
+        category_note(feature, categories)
+        for feature, categories in zip(model.names, model.categories, strict=False)
+        if categories
+    ]
+    return Source(
+        library="XGBoost",
+        version=model.version,
+        model_class=f"XGBoost model ({model.booster}, {model.objective})",
+        notes=tuple(notes),
+    )
+
+
+def _add(model: BoosterModel, builder: GraphBuilder, value: int, way: _Path) -> int:
+    """Add the booster and the objective's link; returns the value of the predictions."""
+    if builder.width(value) != model.n_features:
+        raise InputError(f"the model has {model.n_features} features, its input {builder.width(value)} columns")
+    if model.objective not in _LINKS:
+        raise UnsupportedModelError(
+            f"objective '{model.objective}' is not supported; supported: {', '.join(sorted(_LINKS))}"
+        )
+    link = _LINKS[model.objective]
+    base = _margin(link, model.base_score)
+    if value == 0 and (model.booster == "gblinear" or not way.sklearn):
+        builder.refuse_magnitude(FLOAT32_OVERFLOW)
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows float32 is refused as not finite
+        if model.linear is not None:
+            result = _add_linear(model.linear, builder, value, base[0], way.sentinel)
+        else:
+            result = _add_trees(model, builder, value, base, way)
+    if link is not Function.IDENTITY:
+        result = builder.add(Activation((result,), link, model.n_outputs, precision=Precision.FLOAT32))
+    return result
+
+
+def _margin(link: Function, base_score: FloatArray) -> FloatArray:
+    """The start of the sum, (outputs,): `ProbToMargin` in float32."""
+    if link is Function.IDENTITY:
+        return base_score
+    score = base_score.astype(np.float32)
+    if np.any(score < 0) or np.any(score > 1 if link is Function.LOGISTIC else score == 0):
+        expected = "0 .. 1" if link is Function.LOGISTIC else "a number above 0"
+        raise InputError(f"learner.learner_model_param.base_score: {base_score}, the objective needs {expected}")
+    if link is Function.LOGISTIC:
+        one = np.float32(1)
+        return -_logarithm(one / np.clip(score, _LOGISTIC_MARGIN, one - _LOGISTIC_MARGIN) - one)
+    return _logarithm(score)
+
+
+def _logarithm(values: NDArray[np.float32]) -> FloatArray:
+    """Natural logarithms rounded to float32, on every machine the same.
+
+    The library takes `logf` of the C library it runs on, which may be one ulp off: about one base score in a hundred
+    with glibc 2.36. Objectives with a link are never exact, so this adds to their bound, not to exact models.
+    """
+    return np.array([math.log(float(value)) for value in values], np.float32).astype(np.float64)
+
+
+def _add_linear(weights: FloatArray, builder: GraphBuilder, value: int, base: float, sentinel: float | None) -> int:
+    """gblinear: bias + base score, then products in feature order; a missing value adds nothing.
+
+    `GBLinear::PredictBatchInternal` (src/gbm/gblinear.cc) starts every output from the base score of the first.
+    """
+    width = len(weights) - 1
+    rounded = builder.add(Round((value,), width))
+    filled = builder.add(FillMissing((rounded,), width, sentinel=sentinel))
+    bias = (weights[-1] + base).astype(np.float32).astype(np.float64)
+    return builder.add(Linear((filled,), weights[:-1].T, bias, SummationOrder.SEQUENTIAL, Precision.FLOAT32))
+
+
+def _add_trees(model: BoosterModel, builder: GraphBuilder, value: int, base: FloatArray, way: _Path) -> int:
+    end = len(model.trees) if way.best_round is None else int(model.round_starts[way.best_round + 1])
+    if end == 0:
+        raise InputError("learner.attributes.best_iteration: no tree belongs to the rounds up to the best iteration")
+    trees = list(model.trees[:end])
+    if model.vector_leaves:
+        if model.tree_weight is not None:
+            raise UnsupportedModelError("dart with vector leaves (multi_output_tree)")
+        if any(tree.leaf_value.shape[1] != model.n_outputs for tree in trees):
+            raise UnsupportedModelError("trees with vector leaves beside trees with single ones")
+    if model.tree_weight is not None:
+        in_place_base = base[model.tree_output] if way.sklearn else None
+        trees = [
+            _weighted(tree, model.tree_weight[number], None if in_place_base is None else in_place_base[number])
+            for number, tree in enumerate(trees)
+        ]
+
+    def column(feature: int, reading: int, n_categories: int) -> TreeColumn:
+        sentinel = way.sentinel
+        return TreeColumn(
+            feature,
+            missing_interval=None if sentinel is None else (sentinel, sentinel),
+            n_categories=n_categories if reading == READ_CATEGORY else 0,
+        )
+
+    flat = flatten(trees, column, members_left=False, zero=0.0)
+    return builder.add(
+        flat.ensemble(
+            (value,),
+            base=base,
+            tree_output=model.tree_output[:end],
+            comparison=Comparison.LESS,
+            precision=Precision.FLOAT32,
+        )
+    )
+
+
+def _weighted(tree: ParsedTree, weight: float, in_place_base: float | None) -> ParsedTree:
+    """Leaves of a dart tree as they are added: leaf * weight, or, in place, ((base + leaf) - base) * weight."""
+    leaf = tree.leaf_value.astype(np.float32)
+    if in_place_base is not None:
+        base = np.float32(in_place_base)
+        leaf = (base + leaf) - base
+    return replace(tree, leaf_value=(leaf * np.float32(weight)).astype(np.float64))

@@ -1,0 +1,85 @@
+import math
+import re
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from st_codegen.emit.literals import KEYWORDS, check_text, identifier, real, unit_text
+from st_codegen.errors import InputError
+
+BITS = st.integers(0, 2**64 - 1).map(lambda bits: struct.unpack("<d", struct.pack("<Q", bits))[0])
+FINITE = BITS.filter(math.isfinite)
+
+
+@given(FINITE)
+def test_a_real_literal_reads_back_as_the_same_bits_and_has_the_form_strict_compilers_want(value):
+    text = real(value)
+    assert struct.pack("<d", float(text)) == struct.pack("<d", value)
+    assert re.fullmatch(r"-?\d+\.\d+(E-?\d+)?", text)
+
+
+def test_real_literals_are_the_shortest():
+    assert [real(v) for v in (0.1, 1e16, 1e-5, -2.5e-7, 100.0, -0.0)] == [
+        "0.1",
+        "1.0E16",
+        "1.0E-5",
+        "-2.5E-7",
+        "100.0",
+        "-0.0",
+    ]
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
+def test_numbers_that_st_cannot_write_are_refused(value):
+    with pytest.raises(InputError, match="cannot be written"):
+        real(value)
+
+
+@given(st.text(min_size=1, max_size=80))
+def test_identifiers_are_valid_or_refused(name):
+    try:
+        text = identifier(name, "name")
+    except InputError as error:
+        assert "name" in str(error)
+        return
+    assert re.fullmatch(r"[A-Za-z0-9]+(_[A-Za-z0-9]+)*", text)
+    assert text.upper() not in KEYWORDS
+    assert len(text) <= 48
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("if", "reserved word"),
+        ("Lreal", "reserved word"),
+        ("a*)b", r"contains '\*\)'"),
+        ("a]]>b", "contains ']]>'"),
+        ("a\nb", "line end"),
+        ("a\rb", "line end"),
+        ("größe", "ASCII"),
+        ("a\x00b", "ASCII"),
+        ("---", "no letter or digit"),
+        ("x" * 49, "longer than 48"),
+    ],
+)
+def test_bad_names_are_refused_with_the_reason(name, reason):
+    with pytest.raises(InputError, match=reason):
+        identifier(name, "feature name")
+
+
+def test_punctuation_becomes_single_underscores():
+    assert identifier("A39 (forward) -- v1.2", "name") == "A39_forward_v1_2"
+
+
+def test_units_are_written_in_ascii():
+    assert unit_text("°C", "unit") == "degC"
+    assert unit_text("N·m", "unit") == "N m"
+    with pytest.raises(InputError, match="unit"):
+        unit_text("℃", "unit")
+
+
+def test_text_that_would_open_a_comment_is_refused():
+    with pytest.raises(InputError, match=r"'\(\*'"):
+        check_text("a (* b", "note")

@@ -1,0 +1,81 @@
+import numpy as np
+import pytest
+
+from st_codegen.errors import InputError
+from st_codegen.proof.predict import Engine, predict, read_table, write_table
+from st_codegen.te.bundle import load
+
+ROWS = np.array([[500.0, 300.0, 26.0], [np.nan, 10.0, 30.0], [np.inf, -np.inf, 1e300], [100.0, 0.0, 25.0]])
+
+
+@pytest.mark.parametrize("names", [["speed_rpm", "torque_Nm", "temperature_C"], ["f0", "f1", "f2"]])
+def test_three_engines_give_the_same_numbers(lone_folder, names):
+    bundle = load(lone_folder)
+    columns = dict(zip(names, ROWS.T, strict=True))
+    results = [predict(bundle, columns, engine) for engine in Engine]
+    assert list(results[0]) == ["te"]
+    assert np.isfinite(results[0]["te"]).all()  # LightGBM takes NaN and infinities
+    for result in results[1:]:
+        assert np.array_equal(result["te"], results[0]["te"])
+
+
+def test_inputs_of_a_bundle_are_limited_to_their_range(bundle_folder):
+    bundle = load(bundle_folder)
+    inside = {"speed_rpm": [1800.0], "torque_Nm": [0.0], "temperature_C": [35.0]}
+    outside = {"speed_rpm": [9999.0], "torque_Nm": [-5.0], "temperature_C": [np.inf]}
+    for engine in Engine:
+        expected, got = (
+            predict(bundle, {name: np.array(v) for name, v in columns.items()}, engine) for columns in (inside, outside)
+        )
+        assert expected == got
+
+
+def test_several_outputs_are_numbered_and_refused_rows_are_nan(tmp_path):
+    sklearn = pytest.importorskip("sklearn.linear_model")
+    skops = pytest.importorskip("skops.io")
+    model = sklearn.LinearRegression().fit([[0.0], [1.0], [2.0]], [[0.0, 5.0], [1.0, 4.0], [2.0, 3.0]])
+    skops.dump(model, tmp_path / "line.skops")
+    bundle = load(tmp_path)
+    for engine in Engine:
+        result = predict(bundle, {"f0": np.array([1.0, np.nan, np.inf])}, engine)
+        assert list(result) == ["line[0]", "line[1]"]
+        assert result["line[0]"][0] == pytest.approx(1.0, abs=1e-14)
+        assert np.isnan(result["line[1]"][1:]).all()
+
+
+def test_missing_columns_are_all_named(lone_folder):
+    with pytest.raises(InputError, match="model 'te': no column torque_Nm, temperature_C; the header has speed_rpm"):
+        predict(load(lone_folder), {"speed_rpm": np.zeros(1)}, Engine.REFERENCE)
+
+
+def test_tables_keep_every_bit(tmp_path):
+    columns = {"a": np.array([0.1, np.nan, -np.inf, 5e-324]), "b[0]": np.array([1e300, -0.0, 1 / 3, 2.0**-1074])}
+    write_table(tmp_path / "new" / "t.csv", columns)
+    back = read_table(tmp_path / "new" / "t.csv")
+    assert list(back) == ["a", "b[0]"]
+    for name in columns:
+        assert np.array_equal(
+            back[name].view(np.int64)[~np.isnan(back[name])], columns[name].view(np.int64)[~np.isnan(columns[name])]
+        )
+    assert list((tmp_path / "new").iterdir()) == [tmp_path / "new" / "t.csv"]
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "first line must name"),
+        ("a,b\n1\n", "line 2: 1 values, the header has 2"),
+        ("a,b\n1,x\n2,\n", r"(?s)line 2, column b: 'x' is not a number.*line 3, column b: ''"),
+        ("a,a\n1,2\n", "names a feature twice"),
+    ],
+)
+def test_bad_tables_are_described(tmp_path, text, reason):
+    (tmp_path / "x.csv").write_text(text)
+    with pytest.raises(InputError, match=reason):
+        read_table(tmp_path / "x.csv")
+
+
+def test_a_table_without_rows_gives_a_table_without_rows(lone_folder, tmp_path):
+    (tmp_path / "x.csv").write_text("f0,f1,f2\n")
+    for engine in Engine:
+        assert predict(load(lone_folder), read_table(tmp_path / "x.csv"), engine)["te"].shape == (0,)

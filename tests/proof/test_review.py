@@ -1,0 +1,99 @@
+import re
+
+import pytest
+
+from st_codegen.emit.generate import generate
+from st_codegen.emit.targets import TARGETS
+from st_codegen.errors import GeneratedCodeError
+from st_codegen.proof.review import diff
+from st_codegen.te.bundle import load
+
+
+def make(models, out, *targets):
+    for target in targets or ("twincat",):
+        generate(load(models), TARGETS[target], out)
+    return out
+
+
+@pytest.mark.parametrize("target", ["twincat", "iec"])
+def test_equal_folders_have_no_difference(lone_folder, tmp_path, target):
+    found = diff(make(lone_folder, tmp_path / "a", target), make(lone_folder, tmp_path / "b", target))
+    assert not found.changed
+    assert found.as_json()["changed"] is False
+
+
+@pytest.mark.parametrize("target", ["twincat", "iec"])
+def test_a_changed_leaf_moves_the_output_where_the_leaf_is(lone_folder, lightgbm_text, tmp_path, target):
+    old = make(lone_folder, tmp_path / "a", target)
+    first = re.search(r"leaf_value=(\S+)", lightgbm_text)
+    value = float(first[1])
+    changed = repr(value + 0.25)[: len(first[1])].ljust(len(first[1]), "0")  # the file says how long each tree is
+    (lone_folder / "te.txt").write_text(lightgbm_text.replace(first[0], f"leaf_value={changed}", 1))
+    found = diff(old, make(lone_folder, tmp_path / "b", target))
+    (model,) = found.models
+    assert found.changed
+    assert model.facts == ()
+    (output,) = model.outputs
+    assert output.largest == pytest.approx(0.25, rel=1e-9)
+    assert 0 < output.mean < 0.25
+    # the largest change lies in the region of the changed leaf: the old and the new model differ there
+    from st_codegen.ir import reference
+
+    point = [[output.where[name] for name in ("speed_rpm", "torque_Nm", "temperature_C")]]
+    after = reference.evaluate(load(lone_folder).models[0].ir, point)
+    (lone_folder / "te.txt").write_text(lightgbm_text)
+    assert after - reference.evaluate(load(lone_folder).models[0].ir, point) == pytest.approx(0.25, rel=1e-9)
+
+
+def test_sizes_models_and_files_before_and_after(lone_folder, lightgbm_text, tmp_path):
+    (lone_folder / "gone.txt").write_text(lightgbm_text)
+    old = make(lone_folder, tmp_path / "a")
+    (lone_folder / "gone.txt").rename(lone_folder / "come.txt")
+    trees = lightgbm_text.split("Tree=")
+    shorter = "Tree=".join(trees[:-1]) + trees[-1][trees[-1].index("end of trees") :]
+    shorter = re.sub(r"tree_sizes=(.*) \d+", r"tree_sizes=\1", shorter)
+    (lone_folder / "te.txt").write_text(shorter)
+    found = diff(old, make(lone_folder, tmp_path / "b"))
+    assert (found.added, found.removed) == (("come",), ("gone",))
+    facts = {change.what: (change.before, change.after) for change in found.models[0].facts}
+    assert facts["trees"] == (5, 4)
+    assert facts["nodes"][0] > facts["nodes"][1]
+    assert facts["bytes of tables"][0] > facts["bytes of tables"][1]
+    assert found.files == {
+        "Models.plcproj": "changed",
+        "POUs/FB_Come.TcPOU": "added",
+        "POUs/FB_Gone.TcPOU": "removed",
+        "POUs/FB_Te.TcPOU": "changed",
+    }
+
+
+def test_ranges_and_the_bundle_before_and_after(bundle_folder, tmp_path):
+    old = make(bundle_folder, tmp_path / "a")
+    path = bundle_folder / "bundle.toml"
+    text = path.read_text(encoding="utf-8").replace("max = 35.0", "max = 40.0").replace("81.0", "156.0")
+    path.write_text(text, encoding="utf-8")
+    found = diff(old, make(bundle_folder, tmp_path / "b"))
+    assert [(c.what, c.before, c.after) for c in found.project] == [("reduction ratio", 81.0, 156.0)]
+    features = next(change for change in found.models[0].facts if change.what == "features")
+    assert (features.before[2]["range"], features.after[2]["range"]) == ([25.0, 35.0], [25.0, 40.0])
+    assert found.models[0].rows > 0
+
+
+def test_points_that_lose_their_answer_are_counted(lone_folder, tmp_path):
+    old = make(lone_folder, tmp_path / "a")
+    new = make(lone_folder, tmp_path / "b")
+    path = new / "twincat" / "POUs" / "FB_Te.TcPOU"
+    path.write_text(
+        path.read_text(encoding="utf-8").replace("bUsable := TRUE;", "bUsable := fSpeed_rpm < 900.0;"), encoding="utf-8"
+    )
+    found = diff(old, new)
+    assert 0 < found.models[0].rows_lost < found.models[0].rows
+    assert found.changed
+
+
+def test_folders_without_generated_files_or_common_targets_are_named(lone_folder, tmp_path):
+    old = make(lone_folder, tmp_path / "a", "twincat")
+    with pytest.raises(GeneratedCodeError, match="none in common"):
+        diff(old, make(lone_folder, tmp_path / "b", "iec"))
+    with pytest.raises(GeneratedCodeError, match="no generated files"):
+        diff(old, tmp_path / "nothing")

@@ -1,0 +1,145 @@
+import json
+import re
+
+import numpy as np
+import pytest
+
+from st_codegen.emit.generate import generate
+from st_codegen.emit.targets import TARGETS
+from st_codegen.errors import GeneratedCodeError
+from st_codegen.passes.choose import Layout, Options
+from st_codegen.proof.verify import ulps_between, verify
+from st_codegen.te.bundle import load
+
+
+@pytest.fixture
+def generated(lone_folder, tmp_path):
+    for target in TARGETS.values():
+        generate(load(lone_folder), target, tmp_path / "out", options=Options(Layout.TREES, ranks=False))
+    return tmp_path / "out"
+
+
+@pytest.fixture
+def tabled(lone_folder, tmp_path):
+    for target in TARGETS.values():
+        generate(load(lone_folder), target, tmp_path / "tables", options=Options(Layout.TABLE))
+    return tmp_path / "tables"
+
+
+def test_generated_code_passes_and_the_report_says_on_what(lone_folder, generated):
+    report = verify(load(lone_folder), generated, rows=500)
+    (model,) = report.models
+    assert report.passed
+    assert model.exact
+    assert model.must_be_exact
+    assert (model.max_abs_err, model.max_ulp, model.bound) == (0.0, 0, 0.0)
+    assert model.n >= 500
+    assert sorted(model.targets) == ["beckhoff-ml", "iec", "plcopen", "twincat"]
+    assert len(model.worst_input) == 3
+    content = json.loads(json.dumps(report.as_json()))
+    assert set(content["models"]["te"]) >= {"n", "max_abs_err", "max_ulp", "exact", "worst_input", "passed"}
+
+
+def change(path, pattern, by):
+    text = path.read_text(encoding="utf-8")
+    changed = re.sub(pattern, by, text, count=1)
+    assert changed != text
+    path.write_text(changed, encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("pattern", "by"),
+    [
+        (r"aSlot1\[SPLIT_1\[nNode\]\] <=", "aSlot1[SPLIT_1[nNode]] <"),
+        (r"nRoot := nRoot \+ TREE_SIZE_1\[nTree\]", "nRoot := nRoot + TREE_SIZE_1[nTree] - 1"),
+        (r"(THRESHOLD_1 [^\[]*\[[^\[]*\[\s*\(\* tree 0 \*\)\s*)(\d+)\.", r"\g<1>1\g<2>."),
+        (r"FOR nTree := 0 TO 4", "FOR nTree := 0 TO 3"),
+        (r"bValid := bUsable", "bValid := TRUE AND FALSE"),
+    ],
+    ids=["comparison", "tree size", "a threshold", "a tree less", "validity"],
+)
+@pytest.mark.parametrize("target", ["twincat", "iec"])
+def test_a_change_in_the_text_is_found_with_the_row_that_shows_it(lone_folder, generated, pattern, by, target):
+    path = {"twincat": generated / "twincat" / "POUs" / "FB_Te.TcPOU", "iec": generated / "iec" / "FB_Te.st"}[target]
+    change(path, pattern, by)
+    report = verify(load(lone_folder), generated, rows=2000)
+    assert not report.passed
+    assert any(target in failure.between and len(failure.input) == 3 for failure in report.models[0].failures)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "by"),
+    [
+        (r"IF fX > EDGE_1_0\[nRank\]", "IF fX >= EDGE_1_0[nRank]"),
+        (r"(EDGE_1_1 [^\[]*\[[^\[]*\[\s*)(\d+)\.", r"\g<1>1\g<2>."),
+        (r"(CELL_2 [^\[]*\[[^\[]*\[\s*\(\*[^*]*\*\)\s*)(-?\d)", r"\g<1>1\g<2>"),
+        (r"nCell := anRank1\[0\] \* \d+", "nCell := anRank1[0]"),
+        (r"IF abMissing\[1\]", "IF abMissing[0]"),
+    ],
+    ids=["comparison", "a threshold", "a cell", "a stride", "a missing value"],
+)
+@pytest.mark.parametrize("target", ["twincat", "iec"])
+def test_a_change_of_a_table_is_found(lone_folder, tabled, pattern, by, target):
+    path = {"twincat": tabled / "twincat" / "POUs" / "FB_Te.TcPOU", "iec": tabled / "iec" / "FB_Te.st"}[target]
+    assert verify(load(lone_folder), tabled, rows=300).passed
+    change(path, pattern, by)
+    report = verify(load(lone_folder), tabled, rows=2000)
+    assert any(target in failure.between and len(failure.input) == 3 for failure in report.models[0].failures)
+
+
+def test_text_that_would_stop_the_controller_is_an_error_with_its_place(lone_folder, generated):
+    path = generated / "twincat" / "POUs" / "FB_Te.TcPOU"
+    change(path, r"fOut1 := aStep1\[0\];", "fOut1 := aStep1[0] / (aInput[0] - aInput[0]);")
+    with pytest.raises(GeneratedCodeError, match=r"(?s)controller would stop in FB_Te.*FB_Te\.TcPOU:\d+"):
+        verify(load(lone_folder), generated, rows=50)
+
+
+def test_text_that_is_no_structured_text_is_an_error_with_its_place(lone_folder, generated):
+    change(generated / "iec" / "FB_Te.st", r"END_FOR;", "END_WHILE;")
+    with pytest.raises(GeneratedCodeError, match=r"(?s)not valid Structured Text.*FB_Te\.st:\d+"):
+        verify(load(lone_folder), generated, rows=50)
+
+
+def with_first_leaf(text, value):
+    """A LightGBM text with another first leaf; the file says how long each tree is, so the length stays."""
+    old = re.search(r"leaf_value=(\S+)", text)[1]
+    return text.replace(f"leaf_value={old}", f"leaf_value={repr(value)[: len(old)].ljust(len(old), '0')}", 1)
+
+
+def test_a_model_that_was_retrained_does_not_match_old_text(lone_folder, generated):
+    path = lone_folder / "te.txt"
+    text = path.read_text()
+    path.write_text(with_first_leaf(text, 0.125))
+    report = verify(load(lone_folder), generated, rows=500)
+    assert not report.passed
+
+
+def test_missing_blocks_and_missing_folders_are_named(lone_folder, generated, lightgbm_text, tmp_path):
+    (lone_folder / "other.txt").write_text(lightgbm_text)
+    with pytest.raises(GeneratedCodeError, match="no block FB_Other; the models have changed"):
+        verify(load(lone_folder), generated, rows=50)
+    with pytest.raises(GeneratedCodeError, match="run st-codegen generate"):
+        verify(load(lone_folder), tmp_path / "nowhere", rows=50)
+
+
+def test_a_bundle_is_verified_with_its_two_blocks(bundle_folder, tmp_path):
+    bundle = load(bundle_folder)
+    for target in TARGETS.values():
+        generate(bundle, target, tmp_path / "out")
+    report = verify(bundle, tmp_path / "out", rows=300)
+    assert report.passed
+    assert [model.name for model in report.models] == ["a", "b", "FB_TEPredict", "FB_Compensator"]
+    change(
+        tmp_path / "out" / "twincat" / "POUs" / "FB_HarmonicSum.TcPOU",
+        r"fSum_deg \+ aCosine\[1\]",
+        "fSum_deg - aCosine[1]",
+    )
+    report = verify(bundle, tmp_path / "out", rows=300)
+    assert [model.name for model in report.models if not model.passed] == ["FB_Compensator"]
+
+
+def test_ulps():
+    one = np.array([1.0, 0.0, -0.0, 5e-324, -1.0, 1e308])
+    other = np.array([np.nextafter(1.0, 2.0), -0.0, 5e-324, -5e-324, -1.0, -1e308])
+    assert list(ulps_between(one, other)) == [1, 0, 1, 2, 0, 2**62]
+    assert list(ulps_between(np.array([1.0, -0.5]), np.array([1.0 + 2.0**-23, -0.5 - 2.0**-23]))) == [1, 2]

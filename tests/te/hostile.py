@@ -1,0 +1,362 @@
+"""Sequences of arbitrary inputs for the blocks of the compensation, many at a time, and what must hold in each cycle.
+
+Every lane of the machine is a sequence of its own. In each cycle each input is either sensible or, with a probability
+of the lane, any 64 bits: NaN with any payload, infinities, denormals, huge numbers, -0.0, jumps, times that stand still
+or run backwards. A floating point exception, an overflow, an index out of range or a loop beyond its bound stops the
+interpreter. Run as `python -m tests.te.hostile` for 100,000 sequences and more.
+"""
+
+import sys
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from st_codegen.ir import Direction
+from st_codegen.st import LaneMachine
+from st_codegen.te.compensation.codes import EXPERIMENT_STATE
+from tests.te.projects import BOTH, ORDERS, loaded_with
+
+UNIT = 2.0**-53
+LOOPS = 64  # rounds of one loop; the bundle has 3 orders, the model 3 inputs and 10 outputs
+
+SPECIAL = np.array(
+    [
+        *(0.0, -0.0, 5e-324, -5e-324, 2.2e-308, -2.2e-308, 1.0, -1.0, 1e9, -1e9, np.nextafter(1e9, 2e9), 1e300, -1e300),
+        *(1.7976931348623157e308, -1.7976931348623157e308, np.inf, -np.inf, np.nan, -np.nan, 1e-6, 1e-7, 360.0, 1e6),
+        *(-1e6, np.pi, -np.pi, 2.0**31, -(2.0**31), 2.0**63, 4294967296.5),
+    ]
+)
+
+
+def hostile(random, size):
+    """Any 64 bits, with a liking for those at which something changes."""
+    bits = random.integers(0, 2**64, size, dtype=np.uint64, endpoint=False).view(np.float64)
+    with np.errstate(over="ignore"):
+        near = np.nextafter(random.choice(SPECIAL, size), random.choice([-np.inf, np.inf], size))
+    choice = random.integers(0, 4, size)
+    return np.select([choice == 0, choice == 1], [bits, near], random.choice(SPECIAL, size))
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """An input with the range in which it is used; outside, the last usable value holds."""
+
+    lower: float
+    upper: float
+    default: float
+
+
+PARAMETERS = {
+    "fCycle_s": Parameter(1e-6, 1.0, 0.0005),
+    "fCorrectionLimit_deg": Parameter(0.0, 360.0, 20.0),
+    "fSlewLimit_deg_s": Parameter(1.0, 1e6, 2000.0),
+    "fRampTime_s": Parameter(0.0, 10.0, 0.5),
+    "fHysteresis_rpm": Parameter(0.0, 1e6, 2.0),
+    "fBlendTime_s": Parameter(0.0, 10.0, 0.1),
+    "fLead_s": Parameter(0.0, 0.1, 0.0),
+}
+
+PAIR = """
+FUNCTION_BLOCK FB_Pair
+VAR_INPUT
+    bSlow : BOOL; fThetaOut_rad : LREAL; fSpeed_rpm : LREAL; fTorque_Nm : LREAL; fTemperature_C : LREAL;
+    fCycle_s : LREAL := 0.00025; bEnable : BOOL; bPublishedLaw : BOOL; fCorrectionLimit_deg : LREAL := 20.0;
+    fSlewLimit_deg_s : LREAL := 2000.0; fRampTime_s : LREAL := 0.5; fHysteresis_rpm : LREAL := 2.0;
+    fBlendTime_s : LREAL := 0.1; fLead_s : LREAL := 0.0; fAgeLimit_s : LREAL := 0.02;
+END_VAR
+VAR_OUTPUT
+    fTE_deg : LREAL; fCorrection_deg : LREAL; fWeight : LREAL; bActive : BOOL; bValid : BOOL; bInRange : BOOL;
+    fAge_s : LREAL; nTorn : DINT; eError : {error};
+END_VAR
+VAR
+    stExchange : ST_TEExchange; fbSlow : FB_CompensatorSlow; fbFast : FB_CompensatorFast;
+END_VAR
+IF bSlow THEN
+    fbSlow(fSpeed_rpm := fSpeed_rpm, fTorque_Nm := fTorque_Nm, fTemperature_C := fTemperature_C,
+        stExchange := stExchange);
+END_IF;
+fbFast(fThetaOut_rad := fThetaOut_rad, fSpeed_rpm := fSpeed_rpm, fCycle_s := fCycle_s, bEnable := bEnable,
+    bPublishedLaw := bPublishedLaw, fCorrectionLimit_deg := fCorrectionLimit_deg,
+    fSlewLimit_deg_s := fSlewLimit_deg_s, fRampTime_s := fRampTime_s, fHysteresis_rpm := fHysteresis_rpm,
+    fBlendTime_s := fBlendTime_s, fLead_s := fLead_s, fAgeLimit_s := fAgeLimit_s, stExchange := stExchange);
+fTE_deg := fbFast.fTE_deg;
+fCorrection_deg := fbFast.fCorrection_deg;
+fWeight := fbFast.fWeight;
+bActive := fbFast.bActive;
+bValid := fbFast.bValid;
+bInRange := fbFast.bInRange;
+fAge_s := fbFast.fAge_s;
+nTorn := fbFast.nTorn;
+eError := fbFast.eError;
+END_FUNCTION_BLOCK
+"""
+
+
+def pair(target):
+    """Both blocks of the two-task form around one exchange variable."""
+    return PAIR.format(error="E_TEError" if target == "twincat" else "DINT")
+
+
+def finite(block, outputs):
+    """All LREAL outputs are numbers."""
+    for name in outputs:
+        value = np.asarray(block[name])
+        if value.dtype.kind == "f":
+            assert np.isfinite(value).all(), (
+                f"{name} is not finite in sequence {np.flatnonzero(~np.isfinite(value))[0]}"
+            )
+
+
+class Kept:
+    """The usable values of parameters, as the description of the inputs says: the last one within its range."""
+
+    def __init__(self, parameters, lanes):
+        self.parameters = parameters
+        self.value = {name: np.full(lanes, item.default) for name, item in parameters.items()}
+
+    def see(self, given):
+        for name, item in self.parameters.items():
+            with np.errstate(invalid="ignore"):
+                usable = (given[name] >= item.lower) & (given[name] <= item.upper)
+            self.value[name] = np.where(usable, given[name], self.value[name])
+
+
+class Sequences:
+    """Inputs of FB_Compensator, or of both blocks of the two-task form, for many sequences.
+
+    Three phases: anything; a bad input throughout with sensible parameters; good inputs.
+    """
+
+    ANYTHING, BAD, GOOD = 40, 40, 20
+
+    def __init__(self, random, lanes, backward_only=False, forward_only=False):
+        self.random, self.lanes = random, lanes
+        self.rate = random.choice([0.0, 0.02, 0.3, 1.0], lanes)
+        self.theta = random.uniform(-10, 10, lanes) * 10.0 ** random.integers(0, 8, lanes)
+        self.speed = random.uniform(-1800, 1800, lanes) * random.choice([0.0, 0.01, 1.0], lanes)
+        self.acceleration = random.normal(0, 300, lanes) * random.choice([0.0, 1.0], lanes)
+        self.parameters = {name: self._parameter(name) for name in PARAMETERS}
+        self.bad = random.integers(0, 4, lanes)
+        self.sign = -1.0 if backward_only else 1.0 if forward_only else None
+
+    def _parameter(self, name):
+        item, random, lanes = PARAMETERS[name], self.random, self.lanes
+        typical = item.default * random.uniform(0.5, 2.0, lanes)
+        return np.where(random.random(lanes) < 0.3, random.uniform(item.lower, item.upper, lanes), typical)
+
+    def _mixed(self, value):
+        replaced = self.random.random(self.lanes) < self.rate
+        return np.where(replaced, hostile(self.random, self.lanes), value)
+
+    def sensible(self):
+        random, lanes = self.random, self.lanes
+        self.speed = self.speed + self.acceleration * 0.01
+        self.theta = self.theta + self.speed / 81.0 / 60.0 * 2 * np.pi * 0.0005
+        return {
+            "fThetaOut_rad": self.theta,
+            "fSpeed_rpm": self.speed,
+            "fTorque_Nm": random.uniform(-100, 2000, lanes),
+            "fTemperature_C": random.uniform(20, 40, lanes),
+        }
+
+    def anything(self):
+        given = {name: self._mixed(value) for name, value in (self.sensible() | self.parameters).items()}
+        given["bEnable"] = self.random.random(self.lanes) < 0.9
+        given["bPublishedLaw"] = self.random.random(self.lanes) < 0.3
+        return given
+
+    def settled(self):
+        """Parameters with which 40 cycles are enough to reach zero: 0.02 s each, 0.4 s of ramp, 0.18 s of slewing."""
+        fixed = {"fCycle_s": 0.02, "fCorrectionLimit_deg": 30.0, "fSlewLimit_deg_s": 2000.0, "fRampTime_s": 0.4}
+        fixed |= {"fHysteresis_rpm": 2.0, "fBlendTime_s": 0.1, "fLead_s": 0.0}
+        given = self.sensible() | {name: np.full(self.lanes, value) for name, value in fixed.items()}
+        return given | {"bEnable": np.ones(self.lanes, bool), "bPublishedLaw": np.zeros(self.lanes, bool)}
+
+    def faulty(self):
+        given = self.settled()
+        wrong = np.array([np.nan, np.inf, -np.inf, 1e12])[self.random.integers(0, 4, self.lanes)]
+        for number, name in enumerate(("fThetaOut_rad", "fSpeed_rpm", "fTorque_Nm", "fTemperature_C")):
+            given[name] = np.where(self.bad == number, wrong, given[name])
+        return given
+
+    def good(self):
+        given = self.settled()
+        speed = np.clip(given["fSpeed_rpm"], -1800, 1800)
+        speed = np.where(np.isfinite(speed), speed, 500.0)
+        given["fSpeed_rpm"] = speed if self.sign is None else self.sign * (np.abs(speed) + 5.0)
+        return given
+
+
+def run_compensator(target, lanes, seed, *, directions=BOTH, two_tasks=False):
+    """Sequences through FB_Compensator or the pair of the two-task form; raises AssertionError or StRuntimeError."""
+    random = np.random.default_rng(seed)
+    one = None if len(directions) == 2 else directions[0]
+    sequences = Sequences(random, lanes, one is Direction.BACKWARD, one is Direction.FORWARD)
+    machine = LaneMachine(loaded_with(target, pair(target), directions=directions), lanes=lanes, loop_limit=LOOPS)
+    block = machine.instance("FB_Pair" if two_tasks else "FB_Compensator")
+    outputs = [port.name for port in block.outputs]
+    kept, before = Kept(PARAMETERS, lanes), np.zeros(lanes)
+    age_limit = Kept({"fAgeLimit_s": Parameter(0.0, 10.0, 0.02)}, lanes)
+    phases = [sequences.anything] * sequences.ANYTHING + [sequences.faulty] * sequences.BAD
+    phases += [sequences.good] * sequences.GOOD
+    for cycle, phase in enumerate(phases):
+        given = phase()
+        kept.see(given)
+        if two_tasks:
+            _disturb(block, random, lanes, cycle < sequences.ANYTHING)
+        block(**given)
+        finite(block, outputs)
+        correction = block["fCorrection_deg"]
+        step = kept.value["fSlewLimit_deg_s"] * kept.value["fCycle_s"]
+        change = np.abs(correction - before)
+        # c + step and c - step are rounded once
+        assert np.all(change <= step + UNIT * (np.abs(correction) + np.abs(before) + step)), cycle
+        limit = np.maximum(kept.value["fCorrectionLimit_deg"], np.abs(before) - step)
+        assert np.all(np.abs(correction) <= limit * (1 + 2 * UNIT)), cycle
+        assert np.all((block["fWeight"] >= 0.0) & (block["fWeight"] <= 1.0))
+        assert np.array_equal(block["bValid"], block["eError"] == 0)
+        if two_tasks:
+            age_limit.see({"fAgeLimit_s": block["fAgeLimit_s"]})
+            assert not np.any(block["bValid"] & (block["fAge_s"] > age_limit.value["fAgeLimit_s"])), cycle
+        if cycle == sequences.ANYTHING + sequences.BAD - 1:
+            assert not np.any(correction), "not faded out"
+            assert not np.any(block["bValid"])
+            assert not np.any(block["bActive"])
+        back = cycle - sequences.ANYTHING - sequences.BAD + 1
+        if back > 0:
+            # comes back with the ramp: 0.02 s of 0.4 s a cycle
+            assert np.all(np.abs(correction) <= 30.0 * back * 0.05 * (1 + 4 * back * UNIT)), back
+            assert np.all(block["bValid"])
+            assert np.all(block["bActive"])
+        before = correction.copy()
+    return lanes * len(phases)
+
+
+def _disturb(block, random, lanes, anything):
+    """The slow task comes or does not; in the first phase somebody may write anything into the exchange variable."""
+    block["bSlow"] = random.random(lanes) < 0.7 if anything else True
+    if not anything:
+        block["fAgeLimit_s"] = 0.02
+        return
+    block["fAgeLimit_s"] = np.where(random.random(lanes) < 0.1, hostile(random, lanes), 0.02)
+    if random.random() < 0.3:
+        buffer = random.choice(["stOdd", "stEven"])
+        name = random.choice(["aCosineFw", "aSineFw", "aCosineBw", "aSineBw"])
+        old = np.asarray(block[f"stExchange.{buffer}.{name}"])
+        wrong = hostile(random, old.size).reshape(old.shape)
+        block[f"stExchange.{buffer}.{name}"] = np.where(random.random(old.shape) < 0.3, wrong, old)
+        numbers = random.integers(-(2**30), 2**30, lanes) * 2 + (buffer == "stOdd")
+        chosen = random.random(lanes) < 0.3
+        for path in ("stExchange.nSequence", f"stExchange.{buffer}.nNumber"):
+            block[path] = np.where(chosen, numbers, np.asarray(block[path])).astype(np.int32)
+
+
+LOAD_PARAMETERS = {
+    "fCycle_s": Parameter(1e-6, 1.0, 0.0005),
+    "fTorqueLimit_Nm": Parameter(0.0, 2000.0, 2000.0),
+    "fRate_Nm_s": Parameter(1.0, 1e5, 200.0),
+}
+
+
+def run_load_torque(target, lanes, seed, cycles=60):
+    """Sequences through FB_LoadTorque: anything, then nothing but bad torques until it is at zero."""
+    random = np.random.default_rng(seed)
+    block = LaneMachine(loaded_with(target, pair(target)), lanes=lanes, loop_limit=LOOPS).instance("FB_LoadTorque")
+    kept, before = Kept(LOAD_PARAMETERS, lanes), np.zeros(lanes)
+    rate = random.choice([0.0, 0.1, 1.0], lanes)
+    for cycle in range(cycles):
+        typical = {name: item.default * random.uniform(0.5, 1.0, lanes) for name, item in LOAD_PARAMETERS.items()}
+        typical["fTorque_Nm"] = random.uniform(-2500, 2500, lanes)
+        given = {n: np.where(random.random(lanes) < rate, hostile(random, lanes), v) for n, v in typical.items()}
+        if cycle >= cycles - 5:
+            fixed = {"fCycle_s": 1.0, "fTorqueLimit_Nm": 2000.0, "fRate_Nm_s": 500.0, "fTorque_Nm": np.nan}
+            given = {name: np.full(lanes, value) for name, value in fixed.items()}
+        kept.see(given)
+        block(bEnable=random.random(lanes) < 0.9, **given)
+        finite(block, [port.name for port in block.outputs])
+        torque = block["fShaftTorque_Nm"]
+        step = kept.value["fRate_Nm_s"] * kept.value["fCycle_s"]
+        assert np.all(np.abs(torque - before) <= step + UNIT * (np.abs(torque) + np.abs(before) + step)), cycle
+        limit = np.maximum(kept.value["fTorqueLimit_Nm"], np.abs(before) - step)
+        assert np.all(np.abs(torque) <= limit * (1 + 2 * UNIT)), cycle
+        assert np.all(np.abs(block["fMotorTorque_Nm"] - torque / 156.0) <= UNIT * np.abs(torque))
+        before = torque.copy()
+    assert not np.any(before), "not at zero"
+    return lanes * cycles
+
+
+def run_experiment(target, lanes, seed, cycles=60):
+    """Sequences through FB_Experiment that start in any step; at the end an abort must bring the speed to zero."""
+    random = np.random.default_rng(seed)
+    block = LaneMachine(loaded_with(target, pair(target)), lanes=lanes, loop_limit=LOOPS).instance("FB_Experiment")
+    states = {code.name: code.value for code in EXPERIMENT_STATE.all}
+    measuring = [states["WAIT_ZERO"], states["MEASURE"]]
+    rate = random.choice([0.0, 0.02, 0.2, 1.0], lanes)
+    names = [port.name for port in block.inputs if np.asarray(block[port.name]).dtype.kind == "f"]
+    typical = {
+        **{name: np.asarray(block[name]) for name in names},
+        "fSpeed_rpm": random.uniform(5, 2000, lanes),
+        "fTorque_Nm": random.uniform(-10, 2200, lanes),
+        "fTemperature_C": random.uniform(20, 40, lanes),
+        "fOil_C": random.uniform(20, 40, lanes),
+        "fCycle_s": 10.0 ** random.uniform(-4, 0, lanes),
+    }
+    angle, before = random.uniform(-100, 100, lanes), np.zeros(lanes)
+    kept = Kept({"fCycle_s": Parameter(1e-6, 1.0, 0.0005)}, lanes)
+    end = cycles - 20
+    for cycle in range(cycles):
+        if cycle == 3:
+            # the acceleration of the sequences is known from the check, that of the others is the initial one
+            block["eState"] = random.integers(0, len(states), lanes).astype(np.int32)
+        angle = angle + block["fMotorSpeed_rpm"] / 60 * 2 * np.pi * np.minimum(typical["fCycle_s"], 0.01)
+        typical |= {"fThetaIn_rad": angle, "fThetaOut_rad": angle / 81.0, "fShaftTorque_Nm": block["fLoadTorque_Nm"]}
+        given = {n: np.where(random.random(lanes) < rate, hostile(random, lanes), typical[n]) for n in names}
+        if cycle >= end:
+            given["fCycle_s"] = np.ones(lanes)
+        kept.see(given)
+        block(
+            bStart=random.random(lanes) < 0.95, bAbort=cycle >= end, bEncodersReady=random.random(lanes) < 0.99, **given
+        )
+        finite(block, [port.name for port in block.outputs])
+        speed = block["fMotorSpeed_rpm"]
+        step = block["fAcceleration"] * kept.value["fCycle_s"]
+        assert np.all(np.abs(speed - before) <= step + UNIT * (np.abs(speed) + np.abs(before) + step)), cycle
+        assert np.all(np.abs(speed) <= 1800.0)
+        assert np.all(np.abs(block["fLoadTorque_Nm"]) <= 2000.0)
+        assert np.all((block["eState"] >= 0) & (block["eState"] < len(states)))
+        assert not np.any(block["bDataValid"] & ~np.isin(block["eState"], measuring))
+        assert not np.any(block["bDataValid"] & ~block["bBusy"])
+        before = speed.copy()
+        if cycle >= end:
+            assert not np.any(block["fLoadTorque_Nm"])
+            assert not np.any(block["bDataValid"])
+    assert not np.any(block["bBusy"] & (before == 0.0) & (cycles - end > 2)), "still busy"
+    return lanes * cycles
+
+
+KINDS = {
+    "FB_Compensator": run_compensator,
+    "FB_Compensator, forward only": lambda *a: run_compensator(*a, directions=(Direction.FORWARD,)),
+    "FB_Compensator, backward only": lambda *a: run_compensator(*a, directions=(Direction.BACKWARD,)),
+    "FB_CompensatorSlow and FB_CompensatorFast": lambda *a: run_compensator(*a, two_tasks=True),
+    "FB_LoadTorque": run_load_torque,
+    "FB_Experiment": run_experiment,
+}
+
+
+def main(sequences=100_000, lanes=4_000):
+    """Run at least that many sequences, shared by all kinds and both dialects; prints a closing line."""
+    started, calls, done = time.monotonic(), 0, 0
+    jobs = [(kind, target) for kind in KINDS for target in ("twincat", "iec")]
+    rounds = -(-sequences // (lanes * len(jobs)))
+    for number in range(rounds):
+        for index, (kind, target) in enumerate(jobs):
+            calls += KINDS[kind](target, lanes, 1000 * number + index)
+            done += lanes
+            print(f"{done:9,} sequences, {time.monotonic() - started:6.1f} s: {kind}, {target}", flush=True)
+    print(f"soak: {done:,} sequences, {calls:,} calls of a block with orders {ORDERS}: nothing violated")
+
+
+if __name__ == "__main__":
+    main(*(int(argument) for argument in sys.argv[1:]))

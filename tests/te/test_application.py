@@ -1,0 +1,69 @@
+"""What belongs to the application of a bundle: programs, tasks, signals, in both dialects."""
+
+import dataclasses
+import re
+
+import pytest
+
+from st_codegen.ir import Direction, ProjectIR
+from st_codegen.st.portable import violations
+from st_codegen.st.source import read_texts
+from st_codegen.te.compensation.programs import SINGLE_TASK, TWO_TASKS
+from tests.te.projects import BOTH, PAPER_ORDERS, loaded, project, texts
+
+SHAPES = [
+    ((0,), BOTH),
+    ((1,), (Direction.BACKWARD,)),
+    ((240, 3), BOTH),
+    (PAPER_ORDERS, BOTH),
+]
+
+
+@pytest.mark.parametrize(("orders", "directions"), SHAPES)
+def test_bundles_of_any_shape_give_text_that_is_checked_portable_and_narrow(orders, directions):
+    for target in ("twincat", "iec"):
+        loaded(target, orders, directions)
+        for path, text in texts(project(orders, directions), target).items():
+            wide = [line for line in text.splitlines() if len(line) > 100 and "<" not in line]
+            assert not wide, path
+            assert "RETURN" not in text
+            assert not re.search(r"[ \t]$", text, re.M), path
+    (text,) = texts(project(orders, directions), "iec").values()
+    assert violations(read_texts({"a.st": text})) == ()
+
+
+def tasks_of(files):
+    return {
+        path: (re.search(r"<CycleTime>(\d+)", text)[1], re.findall(r"<Name>(\w+)</Name>", text))
+        for path, text in files.items()
+        if path.endswith(".TcTTO")
+    }
+
+
+def test_one_task_or_two_call_the_programs():
+    ir = project()
+    assert tasks_of(texts(ir, "twincat")) == {"PlcTask.TcTTO": ("500", ["PRG_Experiment", "PRG_Main"])}
+    two = ProjectIR(ir.models, dataclasses.replace(ir.transmission_error, tasks=2))
+    assert tasks_of(texts(two, "twincat")) == {
+        "FastTask.TcTTO": ("250", ["PRG_Fast"]),
+        "SlowTask.TcTTO": ("500", ["PRG_Experiment", "PRG_Slow"]),
+    }
+    # a smaller number is more urgent
+    assert TWO_TASKS[0].priority < TWO_TASKS[1].priority
+    assert SINGLE_TASK[0].cycle_us == TWO_TASKS[1].cycle_us
+
+
+def test_programs_know_the_cycle_times_of_their_tasks():
+    files = texts(project(), "twincat")
+    cycles = {task.cycle_us: task.programs for task in (*SINGLE_TASK, *TWO_TASKS)}
+    for microseconds, programs in cycles.items():
+        for program in programs:
+            found = re.search(r"CYCLE_S : LREAL := (\S+);", files[f"POUs/{program}.TcPOU"])
+            assert found is None or float(found[1]) == pytest.approx(microseconds * 1e-6)
+
+
+def test_the_portable_file_leaves_out_what_needs_global_variables():
+    (text,) = texts(project(), "iec").values()
+    assert re.findall(r"^PROGRAM (\w+)", text, re.M) == ["PRG_Main", "PRG_Experiment"]
+    assert "VAR_GLOBAL" not in text
+    assert "E_TEError" not in text

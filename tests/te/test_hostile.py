@@ -1,0 +1,52 @@
+"""A small number of hostile sequences, the long run being `make soak`; and that the checks notice what they should."""
+
+import numpy as np
+import pytest
+
+from st_codegen.st import StRuntimeError
+from tests.te import hostile
+from tests.te.hostile import KINDS, run_compensator
+
+
+@pytest.mark.parametrize("target", ["twincat", "iec"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_input_whatever_breaks_a_limit(kind, target):
+    assert KINDS[kind](target, 300, 7) >= 300 * 60
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("good", "bad"),
+    [
+        ("MIN(MAX(fTarget, fCorrection_deg - fStep), fCorrection_deg + fStep)", "fTarget"),
+        ("MIN(MAX(fFull * fFade, -fLimit), fLimit)", "fFull * fFade * 1.1"),
+        ("F_IsWithin(fValue := fThetaOut_rad, fLower := -1000000000.0, fUpper := 1000000000.0)", "TRUE"),
+        ("bFading := TRUE", "bFading := FALSE"),
+        ("fFade := MAX(fFade - fStep, 0.0)", "fFade := MAX(fFade - fStep, 0.01)"),
+        ("fStep := fCycle / MAX(fRamp, fCycle);", "fStep := 4.0 * fCycle / MAX(fRamp, fCycle);"),
+        ("fAge_s > fAgeLimit", "FALSE"),
+        ("bSound := bSound AND", "bSound := TRUE OR"),
+    ],
+)
+def test_the_checks_notice_a_mutation(good, bad, monkeypatch):
+    from tests.te import projects
+
+    original = projects.texts
+
+    def mutated(ir, target):
+        texts = original(ir, target)
+        assert any(good in text for text in texts.values())
+        return {path: text.replace(good, bad) for path, text in texts.items()}
+
+    monkeypatch.setattr(projects, "texts", mutated)
+    monkeypatch.setattr(hostile, "loaded_with", projects.loaded_with.__wrapped__)
+    with pytest.raises((AssertionError, StRuntimeError)):
+        run_compensator("iec", 300, 7, two_tasks="fAge" in good or "bSound" in good)
+
+
+def test_hostile_values_hold_what_the_description_says():
+    values = hostile.hostile(np.random.default_rng(0), 20_000)
+    tiny = (np.abs(values) < 2.2e-308) & (values != 0)
+    zero = (values == 0) & np.signbit(values)
+    for kind in (np.isnan(values), values == np.inf, values == -np.inf, tiny, zero, np.abs(values) > 1e200):
+        assert kind.sum() > 100

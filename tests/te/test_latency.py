@@ -1,0 +1,111 @@
+"""Delays through tasks: the paper's, and cases small enough to count by hand."""
+
+import json
+
+import pytest
+
+from st_codegen.cli.main import main
+from st_codegen.errors import InputError
+from st_codegen.te.latency import Exchange, TaskTiming, latency, paper_latency
+
+BUS, FAST, SLOW = TaskTiming("bus", 250.0), TaskTiming("fast", 250.0), TaskTiming("slow", 500.0)
+
+
+def test_the_papers_delay_and_frequency():
+    found = paper_latency()
+    assert found.best_us == pytest.approx(1325.3)
+    assert round(found.frequency_hz, 1) == 754.5
+    assert round(found.output_speed_rpm(240), 1) == 188.6
+    # each correction is used in two fast cycles
+    assert found.worst_us == pytest.approx(1575.3)
+    assert found.mean_us == pytest.approx(1450.3)
+
+
+def test_one_task_hands_over_at_its_next_start():
+    assert latency([FAST]).worst_us == 250.0
+    assert latency([FAST], output_us=75.3).worst_us == pytest.approx(325.3)
+    assert latency([BUS, FAST], output_us=75.3).worst_us == pytest.approx(575.3)
+    assert latency([SLOW]).best_us == latency([SLOW]).worst_us == 500.0
+
+
+def test_handing_over_at_the_end_saves_the_rest_of_each_cycle():
+    fast, slow = TaskTiming("fast", 250.0, run_us=40.0), TaskTiming("slow", 500.0, 100.0, 120.0)
+    found = latency([fast, slow, fast], exchange=Exchange.AT_END)
+    # read at 0: handed over at 40, read by slow at 100, ready at 220, read by fast at 250, ready at 290;
+    # fast uses it again at 500, ready at 540
+    assert (found.best_us, found.worst_us, found.mean_us) == (290.0, 540.0, 415.0)
+
+
+def test_values_that_are_overwritten_do_not_count():
+    # of those read at 0, 250, .. the slow task gets every second one: handed over by fast at 500, read by slow at 500
+    assert latency([FAST, SLOW]).worst_us == latency([FAST, SLOW]).best_us == 750.0
+    # a first task that is slower than the second is read twice
+    assert (latency([SLOW, FAST]).best_us, latency([SLOW, FAST]).worst_us) == (750.0, 1000.0)
+
+
+def test_an_offset_of_the_slow_task_changes_who_waits():
+    aligned = latency([TaskTiming("fast", 500.0), TaskTiming("slow", 500.0, 100.0), TaskTiming("fast", 500.0)])
+    # 0 -> 500, 600 -> 1100, 1500 -> 2000
+    assert aligned.best_us == aligned.worst_us == 2000.0
+    # 0 -> 250, 350 -> 850, 1000 -> 1250, and again at 1500
+    late = latency([FAST, TaskTiming("slow", 500.0, 350.0), FAST])
+    assert (late.best_us, late.worst_us) == (1250.0, 1500.0)
+
+
+def test_a_lead_of_the_mean_delay_leaves_no_phase():
+    found = paper_latency()
+    assert found.phase_deg(240, 22.2) == pytest.approx(240 * 22.2 / 60 * 360 * 1450.3e-6)
+    assert found.phase_deg(240, 22.2, lead_s=1450.3e-6) == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: TaskTiming("a", 0.0), "cycle time"),
+        (lambda: TaskTiming("a", float("nan")), "cycle time"),
+        (lambda: TaskTiming("a", 100.0, 100.0), "offset"),
+        (lambda: TaskTiming("a", 100.0, 0.0, 101.0), "run time"),
+        (lambda: latency([]), "no task"),
+        (lambda: latency([FAST], output_us=-1.0), "output time"),
+        (lambda: latency([TaskTiming("a", 99999.9), TaskTiming("b", 77777.3)]), "common period"),
+        (lambda: paper_latency().output_speed_rpm(0), "order 0"),
+    ],
+)
+def test_times_that_make_no_sense_are_refused(make, message):
+    with pytest.raises(InputError, match=message):
+        make()
+
+
+def run(*arguments):
+    with pytest.raises(SystemExit) as exit_:
+        main(["latency", *arguments])
+    return exit_.value.code
+
+
+def test_the_command_prints_the_papers_numbers(capsys):
+    assert run("--fast", "250", "--slow", "500", "--output", "75.3") == 0
+    printed = capsys.readouterr().out
+    assert "1325.3 us of a new value" in printed
+    assert "754.5 Hz" in printed
+    assert "188.6 rpm" in printed
+    assert "fLead_s := 0.0014503" in printed
+
+
+def test_the_command_prints_json(capsys):
+    assert run("--fast", "250", "--bus", "0", "--json", "--order", "40") == 0
+    numbers = json.loads(capsys.readouterr().out)
+    assert numbers == {
+        "best_us": 250.0,
+        "mean_us": 250.0,
+        "worst_us": 250.0,
+        "frequency_hz": 4000.0,
+        "order": 40,
+        "output_speed_rpm": 6000.0,
+        "lead_s": 0.00025,
+    }
+
+
+def test_times_that_make_no_sense_end_the_command_with_a_message(capsys):
+    assert run("--fast", "0") == 2
+    assert "cycle time" in capsys.readouterr().err
+    assert run("--fast", "250", "--slow", "500", "--slow-offset", "600") == 2
