@@ -14,7 +14,7 @@ import numpy as np
 from st_codegen.beckhoff_ml.model import load_file
 from st_codegen.errors import InputError
 from st_codegen.st import Library, NativeBlock, NativeCall
-from st_codegen.st.natives import Host
+from st_codegen.st.run.natives import Host
 from st_codegen.walkers.base import Predictor
 
 _TEXT = """

@@ -12,10 +12,10 @@ from st_codegen.cost.memory import Loop, Place, Touch, Touches, new_version
 from st_codegen.cost.operations import Counts, Operation, no_counts, size_of
 from st_codegen.cost.paths import Cost, Costs, Flow, Outcomes
 from st_codegen.cost.ranges import Interval
-from st_codegen.st import typed as t
-from st_codegen.st import walk
-from st_codegen.st.flow import overriding
-from st_codegen.st.nodes import PouKind
+from st_codegen.st.check import typed as t
+from st_codegen.st.check import walk
+from st_codegen.st.check.flow import overriding
+from st_codegen.st.syntax.nodes import PouKind
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from st_codegen.st.check import check
+from st_codegen.st.check.check import check
+from st_codegen.st.check.typed import Project
+from st_codegen.st.check.types import Dialect
 from st_codegen.st.errors import (
     Position,
     Problem,
@@ -15,12 +17,10 @@ from st_codegen.st.errors import (
     StSyntaxError,
     StUsageError,
 )
-from st_codegen.st.lanes import LaneMachine
-from st_codegen.st.natives import Library, NativeBlock, NativeCall
-from st_codegen.st.scalar import ScalarMachine
-from st_codegen.st.source import Source, read_paths, read_texts
-from st_codegen.st.typed import Project
-from st_codegen.st.types import Dialect
+from st_codegen.st.run.lanes import LaneMachine
+from st_codegen.st.run.natives import Library, NativeBlock, NativeCall
+from st_codegen.st.run.scalar import ScalarMachine
+from st_codegen.st.syntax.source import Source, read_paths, read_texts
 
 __all__ = [
     "Dialect",

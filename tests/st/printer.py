@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import singledispatch
 
-from st_codegen.st import nodes as n
+from st_codegen.st.syntax import nodes as n
 
 
 @singledispatch

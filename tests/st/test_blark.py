@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from st_codegen.st import StSyntaxError
-from st_codegen.st.source import read_texts
+from st_codegen.st.syntax.source import read_texts
 from tests.st.programs import HEADER, LOCALS
 from tests.st.test_portable import GOOD
 from tests.st.test_source import DUT, GVL, POU

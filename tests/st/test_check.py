@@ -3,9 +3,10 @@ from __future__ import annotations
 
 import pytest
 
-from st_codegen.st import StCheckError, parse_project, walk
-from st_codegen.st import typed as t
-from st_codegen.st.types import DINT, INT, LREAL, REAL, UDINT, Dialect, common_type, converts_implicitly
+from st_codegen.st import StCheckError, parse_project
+from st_codegen.st.check import typed as t
+from st_codegen.st.check import walk
+from st_codegen.st.check.types import DINT, INT, LREAL, REAL, UDINT, Dialect, common_type, converts_implicitly
 from tests.st.helpers import block, problems, project
 
 VARIABLES = (

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from st_codegen.st import LaneMachine, StRuntimeError
-from st_codegen.st.lanes import evaluate_rows
+from st_codegen.st.run.lanes import evaluate_rows
 from tests.st.helpers import block, project
 
 ROWS = np.arange(-20, 60)

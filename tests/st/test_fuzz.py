@@ -18,10 +18,10 @@ from st_codegen.st import (
     StSyntaxError,
     parse_project,
 )
-from st_codegen.st.parser import STARTS, _lark, parse_segment
-from st_codegen.st.scan import Segment
-from st_codegen.st.source import read_texts
-from st_codegen.st.statements import MAX_LOOPS, MAX_NESTED
+from st_codegen.st.check.statements import MAX_LOOPS, MAX_NESTED
+from st_codegen.st.syntax.parser import STARTS, _lark, parse_segment
+from st_codegen.st.syntax.scan import Segment
+from st_codegen.st.syntax.source import read_texts
 from tests.st.examples import PLAIN
 from tests.st.programs import programs
 from tests.st.test_source import DUT, GVL, POU

@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 
 from st_codegen.st import StSyntaxError
-from st_codegen.st import nodes as n
-from st_codegen.st.parser import MAX_DEPTH, _lark, parse_segment, reserved_words
-from st_codegen.st.scan import Segment
+from st_codegen.st.syntax import nodes as n
+from st_codegen.st.syntax.parser import MAX_DEPTH, _lark, parse_segment, reserved_words
+from st_codegen.st.syntax.scan import Segment
 from tests.st.examples import METHOD_HEAD, PARTS, PLAIN
 from tests.st.printer import lines, show
 

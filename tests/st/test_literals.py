@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as s
 
-from st_codegen.st.literals import parse_characters, parse_duration, parse_integer, parse_real
+from st_codegen.st.syntax.literals import parse_characters, parse_duration, parse_integer, parse_real
 
 
 @given(s.integers(0, 2**64 - 1), s.sampled_from([(2, "b"), (8, "o"), (16, "x")]))

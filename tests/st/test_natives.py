@@ -5,8 +5,8 @@ import pytest
 
 from st_codegen.errors import InputError
 from st_codegen.st import LaneMachine, Library, NativeBlock, NativeCall, ScalarMachine, parse_project
-from st_codegen.st.library import TC2_STANDARD, TCUNIT, TestSuite
-from st_codegen.st.natives import Host
+from st_codegen.st.run.library import TC2_STANDARD, TCUNIT, TestSuite
+from st_codegen.st.run.natives import Host
 
 MS = 1_000_000
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 import pytest
 
 from st_codegen.st import StCheckError
-from st_codegen.st.portable import violations
-from st_codegen.st.source import read_texts
+from st_codegen.st.dialects.portable import violations
+from st_codegen.st.syntax.source import read_texts
 
 GOOD = """
 (* a forest *)

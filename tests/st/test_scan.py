@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as s
 
 from st_codegen.st import StSyntaxError
-from st_codegen.st.scan import CommentKind, Segment, scan
+from st_codegen.st.syntax.scan import CommentKind, Segment, scan
 
 
 def scanned(text: str):

@@ -6,8 +6,8 @@ import pytest
 
 from st_codegen.errors import InputError
 from st_codegen.st import LaneMachine, StCheckError, StSyntaxError, load_project, parse_project
-from st_codegen.st import source as module
-from st_codegen.st.source import read_paths, read_texts
+from st_codegen.st.syntax import source as module
+from st_codegen.st.syntax.source import read_paths, read_texts
 
 GUID = "{00000000-0000-0000-0000-000000000001}"
 POU = f"""\ufeff<?xml version="1.0" encoding="utf-8"?>

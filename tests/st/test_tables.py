@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as s
 
 from st_codegen.st import StSyntaxError
-from st_codegen.st import tables as module
-from st_codegen.st.nodes import Table, TableKind
-from st_codegen.st.parser import parse_segment
-from st_codegen.st.scan import Segment
-from st_codegen.st.tables import parse_table
+from st_codegen.st.syntax import tables as module
+from st_codegen.st.syntax.nodes import Table, TableKind
+from st_codegen.st.syntax.parser import parse_segment
+from st_codegen.st.syntax.scan import Segment
+from st_codegen.st.syntax.tables import parse_table
 
 
 def block(initial: str) -> str:

@@ -6,8 +6,8 @@ import re
 import pytest
 
 from st_codegen.ir import Direction, ProjectIR
-from st_codegen.st.portable import violations
-from st_codegen.st.source import read_texts
+from st_codegen.st.dialects.portable import violations
+from st_codegen.st.syntax.source import read_texts
 from st_codegen.te.compensation.programs import SINGLE_TASK, TWO_TASKS
 from tests.te.projects import BOTH, PAPER_ORDERS, loaded, project, texts
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import InputError
 from st_codegen.st import LaneMachine, StError, parse_project
-from st_codegen.st.source import read_paths, read_texts
+from st_codegen.st.syntax.source import read_paths, read_texts
 from tests.emit.targets.projects import written
 
 WHOLE = written(TARGETS["plcopen"])["everything.xml"]

@@ -11,7 +11,7 @@ from st_codegen.errors import TargetError
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.proof.verify import verify
 from st_codegen.st import ScalarMachine, load_project
-from st_codegen.st.library import TCUNIT, TestSuite
+from st_codegen.st.run.library import TCUNIT, TestSuite
 from st_codegen.te.bundle import load
 
 

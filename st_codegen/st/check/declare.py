@@ -1,0 +1,266 @@
+"""From declarations to types, variables and enumeration values; each is made when it is first asked for."""
+
+from __future__ import annotations
+
+from typing import cast
+
+from st_codegen.st.check.coercion import settle
+from st_codegen.st.check.expressions import Expressions
+from st_codegen.st.check.initial import InitialValues
+from st_codegen.st.check.symbols import Entry, Symbols, Unit, failure
+from st_codegen.st.check.typed import Section, Variable
+from st_codegen.st.check.types import (
+    DEFAULT_STRING_LENGTH,
+    DINT,
+    INT,
+    UNSUPPORTED,
+    ArrayType,
+    BlockType,
+    Dialect,
+    Elementary,
+    EnumType,
+    Field,
+    Kind,
+    PointerType,
+    StructType,
+    Type,
+    string_type,
+)
+from st_codegen.st.check.values import default_value
+from st_codegen.st.errors import StCheckError
+from st_codegen.st.syntax import nodes as n
+from st_codegen.st.syntax.nodes import PouKind
+
+MAX_ELEMENTS = 1 << 27
+_OVERLAID = (Kind.BITS, Kind.SIGNED, Kind.UNSIGNED, Kind.REAL)
+
+
+class Declarations:
+    """Everything that is declared in a project. Methods raise `StCheckError`."""
+
+    def __init__(self, symbols: Symbols) -> None:
+        self.symbols = symbols
+        self._types: dict[str, Type] = {}
+        self._in_progress: set[str] = set()
+        self._defaults: dict[str, object] = {}
+        # Types and globals have no unit around them: only constants and enumerations are visible
+        self._outside = Unit("", "", n.Literal(n.LiteralKind.INTEGER, 0).position, {})
+
+    # --- types ---
+
+    def find_type(self, name: str) -> Type | None:
+        """The type of a name, None when there is none of that name."""
+        key = name.upper()
+        if key in self.symbols.elementary:
+            return self.symbols.elementary[key]
+        if key == "PVOID":
+            return PointerType(None)
+        if key in self._types:
+            return self._types[key]
+        if key in self.symbols.types:
+            return self._declared_type(key)
+        unit = self.symbols.units.get(key)
+        if unit is not None and unit.kind in (PouKind.FUNCTION_BLOCK, PouKind.PROGRAM):
+            return self.block_type(unit)
+        return None
+
+    def block_type(self, unit: Unit) -> BlockType:
+        """The type of the instances of a block or program."""
+        ancestors = tuple(base.name for base in list(self.symbols.lineage(unit))[1:])
+        return BlockType(unit.name, ancestors)
+
+    def resolve(self, spec: n.TypeSpec, unit: Unit | None = None) -> Type:
+        """The type that a declaration asks for."""
+        match spec:
+            case n.NamedType():
+                found = self.find_type(spec.name) or self.find_type(spec.name.rpartition(".")[2])
+                if found is None:
+                    supported = f"the type '{spec.name}' is not supported" if spec.name.upper() in UNSUPPORTED else None
+                    raise failure(spec, supported or f"unknown type '{spec.name}'")
+                if isinstance(found, BlockType) and self.symbols.units[found.name.upper()].kind is PouKind.PROGRAM:
+                    raise failure(spec, f"'{spec.name}' is a program; there is only one of it")
+                return found
+            case n.StringSpec():
+                length = DEFAULT_STRING_LENGTH if spec.length is None else self._number(spec.length, unit)
+                if not 1 <= length <= 65535:
+                    raise failure(spec, f"a string of {length} characters")
+                return string_type(length, spec.wide)
+            case n.ArraySpec():
+                bounds = tuple((self._number(r.lower, unit), self._number(r.upper, unit)) for r in spec.ranges)
+                element = self.resolve(spec.element, unit)
+                array = ArrayType(element, bounds)
+                if any(low > high for low, high in bounds):
+                    raise failure(spec, f"{array}: a lower bound above the upper one")
+                if array.size > MAX_ELEMENTS:
+                    raise failure(spec, f"{array} has more than {MAX_ELEMENTS} elements")
+                return array
+            case n.SubrangeSpec():
+                raise failure(
+                    spec, f"subrange types are not supported, since controllers do not check them: use {spec.base}"
+                )
+            case n.PointerSpec() | n.ReferenceSpec():
+                return PointerType(self.resolve(spec.target, unit), isinstance(spec, n.ReferenceSpec))
+
+    def _number(self, node: n.Expression, unit: Unit | None) -> int:
+        expression = settle(Expressions(self, unit or self._outside).check(node))
+        if not isinstance(expression.type, Elementary) or not expression.type.is_integer:
+            raise failure(node, f"an integer constant is needed, not {expression.type}")
+        return cast(int, Expressions(self, unit or self._outside).constant(node, expression.type).value)
+
+    def _declared_type(self, key: str) -> Type:
+        declaration = self.symbols.types[key]
+        if key in self._in_progress:
+            raise failure(declaration, f"the type '{declaration.name}' contains itself")
+        self._in_progress.add(key)
+        try:
+            if isinstance(declaration, n.EnumDeclaration):
+                self._types[key] = self._enum(declaration)
+            elif isinstance(declaration, n.StructDeclaration):
+                self._types[key] = self._struct(declaration)
+            else:
+                self._types[key] = self.resolve(declaration.type)
+                if declaration.initial is not None:
+                    self._defaults[key] = self.initials(self._outside).value(self._types[key], declaration.initial)
+        finally:
+            self._in_progress.discard(key)
+        return self._types[key]
+
+    def _enum(self, declaration: n.EnumDeclaration) -> EnumType:
+        base = INT if self.symbols.dialect is Dialect.TWINCAT else DINT
+        if declaration.base is not None:
+            found = self.symbols.elementary.get(declaration.base)
+            if found is None or not (found.is_integer or found.kind is Kind.BITS):
+                raise failure(declaration, f"'{declaration.base}' cannot be the base of an enumeration")
+            base = found
+        checker, following, values = Expressions(self, self._outside), 0, list[tuple[str, int]]()
+        for item in declaration.values:
+            if item.value is not None:
+                following = cast(int, checker.constant(item.value, base).value)
+            if not base.holds(following):
+                raise failure(item, f"{following} does not fit {base}")
+            if item.name.upper() in {name.upper() for name, _ in values}:
+                raise failure(item, f"'{item.name}' is declared twice in '{declaration.name}'")
+            values.append((item.name, following))
+            following += 1
+        default = values[0][1]
+        if isinstance(declaration.default, n.Identifier):
+            by_key = {name.upper(): number for name, number in values}
+            if declaration.default.name.upper() not in by_key:
+                raise failure(declaration.default, f"'{declaration.name}' has no value '{declaration.default.name}'")
+            default = by_key[declaration.default.name.upper()]
+        return EnumType(declaration.name, base, tuple(values), default, "qualified_only" in declaration.attributes)
+
+    def _struct(self, declaration: n.StructDeclaration) -> StructType:
+        fields: dict[str, Field] = {}
+        if declaration.base is not None:
+            base = self.find_type(declaration.base)
+            if not isinstance(base, StructType) or base.is_union or declaration.is_union:
+                raise failure(
+                    declaration, f"'{declaration.name}' extends '{declaration.base}', which is no known structure"
+                )
+            fields = {entry.name.upper(): entry for entry in base.fields}
+        for item in declaration.fields:
+            type_ = self.resolve(item.type)
+            if item.name.upper() in fields:
+                raise failure(item, f"'{item.name}' is declared twice in '{declaration.name}'")
+            if declaration.is_union and not _can_overlay(type_):
+                raise failure(item, f"{type_} in a union: only numbers and arrays of numbers can share memory")
+            initial = self.initials(self._outside).declared(type_, item)
+            fields[item.name.upper()] = Field(item.name, type_, initial)
+        if not fields:
+            raise failure(declaration, f"'{declaration.name}' has no fields")
+        return StructType(declaration.name, tuple(fields.values()), declaration.is_union)
+
+    # --- enumeration values ---
+
+    def find_enum_value(self, key: str) -> tuple[EnumType, int] | None:
+        """An enumeration value by its plain name; None also when two enumerations have it."""
+        found = []
+        for name, declaration in self.symbols.types.items():
+            if not isinstance(declaration, n.EnumDeclaration) or "qualified_only" in declaration.attributes:
+                continue
+            if any(value.name.upper() == key for value in declaration.values) and name not in self._in_progress:
+                type_ = cast(EnumType, self.find_type(name))
+                found.append((type_, type_.by_key[key]))
+        return found[0] if len(found) == 1 else None
+
+    # --- variables ---
+
+    def initials(self, unit: Unit) -> InitialValues:
+        """Evaluates initial values as seen from a unit."""
+        return InitialValues(self, Expressions(self, unit))
+
+    def default(self, spec: n.TypeSpec, type_: Type) -> object:
+        """The initial value that comes with a type, an alias included."""
+        if isinstance(spec, n.NamedType) and spec.name.upper() in self._defaults:
+            return self._defaults[spec.name.upper()]
+        return default_value(type_)
+
+    def variable(self, unit: Unit, entry: Entry) -> Variable:
+        """The variable of an entry of a unit."""
+        declaration = entry.declaration
+        if entry.variable is not None:
+            return entry.variable
+        if entry.is_in_progress:
+            raise failure(declaration, f"'{declaration.name}' is needed to declare itself")
+        if entry.has_failed:
+            # Its own error was reported where it is declared
+            raise StCheckError([])
+        entry.is_in_progress = True
+        try:
+            entry.variable = self._make_variable(unit, entry)
+        except StCheckError:
+            entry.has_failed = True
+            raise
+        finally:
+            entry.is_in_progress = False
+        return entry.variable
+
+    def _make_variable(self, unit: Unit, entry: Entry) -> Variable:
+        declaration, section = entry.declaration, entry.section
+        type_ = self.resolve(declaration.type, unit)
+        if section is Section.IN_OUT and declaration.initial is not None:
+            raise failure(declaration, f"'{declaration.name}': VAR_IN_OUT has no initial value")
+        if entry.is_constant and (isinstance(type_, BlockType) or section is Section.IN_OUT):
+            raise failure(declaration, f"'{declaration.name}' cannot be CONSTANT")
+        self._check_instance(unit, section, declaration, type_)
+        return Variable(
+            declaration.name,
+            type_,
+            section,
+            unit.storage(section),
+            unit.key,
+            None if section is Section.IN_OUT else self.initials(unit).declared(type_, declaration),
+            declaration.position,
+            is_constant=entry.is_constant,
+            has_initial=declaration.initial is not None,
+            qualifiers=entry.block.qualifiers,
+            address=declaration.address,
+            attributes=declaration.attributes,
+        )
+
+    def _check_instance(self, unit: Unit, section: Section, declaration: n.VariableDeclaration, type_: Type) -> None:
+        while isinstance(type_, ArrayType):
+            type_ = type_.element
+        is_lasting = unit.kind is None or (unit.has_instance and section is not Section.TEMP)
+        if isinstance(type_, BlockType) and not is_lasting and section is not Section.IN_OUT:
+            raise failure(declaration, f"'{declaration.name}': an instance of '{type_}' would not outlive the call")
+
+    def result(self, unit: Unit) -> Variable | None:
+        """The result of a function or method, as a variable of its name."""
+        declaration = unit.declaration
+        if unit.result is not None or declaration is None or declaration.return_type is None:
+            return unit.result
+        type_ = self.resolve(declaration.return_type, unit)
+        if isinstance(type_, BlockType):
+            raise failure(declaration, f"'{unit.name}' cannot return an instance of '{type_}'")
+        initial = default_value(type_)
+        storage = unit.storage(Section.RESULT)
+        unit.result = Variable(unit.name, type_, Section.RESULT, storage, unit.key, initial, unit.position)
+        return unit.result
+
+
+def _can_overlay(type_: Type) -> bool:
+    while isinstance(type_, ArrayType):
+        type_ = type_.element
+    return isinstance(type_, Elementary) and type_.kind in _OVERLAID

@@ -1,0 +1,161 @@
+"""Initial values: from what a declaration says to the value of every element."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from st_codegen.st.check.expressions import Expressions
+from st_codegen.st.check.symbols import failure
+from st_codegen.st.check.types import (
+    REAL,
+    ArrayType,
+    BlockType,
+    Dialect,
+    Elementary,
+    EnumType,
+    Kind,
+    PointerType,
+    StructType,
+    Type,
+)
+from st_codegen.st.check.values import Value, default_value, filled_array, storage_type
+from st_codegen.st.syntax import nodes as n
+
+if TYPE_CHECKING:
+    from st_codegen.st.check.declare import Declarations
+
+
+class InitialValues:
+    """Evaluates initial values as seen from one unit. Methods raise `StCheckError`."""
+
+    def __init__(self, declarations: Declarations, expressions: Expressions) -> None:
+        self._declarations = declarations
+        self._expressions = expressions
+        self._dialect = declarations.symbols.dialect
+
+    def declared(self, type_: Type, declaration: n.VariableDeclaration) -> Value:
+        """The initial value of a declaration; without one that of the type."""
+        if declaration.initial is None:
+            return cast(Value, self._declarations.default(declaration.type, type_))
+        return self.value(type_, declaration.initial)
+
+    def value(self, type_: Type, node: n.Initial) -> Value:
+        """An initial value of a type."""
+        if isinstance(type_, ArrayType):
+            return self._array(type_, node)
+        if isinstance(type_, StructType | BlockType):
+            if not isinstance(node, n.StructInitial):
+                return self._copied(type_, node)
+            return self._struct(type_, node) if isinstance(type_, StructType) else self._block(type_, node)
+        if isinstance(node, n.Table | n.ArrayInitial | n.StructInitial):
+            raise failure(node, f"{type_} has a single value")
+        if isinstance(type_, PointerType):
+            raise failure(node, "pointers and references have no initial value here: assign them")
+        return self._expressions.constant(node, type_).value
+
+    def _copied(self, type_: Type, node: n.Initial) -> Value:
+        """The value of another constant of the same type."""
+        if isinstance(node, n.Identifier | n.Member):
+            source = self._expressions.check(node)
+            variable = getattr(source, "variable", None)
+            if source.type == type_ and variable is not None and variable.is_constant:
+                return cast(Value, variable.initial)
+        raise failure(node, f"this is no initial value of {type_}")
+
+    def _array(self, type_: ArrayType, node: n.Initial) -> Value:
+        if isinstance(node, n.Table):
+            return self._table(type_, node)
+        if not isinstance(node, n.ArrayInitial):
+            return self._copied(type_, node)
+        flat: list[Value] = []
+        is_elementary = isinstance(type_.element, Elementary | EnumType)
+        for item in node.items:
+            count, initial = (item.count, item.value) if isinstance(item, n.Repeat) else (1, item)
+            if len(flat) + count > type_.size:
+                raise failure(item, f"{type_} has {type_.size} elements; this initialiser goes beyond them")
+            value = default_value(type_.element) if initial is None else self.value(type_.element, initial)
+            flat += [value] * count
+        self._check_count(type_, len(flat), node)
+        flat += [default_value(type_.element)] * (type_.size - len(flat))
+        if not is_elementary:
+            return flat
+        table = np.array(flat, dtype=storage_type(type_.element).dtype)
+        table.flags.writeable = False
+        return table
+
+    def _check_count(self, type_: ArrayType, count: int, node: n.Node) -> None:
+        if self._dialect is Dialect.IEC and count < type_.size:
+            raise failure(node, f"{type_} has {type_.size} elements, and only {count} initial values")
+
+    def _table(self, type_: ArrayType, node: n.Table) -> Value:
+        count = node.values.size
+        if count > type_.size:
+            raise failure(node, f"{type_} has {type_.size} elements; this initialiser has {count}")
+        self._check_count(type_, count, node)
+        if not isinstance(type_.element, Elementary):
+            if isinstance(type_.element, ArrayType) and self._dialect is Dialect.TWINCAT:
+                raise failure(node, "an array of arrays is initialised row by row: [[..], [..]]")
+            raise failure(node, f"numbers cannot initialise {type_.element}")
+        values = self._converted(type_.element, node)
+        if count == type_.size:
+            return values
+        table = np.array(filled_array(type_, default_value(type_.element)))
+        table[:count] = values
+        table.flags.writeable = False
+        return table
+
+    def _converted(self, element: Elementary, node: n.Table) -> NDArray[np.generic]:
+        """The numbers of a table in the type of the array, by the rules for single literals."""
+        kind, values = node.kind, node.values
+        is_twincat = self._dialect is Dialect.TWINCAT
+        if kind is n.TableKind.BOOL or element.kind is Kind.BOOL:
+            zero_one = is_twincat and kind is n.TableKind.INTEGER and bool(np.isin(values, (0, 1)).all())
+            if element.kind is not Kind.BOOL or not (kind is n.TableKind.BOOL or zero_one):
+                raise failure(node, f"a table of {kind.value} literals cannot initialise {element}")
+        elif element.is_integral and element.kind is not Kind.TIME:
+            if kind is not n.TableKind.INTEGER:
+                raise failure(node, f"a table of {kind.value} literals cannot initialise {element}")
+            low, high = int(values.min()), int(values.max())
+            for value in (low, high):
+                if not element.holds(value):
+                    raise failure(node, f"{value} does not fit {element} ({element.lower}..{element.upper})")
+        elif not element.is_real:
+            raise failure(node, f"numbers cannot initialise {element}")
+        elif kind is not n.TableKind.REAL and not is_twincat:
+            raise failure(
+                node, f"a table of {kind.value} literals cannot initialise {element}: write a dot in every number"
+            )
+        with np.errstate(over="ignore"):
+            converted = values.astype(element.dtype)
+        if element is REAL and not np.isfinite(converted).all():
+            raise failure(node, "a number of this table is larger than the largest REAL")
+        converted.flags.writeable = False
+        return converted
+
+    def _struct(self, type_: StructType, node: n.StructInitial) -> Value:
+        values: dict[str, Value] = {entry.name.upper(): entry.initial for entry in type_.fields}
+        given: dict[str, Value] = {}
+        for member in node.members:
+            key = member.name.upper()
+            if key not in type_.by_key:
+                raise failure(member, f"'{type_}' has no field '{member.name}'")
+            if key in given:
+                raise failure(member, f"'{member.name}' is given twice")
+            given[key] = self.value(type_.by_key[key].type, member.value)
+        # In a union what is written last stays
+        return {**{key: value for key, value in values.items() if key not in given}, **given}
+
+    def _block(self, type_: BlockType, node: n.StructInitial) -> Value:
+        given: dict[str, Value] = {}
+        for member in node.members:
+            found = self._declarations.symbols.find_member(type_.name, member.name.upper())
+            if found is None:
+                raise failure(member, f"'{type_}' has no variable '{member.name}'")
+            variable = self._declarations.variable(*found)
+            if variable.is_constant or variable.section.value in ("VAR_IN_OUT", "VAR_TEMP"):
+                raise failure(member, f"'{member.name}' of '{type_}' cannot be initialised")
+            given[member.name.upper()] = self.value(variable.type, member.value)
+        return given

@@ -1,0 +1,178 @@
+"""From statements of the syntax tree to statements of the typed tree."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import cast
+
+from st_codegen.st.check import typed as t
+from st_codegen.st.check import walk
+from st_codegen.st.check.calls import check_assignable, check_call
+from st_codegen.st.check.coercion import coerce
+from st_codegen.st.check.declare import Declarations
+from st_codegen.st.check.expressions import Expressions
+from st_codegen.st.check.symbols import Unit, failure
+from st_codegen.st.check.types import ArrayType, BlockType, Elementary, EnumType, Type
+from st_codegen.st.errors import Problem, StCheckError
+from st_codegen.st.syntax import nodes as n
+
+# Python nests no deeper than 100 levels of indentation and 20 loops, and the back ends use up to three for one here
+MAX_NESTED = 30
+MAX_LOOPS = 12
+
+
+class Statements:
+    """Checks the body of one unit; an error in a statement does not hide those of the next."""
+
+    def __init__(self, declarations: Declarations, unit: Unit, problems: list[Problem]) -> None:
+        self._expressions = Expressions(declarations, unit)
+        self._dialect = declarations.symbols.dialect
+        self._problems = problems
+        self._loops = 0
+        self._depth = 0
+
+    def body(self, nodes: Iterable[n.Statement]) -> tuple[t.Statement, ...]:
+        """All statements that are free of errors."""
+        self._depth += 1
+        try:
+            return self._body(nodes)
+        finally:
+            self._depth -= 1
+
+    def _body(self, nodes: Iterable[n.Statement]) -> tuple[t.Statement, ...]:
+        made: list[t.Statement] = []
+        for node in nodes:
+            try:
+                if self._depth > MAX_NESTED or self._loops > MAX_LOOPS:
+                    raise failure(node, f"more than {MAX_NESTED} nested statements or {MAX_LOOPS} nested loops")
+                statement = self._statement(node)
+            except StCheckError as error:
+                self._problems += error.problems
+            else:
+                if statement is not None:
+                    made.append(statement)
+        return tuple(made)
+
+    def _statement(self, node: n.Statement) -> t.Statement | None:  # noqa: PLR0911 - one return a case
+        where = node.position
+        match node:
+            case n.Assignment():
+                return self._assignment(node)
+            case n.CallStatement():
+                call = check_call(self._expressions, node.call)
+                if not isinstance(call, t.Call):
+                    raise failure(node, "the result of this function is not used")
+                return t.CallStatement(call, position=where)
+            case n.If():
+                return self._if(node)
+            case n.Case():
+                return self._case(node)
+            case n.For():
+                return self._for(node)
+            case n.While():
+                condition = self._condition(node.condition)
+                return t.While(condition, self._loop_body(node.body), position=where)
+            case n.RepeatUntil():
+                body = self._loop_body(node.body)
+                return t.Repeat(body, self._condition(node.condition), position=where)
+            case n.Exit() | n.Continue():
+                if not self._loops:
+                    raise failure(node, f"{type(node).__name__.upper()} outside of a loop")
+                return t.Exit(position=where) if isinstance(node, n.Exit) else t.Continue(position=where)
+            case n.Return():
+                return t.Return(position=where)
+            case n.Empty():
+                return None
+
+    def _condition(self, node: n.Expression) -> t.Expression:
+        """A condition; a wrong one is reported, and checking goes on with what it guards."""
+        try:
+            return self._expressions.condition(node)
+        except StCheckError as error:
+            self._problems += error.problems
+            return t.Constant(False, type=cast(Type, None), position=node.position)
+
+    def _loop_body(self, nodes: Iterable[n.Statement]) -> tuple[t.Statement, ...]:
+        self._loops += 1
+        try:
+            return self.body(nodes)
+        finally:
+            self._loops -= 1
+
+    def _assignment(self, node: n.Assignment) -> t.Assign:
+        target = self._expressions.check(node.target)
+        check_assignable(self._expressions, target, node.target)
+        holder = target.type
+        while isinstance(holder, ArrayType):
+            holder = holder.element
+        if isinstance(holder, BlockType):
+            raise failure(node, f"instances of '{holder}' cannot be assigned")
+        value = coerce(self._expressions.check(node.value), target.type, self._dialect, is_stored=True)
+        return t.Assign(target, value, position=node.position)
+
+    def _if(self, node: n.If) -> t.If:
+        branches = tuple(
+            t.Branch(self._condition(branch.condition), self.body(branch.body)) for branch in node.branches
+        )
+        return t.If(branches, self.body(node.otherwise or ()), position=node.position)
+
+    def _case(self, node: n.Case) -> t.Case:
+        selector = self._expressions.value(node.selector)
+        type_ = selector.type
+        if not isinstance(type_, EnumType) and not (isinstance(type_, Elementary) and type_.is_integral):
+            raise failure(node.selector, f"CASE selects by an integer or an enumeration, not by {type_}")
+        taken: list[tuple[int, int]] = []
+        branches = []
+        for branch in node.branches:
+            labels = []
+            for label in branch.labels:
+                try:
+                    labels.append(self._label(label, type_, taken))
+                except StCheckError as error:
+                    self._problems += error.problems
+            branches.append(t.CaseBranch(tuple(labels), self.body(branch.body)))
+        return t.Case(selector, tuple(branches), self.body(node.otherwise or ()), position=node.position)
+
+    def _label(self, node: n.Expression | n.Range, type_: Type, taken: list[tuple[int, int]]) -> tuple[int, int]:
+        lower, upper = (node.lower, node.upper) if isinstance(node, n.Range) else (node, node)
+        low = cast(int, self._expressions.constant(lower, type_).value)
+        high = cast(int, self._expressions.constant(upper, type_).value)
+        if low > high:
+            raise failure(node, f"the range {low}..{high} is empty")
+        if any(low <= other_high and other_low <= high for other_low, other_high in taken):
+            raise failure(node, f"the label {low if low == high else f'{low}..{high}'} stands in this CASE already")
+        taken.append((low, high))
+        return low, high
+
+    def _for(self, node: n.For) -> t.For:
+        expressions = self._expressions
+        counter = expressions.check(node.counter)
+        check_assignable(expressions, counter, node.counter)
+        if not isinstance(counter, t.VariableRef) or counter.variable.section in (t.Section.IN_OUT, t.Section.GLOBAL):
+            raise failure(node.counter, "a FOR loop counts with a variable of its own unit")
+        type_ = counter.type
+        if not isinstance(type_, Elementary) or not type_.is_integer:
+            raise failure(node.counter, f"a FOR loop counts with an integer, not with {type_}")
+        start = expressions.as_type(node.start, type_, is_stored=True)
+        stop = expressions.as_type(node.stop, type_)
+        if node.step is None:
+            step: t.Expression = t.Constant(1, type=type_, position=node.position)
+        else:
+            step = expressions.as_type(node.step, type_)
+        if isinstance(step, t.Constant) and step.value == 0:
+            raise failure(node, "a FOR loop with a step of zero never ends")
+        expressions.counters.append(counter.variable)
+        try:
+            body = self._loop_body(node.body)
+        finally:
+            expressions.counters.pop()
+        self._check_bounds(stop, step, body)
+        return t.For(counter, start, stop, step, body, position=node.position)
+
+    def _check_bounds(self, stop: t.Expression, step: t.Expression, body: tuple[t.Statement, ...]) -> None:
+        """Controllers differ in whether they evaluate the bound of a loop once or in every round."""
+        assigned = walk.assigned_variables(body)
+        for bound in (stop, step):
+            for part in walk.expressions(bound):
+                if isinstance(part, t.VariableRef) and part.variable in assigned:
+                    raise failure(part.position, f"'{part.variable.name}' bounds this FOR loop and is assigned in it")

@@ -1,0 +1,279 @@
+"""The types of Structured Text, and which of them convert into which without being asked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from functools import cached_property
+from math import prod
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from st_codegen.st.check.values import Value
+
+
+class Dialect(Enum):
+    """`IEC`: what strict compilers accept, no implicit conversion. `TWINCAT`: conversions that lose nothing."""
+
+    IEC = "iec"
+    TWINCAT = "twincat"
+
+
+class Kind(Enum):
+    """Groups of elementary types."""
+
+    BOOL = "BOOL"
+    BITS = "ANY_BIT"
+    SIGNED = "signed integer"
+    UNSIGNED = "unsigned integer"
+    REAL = "ANY_REAL"
+    TIME = "duration"
+    STRING = "ANY_STRING"
+    UNTYPED_INTEGER = "integer literal"
+    UNTYPED_REAL = "real literal"
+
+
+@dataclass(frozen=True)
+class Elementary:
+    """An elementary type; `bits` is its size, for strings the number of characters it can hold."""
+
+    name: str
+    kind: Kind
+    bits: int
+
+    def __str__(self) -> str:
+        return self.name
+
+    @property
+    def is_integer(self) -> bool:
+        """SINT to ULINT, bit strings not included."""
+        return self.kind in (Kind.SIGNED, Kind.UNSIGNED)
+
+    @property
+    def is_integral(self) -> bool:
+        """All that is an integer in memory: integers, bit strings and durations."""
+        return self.kind in (Kind.SIGNED, Kind.UNSIGNED, Kind.BITS, Kind.TIME)
+
+    @property
+    def is_real(self) -> bool:
+        """REAL or LREAL."""
+        return self.kind is Kind.REAL
+
+    @property
+    def is_untyped(self) -> bool:
+        """The type of a literal that takes on the type its context asks for."""
+        return self.kind in (Kind.UNTYPED_INTEGER, Kind.UNTYPED_REAL)
+
+    @property
+    def is_signed(self) -> bool:
+        """Whether negative values exist; durations of TwinCAT have none."""
+        return self.kind is Kind.SIGNED or self is TIME_NS
+
+    @cached_property
+    def lower(self) -> int:
+        """The smallest value of an integral type."""
+        return -(1 << (self.bits - 1)) if self.is_signed else 0
+
+    @cached_property
+    def upper(self) -> int:
+        """The largest value of an integral type."""
+        return (1 << (self.bits - (1 if self.is_signed else 0))) - 1
+
+    @cached_property
+    def dtype(self) -> np.dtype[np.generic]:
+        """How lanes store it."""
+        if self.kind is Kind.STRING:
+            return np.dtype(object)
+        if self.kind is Kind.BOOL:
+            return np.dtype(np.bool_)
+        if self.is_real:
+            return np.dtype(f"f{self.bits // 8}")
+        return np.dtype(f"{'i' if self.is_signed else 'u'}{self.bits // 8}")
+
+    def holds(self, value: int) -> bool:
+        """Whether an integral type has this value."""
+        return self.lower <= value <= self.upper
+
+
+def _make(kind: Kind, names: str) -> dict[str, Elementary]:
+    return {name: Elementary(name, kind, bits) for name, bits in zip(names.split(), (8, 16, 32, 64), strict=True)}
+
+
+BOOL = Elementary("BOOL", Kind.BOOL, 8)
+REAL = Elementary("REAL", Kind.REAL, 32)
+LREAL = Elementary("LREAL", Kind.REAL, 64)
+# TwinCAT counts milliseconds in 32 bits; for portable text a signed count of nanoseconds is the common ground
+TIME_MS = Elementary("TIME", Kind.TIME, 32)
+TIME_NS = Elementary("TIME", Kind.TIME, 64)
+LTIME = Elementary("LTIME", Kind.TIME, 64)
+ANY_INT_LITERAL = Elementary("integer literal", Kind.UNTYPED_INTEGER, 0)
+ANY_REAL_LITERAL = Elementary("real literal", Kind.UNTYPED_REAL, 0)
+
+NUMBERS: dict[str, Elementary] = {
+    "BOOL": BOOL,
+    **_make(Kind.BITS, "BYTE WORD DWORD LWORD"),
+    **_make(Kind.SIGNED, "SINT INT DINT LINT"),
+    **_make(Kind.UNSIGNED, "USINT UINT UDINT ULINT"),
+    "REAL": REAL,
+    "LREAL": LREAL,
+}
+SINT, INT, DINT, LINT = (NUMBERS[name] for name in ("SINT", "INT", "DINT", "LINT"))
+USINT, UINT, UDINT, ULINT = (NUMBERS[name] for name in ("USINT", "UINT", "UDINT", "ULINT"))
+BYTE, WORD, DWORD, LWORD = (NUMBERS[name] for name in ("BYTE", "WORD", "DWORD", "LWORD"))
+UNSUPPORTED = frozenset(
+    {"DATE", "TIME_OF_DAY", "TOD", "DATE_AND_TIME", "DT", "LDATE", "LTOD", "LDT"}
+    | {"CHAR", "WCHAR", "ANY", "XINT", "UXINT", "XWORD"}
+)
+DEFAULT_STRING_LENGTH = 80
+
+
+def elementary_types(dialect: Dialect) -> dict[str, Elementary]:
+    """The elementary types of a dialect by name, strings excepted."""
+    time = TIME_MS if dialect is Dialect.TWINCAT else TIME_NS
+    return {**NUMBERS, "TIME": time, "LTIME": LTIME}
+
+
+def string_type(length: int, wide: bool = False) -> Elementary:
+    """STRING(length) or WSTRING(length)."""
+    return Elementary(f"{'WSTRING' if wide else 'STRING'}({length})", Kind.STRING, length)
+
+
+def nanoseconds_per_unit(type_: Elementary) -> int:
+    """What one count of a duration type stands for."""
+    return 1_000_000 if type_ is TIME_MS else 1
+
+
+@dataclass(frozen=True)
+class EnumType:
+    """An enumeration; `values` maps names, as declared, to numbers of the base type."""
+
+    name: str
+    base: Elementary
+    values: tuple[tuple[str, int], ...]
+    default: int
+    qualified_only: bool
+
+    def __str__(self) -> str:
+        return self.name
+
+    @cached_property
+    def by_key(self) -> dict[str, int]:
+        """Numbers by upper-case name."""
+        return {name.upper(): number for name, number in self.values}
+
+
+@dataclass(frozen=True)
+class ArrayType:
+    """`bounds` has the lower and upper bound of every dimension, both inclusive; row-major."""
+
+    element: Type
+    bounds: tuple[tuple[int, int], ...]
+
+    def __str__(self) -> str:
+        shown = ", ".join(f"{low}..{high}" for low, high in self.bounds)
+        return f"ARRAY[{shown}] OF {self.element}"
+
+    @cached_property
+    def shape(self) -> tuple[int, ...]:
+        """Elements in each dimension."""
+        return tuple(high - low + 1 for low, high in self.bounds)
+
+    @cached_property
+    def size(self) -> int:
+        """Elements in all."""
+        return prod(self.shape)
+
+
+@dataclass(frozen=True)
+class Field:
+    """A field of a structure or union with its initial value."""
+
+    name: str
+    type: Type
+    initial: Value = field(compare=False, hash=False)
+
+
+@dataclass(frozen=True)
+class StructType:
+    """A structure or, with `is_union`, fields that all start at the same byte. Two of them are equal by name."""
+
+    name: str
+    fields: tuple[Field, ...] = field(compare=False)
+    is_union: bool = False
+
+    def __str__(self) -> str:
+        return self.name
+
+    @cached_property
+    def by_key(self) -> dict[str, Field]:
+        """Fields by upper-case name."""
+        return {entry.name.upper(): entry for entry in self.fields}
+
+
+@dataclass(frozen=True)
+class BlockType:
+    """A function block or program, by its name as declared; `ancestors` are the blocks it extends, nearest first."""
+
+    name: str
+    ancestors: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return self.name
+
+
+@dataclass(frozen=True)
+class PointerType:
+    """`POINTER TO target`, or with `is_reference` REFERENCE TO; PVOID points at anything (target None)."""
+
+    target: Type | None
+    is_reference: bool = False
+
+    def __str__(self) -> str:
+        if self.target is None:
+            return "PVOID"
+        return f"{'REFERENCE' if self.is_reference else 'POINTER'} TO {self.target}"
+
+
+Type = Elementary | EnumType | ArrayType | StructType | BlockType | PointerType
+
+
+def converts_implicitly(source: Type, target: Type, dialect: Dialect) -> bool:  # noqa: PLR0911 - one return a case
+    """Whether a value of one type may stand where another type is asked for, both typed and different.
+
+    IEC: never. TwinCAT: where no value can be lost; bit strings count as unsigned integers, enumerations as their
+    base, pointers convert to PVOID and blocks to what they extend.
+    """
+    if isinstance(target, PointerType) and isinstance(source, PointerType):
+        return target.target is None
+    if dialect is Dialect.IEC:
+        return False
+    if isinstance(source, EnumType):
+        source = source.base
+        if source == target:
+            return True
+    if not isinstance(source, Elementary) or not isinstance(target, Elementary):
+        return False
+    if source.kind is Kind.STRING and target.kind is Kind.STRING:
+        return source.name.split("(")[0] == target.name.split("(")[0]
+    numeric = {Kind.BITS, Kind.SIGNED, Kind.UNSIGNED}
+    if source.kind in numeric and target.kind in numeric:
+        return target.lower <= source.lower and source.upper <= target.upper
+    if target.is_real and source.kind in numeric:
+        return source.bits < (32 if target is REAL else 64)
+    return source is REAL and target is LREAL
+
+
+def common_type(left: Elementary, right: Elementary, dialect: Dialect) -> Elementary | None:
+    """The smallest type that both operands of an operator convert to; None when there is none."""
+    if left == right:
+        return left
+    if converts_implicitly(left, right, dialect):
+        return right
+    if converts_implicitly(right, left, dialect):
+        return left
+    for candidate in (INT, DINT, LINT, LREAL):
+        if converts_implicitly(left, candidate, dialect) and converts_implicitly(right, candidate, dialect):
+            return candidate
+    return None

@@ -1,0 +1,277 @@
+"""The portable subset: what strict compilers of other vendors accept, beyond what the checker asks of `iec` text.
+
+Each rule is a function from a `Text` to problems; `violations` runs all of them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+from st_codegen.st.check import typed as t
+from st_codegen.st.check import walk
+from st_codegen.st.check.check import check
+from st_codegen.st.check.types import REAL, ArrayType, Dialect, Elementary, EnumType, StructType, Type
+from st_codegen.st.errors import Problem
+from st_codegen.st.syntax import nodes as n
+from st_codegen.st.syntax.scan import CommentKind, Scanned
+from st_codegen.st.syntax.source import Source
+
+SMALLEST_REAL, LARGEST_REAL = 1e-37, 1e37
+_FLAGS = re.IGNORECASE | re.ASCII
+# What stands between quotes is no code
+_CODE = re.compile(r"'(?:[^'$\r\n]|\$.)*+'|\"(?:[^\"$\r\n]|\$.)*+\"")
+_WORDS: tuple[tuple[str, str], ...] = (
+    (r"\bEND_(?:IF|CASE|FOR|WHILE|REPEAT)\b(?!\s*;)", "is not followed by a semicolon"),
+    (r"(?<![0-9A-Z_#.])[0-9][0-9_]*E[+-]?[0-9]+", "is a real literal without a dot"),
+    (r"\*\*", "is not portable: multiply, or use EXPT"),
+    (r"\bCONTINUE\b", "is not portable: use IF"),
+    (r"\b(?:AND_THEN|OR_ELSE)\b", "is not portable: nest IF"),
+    (r"\b[A-Z0-9_]*__[A-Z0-9_]*\b", "has two underscores in a row"),
+    (r"\b(?:POINTER|REFERENCE)\s+TO\b", "is not portable"),
+    (r"\b(?:ADR|SIZEOF)\s*\(", "is not portable"),
+    (r"\b(?:THIS|SUPER)\s*\^", "is not portable"),
+    (r"\bEXTENDS\b", "is not portable"),
+    (r"\bUNION\b", "is not portable: test for NaN with x = x"),
+    (r"\b(?:TANH|FLOOR|CEIL|ATAN2)\b", "is no standard function"),
+    (r"%[IQM][XBWDL]?\*", "is not portable: an address needs a number"),
+)
+_PATTERNS = tuple((re.compile(pattern, _FLAGS), message) for pattern, message in _WORDS)
+
+
+@dataclass(frozen=True)
+class Text:
+    """What the rules look at: the source and the checked project it gives."""
+
+    source: Source
+    project: t.Project
+
+    @cached_property
+    def nodes(self) -> list[n.Node]:
+        """All nodes of the syntax tree."""
+        found: list[n.Node] = []
+        stack: list[object] = list(self.source.declarations)
+        while stack:
+            item = stack.pop()
+            if isinstance(item, tuple):
+                stack.extend(item)
+            elif isinstance(item, n.Node):
+                found.append(item)
+                if not isinstance(item, n.Table):
+                    stack.extend(getattr(item, entry.name) for entry in fields(item))
+        return found
+
+    @cached_property
+    def expressions(self) -> list[t.Expression]:
+        """All expressions of the typed tree."""
+        return [part for pou in self.project.pous.values() for part in walk.all_expressions(pou.body)]
+
+    @cached_property
+    def array_types(self) -> set[str]:
+        """The upper-case names of types that say what a plain array says."""
+        aliases = (item for item in self.source.declarations if isinstance(item, n.AliasDeclaration))
+        return {item.name.upper() for item in aliases if isinstance(item.type, n.ArraySpec)}
+
+    @cached_property
+    def declared(self) -> dict[t.Variable, n.VariableDeclaration]:
+        """The declaration of each variable."""
+        by_position = {item.position: item for item in self.nodes if isinstance(item, n.VariableDeclaration)}
+        variables = (variable for pou in self.project.pous.values() for variable in pou.variables)
+        return {variable: by_position[variable.position] for variable in variables}
+
+    @cached_property
+    def passed_arrays(self) -> list[tuple[t.Variable, n.Node]]:
+        """Variables of array types that are parameters or arguments, and where."""
+        found: list[tuple[t.Variable, n.Node]] = []
+        sections = (t.Section.INPUT, t.Section.OUTPUT, t.Section.IN_OUT)
+        for pou in self.project.pous.values():
+            found += [
+                (item, self.declared[item]) for item in pou.section(*sections) if isinstance(item.type, ArrayType)
+            ]
+        for call in self.expressions:
+            for argument in call.arguments if isinstance(call, t.Call) else ():
+                value = argument.value
+                if (
+                    isinstance(value, t.VariableRef)
+                    and isinstance(value.type, ArrayType)
+                    and value.variable in self.declared
+                ):
+                    found.append((value.variable, n.Identifier(value.variable.name, position=value.position)))
+        return found
+
+
+def violations(source: Source) -> tuple[Problem, ...]:
+    """What in a source is not portable, in the order of the text.
+
+    Raises `StCheckError` when it does not even pass the checker for the `iec` dialect.
+    """
+    text = Text(source, check(source, Dialect.IEC))
+    return tuple(sorted({problem for rule in RULES for problem in rule(text)}))
+
+
+def _problem(node: n.Node, message: str) -> Problem:
+    return Problem(node.position, message)
+
+
+def wording(text: Text) -> Iterator[Problem]:
+    """Comments, pragmas and words."""
+    for scanned in text.source.scans:
+        for comment in scanned.comments:
+            if comment.kind is not CommentKind.BLOCK:
+                yield _at(scanned, comment.start, f"a comment of the form {comment.kind.value}: use (* *), not nested")
+        for pragma in scanned.pragmas:
+            yield _at(scanned, pragma.start, "pragmas and attributes are not portable")
+        code = _CODE.sub(lambda match: "'" + " " * (len(match[0]) - 2) + "'", scanned.segment.text)
+        for pattern, message in _PATTERNS:
+            for match in pattern.finditer(code):
+                yield _at(scanned, match.start(), f"'{match[0]}' {message}")
+
+
+def _at(scanned: Scanned, offset: int, message: str) -> Problem:
+    return Problem(scanned.segment.position(offset), message)
+
+
+def literals(text: Text) -> Iterator[Problem]:
+    """Scalar literals that some compilers read as REAL first."""
+    for node in text.nodes:
+        if isinstance(node, n.Literal) and node.kind is n.LiteralKind.REAL and isinstance(node.value, float):
+            size = abs(node.value)
+            if size and not SMALLEST_REAL <= size <= LARGEST_REAL:
+                yield _problem(node, f"the literal {node.value} is outside of {SMALLEST_REAL}..{LARGEST_REAL}")
+
+
+def initial_values(text: Text) -> Iterator[Problem]:
+    """Repeat counts, and structures whose fields are not all given."""
+    for node in text.nodes:
+        if isinstance(node, n.Repeat):
+            yield _problem(node, f"the initialiser {node.count}(..) is not portable: write all values")
+    for variable, declaration in text.declared.items():
+        if isinstance(variable.type, StructType) and isinstance(declaration.initial, n.StructInitial):
+            missing = len(variable.type.fields) - len(declaration.initial.members)
+            if missing:
+                yield _problem(declaration, f"'{variable.name}': {missing} fields have no initial value")
+
+
+def arrays(text: Text) -> Iterator[Problem]:
+    """Bounds that are no numbers, arrays of arrays, arrays of structures with initial values."""
+    for node in text.nodes:
+        if isinstance(node, n.ArraySpec):
+            for bounds in node.ranges:
+                if not (_is_number(bounds.lower) and _is_number(bounds.upper)):
+                    yield _problem(bounds, "the bounds of an array are numbers, not names or expressions")
+            if isinstance(node.element, n.ArraySpec) or _names(node.element) & text.array_types:
+                yield _problem(node, "arrays of arrays are not portable: use several dimensions")
+        if isinstance(node, n.VariableDeclaration | n.AliasDeclaration) and node.initial is not None:
+            element = node.type.element if isinstance(node.type, n.ArraySpec) else None
+            if element is not None and any(
+                isinstance(text.project.types.get(name), StructType) for name in _names(element)
+            ):
+                yield _problem(node, f"'{node.name}': arrays of structures with initial values are not portable")
+
+
+def _names(spec: n.TypeSpec) -> set[str]:
+    return {spec.name.upper()} if isinstance(spec, n.NamedType) else set()
+
+
+def _is_number(node: n.Expression) -> bool:
+    inner = node.operand if isinstance(node, n.Unary) and node.operator == "-" else node
+    return isinstance(inner, n.Literal) and inner.kind is n.LiteralKind.INTEGER and inner.type_name is None
+
+
+def array_types(text: Text) -> Iterator[Problem]:
+    """Arrays that are passed need a type with a name; others need none."""
+    needed: set[str] = set()
+    for variable, where in text.passed_arrays:
+        spec = text.declared[variable].type
+        needed |= _names(spec)
+        if isinstance(spec, n.ArraySpec):
+            yield _problem(where, f"'{variable.name}' is passed: its array type needs a name of its own")
+    for pou in text.nodes:
+        if isinstance(pou, n.PouDeclaration) and pou.return_type is not None:
+            needed |= _names(pou.return_type)
+            if isinstance(pou.return_type, n.ArraySpec):
+                yield _problem(pou, f"the result of '{pou.name}' is an array: its type needs a name of its own")
+    for node in text.nodes:
+        if isinstance(node, n.AliasDeclaration) and node.name.upper() in text.array_types - needed:
+            yield _problem(node, f"the type '{node.name}' says only what a plain array says, and is not passed")
+
+
+def places_of_tables(text: Text) -> Iterator[Problem]:
+    """Globals, and tables outside of the VAR CONSTANT of a block."""
+    for node in text.source.declarations:
+        if isinstance(node, n.GlobalList):
+            yield _problem(node, "VAR_GLOBAL outside of a CONFIGURATION")
+    for variable, declaration in text.declared.items():
+        in_block = variable.storage is t.Storage.INSTANCE
+        if isinstance(variable.type, ArrayType) and declaration.initial is not None:
+            if not in_block:
+                yield _problem(declaration, f"the table '{variable.name}' belongs into the VAR CONSTANT of a block")
+            elif not variable.is_constant and not _is_uniform(declaration.initial):
+                yield _problem(declaration, f"the table '{variable.name}' is not CONSTANT")
+
+
+def _is_uniform(initial: n.Initial) -> bool:
+    """Whether an initialiser only presets an array with one value."""
+    return isinstance(initial, n.Table) and bool((initial.values == initial.values[0]).all())
+
+
+def methods(text: Text) -> Iterator[Problem]:
+    """Methods."""
+    for node in text.nodes:
+        if isinstance(node, n.PouDeclaration) and node.kind is n.PouKind.METHOD:
+            yield _problem(node, f"the method '{node.name}' is not portable")
+
+
+def arithmetic(text: Text) -> Iterator[Problem]:
+    """Integers narrower than DINT and REAL in arithmetic."""
+    for expression in text.expressions:
+        if isinstance(expression, t.Unary | t.Binary) and expression.operator not in ("NOT", "AND", "OR", "XOR"):
+            problem = _narrow(expression.type)
+            if problem:
+                yield Problem(expression.position, problem)
+        if isinstance(expression, t.StandardCall) and expression.type == REAL:
+            yield Problem(expression.position, f"{expression.function} of REAL: compute in LREAL and convert")
+    for pou in text.project.pous.values():
+        for statement in walk.statements(pou.body):
+            if isinstance(statement, t.For) and _narrow(statement.counter.type):
+                yield Problem(statement.position, f"a FOR loop counts with {statement.counter.type}: use DINT")
+
+
+def _narrow(type_: Type) -> str | None:
+    if isinstance(type_, EnumType) or not isinstance(type_, Elementary):
+        return None
+    if type_.is_integer and type_.bits < 32:
+        return f"arithmetic of {type_} differs between compilers: use DINT"
+    if type_ == REAL:
+        return "arithmetic of REAL differs between targets: compute in LREAL and convert"
+    return None
+
+
+def rounding(text: Text) -> Iterator[Problem]:
+    """Conversions from real numbers to integers."""
+    for expression in text.expressions:
+        if isinstance(expression, t.Conversion):
+            source, target = expression.operand.type, expression.type
+            if (
+                isinstance(source, Elementary)
+                and isinstance(target, Elementary)
+                and source.is_real
+                and target.is_integral
+            ):
+                yield Problem(expression.position, f"{source}_TO_{target} depends on how .5 rounds: use TRUNC")
+
+
+Rule = Callable[[Text], Iterator[Problem]]
+RULES: tuple[Rule, ...] = (
+    wording,
+    literals,
+    initial_values,
+    arrays,
+    array_types,
+    places_of_tables,
+    methods,
+    arithmetic,
+    rounding,
+)

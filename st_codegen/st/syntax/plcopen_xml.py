@@ -1,0 +1,334 @@
+"""PLCopen XML (TC6, version 2.0 and 2.01): from elements to declarations.
+
+The files come from outside, so nothing in them is trusted: no document type, no entities, no network, bounded depth.
+Arrays of numbers are turned into tables while the file is parsed, so that the elements of a large table never exist
+all at once.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+
+from lxml import etree
+
+from st_codegen.st.errors import Position, StSyntaxError
+from st_codegen.st.syntax import nodes as n
+from st_codegen.st.syntax.nodes import PouKind
+from st_codegen.st.syntax.parser import parse_scanned
+from st_codegen.st.syntax.scan import Scanned, Segment, scan
+from st_codegen.st.syntax.tables import parse_table
+from st_codegen.st.syntax.xml_file import XmlFile, checked_text, line_of, not_well_formed
+
+NAMESPACES = ("http://www.plcopen.org/xml/tc6_0200", "http://www.plcopen.org/xml/tc6_0201")
+#: Where the CODESYS family keeps lists of global variables.
+_GLOBALS = "http://www.3s-software.com/plcopenxml/globalvars"
+#: Additional data that would change the meaning if it were skipped, by the last part of its name.
+_MEANINGFUL = {"method", "property", "pou", "datatype", "union", "interface", "action", "pouinheritance"}
+_SECTIONS = {
+    "inputVars": "VAR_INPUT",
+    "outputVars": "VAR_OUTPUT",
+    "inOutVars": "VAR_IN_OUT",
+    "localVars": "VAR",
+    "tempVars": "VAR_TEMP",
+}
+_KINDS = {
+    "function": PouKind.FUNCTION,
+    "functionBlock": PouKind.FUNCTION_BLOCK,
+    "program": PouKind.PROGRAM,
+}
+_QUALIFIERS = {"constant": "CONSTANT", "retain": "RETAIN", "persistent": "PERSISTENT"}
+
+
+def looks_like_plcopen(beginning: bytes) -> bool:
+    """Whether a file that begins so is PLCopen XML."""
+    return b"http://www.plcopen.org/xml/tc6" in beginning
+
+
+def read_plcopen(name: str, content: bytes) -> tuple[list[n.Declaration], list[Scanned]]:
+    """The declarations of a project in PLCopen XML, and its scanned texts.
+
+    Raises `StSyntaxError` for anything that is no such file, and for what is not supported in it.
+    """
+    reader = _open(name, content)
+    return list(reader.declarations()), reader.file.scans
+
+
+def _open(name: str, content: bytes) -> _Reader:
+    text = checked_text(name, content)
+    tables: dict[etree._Element, n.Table] = {}
+    events = etree.iterparse(
+        io.BytesIO(content),
+        events=("end",),
+        encoding="utf-8",  # the text is what was checked, whatever the file says
+        resolve_entities=False,
+        no_network=True,
+        load_dtd=False,
+        dtd_validation=False,
+        remove_comments=True,
+        remove_pis=True,
+    )
+    try:
+        for _, element in events:
+            if etree.QName(element).localname == "arrayValue":
+                table = _plain_table(element, name)
+                if table is not None:
+                    tables[element] = table
+                    element.clear()
+    except (etree.XMLSyntaxError, ValueError) as error:
+        raise not_well_formed(name, error) from None
+    root = events.root
+    namespace = etree.QName(root).namespace
+    reader = _Reader(XmlFile(name, text, root), tables, f"{{{namespace}}}")
+    if namespace not in NAMESPACES or etree.QName(root).localname != "project":
+        raise reader.file.error(root, f"the root element is '{root.tag}', not the 'project' of PLCopen XML")
+    return reader
+
+
+def _plain_table(element: etree._Element, file: str) -> n.Table | None:
+    """The numbers of an arrayValue; None where it holds anything else."""
+    cells = []
+    for value in element:
+        simple = value[0] if len(value) == 1 else None
+        if simple is None or etree.QName(simple).localname != "simpleValue" or value.get("repetitionValue", "1") != "1":
+            return None
+        cells.append(simple.get("value", ""))
+    if not cells or any("," in cell for cell in cells):
+        return None
+    try:
+        values, kind = parse_table(f"[{','.join(cells)}]")
+    except ValueError:
+        return None
+    return n.Table(values, kind, position=Position(file, line_of(element), 1))
+
+
+@dataclass
+class _Reader:
+    file: XmlFile
+    tables: dict[etree._Element, n.Table]
+    namespace: str
+    _readers: dict[str, Callable[[etree._Element, str], n.TypeSpec]] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._readers = {
+            "array": self._array,
+            "derived": lambda element, pou: n.NamedType(self._get(element, "name"), position=self._at(element, pou)),
+            "string": self._string,
+            "wstring": self._string,
+            "pointer": lambda element, pou: n.PointerSpec(self._base(element, pou), position=self._at(element, pou)),
+            "subrangeSigned": self._subrange,
+            "subrangeUnsigned": self._subrange,
+        }
+
+    # --- elements ---
+
+    def _all(self, parent: etree._Element, *tags: str) -> Iterator[etree._Element]:
+        """Descendants along a path of tags."""
+        yield from parent.findall("/".join(f"{self.namespace}{tag}" for tag in tags))
+
+    def _one(self, parent: etree._Element, tag: str) -> etree._Element:
+        found = parent.findall(f"{self.namespace}{tag}")
+        if len(found) != 1:
+            where = parent.get("name") or etree.QName(parent).localname
+            raise self.file.error(parent, f"'{where}' needs exactly one <{tag}>, it has {len(found)}")
+        return found[0]
+
+    def _get(self, element: etree._Element, name: str) -> str:
+        value = element.get(name)
+        if value is None:
+            raise self.file.error(element, f"<{etree.QName(element).localname}> has no attribute '{name}'")
+        return value
+
+    def _at(self, element: etree._Element, pou: str) -> Position:
+        return self.file.position(element, pou)
+
+    # --- declarations ---
+
+    def declarations(self) -> Iterator[n.Declaration]:
+        """All types, units and lists of globals, in the order of the file."""
+        root = self.file.root
+        self._refuse_meaningful_extras(root)
+        for element in self._all(root, "types", "dataTypes", "dataType"):
+            yield self._data_type(element)
+        for element in self._all(root, "types", "pous", "pou"):
+            yield self._pou(element)
+        for path in (("configuration",), ("configuration", "resource")):
+            for element in self._all(root, "instances", "configurations", *path, "globalVars"):
+                yield self._globals(element)
+        for element in self._all(root, "addData", "data"):
+            if element.get("name") == _GLOBALS:
+                yield from map(self._globals, self._all(element, "globalVars"))
+
+    def _refuse_meaningful_extras(self, root: etree._Element) -> None:
+        for data in root.iter(f"{self.namespace}data"):
+            kind = data.get("name", "").rpartition("/")[2].lower()
+            if kind in _MEANINGFUL:
+                raise self.file.error(data, f"additional data '{kind}' is not supported: plain PLCopen XML is expected")
+
+    def _data_type(self, element: etree._Element) -> n.TypeDeclaration:
+        name, where = self._get(element, "name"), self._at(element, "")
+        base = self._one(element, "baseType")
+        inner = base[0] if len(base) == 1 else None
+        kind = etree.QName(inner).localname if inner is not None else ""
+        initial = self._initial(element, "")
+        if kind == "struct" and inner is not None:
+            return n.StructDeclaration(name, None, self._variables(inner, ""), position=where)
+        if kind == "enum" and inner is not None:
+            values = tuple(self._enum_value(value) for value in self._all(inner, "values", "value"))
+            bases = [etree.QName(spec).localname for spec in self._all(inner, "baseType", "*")]
+            if initial is not None and not isinstance(initial, n.Identifier):
+                raise self.file.error(element, f"the initial value of '{name}' is no name")
+            return n.EnumDeclaration(name, values, bases[0] if bases else None, initial, position=where)
+        return n.AliasDeclaration(name, self._type(base, ""), initial, position=where)
+
+    def _enum_value(self, element: etree._Element) -> n.EnumValue:
+        value = element.get("value")
+        expression = None if value is None else self._expression(value, element, "")
+        return n.EnumValue(self._get(element, "name"), expression, position=self._at(element, ""))
+
+    def _pou(self, element: etree._Element) -> n.PouDeclaration:
+        name = self._get(element, "name")
+        kind = _KINDS.get(self._get(element, "pouType"))
+        if kind is None:
+            raise self.file.error(element, f"'{name}' is a '{element.get('pouType')}', not one of {', '.join(_KINDS)}")
+        for tag in ("actions", "transitions"):
+            if len(element.findall(f"{self.namespace}{tag}/*")):
+                raise self.file.error(element, f"'{name}' has {tag}, which are not supported")
+        interface = self._one(element, "interface")
+        results = [self._type(found, name) for found in self._all(interface, "returnType")]
+        return n.PouDeclaration(
+            kind=kind,
+            name=name,
+            blocks=tuple(self._blocks(interface, name)),
+            body=self._body(element, name),
+            return_type=results[0] if results else None,
+            position=self._at(element, name),
+        )
+
+    def _blocks(self, interface: etree._Element, pou: str) -> Iterator[n.VariableBlock]:
+        for child in interface:
+            tag = etree.QName(child).localname
+            if tag in _SECTIONS:
+                yield self._block(child, _SECTIONS[tag], pou)
+            elif tag not in ("returnType", "documentation", "addData"):
+                raise self.file.error(child, f"'{pou}': <{tag}> is not supported")
+
+    def _body(self, element: etree._Element, pou: str) -> tuple[n.Statement, ...]:
+        body = self._one(element, "body")
+        languages = [etree.QName(child).localname for child in body]
+        if languages[:1] != ["ST"]:
+            raise self.file.error(
+                body, f"'{pou}' is implemented in {', '.join(languages) or 'nothing'}; only ST is read"
+            )
+        statements: tuple[n.Statement, ...] = parse_scanned(self.file.scan(body[0], pou), "body")
+        return statements
+
+    def _globals(self, element: etree._Element) -> n.GlobalList:
+        block = self._block(element, "VAR_GLOBAL", "")
+        return n.GlobalList(element.get("name", ""), (block,), position=self._at(element, ""))
+
+    def _block(self, element: etree._Element, section: str, pou: str) -> n.VariableBlock:
+        qualifiers = frozenset(word for name, word in _QUALIFIERS.items() if element.get(name) in ("true", "1"))
+        return n.VariableBlock(section, qualifiers, self._variables(element, pou), position=self._at(element, pou))
+
+    def _variables(self, parent: etree._Element, pou: str) -> tuple[n.VariableDeclaration, ...]:
+        return tuple(
+            n.VariableDeclaration(
+                self._get(element, "name"),
+                self._type(self._one(element, "type"), pou),
+                self._initial(element, pou),
+                element.get("address"),
+                position=self._at(element, pou),
+            )
+            for element in self._all(parent, "variable")
+        )
+
+    # --- types ---
+
+    def _type(self, parent: etree._Element, pou: str) -> n.TypeSpec:
+        """The type that is the only child of an element."""
+        if len(parent) != 1:
+            raise self.file.error(parent, f"a type is one element, here are {len(parent)}")
+        element = parent[0]
+        tag = etree.QName(element).localname
+        if tag in self._readers:
+            return self._readers[tag](element, pou)
+        if tag in ("struct", "enum") or len(element):
+            raise self.file.error(element, f"a <{tag}> needs a name of its own: declare it as a data type")
+        return n.NamedType(tag, position=self._at(element, pou))
+
+    def _base(self, element: etree._Element, pou: str) -> n.TypeSpec:
+        return self._type(self._one(element, "baseType"), pou)
+
+    def _array(self, element: etree._Element, pou: str) -> n.TypeSpec:
+        ranges = tuple(self._range(found, pou) for found in self._all(element, "dimension"))
+        if not ranges:
+            raise self.file.error(element, "an array without a dimension")
+        return n.ArraySpec(ranges, self._base(element, pou), position=self._at(element, pou))
+
+    def _range(self, element: etree._Element, pou: str) -> n.Range:
+        lower, upper = (self._expression(self._get(element, end), element, pou) for end in ("lower", "upper"))
+        return n.Range(lower, upper, position=self._at(element, pou))
+
+    def _string(self, element: etree._Element, pou: str) -> n.TypeSpec:
+        length = element.get("length")
+        size = None if length is None else self._expression(length, element, pou)
+        wide = etree.QName(element).localname == "wstring"
+        return n.StringSpec(size, wide, position=self._at(element, pou))
+
+    def _subrange(self, element: etree._Element, pou: str) -> n.TypeSpec:
+        base = self._base(element, pou)
+        if not isinstance(base, n.NamedType):
+            raise self.file.error(element, "a subrange of something that is no integer type")
+        return n.SubrangeSpec(base.name, self._range(self._one(element, "range"), pou), position=self._at(element, pou))
+
+    # --- values ---
+
+    def _initial(self, element: etree._Element, pou: str) -> n.Initial | None:
+        found = list(self._all(element, "initialValue"))
+        return self._value(found[0], pou) if found else None
+
+    def _value(self, parent: etree._Element, pou: str) -> n.Initial:
+        if len(parent) != 1:
+            raise self.file.error(parent, f"a value is one element, here are {len(parent)}")
+        element = parent[0]
+        match etree.QName(element).localname:
+            case "simpleValue":
+                return self._expression(self._get(element, "value"), element, pou)
+            case "arrayValue":
+                return self.tables.get(element) or self._array_value(element, pou)
+            case "structValue":
+                members = tuple(
+                    n.MemberInitial(self._get(value, "member"), self._value(value, pou), position=self._at(value, pou))
+                    for value in self._all(element, "value")
+                )
+                return n.StructInitial(members, position=self._at(element, pou))
+            case tag:
+                raise self.file.error(element, f"<{tag}> is no value")
+
+    def _array_value(self, element: etree._Element, pou: str) -> n.Initial:
+        items: list[n.Initial | n.Repeat] = []
+        for value in self._all(element, "value"):
+            text = value.get("repetitionValue", "1")
+            if not (text.isascii() and text.isdigit()) or len(text) > 9:
+                raise self.file.error(value, f"repetitionValue '{text[:40]}' is no count")
+            inner = self._value(value, pou)
+            items.append(inner if text == "1" else n.Repeat(int(text), inner, position=self._at(value, pou)))
+        return n.ArrayInitial(tuple(items), position=self._at(element, pou))
+
+    def _expression(self, text: str, element: etree._Element, pou: str) -> n.Expression:
+        """An expression in an attribute."""
+        line = line_of(element)
+        try:
+            parsed: Iterable[n.Statement] = parse_scanned(
+                scan(Segment(f"x := {text};", self.file.name, line, 1, pou)), "body"
+            )
+        except StSyntaxError:
+            parsed = ()
+        match tuple(parsed):
+            case (n.Assignment(target=n.Identifier(), value=value),):
+                return value
+            case _:
+                shown = text if len(text) <= 40 else f"{text[:37]}..."
+                raise self.file.error(element, f"'{shown}' is no value")

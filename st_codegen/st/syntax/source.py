@@ -1,0 +1,109 @@
+"""Where Structured Text comes from: texts, plain `.st` files, TwinCAT files, PLCopen XML, folders of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from st_codegen.errors import InputError
+from st_codegen.st.errors import Position, Problem, StSyntaxError
+from st_codegen.st.syntax import nodes as n
+from st_codegen.st.syntax.parser import parse_scanned
+from st_codegen.st.syntax.plcopen_xml import looks_like_plcopen, read_plcopen
+from st_codegen.st.syntax.scan import Scanned, Segment, scan
+from st_codegen.st.syntax.twincat_xml import read_xml
+
+MAX_BYTES = 1 << 30
+_BEGINNING = 1 << 12
+_XML = {".tcpou": read_xml, ".tcgvl": read_xml, ".tcdut": read_xml, ".xml": read_plcopen}
+_SUFFIXES = {".st", *_XML}
+_EXPECTED = ".st, .TcPOU, .TcGVL, .TcDUT or PLCopen's .xml"
+
+
+@dataclass(frozen=True)
+class Source:
+    """All declarations of a project, in the order of the files, and the texts they came from."""
+
+    declarations: tuple[n.Declaration, ...]
+    scans: tuple[Scanned, ...]
+
+
+def read_texts(texts: Mapping[str, str]) -> Source:
+    """Parse texts given by name; .TcPOU, .TcGVL and .TcDUT are TwinCAT's XML, .xml is PLCopen's.
+
+    Raises `StSyntaxError` with the first error of every text.
+    """
+    return _read((name, text.encode("utf-8", "surrogatepass")) for name, text in texts.items())
+
+
+def read_paths(paths: Iterable[Path | str]) -> Source:
+    """Parse files and folders; of folders all `.st`, `.TcPOU`, `.TcGVL`, `.TcDUT` and PLCopen `.xml` files by name.
+
+    Raises `StSyntaxError` with the first error of every file, `InputError` for a path that does not exist, a file that
+    is no Structured Text, or a folder without any.
+    """
+    return _read((path.as_posix(), _content(path)) for path in _files(paths))
+
+
+def _files(paths: Iterable[Path | str]) -> Iterator[Path]:
+    for path in map(Path, paths):
+        if path.is_dir():
+            found = sorted(file for file in path.rglob("*") if _is_structured_text(file))
+            if not found:
+                raise InputError(f"{path}: no {_EXPECTED} file in this folder")
+            yield from found
+        elif not path.is_file():
+            raise InputError(f"{path}: no such file or folder")
+        elif path.suffix.lower() not in _SUFFIXES:
+            raise InputError(f"{path}: not Structured Text: {_EXPECTED} is expected")
+        else:
+            yield path
+
+
+def _is_structured_text(path: Path) -> bool:
+    """By the suffix; other XML files may stand in the same folder, so these are looked into."""
+    suffix = path.suffix.lower()
+    if suffix not in _SUFFIXES or not path.is_file():
+        return False
+    if suffix != ".xml":
+        return True
+    with path.open("rb") as file:
+        return looks_like_plcopen(file.read(_BEGINNING))
+
+
+def _content(path: Path) -> bytes:
+    size = path.stat().st_size
+    if size > MAX_BYTES:
+        raise InputError(f"{path}: {size} bytes are more than the limit of {MAX_BYTES}")
+    return path.read_bytes()
+
+
+def _read(files: Iterable[tuple[str, bytes]]) -> Source:
+    declarations: list[n.Declaration] = []
+    scans: list[Scanned] = []
+    problems: list[Problem] = []
+    for name, content in files:
+        try:
+            found, scanned = _read_one(name, content)
+        except StSyntaxError as error:
+            problems += error.problems
+        else:
+            declarations += found
+            scans += scanned
+    if problems:
+        raise StSyntaxError(problems)
+    return Source(tuple(declarations), tuple(scans))
+
+
+def _read_one(name: str, content: bytes) -> tuple[list[n.Declaration], list[Scanned]]:
+    reader = _XML.get(Path(name).suffix.lower())
+    if reader is not None:
+        return reader(name, content)
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        message = f"not UTF-8 text ({error.reason} at byte {error.start})"
+        raise StSyntaxError([Problem(Position(name, 1, 1), message)]) from None
+    scanned = scan(Segment(text, name))
+    return parse_scanned(scanned), [scanned]
