@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 RACE := .venv-race
 INSTALLED := $(VENV)/.installed
 
-.PHONY: run test real blark soak lint bench clean tables train-long blind example race
+.PHONY: run test real blark soak lint bench clean tables train-long blind mutate example race
 
 run: $(INSTALLED)  ## compile the example bundle, verify the result
 	$(BIN)/st-codegen examples/rv160n/models/ --target twincat --out build/rv160n
@@ -46,6 +46,9 @@ soak: $(INSTALLED)  ## 100,000 hostile sequences through the blocks of the compe
 
 blind: $(INSTALLED)  ## hidden effects on held-out seeds: three rounds of cases, rates in build/blind.json; takes an hour
 	$(BIN)/python -m tests.reconcile.blind.run --seeds heldout --cases 348 --jobs 2 --lean --json build/blind.json
+
+mutate: $(INSTALLED)  ## changes 300 places one by one and lists the changes that no test notices; build/mutate.json, hours
+	$(BIN)/python -m tests.mutation --count 300 --jobs 2 --json build/mutate.json
 
 example: $(INSTALLED)  ## campaign of the simulated rig, training, Structured Text, motions with it; build/example/motion.json
 	$(BIN)/python examples/motion/run.py --out build/example

@@ -1,0 +1,179 @@
+"""`make mutate`: changes one place at a time, runs the tests that execute it, and lists the changes nobody noticed.
+
+First every test runs once below coverage, folder by folder, which shows the tests that execute a line. A mutant is
+tried in a copy of the repository with the tests of its own room first, most specific ones first. A mutant that no
+test executes has survived without a run. Templates are not Python, so theirs are all tests of their rooms.
+"""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import json
+import os
+import shutil
+import sqlite3
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import coverage
+from coverage.numbits import numbits_to_nums
+
+from tests.mutation.mutants import Mutant, sample
+
+ROOT = Path(__file__).resolve().parents[2]
+#: Tests of templates: the golden files first, they notice most.
+_OF_TEMPLATES = ("tests/emit/test_golden.py", "tests/emit", "tests/te", "tests/beckhoff_ml")
+#: Most tests of one mutant, and seconds for them: what these do not notice counts as survived.
+_MOST_TESTS = 150
+_SECONDS = 240
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of a mutant: `noticed`, `survived`, `not executed`, or `too slow` (an endless loop, too)."""
+
+    mutant: Mutant
+    verdict: str
+    seconds: float
+
+    @property
+    def found(self) -> bool:
+        """Whether the tests noticed it."""
+        return self.verdict in ("noticed", "too slow")
+
+
+class Executed:
+    """Which tests execute a line, from runs below coverage."""
+
+    def __init__(self, folder: Path) -> None:
+        self._tests: dict[tuple[str, int], set[str]] = collections.defaultdict(set)
+        self._size: collections.Counter[str] = collections.Counter()
+        for path in sorted(folder.glob("*.coverage")):
+            with sqlite3.connect(path) as data:
+                rows = data.execute(
+                    "select path, context, numbits from line_bits join file on file.id = file_id "
+                    "join context on context.id = context_id"
+                )
+                for name, context, bits in rows:
+                    file = Path(name).relative_to(ROOT).as_posix()
+                    for line in numbits_to_nums(bits):
+                        self._tests[file, line].add(context)
+                        self._size[context] += 1
+
+    def tests(self, mutant: Mutant) -> list[str]:
+        """The tests to run, those of the mutant's own room first, then by how little else they execute."""
+        if mutant.path.endswith(".j2"):
+            return list(_OF_TEMPLATES)
+        found = self._tests[mutant.path, mutant.line]
+        named = {test for test in found if test}
+        if not named and found:  # executed by the import: any test that uses the file
+            named = {test for (file, _), tests in self._tests.items() if file == mutant.path for test in tests if test}
+        own = f"tests/{mutant.path.split('/')[1]}/"
+        return sorted(named, key=lambda test: (not test.startswith(own), self._size[test], test))[:_MOST_TESTS]
+
+
+def measure(folder: Path, jobs: int) -> None:
+    """Run every folder of tests below coverage; what is measured already stays."""
+    folder.mkdir(parents=True, exist_ok=True)
+    groups = [path for path in sorted((ROOT / "tests").iterdir()) if path.is_dir() and any(path.rglob("test_*.py"))]
+    groups += sorted((ROOT / "tests").glob("test_*.py"))
+    with ThreadPoolExecutor(jobs) as pool:
+        for name, seconds in pool.map(lambda path: _measure_one(path, folder), groups):
+            print(f"executed lines of {name}: {seconds:.0f} s", flush=True)
+
+
+def _measure_one(path: Path, folder: Path) -> tuple[str, float]:
+    target = folder / f"{path.stem}.coverage"
+    start = time.perf_counter()
+    if not target.exists():
+        partial = target.with_suffix(".part")
+        command = [sys.executable, "-m", "coverage", "run", "--source=st_codegen", f"--data-file={partial}"]
+        command += ["-m", "pytest", "-q", "-p", "tests.mutation.contexts", "-p", "no:cacheprovider", str(path)]
+        subprocess.run(command, cwd=ROOT, check=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        partial.rename(target)
+    return path.name, time.perf_counter() - start
+
+
+def copy_repository(target: Path) -> None:
+    """Copy what git knows, with the folder of measured data beside it."""
+    names = subprocess.run(["git", "ls-files"], cwd=ROOT, check=True, capture_output=True, text=True).stdout.split("\n")
+    for name in filter(None, names):
+        (target / name).parent.mkdir(parents=True, exist_ok=True)
+        if (ROOT / name).exists():
+            shutil.copy2(ROOT / name, target / name)
+    if (ROOT.parent / "shared").exists() and not (target.parent / "shared").exists():
+        (target.parent / "shared").symlink_to(ROOT.parent / "shared")
+
+
+def try_mutant(mutant: Mutant, tests: list[str], copy: Path) -> Verdict:
+    """Run tests against one mutant in a copy of the repository."""
+    start = time.perf_counter()
+    if not tests:
+        return Verdict(mutant, "not executed", 0.0)
+    file = copy / mutant.path
+    source = file.read_text(encoding="utf-8")
+    file.write_text(mutant.apply(source), encoding="utf-8")
+    try:
+        command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
+        environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1", "PYTHONPATH": str(copy)}
+        done = subprocess.run(command, cwd=copy, env=environment, timeout=_SECONDS, capture_output=True, check=False)
+        # 5: none of the tests exists, so that nothing was tried
+        verdict = {0: "survived", 5: "not executed"}.get(done.returncode, "noticed")
+    except subprocess.TimeoutExpired:
+        verdict = "too slow"
+    finally:
+        file.write_text(source, encoding="utf-8")
+    return Verdict(mutant, verdict, time.perf_counter() - start)
+
+
+def main() -> int:
+    """Measure, try a sample of mutants, list the survivors; exit 1 where fewer than `--aim` were found."""
+    parser = argparse.ArgumentParser(prog="python -m tests.mutation", description=__doc__)
+    parser.add_argument("--count", type=int, default=300)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--below", default="", help="only files whose path begins like this, such as st_codegen/ir")
+    parser.add_argument("--aim", type=float, default=0.9)
+    parser.add_argument("--json", type=Path, default=ROOT / "build" / "mutate.json")
+    options = parser.parse_args()
+    lines = ROOT / "build" / "executed"
+    measure(lines, options.jobs)
+    executed = Executed(lines)
+    mutants = sample(ROOT, options.count, options.seed, options.below)
+    with tempfile.TemporaryDirectory(prefix="st-codegen-mutate-") as name:
+        copies = [Path(name) / str(number) / "copy" for number in range(options.jobs)]
+        for copy in copies:
+            copy_repository(copy)
+        free = list(copies)
+
+        def one(mutant: Mutant) -> Verdict:
+            copy = free.pop()
+            try:
+                return try_mutant(mutant, executed.tests(mutant), copy)
+            finally:
+                free.append(copy)
+
+        verdicts = []
+        with ThreadPoolExecutor(options.jobs) as pool:
+            for verdict in pool.map(one, mutants):
+                verdicts.append(verdict)
+                print(f"{len(verdicts)}/{len(mutants)} {verdict.verdict:12} {verdict.mutant}", flush=True)
+    found = sum(verdict.found for verdict in verdicts)
+    survivors = [str(verdict.mutant) for verdict in verdicts if not verdict.found]
+    counts = collections.Counter(verdict.verdict for verdict in verdicts)
+    options.json.parent.mkdir(parents=True, exist_ok=True)
+    options.json.write_text(json.dumps({"tried": len(verdicts), "counts": counts, "survivors": survivors}, indent=1))
+    print(f"\n{found} of {len(verdicts)} mutants found ({found / len(verdicts):.1%}); not found:")
+    print("\n".join(survivors))
+    return 0 if found >= options.aim * len(verdicts) else 1
+
+
+if __name__ == "__main__":
+    assert coverage.version_info >= (7,)
+    sys.exit(main())
