@@ -63,3 +63,19 @@ def test_no_structured_text_in_python_of_the_generator():
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 assert ":=" not in node.value, f"{path}:{node.lineno}"
                 assert "END_" not in node.value or path.stem == "literals", f"{path}:{node.lineno}"
+
+
+#: Rooms of reconcile, from the floor up: each uses only what stands before it, `settings`, and itself.
+RECONCILE = ("data", "fit", "judge", "run", "models", "report")
+
+
+@pytest.mark.parametrize("path", sorted((PACKAGE / "reconcile").rglob("*.py")), ids=lambda path: path.stem)
+def test_floors_of_reconcile(path):
+    here = path.relative_to(PACKAGE / "reconcile").parts[0].removesuffix(".py")
+    if here not in RECONCILE:
+        return
+    used = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("st_codegen.reconcile."):
+            used.add(node.module.split(".")[2])
+    assert used <= {"settings", *RECONCILE[: RECONCILE.index(here) + 1]}

@@ -12,9 +12,7 @@ import click
 
 from st_codegen.cli.console import console, progress_bar, quiet_option, trust_option
 from st_codegen.errors import InputError
-from st_codegen.reconcile.output import report, report_text, rig_diff
-from st_codegen.reconcile.run import Result, reconcile_files
-from st_codegen.reconcile.spectrum import (
+from st_codegen.reconcile.judge.spectrum import (
     SpectrumResult,
     is_spectrum,
     read_spectrum,
@@ -22,8 +20,10 @@ from st_codegen.reconcile.spectrum import (
     spectrum_report,
     spectrum_summary,
 )
-from st_codegen.reconcile.update import CODE, MODELS, Update, Wish, check_models, update_models
-from st_codegen.reconcile.words import summary, update_summary
+from st_codegen.reconcile.models.update import CODE, MODELS, Update, Wish, check_models, update_models
+from st_codegen.reconcile.report.output import report, report_text, rig_diff
+from st_codegen.reconcile.report.sentences import summary, update_summary
+from st_codegen.reconcile.run import Result, reconcile_files
 from st_codegen.rig.effects import catalogue
 from st_codegen.rig.model import read_rig
 from st_codegen.te.bundle_file import BUNDLE_FILE
@@ -124,7 +124,7 @@ def _wish(models: Path | None, update: bool, target: str, profile: str, trust_pi
 
 def _written(result: Result, wish: Wish | None, out: Path, quiet: bool) -> Update | None:
     """Update the models, and write everything at once."""
-    from st_codegen.reconcile.pages import report_page
+    from st_codegen.reconcile.report.pages import report_page
 
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=out.parent) as name:
@@ -144,7 +144,7 @@ def _written(result: Result, wish: Wish | None, out: Path, quiet: bool) -> Updat
 
 
 def _spectrum_texts(found: SpectrumResult) -> dict[str, str]:
-    from st_codegen.reconcile.pages import spectrum_page
+    from st_codegen.reconcile.report.pages import spectrum_page
 
     content = json.dumps(spectrum_report(found), indent=1, allow_nan=False) + "\n"
     return {"rig.toml": found.rig.text(), "rig.diff": "", "report.json": content, "report.html": spectrum_page(found)}

@@ -9,27 +9,27 @@ from pathlib import Path
 
 import numpy as np
 
-from st_codegen.reconcile.candidates import Candidate
-from st_codegen.reconcile.conclusions import Conclusions, conclude, held_out_rms, without_misfits
-from st_codegen.reconcile.evidence import Evidence
-from st_codegen.reconcile.fitting import Fit, State, Target, groups_of
-from st_codegen.reconcile.noise import Noise, estimate
-from st_codegen.reconcile.observations import Observations, rms_deg
-from st_codegen.reconcile.parameters import Piece, piece_of
-from st_codegen.reconcile.reading import check, read_measured
-from st_codegen.reconcile.recordings import (
+from st_codegen.reconcile.data.noise import Noise, estimate
+from st_codegen.reconcile.data.observations import Observations, rms_deg
+from st_codegen.reconcile.data.reading import check, read_measured
+from st_codegen.reconcile.data.recordings import (
     Recording,
-    coupling_link,
     is_recording,
     observations,
     read_recordings,
-    servo_link,
-    with_unmeasured_links,
 )
-from st_codegen.reconcile.remaining import Signature, Structure, lines_in_samples, signatures, structure
-from st_codegen.reconcile.selection import search, with_noise_of
-from st_codegen.reconcile.suspects import bad_runs
-from st_codegen.reconcile.threads import one_thread
+from st_codegen.reconcile.fit.fitting import Fit
+from st_codegen.reconcile.fit.parameters import Piece, piece_of
+from st_codegen.reconcile.fit.state import State
+from st_codegen.reconcile.fit.target import Target, groups_of
+from st_codegen.reconcile.fit.threads import one_thread
+from st_codegen.reconcile.judge.candidates import Candidate
+from st_codegen.reconcile.judge.conclusions import Conclusions, conclude, held_out_rms, without_misfits
+from st_codegen.reconcile.judge.evidence import Evidence
+from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unmeasured_links
+from st_codegen.reconcile.judge.selection import search, with_noise_of
+from st_codegen.reconcile.judge.suspects import bad_runs
+from st_codegen.reconcile.judge.unexplained import Signature, Structure, lines_in_samples, signatures, structure
 from st_codegen.rig.effects import Catalogue, Effect, Stage
 from st_codegen.rig.model import RigModel
 
@@ -48,7 +48,7 @@ class Gap:
 
 @dataclass(frozen=True)
 class OrderGap:
-    """The same for one order; held_out: after, on conditions that were left out of the fit."""
+    """RMS in deg between model and measurement of one order; held_out: after, on conditions that the fit left out."""
 
     order: int
     before: float

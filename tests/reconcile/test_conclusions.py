@@ -6,15 +6,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from st_codegen.reconcile.candidates import Search, variants
-from st_codegen.reconcile.conclusions import Claim
-from st_codegen.reconcile.fitting import State, Target, fit, groups_of
-from st_codegen.reconcile.noise import estimate
-from st_codegen.reconcile.parameters import Piece, piece_of
-from st_codegen.reconcile.peaks import bracket, spread
-from st_codegen.reconcile.retuned import changes
-from st_codegen.reconcile.threads import one_thread
-from st_codegen.reconcile.words import sentence
+from st_codegen.reconcile.data.noise import estimate
+from st_codegen.reconcile.fit.fitting import fit
+from st_codegen.reconcile.fit.parameters import Piece, piece_of
+from st_codegen.reconcile.fit.state import State
+from st_codegen.reconcile.fit.target import Target, groups_of
+from st_codegen.reconcile.fit.threads import one_thread
+from st_codegen.reconcile.judge.candidates import Search, variants
+from st_codegen.reconcile.judge.conclusions import Claim
+from st_codegen.reconcile.judge.peaks import bracket, spread
+from st_codegen.reconcile.judge.retuned import changes
+from st_codegen.reconcile.report.sentences import sentence
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
 

@@ -10,13 +10,15 @@ from click.testing import CliRunner
 from st_codegen.campaign.harmonic_table import HarmonicTable, write_table
 from st_codegen.cli.main import cli
 from st_codegen.errors import InputError
-from st_codegen.reconcile.candidates import variants
-from st_codegen.reconcile.evidence import false_discoveries
-from st_codegen.reconcile.fitting import State, Target, fit, groups_of
-from st_codegen.reconcile.noise import estimate
-from st_codegen.reconcile.observations import Observations, labels
-from st_codegen.reconcile.parameters import piece_of
-from st_codegen.reconcile.reading import check
+from st_codegen.reconcile.data.noise import estimate
+from st_codegen.reconcile.data.observations import Observations, labels
+from st_codegen.reconcile.data.reading import check
+from st_codegen.reconcile.fit.fitting import fit
+from st_codegen.reconcile.fit.parameters import piece_of
+from st_codegen.reconcile.fit.state import State
+from st_codegen.reconcile.fit.target import Target, groups_of
+from st_codegen.reconcile.judge.candidates import variants
+from st_codegen.reconcile.judge.evidence import false_discoveries
 from st_codegen.rig.effects import Conditions, Constants, catalogue
 from st_codegen.rig.model import RigModel
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from st_codegen.reconcile.formula import (
+from st_codegen.reconcile.models.formula import (
     QUANTITIES,
     Graph,
     NoFormulaError,
@@ -83,7 +83,7 @@ def test_the_model_file_has_the_same_numbers(tmp_path):
 
 
 def operators(node):
-    from st_codegen.reconcile.formula import in_order
+    from st_codegen.reconcile.models.formula import in_order
 
     return [one.operator for one in in_order([node])]
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from st_codegen.errors import InputError
-from st_codegen.reconcile.recordings import ANGLES, is_recording, observations, read_recordings
+from st_codegen.reconcile.data.recordings import ANGLES, is_recording, observations, read_recordings
 from st_codegen.rig.model import parse_rig
 
 RIG = """

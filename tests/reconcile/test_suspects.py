@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from st_codegen.reconcile.observations import Observations, labels
-from st_codegen.reconcile.suspects import bad_runs
+from st_codegen.reconcile.data.observations import Observations, labels
+from st_codegen.reconcile.judge.suspects import bad_runs
 from st_codegen.rig.effects import Conditions
 
 ORDERS = np.array([0, 1, 3, 39, 40, 78])

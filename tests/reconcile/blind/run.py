@@ -72,7 +72,7 @@ def lean(rig: Path, measured: Path, out: Path) -> subprocess.CompletedProcess[st
     """What `st-codegen reconcile` does up to report.json and rig.toml, in this process."""
     # only here: nothing else of the suite knows the program
     from st_codegen.errors import StCodegenError
-    from st_codegen.reconcile.output import report_text
+    from st_codegen.reconcile.report.output import report_text
     from st_codegen.reconcile.run import reconcile_files
     from st_codegen.rig.effects import catalogue
     from st_codegen.rig.model import read_rig

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.reconcile.noise import speed_levels
+from st_codegen.reconcile.data.noise import speed_levels
 from st_codegen.reconcile.run import Result
 from st_codegen.report.html import Section
 from st_codegen.report.picture import Draw, figures
@@ -65,7 +65,7 @@ def _orders(result: Result, before: ComplexArray, after: ComplexArray) -> Sectio
 
 
 def _angles(result: Result, before: ComplexArray, after: ComplexArray) -> Section:
-    """The same over the angle of the output, summed over orders, mean included."""
+    """Maps of the residual over the angle of the output and the speed, summed over orders, mean included."""
     data, good = result.data, result.target.good
     theta = (np.arange(_ANGLES) + 0.5) * (2 * np.pi / _ANGLES)
     # high orders alias on so few angles; their size does not

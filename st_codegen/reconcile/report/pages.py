@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from st_codegen.reconcile.conclusions import Claim
-from st_codegen.reconcile.evidence import digits
-from st_codegen.reconcile.maps import map_sections
-from st_codegen.reconcile.output import parameters_of, rig_diff
+from st_codegen.reconcile.judge.conclusions import Claim
+from st_codegen.reconcile.judge.evidence import digits
+from st_codegen.reconcile.judge.spectrum import SpectrumResult, sizes, spectrum_report, spectrum_summary
+from st_codegen.reconcile.report.maps import map_sections
+from st_codegen.reconcile.report.output import parameters_of, rig_diff
+from st_codegen.reconcile.report.sentences import VERDICT_TEXT, plain, sentence
 from st_codegen.reconcile.run import OrderGap, Result
-from st_codegen.reconcile.spectrum import SpectrumResult, sizes, spectrum_report, spectrum_summary
-from st_codegen.reconcile.words import VERDICT_TEXT, plain, sentence
 from st_codegen.report.html import Section, Table, page
 from st_codegen.report.picture import Draw, figure, figures
 from st_codegen.rig.effects.base import FloatArray
 
 if TYPE_CHECKING:
-    from st_codegen.reconcile.update import Update
+    from st_codegen.reconcile.models.update import Update
 
 _MOST_BARS = 24
 _SAMPLES = 720

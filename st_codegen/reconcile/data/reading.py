@@ -12,14 +12,13 @@ from st_codegen.campaign.harmonic_table import read_table
 from st_codegen.campaign.orders import BAND
 from st_codegen.campaign.reader import read_campaign
 from st_codegen.errors import InputError, Problems
-from st_codegen.reconcile.noise import BoolArray
-from st_codegen.reconcile.observations import Observations, from_table, labels
+from st_codegen.reconcile.data.noise import BoolArray
+from st_codegen.reconcile.data.observations import Observations, from_table, labels
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
 
 Progress = Callable[[int, int, str], None]
-_LEAST_RUNS = 8
-_LEAST_POINTS = 5
 _DEGREES = 57.29577951308232
 
 
@@ -90,10 +89,10 @@ def check(data: Observations, rig: RigModel, path: Path, *, units: bool = True) 
             f"{_listed(list(rig.orders()))}; nothing can be compared"
         )
     points = len({*zip(data.at.speed_rpm, data.at.torque_Nm, data.at.temperature_C, strict=True)})
-    if len(data) < _LEAST_RUNS or points < _LEAST_POINTS:
+    if len(data) < SETTINGS.least_curves or points < SETTINGS.least_points:
         problems.add(
             f"too few conditions for a claim: {points} operating points in {len(data)} curves; at least "
-            f"{_LEAST_POINTS} different conditions and {_LEAST_RUNS} curves are needed"
+            f"{SETTINGS.least_points} different conditions and {SETTINGS.least_curves} curves are needed"
         )
     if overlap and units:
         with problems.collect():

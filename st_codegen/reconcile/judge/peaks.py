@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from st_codegen.reconcile.fitting import Target
-from st_codegen.reconcile.noise import speed_levels
+from st_codegen.reconcile.data.noise import speed_levels
+from st_codegen.reconcile.fit.target import Target
 from st_codegen.rig.effects import Effect, Stage
 from st_codegen.rig.effects.base import ComplexArray
 

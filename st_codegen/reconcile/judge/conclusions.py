@@ -7,34 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from st_codegen.reconcile.candidates import STAGES, Candidate, Search
-from st_codegen.reconcile.evidence import Evidence, judge
-from st_codegen.reconcile.fitting import Fit, State, fit, inverse
-from st_codegen.reconcile.observations import rms_deg
-from st_codegen.reconcile.parameters import Coordinate, Piece
-from st_codegen.reconcile.peaks import bracket, has_a_frequency, spread
-from st_codegen.reconcile.retuned import change_after_all, changes
+from st_codegen.reconcile.data.observations import rms_deg
+from st_codegen.reconcile.fit.fitting import Fit, fit
+from st_codegen.reconcile.fit.normal import inverse
+from st_codegen.reconcile.fit.parameters import Coordinate, Piece
+from st_codegen.reconcile.fit.state import State
+from st_codegen.reconcile.judge.candidates import STAGES, Candidate, Search
+from st_codegen.reconcile.judge.evidence import Evidence, judge
+from st_codegen.reconcile.judge.peaks import bracket, has_a_frequency, spread
+from st_codegen.reconcile.judge.retuned import change_after_all, changes
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Conditions, Effect, Stage
 from st_codegen.rig.effects.base import ComplexArray, FloatArray
 from st_codegen.rig.model import RigModel
-
-#: an effect is not named when its orders keep more loss, beyond noise, than this share of what it saves
-_MISFIT = 0.3
-#: an effect acts where its contribution is more than this part of its largest
-_ACTS = 0.3
-#: loss of a run by noise with heavy tails, which a robust noise estimate takes for one
-_TAILS = 1.4
-#: the same as _MISFIT for a resonance, never quite that of one oscillator: it must explain more than is left
-_MISFIT_OF_PEAKS = 1.0
-#: and when as many orders peak at one frequency, each at its own speed
-_ORDERS_THAT_AGREE, _MISFIT_OF_AGREEING = 3, 10.0
-#: twice the loss by which another name may be worse and still be as good a name: 1 in 1000 by chance for one parameter
-_AS_GOOD = 11.0
-_TRIES = 3
-#: parameters of the rig that are let go one after the other because of what they would leave
-_MOST_AFTER_ALL = 4
-#: damping ratio whose peak fits between two speeds of a campaign
-_NARROW = 0.006
 
 
 @dataclass(frozen=True)
@@ -101,7 +86,7 @@ def without_misfits(current: Fit) -> tuple[Fit, list[Piece]]:
             if not piece.added:
                 continue
             ratio = _misfit(current, piece)
-            limit = _MISFIT if piece.effect.stage is not Stage.STRUCTURE else _misfit_of_peaks(piece)
+            limit = SETTINGS.misfit if piece.effect.stage is not Stage.STRUCTURE else _misfit_of_peaks(piece)
             if ratio > limit and (worst is None or ratio > worst[0]):
                 worst = (ratio, number)
         if worst is None:
@@ -112,7 +97,11 @@ def without_misfits(current: Fit) -> tuple[Fit, list[Piece]]:
 
 def _misfit_of_peaks(piece: Piece) -> float:
     """The limit for a resonance: its frequency is sure when several orders peak there, whatever their exact shape."""
-    return _MISFIT_OF_PEAKS if len(piece.effect.orders) < _ORDERS_THAT_AGREE else _MISFIT_OF_AGREEING
+    return (
+        SETTINGS.misfit_of_peaks
+        if len(piece.effect.orders) < SETTINGS.orders_that_agree
+        else SETTINGS.misfit_of_agreeing
+    )
 
 
 def explained(current: Fit, piece: Piece) -> ComplexArray:
@@ -126,10 +115,10 @@ def _misfit(current: Fit, piece: Piece) -> float:
     target = current.target
     own = explained(current, piece)
     size = np.abs(own)
-    acts = (size > _ACTS * size.max(axis=0)) & target.good[:, None]
+    acts = (size > SETTINGS.acts * size.max(axis=0)) & target.good[:, None]
     with_it = (target.losses(current.residual) * acts).sum(axis=0)
     without = (target.losses(current.residual + own) * acts).sum(axis=0)
-    noise = _TAILS * acts.sum(axis=0) * np.where(target.data.orders == 0, 1, 2)
+    noise = SETTINGS.tails * acts.sum(axis=0) * np.where(target.data.orders == 0, 1, 2)
     left, saved = np.maximum(with_it - noise, 0.0), without - with_it
     mine = saved > 0.05 * saved.sum()
     return float(left[mine].sum() / max(saved[mine].sum(), 1e-300))
@@ -140,7 +129,7 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
     added = [i for i, piece in enumerate(joint.state.pieces) if piece.added]
     changed, offset_changed = changes(joint)
     final = _with_the_rest_held(joint, changed, offset_changed)
-    for _ in range(_MOST_AFTER_ALL):
+    for _ in range(SETTINGS.most_after_all):
         more = change_after_all(joint, final, changed)
         if not more:
             break
@@ -181,7 +170,7 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
 
 def _peaks(final: Fit, piece: Piece) -> tuple[float, float] | None:
     """Where the peaks put a resonance whose orders keep as much structure as it explains; None for all others."""
-    if not has_a_frequency(piece.effect) or _misfit(final, piece) < _MISFIT_OF_PEAKS:
+    if not has_a_frequency(piece.effect) or _misfit(final, piece) < SETTINGS.misfit_of_peaks:
         return None
     return bracket(final.target, final.residual + explained(final, piece), piece.effect)
 
@@ -190,7 +179,7 @@ def _of_its_shape(piece: Piece, peaks: tuple[float, float] | None) -> tuple[str,
     """What the width of a resonance and the shape of its peaks leave open."""
     if peaks is None:
         damping = piece.effect.values.get("damping_ratio")
-        narrow = isinstance(damping, float) and damping < _NARROW
+        narrow = isinstance(damping, float) and damping < SETTINGS.narrow
         text = "narrower than the steps of speed: height and damping are uncertain, the frequency is not"
         return (text,) if narrow else ()
     return (
@@ -292,12 +281,12 @@ def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> list[tu
             best[c.name] = c
     found = []
     places = np.flatnonzero(np.isin(joint.target.data.model_orders(), sorted(own)))
-    for c in list(best.values())[:_TRIES]:
+    for c in list(best.values())[: SETTINGS.other_names]:
         fitted = fit(joint.target, c.put_into(smaller.state), steps=8, tolerance=0.1)
         extra = len(c.coordinates()) - len(piece.coordinates())
         # what it gains on other orders does not make it a name for this one's
         worse = joint.target.losses(fitted.residual)[:, places] - joint.target.losses(joint.residual)[:, places]
-        if max(fitted.loss - joint.loss, float(worse.sum())) + 2.0 * max(extra, 0) < _AS_GOOD:
+        if max(fitted.loss - joint.loss, float(worse.sum())) + 2.0 * max(extra, 0) < SETTINGS.as_good:
             found.append((c, fitted))
     return found
 

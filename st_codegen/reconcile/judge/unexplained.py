@@ -6,19 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from st_codegen.reconcile.evidence import chi_square_tail, false_discoveries
-from st_codegen.reconcile.fitting import Target
-from st_codegen.reconcile.noise import BoolArray, speed_levels
+from st_codegen.reconcile.data.noise import BoolArray, speed_levels
+from st_codegen.reconcile.fit.target import Target
+from st_codegen.reconcile.judge.evidence import chi_square_tail, false_discoveries
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects.base import ComplexArray, FloatArray, IntArray
-
-#: false discovery rate of the orders that are called significant
-RATE = 1e-4
-#: residuals are cut here (noise units), so that single wild runs make no structure
-_CUT = 5.0
-#: structure is noise of the estimate of the noise below this part of it (power)
-_LEAST_EXCESS = 0.4
-#: lines that are told of samples over time
-_MOST_LINES = 8
 
 
 @dataclass(frozen=True)
@@ -42,7 +34,7 @@ def structure(target: Target, residual: ComplexArray) -> Structure:
     at = data.at
     z = np.where(data.orders == 0, residual.real, residual) / target.sigma
     size = np.abs(z)
-    z = (z * np.minimum(1.0, _CUT / np.maximum(size, 1e-300)))[good]
+    z = (z * np.minimum(1.0, SETTINGS.cut / np.maximum(size, 1e-300)))[good]
     design = {
         "constant": _dummies(np.zeros(len(at), np.int64), at.sign)[good],
         "speed": _dummies(speed_levels(at.speed_rpm), at.sign)[good],
@@ -60,7 +52,9 @@ def structure(target: Target, residual: ComplexArray) -> Structure:
     p = np.array([chi_square_tail(float(x), int(k * rank)) for x, k in zip(explained / scale, parts, strict=True)])
     sigma2 = (target.sigma[good] ** 2).mean(axis=0)
     excess = np.maximum(explained / scale - parts * rank, 0.0) / rows * sigma2 * scale
-    significant = false_discoveries(p, RATE) & (excess > _LEAST_EXCESS * parts * sigma2 * scale)
+    significant = false_discoveries(p, SETTINGS.discovery_rate) & (
+        excess > SETTINGS.least_excess * parts * sigma2 * scale
+    )
     shares = tuple(_shares(design, z[:, k]) for k in range(z.shape[1]))
     return Structure(data.orders, p, excess, significant, shares)
 
@@ -144,7 +138,7 @@ def lines_in_samples(target: Target, residual: ComplexArray, gap_power: float, h
     r, sigma = residual[:, 0].real, float(target.sigma[0, 0])
     left = r.copy()
     out = []
-    for _ in range(_MOST_LINES):
+    for _ in range(SETTINGS.most_lines):
         waves = np.exp(-1j * np.outer(np.arange(highest + 1), angle))
         sums = waves @ left * (2.0 / len(left))
         sums[0] /= 2.0

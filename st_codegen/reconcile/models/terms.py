@@ -16,7 +16,9 @@ import numpy as np
 from st_codegen.emit.blocks.model import input_variables
 from st_codegen.errors import InputError, Problems
 from st_codegen.ir import Direction, ModelIR, Quantity, TransmissionError, reference
-from st_codegen.reconcile.formula import (
+from st_codegen.reconcile.data.noise import BoolArray
+from st_codegen.reconcile.data.observations import rms_deg
+from st_codegen.reconcile.models.formula import (
     QUANTITIES,
     Graph,
     Node,
@@ -26,15 +28,13 @@ from st_codegen.reconcile.formula import (
     evaluate,
     operating_point,
 )
-from st_codegen.reconcile.noise import BoolArray
-from st_codegen.reconcile.observations import rms_deg
 from st_codegen.reconcile.run import Result
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.compensator import roles_of, transmission_error
 from st_codegen.rig.effects.base import ComplexArray, FloatArray, IntArray
 from st_codegen.te.bundle import Bundle
 
 SIGN = {Direction.FORWARD: 1.0, Direction.BACKWARD: -1.0}
-_LEAST_ROWS = 8
 
 
 @dataclass(frozen=True)
@@ -86,9 +86,11 @@ def check_bundle(bundle: Bundle, result: Result) -> None:
     problems = Problems(f"bundle '{te.name}'")
     with problems.collect():
         inputs = Inputs.of(te)
-        if _inside(te, inputs, result).sum() < _LEAST_ROWS:
+        if _inside(te, inputs, result).sum() < SETTINGS.least_rows:
             ranges = ", ".join(f"{f.name} {f.lower:g} .. {f.upper:g}" for f in te.features)
-            raise InputError(f"fewer than {_LEAST_ROWS} measured rows lie inside the ranges of its features ({ranges})")
+            raise InputError(
+                f"fewer than {SETTINGS.least_rows} measured rows lie inside the ranges of its features ({ranges})"
+            )
     problems.raise_if_any()
 
 

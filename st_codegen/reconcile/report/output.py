@@ -9,13 +9,13 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from st_codegen.reconcile.conclusions import Claim, Retuned
-from st_codegen.reconcile.evidence import Evidence, digits
+from st_codegen.reconcile.judge.conclusions import Claim, Retuned
+from st_codegen.reconcile.judge.evidence import Evidence, digits
 from st_codegen.reconcile.run import Gap, Result
 from st_codegen.rig.effects import Effect
 
 if TYPE_CHECKING:
-    from st_codegen.reconcile.update import Update
+    from st_codegen.reconcile.models.update import Update
 
 
 def report(result: Result, update: Update | None = None) -> dict[str, Any]:

@@ -11,19 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from st_codegen.reconcile.observations import Observations
+from st_codegen.reconcile.data.observations import Observations
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.effects.base import ComplexArray, FloatArray, IntArray
 
 BoolArray = npt.NDArray[np.bool_]
-#: neighbours of a local plane
-_NEIGHBOURS = 10
 #: median of |x| for a normal x, and of the length of a vector of two: 0.6745, sqrt(2*ln 2)
 _MEDIAN_1, _MEDIAN_2 = 0.67449, 1.17741
-#: a run is suspected when its distance is this many times what is usual
-_SUSPECT = 6.0
-#: no noise is below this, deg
-_LEAST = 1e-9
 
 
 @dataclass(frozen=True)
@@ -66,7 +61,7 @@ _KEPT: dict[tuple[int, int, bytes], tuple[Conditions, Contrasts]] = {}
 def _contrasts(at: Conditions, good: BoolArray) -> Contrasts:
     n = len(at)
     scaled = np.stack([4.0 * in_steps(at.speed_rpm), in_steps(at.torque_Nm), in_steps(at.temperature_C)], axis=1)
-    count = _NEIGHBOURS
+    count = SETTINGS.neighbours
     index = np.zeros((n, count), np.int64)
     weight = np.zeros((n, count))
     norm = np.full(n, np.inf)
@@ -136,7 +131,7 @@ def estimate(data: Observations, residual: ComplexArray, known_bad: BoolArray | 
         sigma = _sigma_by_direction(data, e, good & local.usable)
         distance = _distances(e, sigma, local.usable)
         usual = np.median(distance[local.usable & good])
-        found = np.flatnonzero(good & local.usable & (distance > _SUSPECT * max(usual, 1e-30)))
+        found = np.flatnonzero(good & local.usable & (distance > SETTINGS.suspect_distance * max(usual, 1e-30)))
         # a bad run also moves its neighbours: take the worst of each neighbourhood first
         worst = [
             row for row in found if distance[row] >= max(distance[[*local.index[row][local.weight[row] != 0], row]])
@@ -157,7 +152,7 @@ def estimate(data: Observations, residual: ComplexArray, known_bad: BoolArray | 
         sigma = np.broadcast_to(sigma_of(residual, data.orders), residual.shape).copy()
         floor = sigma_of(residual, data.orders)
     ranked = tuple(sorted(suspects.items(), key=lambda item: -item[1]))
-    return Noise(np.maximum(sigma, _LEAST), np.maximum(floor, _LEAST), good, ranked)
+    return Noise(np.maximum(sigma, SETTINGS.least_noise_deg), np.maximum(floor, SETTINGS.least_noise_deg), good, ranked)
 
 
 def _sigma_by_direction(data: Observations, e: ComplexArray, rows: BoolArray) -> FloatArray:

@@ -13,21 +13,17 @@ from functools import cached_property
 
 import numpy as np
 
-from st_codegen.reconcile.fitting import Column, Fit, Propagation, State
-from st_codegen.reconcile.parameters import Coordinate, Piece
-from st_codegen.reconcile.target import by_place
+from st_codegen.reconcile.fit.fitting import Fit
+from st_codegen.reconcile.fit.parameters import Coordinate, Piece
+from st_codegen.reconcile.fit.propagation import Propagation
+from st_codegen.reconcile.fit.state import State
+from st_codegen.reconcile.fit.target import Column, by_place
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Conditions, Constants, Effect, Form, Stage
 from st_codegen.rig.effects.base import BACKWARD, ComplexArray, FloatArray
 
-#: a resonance takes in the orders of which it takes this much off the loss (four parameters: 1 in 10,000 by chance)
-_ORDER_GAIN = 25.0
-_RESONANCE_POINTS = 3
-#: two resonances of the same orders lie this far apart at least (relative)
-SAME_RESONANCE = 0.1
 #: gains (of twice the loss) that differ by less are equal
 _TIE = 1e-3
-#: bytes of responses that are kept from search to search
-_MOST_KEPT = 400_000_000
 STAGES = (Stage.ADDITIVE, Stage.MODULATION, Stage.STRUCTURE, Stage.MEASURING)
 
 
@@ -246,9 +242,9 @@ class Search:
             gains[:, promising] += gain * ((turns > 0.9 * speeds[0]) & (turns < 1.1 * speeds[-1]))
         found = []
         for i, f in enumerate(grid):
-            chosen = [order for j, order in enumerate(orders) if gains[i, j] > _ORDER_GAIN]
+            chosen = [order for j, order in enumerate(orders) if gains[i, j] > SETTINGS.order_gain]
             if chosen:
-                found.append((float(gains[i][gains[i] > _ORDER_GAIN].sum()), fixed | {key: float(f)}, chosen))
+                found.append((float(gains[i][gains[i] > SETTINGS.order_gain].sum()), fixed | {key: float(f)}, chosen))
         return found
 
     def _unit_responses(
@@ -263,7 +259,7 @@ class Search:
             found = np.empty((len(starts), len(point), len(orders)), np.complex128)
             for i, values in enumerate(starts):
                 found[i] = effect(ones | values, self.constants, check=False).contribution(point, places)
-            if sum(array.nbytes for array in kept.values()) > _MOST_KEPT:
+            if sum(array.nbytes for array in kept.values()) > SETTINGS.most_kept_bytes:
                 kept.clear()
             kept[key] = found
         return kept[key]
@@ -273,7 +269,7 @@ class Search:
         z2 = self.scorer.weights * np.abs(self.fit.residual) ** 2
         rows = max(int(self.target.good.sum()), 1)
         excess = z2.sum(axis=0) - 2 * rows
-        loud = excess > max(_ORDER_GAIN, 2 * np.sqrt(rows))
+        loud = excess > max(SETTINGS.order_gain, 2 * np.sqrt(rows))
         return [j for j, order in enumerate(orders) if loud[np.searchsorted(self.data.orders, order)]]
 
 
@@ -285,7 +281,7 @@ def _apart(
     for point in points:
         if all(abs(np.log(point[1][key] / other[1][key])) > 0.02 for other in found):
             found.append(point)
-        if len(found) == _RESONANCE_POINTS:
+        if len(found) == SETTINGS.resonance_starts:
             break
     return found
 
@@ -293,7 +289,7 @@ def _apart(
 def _is_known(frequency: float, orders: Sequence[int], key: str, named: Sequence[Effect]) -> bool:
     """Whether a resonance of the same orders is there already: what is left of it is no second one."""
     return any(
-        abs(np.log(frequency / other.scalar(key))) < SAME_RESONANCE and set(orders) & set(other.orders)
+        abs(np.log(frequency / other.scalar(key))) < SETTINGS.same_resonance and set(orders) & set(other.orders)
         for other in named
     )
 

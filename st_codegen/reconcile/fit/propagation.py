@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from st_codegen.reconcile.observations import Observations
-from st_codegen.reconcile.parameters import Coordinate, Piece
-from st_codegen.reconcile.target import Column
+from st_codegen.reconcile.data.observations import Observations
+from st_codegen.reconcile.fit.parameters import Coordinate, Piece
+from st_codegen.reconcile.fit.target import Column
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Stage
 from st_codegen.rig.effects.base import ComplexArray, FloatArray
 from st_codegen.rig.model import RigModel
-
-#: pieces whose columns are kept
-_MOST_CACHED = 300
 
 
 class Propagation:
@@ -67,7 +65,7 @@ class Propagation:
         return found
 
     def cached_columns(self, piece: Piece, cache: dict[object, tuple[Column, ...]]) -> tuple[Column, ...]:
-        """The same, kept from step to step where it depends on nothing that changes."""
+        """The columns of a piece, taken from `cache` where they depend on nothing that a fit changes."""
         effect = piece.effect
         if effect.stage not in (Stage.ADDITIVE, Stage.STRUCTURE) or not all(c.linear for c in piece.coordinates()):
             return tuple(self.columns(piece))
@@ -76,7 +74,7 @@ class Propagation:
         fixed = tuple(sorted((key, value) for key, value in effect.values.items() if key not in piece.free))
         key = (effect.name, effect.orders, piece.free, fixed, tables)
         if key not in cache:
-            if len(cache) > _MOST_CACHED:
+            if len(cache) > SETTINGS.most_cached:
                 cache.clear()
             cache[key] = tuple(self.columns(piece))
         return cache[key]

@@ -11,9 +11,9 @@ from st_codegen.emit.generate import generate
 from st_codegen.emit.targets import target_named
 from st_codegen.errors import GeneratedCodeError, InputError, Problems
 from st_codegen.proof.verify import VerifyReport, verify
-from st_codegen.reconcile.bundle_files import write_updated
+from st_codegen.reconcile.models.bundle_files import write_updated
+from st_codegen.reconcile.models.terms import Decision, decide
 from st_codegen.reconcile.run import Result
-from st_codegen.reconcile.terms import Decision, decide
 from st_codegen.rig.compensator import EmittedCompensator, transmission_error
 from st_codegen.rig.effects.base import FloatArray
 from st_codegen.rig.machine import machine_of

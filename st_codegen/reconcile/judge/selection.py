@@ -7,31 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from st_codegen.reconcile.candidates import SAME_RESONANCE, Candidate, Search
-from st_codegen.reconcile.evidence import Evidence, judge
-from st_codegen.reconcile.fitting import Fit, State, Target, fit
-from st_codegen.reconcile.noise import Noise, estimate
-from st_codegen.reconcile.peaks import has_a_frequency
+from st_codegen.reconcile.data.noise import Noise, estimate
+from st_codegen.reconcile.fit.fitting import Fit, fit
+from st_codegen.reconcile.fit.state import State
+from st_codegen.reconcile.fit.target import Target
+from st_codegen.reconcile.judge.candidates import Candidate, Search
+from st_codegen.reconcile.judge.evidence import Evidence, judge
+from st_codegen.reconcile.judge.peaks import has_a_frequency
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Stage
 
 #: Called with (steps done, steps at most, what is tried).
 Progress = Callable[[int, int, str], None]
-
-_MOST_EFFECTS = 40
-#: candidates whose full fit is tried before the search ends
-_TRIES = 4
-#: rounds of tries before the search ends
-_ROUNDS = 4
-#: share of the best net gain below which a candidate is not tried beside it
-_CLEAR = 0.5
-#: loss that a resonance must save at two frequencies at least, each
-_POINT_GAIN = 12.0
-#: damping ratio above which there is no peak that could be told from any other dependence on speed
-_BROADEST = 0.15
-#: steps of a fit that only compares candidates, and how exact it is (of twice the loss)
-_QUICK_STEPS, _QUICK = 6, 0.5
-#: a candidate that failed is tried again when its gain has changed by this factor
-_CHANGED = 1.25
 
 
 def search(
@@ -41,9 +28,9 @@ def search(
     current = fit(target, state)
     judged: list[tuple[Candidate, Evidence]] = []
     refused: dict[object, float] = {}
-    for number in range(_MOST_EFFECTS):
+    for number in range(SETTINGS.most_effects):
         if progress is not None:
-            progress(number, _MOST_EFFECTS, f"{len(current.state.pieces)} effects")
+            progress(number, SETTINGS.most_effects, f"{len(current.state.pieces)} effects")
         found = _next(current, known, refused, judged)
         if found is None:
             break
@@ -58,7 +45,7 @@ def _next(
 ) -> Fit | None:
     finder = Search(known, current)
     ranked = [c for c in finder.ranked(least=20.0) if finder.net(c) > 0]
-    for _ in range(_ROUNDS):
+    for _ in range(SETTINGS.rounds):
         ranked = [c for c in ranked if not _failed_before(c, refused)]
         if not ranked:
             break
@@ -71,7 +58,9 @@ def _next(
 def _failed_before(candidate: Candidate, refused: dict[object, float]) -> bool:
     """Whether a candidate was refused when it gained about as much: beside a missing effect it may have gained less."""
     then = refused.get(candidate.identity)
-    return then is not None and (then == float("inf") or 1 / _CHANGED < candidate.gain / then < _CHANGED)
+    return then is not None and (
+        then == float("inf") or 1 / SETTINGS.changed_gain < candidate.gain / then < SETTINGS.changed_gain
+    )
 
 
 def _without_collectors(finder: Search, ranked: list[Candidate]) -> list[Candidate]:
@@ -103,7 +92,7 @@ def _first_that_passes(
     judged: list[tuple[Candidate, Evidence]],
 ) -> Fit | None:
     # a clear first needs no comparison with others
-    likely = [c for c in ranked[:_TRIES] if finder.net(c) > _CLEAR * finder.net(ranked[0])]
+    likely = [c for c in ranked[: SETTINGS.tries] if finder.net(c) > SETTINGS.clear * finder.net(ranked[0])]
     tried = [_tried(current, c) for c in likely]
     tried.sort(key=lambda pair: pair[0].loss + finder.penalty * len(pair[1].coordinates()))
     for fitted, candidate in tried:
@@ -119,7 +108,12 @@ def _first_that_passes(
 
 def _tried(current: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:
     """The fit with a candidate; of a resonance only the orders stay that reach its frequency."""
-    fitted = fit(current.target, candidate.put_into(current.state), steps=_QUICK_STEPS, tolerance=_QUICK)
+    fitted = fit(
+        current.target,
+        candidate.put_into(current.state),
+        steps=SETTINGS.quick_steps,
+        tolerance=SETTINGS.quick_tolerance,
+    )
     piece = fitted.state.pieces[candidate.place(fitted.state)]
     effect = piece.effect
     if not has_a_frequency(effect):
@@ -151,16 +145,17 @@ def at_two_frequencies(without: Fit, with_it: Fit, candidate: Candidate) -> bool
         low, high = min(low, order * turn.min()), max(high, order * turn.max())
         for column in np.flatnonzero(data.orders == order):
             for speed in np.unique(data.at.speed_rpm):
-                if saved[data.at.speed_rpm == speed, column].sum() > _POINT_GAIN:
+                if saved[data.at.speed_rpm == speed, column].sum() > SETTINGS.point_gain:
                     points.add(round(order * speed / 10))
     frequency = effect.scalar("frequency_Hz")
     others = [piece.effect for piece in without.state.pieces if piece.effect.name == effect.name]
     # what is left of a resonance that is not quite an oscillator's is not a second one
     apart = all(
-        abs(frequency / other.scalar("frequency_Hz") - 1) > SAME_RESONANCE or not set(other.orders) & set(effect.orders)
+        abs(frequency / other.scalar("frequency_Hz") - 1) > SETTINGS.same_resonance
+        or not set(other.orders) & set(effect.orders)
         for other in others
     )
-    peak = effect.scalar("damping_ratio") < _BROADEST
+    peak = effect.scalar("damping_ratio") < SETTINGS.broadest
     return len(points) >= 2 and 1.02 * low < frequency < 0.98 * high and apart and peak
 
 

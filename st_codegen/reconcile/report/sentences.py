@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from st_codegen.reconcile.conclusions import Claim
+from st_codegen.reconcile.judge.conclusions import Claim
 from st_codegen.reconcile.run import Result
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect
 from st_codegen.rig.effects.base import ARCMIN
 
 if TYPE_CHECKING:
-    from st_codegen.reconcile.update import Update
+    from st_codegen.reconcile.models.update import Update
 
 VERDICT_TEXT = {
     "explained": "What was missing is named, and what is left is noise.",
@@ -72,8 +73,6 @@ def update_summary(update: Update) -> str:
     return "\n".join(lines)
 
 
-#: share of the whole gap from which on it says more than the gap of an effect's own orders
-_MUCH = 0.05
 _COMPENSATOR = {"none": "without compensation", "old": "with the old models", "new": "with the new models"}
 
 
@@ -82,7 +81,7 @@ def sentence(claim: Claim, result: Result) -> str:
     effect = claim.piece.effect
     words = _WORDS.get(effect.name, plain)(effect, result)
     hedge = f" (the data would allow {', '.join(claim.alternatives)} as well)" if claim.alternatives else ""
-    if claim.share >= _MUCH:
+    if claim.share >= SETTINGS.much:
         return f"{words}{hedge}; it explains {100 * claim.share:.0f} % of the gap"
     before, after = claim.own_gap
     return f"{words}{hedge}; the gap of its orders falls from {before:.2g} to {after:.2g} deg"

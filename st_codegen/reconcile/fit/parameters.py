@@ -61,7 +61,7 @@ class Piece:
         return np.array([_read(self.effect, coordinate) for coordinate in self.coordinates()])
 
     def with_vector(self, vector: FloatArray) -> Piece:
-        """The same piece with other values of its coordinates."""
+        """This piece with other values of its coordinates, (p,)."""
         return Piece(
             self.effect.with_values(_written(self.effect, self.coordinates(), vector)),
             self.free,

@@ -7,14 +7,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from st_codegen.reconcile.noise import BoolArray, speed_levels
-from st_codegen.reconcile.observations import Observations
+from st_codegen.reconcile.data.noise import BoolArray, speed_levels
+from st_codegen.reconcile.data.observations import Observations
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.effects.base import ComplexArray, FloatArray, IntArray
 from st_codegen.rig.model import RigModel
 
-#: Huber's threshold, in standard deviations of one component
-HUBER = 3.0
 #: columns of one coordinate: the places of the orders that it touches, and d(model)/d(coordinate) there (n, places)
 Column = tuple[IntArray, ComplexArray]
 
@@ -75,7 +74,7 @@ class Target:
     responses: dict[object, ComplexArray] = field(default_factory=dict, compare=False)
 
     def subset(self, rows: BoolArray) -> Target:
-        """The same with fewer rows that count."""
+        """This target, of which only good rows inside `rows` count."""
         return replace(self, good=self.good & rows)
 
     def residual(self, model: RigModel) -> ComplexArray:
@@ -86,11 +85,13 @@ class Target:
         """Twice Huber's loss of each row and order, float64 (n, K); behaves like a chi-square for small residuals."""
         z = np.abs(np.where(self.data.orders == 0, residual.real, residual)) / self.sigma
         z = z * self.good[:, None]
-        found: FloatArray = np.where(z <= HUBER, z**2, 2 * HUBER * z - HUBER**2)
+        found: FloatArray = np.where(z <= SETTINGS.huber, z**2, 2 * SETTINGS.huber * z - SETTINGS.huber**2)
         return found
 
     def weights(self, residual: ComplexArray) -> FloatArray:
         """Weights of least squares that equal Huber's loss at these residuals, by row and order, in 1/deg^2."""
         z = np.abs(np.where(self.data.orders == 0, residual.real, residual)) / self.sigma
-        found: FloatArray = self.good[:, None] * np.minimum(1.0, HUBER / np.maximum(z, HUBER)) / self.sigma**2
+        found: FloatArray = (
+            self.good[:, None] * np.minimum(1.0, SETTINGS.huber / np.maximum(z, SETTINGS.huber)) / self.sigma**2
+        )
         return found

@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from st_codegen.reconcile.evidence import P_CLUSTERS, chi_square_tail, p_of_clusters
-from st_codegen.reconcile.fitting import Fit, inverse
-from st_codegen.reconcile.parameters import Piece
-from st_codegen.reconcile.remaining import structure
+from st_codegen.reconcile.fit.fitting import Fit
+from st_codegen.reconcile.fit.normal import inverse
+from st_codegen.reconcile.fit.parameters import Piece
+from st_codegen.reconcile.judge.evidence import chi_square_tail, p_of_clusters
+from st_codegen.reconcile.judge.unexplained import structure
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects.base import FloatArray
-
-P_CHANGED = 1e-7
-#: a change that is the same in all runs counts from this size on, in noises of one coefficient: noise that lasts over
-#: the runs looks like a smaller one
-_LEAST_CONSTANT = 0.63
-#: share of its power that a change may vary by and still be the same in all runs
-_VARIES = 0.1
 
 
 def changes(joint: Fit) -> tuple[dict[int, float], bool]:
@@ -27,12 +22,12 @@ def changes(joint: Fit) -> tuple[dict[int, float], bool]:
         places, difference = _difference(joint, i)
         p = _p_of(joint, places, difference)
         grown = piece.effect.values.keys() != piece.origin.values.keys()
-        if grown or (p < P_CHANGED and not _lasting_noise(joint, piece)):
+        if grown or (p < SETTINGS.p_changed and not _lasting_noise(joint, piece)):
             found[i] = p
     shift = joint.state.vector()[:1] - joint.state.rig.zero_offset_deg
     sigma = joint.target.sigma[:, joint.target.data.orders == 0]
-    large = bool(sigma.size) and abs(float(shift[0])) > _LEAST_CONSTANT * float(np.sqrt((sigma**2).mean()))
-    return found, large and _p_of(joint, [0], shift) < P_CHANGED
+    large = bool(sigma.size) and abs(float(shift[0])) > SETTINGS.least_constant * float(np.sqrt((sigma**2).mean()))
+    return found, large and _p_of(joint, [0], shift) < SETTINGS.p_changed
 
 
 def change_after_all(joint: Fit, final: Fit, changed: dict[int, float]) -> dict[int, float]:
@@ -85,13 +80,13 @@ def _lasting_noise(joint: Fit, piece: Piece) -> bool:
             size = max(size, float(np.sqrt(power.max(initial=0.0))))
             spread = (np.abs(rows - rows.mean(axis=0)) ** 2).mean(axis=0) / parts
             varies = max(varies, float(spread.sum() / max(float(power.sum()), 1e-300)))
-    return size < _LEAST_CONSTANT and varies < _VARIES
+    return size < SETTINGS.least_constant and varies < SETTINGS.varies
 
 
 def _p_of(joint: Fit, places: list[int], difference: FloatArray) -> float:
     """The larger chance of both tests; the one by clusters is brought to the scale of the other."""
     plain, clusters = _p_alone(joint, places, difference), p_of_clusters(joint, places, difference)
-    return plain if clusters < P_CLUSTERS else max(plain, clusters)
+    return plain if clusters < SETTINGS.p_clusters else max(plain, clusters)
 
 
 def _p_alone(joint: Fit, places: list[int], difference: FloatArray) -> float:

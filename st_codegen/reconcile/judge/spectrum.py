@@ -18,24 +18,15 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import InputError, Problems
-from st_codegen.reconcile.observations import Observations, labels
-from st_codegen.reconcile.reading import check_units, columns_of
+from st_codegen.reconcile.data.observations import Observations, labels
+from st_codegen.reconcile.data.reading import check_units, columns_of
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, Constants
 from st_codegen.rig.effects.base import FloatArray
 from st_codegen.rig.model import RigModel
 
 COLUMNS = ("direction", "order", "median_deg")
 _DIRECTIONS = {"fw": 1.0, "forward": 1.0, "bw": -1.0, "backward": -1.0}
-#: an order is there when it stands this many times above the floor
-_CLEAR = 3.0
-#: share of the listed orders, the quietest, whose median is the floor
-_QUIET = 0.25
-#: share of the names of one effect that may be expected to be coincidences of orders
-_COINCIDENCE = 0.1
-#: a sideband is at most this large against its mesh order (the bound of the effect)
-_LARGEST_RATIO = 5.0
-#: an unnamed order is described by mesh orders that are no farther away
-_NEAR = 8
 
 
 @dataclass(frozen=True)
@@ -147,7 +138,8 @@ def reconcile_spectrum(rig: RigModel, spectrum: Spectrum, scale: float | None = 
         for order in spectrum.orders
         if order > 0
         and all(
-            simulated[sign, order] == 0.0 and size >= _CLEAR * floor[sign] for sign, size in spectrum.of(order).items()
+            simulated[sign, order] == 0.0 and size >= SETTINGS.spectrum_clear * floor[sign]
+            for sign, size in spectrum.of(order).items()
         )
     ]
     named = _names(lacking, rig, spectrum, floor)
@@ -184,7 +176,7 @@ def _check_units(rig: RigModel, spectrum: Spectrum) -> None:
 def _floor(spectrum: Spectrum, sign: float) -> float:
     """Median of the quietest listed orders: no less than the noise, since noise stands in all of them."""
     sizes = np.sort([size for (own, order), size in spectrum.size.items() if own == sign and order > 0])
-    return float(np.median(sizes[: max(3, int(_QUIET * len(sizes)))]))
+    return float(np.median(sizes[: max(3, int(SETTINGS.spectrum_quiet * len(sizes)))]))
 
 
 def _loudness(order: int, spectrum: Spectrum) -> float:
@@ -198,8 +190,8 @@ def _carriers(order: int, constants: Constants, spectrum: Spectrum, floor: Mappi
         carrier
         for carrier in near
         if carrier in constants.mesh_orders()
-        and any(size >= _CLEAR * floor[sign] for sign, size in spectrum.of(carrier).items())
-        and _loudness(order, spectrum) <= _LARGEST_RATIO * _loudness(carrier, spectrum)
+        and any(size >= SETTINGS.spectrum_clear * floor[sign] for sign, size in spectrum.of(carrier).items())
+        and _loudness(order, spectrum) <= SETTINGS.largest_ratio * _loudness(carrier, spectrum)
     ]
     return sorted(there, key=lambda carrier: -_loudness(carrier, spectrum))
 
@@ -248,7 +240,7 @@ def _names(
         share = sum(one is not None and one.name == name for one in places) / len(places)
         own = [(rank, one) for rank, one in found if one is not None and one.name == name]
         chances = [share * rank / hits for hits, (rank, _) in enumerate(own, 1)]
-        last = max((place for place, chance in enumerate(chances) if chance <= _COINCIDENCE), default=-1)
+        last = max((place for place, chance in enumerate(chances) if chance <= SETTINGS.coincidence), default=-1)
         kept += [replace(one, chance=chance) for (_, one), chance in zip(own[: last + 1], chances, strict=False)]
     return tuple(sorted(kept, key=lambda one: one.order))
 
@@ -315,7 +307,7 @@ def _signature(order: int, result: SpectrumResult) -> str:
     beside = " and ".join(
         f"{mesh} {'+' if order > mesh else '-'} {distance}" if distance else f"order {mesh} of the mesh"
         for distance, mesh in near
-        if distance <= _NEAR
+        if distance <= SETTINGS.near_orders
     )
     size, times = _loudness(order, result.spectrum), _over_floor(order, result)
     place = f"it is {beside}" if beside else "far from the mesh"
@@ -324,7 +316,9 @@ def _signature(order: int, result: SpectrumResult) -> str:
 
 def spectrum_summary(result: SpectrumResult) -> str:
     """The findings as a few lines."""
-    lines = [f"Orders that the rig lacks and that stand {_CLEAR:g} times above the floor of the spectrum:"]
+    lines = [
+        f"Orders that the rig lacks and that stand {SETTINGS.spectrum_clear:g} times above the floor of the spectrum:"
+    ]
     for one in sorted(result.named, key=lambda one: (one.name, one.order)):
         also = f" (or {', '.join(one.others)})" if one.others else ""
         of = f" of order {one.table}" if one.name == "carrier_modulation" else ""

@@ -12,19 +12,15 @@ from functools import cached_property
 
 import numpy as np
 
-from st_codegen.reconcile.noise import BoolArray
-from st_codegen.reconcile.normal import Normal, by_group, gather, inverse
-from st_codegen.reconcile.parameters import Piece
-from st_codegen.reconcile.propagation import Propagation
-from st_codegen.reconcile.state import State
-from st_codegen.reconcile.target import Column, Target, groups_of
+from st_codegen.reconcile.data.noise import BoolArray
+from st_codegen.reconcile.fit.normal import Normal, by_group, gather, inverse
+from st_codegen.reconcile.fit.parameters import Piece
+from st_codegen.reconcile.fit.propagation import Propagation
+from st_codegen.reconcile.fit.state import State
+from st_codegen.reconcile.fit.target import Column, Target
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Form
 from st_codegen.rig.effects.base import ComplexArray, FloatArray
-
-__all__ = ["Column", "Fit", "Propagation", "State", "Target", "by_group", "fit", "gather", "groups_of", "inverse"]
-
-#: values of the rig are believed this far (relative) before the data speak: keeps what the data do not see in place
-_PRIOR = 1.0
 
 
 @dataclass(frozen=True)
@@ -88,9 +84,9 @@ def _prior(state: State) -> tuple[FloatArray, FloatArray]:
         for c, x in zip(piece.coordinates(), piece.vector(), strict=True):
             believed = values.get(c)
             if piece.origin is not None and believed is not None:
-                size = _PRIOR * max(abs(believed), 1e-3 * c.scale)
+                size = SETTINGS.prior * max(abs(believed), 1e-3 * c.scale)
                 if c.part:
-                    size = max(size, _PRIOR * abs(piece.origin.complex_value(c.key.removeprefix("backward_"),
+                    size = max(size, SETTINGS.prior * abs(piece.origin.complex_value(c.key.removeprefix("backward_"),
                                c.key.startswith("backward_"), c.place)))  # fmt: skip
                 centre.append(believed)
             else:

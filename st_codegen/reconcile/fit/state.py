@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from st_codegen.reconcile.parameters import Coordinate, Piece
+from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.rig.effects.base import FloatArray
 from st_codegen.rig.model import RigModel
 
@@ -45,18 +45,18 @@ class State:
         return found
 
     def with_vector(self, vector: FloatArray) -> State:
-        """The same with other values."""
+        """This state with the values of a vector, in the order of `vector`."""
         pieces = tuple(piece.with_vector(vector[s]) for piece, s in zip(self.pieces, self.slices(), strict=True))
         return replace(self, offset=float(vector[0]), pieces=pieces)
 
     def with_piece(self, piece: Piece) -> State:
-        """The same with one more piece."""
+        """This state with one more piece at its end."""
         return replace(self, pieces=(*self.pieces, piece))
 
     def without(self, number: int) -> State:
-        """The same without a piece."""
+        """This state without piece `number`."""
         return replace(self, pieces=self.pieces[:number] + self.pieces[number + 1 :])
 
     def replaced(self, number: int, piece: Piece) -> State:
-        """The same with another piece in a place."""
+        """This state with another piece in place of piece `number`."""
         return replace(self, pieces=(*self.pieces[:number], piece, *self.pieces[number + 1 :]))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from st_codegen.reconcile.target import Column, Target, by_place
+from st_codegen.reconcile.fit.target import Column, Target, by_place
 from st_codegen.rig.effects.base import ComplexArray, FloatArray, IntArray
 
 
@@ -19,7 +19,7 @@ class Normal:
     gradient: FloatArray
 
     def total(self) -> tuple[FloatArray, FloatArray]:
-        """Of all runs together."""
+        """Matrix (p, p) and gradient (p,) of the normal equations of all cells together."""
         return self.matrix.sum(axis=0), self.gradient.sum(axis=0)
 
 

@@ -8,19 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from st_codegen.reconcile.fitting import Fit, by_group, inverse
-from st_codegen.reconcile.noise import BoolArray
+from st_codegen.reconcile.data.noise import BoolArray
+from st_codegen.reconcile.fit.fitting import Fit
+from st_codegen.reconcile.fit.normal import by_group, inverse
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Form
 from st_codegen.rig.effects.base import FloatArray, IntArray
-
-#: chance of a false addition that each test of one candidate is allowed; about 100 candidates are tried on a data set,
-#: and the tests must all pass, so that well under 1 % of data sets without a missing effect see a false name
-P_CHANCE = 1e-6
-P_CLUSTERS = 1e-4
-#: an effect must stand as high as the noise of a single coefficient: noise that lasts over runs can look like less
-LEAST_SIZE = 1.0
-_RESAMPLINGS = 60
-_STABLE = 0.9
 
 
 @dataclass(frozen=True)
@@ -47,8 +40,8 @@ class Evidence:
         """Whether all tests agree."""
         losses = list(self.held_out.values())
         held = sum(x > 0 for x in losses) >= max(1, len(losses) - 1) and sum(losses) > 0 if losses else True
-        likely = self.p_chance < P_CHANCE and self.p_clusters < P_CLUSTERS
-        return likely and held and self.stability >= _STABLE and self.size_in_noise >= LEAST_SIZE
+        likely = self.p_chance < SETTINGS.p_chance and self.p_clusters < SETTINGS.p_clusters
+        return likely and held and self.stability >= SETTINGS.stable and self.size_in_noise >= SETTINGS.least_size
 
 
 def judge(without: Fit, with_it: Fit, places: list[int], number: int, seed: int = 0) -> Evidence:
@@ -137,11 +130,11 @@ def stability(fit: Fit, places: list[int], seed: int) -> float:
     metric = inverse(fit.inverse[np.ix_(places, places)])
     norm = float(vector @ metric @ vector)
     kept = 0
-    for _ in range(_RESAMPLINGS):
+    for _ in range(SETTINGS.resamplings):
         times = np.bincount(random.integers(0, len(matrix), len(matrix)), minlength=len(matrix)).astype(float)
         step = inverse(np.tensordot(times, matrix, 1) + np.diag(fit.prior)) @ (times @ gradient)
         kept += float(vector @ metric @ (vector + step[places])) > 0.5 * norm
-    return kept / _RESAMPLINGS
+    return kept / SETTINGS.resamplings
 
 
 def chi_square_tail(x: float, count: int) -> float:

@@ -9,21 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from st_codegen.reconcile.noise import BoolArray, in_steps
-from st_codegen.reconcile.observations import Observations
+from st_codegen.reconcile.data.noise import BoolArray, in_steps
+from st_codegen.reconcile.data.observations import Observations
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects.base import ComplexArray, FloatArray
-
-#: an order is off from here on, in standard deviations. On development seeds of the blind suite one of 2200 good runs
-#: with all kinds of noise is above it in both directions at once; bad runs that show at all begin at 4.8
-_OFF = 5.0
-#: orders that must be off in a run of one direction only
-_ORDERS_ALONE = 3
-#: a residual is shared where two of the four nearest runs along an axis differ from it by less than half of it
-_ALIKE, _NEAR, _SIMILAR = 2, 4, 0.5
-#: a step across an axis counts as so many along it
-_ACROSS = 4.0
-#: more suspects than this share are no bad runs, but something else
-_MOST = 0.1
 
 
 def bad_runs(data: Observations, residual: ComplexArray, sigma: FloatArray) -> dict[int, float]:
@@ -38,10 +27,10 @@ def bad_runs(data: Observations, residual: ComplexArray, sigma: FloatArray) -> d
             score = float(size[rows].min(axis=0).max())
         else:
             largest = np.sort(size[rows].max(axis=0))
-            score = float(largest[-_ORDERS_ALONE]) if len(largest) >= _ORDERS_ALONE else 0.0
-        if score > _OFF:
+            score = float(largest[-SETTINGS.orders_alone]) if len(largest) >= SETTINGS.orders_alone else 0.0
+        if score > SETTINGS.off:
             found |= dict.fromkeys(rows, score)
-    return found if len(found) <= _MOST * len(data) else {}
+    return found if len(found) <= SETTINGS.most_suspects * len(data) else {}
 
 
 def _runs(data: Observations) -> list[list[int]]:
@@ -69,15 +58,15 @@ def _like_neighbours(data: Observations, residual: ComplexArray) -> BoolArray:
     found = np.zeros(residual.shape, bool)
     for sign in (1.0, -1.0):
         rows = np.flatnonzero(at.sign == sign)
-        if len(rows) <= _NEAR:
+        if len(rows) <= SETTINGS.near:
             continue
         own = residual[rows]
         for axis in range(3):
             # along one axis the others must stay as they are
-            place = steps[rows] * np.where(np.arange(3) == axis, 1.0, _ACROSS)
+            place = steps[rows] * np.where(np.arange(3) == axis, 1.0, SETTINGS.across)
             distance = ((place[:, None] - place[None]) ** 2).sum(axis=2)
             np.fill_diagonal(distance, np.inf)
-            nearest = np.argpartition(distance, _NEAR, axis=1)[:, :_NEAR]
+            nearest = np.argpartition(distance, SETTINGS.near, axis=1)[:, : SETTINGS.near]
             apart = np.abs(own[nearest] - own[:, None])
-            found[rows] |= np.sort(apart, axis=1)[:, _ALIKE - 1] < _SIMILAR * np.abs(own)
+            found[rows] |= np.sort(apart, axis=1)[:, SETTINGS.alike - 1] < SETTINGS.similar * np.abs(own)
     return found

@@ -1,0 +1,164 @@
+"""Recordings over time: from the reference to the output, link by link.
+
+theta_ref -> theta_mot is the servo's (control lag), theta_mot -> theta_in the coupling's, theta_in -> theta_out the
+reducer's. The two links of the axis are fitted here; the reducer's transmission error goes to the common core, sample
+by sample. Columns and signs: docs/effects.md.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from st_codegen.errors import InputError, Problems
+from st_codegen.reconcile.data.observations import Observations
+from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects import Conditions
+from st_codegen.rig.effects.axis import ControlLag, CouplingCompliance
+from st_codegen.rig.effects.base import FloatArray
+from st_codegen.rig.model import RigModel
+
+ANGLES = ("theta_ref", "theta_mot", "theta_in", "theta_out")
+#: angles of the fast side, the one nearest to the reducer first
+_FAST = ("theta_in", "theta_mot", "theta_ref")
+_CONDITIONS = ("speed_rpm", "torque_Nm", "temperature_C")
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One recording: float64 (n,) each; angles that are not there are missing in `angles`."""
+
+    name: str
+    time_s: FloatArray
+    angles: dict[str, FloatArray]
+    at: Conditions
+
+
+def is_recording(path: Path) -> bool:
+    """Whether a file has the columns of a recording."""
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            names = {cell.strip() for cell in file.readline().replace(";", ",").split(",")}
+    except (OSError, UnicodeDecodeError):
+        return False
+    return "t" in names and bool(names & set(ANGLES))
+
+
+def read_recordings(paths: Sequence[Path]) -> tuple[Recording, ...]:
+    """Read recordings. Raises one InputError that lists what is wrong."""
+    problems = Problems("recordings")
+    found = []
+    for path in paths:
+        with problems.collect():
+            found.append(_read(path))
+    problems.raise_if_any()
+    return tuple(found)
+
+
+def _read(path: Path) -> Recording:
+    columns = _columns(path)
+    problems = Problems(str(path))
+    if missing := [name for name in ("t", "torque_Nm", "temperature_C") if name not in columns]:
+        problems.add(f"the columns {', '.join(missing)} are missing")
+    angles = {name: columns[name] for name in ANGLES if name in columns}
+    if len(angles) < 2 or not angles.keys() & set(_FAST):
+        problems.add(
+            f"the angles {', '.join(angles)} do not suffice: two of {', '.join(ANGLES)} are needed to tell a difference"
+        )
+    bad = [name for name, values in columns.items() if not np.isfinite(values).all()]
+    if bad:
+        problems.add(f"values of {', '.join(bad)} are not finite")
+    time = columns.get("t", np.arange(float(SETTINGS.least_samples)))
+    if len(time) < SETTINGS.least_samples:
+        problems.add(f"{len(time)} samples are too few: {SETTINGS.least_samples} at least")
+    if not bad and (np.diff(time) <= 0).any():
+        problems.add(f"the time does not rise from row {int(np.argmax(np.diff(time) <= 0)) + 2} to the next")
+    problems.raise_if_any()
+    smooth = next(angles[name] for name in ("theta_ref", "theta_in", "theta_mot") if name in angles)
+    speed = np.gradient(smooth, time)
+    if "theta_ref" not in angles:
+        speed = _smoothed(speed, 15)
+    given = columns.get("speed_rpm", np.abs(speed) / 6.0)
+    at = Conditions(_directions(speed), np.abs(given), columns["torque_Nm"], columns["temperature_C"])
+    return Recording(path.name, time, angles, at)
+
+
+def _columns(path: Path) -> dict[str, FloatArray]:
+    """The columns of a file by name. Raises InputError for what is no table of numbers."""
+    text = path.read_text(encoding="utf-8-sig")
+    first = text.partition("\n")[0]
+    separator = ";" if ";" in first else ","
+    names = [cell.strip() for cell in next(csv.reader([first], delimiter=separator))]
+    if separator == ";":
+        text = text.replace(",", ".")
+    try:
+        table = np.loadtxt(text.splitlines()[1:], delimiter=separator, ndmin=2)
+    except ValueError as error:
+        raise InputError(f"{path}: not readable as numbers ({error})") from None
+    if table.shape[1] != len(names):
+        raise InputError(f"{path}: rows of {table.shape[1]} values do not fit the header with {len(names)}")
+    return dict(zip(names, table.T, strict=True))
+
+
+def _smoothed(values: FloatArray, count: int) -> FloatArray:
+    kernel = np.ones(count) / count
+    found: FloatArray = np.convolve(np.pad(values, count // 2, mode="edge"), kernel, mode="valid")[: len(values)]
+    return found
+
+
+def _directions(speed: FloatArray) -> FloatArray:
+    """+1 or -1; at standstill the last direction, forward before the first motion."""
+    moving = np.abs(speed) > 1e-3 * np.abs(speed).max()
+    last = np.maximum.accumulate(np.where(moving, np.arange(len(speed)), 0))
+    found: FloatArray = np.where(moving[last], np.sign(speed[last]), 1.0)
+    return found
+
+
+def observations(recordings: Sequence[Recording], rig: RigModel) -> Observations:
+    """The transmission error of recordings as samples for the common core."""
+    parts = []
+    for r in recordings:
+        if "theta_out" in r.angles:
+            out = r.angles["theta_out"]
+            te = out - _input_angle(r, rig) / rig.constants.reduction_ratio
+        else:
+            # nothing is measured of the reducer: nothing differs there
+            out = next(iter(r.angles.values())) / rig.constants.reduction_ratio
+            te = rig.te_deg(out, r.at.sign, r.at.speed_rpm, r.at.torque_Nm, r.at.temperature_C)
+        # standstill says nothing of the direction, and little of anything else
+        moving = r.at.speed_rpm > 0.02 * r.at.speed_rpm.max()
+        parts.append((r, out, te, np.flatnonzero(moving)))
+    step = max(1, -(-sum(len(rows) for *_, rows in parts) // SETTINGS.most_samples))
+    labels, values, angles, conditions = [], [], [], []
+    for r, out, te, rows in parts:
+        chosen = rows[::step]
+        labels += [f"{r.name}, t = {r.time_s[i]:g} s" for i in chosen]
+        values.append(te[chosen])
+        angles.append(np.deg2rad(out[chosen]))
+        conditions.append(r.at.rows(chosen))
+    at = Conditions(*(np.concatenate([getattr(c, name) for c in conditions]) for name in ("sign", *_CONDITIONS)))
+    constants = rig.constants
+    highest = 3.1 * max(constants.cycloid_teeth, constants.pins)
+    mesh = [k for k in constants.mesh_orders() if k <= highest]
+    sides = [k + d for k in mesh for d in (-constants.cranks, constants.cranks)]
+    inside = tuple(sorted({0, 1, 2, constants.cranks, *rig.orders(), *mesh, *sides, *range(13)}))
+    column = np.concatenate(values).astype(np.complex128)[:, None]
+    return Observations(at, tuple(labels), np.zeros(1, np.int64), column, np.concatenate(angles), inside)
+
+
+def _input_angle(r: Recording, rig: RigModel) -> FloatArray:
+    """theta_in, deg: measured, or by the rig's own links from the next angle of the fast side that is there."""
+    if "theta_in" in r.angles:
+        return r.angles["theta_in"]
+    angle = r.angles.get("theta_mot")
+    if angle is None:
+        angle = r.angles["theta_ref"]
+        for effect in rig.effects:
+            angle = effect.motor_angle(r.time_s, angle) if isinstance(effect, ControlLag) else angle
+    for effect in rig.effects:
+        angle = angle + effect.twist(r.at) if isinstance(effect, CouplingCompliance) else angle
+    return angle

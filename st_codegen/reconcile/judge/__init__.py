@@ -1,0 +1,1 @@
+"""What a fit entitles one to say: candidates, evidence, names, changed parameters, suspects, the unexplained."""

@@ -1,0 +1,174 @@
+"""The links of the axis in recordings over time: the servo's (control lag) and the coupling's.
+
+theta_ref -> theta_mot is the servo's, theta_mot -> theta_in the coupling's. Each is fitted by itself and judged; the
+reducer's transmission error behind them goes to the common core.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from st_codegen.reconcile.data.recordings import Recording
+from st_codegen.reconcile.fit.parameters import Piece
+from st_codegen.reconcile.judge.conclusions import Claim, Retuned
+from st_codegen.reconcile.judge.evidence import Evidence, chi_square_tail
+from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects import Effect
+from st_codegen.rig.effects.axis import ControlLag, CouplingCompliance
+from st_codegen.rig.effects.base import FloatArray
+from st_codegen.rig.model import RigModel
+
+_FOLDS = 5
+
+
+@dataclass(frozen=True)
+class Link:
+    """What was found on a link of the axis: RMS in deg at the output before, after, and of the noise."""
+
+    claim: Claim | None
+    retuned: Retuned | None
+    before: float
+    after: float
+    floor: float
+    unexplained: str
+
+
+#: what the coupling does to the angles, seen from the motor
+_LIKE_COUPLING = ("torsional_compliance", "backlash")
+
+
+def with_unmeasured_links(claims: Sequence[Claim], recordings: Sequence[Recording]) -> tuple[Claim, ...]:
+    """Claims with what cannot be told from them where theta_in was not measured: the coupling twists as well."""
+    if all("theta_in" in r.angles for r in recordings):
+        return tuple(claims)
+    remark = "theta_in was not measured: the coupling's part is not told from the reducer's; record it"
+    return tuple(
+        replace(
+            claim,
+            alternatives=tuple(sorted({*claim.alternatives, "coupling_compliance"})),
+            extrapolates=(*claim.extrapolates, remark),
+        )
+        if claim.piece.effect.name in _LIKE_COUPLING
+        else claim
+        for claim in claims
+    )
+
+
+def servo_link(recordings: Sequence[Recording], rig: RigModel) -> Link | None:
+    """theta_ref -> theta_mot: is there a lag that the rig does not have?"""
+    usable = [r for r in recordings if {"theta_ref", "theta_mot"} <= r.angles.keys()]
+    if not usable:
+        return None
+    own = next((effect for effect in rig.effects if isinstance(effect, ControlLag)), None)
+    start = own.scalar("lag_ms") if own else 0.0
+
+    def residual(lag: float) -> list[FloatArray]:
+        effect = ControlLag({"lag_ms": lag}, rig.constants, check=False)
+        return [r.angles["theta_mot"] - effect.motor_angle(r.time_s, r.angles["theta_ref"]) for r in usable]
+
+    first = residual(start)
+    lag = _least(lambda x: float(sum((part**2).sum() for part in residual(x))), start)
+    best = residual(lag)
+    sigma = _noise(best)
+    slope = np.concatenate(residual(lag * 1.01 + 1e-3)) - np.concatenate(best)
+    stderr = sigma * (0.01 * lag + 1e-3) / max(float(np.sqrt((slope**2).sum())), 1e-300)
+    effect = ControlLag({"lag_ms": lag}, rig.constants, check=False)
+    return _judged(first, best, sigma, rig, effect, own, {"lag_ms": stderr})
+
+
+def coupling_link(recordings: Sequence[Recording], rig: RigModel) -> Link | None:
+    """theta_mot -> theta_in: does the coupling twist or play beyond what the rig says?"""
+    usable = [r for r in recordings if {"theta_mot", "theta_in"} <= r.angles.keys()]
+    if not usable:
+        return None
+    own = next((effect for effect in rig.effects if isinstance(effect, CouplingCompliance)), None)
+    measured = [r.angles["theta_in"] - r.angles["theta_mot"] for r in usable]
+    first = [part - own.twist(r.at) if own else part for part, r in zip(measured, usable, strict=True)]
+    columns = []
+    for r in usable:
+        moving = r.at.speed_rpm > 0.02 * r.at.speed_rpm.max()
+        twist = -r.at.sign * np.rad2deg(r.at.torque_Nm / rig.constants.reduction_ratio)
+        columns.append(np.stack([twist, -r.at.sign / 120.0], axis=1) * moving[:, None])
+    design, y = np.concatenate(columns), np.concatenate(measured)
+    use = np.abs(design).sum(axis=1) > 0
+    design, y = design[use], y[use]
+    both = np.linalg.lstsq(design, y, rcond=None)[0]
+    sigma = _noise([y - design @ both])
+    spread = sigma * np.sqrt(np.diag(np.linalg.pinv(design.T @ design)))
+    values: dict[str, float] = {}
+    if both[1] > 5 * spread[1]:
+        values["backlash_arcmin"] = float(both[1])
+    else:
+        both = np.array([float(design[:, 0] @ y / max(design[:, 0] @ design[:, 0], 1e-300)), 0.0])
+        spread[0] = sigma / max(float(np.sqrt(design[:, 0] @ design[:, 0])), 1e-300)
+    values["stiffness_Nm_per_rad"] = float(np.clip(1 / max(both[0], 1e-9), 50, 1e6))
+    effect = CouplingCompliance(values, rig.constants, check=False)
+    best = [part - effect.twist(r.at) for part, r in zip(measured, usable, strict=True)]
+    masks = [r.at.speed_rpm > 0.02 * r.at.speed_rpm.max() for r in usable]
+    stderr = {"stiffness_Nm_per_rad": spread[0] * values["stiffness_Nm_per_rad"] ** 2, "backlash_arcmin": spread[1]}
+    keep = {key: float(x) for key, x in stderr.items() if key in values}
+    first = [part[mask] for part, mask in zip(first, masks, strict=True)]
+    best = [part[mask] for part, mask in zip(best, masks, strict=True)]
+    return _judged(first, best, sigma, rig, effect, own, keep)
+
+
+def _least(loss: Callable[[float], float], start: float) -> float:
+    from scipy.optimize import minimize_scalar
+
+    grid = np.concatenate([[start], np.geomspace(0.05, 500, 40)])
+    best = int(np.argmin([loss(float(x)) for x in grid]))
+    around = sorted({float(x) for x in grid})
+    place = around.index(float(grid[best]))
+    low, high = around[max(place - 1, 0)], around[min(place + 1, len(around) - 1)]
+    found = minimize_scalar(loss, bounds=(low if low < around[place] else 0.0, high), method="bounded")
+    return float(found.x)
+
+
+def _noise(parts: Sequence[FloatArray]) -> float:
+    """Standard deviation of white noise, from third differences."""
+    smooth = np.concatenate([np.diff(part, n=3) / np.sqrt(20.0) for part in parts])
+    return float(max(np.median(np.abs(smooth)) / 0.67449, 1e-9))
+
+
+def _rms(parts: Sequence[FloatArray]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+
+
+def _judged(
+    first: Sequence[FloatArray],
+    best: Sequence[FloatArray],
+    sigma: float,
+    rig: RigModel,
+    effect: Effect,
+    own: Effect | None,
+    stderr: dict[str, float],
+) -> Link:
+    """A claim where the link's effect explains what is there, and a signature where something is left."""
+    ratio = rig.constants.reduction_ratio
+    before, after = _rms(first), _rms(best)
+    x, y = np.concatenate(first), np.concatenate(best)
+    saved = float((np.minimum(x**2, 1e6 * sigma**2).sum() - np.minimum(y**2, 1e6 * sigma**2).sum()) / sigma**2)
+    blocks = np.array_split(np.arange(len(x)), _FOLDS)
+    stable = float(np.mean([(x[b] ** 2).sum() > (y[b] ** 2).sum() for b in blocks]))
+    size = float(np.sqrt(max(before**2 - after**2, 0.0)) / sigma)
+    p = chi_square_tail(saved, len(stderr))
+    evidence = Evidence(saved, len(stderr), p, p, {"time": saved / len(x)}, stable, size)
+    left = max(after**2 - sigma**2, 0.0)
+    fits = left < 0.3 * max(before**2 - after**2, 1e-300)
+    found = p < SETTINGS.p_chance and stable > 0.7 and size >= 0.3 * SETTINGS.least_size and fits
+    wrong = after > 1.5 * sigma and before > 1.5 * sigma
+    unexplained = ""
+    if wrong:
+        unexplained = f"{effect.title}: {after:.2g} deg RMS are left at the fast side, noise is {sigma:.2g} deg"
+    share = float(np.clip(1 - (after**2 - sigma**2) / max(before**2 - sigma**2, 1e-300), 0, 1)) if found else 0.0
+    claim = retuned = None
+    if found and own is None:
+        piece, gap = Piece(effect, frozenset(effect.values), True), (before / ratio, after / ratio)
+        claim = Claim(piece, stderr, evidence, (), (), share, gap, ())
+    elif found and own is not None:
+        retuned = Retuned(own, effect, stderr, p)
+    final = after if found else before
+    return Link(claim, retuned, before / ratio, final / ratio, sigma / ratio, unexplained)

@@ -1,0 +1,1 @@
+"""What is written: report.json, rig.toml, the page, its maps and sentences."""

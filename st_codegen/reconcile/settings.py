@@ -1,0 +1,145 @@
+"""Every number that decides something in reconcile, once, with its reason.
+
+A *noise* is the standard deviation of one measured number (real or imaginary part of a coefficient) in its own data.
+*Loss* is twice Huber's loss: for small residuals it behaves like a chi-square.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The decision numbers. Those of probability follow from how many questions are put to one data set."""
+
+    # --- reading ---
+    #: fewer curves, or fewer different operating points, cannot tell an effect from a single odd run
+    least_curves: int = 8
+    least_points: int = 5
+    #: samples of a recording that the common core is given at most: the information of more is in their mean already
+    most_samples: int = 6000
+    least_samples: int = 200
+
+    # --- noise ---
+    #: runs that predict each other by a local plane: four unknowns, and enough left over for a median
+    neighbours: int = 10
+    #: a run is suspected when its distance from its neighbours is this many times what is usual
+    suspect_distance: float = 6.0
+    #: a noise of zero would make every difference infinite; deg
+    least_noise_deg: float = 1e-9
+
+    # --- fit ---
+    #: from here on a residual pulls with its sign only (Huber); one in 90 of normal noise lies beyond it
+    huber: float = 3.0
+    #: a value of the rig is believed this far (relative) before the data speak: what they do not see stays in place
+    prior: float = 1.0
+
+    # --- search ---
+    #: effects that may be added, candidates fitted in full in a round, and rounds, before the search ends
+    most_effects: int = 40
+    tries: int = 4
+    rounds: int = 4
+    #: share of the best net gain below which a candidate is not tried beside the best one
+    clear: float = 0.5
+    #: a candidate that failed is tried again when its gain has changed by this factor
+    changed_gain: float = 1.25
+    #: steps of a fit that only compares candidates, and how exact it is (loss)
+    quick_steps: int = 6
+    quick_tolerance: float = 0.5
+    #: loss that an order must save to be taken into a resonance: four parameters do so once in 20,000 by chance
+    order_gain: float = 25.0
+    #: frequencies at which a resonance is started, and how far apart (relative) two of the same orders must lie
+    resonance_starts: int = 3
+    same_resonance: float = 0.1
+    #: loss that a resonance must save at two frequencies at least, each: one loud point can be anything
+    point_gain: float = 12.0
+    #: damping ratio above which there is no peak that could be told from any other dependence on speed
+    broadest: float = 0.15
+    #: bytes of responses, and number of pieces, that are kept from search to search
+    most_kept_bytes: int = 400_000_000
+    most_cached: int = 300
+
+    # --- evidence ---
+    #: chance of a false addition that each test of one candidate is allowed: about a hundred candidates are tried on a
+    #: data set, and the tests must all pass, so that well under 1 % of data sets without a missing effect see a name
+    p_chance: float = 1e-6
+    p_clusters: float = 1e-4
+    #: an effect must stand as high as the noise of one coefficient: noise that lasts over runs can look like less
+    least_size: float = 1.0
+    #: resampled data sets, and the share of them in which an effect must keep its size
+    resamplings: int = 60
+    stable: float = 0.9
+
+    # --- conclusions ---
+    #: an effect is not named when its orders keep more loss, beyond noise, than this share of what it saves
+    misfit: float = 0.3
+    #: the same for a resonance, never quite that of one oscillator: it must explain more than it leaves
+    misfit_of_peaks: float = 1.0
+    #: and where as many orders peak at one frequency, each at its own speed. Chosen on the table of the RV 160N
+    orders_that_agree: int = 3
+    misfit_of_agreeing: float = 10.0
+    #: an effect acts where its contribution is more than this part of its largest
+    acts: float = 0.3
+    #: loss of a run by noise with heavy tails, which a robust estimate of the noise takes for one
+    tails: float = 1.4
+    #: loss by which another name may be worse and still be as good a name: 1 in 1000 by chance for one parameter
+    as_good: float = 11.0
+    #: other names that are fitted in full
+    other_names: int = 3
+    #: parameters of the rig that are let go one after the other because of what they would leave
+    most_after_all: int = 4
+    #: damping ratio whose peak fits between two speeds of a campaign
+    narrow: float = 0.006
+    #: chance that a parameter of the rig is called changed although it is not
+    p_changed: float = 1e-7
+    #: a change that is the same in all runs counts from this size on (noises): noise that lasts looks like less.
+    #: Chosen on development seeds of the blind suite
+    least_constant: float = 0.63
+    #: share of its power by which a change may vary and still be the same in all runs
+    varies: float = 0.1
+
+    # --- what is unexplained ---
+    #: false discovery rate of the orders that are called significant
+    discovery_rate: float = 1e-4
+    #: for the decision (not for the size) residuals are cut here (noises), so that single wild runs make no structure
+    cut: float = 5.0
+    #: structure is an error of the estimate of the noise below this part of it (power)
+    least_excess: float = 0.4
+    #: waves that are told of samples over time
+    most_lines: int = 8
+
+    # --- suspects ---
+    #: an order of a run is off from here on (noises). On development seeds of the blind suite one of 2200 good runs is
+    #: above it in both directions at once; bad runs that show at all begin at 4.8
+    off: float = 5.0
+    #: orders that must be off in a run of one direction only
+    orders_alone: int = 3
+    #: a residual is shared where `alike` of the `near` nearest runs along an axis differ by less than `similar` of it
+    alike: int = 2
+    near: int = 4
+    similar: float = 0.5
+    #: a step across an axis counts as so many along it
+    across: float = 4.0
+    #: more suspects than this share are no bad runs, but something else
+    most_suspects: float = 0.1
+
+    # --- order spectra ---
+    #: an order is there when it stands this many times above the floor: the median of this share, the quietest
+    spectrum_clear: float = 3.0
+    spectrum_quiet: float = 0.25
+    #: share of the names of one effect that may be expected to be coincidences of orders
+    coincidence: float = 0.1
+    #: a sideband is at most this large against its mesh order (the bound of the effect)
+    largest_ratio: float = 5.0
+    #: an unnamed order is described by mesh orders that are no farther away
+    near_orders: int = 8
+
+    # --- models and words ---
+    #: measured rows inside the ranges of a bundle that are needed to judge it
+    least_rows: int = 8
+    #: share of the whole gap from which on it says more than the gap of an effect's own orders
+    much: float = 0.05
+
+
+SETTINGS = Settings()
