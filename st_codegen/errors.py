@@ -9,6 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+#: A message that collects problems shows so many of them.
+MOST_SHOWN = 50
+
 
 class StCodegenError(Exception):
     """Base class: everything that the command line reports with exit code 2 and no traceback."""
@@ -66,9 +69,9 @@ class Problems:
         """Note a problem and go on."""
         self.errors.append(InputError(message))
 
-    def collect(self) -> _Collector:
-        """A context in which an `InputError` is noted instead of raised."""
-        return _Collector(self)
+    def collect(self, where: str = "") -> _Collector:
+        """A context in which an `InputError` is noted instead of raised, with `where` in front of it if given."""
+        return _Collector(self, where)
 
     def raise_if_any(self) -> None:
         """Raise all that was noted as one error.
@@ -82,7 +85,9 @@ class Problems:
             only = self.errors[0]
             text = str(only)
             raise type(only)(text) if text.startswith(self.subject) else with_subject(only, self.subject)
-        lines = "\n".join(f"  - {error}".replace("\n", "\n  ") for error in self.errors)
+        lines = "\n".join(f"  - {error}".replace("\n", "\n  ") for error in self.errors[:MOST_SHOWN])
+        if len(self.errors) > MOST_SHOWN:
+            lines += f"\n  - and {len(self.errors) - MOST_SHOWN} more"
         unsupported = all(isinstance(error, UnsupportedModelError) for error in self.errors)
         kind = UnsupportedModelError if unsupported else InputError
         raise kind(f"{self.subject}: {len(self.errors)} problems\n{lines}")
@@ -91,15 +96,16 @@ class Problems:
 class _Collector:
     """Notes the InputError of a `with` block, and lets the program go on behind it."""
 
-    def __init__(self, problems: Problems) -> None:
+    def __init__(self, problems: Problems, where: str) -> None:
         self.problems = problems
+        self.where = where
 
     def __enter__(self) -> None:
         return None
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> bool:
         if isinstance(error, InputError):
-            self.problems.errors.append(error)
+            self.problems.errors.append(with_subject(error, self.where) if self.where else error)
             return True
         return False
 

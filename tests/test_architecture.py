@@ -15,7 +15,8 @@ MAY_USE = {
     "walkers": {"ir", "errors"},
     "passes": {"ir", "errors"},
     "st": {"errors"},  # and so nothing of `cost`, which judges what `st` has read
-    "cost": {"st", "errors"},
+    "cost": {"st", "files", "errors"},
+    "files": {"errors"},
 }
 
 

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 from st_codegen.cost.operations import Operation
 from st_codegen.errors import InputError, Problems
+from st_codegen.files.text import read_text
+from st_codegen.files.toml_tables import Table, parse_toml, shown
 
 #: Profile that is used where none is named.
 DEFAULT = "cx5140"
@@ -29,6 +28,8 @@ _MACHINE = {
     "mispredicted_cold": 1.0,
     "code_bytes": 1e3,
 }
+#: What must be above 0 is at least this.
+_SMALLEST = 1e-9
 _MAY_BE_ZERO = {"mispredicted_warm", "mispredicted_cold", "mispredict_cycles", "l1_data_bytes", "l2_bytes"}
 
 
@@ -85,72 +86,50 @@ def load_profile(name: str | Path = DEFAULT) -> Profile:
             raise InputError(
                 f"no profile '{name}': use one of {', '.join(profile_names())}, or the path of a .toml file"
             )
-    try:
-        text = path.read_text(encoding="utf-8")
-        content = tomllib.loads(text)
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: not a readable profile: {error}") from error
-    return _checked(content, path, text)
-
-
-def _checked(content: dict[str, Any], path: Path, text: str) -> Profile:
+    text = read_text(path)
     problems = Problems(str(path))
-    known = {"profile", "machine", "factors", "cycles"}
-    for key in content.keys() - known:
-        problems.add(f"[{key}] is no table of a profile: {', '.join(sorted(known))}")
-    tables = {}
-    for key in sorted(known):
-        table = content.get(key, {})
-        if not isinstance(table, dict):
-            problems.add(f"[{key}] must be a table")
-            table = {}
-        tables[key] = table
-    sources: dict[str, str] = {}
-    machine = _numbers(tables["machine"], "machine", _MACHINE, problems, sources)
-    names = {operation.value: 1e6 for operation in Operation}
-    cycles = _numbers(tables["cycles"], "cycles", names, problems, sources)
-    factors = {key: _number(tables["factors"].get(key, 1.0)) for key in ("compute", "memory")}
-    for key, value in factors.items():
-        if value is None or value <= 0.0:
-            problems.add(f"[factors] {key} must be a number above 0")
-    for key in tables["factors"].keys() - factors.keys():
-        problems.add(f"[factors] {key} is not known: compute, memory")
+    with Table(parse_toml(text, str(path)), "", problems) as file:
+        profile = _profile(file, path.stem, text)
     problems.raise_if_any()
+    return profile
+
+
+def _profile(file: Table, name: str, text: str) -> Profile:
+    """A profile from its file; `name` is taken where the file gives none."""
+    sources: dict[str, str] = {}
+    with file.table("profile") as head:
+        name, description = head.text("name", name), head.text("description", "")
+    with file.table("machine", required=True) as table:
+        least = {key: 0.0 if key in _MAY_BE_ZERO else _SMALLEST for key in _MACHINE}
+        machine = {key: _sourced(table, key, least[key], high, sources) for key, high in _MACHINE.items()}
+    with file.table("cycles", required=True) as table:
+        cycles = {operation: _sourced(table, operation.value, 0.0, 1e6, sources) for operation in Operation}
+    with file.table("factors") as table:
+        compute, memory = (table.number(key, 1.0, low=_SMALLEST, high=1e6) for key in ("compute", "memory"))
     return Profile(
-        str(tables["profile"].get("name", path.stem)),
-        str(tables["profile"].get("description", "")),
+        name,
+        description,
         MappingProxyType(machine),
-        MappingProxyType({operation: cycles[operation.value] for operation in Operation}),
-        factors["compute"] or 1.0,
-        factors["memory"] or 1.0,
+        MappingProxyType(cycles),
+        compute,
+        memory,
         MappingProxyType(sources),
         text,
     )
 
 
-def _number(value: Any) -> float | None:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-    return float(value) if is_number else None
-
-
-def _numbers(
-    table: dict[str, Any], title: str, wanted: Mapping[str, float], problems: Problems, sources: dict[str, str]
-) -> dict[str, float]:
-    """The numbers of a table; each is `{ value = .., source = ".." }`, for a number without a source has no worth."""
-    found: dict[str, float] = {}
-    for key in sorted(table.keys() - wanted.keys()):
-        problems.add(f"[{title}] {key} is not known")
-    for key, largest in wanted.items():
-        entry = table.get(key)
-        if entry is None:
-            problems.add(f"[{title}] {key} is missing")
-            continue
-        value = _number(entry.get("value")) if isinstance(entry, dict) else None
-        source = entry.get("source") if isinstance(entry, dict) else None
-        if value is None or not isinstance(source, str) or not source:
-            problems.add(f'[{title}] {key} must be {{ value = NUMBER, source = "where it is from" }}')
-        elif value < 0.0 or value > largest or (value == 0.0 and title == "machine" and key not in _MAY_BE_ZERO):
-            problems.add(f"[{title}] {key} = {value:g} is not between 0 and {largest:g}")
-        else:
-            found[key], sources[key] = value, source
-    return found
+def _sourced(table: Table, key: str, low: float, high: float, sources: dict[str, str]) -> float:
+    """A number written as `{ value = .., source = ".." }`, for a number without a source has no worth."""
+    if key in table and not isinstance(table.values[key], dict):
+        table.declare(key)
+        table.note(f'{key} = {shown(table.values[key])}; write {{ value = NUMBER, source = "where it is from" }}')
+        return low
+    entry = table.table(key, required=True)
+    if not entry.values:
+        return low
+    with entry:
+        value = entry.number("value", low=low, high=high)
+        sources[key] = entry.text("source")
+        if not sources[key] and entry.is_sound:
+            entry.note("source is empty")
+    return value

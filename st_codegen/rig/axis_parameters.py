@@ -11,11 +11,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from st_codegen.errors import Problems
+from st_codegen.files.toml_tables import Table
 
 
 def parameter(default: float, low: float, high: float, source: str) -> Any:
@@ -126,29 +125,22 @@ class AxisParameters:
 _T = TypeVar("_T")
 
 
-def read_table(kind: type[_T], table: Mapping[str, Any], where: str, problems: Problems) -> _T:
-    """An object of one of the classes above from a table of a TOML file; everything that is wrong is noted."""
+def read_parameters(kind: type[_T], table: Table) -> _T:
+    """An object of a class whose fields are made by `parameter`, from a table of a rig file.
+
+    Everything that is wrong with the table is noted in it; what `kind` itself refuses is raised as InputError.
+    """
     values: dict[str, Any] = {}
-    fields = {field.name: field for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
-    for key, value in table.items():
-        field = fields.get(key)
-        if field is None:
-            problems.add(f"[{where}]: unknown key '{key}'; known are {', '.join(fields)}")
-        elif dataclasses.is_dataclass(field.default):
-            if isinstance(value, dict):
-                values[key] = read_table(type(field.default), value, f"{where}.{key}", problems)
+    with table:
+        for field in dataclasses.fields(kind):  # type: ignore[arg-type]
+            if dataclasses.is_dataclass(field.default):
+                values[field.name] = read_parameters(type(field.default), table.table(field.name))
             else:
-                problems.add(f"[{where}]: '{key}' is a table: write [{where}.{key}]")
-        elif isinstance(value, bool) or not isinstance(value, int | float):
-            problems.add(f"[{where}]: {key} = {value!r} is not a number")
-        elif not field.metadata["low"] <= value <= field.metadata["high"]:  # refuses nan
-            low, high = field.metadata["low"], field.metadata["high"]
-            problems.add(f"[{where}]: {key} = {value!r} is outside of {low:g} .. {high:g}")
-        else:
-            values[key] = float(value)
+                bounds, default = field.metadata, float(field.default)  # type: ignore[arg-type]
+                values[field.name] = table.number(field.name, default, low=bounds["low"], high=bounds["high"])
     return kind(**values)
 
 
-def read_axis(table: Mapping[str, Any], problems: Problems) -> AxisParameters:
+def read_axis(table: Table) -> AxisParameters:
     """The axis of a rig file from its table `[axis]` (an empty one gives the defaults)."""
-    return read_table(AxisParameters, table, "axis", problems)
+    return read_parameters(AxisParameters, table)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from st_codegen.errors import Problems
+from st_codegen.files.toml_tables import Table
 from st_codegen.rig.axis_parameters import AxisParameters, Coupling, Drive, read_axis
 from st_codegen.rig.effects import Catalogue, Conditions, Effect, Stage
 from st_codegen.rig.model import RigModel, read_rig
@@ -53,8 +54,8 @@ def machine_of(model: RigModel, subject: str = "rig.toml") -> Rig:
     """The machine of a rig. Raises InputError for unknown keys and values out of bounds in [axis] and [tasks]."""
     problems = Problems(subject)
     table = model.other.get("axis", {})
-    axis = read_axis(table, problems)
-    tasks = read_tasks(model.other.get("tasks", {}), problems)
+    axis = read_axis(Table(table, "[axis]", problems))
+    tasks = read_tasks(Table(model.other.get("tasks", {}), "[tasks]", problems))
     problems.raise_if_any()
     for effect in model.effects:
         axis = _with_effect(axis, effect, table)

@@ -8,13 +8,13 @@ to the drive, which is our split: the parts of its time diagram are not in the t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
-from st_codegen.errors import InputError, Problems
-from st_codegen.rig.axis_parameters import parameter, read_table
+from st_codegen.errors import InputError
+from st_codegen.files.toml_tables import Table
+from st_codegen.rig.axis_parameters import parameter, read_parameters
 from st_codegen.te.latency import PAPER_OUTPUT_US, Latency, TaskTiming, latency
 
 
@@ -37,9 +37,9 @@ class TaskSettings:
 
     def __post_init__(self) -> None:
         if abs(self.slow_us / self.main_us - self.ratio) > 1e-9 or self.ratio < 1:
-            raise InputError(f"[tasks]: slow_us = {self.slow_us:g} is no multiple of main_us = {self.main_us:g}")
+            raise InputError(f"slow_us = {self.slow_us:g} is no multiple of main_us = {self.main_us:g}")
         if self.transfer_us >= self.main_us:
-            raise InputError(f"[tasks]: transfer_us = {self.transfer_us:g} does not fit main_us = {self.main_us:g}")
+            raise InputError(f"transfer_us = {self.transfer_us:g} does not fit main_us = {self.main_us:g}")
 
     @property
     def ratio(self) -> int:
@@ -53,10 +53,10 @@ class TaskSettings:
         return latency(chain, output_us=self.transfer_us)
 
 
-def read_tasks(table: Mapping[str, Any], problems: Problems) -> TaskSettings:
-    """The tasks of a rig file; everything that is wrong is noted."""
-    with problems.collect():
-        return read_table(TaskSettings, table, "tasks", problems)
+def read_tasks(table: Table) -> TaskSettings:
+    """The tasks of a rig file from its table `[tasks]`; everything that is wrong is noted."""
+    with table.collect():
+        return read_parameters(TaskSettings, table)
     return TaskSettings()
 
 

@@ -35,14 +35,13 @@ sine = {file = "structural_resonance_forward.onnx", output = 1}
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from st_codegen.emit.literals import identifier
 from st_codegen.errors import InputError, Problems
+from st_codegen.files.toml_tables import Table, read_toml, shown
 from st_codegen.ir import Direction, Feature, Quantity
 
 BUNDLE_FILE = "bundle.toml"
@@ -76,169 +75,122 @@ class Description:
 
 def read_description(path: Path) -> Description:
     """Read a `bundle.toml`. Raises one InputError that lists every problem."""
-    try:
-        text = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not readable as TOML ({error})") from None
     problems = Problems(str(path))
-    description = _Reader(text, problems).description()
+    with Table(read_toml(path), "", problems) as file:
+        description = _description(file)
     problems.raise_if_any()
     return description
 
 
-class _Reader:
-    """Reads bundle.toml; whatever is wrong is collected."""
+def _description(file: Table) -> Description:
+    with file.table("bundle", required=True) as bundle:
+        name = bundle.text("name")
+        bundle.text("description", "")
+        if name:
+            with bundle.collect():
+                identifier(name, "bundle name")
+        ratio = bundle.number("reduction_ratio", low=1e-6, high=1e6)
+        speed = bundle.text("speed_feature")
+        directions = bundle.list_of("directions", lambda key, entry: bundle.choice_of(key, entry, Direction))
+        orders = bundle.list_of("orders", bundle.whole_of)
+        if len(set(orders)) != len(orders):
+            bundle.note(f"orders = {list(orders)} names an order twice")
+        tasks = bundle.whole("tasks", 1, low=1, high=2)
+    directions = tuple(dict.fromkeys(directions))
+    features = _features(file)
+    # a feature with another fault still counts as named
+    named = [str(table.values.get("name", "")) for table in Table(file.values, "", Problems("")).tables("feature")]
+    if speed and speed not in named:
+        bundle.note(f"speed_feature = '{speed}' is none of the features ({', '.join(named)})")
+    references = _harmonics(file, orders, directions) + _terms(file, orders, directions)
+    _check_files(references, file.problems)
+    place = named.index(speed) if speed in named else 0
+    return Description(name, ratio, place, directions, orders, features, references, tasks)
 
-    def __init__(self, text: dict[str, Any], problems: Problems) -> None:
-        self.text = text
-        self.problems = problems
-        for key in sorted(set(text) - {"bundle", "feature", "harmonic", "term"}):
-            problems.add(f"unknown table [{key}]; known are [bundle], [[feature]], [[harmonic]] and [[term]]")
 
-    def _value(self, table: dict[str, Any], key: str, kind: type | tuple[type, ...], where: str) -> Any:
-        value = table.get(key)
-        if value is None:
-            self.problems.add(f"{where}: '{key}' is missing")
-        elif not isinstance(value, kind) or isinstance(value, bool):
-            self.problems.add(f"{where}: '{key}' is {value!r}, which has the wrong type")
-            value = None
-        return value
+def _features(file: Table) -> tuple[Feature, ...]:
+    features: dict[str, Feature] = {}
+    for table in file.tables("feature", required=True):
+        with table:
+            name, unit = table.text("name"), table.text("unit")
+            lower, upper = table.number("min"), table.number("max")
+        if not table.is_sound:
+            continue
+        with table.collect():
+            identifier(name, "feature name")
+            if name in features:
+                raise InputError(f"the name '{name}' is used twice")
+            features[name] = Feature(name, unit, lower, upper)
+    return tuple(features.values())
 
-    def _unknown(self, table: dict[str, Any], known: set[str], where: str) -> None:
-        for key in sorted(set(table) - known):
-            self.problems.add(f"{where}: unknown key '{key}'; known are {', '.join(sorted(known))}")
 
-    def _tables(self, key: str, *, silent: bool = False) -> list[dict[str, Any]]:
-        tables = self.text.get(key, [])
-        if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables) or not tables:
-            if not silent:
-                self.problems.add(f"[[{key}]] is missing: one table for each {key}")
-            return []
-        return tables
+def _harmonics(file: Table, orders: Sequence[int], directions: Sequence[Direction]) -> tuple[Reference, ...]:
+    """The references of all [[harmonic]] tables, in the order of directions and orders; each must be complete."""
+    found: dict[tuple[Direction, int], tuple[Reference, ...]] = {}
+    for table in file.tables("harmonic", required=True):
+        with table:
+            direction, order = _direction_and_order(table)
+            announced = direction in directions and order in orders
+            if table.is_sound and not announced:
+                table.note(f"order {order} {direction} is not announced in [bundle]")
+            if table.is_sound and (direction, order) in found:
+                table.note(f"order {order} {direction} is given twice")
+            references = _references(table, direction, order, tuple(Quantity), _complete(order))
+        found.setdefault((direction, order), references)
+    missing = [f"order {o} {d}" for d in directions for o in orders if (d, o) not in found]
+    if missing:
+        file.note(f"harmonics announced in [bundle] without a [[harmonic]] table: {', '.join(missing)}")
+    return tuple(reference for d in directions for o in orders for reference in found.get((d, o), ()))
 
-    def description(self) -> Description:
-        features = self._features()
-        # a feature with another fault still counts as named
-        head = self._head([table.get("name", "") for table in self._tables("feature", silent=True)])
-        references = self._references(head["orders"], head["directions"])
-        references += self._terms(head["orders"], head["directions"])
-        _check_files(references, self.problems)
-        return Description(features=features, references=tuple(references), **head)
 
-    def _features(self) -> tuple[Feature, ...]:
-        features: list[Feature] = []
-        for number, table in enumerate(self._tables("feature"), 1):
-            where = f"[[feature]] {number}"
-            self._unknown(table, {"name", "unit", "min", "max"}, where)
-            name = self._value(table, "name", str, where)
-            unit = self._value(table, "unit", str, where)
-            lower = self._value(table, "min", (int, float), where)
-            upper = self._value(table, "max", (int, float), where)
-            if None in (name, unit, lower, upper):
-                continue
-            with self.problems.collect():
-                identifier(name, "feature name")
-                if name in [feature.name for feature in features]:
-                    raise InputError(f"{where}: the name '{name}' is used twice")
-                features.append(Feature(name, unit, float(lower), float(upper)))
-        return tuple(features)
+def _terms(file: Table, orders: Sequence[int], directions: Sequence[Direction]) -> tuple[Reference, ...]:
+    """The references of all [[term]] tables, in the order of the file."""
+    found: tuple[Reference, ...] = ()
+    for table in file.tables("term"):
+        with table:
+            direction, order = _direction_and_order(table)
+            if table.is_sound and (direction not in directions or order not in orders):
+                table.note(f"there is no harmonic of order {order} {direction} to add to")
+            known = (Quantity.AMPLITUDE, Quantity.COSINE, Quantity.SINE)
+            found += _references(table, direction, order, known, _complete(order)[-1:], added=True)
+    return found
 
-    def _head(self, features: Sequence[str]) -> dict[str, Any]:
-        table = self.text.get("bundle", {})
-        where = "[bundle]"
-        known = {"name", "reduction_ratio", "speed_feature", "directions", "orders", "tasks", "description"}
-        self._unknown(table, known, where)
-        tasks = table.get("tasks", 1)
-        if isinstance(tasks, bool) or tasks not in (1, 2):
-            self.problems.add(f"{where}: tasks = {tasks!r}; give 1, or 2 for models in a slow task of their own")
-            tasks = 1
-        name = self._value(table, "name", str, where)
-        with self.problems.collect():
-            identifier(name or "bundle", "bundle name")
-        ratio = self._value(table, "reduction_ratio", (int, float), where)
-        if ratio is not None and not 0 < ratio < 1e6:
-            self.problems.add(f"{where}: reduction_ratio = {ratio} is not a positive number")
-        speed = self._value(table, "speed_feature", str, where)
-        if speed is not None and speed not in features:
-            self.problems.add(f"{where}: speed_feature = '{speed}' is none of the features ({', '.join(features)})")
-        orders = self._value(table, "orders", list, where) or []
-        if not all(isinstance(order, int) and not isinstance(order, bool) and 0 <= order < 10**6 for order in orders):
-            self.problems.add(f"{where}: orders = {orders} are not whole numbers from 0")
-        if len(set(map(str, orders))) != len(orders):
-            self.problems.add(f"{where}: orders = {orders} names an order twice")
-        directions = []
-        for text in self._value(table, "directions", list, where) or []:
-            try:
-                directions.append(Direction(text))
-            except ValueError:
-                self.problems.add(f"{where}: direction {text!r}; known are {', '.join(Direction)}")
-        return {
-            "name": name or "",
-            "reduction_ratio": float(ratio or 1.0),
-            "speed_feature": features.index(speed) if speed in features else 0,
-            "orders": tuple(orders),
-            "directions": tuple(dict.fromkeys(directions)),
-            "tasks": tasks,
-        }
 
-    def _references(self, orders: Sequence[int], directions: Sequence[Direction]) -> list[Reference]:
-        """All model references, in the order of directions and orders; every harmonic must be complete."""
-        found: dict[tuple[str, int], list[Reference]] = {}
-        for number, table in enumerate(self._tables("harmonic"), 1):
-            where = f"[[harmonic]] {number}"
-            self._unknown(table, {"direction", "order", *Quantity}, where)
-            direction = self._value(table, "direction", str, where)
-            order = self._value(table, "order", int, where)
-            if direction is None or order is None:
-                continue
-            if direction not in directions or order not in orders:
-                self.problems.add(f"{where}: order {order} {direction} is not announced in [bundle]")
-                continue
-            if (direction, order) in found:
-                self.problems.add(f"{where}: order {order} {direction} is given twice")
-                continue
-            found[direction, order] = self._harmonic(table, Direction(direction), order, where)
-        missing = [f"order {o} {d}" for d in directions for o in orders if (d, o) not in found]
-        if missing:
-            self.problems.add(f"harmonics announced in [bundle] without a [[harmonic]] table: {', '.join(missing)}")
-        return [reference for d in directions for o in orders for reference in found.get((d, o), [])]
+def _direction_and_order(table: Table) -> tuple[Direction, int]:
+    """What a table is about; forward and order 0 stand in for what is missing or wrong."""
+    return table.choice("direction", Direction) or Direction.FORWARD, table.whole("order")
 
-    def _terms(self, orders: Sequence[int], directions: Sequence[Direction]) -> list[Reference]:
-        """What is added to harmonics, in the order of the file."""
-        found: list[Reference] = []
-        if "term" not in self.text:
-            return found
-        for number, table in enumerate(self._tables("term"), 1):
-            where = f"[[term]] {number}"
-            self._unknown(table, {"direction", "order", *_complete(0)[0], *_complete(1)[-1]}, where)
-            direction = self._value(table, "direction", str, where)
-            order = self._value(table, "order", int, where)
-            if direction is None or order is None:
-                continue
-            if direction not in directions or order not in orders:
-                self.problems.add(f"{where}: there is no harmonic of order {order} {direction} to add to")
-                continue
-            found += self._harmonic(table, Direction(direction), order, where, added=True)
-        return found
 
-    def _harmonic(
-        self, table: dict[str, Any], direction: Direction, order: int, where: str, *, added: bool = False
-    ) -> list[Reference]:
-        given = {quantity for quantity in Quantity if quantity in table}
-        complete = _complete(order)[-1:] if added else _complete(order)
-        if given not in complete:
-            wanted = " or ".join(" and ".join(sorted(pair)) for pair in complete)
-            self.problems.add(f"{where}: order {order} needs {wanted}, it has {' and '.join(sorted(given)) or 'none'}")
-            return []
-        references = []
-        for quantity in sorted(given):
-            value = table[quantity]
-            file, output = (value.get("file"), value.get("output", 0)) if isinstance(value, dict) else (value, 0)
-            if not isinstance(file, str) or not isinstance(output, int) or isinstance(output, bool):
-                self.problems.add(f"{where}: {quantity} = {value!r}; give a file name, or {{file = .., output = ..}}")
-                continue
-            references.append(Reference(direction, order, quantity, file, output, added))
-        return references
+def _references(
+    table: Table,
+    direction: Direction,
+    order: int,
+    known: Sequence[Quantity],
+    complete: Sequence[set[Quantity]],
+    *,
+    added: bool = False,
+) -> tuple[Reference, ...]:
+    """The models that a table names; `complete`: the sets of quantities of which it must have one."""
+    files = {quantity: _file(table, quantity) for quantity in known if quantity in table}
+    table.declare(*known)
+    if set(files) not in complete and table.is_sound:
+        wanted = " or ".join(" and ".join(sorted(pair)) for pair in complete)
+        table.note(f"order {order} needs {wanted}, it has {' and '.join(sorted(files)) or 'none'}")
+    return tuple(
+        Reference(direction, order, quantity, file, output, added) for quantity, (file, output) in sorted(files.items())
+    )
+
+
+def _file(table: Table, quantity: Quantity) -> tuple[str, int]:
+    """The file and the output of a quantity, written as a file name or as `{file = .., output = ..}`."""
+    value = table.values[quantity]
+    if isinstance(value, str):
+        return value, 0
+    if not isinstance(value, dict):
+        table.note(f"{quantity} = {shown(value)}; give a file name, or {{file = .., output = ..}}")
+        return "", 0
+    with table.table(quantity) as inline:
+        return inline.text("file"), inline.whole("output", 0)
 
 
 def _complete(order: int) -> list[set[Quantity]]:

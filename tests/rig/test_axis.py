@@ -9,6 +9,7 @@ import pytest
 pytest.importorskip("numba")
 
 from st_codegen.errors import InputError, Problems
+from st_codegen.files.toml_tables import Table
 from st_codegen.rig import kernel
 from st_codegen.rig.axis import Axis, Harmonics, controlled_torque
 from st_codegen.rig.axis_parameters import AxisParameters, Coupling, Drive, Encoders, Load, Motor, Reducer, read_axis
@@ -209,11 +210,12 @@ def test_the_default_loops_are_stable_with_and_without_feedforward():
 
 def test_all_faults_of_a_table_in_one_message():
     problems = Problems("rig.toml")
-    read_axis({"stepp_s": 1.0, "motor": {"inertia_kgm2": -1.0}, "drive": 3, "load": {"inertia_kgm2": "x"}}, problems)
+    values = {"stepp_s": 1.0, "motor": {"inertia_kgm2": -1.0}, "drive": 3, "load": {"inertia_kgm2": "x"}}
+    read_axis(Table(values, "[axis]", problems))
     with pytest.raises(InputError) as caught:
         problems.raise_if_any()
     text = str(caught.value)
-    for part in ("stepp_s", "[axis.motor]", "[axis.drive]", "[axis.load]", "4 problems"):
+    for part in ("'stepp_s'; did you mean 'step_s'", "[axis.motor]", "[axis.drive]", "[axis.load]", "4 problems"):
         assert part in text
 
 
@@ -223,4 +225,5 @@ def test_every_parameter_names_a_source_and_holds_its_own_bounds():
             value = getattr(group, field.name)
             if not dataclasses.is_dataclass(value):
                 assert field.metadata["source"]
+                assert field.metadata["low"] <= value <= field.metadata["high"], field.name
                 assert field.metadata["low"] <= value <= field.metadata["high"]

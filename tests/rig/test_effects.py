@@ -244,8 +244,11 @@ amplitude_deg = [0.1]
         parse_rig(text)
     message = str(caught.value)
     for part in (
-        "unknown table [efect]", "reduction_ratio = 0.5", "unknown key 'pin'", "'backlsh'", "gap_arcmin = 30",
-        "'seating_torque_Nm' is missing", "order: 81 is none of 40, 80", "unknown key 'phase'",
+        "unknown table [efect]; did you mean 'effect'?", "reduction_ratio = 0.5",
+        "unknown key 'pin'; did you mean 'pins'?",
+        "no effect 'backlsh'; did you mean 'backlash'?", "gap_arcmin = 30 is outside 0 .. 20 arcmin",
+        "'seating_torque_Nm' is missing", "order: 81 is none of 40, 80",
+        "unknown key 'phase'; did you mean 'phase_rad'?",
         "an order stands there twice", "has 1 entries, orders has 2",
     ):  # fmt: skip
         assert part in message, part

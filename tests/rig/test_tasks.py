@@ -5,6 +5,7 @@ import math
 import pytest
 
 from st_codegen.errors import InputError, Problems
+from st_codegen.files.toml_tables import Table
 from st_codegen.rig.tasks import Form, Inputs, Plc, TaskSettings, read_tasks
 from st_codegen.te.latency import paper_latency
 
@@ -97,6 +98,6 @@ def test_without_a_compensator_the_reference_goes_out():
 )
 def test_faulty_tasks_are_refused(table, part):
     problems = Problems("rig.toml")
-    read_tasks(table, problems)
-    with pytest.raises(InputError, match=part):
+    read_tasks(Table(table, "[tasks]", problems))
+    with pytest.raises(InputError, match=rf"(?s)\[tasks\].*{part}"):
         problems.raise_if_any()

@@ -8,8 +8,9 @@ signs and sources: docs/effects.md. A new effect is one class: in a file of this
 from __future__ import annotations
 
 import math
+import numbers
 from abc import ABC
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 from types import MappingProxyType
@@ -18,7 +19,8 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from st_codegen.errors import InputError, Problems
+from st_codegen.errors import Problems
+from st_codegen.files.toml_tables import Table
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -168,10 +170,13 @@ class Effect(ABC):
     experiment: ClassVar[str] = ""
 
     def __init__(self, values: Mapping[str, Any], constants: Constants, *, check: bool = True) -> None:
+        """Raises InputError that lists every problem of the values, unless `check` is off."""
         self.values: Mapping[str, Value] = MappingProxyType(_plain(values))
         self.constants = constants
         if check:
-            self._check()
+            problems = Problems(self.name)
+            self.check(Table(values, self.name, problems))
+            problems.raise_if_any()
 
     # -- what a subclass gives
 
@@ -276,79 +281,86 @@ class Effect(ABC):
             keys += [*phasor.keys(False), *(phasor.keys(True) if phasor.own_flanks else ())]
         return keys
 
-    def _check(self) -> None:
-        problems = Problems(self.name)
-        known = self.known_keys()
-        for key in sorted(set(self.values) - set(known)):
-            problems.add(f"unknown key '{key}'; known are {', '.join(known)}")
-        count = self._check_orders(problems)
-        for scalar in self.scalars:
-            self._check_scalar(scalar, problems)
-        for phasor in self.phasors:
-            self._check_phasor(phasor, count, problems)
-        problems.raise_if_any()
+    def check(self, table: Table) -> None:
+        """Note whatever is wrong with the values that this effect was made of: unknown keys, types, bounds, orders."""
+        with table:
+            count = self._check_orders(table)
+            for scalar in self.scalars:
+                table.number(
+                    scalar.key,
+                    scalar.default,
+                    low=scalar.lower,
+                    high=scalar.upper,
+                    unit=scalar.unit,
+                    meaning=scalar.meaning,
+                )
+            for phasor in self.phasors:
+                self._check_phasor(phasor, count, table)
 
-    def _check_orders(self, problems: Problems) -> int:
+    def _check_orders(self, table: Table) -> int:
+        """The number of orders that the table names."""
         key = self.orders_key
         if key is None:
             return 0
-        value = self.values.get(key)
-        entries = value if isinstance(value, tuple) else (value,)
-        if value is None or isinstance(value, tuple) != (key == "orders") or not entries:
-            problems.add(f"'{key}' is missing, or not {'a list' if key == 'orders' else 'one number'}")
-            return 0
+        orders = (
+            (table.whole(key, low=1),)
+            if key == "order"
+            else table.list_of(key, lambda name, entry: table.whole_of(name, entry, 1))
+        )
+        if not table.is_sound:
+            return len(orders)
+        if not orders:
+            table.note(f"{key} is empty")
         allowed = self.allowed_orders(self.constants)
-        for entry in entries:
-            if entry is None or entry != int(entry) or entry < 1:
-                problems.add(f"{key}: {entry} is not a whole number from 1")
-            elif allowed is not None and int(entry) not in allowed:
-                problems.add(f"{key}: {entry:g} is none of {', '.join(map(str, allowed))}")
-        if len(set(entries)) != len(entries):
-            problems.add(f"{key}: an order stands there twice")
-        return len(entries)
+        for order in orders:
+            if allowed is not None and order not in allowed:
+                table.note(f"{key}: {order} is none of {', '.join(map(str, allowed))}")
+        if len(set(orders)) != len(orders):
+            table.note(f"{key}: an order stands there twice")
+        return len(orders)
 
-    def _check_scalar(self, scalar: Scalar, problems: Problems) -> None:
-        value = self.values.get(scalar.key)
-        if value is None:
-            if scalar.default is None:
-                problems.add(f"'{scalar.key}' is missing ({scalar.meaning})")
-        elif isinstance(value, tuple):
-            problems.add(f"'{scalar.key}' is a list, one number is wanted")
-        elif not scalar.lower <= value <= scalar.upper:
-            problems.add(f"{scalar.key} = {value:g} is outside {scalar.lower:g} .. {scalar.upper:g} {scalar.unit}")
-
-    def _check_phasor(self, phasor: Phasor, count: int, problems: Problems) -> None:
+    def _check_phasor(self, phasor: Phasor, count: int, table: Table) -> None:
         for backward in (False, True) if phasor.own_flanks else (False,):
             amplitude, phase = phasor.keys(backward)
-            if amplitude not in self.values:
+            table.declare(amplitude, phase)
+            if amplitude not in table:
                 if phasor.required and not backward:
-                    problems.add(f"'{amplitude}' is missing ({phasor.meaning})")
-                if phase in self.values:
-                    problems.add(f"'{phase}' stands without '{amplitude}'")
+                    table.note(f"'{amplitude}' is missing ({phasor.meaning})")
+                if phase in table:
+                    table.note(f"'{phase}' stands without '{amplitude}'")
                 continue
-            for key in (amplitude, phase):
-                value = self.values.get(key)
-                entries = value if isinstance(value, tuple) else (value,)
-                if value is not None and isinstance(value, tuple) != (self.orders_key == "orders"):
-                    problems.add(f"'{key}' must be {'a list' if self.orders_key == 'orders' else 'one number'}")
-                elif isinstance(value, tuple) and len(value) != count:
-                    problems.add(f"'{key}' has {len(value)} entries, orders has {count}")
-                elif key == amplitude and not all(0 <= x <= phasor.upper for x in entries if x is not None):
-                    problems.add(f"{key} is outside 0 .. {phasor.upper:g} {phasor.unit}")
+            self._check_numbers(amplitude, count, table, 0.0, phasor.upper, phasor.unit)
+            if phase in table:
+                self._check_numbers(phase, count, table)
+
+    def _check_numbers(
+        self, key: str, count: int, table: Table, low: float = -math.inf, high: float = math.inf, unit: str = ""
+    ) -> None:
+        """A number, or a list of `count` numbers where the effect has a list of orders."""
+        if self.orders_key != "orders":
+            table.number(key, low=low, high=high, unit=unit)
+            return
+        table.list_of(key, lambda name, entry: table.number_of(name, entry, low, high, unit))
+        value = table.values[key]
+        if isinstance(value, list | tuple) and len(value) != count:
+            table.note(f"'{key}' has {len(value)} entries, orders has {count}")
 
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Value]:
-    """Numbers as float, lists as tuples. Raises InputError for anything else."""
-    plain: dict[str, Value] = {}
-    for key, value in values.items():
-        entries: Sequence[Any] = value if isinstance(value, list | tuple) else [value]
-        for entry in entries:
-            number = isinstance(entry, int | float | np.floating | np.integer) and not isinstance(entry, bool)
-            if not number or math.isnan(float(entry)):
-                raise InputError(f"{key} = {entry!r} is not a number")
-        numbers = tuple(float(entry) for entry in entries)
-        plain[key] = numbers if isinstance(value, list | tuple) else numbers[0]
-    return plain
+    """Numbers as float, lists as tuples; what is neither stays as it is, for `Effect.check` to refuse."""
+    return {
+        key: tuple(map(_float, value)) if isinstance(value, list | tuple) else _float(value)
+        for key, value in values.items()
+    }
+
+
+def _float(value: Any) -> Any:
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        return value
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
 
 
 def _entry(value: Value, place: int) -> float:

@@ -1,0 +1,71 @@
+"""Text files: one message for whatever is wrong with them, and writing that leaves a whole file or none."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from st_codegen.errors import InputError
+
+
+def read_text(path: Path) -> str:
+    """The text of a UTF-8 file, with or without a byte order mark; all line ends become newlines.
+
+    Raises InputError for a file that is not there, is no file, cannot be read, or is not UTF-8.
+    """
+    try:
+        if not path.exists():
+            raise InputError(f"{path}: no such file")
+        if not path.is_file():
+            raise InputError(f"{path} is {'a folder' if path.is_dir() else 'no ordinary file'}; a file is wanted")
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        is_utf16 = content[:2] in (b"\xff\xfe", b"\xfe\xff")
+        found = "UTF-16" if is_utf16 else f"not UTF-8 (byte 0x{content[error.start]:02x} at {error.start})"
+        raise InputError(f"{path}: the text is {found}; save it as UTF-8") from None
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+@contextlib.contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A path beside `path` to write to, which takes its place when the block ends without an error.
+
+    The folder is made where it is missing. Raises InputError where `path` is a folder.
+    """
+    if path.is_dir():
+        raise InputError(f"{path} is a folder; a file is to be written there")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        yield partial
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text as UTF-8 with newlines; the file appears whole or not at all."""
+    with whole_file(path) as partial:
+        partial.write_text(text, encoding="utf-8", newline="\n")
+
+
+def write_texts(folder: Path, texts: dict[str, str]) -> None:
+    """Write files into a folder, made where it is missing; all of them are complete before the first appears."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is a file; a folder is to be written there")
+    for name in texts:
+        if (folder / name).is_dir():
+            raise InputError(f"{folder / name} is a folder; a file is to be written there")
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=folder) as stage:
+        for name, text in texts.items():
+            (Path(stage) / name).write_text(text, encoding="utf-8", newline="\n")
+        for name in texts:
+            (Path(stage) / name).replace(folder / name)
