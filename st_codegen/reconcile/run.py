@@ -24,8 +24,9 @@ from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import Target, groups_of
 from st_codegen.reconcile.fit.threads import one_thread
 from st_codegen.reconcile.judge.candidates import Candidate
-from st_codegen.reconcile.judge.conclusions import Conclusions, conclude, held_out_rms, without_misfits
+from st_codegen.reconcile.judge.conclusions import Conclusions, conclude, without_misfits
 from st_codegen.reconcile.judge.evidence import Evidence
+from st_codegen.reconcile.judge.held_out import held_out_rms
 from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unmeasured_links
 from st_codegen.reconcile.judge.selection import search, with_noise_of
 from st_codegen.reconcile.judge.suspects import bad_runs

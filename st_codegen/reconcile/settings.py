@@ -67,6 +67,9 @@ class Settings:
     p_clusters: float = 1e-4
     #: an effect must stand as high as the noise of one coefficient: noise that lasts over runs can look like less
     least_size: float = 1.0
+    #: share of what all runs know of a combination of parameters that the others must keep when a fold is left out:
+    #: below it their error grows more than fivefold, and what they say of the fold is no prediction
+    kept_knowledge: float = 0.04
     #: resampled data sets, and the share of them in which an effect must keep its size
     resamplings: int = 60
     stable: float = 0.9

@@ -33,6 +33,7 @@ class Fit:
     loss: float
     columns: tuple[Column, ...]
     prior: FloatArray
+    centre: FloatArray
 
     @cached_property
     def inverse(self) -> FloatArray:
@@ -110,7 +111,7 @@ def fit(target: Target, state: State, *, steps: int = 12, tolerance: float = 1e-
     for _ in range(steps):
         if normal is None:
             columns, normal = _linearised(target, state, residual)
-        step = _bounded_step(normal, prior, centre, vector, bounds, damping, shape)
+        step = _damped_step(normal, prior, centre, vector, bounds, damping, shape)
         trial = state.with_vector(np.clip(vector + step, *bounds))
         new_vector = trial.vector()
         new_residual = target.residual(trial.model())
@@ -128,7 +129,7 @@ def fit(target: Target, state: State, *, steps: int = 12, tolerance: float = 1e-
     if normal is None:
         columns, _ = _linearised(target, state, residual)
     plain = float(target.losses(residual).sum())
-    return Fit(target, state, residual, plain, tuple(columns), prior)
+    return Fit(target, state, residual, plain, tuple(columns), prior, centre)
 
 
 def _linearised(target: Target, state: State, residual: ComplexArray) -> tuple[list[Column], Normal]:
@@ -151,7 +152,7 @@ def _bounds(state: State) -> tuple[FloatArray, FloatArray]:
     return np.array(lower), np.array(upper)
 
 
-def _bounded_step(
+def _damped_step(
     normal: Normal,
     prior: FloatArray,
     centre: FloatArray,
@@ -160,11 +161,21 @@ def _bounded_step(
     damping: float,
     shape: BoolArray,
 ) -> FloatArray:
-    """A damped Gauss-Newton step; coordinates that would leave their bounds are put there, the others solved again."""
+    """A Gauss-Newton step within bounds, damped in the coordinates in which the model is not linear."""
     matrix, gradient = normal.total()
     matrix = matrix + np.diag(prior)
     gradient = gradient - prior * (vector - centre)
     matrix = matrix + np.diag(damping * np.where(shape, np.maximum(np.diag(matrix), 1e-30), 0.0))
+    return bounded_step(matrix, gradient, vector, bounds)
+
+
+def bounded_step(
+    matrix: FloatArray, gradient: FloatArray, vector: FloatArray, bounds: tuple[FloatArray, FloatArray]
+) -> FloatArray:
+    """The step from `vector` that solves normal equations within bounds.
+
+    Coordinates that would leave their bounds are put there, and the others solved again.
+    """
     free = np.ones(len(vector), bool)
     step = np.zeros(len(vector))
     for _ in range(6):
@@ -176,4 +187,5 @@ def _bounded_step(
             break
         step[out] = np.clip(aim[out], bounds[0][out], bounds[1][out]) - vector[out]
         free &= ~out
-    return step
+    found: FloatArray = np.clip(vector + step, *bounds) - vector
+    return found

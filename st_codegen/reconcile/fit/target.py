@@ -77,14 +77,16 @@ class Target:
         """This target, of which only good rows inside `rows` count."""
         return replace(self, good=self.good & rows)
 
-    def residual(self, model: RigModel) -> ComplexArray:
-        """measured - model, (n, K)."""
-        return self.data.values - self.data.observed(model.coefficients(self.data.at, self.data.model_orders()))
+    def residual(self, model: RigModel, rows: BoolArray | None = None) -> ComplexArray:
+        """measured - model, complex128 (n, K), deg; of the chosen rows alone where `rows` is given."""
+        data = self.data if rows is None else self.data.rows(rows)
+        return data.values - data.observed(model.coefficients(data.at, data.model_orders()))
 
-    def losses(self, residual: ComplexArray) -> FloatArray:
-        """Twice Huber's loss of each row and order, float64 (n, K); behaves like a chi-square for small residuals."""
-        z = np.abs(np.where(self.data.orders == 0, residual.real, residual)) / self.sigma
-        z = z * self.good[:, None]
+    def losses(self, residual: ComplexArray, rows: BoolArray | None = None) -> FloatArray:
+        """Twice Huber's loss of each row (of the chosen rows) and order, float64 (n, K): small ones like chi-square."""
+        chosen = slice(None) if rows is None else rows
+        z = np.abs(np.where(self.data.orders == 0, residual.real, residual)) / self.sigma[chosen]
+        z = z * self.good[chosen, None]
         found: FloatArray = np.where(z <= SETTINGS.huber, z**2, 2 * SETTINGS.huber * z - SETTINGS.huber**2)
         return found
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from st_codegen.reconcile.data.observations import rms_deg
 from st_codegen.reconcile.fit.fitting import Fit, fit
-from st_codegen.reconcile.fit.normal import inverse
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.judge.candidates import STAGES, Candidate, Search
@@ -18,7 +16,7 @@ from st_codegen.reconcile.judge.peaks import bracket, has_a_frequency, spread
 from st_codegen.reconcile.judge.retuned import change_after_all, changes
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Conditions, Effect, Stage
-from st_codegen.rig.effects.base import ComplexArray, FloatArray
+from st_codegen.rig.effects.base import ComplexArray
 from st_codegen.rig.model import RigModel
 
 
@@ -128,13 +126,13 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
     """Claims with evidence, changed parameters, alternatives."""
     added = [i for i, piece in enumerate(joint.state.pieces) if piece.added]
     changed, offset_changed = changes(joint)
-    final = _with_the_rest_held(joint, changed, offset_changed)
+    final = fit(joint.target, _held(joint, changed, offset_changed))
     for _ in range(SETTINGS.most_after_all):
         more = change_after_all(joint, final, changed)
         if not more:
             break
         changed |= more
-        final = _with_the_rest_held(joint, changed, offset_changed)
+        final = fit(joint.target, _held(joint, changed, offset_changed))
     claims = []
     for i in added:
         smaller = fit(joint.target, joint.state.without(i), steps=6, tolerance=0.1)
@@ -190,19 +188,6 @@ def _of_its_shape(piece: Piece, peaks: tuple[float, float] | None) -> tuple[str,
 
 def _origin(piece: Piece) -> Effect:
     return piece.origin or piece.effect
-
-
-def _original(state: State) -> State:
-    pieces = tuple(Piece(_origin(piece), frozenset(), False, piece.origin) for piece in state.pieces)
-    return State(state.rig, state.rig.zero_offset_deg, pieces)
-
-
-def _with_the_rest_held(joint: Fit, changed: dict[int, float], offset_changed: bool) -> Fit:
-    """The fit with all that did not change at the rig's own values."""
-    if any(piece.added for piece in joint.state.pieces) or changed or offset_changed:
-        return fit(joint.target, _held(joint, changed, offset_changed))
-    original = _original(joint.state)
-    return replace(joint, state=original, residual=joint.target.residual(original.model()))
 
 
 def _held(joint: Fit, changed: dict[int, float], offset_changed: bool) -> State:
@@ -358,30 +343,3 @@ def _extrapolates(joint: Fit, piece: Piece) -> tuple[str, ...]:
         if outside:
             remarks.append(f"orders {', '.join(map(str, outside))} do not reach the frequency in the measured speeds")
     return tuple(remarks)
-
-
-def held_out_rms(current: Fit, axes: Sequence[str] = ("speed", "torque", "temperature")) -> FloatArray:
-    """RMS (deg) of each order on left-out levels, float64 (K,), all axes together.
-
-    Each fold is predicted with parameters fitted to the others.
-    """
-    target = current.target
-    weight = np.where(target.data.orders == 0, 1.0, 0.5)
-    powers = []
-    for axis in axes:
-        folds = target.groups.folds[axis]
-        if len(np.unique(folds)) < 3:
-            continue
-        residual = current.residual.copy()
-        for fold in np.unique(folds):
-            inside = folds == fold
-            matrix = current.normal.matrix[~inside].sum(axis=0) + np.diag(current.prior)
-            pull = current.normal.gradient[~inside].sum(axis=0)
-            vector = current.state.vector() + inverse(matrix) @ pull
-            rows = inside[target.groups.cells]
-            model = current.state.with_vector(np.clip(vector, *current.bounds)).model()
-            residual[rows] = target.residual(model)[rows]
-        powers.append(weight * (np.abs(residual[target.good]) ** 2).mean(axis=0))
-    power = np.mean(powers, axis=0) if powers else weight * (np.abs(current.residual[target.good]) ** 2).mean(axis=0)
-    found: FloatArray = np.sqrt(power)
-    return found

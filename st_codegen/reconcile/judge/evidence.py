@@ -11,9 +11,10 @@ import numpy as np
 from st_codegen.reconcile.data.noise import BoolArray
 from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.normal import by_group, inverse
+from st_codegen.reconcile.judge.held_out import AXES, compared
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Form
-from st_codegen.rig.effects.base import FloatArray, IntArray
+from st_codegen.rig.effects.base import FloatArray
 
 
 @dataclass(frozen=True)
@@ -21,10 +22,11 @@ class Evidence:
     """What speaks for an effect.
 
     loss_saved: of twice the loss; parameters: how many it has; p_chance: of that much saved by noise that is
-    independent from run to run; p_clusters: the same when runs of about the same speed and temperature may have noise
-    in common; held_out: loss saved (per run) on conditions that were left out of the fit, by axis; stability: share of
-    resampled data sets in which the effect keeps its size and sign; size_in_noise: RMS of its contribution to the
-    coefficients that it touches over the noise of one of them.
+    independent from run to run; p_clusters: of that much where runs of about the same speed and temperature may have
+    noise in common; held_out: loss saved (per run) on conditions that were left out of the fit, by axis; votes: how
+    many of the folds that the others identify it saves loss in, and how many there are; stability: share of resampled
+    data sets in which the effect keeps its size and sign; size_in_noise: RMS of its contribution to the coefficients
+    that it touches over the noise of one of them.
     """
 
     loss_saved: float
@@ -32,6 +34,7 @@ class Evidence:
     p_chance: float
     p_clusters: float
     held_out: Mapping[str, float]
+    votes: tuple[int, int]
     stability: float
     size_in_noise: float
 
@@ -39,7 +42,10 @@ class Evidence:
     def passed(self) -> bool:
         """Whether all tests agree."""
         losses = list(self.held_out.values())
-        held = sum(x > 0 for x in losses) >= max(1, len(losses) - 1) and sum(losses) > 0 if losses else True
+        # one axis may fail: a level can hold all that is known of something
+        held = not losses or (
+            sum(x > 0 for x in losses) >= max(1, len(losses) - 1) and 2 * self.votes[0] > self.votes[1]
+        )
         likely = self.p_chance < SETTINGS.p_chance and self.p_clusters < SETTINGS.p_clusters
         return likely and held and self.stability >= SETTINGS.stable and self.size_in_noise >= SETTINGS.least_size
 
@@ -48,12 +54,14 @@ def judge(without: Fit, with_it: Fit, places: list[int], number: int, seed: int 
     """Compare two fits of the same data; `places`: coordinates of the effect in the larger one, `number`: its piece."""
     saved = without.loss - with_it.loss
     count = len(places)
+    held, votes = held_out(without, with_it)
     return Evidence(
         loss_saved=saved,
         parameters=count,
         p_chance=chi_square_tail(saved, count),
         p_clusters=p_of_clusters(with_it, places, with_it.state.vector()[places]),
-        held_out=held_out(without, with_it),
+        held_out=held,
+        votes=votes,
         stability=stability(with_it, places, seed),
         size_in_noise=size_in_noise(with_it, places, number),
     )
@@ -90,35 +98,15 @@ def p_of_clusters(fit: Fit, places: list[int], difference: FloatArray) -> float:
     return f_tail(square * (clusters - count) / (count * (clusters - 1)), count, clusters - count)
 
 
-def held_out(without: Fit, with_it: Fit) -> dict[str, float]:
-    """Loss saved per run on left-out levels of speed, torque and temperature: each fold predicted from the others."""
-    found = {}
-    for axis, folds in with_it.target.groups.folds.items():
-        used = np.unique(folds)
-        if len(used) < 3:
-            continue
-        losses = [predicted_loss(fit, folds) for fit in (without, with_it)]
-        found[axis] = (losses[0] - losses[1]) / max(int(with_it.target.good.sum()), 1)
-    return found
-
-
-def predicted_loss(fit: Fit, folds: IntArray) -> float:
-    """Weighted squares of the residuals of each fold under the parameters of the others, in one linear step."""
-    matrix, gradient = (by_group(part, folds) for part in (fit.normal.matrix, fit.normal.gradient))
-    whole, pull = matrix.sum(axis=0) + np.diag(fit.prior), gradient.sum(axis=0)
-    loss = float(fit.target.losses(fit.residual).sum())
-    for own, g in zip(matrix, gradient, strict=True):
-        if not own.any():
-            continue
-        # the fit's own pull is zero but for bounds and priors, and stays out of it
-        step = inverse(whole - own) @ (-(g - pull * _share(own, whole)))
-        loss += float(-2 * step @ g + step @ own @ step)
-    return loss
-
-
-def _share(own: FloatArray, whole: FloatArray) -> FloatArray:
-    found: FloatArray = np.diag(own) / np.maximum(np.diag(whole), 1e-300)
-    return found
+def held_out(without: Fit, with_it: Fit) -> tuple[dict[str, float], tuple[int, int]]:
+    """Loss saved per run on left-out levels of speed, torque and temperature, and the votes of the folds: for, of."""
+    found, votes = {}, []
+    for axis in AXES:
+        folds = list(compared(without, with_it, axis))
+        if folds:
+            found[axis] = sum(saved for _, saved in folds) / sum(rows for rows, _ in folds)
+            votes += [saved > 0 for _, saved in folds]
+    return found, (sum(votes), len(votes))
 
 
 def stability(fit: Fit, places: list[int], seed: int) -> float:

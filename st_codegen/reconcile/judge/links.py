@@ -155,7 +155,7 @@ def _judged(
     stable = float(np.mean([(x[b] ** 2).sum() > (y[b] ** 2).sum() for b in blocks]))
     size = float(np.sqrt(max(before**2 - after**2, 0.0)) / sigma)
     p = chi_square_tail(saved, len(stderr))
-    evidence = Evidence(saved, len(stderr), p, p, {"time": saved / len(x)}, stable, size)
+    evidence = Evidence(saved, len(stderr), p, p, {"time": saved / len(x)}, (1, 1), stable, size)
     left = max(after**2 - sigma**2, 0.0)
     fits = left < 0.3 * max(before**2 - after**2, 1e-300)
     found = p < SETTINGS.p_chance and stable > 0.7 and size >= 0.3 * SETTINGS.least_size and fits

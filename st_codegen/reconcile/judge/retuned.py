@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from st_codegen.reconcile.fit.fitting import Fit
+from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import inverse
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.evidence import chi_square_tail, p_of_clusters
@@ -21,6 +21,8 @@ def changes(joint: Fit) -> tuple[dict[int, float], bool]:
         assert piece.origin is not None
         places, difference = _difference(joint, i)
         p = _p_of(joint, places, difference)
+        if p < SETTINGS.p_changed:
+            p = max(p, _p_of_held(joint, i, len(places)))
         grown = piece.effect.values.keys() != piece.origin.values.keys()
         if grown or (p < SETTINGS.p_changed and not _lasting_noise(joint, piece)):
             found[i] = p
@@ -87,6 +89,18 @@ def _p_of(joint: Fit, places: list[int], difference: FloatArray) -> float:
     """The larger chance of both tests; the one by clusters is brought to the scale of the other."""
     plain, clusters = _p_alone(joint, places, difference), p_of_clusters(joint, places, difference)
     return plain if clusters < SETTINGS.p_clusters else max(plain, clusters)
+
+
+def _p_of_held(joint: Fit, number: int, count: int) -> float:
+    """Chance of the loss that a piece costs when it is held at the rig's own values and all others are fitted again.
+
+    Where the model is a product (a ratio times a mesh order) standard errors at the solution say too little.
+    """
+    piece = joint.state.pieces[number]
+    assert piece.origin is not None
+    own = Piece(piece.origin, frozenset(), False, piece.origin)
+    held = fit(joint.target, joint.state.replaced(number, own), steps=SETTINGS.quick_steps)
+    return chi_square_tail(held.loss - joint.loss, count)
 
 
 def _p_alone(joint: Fit, places: list[int], difference: FloatArray) -> float:
