@@ -158,7 +158,7 @@ def _bundle(
 def _translated(project: Any, block: str, folder: Path) -> tuple[Built, np.ndarray]:
     """A block as C, and rows of its inputs: angles and operating points at random, the rest as declared."""
     from benchmarks.st_to_c import ports, translate
-    from st_codegen.st.check.typed import Section
+    from st_codegen.st.tree import Section
 
     source = folder / f"{block}.c"
     source.write_text(translate(project, block, "race"))

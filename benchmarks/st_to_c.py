@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.st.check import typed as t
-from st_codegen.st.check import walk
-from st_codegen.st.check.types import LREAL, ArrayType, BlockType, Elementary, EnumType, Kind, StructType, Type
-from st_codegen.st.syntax.nodes import PouKind
+from st_codegen.st import tree as t
+from st_codegen.st import walk
+from st_codegen.st.tree import PouKind
+from st_codegen.st.types import LREAL, ArrayType, BlockType, Elementary, EnumType, Kind, StructType, Type
 
 _C_TYPES = {
     "BOOL": "uint8_t",

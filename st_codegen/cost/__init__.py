@@ -1,4 +1,4 @@
-"""The cost model: the worst case of emitted text, counted on its typed tree and priced by a profile of the machine.
+"""The cost model: the worst case of emitted text, counted on its checked tree and priced by a profile of the machine.
 
     profile = load_profile("cx5140")
     cost = project_cost(load_project(["generated/twincat"]), profile)

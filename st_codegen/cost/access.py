@@ -17,9 +17,9 @@ from st_codegen.cost.operations import (
 )
 from st_codegen.cost.paths import Cost, Costs
 from st_codegen.cost.ranges import Interval, Ranges, is_counted
-from st_codegen.st.check import typed as t
-from st_codegen.st.check import walk
-from st_codegen.st.check.types import ArrayType, StructType
+from st_codegen.st import tree as t
+from st_codegen.st import walk
+from st_codegen.st.types import ArrayType, StructType
 
 
 @dataclass

@@ -20,7 +20,7 @@ import numpy as np
 from st_codegen.cost.profile import Profile
 from st_codegen.cost.report import project_cost
 from st_codegen.errors import InputError, Problems
-from st_codegen.st.check.typed import Project
+from st_codegen.st.tree import Project
 
 
 @dataclass(frozen=True)

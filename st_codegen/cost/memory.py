@@ -12,7 +12,7 @@ from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import count
 
-from st_codegen.st.check import typed as t
+from st_codegen.st import tree as t
 
 LINE = 64
 #: Neighbours this near are a record, which is taken to be aligned: it lies in one line

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from st_codegen.st.check import typed as t
-from st_codegen.st.check.types import ArrayType, BlockType, Elementary, EnumType, StructType, Type
+from st_codegen.st import tree as t
+from st_codegen.st.types import ArrayType, BlockType, Elementary, EnumType, StructType, Type
 
 Counts = NDArray[np.int64]
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from st_codegen.st.check import typed as t
-from st_codegen.st.check.types import Elementary, Kind, Type
+from st_codegen.st import tree as t
+from st_codegen.st.types import Elementary, Kind, Type
 
 
 class Interval(NamedTuple):

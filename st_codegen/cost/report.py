@@ -12,8 +12,8 @@ from st_codegen.cost.memory import LINE, lines_by_place
 from st_codegen.cost.operations import Counts, Operation, as_mapping, no_counts, size_of, weighted
 from st_codegen.cost.profile import Profile
 from st_codegen.cost.units import UnitCost, Units
-from st_codegen.st.check import typed as t
-from st_codegen.st.syntax.nodes import PouKind
+from st_codegen.st import tree as t
+from st_codegen.st.tree import PouKind
 
 
 @dataclass(frozen=True)

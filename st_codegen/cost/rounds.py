@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from st_codegen.cost.ranges import Interval, Ranges
-from st_codegen.st.check import typed as t
-from st_codegen.st.check import walk
-from st_codegen.st.check.types import ArrayType
+from st_codegen.st import tree as t
+from st_codegen.st import walk
+from st_codegen.st.types import ArrayType
 
 
 def of_for(loop: t.For, ranges: Ranges) -> int | None:

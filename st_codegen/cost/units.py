@@ -12,10 +12,10 @@ from st_codegen.cost.memory import Loop, Place, Touch, Touches, new_version
 from st_codegen.cost.operations import Counts, Operation, no_counts, size_of
 from st_codegen.cost.paths import Cost, Costs, Flow, Outcomes
 from st_codegen.cost.ranges import Interval
-from st_codegen.st.check import typed as t
-from st_codegen.st.check import walk
+from st_codegen.st import tree as t
+from st_codegen.st import walk
 from st_codegen.st.check.flow import overriding
-from st_codegen.st.syntax.nodes import PouKind
+from st_codegen.st.tree import PouKind
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +112,8 @@ class _Body:
                 return {Flow.CONTINUE: Cost()}
             case t.Return():
                 return {Flow.RETURN: Cost()}
+            case _:
+                raise TypeError(statement)
 
     def _count(self, cost: Cost) -> Cost:
         """Note the code of a piece of text."""
@@ -174,7 +176,7 @@ class _Body:
         before = self._value(statement.start).then(self._value(statement.stop)).then(self._one(Operation.STORE))
         if not isinstance(statement.step, t.Constant):
             before = before.then(self._value(statement.step))
-        counter = statement.counter.variable
+        counter = statement.variable
         each = self._one(Operation.LOOP)
         first = new_version()
         self._enter(statement.body, {counter})

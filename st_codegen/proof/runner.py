@@ -13,10 +13,10 @@ from st_codegen.beckhoff_ml.library import mll_library
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import BoolArray, FloatArray
 from st_codegen.st import LaneMachine, Library, Project, StError, StRuntimeError, load_project
-from st_codegen.st.check.typed import Pou
-from st_codegen.st.check.types import ArrayType, Elementary, Type
 from st_codegen.st.run.library import TCUNIT
 from st_codegen.st.run.machine import Instance
+from st_codegen.st.tree import Pou
+from st_codegen.st.types import ArrayType, Elementary, Type
 
 #: Rows that the interpreter takes at once: bounds its memory.
 _BATCH = 20_000

@@ -27,7 +27,7 @@ from st_codegen.errors import GeneratedCodeError, InputError
 from st_codegen.ir import TransmissionError
 from st_codegen.rig.tasks import Form, Inputs, TaskSettings
 from st_codegen.st import LaneMachine, ScalarMachine, StError, StRuntimeError, load_project
-from st_codegen.st.check.typed import Project
+from st_codegen.st.tree import Project
 from st_codegen.te.bundle import Bundle
 
 FloatArray = NDArray[np.float64]

@@ -6,8 +6,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from st_codegen.st.check.check import check
-from st_codegen.st.check.typed import Project
-from st_codegen.st.check.types import Dialect
 from st_codegen.st.errors import (
     Position,
     Problem,
@@ -21,6 +19,8 @@ from st_codegen.st.run.lanes import LaneMachine
 from st_codegen.st.run.natives import Library, NativeBlock, NativeCall
 from st_codegen.st.run.scalar import ScalarMachine
 from st_codegen.st.syntax.source import Source, read_paths, read_texts
+from st_codegen.st.tree import Project
+from st_codegen.st.types import Dialect
 
 __all__ = [
     "Dialect",

@@ -37,8 +37,6 @@ VAR_INPUT a, b : DINT; c : DINT := 3; END_VAR
 VAR_IN_OUT io : ARRAY[0..3] OF LREAL; END_VAR
 VAR_OUTPUT nOut : DINT; END_VAR
 VAR_TEMP t : DINT; END_VAR
-VAR_STAT s : DINT; END_VAR
-VAR_INST i : DINT; END_VAR
 FC_Add := a + b - -c * 2 / 1 MOD 5;
 ;
 END_FUNCTION
@@ -134,3 +132,6 @@ PARTS = {
     "file": "",
 }
 METHOD_HEAD = "METHOD PROTECTED OVERRIDE Predict : BOOL\nVAR_INPUT INTERNALS : DINT; END_VAR"
+
+# What the grammar knows only to refuse it by its name
+REFUSED = ["VAR_STAT", "VAR_INST", "VAR_EXTERNAL"]

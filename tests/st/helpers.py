@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from st_codegen.st import LaneMachine, ScalarMachine, StCheckError, StRuntimeError, parse_project
-from st_codegen.st.check.typed import Project
+from st_codegen.st.tree import Project
 
 LANES = 3
 

@@ -4,7 +4,24 @@ from __future__ import annotations
 
 from functools import singledispatch
 
-from st_codegen.st.syntax import nodes as n
+from st_codegen.st import tree as t
+from st_codegen.st.syntax import declarations as d
+
+OPERATORS = {
+    "NEG": "-",
+    "POS": "+",
+    "ADD": "+",
+    "SUB": "-",
+    "MUL": "*",
+    "DIV": "/",
+    "EXPT": "**",
+    "EQ": "=",
+    "NE": "<>",
+    "LT": "<",
+    "LE": "<=",
+    "GT": ">",
+    "GE": ">=",
+}
 
 
 @singledispatch
@@ -12,212 +29,205 @@ def show(node: object) -> str:
     raise TypeError(type(node))
 
 
-def lines(items: tuple[n.Node, ...]) -> str:
+def lines(items: tuple[t.Node, ...]) -> str:
     return "".join(f"{show(item)}\n" for item in items)
 
 
 @show.register
-def _(node: n.Literal) -> str:
+def _(node: t.Literal) -> str:
     prefix = f"{node.type_name}#" if node.type_name else ""
     kind = node.kind
-    if kind is n.LiteralKind.TIME:
+    if kind is t.LiteralKind.TIME:
         return f"T#{'-' if node.value < 0 else ''}{abs(node.value)}ns"
-    if kind is n.LiteralKind.LTIME:
+    if kind is t.LiteralKind.LTIME:
         return f"LTIME#{'-' if node.value < 0 else ''}{abs(node.value)}ns"
-    if kind is n.LiteralKind.BOOL:
+    if kind is t.LiteralKind.BOOL:
         return prefix + str(node.value).upper()
-    if kind in (n.LiteralKind.STRING, n.LiteralKind.WSTRING):
-        quote, width = ("'", 2) if kind is n.LiteralKind.STRING else ('"', 4)
+    if kind in (t.LiteralKind.STRING, t.LiteralKind.WSTRING):
+        quote, width = ("'", 2) if kind is t.LiteralKind.STRING else ('"', 4)
         return prefix + quote + "".join(f"${ord(c):0{width}X}" for c in node.value) + quote
     text = repr(node.value).upper()
-    if kind is n.LiteralKind.REAL and "E" in text and "." not in text:
+    if kind is t.LiteralKind.REAL and "E" in text and "." not in text:
         text = text.replace("E", ".0E")
     return prefix + text
 
 
 @show.register
-def _(node: n.EnumLiteral) -> str:
+def _(node: t.EnumLiteral) -> str:
     return f"{node.type_name}#{node.name}"
 
 
 @show.register
-def _(node: n.Identifier) -> str:
+def _(node: t.Identifier) -> str:
     return node.name
 
 
 @show.register
-def _(node: n.Member) -> str:
+def _(node: t.Member) -> str:
     return f"{show(node.base)}.{node.name}"
 
 
 @show.register
-def _(node: n.Subscript) -> str:
+def _(node: t.ElementRef) -> str:
     return f"{show(node.base)}[{', '.join(map(show, node.indices))}]"
 
 
 @show.register
-def _(node: n.Dereference) -> str:
-    return f"{show(node.base)}^"
+def _(node: t.PointerTarget) -> str:
+    return f"{show(node.pointer)}^"
 
 
 @show.register
-def _(node: n.This) -> str:
+def _(node: t.ThisRef) -> str:
     return "THIS^"
 
 
 @show.register
-def _(node: n.Super) -> str:
+def _(node: t.Super) -> str:
     return "SUPER^"
 
 
 @show.register
-def _(node: n.Argument) -> str:
-    value = show(node.value) if node.value is not None else ""
-    return value if node.name is None else f"{node.name} {'=>' if node.is_output else ':='} {value}"
+def _(node: t.Argument) -> str:
+    value = show(node.value)
+    return value if node.name is None else f"{node.name} {'=>' if node.passing is t.Passing.OUTPUT else ':='} {value}"
 
 
 @show.register
-def _(node: n.Call) -> str:
-    return f"{show(node.callee)}({', '.join(map(show, node.arguments))})"
+def _(node: t.Omitted) -> str:
+    return ""
 
 
 @show.register
-def _(node: n.Unary) -> str:
-    return f"({node.operator} {show(node.operand)})"
+def _(node: t.Call) -> str:
+    return f"{show(node.function)}({', '.join(map(show, node.arguments))})"
 
 
 @show.register
-def _(node: n.Binary) -> str:
-    return f"({show(node.left)} {node.operator} {show(node.right)})"
+def _(node: t.Unary) -> str:
+    return f"({OPERATORS.get(node.operator, node.operator)} {show(node.operand)})"
 
 
 @show.register
-def _(node: n.Table) -> str:
-    if node.kind is n.TableKind.BOOL:
+def _(node: t.Infix) -> str:
+    return f"({show(node.left)} {OPERATORS.get(node.operator, node.operator)} {show(node.right)})"
+
+
+@show.register
+def _(node: d.Table) -> str:
+    if node.kind is d.TableKind.BOOL:
         return f"[{', '.join(str(bool(value)).upper() for value in node.values)}]"
     cells = [repr(value).upper() for value in node.values.tolist()]
     return f"[{', '.join(cells)}]"
 
 
 @show.register
-def _(node: n.Repeat) -> str:
+def _(node: d.Repeated) -> str:
     return f"{node.count}({show(node.value) if node.value is not None else ''})"
 
 
 @show.register
-def _(node: n.ArrayInitial) -> str:
+def _(node: d.ArrayInitial) -> str:
     return f"[{', '.join(map(show, node.items))}]"
 
 
 @show.register
-def _(node: n.MemberInitial) -> str:
+def _(node: d.MemberInitial) -> str:
     return f"{node.name} := {show(node.value)}"
 
 
 @show.register
-def _(node: n.StructInitial) -> str:
+def _(node: d.StructInitial) -> str:
     return f"({', '.join(map(show, node.members))})"
 
 
 @show.register
-def _(node: n.NamedType) -> str:
+def _(node: d.NamedType) -> str:
     return node.name
 
 
 @show.register
-def _(node: n.StringSpec) -> str:
+def _(node: d.StringSpec) -> str:
     length = f"({show(node.length)})" if node.length is not None else ""
     return f"{'WSTRING' if node.wide else 'STRING'}{length}"
 
 
 @show.register
-def _(node: n.Range) -> str:
+def _(node: t.Range) -> str:
     return f"{show(node.lower)}..{show(node.upper)}"
 
 
 @show.register
-def _(node: n.ArraySpec) -> str:
+def _(node: d.ArraySpec) -> str:
     return f"ARRAY[{', '.join(map(show, node.ranges))}] OF {show(node.element)}"
 
 
 @show.register
-def _(node: n.SubrangeSpec) -> str:
+def _(node: d.SubrangeSpec) -> str:
     return f"{node.base}({show(node.range)})"
 
 
 @show.register
-def _(node: n.PointerSpec) -> str:
-    return f"POINTER TO {show(node.target)}"
+def _(node: d.PointerSpec) -> str:
+    return f"{'REFERENCE' if node.is_reference else 'POINTER'} TO {show(node.target)}"
 
 
 @show.register
-def _(node: n.ReferenceSpec) -> str:
-    return f"REFERENCE TO {show(node.target)}"
-
-
-@show.register
-def _(node: n.Assignment) -> str:
+def _(node: t.Assign) -> str:
     return f"{show(node.target)} := {show(node.value)};"
 
 
 @show.register
-def _(node: n.CallStatement) -> str:
+def _(node: t.CallStatement) -> str:
     return f"{show(node.call)};"
 
 
 @show.register
-def _(node: n.If) -> str:
+def _(node: t.If) -> str:
     text = ""
     for word, branch in zip(["IF"] + ["ELSIF"] * len(node.branches), node.branches, strict=False):
         text += f"{word} {show(branch.condition)} THEN\n{lines(branch.body)}"
-    if node.otherwise is not None:
+    if node.otherwise:
         text += f"ELSE\n{lines(node.otherwise)}"
     return text + "END_IF"
 
 
-def _label(node: n.Node) -> str:
-    if isinstance(node, n.Range):
-        return f"{_label(node.lower)}..{_label(node.upper)}"
-    return f"-{show(node.operand)}" if isinstance(node, n.Unary) else show(node)
+def _choice(node: t.Range) -> str:
+    ends = [f"-{show(end.operand)}" if isinstance(end, t.Unary) else show(end) for end in (node.lower, node.upper)]
+    return "..".join(dict.fromkeys(ends))
 
 
 @show.register
-def _(node: n.Case) -> str:
+def _(node: t.Case) -> str:
     text = f"CASE {show(node.selector)} OF\n"
     for branch in node.branches:
-        text += f"{', '.join(map(_label, branch.labels))}:\n{lines(branch.body)}"
-    if node.otherwise is not None:
+        text += f"{', '.join(map(_choice, branch.choices))}:\n{lines(branch.body)}"
+    if node.otherwise:
         text += f"ELSE\n{lines(node.otherwise)}"
     return text + "END_CASE"
 
 
 @show.register
-def _(node: n.For) -> str:
-    step = f" BY {show(node.step)}" if node.step is not None else ""
-    header = f"FOR {show(node.counter)} := {show(node.start)} TO {show(node.stop)}{step} DO"
+def _(node: t.For) -> str:
+    header = f"FOR {show(node.counter)} := {show(node.start)} TO {show(node.stop)} BY {show(node.step)} DO"
     return f"{header}\n{lines(node.body)}END_FOR"
 
 
 @show.register
-def _(node: n.While) -> str:
+def _(node: t.While) -> str:
     return f"WHILE {show(node.condition)} DO\n{lines(node.body)}END_WHILE"
 
 
 @show.register
-def _(node: n.RepeatUntil) -> str:
+def _(node: t.Repeat) -> str:
     return f"REPEAT\n{lines(node.body)}UNTIL {show(node.condition)} END_REPEAT"
 
 
-@show.register(n.Exit)
-@show.register(n.Continue)
-@show.register(n.Return)
-def _(node: n.Node) -> str:
+@show.register(t.Exit)
+@show.register(t.Continue)
+@show.register(t.Return)
+def _(node: t.Node) -> str:
     return f"{type(node).__name__.upper()};"
-
-
-@show.register
-def _(node: n.Empty) -> str:
-    return ";"
 
 
 def _attributes(attributes: tuple[str, ...]) -> str:
@@ -229,31 +239,31 @@ def _attributes(attributes: tuple[str, ...]) -> str:
 
 
 @show.register
-def _(node: n.VariableDeclaration) -> str:
+def _(node: d.VariableDeclaration) -> str:
     place = f" AT {node.address}" if node.address else ""
     initial = f" := {show(node.initial)}" if node.initial is not None else ""
     return f"{_attributes(node.attributes)}{node.name}{place} : {show(node.type)}{initial};"
 
 
 @show.register
-def _(node: n.VariableBlock) -> str:
-    return f"{' '.join([node.section, *sorted(node.qualifiers)])}\n{lines(node.variables)}END_VAR"
+def _(node: d.VariableBlock) -> str:
+    return f"{' '.join([node.section.value, *sorted(node.qualifiers)])}\n{lines(node.variables)}END_VAR"
 
 
 @show.register
-def _(node: n.StructDeclaration) -> str:
+def _(node: d.StructDeclaration) -> str:
     base = f" EXTENDS {node.base}" if node.base else ""
     word = "UNION" if node.is_union else "STRUCT"
     return f"TYPE {_attributes(node.attributes)}{node.name}{base} : {word}\n{lines(node.fields)}END_{word} END_TYPE"
 
 
 @show.register
-def _(node: n.EnumValue) -> str:
+def _(node: d.EnumValue) -> str:
     return node.name + (f" := {show(node.value)}" if node.value is not None else "")
 
 
 @show.register
-def _(node: n.EnumDeclaration) -> str:
+def _(node: d.EnumDeclaration) -> str:
     base = f" {node.base}" if node.base else ""
     default = f" := {show(node.default)}" if node.default is not None else ""
     values = ", ".join(map(show, node.values))
@@ -261,13 +271,13 @@ def _(node: n.EnumDeclaration) -> str:
 
 
 @show.register
-def _(node: n.AliasDeclaration) -> str:
+def _(node: d.AliasDeclaration) -> str:
     initial = f" := {show(node.initial)}" if node.initial is not None else ""
     return f"TYPE {_attributes(node.attributes)}{node.name} : {show(node.type)}{initial}; END_TYPE"
 
 
 @show.register
-def _(node: n.PouDeclaration) -> str:
+def _(node: d.PouDeclaration) -> str:
     word = node.kind.value
     header = " ".join([word, *sorted(node.modifiers), node.name])
     if node.base:
@@ -280,5 +290,5 @@ def _(node: n.PouDeclaration) -> str:
 
 
 @show.register
-def _(node: n.GlobalList) -> str:
+def _(node: d.GlobalList) -> str:
     return _attributes(node.attributes) + lines(node.blocks)

@@ -3,10 +3,9 @@ from __future__ import annotations
 
 import pytest
 
-from st_codegen.st import StCheckError, parse_project
-from st_codegen.st.check import typed as t
-from st_codegen.st.check import walk
-from st_codegen.st.check.types import DINT, INT, LREAL, REAL, UDINT, Dialect, common_type, converts_implicitly
+from st_codegen.st import StCheckError, parse_project, walk
+from st_codegen.st import tree as t
+from st_codegen.st.types import DINT, INT, LREAL, REAL, UDINT, Dialect, common_type, converts_implicitly
 from tests.st.helpers import block, problems, project
 
 VARIABLES = (
@@ -252,7 +251,6 @@ DECLARATIONS = [
     ("PROGRAM P VAR CONSTANT a : B; END_VAR END_PROGRAM FUNCTION_BLOCK B END_FUNCTION_BLOCK", "'a' cannot be CONSTANT"),
     ("PROGRAM P VAR a : B := (x := 1); END_VAR END_PROGRAM FUNCTION_BLOCK B END_FUNCTION_BLOCK", "'B' has no variable 'x'"),
     ("PROGRAM P VAR_GLOBAL a : DINT; END_VAR END_PROGRAM", "VAR_GLOBAL cannot stand in 'P'"),
-    ("PROGRAM P VAR_STAT a : DINT; END_VAR END_PROGRAM", "VAR_STAT is not supported"),
     ("FUNCTION_BLOCK A VAR_IN_OUT x : DINT; END_VAR METHOD M x := 1; END_METHOD END_FUNCTION_BLOCK",
      "a method cannot use 'x': VAR_IN_OUT of a block exists only while the block is called"),
     ("FUNCTION_BLOCK A VAR x : DINT; END_VAR END_FUNCTION_BLOCK FUNCTION_BLOCK B EXTENDS A VAR X : DINT; END_VAR"

@@ -10,7 +10,7 @@ from hypothesis import strategies as s
 
 from st_codegen.st import StSyntaxError
 from st_codegen.st.syntax import tables as module
-from st_codegen.st.syntax.nodes import Table, TableKind
+from st_codegen.st.syntax.declarations import Table, TableKind
 from st_codegen.st.syntax.parser import parse_segment
 from st_codegen.st.syntax.scan import Segment
 from st_codegen.st.syntax.tables import parse_table

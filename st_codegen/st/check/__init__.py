@@ -1,1 +1,1 @@
-"""From the syntax tree to typed units: names, types, conversions, flow."""
+"""From declarations to a checked project: names, types, conversions, flow."""

@@ -13,8 +13,8 @@ from struct import Struct
 
 import numpy as np
 
-from st_codegen.st.check.types import REAL, Elementary
 from st_codegen.st.errors import Position
+from st_codegen.st.types import REAL, Elementary
 
 DIVISION = "division by zero"
 INVALID = "invalid operation"

@@ -2,32 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, cast
 
-from st_codegen.st.check import typed as t
+from st_codegen.st import tree as t
 from st_codegen.st.check.coercion import coerce
 from st_codegen.st.check.symbols import Unit, failure
-from st_codegen.st.check.types import BOOL, BlockType, Dialect, Type
 from st_codegen.st.run.standard import check_standard_call
-from st_codegen.st.syntax import nodes as n
-from st_codegen.st.syntax.nodes import PouKind
+from st_codegen.st.tree import PouKind
+from st_codegen.st.types import BOOL, BlockType, Dialect, Type
 
 if TYPE_CHECKING:
     from st_codegen.st.check.expressions import Expressions
 
 
-def check_call(checker: Expressions, node: n.Call) -> t.Expression:
+def check_call(checker: Expressions, node: t.Call) -> t.Expression:
     """A call in an expression or as a statement. Raises `StCheckError`."""
-    callee = node.callee
-    if isinstance(callee, n.Member) and _is_library(checker, callee.base):
-        callee = n.Identifier(callee.name, position=callee.position)
-    if isinstance(callee, n.Identifier):
+    callee = node.function
+    if isinstance(callee, t.Member) and _is_library(checker, callee.base):
+        callee = t.Identifier(callee.name, position=callee.position)
+    if isinstance(callee, t.Identifier):
         return _call_by_name(checker, callee, node)
-    if isinstance(callee, n.Super):
+    if isinstance(callee, t.Super):
         base = _base_unit(checker, callee)
         return _user_call(checker, base, checker.this(callee), node, is_virtual=False)
-    if isinstance(callee, n.Member):
+    if isinstance(callee, t.Member):
         method = _find_method(checker, callee)
         if method is not None:
             unit, receiver, is_virtual = method
@@ -35,13 +35,13 @@ def check_call(checker: Expressions, node: n.Call) -> t.Expression:
     return _call_instance(checker, checker.check(callee), node)
 
 
-def _is_library(checker: Expressions, base: n.Expression) -> bool:
-    if not isinstance(base, n.Identifier) or base.name.upper() not in checker.symbols.namespaces:
+def _is_library(checker: Expressions, base: t.Expression) -> bool:
+    if not isinstance(base, t.Identifier) or base.name.upper() not in checker.symbols.namespaces:
         return False
     return checker.find_variable(base.name, base) is None
 
 
-def _call_by_name(checker: Expressions, callee: n.Identifier, node: n.Call) -> t.Expression:
+def _call_by_name(checker: Expressions, callee: t.Identifier, node: t.Call) -> t.Expression:
     key, symbols = callee.name.upper(), checker.symbols
     if checker.find_variable(callee.name, callee) is not None and key != checker.unit.name.upper():
         return _call_instance(checker, checker.check(callee), node)
@@ -65,7 +65,7 @@ def _call_by_name(checker: Expressions, callee: n.Identifier, node: n.Call) -> t
     raise failure(callee, f"unknown function '{callee.name}'" + (f": is '{close[0]}' meant?" if close else ""))
 
 
-def _base_unit(checker: Expressions, node: n.Node) -> Unit:
+def _base_unit(checker: Expressions, node: t.Node) -> Unit:
     block = checker.unit.block or checker.unit
     lineage = list(checker.symbols.lineage(block))
     if len(lineage) < 2:
@@ -73,21 +73,21 @@ def _base_unit(checker: Expressions, node: n.Node) -> Unit:
     return lineage[1]
 
 
-def _find_method(checker: Expressions, callee: n.Member) -> tuple[Unit, t.Expression, bool] | None:
+def _find_method(checker: Expressions, callee: t.Member) -> tuple[Unit, t.Expression, bool] | None:
     """The method that `base.name` is; None when it is no method."""
     base, key = callee.base, callee.name.upper()
-    if isinstance(base, n.Super):
+    if isinstance(base, t.Super):
         unit = checker.symbols.find_method(_base_unit(checker, base).name, key)
         if unit is None:
             raise failure(callee, f"SUPER^ has no method '{callee.name}'")
         return unit, checker.this(base), False
     receiver: t.Expression | None = None
-    if isinstance(base, n.Identifier):
+    if isinstance(base, t.Identifier):
         if checker.find_variable(base.name, base) is None:
             receiver = checker.program(base)
             if receiver is None:
                 return None
-    elif isinstance(base, n.Member) and _is_namespace(checker, base):
+    elif isinstance(base, t.Member) and _is_namespace(checker, base):
         return None
     receiver = receiver or checker.check(base)
     if not isinstance(receiver.type, BlockType):
@@ -104,11 +104,11 @@ def _find_method(checker: Expressions, callee: n.Member) -> tuple[Unit, t.Expres
     return unit, receiver, True
 
 
-def _is_namespace(checker: Expressions, node: n.Member) -> bool:
-    return isinstance(node.base, n.Identifier) and node.base.name.upper() in checker.symbols.types
+def _is_namespace(checker: Expressions, node: t.Member) -> bool:
+    return isinstance(node.base, t.Identifier) and node.base.name.upper() in checker.symbols.types
 
 
-def _call_instance(checker: Expressions, receiver: t.Expression, node: n.Call) -> t.Expression:
+def _call_instance(checker: Expressions, receiver: t.Expression, node: t.Call) -> t.Expression:
     if not isinstance(receiver.type, BlockType):
         raise failure(node, f"{receiver.type} cannot be called")
     unit = checker.symbols.units[receiver.type.name.upper()]
@@ -116,18 +116,18 @@ def _call_instance(checker: Expressions, receiver: t.Expression, node: n.Call) -
 
 
 def _user_call(
-    checker: Expressions, unit: Unit, receiver: t.Expression | None, node: n.Call, is_virtual: bool
+    checker: Expressions, unit: Unit, receiver: t.Expression | None, node: t.Call, is_virtual: bool
 ) -> t.Call:
     result = checker.declarations.result(unit)
     arguments = _check_arguments(checker, unit, node)
-    return t.Call(
-        unit.key,
-        receiver,
-        tuple(arguments),
-        is_virtual,
-        result is not None,
+    return replace(
+        node,
+        arguments=tuple(arguments),
+        callee=unit.key,
+        receiver=receiver,
+        is_virtual=is_virtual,
+        has_result=result is not None,
         type=BOOL if result is None else result.type,
-        position=node.position,
     )
 
 
@@ -143,10 +143,10 @@ def _parameters(checker: Expressions, unit: Unit) -> dict[str, t.Variable]:
     }
 
 
-def _check_arguments(checker: Expressions, unit: Unit, node: n.Call) -> list[t.CallArgument]:
+def _check_arguments(checker: Expressions, unit: Unit, node: t.Call) -> list[t.Argument]:
     parameters = _parameters(checker, unit)
     positional = [p for p in parameters.values() if p.section is not t.Section.OUTPUT]
-    made: dict[str, t.CallArgument] = {}
+    made: dict[str, t.Argument] = {}
     for index, argument in enumerate(node.arguments):
         if argument.name is None:
             if unit.has_instance:
@@ -163,8 +163,8 @@ def _check_arguments(checker: Expressions, unit: Unit, node: n.Call) -> list[t.C
             parameter = found
         if parameter.key in made:
             raise failure(argument, f"'{parameter.name}' is given twice")
-        if argument.value is not None:
-            made[parameter.key] = _check_argument(checker, unit, parameter, argument, argument.value)
+        if not isinstance(argument.value, t.Omitted):
+            made[parameter.key] = _check_argument(checker, unit, parameter, argument)
     for parameter in parameters.values():
         needed = not unit.has_instance and not parameter.has_initial and parameter.section is t.Section.INPUT
         if parameter.key not in made and (needed or parameter.section is t.Section.IN_OUT):
@@ -172,21 +172,20 @@ def _check_arguments(checker: Expressions, unit: Unit, node: n.Call) -> list[t.C
     return list(made.values())
 
 
-def _check_argument(
-    checker: Expressions, unit: Unit, parameter: t.Variable, argument: n.Argument, value: n.Expression
-) -> t.CallArgument:
-    is_output = parameter.section is t.Section.OUTPUT
-    if is_output != argument.is_output:
+def _check_argument(checker: Expressions, unit: Unit, parameter: t.Variable, argument: t.Argument) -> t.Argument:
+    value, is_output = argument.value, parameter.section is t.Section.OUTPUT
+    if is_output != (argument.passing is t.Passing.OUTPUT):
         arrow = "=>" if is_output else ":="
         raise failure(argument, f"'{parameter.name}' of '{unit.name}' is {parameter.section.value}: use {arrow}")
     if parameter.section is t.Section.INPUT:
         expression = coerce(checker.check(value), parameter.type, checker.dialect, is_stored=True)
-        return t.CallArgument(parameter, expression, t.Passing.INPUT)
+        return replace(argument, value=expression, parameter=parameter)
     place = checker.check(value)
     check_assignable(checker, place, value)
     if not _same_or_derived(place.type, parameter.type):
         raise failure(argument, f"'{parameter.name}' is {parameter.type}, not {place.type}")
-    return t.CallArgument(parameter, place, t.Passing.OUTPUT if is_output else t.Passing.IN_OUT)
+    passing = t.Passing.OUTPUT if is_output else t.Passing.IN_OUT
+    return replace(argument, value=place, passing=passing, parameter=parameter)
 
 
 def _same_or_derived(given: Type, wanted: Type) -> bool:
@@ -195,7 +194,7 @@ def _same_or_derived(given: Type, wanted: Type) -> bool:
     return given == wanted
 
 
-def check_assignable(checker: Expressions, place: t.Expression, node: n.Node) -> None:
+def check_assignable(checker: Expressions, place: t.Expression, node: t.Node) -> None:
     """Whether a place may be assigned from here. Raises `StCheckError`."""
     if not t.is_place(place):
         raise failure(node, "only a variable can be assigned")
@@ -216,7 +215,7 @@ def check_assignable(checker: Expressions, place: t.Expression, node: n.Node) ->
         raise failure(node, f"'{variable.name}' is an input and cannot be assigned")
 
 
-def _check_foreign(checker: Expressions, place: t.InstanceVariable, node: n.Node) -> None:
+def _check_foreign(checker: Expressions, place: t.InstanceVariable, node: t.Node) -> None:
     """Variables of other instances: TwinCAT lets inputs be assigned outside of the call."""
     variable, block = place.variable, cast(BlockType, place.base.type)
     if variable.section is not t.Section.INPUT:

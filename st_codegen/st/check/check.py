@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterable
 from types import MappingProxyType
 
-from st_codegen.st.check import typed as t
+from st_codegen.st import tree as t
 from st_codegen.st.check.declare import Declarations
 from st_codegen.st.check.flow import check_flow
 from st_codegen.st.check.statements import Statements
 from st_codegen.st.check.symbols import Symbols, Unit, failure
-from st_codegen.st.check.types import Dialect, Type
 from st_codegen.st.errors import Problem, StCheckError
-from st_codegen.st.syntax import nodes as n
-from st_codegen.st.syntax.nodes import PouKind
+from st_codegen.st.syntax import declarations as d
 from st_codegen.st.syntax.source import Source
+from st_codegen.st.tree import PouKind
+from st_codegen.st.types import Dialect, Type
 
 
 def check(
-    source: Source, dialect: Dialect, native: Iterable[n.Declaration] = (), namespaces: Iterable[str] = ()
+    source: Source, dialect: Dialect, native: Iterable[d.Declaration] = (), namespaces: Iterable[str] = ()
 ) -> t.Project:
     """Check a project; `native` are declarations of blocks and functions that Python executes.
 

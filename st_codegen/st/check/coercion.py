@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import cast
 
-from st_codegen.st.check import typed as t
+from st_codegen.st import tree as t
 from st_codegen.st.check.arithmetic import Fault, stored
 from st_codegen.st.check.constants import convert
 from st_codegen.st.check.symbols import failure
-from st_codegen.st.check.types import (
+from st_codegen.st.types import (
     ANY_INT_LITERAL,
     ANY_REAL_LITERAL,
     BOOL,

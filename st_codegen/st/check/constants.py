@@ -1,13 +1,12 @@
-"""Evaluates constant expressions of the typed tree, by the same operations as the back ends."""
+"""Evaluates checked constant expressions; with `arithmetic`, this defines what a computation gives."""
 
 from __future__ import annotations
 
 from typing import cast
 
+from st_codegen.st import tree as t
 from st_codegen.st.check import arithmetic as a
-from st_codegen.st.check import typed as t
-from st_codegen.st.check.types import BOOL, REAL, Elementary, EnumType, Kind, Type
-from st_codegen.st.check.values import Scalar, storage_type
+from st_codegen.st.types import BOOL, REAL, Elementary, EnumType, Kind, Scalar, Type, storage_type
 
 
 class NotConstantError(Exception):

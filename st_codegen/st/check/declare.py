@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import cast
 
+from st_codegen.st import tree as t
 from st_codegen.st.check.coercion import settle
 from st_codegen.st.check.expressions import Expressions
 from st_codegen.st.check.initial import InitialValues
 from st_codegen.st.check.symbols import Entry, Symbols, Unit, failure
-from st_codegen.st.check.typed import Section, Variable
-from st_codegen.st.check.types import (
+from st_codegen.st.errors import StCheckError
+from st_codegen.st.syntax import declarations as d
+from st_codegen.st.tree import PouKind, Section, Variable
+from st_codegen.st.types import (
     DEFAULT_STRING_LENGTH,
     DINT,
     INT,
@@ -24,12 +27,9 @@ from st_codegen.st.check.types import (
     PointerType,
     StructType,
     Type,
+    default_value,
     string_type,
 )
-from st_codegen.st.check.values import default_value
-from st_codegen.st.errors import StCheckError
-from st_codegen.st.syntax import nodes as n
-from st_codegen.st.syntax.nodes import PouKind
 
 MAX_ELEMENTS = 1 << 27
 _OVERLAID = (Kind.BITS, Kind.SIGNED, Kind.UNSIGNED, Kind.REAL)
@@ -44,7 +44,7 @@ class Declarations:
         self._in_progress: set[str] = set()
         self._defaults: dict[str, object] = {}
         # Types and globals have no unit around them: only constants and enumerations are visible
-        self._outside = Unit("", "", n.Literal(n.LiteralKind.INTEGER, 0).position, {})
+        self._outside = Unit("", "", t.Node().position, {})
 
     # --- types ---
 
@@ -69,10 +69,10 @@ class Declarations:
         ancestors = tuple(base.name for base in list(self.symbols.lineage(unit))[1:])
         return BlockType(unit.name, ancestors)
 
-    def resolve(self, spec: n.TypeSpec, unit: Unit | None = None) -> Type:
+    def resolve(self, spec: d.TypeSpec, unit: Unit | None = None) -> Type:
         """The type that a declaration asks for."""
         match spec:
-            case n.NamedType():
+            case d.NamedType():
                 found = self.find_type(spec.name) or self.find_type(spec.name.rpartition(".")[2])
                 if found is None:
                     supported = f"the type '{spec.name}' is not supported" if spec.name.upper() in UNSUPPORTED else None
@@ -80,12 +80,12 @@ class Declarations:
                 if isinstance(found, BlockType) and self.symbols.units[found.name.upper()].kind is PouKind.PROGRAM:
                     raise failure(spec, f"'{spec.name}' is a program; there is only one of it")
                 return found
-            case n.StringSpec():
+            case d.StringSpec():
                 length = DEFAULT_STRING_LENGTH if spec.length is None else self._number(spec.length, unit)
                 if not 1 <= length <= 65535:
                     raise failure(spec, f"a string of {length} characters")
                 return string_type(length, spec.wide)
-            case n.ArraySpec():
+            case d.ArraySpec():
                 bounds = tuple((self._number(r.lower, unit), self._number(r.upper, unit)) for r in spec.ranges)
                 element = self.resolve(spec.element, unit)
                 array = ArrayType(element, bounds)
@@ -94,14 +94,14 @@ class Declarations:
                 if array.size > MAX_ELEMENTS:
                     raise failure(spec, f"{array} has more than {MAX_ELEMENTS} elements")
                 return array
-            case n.SubrangeSpec():
+            case d.SubrangeSpec():
                 raise failure(
                     spec, f"subrange types are not supported, since controllers do not check them: use {spec.base}"
                 )
-            case n.PointerSpec() | n.ReferenceSpec():
-                return PointerType(self.resolve(spec.target, unit), isinstance(spec, n.ReferenceSpec))
+            case d.PointerSpec():
+                return PointerType(self.resolve(spec.target, unit), spec.is_reference)
 
-    def _number(self, node: n.Expression, unit: Unit | None) -> int:
+    def _number(self, node: t.Expression, unit: Unit | None) -> int:
         expression = settle(Expressions(self, unit or self._outside).check(node))
         if not isinstance(expression.type, Elementary) or not expression.type.is_integer:
             raise failure(node, f"an integer constant is needed, not {expression.type}")
@@ -113,9 +113,9 @@ class Declarations:
             raise failure(declaration, f"the type '{declaration.name}' contains itself")
         self._in_progress.add(key)
         try:
-            if isinstance(declaration, n.EnumDeclaration):
+            if isinstance(declaration, d.EnumDeclaration):
                 self._types[key] = self._enum(declaration)
-            elif isinstance(declaration, n.StructDeclaration):
+            elif isinstance(declaration, d.StructDeclaration):
                 self._types[key] = self._struct(declaration)
             else:
                 self._types[key] = self.resolve(declaration.type)
@@ -125,7 +125,7 @@ class Declarations:
             self._in_progress.discard(key)
         return self._types[key]
 
-    def _enum(self, declaration: n.EnumDeclaration) -> EnumType:
+    def _enum(self, declaration: d.EnumDeclaration) -> EnumType:
         base = INT if self.symbols.dialect is Dialect.TWINCAT else DINT
         if declaration.base is not None:
             found = self.symbols.elementary.get(declaration.base)
@@ -143,14 +143,14 @@ class Declarations:
             values.append((item.name, following))
             following += 1
         default = values[0][1]
-        if isinstance(declaration.default, n.Identifier):
+        if isinstance(declaration.default, t.Identifier):
             by_key = {name.upper(): number for name, number in values}
             if declaration.default.name.upper() not in by_key:
                 raise failure(declaration.default, f"'{declaration.name}' has no value '{declaration.default.name}'")
             default = by_key[declaration.default.name.upper()]
         return EnumType(declaration.name, base, tuple(values), default, "qualified_only" in declaration.attributes)
 
-    def _struct(self, declaration: n.StructDeclaration) -> StructType:
+    def _struct(self, declaration: d.StructDeclaration) -> StructType:
         fields: dict[str, Field] = {}
         if declaration.base is not None:
             base = self.find_type(declaration.base)
@@ -177,7 +177,7 @@ class Declarations:
         """An enumeration value by its plain name; None also when two enumerations have it."""
         found = []
         for name, declaration in self.symbols.types.items():
-            if not isinstance(declaration, n.EnumDeclaration) or "qualified_only" in declaration.attributes:
+            if not isinstance(declaration, d.EnumDeclaration) or "qualified_only" in declaration.attributes:
                 continue
             if any(value.name.upper() == key for value in declaration.values) and name not in self._in_progress:
                 type_ = cast(EnumType, self.find_type(name))
@@ -190,9 +190,9 @@ class Declarations:
         """Evaluates initial values as seen from a unit."""
         return InitialValues(self, Expressions(self, unit))
 
-    def default(self, spec: n.TypeSpec, type_: Type) -> object:
+    def default(self, spec: d.TypeSpec, type_: Type) -> object:
         """The initial value that comes with a type, an alias included."""
-        if isinstance(spec, n.NamedType) and spec.name.upper() in self._defaults:
+        if isinstance(spec, d.NamedType) and spec.name.upper() in self._defaults:
             return self._defaults[spec.name.upper()]
         return default_value(type_)
 
@@ -239,7 +239,7 @@ class Declarations:
             attributes=declaration.attributes,
         )
 
-    def _check_instance(self, unit: Unit, section: Section, declaration: n.VariableDeclaration, type_: Type) -> None:
+    def _check_instance(self, unit: Unit, section: Section, declaration: d.VariableDeclaration, type_: Type) -> None:
         while isinstance(type_, ArrayType):
             type_ = type_.element
         is_lasting = unit.kind is None or (unit.has_instance and section is not Section.TEMP)

@@ -1,4 +1,4 @@
-"""From expressions of the syntax tree to expressions of the typed tree."""
+"""The check of expressions: names become what they mean, every expression gets its type."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from dataclasses import replace
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, cast
 
-from st_codegen.st.check import typed as t
+from st_codegen.st import tree as t
 from st_codegen.st.check.arithmetic import Fault
 from st_codegen.st.check.coercion import coerce, conversion, is_wrapping_operator, settle, unify
 from st_codegen.st.check.constants import NotConstantError, binary, evaluate
 from st_codegen.st.check.symbols import Unit, failure
-from st_codegen.st.check.types import (
+from st_codegen.st.tree import PouKind
+from st_codegen.st.types import (
     ANY_INT_LITERAL,
     ANY_REAL_LITERAL,
     BOOL,
@@ -30,15 +31,14 @@ from st_codegen.st.check.types import (
     nanoseconds_per_unit,
     string_type,
 )
-from st_codegen.st.syntax import nodes as n
-from st_codegen.st.syntax.nodes import PouKind
 
 if TYPE_CHECKING:
     from st_codegen.st.check.declare import Declarations
 
-_ARITHMETIC = {"+": "ADD", "-": "SUB", "*": "MUL", "/": "DIV", "MOD": "MOD"}
-_COMPARISON = {"=": "EQ", "<>": "NE", "<": "LT", "<=": "LE", ">": "GT", ">=": "GE"}
+_ARITHMETIC = {"ADD", "SUB", "MUL", "DIV", "MOD"}
+_COMPARISONS = {"EQ", "NE", "LT", "LE", "GT", "GE"}
 _LOGIC = {"AND", "OR", "XOR"}
+_SIGNS = {"NEG": "-", "POS": "+", "NOT": "NOT"}
 _UNSIGNED = {8: "USINT", 16: "UINT", 32: "UDINT", 64: "ULINT"}
 
 
@@ -54,22 +54,22 @@ class Expressions:
 
     # --- entry points ---
 
-    def value(self, node: n.Expression) -> t.Expression:
+    def value(self, node: t.Expression) -> t.Expression:
         """An expression with a type of its own."""
         return settle(self.check(node))
 
-    def as_type(self, node: n.Expression, target: Type, is_stored: bool = False) -> t.Expression:
+    def as_type(self, node: t.Expression, target: Type, is_stored: bool = False) -> t.Expression:
         """An expression as a value of a type."""
         return coerce(self.check(node), target, self.dialect, is_stored)
 
-    def condition(self, node: n.Expression) -> t.Expression:
+    def condition(self, node: t.Expression) -> t.Expression:
         """A BOOL expression."""
         expression = self.value(node)
         if expression.type != BOOL:
             raise failure(node, f"a condition is BOOL, not {expression.type}")
         return expression
 
-    def constant(self, node: n.Expression, target: Type) -> t.Constant:
+    def constant(self, node: t.Expression, target: Type) -> t.Constant:
         """A constant of a type."""
         expression = self.as_type(node, target, is_stored=True)
         try:
@@ -80,54 +80,56 @@ class Expressions:
             raise failure(node, f"{fault.kind} in a constant") from None
         return t.Constant(value, type=target, position=node.position)
 
-    def check(self, node: n.Expression) -> t.Expression:  # noqa: PLR0911 - one return a case
+    def check(self, node: t.Expression) -> t.Expression:  # noqa: PLR0911, PLR0912 - one return a case
         """Any expression; literals without a type stay so."""
         match node:
-            case n.Literal():
+            case t.Literal():
                 return self._literal(node)
-            case n.EnumLiteral():
+            case t.EnumLiteral():
                 return self._enum_literal(node)
-            case n.Identifier():
+            case t.Identifier():
                 return self._identifier(node)
-            case n.Member():
+            case t.Member():
                 return self._member(node)
-            case n.Subscript():
+            case t.ElementRef():
                 return self._subscript(node)
-            case n.Dereference():
+            case t.PointerTarget():
                 return self._dereference(node)
-            case n.Unary():
+            case t.Unary():
                 return self._unary(node)
-            case n.Binary():
+            case t.Infix():
                 return self._chain(node)
-            case n.Call():
+            case t.Call():
                 from st_codegen.st.check.calls import check_call
 
                 call = check_call(self, node)
                 if isinstance(call, t.Call) and not call.has_result:
                     raise failure(node, "this call has no result")
                 return call
-            case n.This():
+            case t.ThisRef():
                 return self.this(node)
-            case n.Super():
+            case t.Super():
                 raise failure(node, "SUPER^ can only be called, or stand in front of a method")
+            case _:
+                raise TypeError(node)
 
     # --- literals and names ---
 
-    def _literal(self, node: n.Literal) -> t.Expression:  # noqa: PLR0911 - one return a case
+    def _literal(self, node: t.Literal) -> t.Expression:  # noqa: PLR0911 - one return a case
         kind, value, where = node.kind, node.value, node.position
-        if kind in (n.LiteralKind.TIME, n.LiteralKind.LTIME):
+        if kind in (t.LiteralKind.TIME, t.LiteralKind.LTIME):
             return self._duration(node)
-        if kind in (n.LiteralKind.STRING, n.LiteralKind.WSTRING):
+        if kind in (t.LiteralKind.STRING, t.LiteralKind.WSTRING):
             if node.type_name not in (None, "STRING", "WSTRING"):
                 raise failure(node, f"a string is no {node.type_name}")
             return t.Constant(
-                value, type=string_type(len(cast(str, value)), kind is n.LiteralKind.WSTRING), position=where
+                value, type=string_type(len(cast(str, value)), kind is t.LiteralKind.WSTRING), position=where
             )
-        if kind is n.LiteralKind.BOOL:
+        if kind is t.LiteralKind.BOOL:
             if node.type_name not in (None, "BOOL"):
                 raise failure(node, f"{value} is no {node.type_name}")
             return t.Constant(value, type=BOOL, position=where)
-        untyped = ANY_INT_LITERAL if kind is n.LiteralKind.INTEGER else ANY_REAL_LITERAL
+        untyped = ANY_INT_LITERAL if kind is t.LiteralKind.INTEGER else ANY_REAL_LITERAL
         literal = t.Constant(value, type=untyped, position=where)
         if node.type_name is None:
             return literal
@@ -136,12 +138,12 @@ class Expressions:
             raise failure(node, f"'{node.type_name}#' is no type of numbers")
         if target is BOOL and value in (0, 1):
             return replace(literal, type=BOOL, value=bool(value))
-        if target.is_real and kind is n.LiteralKind.INTEGER:
+        if target.is_real and kind is t.LiteralKind.INTEGER:
             return coerce(replace(literal, type=ANY_REAL_LITERAL, value=float(value)), target, self.dialect)
         return coerce(literal, target, self.dialect)
 
-    def _duration(self, node: n.Literal) -> t.Constant:
-        type_ = self.symbols.elementary["TIME" if node.kind is n.LiteralKind.TIME else "LTIME"]
+    def _duration(self, node: t.Literal) -> t.Constant:
+        type_ = self.symbols.elementary["TIME" if node.kind is t.LiteralKind.TIME else "LTIME"]
         unit = nanoseconds_per_unit(type_)
         count, rest = divmod(cast(int, node.value), unit)
         if rest:
@@ -150,20 +152,20 @@ class Expressions:
             raise failure(node, f"this duration does not fit {type_}")
         return t.Constant(count, type=type_, position=node.position)
 
-    def _enum_literal(self, node: n.EnumLiteral) -> t.Expression:
+    def _enum_literal(self, node: t.EnumLiteral) -> t.Expression:
         type_ = self.declarations.find_type(node.type_name)
         if not isinstance(type_, EnumType):
             raise failure(node, f"'{node.type_name}#{node.name}': '{node.type_name}' is no enumeration")
         return self._enum_value(type_, node.name, node)
 
-    def _enum_value(self, type_: EnumType, name: str, node: n.Node) -> t.Constant:
+    def _enum_value(self, type_: EnumType, name: str, node: t.Node) -> t.Constant:
         if name.upper() not in type_.by_key:
             raise failure(
                 node, f"'{type_.name}' has no value '{name}'{_suggest(name, [known for known, _ in type_.values])}"
             )
         return t.Constant(type_.by_key[name.upper()], type=type_, position=node.position)
 
-    def _identifier(self, node: n.Identifier) -> t.Expression:
+    def _identifier(self, node: t.Identifier) -> t.Expression:
         variable = self.find_variable(node.name, node)
         if variable is not None:
             expression = t.VariableRef(variable, type=variable.type, position=node.position)
@@ -174,7 +176,7 @@ class Expressions:
         known = self.symbols.known_names(self.unit)
         raise failure(node, f"unknown name '{node.name}'{_suggest(node.name, known)}")
 
-    def find_variable(self, name: str, node: n.Node) -> t.Variable | None:
+    def find_variable(self, name: str, node: t.Node) -> t.Variable | None:
         """The variable that a plain name means here; None if it is none."""
         key, unit = name.upper(), self.unit
         if unit.result is not None and key == unit.name.upper():
@@ -190,7 +192,7 @@ class Expressions:
             )
         return variable
 
-    def this(self, node: n.Node) -> t.ThisRef:
+    def this(self, node: t.Node) -> t.ThisRef:
         """THIS^ inside a block or its methods."""
         block = self.unit.block or self.unit
         if block.kind is not PouKind.FUNCTION_BLOCK:
@@ -209,8 +211,8 @@ class Expressions:
             return t.PointerTarget(expression, type=expression.type.target, position=expression.position)
         return expression
 
-    def _member(self, node: n.Member) -> t.Expression:
-        if isinstance(node.base, n.Identifier) and self.find_variable(node.base.name, node.base) is None:
+    def _member(self, node: t.Member) -> t.Expression:
+        if isinstance(node.base, t.Identifier) and self.find_variable(node.base.name, node.base) is None:
             found = self._namespace(node.base, node)
             if found is not None:
                 return found
@@ -226,7 +228,7 @@ class Expressions:
             return self._block_member(base, base.type, node)
         raise failure(node, f"{base.type} has no members")
 
-    def _block_member(self, base: t.Expression, block: BlockType, node: n.Member) -> t.Expression:
+    def _block_member(self, base: t.Expression, block: BlockType, node: t.Member) -> t.Expression:
         found = self.symbols.find_member(block.name, node.name.upper())
         if found is None:
             owners = self.symbols.lineage(self.symbols.units[block.name.upper()])
@@ -243,7 +245,7 @@ class Expressions:
             return self._through_reference(t.VariableRef(variable, type=variable.type, position=node.position))
         return self._through_reference(t.InstanceVariable(base, variable, type=variable.type, position=node.position))
 
-    def _namespace(self, base: n.Identifier, node: n.Member) -> t.Expression | None:
+    def _namespace(self, base: t.Identifier, node: t.Member) -> t.Expression | None:
         """`GVL_X.nY`, `E_X.Value` and `PRG_Main.nY`."""
         key = base.name.upper()
         if key in self.symbols.lists:
@@ -263,14 +265,14 @@ class Expressions:
             return self._block_member(program, cast(BlockType, program.type), node)
         return None
 
-    def program(self, node: n.Identifier) -> t.ProgramRef | None:
+    def program(self, node: t.Identifier) -> t.ProgramRef | None:
         """The program of a name."""
         unit = self.symbols.units.get(node.name.upper())
         if unit is None or unit.kind is not PouKind.PROGRAM:
             return None
         return t.ProgramRef(type=self.declarations.block_type(unit), position=node.position)
 
-    def _subscript(self, node: n.Subscript) -> t.Expression:
+    def _subscript(self, node: t.ElementRef) -> t.Expression:
         base = self.check(node.base)
         if not isinstance(base.type, ArrayType):
             raise failure(node, f"{base.type} is no array")
@@ -285,41 +287,41 @@ class Expressions:
             if isinstance(index, t.Constant) and not low <= cast(int, index.value) <= high:
                 raise failure(item, f"index {index.value} is outside of {low}..{high}")
             indices.append(index)
-        element = t.ElementRef(base, tuple(indices), type=base.type.element, position=node.position)
+        element = replace(node, base=base, indices=tuple(indices), type=base.type.element)
         return self._through_reference(element)
 
-    def _dereference(self, node: n.Dereference) -> t.Expression:
-        pointer = self.check(node.base)
+    def _dereference(self, node: t.PointerTarget) -> t.Expression:
+        pointer = self.check(node.pointer)
         if not isinstance(pointer.type, PointerType) or pointer.type.target is None:
             raise failure(node, f"{pointer.type} cannot be dereferenced")
-        return t.PointerTarget(pointer, type=pointer.type.target, position=node.position)
+        return replace(node, pointer=pointer, type=pointer.type.target)
 
     # --- operators ---
 
-    def _unary(self, node: n.Unary) -> t.Expression:
-        operand, where = self.check(node.operand), node.position
+    def _unary(self, node: t.Unary) -> t.Expression:
+        operand = self.check(node.operand)
         type_ = operand.type
         if not isinstance(type_, Elementary):
-            raise failure(node, f"no {node.operator} of {type_}")
+            raise failure(node, f"no {_SIGNS[node.operator]} of {type_}")
         if node.operator == "NOT":
             is_bits = type_.kind is Kind.BITS or (type_.is_integer and self.dialect is Dialect.TWINCAT)
             if type_ is not BOOL and not is_bits:
                 raise failure(node, f"no NOT of {type_}")
-            return t.Unary("NOT", operand, type=type_, position=where)
+            return replace(node, operand=operand, type=type_)
         if not (type_.is_integer or type_.is_real or type_.is_untyped):
             raise failure(node, f"no sign in front of {type_}")
-        if node.operator == "+":
+        if node.operator == "POS":
             return operand
         if type_.is_untyped and isinstance(operand, t.Constant):
-            return replace(operand, value=-cast(float, operand.value), position=where)
+            return replace(operand, value=-cast(float, operand.value), position=node.position)
         overflow = t.Overflow.ERROR if is_wrapping_operator("SUB", type_) else t.Overflow.WRAP
-        return t.Unary("NEG", operand, overflow, type=type_, position=where)
+        return replace(node, operand=operand, overflow=overflow, type=type_)
 
-    def _chain(self, node: n.Binary) -> t.Expression:
+    def _chain(self, node: t.Infix) -> t.Expression:
         """A chain of operators of any length, from left to right."""
-        pending: list[n.Binary] = []
-        current: n.Expression = node
-        while isinstance(current, n.Binary):
+        pending: list[t.Infix] = []
+        current: t.Expression = node
+        while isinstance(current, t.Infix):
             pending.append(current)
             current = current.left
         result = self.check(current)
@@ -327,21 +329,21 @@ class Expressions:
             result = self.combine(item.operator, result, self.check(item.right), item)
         return result
 
-    def combine(self, operator: str, left: t.Expression, right: t.Expression, node: n.Node) -> t.Expression:
-        """`left operator right`, the operator as written."""
+    def combine(self, operator: str, left: t.Expression, right: t.Expression, node: t.Node) -> t.Expression:
+        """`left operator right`."""
         if operator in _ARITHMETIC:
-            return self._arithmetic(_ARITHMETIC[operator], left, right, node)
-        if operator in _COMPARISON:
-            return self._comparison(_COMPARISON[operator], left, right, node)
+            return self._arithmetic(operator, left, right, node)
+        if operator in _COMPARISONS:
+            return self._comparison(operator, left, right, node)
         if operator in _LOGIC:
             return self._logic(operator, left, right, node)
-        if operator == "**":
+        if operator == "EXPT":
             return self.power(left, right, node)
         if left.type != BOOL or right.type != BOOL:
             raise failure(node, f"{operator} needs BOOL on both sides, not {left.type} and {right.type}")
         return t.ShortCircuit(operator, left, right, type=BOOL, position=node.position)
 
-    def _arithmetic(self, operator: str, left: t.Expression, right: t.Expression, node: n.Node) -> t.Expression:
+    def _arithmetic(self, operator: str, left: t.Expression, right: t.Expression, node: t.Node) -> t.Expression:
         left_type = left.type
         if isinstance(left_type, Elementary) and left_type.kind is Kind.TIME and operator in ("MUL", "DIV"):
             factor = settle(right)
@@ -365,7 +367,7 @@ class Expressions:
         return self._operation(operator, type_, left, right, node)
 
     def _operation(
-        self, operator: str, type_: Elementary, left: t.Expression, right: t.Expression, node: n.Node
+        self, operator: str, type_: Elementary, left: t.Expression, right: t.Expression, node: t.Node
     ) -> t.Binary:
         overflow = t.Overflow.ERROR if is_wrapping_operator(operator, type_) else t.Overflow.WRAP
         return t.Binary(operator, left, right, overflow, type=type_, position=node.position)
@@ -377,7 +379,7 @@ class Expressions:
             return conversion(operand, self.symbols.elementary[_UNSIGNED[type_.bits]], is_implicit=True)
         return operand
 
-    def _fold(self, operator: str, type_: Elementary, left: t.Constant, right: t.Constant, node: n.Node) -> t.Constant:
+    def _fold(self, operator: str, type_: Elementary, left: t.Constant, right: t.Constant, node: t.Node) -> t.Constant:
         computed_as = LREAL if type_ is ANY_REAL_LITERAL else LINT
         try:
             value = binary(operator, computed_as, t.Overflow.ERROR, left.value, right.value)
@@ -385,7 +387,7 @@ class Expressions:
             raise failure(node, f"{fault.kind} in a constant") from None
         return t.Constant(value, type=type_, position=node.position)
 
-    def _logic(self, operator: str, left: t.Expression, right: t.Expression, node: n.Node) -> t.Expression:
+    def _logic(self, operator: str, left: t.Expression, right: t.Expression, node: t.Node) -> t.Expression:
         if left.type == BOOL and right.type == BOOL:
             return t.Binary(operator, left, right, type=BOOL, position=node.position)
         left, right, type_ = unify(left, right, self.dialect)
@@ -393,7 +395,7 @@ class Expressions:
             raise failure(node, f"no {operator} of {type_}")
         return t.Binary(operator, left, right, type=type_, position=node.position)
 
-    def _comparison(self, operator: str, left: t.Expression, right: t.Expression, node: n.Node) -> t.Expression:
+    def _comparison(self, operator: str, left: t.Expression, right: t.Expression, node: t.Node) -> t.Expression:
         where = node.position
         if (
             operator in ("EQ", "NE")
@@ -412,7 +414,7 @@ class Expressions:
         is_self_test = is_portable and t.is_place(left) and left == right
         return t.Comparison(operator, left, right, is_self_test, type=BOOL, position=where)
 
-    def power(self, left: t.Expression, right: t.Expression, node: n.Node) -> t.Expression:
+    def power(self, left: t.Expression, right: t.Expression, node: t.Node) -> t.Expression:
         """EXPT and `**`: the base is a real number; computed as LREAL, rounded to the type of the base."""
         base = settle(left)
         if isinstance(base.type, Elementary) and base.type.is_integer and self.dialect is Dialect.TWINCAT:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 
-from st_codegen.st.check import typed as t
-from st_codegen.st.check import walk
-from st_codegen.st.check.types import ArrayType, BlockType, StructType, Type
+from st_codegen.st import tree as t
+from st_codegen.st import walk
 from st_codegen.st.errors import Problem
-from st_codegen.st.syntax.nodes import PouKind
+from st_codegen.st.tree import PouKind
+from st_codegen.st.types import ArrayType, BlockType, StructType, Type
 
 
 def check_flow(project: t.Project) -> list[Problem]:
@@ -103,10 +103,10 @@ def _check_counters(project: t.Project) -> Iterator[Problem]:
     """A method that is called in a loop must not touch the counter, which is a variable of its block."""
     for pou in project.pous.values():
         for loop in walk.statements(pou.body):
-            if isinstance(loop, t.For) and loop.counter.variable.storage is t.Storage.INSTANCE:
+            if isinstance(loop, t.For) and loop.variable.storage is t.Storage.INSTANCE:
                 for key in _own_calls(project, loop.body):
-                    if loop.counter.variable in walk.assigned_variables(project.pous[key].body):
-                        name = loop.counter.variable.name
+                    if loop.variable in walk.assigned_variables(project.pous[key].body):
+                        name = loop.variable.name
                         yield Problem(
                             loop.position, f"'{_name(project.pous[key])}' assigns '{name}', which counts this loop"
                         )

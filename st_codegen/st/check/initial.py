@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from st_codegen.st import tree as t
 from st_codegen.st.check.expressions import Expressions
 from st_codegen.st.check.symbols import failure
-from st_codegen.st.check.types import (
+from st_codegen.st.syntax import declarations as d
+from st_codegen.st.types import (
     REAL,
     ArrayType,
     BlockType,
@@ -20,9 +22,11 @@ from st_codegen.st.check.types import (
     PointerType,
     StructType,
     Type,
+    Value,
+    default_value,
+    filled_array,
+    storage_type,
 )
-from st_codegen.st.check.values import Value, default_value, filled_array, storage_type
-from st_codegen.st.syntax import nodes as n
 
 if TYPE_CHECKING:
     from st_codegen.st.check.declare import Declarations
@@ -36,44 +40,44 @@ class InitialValues:
         self._expressions = expressions
         self._dialect = declarations.symbols.dialect
 
-    def declared(self, type_: Type, declaration: n.VariableDeclaration) -> Value:
+    def declared(self, type_: Type, declaration: d.VariableDeclaration) -> Value:
         """The initial value of a declaration; without one that of the type."""
         if declaration.initial is None:
             return cast(Value, self._declarations.default(declaration.type, type_))
         return self.value(type_, declaration.initial)
 
-    def value(self, type_: Type, node: n.Initial) -> Value:
+    def value(self, type_: Type, node: d.Initial) -> Value:
         """An initial value of a type."""
         if isinstance(type_, ArrayType):
             return self._array(type_, node)
         if isinstance(type_, StructType | BlockType):
-            if not isinstance(node, n.StructInitial):
+            if not isinstance(node, d.StructInitial):
                 return self._copied(type_, node)
             return self._struct(type_, node) if isinstance(type_, StructType) else self._block(type_, node)
-        if isinstance(node, n.Table | n.ArrayInitial | n.StructInitial):
+        if isinstance(node, d.Table | d.ArrayInitial | d.StructInitial):
             raise failure(node, f"{type_} has a single value")
         if isinstance(type_, PointerType):
             raise failure(node, "pointers and references have no initial value here: assign them")
         return self._expressions.constant(node, type_).value
 
-    def _copied(self, type_: Type, node: n.Initial) -> Value:
+    def _copied(self, type_: Type, node: d.Initial) -> Value:
         """The value of another constant of the same type."""
-        if isinstance(node, n.Identifier | n.Member):
+        if isinstance(node, t.Identifier | t.Member):
             source = self._expressions.check(node)
             variable = getattr(source, "variable", None)
             if source.type == type_ and variable is not None and variable.is_constant:
                 return cast(Value, variable.initial)
         raise failure(node, f"this is no initial value of {type_}")
 
-    def _array(self, type_: ArrayType, node: n.Initial) -> Value:
-        if isinstance(node, n.Table):
+    def _array(self, type_: ArrayType, node: d.Initial) -> Value:
+        if isinstance(node, d.Table):
             return self._table(type_, node)
-        if not isinstance(node, n.ArrayInitial):
+        if not isinstance(node, d.ArrayInitial):
             return self._copied(type_, node)
         flat: list[Value] = []
         is_elementary = isinstance(type_.element, Elementary | EnumType)
         for item in node.items:
-            count, initial = (item.count, item.value) if isinstance(item, n.Repeat) else (1, item)
+            count, initial = (item.count, item.value) if isinstance(item, d.Repeated) else (1, item)
             if len(flat) + count > type_.size:
                 raise failure(item, f"{type_} has {type_.size} elements; this initialiser goes beyond them")
             value = default_value(type_.element) if initial is None else self.value(type_.element, initial)
@@ -86,11 +90,11 @@ class InitialValues:
         table.flags.writeable = False
         return table
 
-    def _check_count(self, type_: ArrayType, count: int, node: n.Node) -> None:
+    def _check_count(self, type_: ArrayType, count: int, node: t.Node) -> None:
         if self._dialect is Dialect.IEC and count < type_.size:
             raise failure(node, f"{type_} has {type_.size} elements, and only {count} initial values")
 
-    def _table(self, type_: ArrayType, node: n.Table) -> Value:
+    def _table(self, type_: ArrayType, node: d.Table) -> Value:
         count = node.values.size
         if count > type_.size:
             raise failure(node, f"{type_} has {type_.size} elements; this initialiser has {count}")
@@ -107,16 +111,16 @@ class InitialValues:
         table.flags.writeable = False
         return table
 
-    def _converted(self, element: Elementary, node: n.Table) -> NDArray[np.generic]:
+    def _converted(self, element: Elementary, node: d.Table) -> NDArray[np.generic]:
         """The numbers of a table in the type of the array, by the rules for single literals."""
         kind, values = node.kind, node.values
         is_twincat = self._dialect is Dialect.TWINCAT
-        if kind is n.TableKind.BOOL or element.kind is Kind.BOOL:
-            zero_one = is_twincat and kind is n.TableKind.INTEGER and bool(np.isin(values, (0, 1)).all())
-            if element.kind is not Kind.BOOL or not (kind is n.TableKind.BOOL or zero_one):
+        if kind is d.TableKind.BOOL or element.kind is Kind.BOOL:
+            zero_one = is_twincat and kind is d.TableKind.INTEGER and bool(np.isin(values, (0, 1)).all())
+            if element.kind is not Kind.BOOL or not (kind is d.TableKind.BOOL or zero_one):
                 raise failure(node, f"a table of {kind.value} literals cannot initialise {element}")
         elif element.is_integral and element.kind is not Kind.TIME:
-            if kind is not n.TableKind.INTEGER:
+            if kind is not d.TableKind.INTEGER:
                 raise failure(node, f"a table of {kind.value} literals cannot initialise {element}")
             low, high = int(values.min()), int(values.max())
             for value in (low, high):
@@ -124,7 +128,7 @@ class InitialValues:
                     raise failure(node, f"{value} does not fit {element} ({element.lower}..{element.upper})")
         elif not element.is_real:
             raise failure(node, f"numbers cannot initialise {element}")
-        elif kind is not n.TableKind.REAL and not is_twincat:
+        elif kind is not d.TableKind.REAL and not is_twincat:
             raise failure(
                 node, f"a table of {kind.value} literals cannot initialise {element}: write a dot in every number"
             )
@@ -135,7 +139,7 @@ class InitialValues:
         converted.flags.writeable = False
         return converted
 
-    def _struct(self, type_: StructType, node: n.StructInitial) -> Value:
+    def _struct(self, type_: StructType, node: d.StructInitial) -> Value:
         values: dict[str, Value] = {entry.name.upper(): entry.initial for entry in type_.fields}
         given: dict[str, Value] = {}
         for member in node.members:
@@ -148,7 +152,7 @@ class InitialValues:
         # In a union what is written last stays
         return {**{key: value for key, value in values.items() if key not in given}, **given}
 
-    def _block(self, type_: BlockType, node: n.StructInitial) -> Value:
+    def _block(self, type_: BlockType, node: d.StructInitial) -> Value:
         given: dict[str, Value] = {}
         for member in node.members:
             found = self._declarations.symbols.find_member(type_.name, member.name.upper())

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from functools import cache
 
-from st_codegen.st.check.types import NUMBERS
+from st_codegen.st.types import NUMBERS
 
 REAL_FUNCTIONS = ("SQRT", "LN", "LOG", "EXP", "SIN", "COS", "TAN", "ASIN", "ACOS", "ATAN")
 SHIFTS = ("SHL", "SHR", "ROL", "ROR")
-ARITHMETIC = {"ADD": "+", "SUB": "-", "MUL": "*", "DIV": "/"}
-COMPARISONS = {"EQ": "=", "NE": "<>", "LT": "<", "LE": "<=", "GT": ">", "GE": ">="}
+ARITHMETIC = ("ADD", "SUB", "MUL", "DIV")
+COMPARISONS = ("EQ", "NE", "LT", "LE", "GT", "GE")
 # The names of the standard for arguments that are given by name; IN1, IN2, .. may go on
 PARAMETERS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys((*REAL_FUNCTIONS, "ABS", "TRUNC", "MOVE"), ("IN",)),

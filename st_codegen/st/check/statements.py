@@ -1,20 +1,20 @@
-"""From statements of the syntax tree to statements of the typed tree."""
+"""The check of statements."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import cast
 
-from st_codegen.st.check import typed as t
-from st_codegen.st.check import walk
+from st_codegen.st import tree as t
+from st_codegen.st import walk
 from st_codegen.st.check.calls import check_assignable, check_call
 from st_codegen.st.check.coercion import coerce
 from st_codegen.st.check.declare import Declarations
 from st_codegen.st.check.expressions import Expressions
 from st_codegen.st.check.symbols import Unit, failure
-from st_codegen.st.check.types import ArrayType, BlockType, Elementary, EnumType, Type
 from st_codegen.st.errors import Problem, StCheckError
-from st_codegen.st.syntax import nodes as n
+from st_codegen.st.types import ArrayType, BlockType, Elementary, EnumType, Type
 
 # Python nests no deeper than 100 levels of indentation and 20 loops, and the back ends use up to three for one here
 MAX_NESTED = 30
@@ -31,7 +31,7 @@ class Statements:
         self._loops = 0
         self._depth = 0
 
-    def body(self, nodes: Iterable[n.Statement]) -> tuple[t.Statement, ...]:
+    def body(self, nodes: Iterable[t.Statement]) -> tuple[t.Statement, ...]:
         """All statements that are free of errors."""
         self._depth += 1
         try:
@@ -39,67 +39,63 @@ class Statements:
         finally:
             self._depth -= 1
 
-    def _body(self, nodes: Iterable[n.Statement]) -> tuple[t.Statement, ...]:
+    def _body(self, nodes: Iterable[t.Statement]) -> tuple[t.Statement, ...]:
         made: list[t.Statement] = []
         for node in nodes:
             try:
                 if self._depth > MAX_NESTED or self._loops > MAX_LOOPS:
                     raise failure(node, f"more than {MAX_NESTED} nested statements or {MAX_LOOPS} nested loops")
-                statement = self._statement(node)
+                made.append(self._statement(node))
             except StCheckError as error:
                 self._problems += error.problems
-            else:
-                if statement is not None:
-                    made.append(statement)
         return tuple(made)
 
-    def _statement(self, node: n.Statement) -> t.Statement | None:  # noqa: PLR0911 - one return a case
-        where = node.position
+    def _statement(self, node: t.Statement) -> t.Statement:  # noqa: PLR0911 - one return a case
         match node:
-            case n.Assignment():
+            case t.Assign():
                 return self._assignment(node)
-            case n.CallStatement():
+            case t.CallStatement():
                 call = check_call(self._expressions, node.call)
                 if not isinstance(call, t.Call):
                     raise failure(node, "the result of this function is not used")
-                return t.CallStatement(call, position=where)
-            case n.If():
+                return replace(node, call=call)
+            case t.If():
                 return self._if(node)
-            case n.Case():
+            case t.Case():
                 return self._case(node)
-            case n.For():
+            case t.For():
                 return self._for(node)
-            case n.While():
+            case t.While():
                 condition = self._condition(node.condition)
-                return t.While(condition, self._loop_body(node.body), position=where)
-            case n.RepeatUntil():
+                return replace(node, condition=condition, body=self._loop_body(node.body))
+            case t.Repeat():
                 body = self._loop_body(node.body)
-                return t.Repeat(body, self._condition(node.condition), position=where)
-            case n.Exit() | n.Continue():
+                return replace(node, body=body, condition=self._condition(node.condition))
+            case t.Exit() | t.Continue():
                 if not self._loops:
                     raise failure(node, f"{type(node).__name__.upper()} outside of a loop")
-                return t.Exit(position=where) if isinstance(node, n.Exit) else t.Continue(position=where)
-            case n.Return():
-                return t.Return(position=where)
-            case n.Empty():
-                return None
+                return node
+            case t.Return():
+                return node
+            case _:
+                raise TypeError(node)
 
-    def _condition(self, node: n.Expression) -> t.Expression:
+    def _condition(self, node: t.Expression) -> t.Expression:
         """A condition; a wrong one is reported, and checking goes on with what it guards."""
         try:
             return self._expressions.condition(node)
         except StCheckError as error:
             self._problems += error.problems
-            return t.Constant(False, type=cast(Type, None), position=node.position)
+            return node
 
-    def _loop_body(self, nodes: Iterable[n.Statement]) -> tuple[t.Statement, ...]:
+    def _loop_body(self, nodes: Iterable[t.Statement]) -> tuple[t.Statement, ...]:
         self._loops += 1
         try:
             return self.body(nodes)
         finally:
             self._loops -= 1
 
-    def _assignment(self, node: n.Assignment) -> t.Assign:
+    def _assignment(self, node: t.Assign) -> t.Assign:
         target = self._expressions.check(node.target)
         check_assignable(self._expressions, target, node.target)
         holder = target.type
@@ -108,15 +104,16 @@ class Statements:
         if isinstance(holder, BlockType):
             raise failure(node, f"instances of '{holder}' cannot be assigned")
         value = coerce(self._expressions.check(node.value), target.type, self._dialect, is_stored=True)
-        return t.Assign(target, value, position=node.position)
+        return replace(node, target=target, value=value)
 
-    def _if(self, node: n.If) -> t.If:
+    def _if(self, node: t.If) -> t.If:
         branches = tuple(
-            t.Branch(self._condition(branch.condition), self.body(branch.body)) for branch in node.branches
+            replace(branch, condition=self._condition(branch.condition), body=self.body(branch.body))
+            for branch in node.branches
         )
-        return t.If(branches, self.body(node.otherwise or ()), position=node.position)
+        return replace(node, branches=branches, otherwise=self.body(node.otherwise))
 
-    def _case(self, node: n.Case) -> t.Case:
+    def _case(self, node: t.Case) -> t.Case:
         selector = self._expressions.value(node.selector)
         type_ = selector.type
         if not isinstance(type_, EnumType) and not (isinstance(type_, Elementary) and type_.is_integral):
@@ -125,18 +122,17 @@ class Statements:
         branches = []
         for branch in node.branches:
             labels = []
-            for label in branch.labels:
+            for label in branch.choices:
                 try:
                     labels.append(self._label(label, type_, taken))
                 except StCheckError as error:
                     self._problems += error.problems
-            branches.append(t.CaseBranch(tuple(labels), self.body(branch.body)))
-        return t.Case(selector, tuple(branches), self.body(node.otherwise or ()), position=node.position)
+            branches.append(replace(branch, body=self.body(branch.body), labels=tuple(labels)))
+        return replace(node, selector=selector, branches=tuple(branches), otherwise=self.body(node.otherwise))
 
-    def _label(self, node: n.Expression | n.Range, type_: Type, taken: list[tuple[int, int]]) -> tuple[int, int]:
-        lower, upper = (node.lower, node.upper) if isinstance(node, n.Range) else (node, node)
-        low = cast(int, self._expressions.constant(lower, type_).value)
-        high = cast(int, self._expressions.constant(upper, type_).value)
+    def _label(self, node: t.Range, type_: Type, taken: list[tuple[int, int]]) -> tuple[int, int]:
+        low = cast(int, self._expressions.constant(node.lower, type_).value)
+        high = cast(int, self._expressions.constant(node.upper, type_).value)
         if low > high:
             raise failure(node, f"the range {low}..{high} is empty")
         if any(low <= other_high and other_low <= high for other_low, other_high in taken):
@@ -144,7 +140,7 @@ class Statements:
         taken.append((low, high))
         return low, high
 
-    def _for(self, node: n.For) -> t.For:
+    def _for(self, node: t.For) -> t.For:
         expressions = self._expressions
         counter = expressions.check(node.counter)
         check_assignable(expressions, counter, node.counter)
@@ -155,10 +151,7 @@ class Statements:
             raise failure(node.counter, f"a FOR loop counts with an integer, not with {type_}")
         start = expressions.as_type(node.start, type_, is_stored=True)
         stop = expressions.as_type(node.stop, type_)
-        if node.step is None:
-            step: t.Expression = t.Constant(1, type=type_, position=node.position)
-        else:
-            step = expressions.as_type(node.step, type_)
+        step = expressions.as_type(node.step, type_)
         if isinstance(step, t.Constant) and step.value == 0:
             raise failure(node, "a FOR loop with a step of zero never ends")
         expressions.counters.append(counter.variable)
@@ -167,7 +160,7 @@ class Statements:
         finally:
             expressions.counters.pop()
         self._check_bounds(stop, step, body)
-        return t.For(counter, start, stop, step, body, position=node.position)
+        return replace(node, counter=counter, start=start, stop=stop, step=step, body=body)
 
     def _check_bounds(self, stop: t.Expression, step: t.Expression, body: tuple[t.Statement, ...]) -> None:
         """Controllers differ in whether they evaluate the bound of a loop once or in every round."""

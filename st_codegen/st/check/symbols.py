@@ -5,25 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
+from st_codegen.st import tree as t
 from st_codegen.st.check.standard_names import is_standard_function
-from st_codegen.st.check.typed import Section, Storage, Variable
-from st_codegen.st.check.types import UNSUPPORTED, Dialect, elementary_types
 from st_codegen.st.errors import Position, Problem, StCheckError
-from st_codegen.st.syntax import nodes as n
-from st_codegen.st.syntax.nodes import PouKind
+from st_codegen.st.syntax import declarations as d
 from st_codegen.st.syntax.parser import reserved_words
-
-_SECTIONS = {
-    "VAR": Section.VAR,
-    "VAR_INPUT": Section.INPUT,
-    "VAR_OUTPUT": Section.OUTPUT,
-    "VAR_IN_OUT": Section.IN_OUT,
-    "VAR_TEMP": Section.TEMP,
-    "VAR_GLOBAL": Section.GLOBAL,
-}
+from st_codegen.st.tree import PouKind, Section, Storage, Variable
+from st_codegen.st.types import UNSUPPORTED, Dialect, elementary_types
 
 
-def failure(node: n.Node | Position, message: str) -> StCheckError:
+def failure(node: t.Node | Position, message: str) -> StCheckError:
     """An error about a node."""
     return StCheckError([Problem(node if isinstance(node, Position) else node.position, message)])
 
@@ -32,8 +23,8 @@ def failure(node: n.Node | Position, message: str) -> StCheckError:
 class Entry:
     """A declared name on its way to a `Variable`."""
 
-    declaration: n.VariableDeclaration
-    block: n.VariableBlock
+    declaration: d.VariableDeclaration
+    block: d.VariableBlock
     variable: Variable | None = None
     is_in_progress: bool = False
     has_failed: bool = False
@@ -41,7 +32,7 @@ class Entry:
     @property
     def section(self) -> Section:
         """The kind of VAR block."""
-        return _SECTIONS[self.block.section]
+        return self.block.section
 
     @property
     def is_constant(self) -> bool:
@@ -58,7 +49,7 @@ class Unit:
     position: Position
     entries: dict[str, Entry]
     kind: PouKind | None = None
-    declaration: n.PouDeclaration | None = None
+    declaration: d.PouDeclaration | None = None
     block: Unit | None = None
     methods: dict[str, Unit] = field(default_factory=dict)
     result: Variable | None = None
@@ -88,8 +79,8 @@ class Symbols:
     def __init__(
         self,
         dialect: Dialect,
-        declarations: Iterable[n.Declaration],
-        native: Iterable[n.Declaration],
+        declarations: Iterable[d.Declaration],
+        native: Iterable[d.Declaration],
         namespaces: Iterable[str] = (),
     ) -> None:
         self.dialect = dialect
@@ -98,7 +89,7 @@ class Symbols:
         self.elementary = elementary_types(dialect)
         self.units: dict[str, Unit] = {}
         self.lists: dict[str, Unit] = {}
-        self.types: dict[str, n.TypeDeclaration] = {}
+        self.types: dict[str, d.TypeDeclaration] = {}
         self._taken: dict[str, Position] = {}
         for declaration in native:
             self._add(declaration, is_native=True)
@@ -110,24 +101,24 @@ class Symbols:
     def _problem(self, position: Position, message: str) -> None:
         self.problems.append(Problem(position, message))
 
-    def _add(self, declaration: n.Declaration, is_native: bool) -> None:
+    def _add(self, declaration: d.Declaration, is_native: bool) -> None:
         key, where = declaration.name.upper(), declaration.position
         self._check_name(declaration.name, where)
-        if key in self._taken and not (isinstance(declaration, n.GlobalList) and key in self.lists):
+        if key in self._taken and not (isinstance(declaration, d.GlobalList) and key in self.lists):
             self._problem(where, f"'{declaration.name}' is declared already at {self._taken[key]}")
             return
         self._taken[key] = where
-        if isinstance(declaration, n.GlobalList):
+        if isinstance(declaration, d.GlobalList):
             known = self.lists.get(key)
             unit = Unit(declaration.name, key, where, {}, attributes=declaration.attributes)
             self.lists[key] = known or unit
             self._add_entries(self.lists[key], declaration.blocks)
-        elif isinstance(declaration, n.PouDeclaration):
+        elif isinstance(declaration, d.PouDeclaration):
             self.units[key] = self._unit(declaration, key, None, is_native)
         else:
             self.types[key] = declaration
 
-    def _unit(self, pou: n.PouDeclaration, key: str, block: Unit | None, is_native: bool) -> Unit:
+    def _unit(self, pou: d.PouDeclaration, key: str, block: Unit | None, is_native: bool) -> Unit:
         unit = Unit(
             pou.name, key, pou.position, {}, pou.kind, pou, block, attributes=pou.attributes, is_native=is_native
         )
@@ -142,14 +133,10 @@ class Symbols:
             self.units[made.key] = made
         return unit
 
-    def _add_entries(self, unit: Unit, blocks: Iterable[n.VariableBlock]) -> None:
+    def _add_entries(self, unit: Unit, blocks: Iterable[d.VariableBlock]) -> None:
         for block in blocks:
-            section = _SECTIONS.get(block.section)
-            if section is None:
-                self._problem(block.position, f"{block.section} is not supported")
-                continue
-            if (section is Section.GLOBAL) != (unit.kind is None):
-                self._problem(block.position, f"{block.section} cannot stand in '{unit.name}'")
+            if (block.section is Section.GLOBAL) != (unit.kind is None):
+                self._problem(block.position, f"{block.section.value} cannot stand in '{unit.name}'")
             for declaration in block.variables:
                 self._check_name(declaration.name, declaration.position)
                 key = declaration.name.upper()

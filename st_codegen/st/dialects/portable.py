@@ -10,14 +10,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from functools import cached_property
 
-from st_codegen.st.check import typed as t
-from st_codegen.st.check import walk
+from st_codegen.st import tree as t
+from st_codegen.st import walk
 from st_codegen.st.check.check import check
-from st_codegen.st.check.types import REAL, ArrayType, Dialect, Elementary, EnumType, StructType, Type
 from st_codegen.st.errors import Problem
-from st_codegen.st.syntax import nodes as n
+from st_codegen.st.syntax import declarations as d
 from st_codegen.st.syntax.scan import CommentKind, Scanned
 from st_codegen.st.syntax.source import Source
+from st_codegen.st.types import REAL, ArrayType, Dialect, Elementary, EnumType, StructType, Type
 
 SMALLEST_REAL, LARGEST_REAL = 1e-37, 1e37
 _FLAGS = re.IGNORECASE | re.ASCII
@@ -49,42 +49,42 @@ class Text:
     project: t.Project
 
     @cached_property
-    def nodes(self) -> list[n.Node]:
-        """All nodes of the syntax tree."""
-        found: list[n.Node] = []
+    def nodes(self) -> list[t.Node]:
+        """All nodes of the tree as written."""
+        found: list[t.Node] = []
         stack: list[object] = list(self.source.declarations)
         while stack:
             item = stack.pop()
             if isinstance(item, tuple):
                 stack.extend(item)
-            elif isinstance(item, n.Node):
+            elif isinstance(item, t.Node):
                 found.append(item)
-                if not isinstance(item, n.Table):
+                if not isinstance(item, d.Table):
                     stack.extend(getattr(item, entry.name) for entry in fields(item))
         return found
 
     @cached_property
     def expressions(self) -> list[t.Expression]:
-        """All expressions of the typed tree."""
+        """All expressions of the checked tree."""
         return [part for pou in self.project.pous.values() for part in walk.all_expressions(pou.body)]
 
     @cached_property
     def array_types(self) -> set[str]:
         """The upper-case names of types that say what a plain array says."""
-        aliases = (item for item in self.source.declarations if isinstance(item, n.AliasDeclaration))
-        return {item.name.upper() for item in aliases if isinstance(item.type, n.ArraySpec)}
+        aliases = (item for item in self.source.declarations if isinstance(item, d.AliasDeclaration))
+        return {item.name.upper() for item in aliases if isinstance(item.type, d.ArraySpec)}
 
     @cached_property
-    def declared(self) -> dict[t.Variable, n.VariableDeclaration]:
+    def declared(self) -> dict[t.Variable, d.VariableDeclaration]:
         """The declaration of each variable."""
-        by_position = {item.position: item for item in self.nodes if isinstance(item, n.VariableDeclaration)}
+        by_position = {item.position: item for item in self.nodes if isinstance(item, d.VariableDeclaration)}
         variables = (variable for pou in self.project.pous.values() for variable in pou.variables)
         return {variable: by_position[variable.position] for variable in variables}
 
     @cached_property
-    def passed_arrays(self) -> list[tuple[t.Variable, n.Node]]:
+    def passed_arrays(self) -> list[tuple[t.Variable, t.Node]]:
         """Variables of array types that are parameters or arguments, and where."""
-        found: list[tuple[t.Variable, n.Node]] = []
+        found: list[tuple[t.Variable, t.Node]] = []
         sections = (t.Section.INPUT, t.Section.OUTPUT, t.Section.IN_OUT)
         for pou in self.project.pous.values():
             found += [
@@ -98,7 +98,7 @@ class Text:
                     and isinstance(value.type, ArrayType)
                     and value.variable in self.declared
                 ):
-                    found.append((value.variable, n.Identifier(value.variable.name, position=value.position)))
+                    found.append((value.variable, t.Identifier(value.variable.name, position=value.position)))
         return found
 
 
@@ -111,7 +111,7 @@ def violations(source: Source) -> tuple[Problem, ...]:
     return tuple(sorted({problem for rule in RULES for problem in rule(text)}))
 
 
-def _problem(node: n.Node, message: str) -> Problem:
+def _problem(node: t.Node, message: str) -> Problem:
     return Problem(node.position, message)
 
 
@@ -136,7 +136,7 @@ def _at(scanned: Scanned, offset: int, message: str) -> Problem:
 def literals(text: Text) -> Iterator[Problem]:
     """Scalar literals that some compilers read as REAL first."""
     for node in text.nodes:
-        if isinstance(node, n.Literal) and node.kind is n.LiteralKind.REAL and isinstance(node.value, float):
+        if isinstance(node, t.Literal) and node.kind is t.LiteralKind.REAL and isinstance(node.value, float):
             size = abs(node.value)
             if size and not SMALLEST_REAL <= size <= LARGEST_REAL:
                 yield _problem(node, f"the literal {node.value} is outside of {SMALLEST_REAL}..{LARGEST_REAL}")
@@ -145,10 +145,10 @@ def literals(text: Text) -> Iterator[Problem]:
 def initial_values(text: Text) -> Iterator[Problem]:
     """Repeat counts, and structures whose fields are not all given."""
     for node in text.nodes:
-        if isinstance(node, n.Repeat):
+        if isinstance(node, d.Repeated):
             yield _problem(node, f"the initialiser {node.count}(..) is not portable: write all values")
     for variable, declaration in text.declared.items():
-        if isinstance(variable.type, StructType) and isinstance(declaration.initial, n.StructInitial):
+        if isinstance(variable.type, StructType) and isinstance(declaration.initial, d.StructInitial):
             missing = len(variable.type.fields) - len(declaration.initial.members)
             if missing:
                 yield _problem(declaration, f"'{variable.name}': {missing} fields have no initial value")
@@ -157,27 +157,27 @@ def initial_values(text: Text) -> Iterator[Problem]:
 def arrays(text: Text) -> Iterator[Problem]:
     """Bounds that are no numbers, arrays of arrays, arrays of structures with initial values."""
     for node in text.nodes:
-        if isinstance(node, n.ArraySpec):
+        if isinstance(node, d.ArraySpec):
             for bounds in node.ranges:
                 if not (_is_number(bounds.lower) and _is_number(bounds.upper)):
                     yield _problem(bounds, "the bounds of an array are numbers, not names or expressions")
-            if isinstance(node.element, n.ArraySpec) or _names(node.element) & text.array_types:
+            if isinstance(node.element, d.ArraySpec) or _names(node.element) & text.array_types:
                 yield _problem(node, "arrays of arrays are not portable: use several dimensions")
-        if isinstance(node, n.VariableDeclaration | n.AliasDeclaration) and node.initial is not None:
-            element = node.type.element if isinstance(node.type, n.ArraySpec) else None
+        if isinstance(node, d.VariableDeclaration | d.AliasDeclaration) and node.initial is not None:
+            element = node.type.element if isinstance(node.type, d.ArraySpec) else None
             if element is not None and any(
                 isinstance(text.project.types.get(name), StructType) for name in _names(element)
             ):
                 yield _problem(node, f"'{node.name}': arrays of structures with initial values are not portable")
 
 
-def _names(spec: n.TypeSpec) -> set[str]:
-    return {spec.name.upper()} if isinstance(spec, n.NamedType) else set()
+def _names(spec: d.TypeSpec) -> set[str]:
+    return {spec.name.upper()} if isinstance(spec, d.NamedType) else set()
 
 
-def _is_number(node: n.Expression) -> bool:
-    inner = node.operand if isinstance(node, n.Unary) and node.operator == "-" else node
-    return isinstance(inner, n.Literal) and inner.kind is n.LiteralKind.INTEGER and inner.type_name is None
+def _is_number(node: t.Expression) -> bool:
+    inner = node.operand if isinstance(node, t.Unary) and node.operator == "NEG" else node
+    return isinstance(inner, t.Literal) and inner.kind is t.LiteralKind.INTEGER and inner.type_name is None
 
 
 def array_types(text: Text) -> Iterator[Problem]:
@@ -186,22 +186,22 @@ def array_types(text: Text) -> Iterator[Problem]:
     for variable, where in text.passed_arrays:
         spec = text.declared[variable].type
         needed |= _names(spec)
-        if isinstance(spec, n.ArraySpec):
+        if isinstance(spec, d.ArraySpec):
             yield _problem(where, f"'{variable.name}' is passed: its array type needs a name of its own")
     for pou in text.nodes:
-        if isinstance(pou, n.PouDeclaration) and pou.return_type is not None:
+        if isinstance(pou, d.PouDeclaration) and pou.return_type is not None:
             needed |= _names(pou.return_type)
-            if isinstance(pou.return_type, n.ArraySpec):
+            if isinstance(pou.return_type, d.ArraySpec):
                 yield _problem(pou, f"the result of '{pou.name}' is an array: its type needs a name of its own")
     for node in text.nodes:
-        if isinstance(node, n.AliasDeclaration) and node.name.upper() in text.array_types - needed:
+        if isinstance(node, d.AliasDeclaration) and node.name.upper() in text.array_types - needed:
             yield _problem(node, f"the type '{node.name}' says only what a plain array says, and is not passed")
 
 
 def places_of_tables(text: Text) -> Iterator[Problem]:
     """Globals, and tables outside of the VAR CONSTANT of a block."""
     for node in text.source.declarations:
-        if isinstance(node, n.GlobalList):
+        if isinstance(node, d.GlobalList):
             yield _problem(node, "VAR_GLOBAL outside of a CONFIGURATION")
     for variable, declaration in text.declared.items():
         in_block = variable.storage is t.Storage.INSTANCE
@@ -212,15 +212,15 @@ def places_of_tables(text: Text) -> Iterator[Problem]:
                 yield _problem(declaration, f"the table '{variable.name}' is not CONSTANT")
 
 
-def _is_uniform(initial: n.Initial) -> bool:
+def _is_uniform(initial: d.Initial) -> bool:
     """Whether an initialiser only presets an array with one value."""
-    return isinstance(initial, n.Table) and bool((initial.values == initial.values[0]).all())
+    return isinstance(initial, d.Table) and bool((initial.values == initial.values[0]).all())
 
 
 def methods(text: Text) -> Iterator[Problem]:
     """Methods."""
     for node in text.nodes:
-        if isinstance(node, n.PouDeclaration) and node.kind is n.PouKind.METHOD:
+        if isinstance(node, d.PouDeclaration) and node.kind is t.PouKind.METHOD:
             yield _problem(node, f"the method '{node.name}' is not portable")
 
 

@@ -10,12 +10,11 @@ from itertools import count
 from types import CodeType, TracebackType
 from typing import Any
 
-from st_codegen.st.check import typed as t
-from st_codegen.st.check import walk
+from st_codegen.st import tree as t
+from st_codegen.st import walk
 from st_codegen.st.check.arithmetic import Fault
-from st_codegen.st.check.types import Elementary, EnumType
-from st_codegen.st.check.values import Scalar
 from st_codegen.st.errors import Position, StRuntimeError
+from st_codegen.st.types import Elementary, EnumType, Scalar
 
 
 @dataclass

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any, cast
 
-from st_codegen.st.check import typed as t
+from st_codegen.st import tree as t
 from st_codegen.st.run.emit import literal
 from st_codegen.st.run.lane_places import Places, Resolved, is_elementary
-from st_codegen.st.syntax.nodes import PouKind
+from st_codegen.st.tree import PouKind
 
 
 class Calls(Places):
@@ -66,7 +66,7 @@ class Calls(Places):
             if item.passing is t.Passing.OUTPUT:
                 self._take_output(item, f"{instance}.v_{item.parameter.key}", is_slot=True)
 
-    def _pass_input(self, item: t.CallArgument, slot: str) -> None:
+    def _pass_input(self, item: t.Argument, slot: str) -> None:
         if is_elementary(item.parameter.type):
             atom = self.expression(item.value)
             self.store_slot(slot, item.parameter.type, self.owned(atom), item.value.position)
@@ -74,7 +74,7 @@ class Calls(Places):
             with self.resolved([item.value]) as path:
                 self.line(f"assign({slot}, {self.object(item.value, path.indices)}, m, rt.lanes)", item.value.position)
 
-    def _take_output(self, item: t.CallArgument, source: str, is_slot: bool) -> None:
+    def _take_output(self, item: t.Argument, source: str, is_slot: bool) -> None:
         if is_elementary(item.value.type):
             atom = self.temporary(f"ld({source}, m)" if is_slot else source, item.value.position)
             self.aliases.add(atom)
@@ -117,7 +117,7 @@ class Calls(Places):
                 self._take_output(given[parameter], name, is_slot=False)
         return result
 
-    def _argument(self, parameter: t.Variable, item: t.CallArgument | None, path: Resolved) -> str:
+    def _argument(self, parameter: t.Variable, item: t.Argument | None, path: Resolved) -> str:
         if item is None:
             if is_elementary(parameter.type):
                 return literal(cast(Any, parameter.initial))

@@ -10,15 +10,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, cast
 
-from st_codegen.st.check import typed as t
-from st_codegen.st.check import walk
+from st_codegen.st import tree as t
+from st_codegen.st import walk
 from st_codegen.st.check.flow import overriding
-from st_codegen.st.check.types import ArrayType, Elementary, EnumType, PointerType
-from st_codegen.st.check.values import storage_type
 from st_codegen.st.run import lane_runtime, storage, vector, vector_functions
 from st_codegen.st.run.emit import Compiled, Source, boxed_variables, has_calls, is_inlined, leaves, literal
 from st_codegen.st.run.lane_calls import Calls
 from st_codegen.st.run.lane_places import is_elementary, refusal, stable_root
+from st_codegen.st.types import ArrayType, Elementary, EnumType, PointerType, storage_type
 
 
 def compile_lanes(project: t.Project) -> Compiled:
@@ -305,7 +304,7 @@ class UnitCode(Calls):
         self.memo = {}
 
     def _for(self, statement: t.For) -> None:
-        counter, type_ = statement.counter.variable, cast(Elementary, statement.counter.type)
+        counter, type_ = statement.variable, cast(Elementary, statement.counter.type)
         parts = [self._value(part) for part in (statement.start, statement.stop, statement.step)]
         number, after, saved = self._open_loop(statement)
         dtype = self.dtype(type_)
@@ -334,7 +333,7 @@ class UnitCode(Calls):
 
     def _keep_counter(self, loop: t.For, number: str, lanes: str) -> None:
         """Give the counter's variable its value in some lanes: inside of the loop it is `i`."""
-        slot, dtype = self.variable_slot(loop.counter.variable), self.dtype(loop.counter.type)
+        slot, dtype = self.variable_slot(loop.variable), self.dtype(loop.counter.type)
         self.line(f"{slot} = put({slot}, own(ld(i{number}, {lanes})), {lanes}, rt.lanes, {dtype})")
 
     def _while(self, statement: t.While | t.Repeat) -> None:

@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from st_codegen.st.check import typed as t
-from st_codegen.st.check.types import ArrayType, Elementary, EnumType, PointerType, StructType
-from st_codegen.st.check.values import Value, storage_type
+from st_codegen.st import tree as t
 from st_codegen.st.run.natives import as_lanes
 from st_codegen.st.run.runtime import Access, Composite, Runtime
 from st_codegen.st.run.storage import LaneArray, LaneStruct, LaneUnion, Mask, all_lanes, ld, own, put
+from st_codegen.st.types import ArrayType, Elementary, EnumType, PointerType, StructType, Value, storage_type
 
 
 class LaneRuntime(Runtime):

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from st_codegen.st.check import typed as t
-from st_codegen.st.check.types import ArrayType, Elementary, EnumType, PointerType, StructType, Type
-from st_codegen.st.check.values import storage_type
+from st_codegen.st import tree as t
 from st_codegen.st.errors import Position, Problem, StCheckError
 from st_codegen.st.run.emit import Writer, is_inlined, literal
+from st_codegen.st.types import ArrayType, Elementary, EnumType, PointerType, StructType, Type, storage_type
 
 if TYPE_CHECKING:
     from st_codegen.st.run.lane_code import LaneCode

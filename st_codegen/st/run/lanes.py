@@ -16,10 +16,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from st_codegen.st.check import typed as t
+from st_codegen.st import tree as t
 from st_codegen.st.check.arithmetic import INVALID, Fault
-from st_codegen.st.check.types import ArrayType, Elementary, EnumType, StructType, Type
-from st_codegen.st.check.values import storage_type
 from st_codegen.st.errors import StUsageError
 from st_codegen.st.run.emit import Compiled
 from st_codegen.st.run.lane_code import compile_lanes
@@ -30,6 +28,7 @@ from st_codegen.st.run.paths import Step
 from st_codegen.st.run.runtime import Slot
 from st_codegen.st.run.storage import LaneArray, LaneUnion, SlotReference
 from st_codegen.st.run.vector import TRAPS
+from st_codegen.st.types import ArrayType, Elementary, EnumType, StructType, Type, storage_type
 
 _COMPILED: WeakKeyDictionary[t.Project, Compiled] = WeakKeyDictionary()
 

@@ -9,15 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from st_codegen.st.check import typed as t
-from st_codegen.st.check.types import ArrayType, BlockType, Elementary, EnumType, Type
-from st_codegen.st.check.values import default_value, storage_type
+from st_codegen.st import tree as t
 from st_codegen.st.errors import StUsageError
 from st_codegen.st.run.emit import Source, is_inlined
 from st_codegen.st.run.natives import NativeBlock
 from st_codegen.st.run.paths import Port, Step, find_block, find_global, ports, resolve
 from st_codegen.st.run.runtime import Composite, Runtime, Slot
-from st_codegen.st.syntax.nodes import PouKind
+from st_codegen.st.tree import PouKind
+from st_codegen.st.types import ArrayType, BlockType, Elementary, EnumType, Type, default_value, storage_type
 
 LOOP_LIMIT = 10_000_000
 

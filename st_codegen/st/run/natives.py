@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from st_codegen.errors import InputError
-from st_codegen.st.syntax import nodes as n
-from st_codegen.st.syntax.nodes import PouKind
+from st_codegen.st.syntax import declarations as d
 from st_codegen.st.syntax.source import read_texts
+from st_codegen.st.tree import PouKind
 
 Values = NDArray[Any]
 
@@ -90,17 +90,17 @@ class Library:
     blocks: Mapping[str, type[NativeBlock]] = field(default_factory=dict)
     functions: Mapping[str, NativeFunction] = field(default_factory=dict)
 
-    def declarations(self) -> tuple[list[n.Declaration], list[n.Declaration]]:
+    def declarations(self) -> tuple[list[d.Declaration], list[d.Declaration]]:
         """The native and the ordinary declarations. Raises `StSyntaxError`, `InputError` for what Python lacks."""
-        native: list[n.Declaration] = []
-        ordinary: list[n.Declaration] = []
+        native: list[d.Declaration] = []
+        ordinary: list[d.Declaration] = []
         classes = {name.upper(): cls for name, cls in self.blocks.items()}
         names = {*classes, *(name.upper() for name in self.functions)}
         for declaration in read_texts({f"{self.name}.st": self.text}).declarations:
             key = declaration.name.upper()
-            is_native = isinstance(declaration, n.PouDeclaration) and key in names
+            is_native = isinstance(declaration, d.PouDeclaration) and key in names
             (native if is_native else ordinary).append(declaration)
-            if is_native and isinstance(declaration, n.PouDeclaration) and declaration.kind is PouKind.FUNCTION_BLOCK:
+            if is_native and isinstance(declaration, d.PouDeclaration) and declaration.kind is PouKind.FUNCTION_BLOCK:
                 missing = [method.name for method in declaration.methods if not hasattr(classes[key], method.name)]
                 if missing:
                     raise InputError(f"library {self.name}: the class of {declaration.name} lacks {', '.join(missing)}")

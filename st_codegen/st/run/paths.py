@@ -6,10 +6,10 @@ import re
 from dataclasses import dataclass
 from typing import cast
 
-from st_codegen.st.check import typed as t
-from st_codegen.st.check.types import ArrayType, BlockType, StructType, Type
+from st_codegen.st import tree as t
 from st_codegen.st.errors import StUsageError
-from st_codegen.st.syntax.nodes import PouKind
+from st_codegen.st.tree import PouKind
+from st_codegen.st.types import ArrayType, BlockType, StructType, Type
 
 _STEP = re.compile(r"(?:\A|\.)\s*([A-Za-z_][A-Za-z0-9_]*)\s*|\[\s*(-?[0-9]+(?:\s*,\s*-?[0-9]+)*)\s*\]\s*")
 

@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from st_codegen.errors import InputError
-from st_codegen.st.check import typed as t
-from st_codegen.st.check.types import ArrayType, BlockType, Elementary, EnumType, PointerType, StructType, Type
-from st_codegen.st.check.values import Value
+from st_codegen.st import tree as t
 from st_codegen.st.run.emit import is_inlined
 from st_codegen.st.run.natives import Library, NativeBlock, NativeCall
-from st_codegen.st.syntax.nodes import PouKind
+from st_codegen.st.tree import PouKind
+from st_codegen.st.types import ArrayType, BlockType, Elementary, EnumType, PointerType, StructType, Type, Value
 
 
 class Globals:

@@ -6,10 +6,8 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 from weakref import WeakKeyDictionary
 
-from st_codegen.st.check import typed as t
+from st_codegen.st import tree as t
 from st_codegen.st.check.arithmetic import Fault
-from st_codegen.st.check.types import ArrayType, Elementary, EnumType, StructType, Type
-from st_codegen.st.check.values import storage_type
 from st_codegen.st.errors import StUsageError
 from st_codegen.st.run.emit import Compiled
 from st_codegen.st.run.machine import LOOP_LIMIT, Machine, checked_numbers
@@ -18,6 +16,7 @@ from st_codegen.st.run.paths import Step
 from st_codegen.st.run.runtime import Slot
 from st_codegen.st.run.scalar_code import ScalarCode, compile_scalar
 from st_codegen.st.run.scalar_memory import ScalarRuntime, ScalarUnion, SlotReference
+from st_codegen.st.types import ArrayType, Elementary, EnumType, StructType, Type, storage_type
 
 _COMPILED: WeakKeyDictionary[t.Project, Compiled] = WeakKeyDictionary()
 

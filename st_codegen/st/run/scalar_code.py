@@ -10,17 +10,17 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, NoReturn, cast
 
+from st_codegen.st import tree as t
+from st_codegen.st import walk
 from st_codegen.st.check import arithmetic as a
-from st_codegen.st.check import typed as t
-from st_codegen.st.check import walk
 from st_codegen.st.check.arithmetic import Fault
 from st_codegen.st.check.flow import overriding
-from st_codegen.st.check.types import ArrayType, Elementary
 from st_codegen.st.errors import Position
 from st_codegen.st.run import runtime, scalar_memory
 from st_codegen.st.run.emit import Compiled, Source, boxed_variables, has_calls, is_inlined, literal
 from st_codegen.st.run.lane_places import is_elementary
 from st_codegen.st.run.scalar_expressions import ScalarExpressions
+from st_codegen.st.types import ArrayType, Elementary
 
 
 def compile_scalar(project: t.Project) -> Compiled:
@@ -297,7 +297,7 @@ class ScalarUnit(ScalarExpressions):
     # --- loops ---
 
     def _for(self, statement: t.For) -> None:
-        counter, type_ = statement.counter.variable, cast(Elementary, statement.counter.type)
+        counter, type_ = statement.variable, cast(Elementary, statement.counter.type)
         parts = (statement.start, statement.stop, statement.step)
         start, stop, step = (self.temporary(self._value(part), part.position) for part in parts)
         rounds, slot = self.fresh("i"), self.slot(counter)

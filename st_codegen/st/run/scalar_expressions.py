@@ -10,17 +10,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, cast
 
+from st_codegen.st import tree as t
 from st_codegen.st.check import arithmetic as a
-from st_codegen.st.check import typed as t
 from st_codegen.st.check.arithmetic import Fault
 from st_codegen.st.check.constants import convert
-from st_codegen.st.check.types import BOOL, LREAL, REAL, Elementary, Kind, PointerType
-from st_codegen.st.check.values import storage_type
 from st_codegen.st.errors import Position
 from st_codegen.st.run.emit import literal
 from st_codegen.st.run.lane_places import is_elementary, refusal
 from st_codegen.st.run.scalar_places import ScalarPlaces
-from st_codegen.st.syntax.nodes import PouKind
+from st_codegen.st.tree import PouKind
+from st_codegen.st.types import BOOL, LREAL, REAL, Elementary, Kind, PointerType, storage_type
 
 _SYMBOLS = {"ADD": "+", "SUB": "-", "MUL": "*", "DIV": "/", "AND": "&", "OR": "|", "XOR": "^"}
 _COMPARISONS = {"EQ": "==", "NE": "!=", "LT": "<", "LE": "<=", "GT": ">", "GE": ">="}
@@ -385,7 +384,7 @@ class ScalarExpressions(ScalarPlaces):
             if item.passing is t.Passing.OUTPUT:
                 self._take(item, f"{instance}.v_{item.parameter.key}")
 
-    def _argument(self, parameter: t.Variable, item: t.CallArgument | None) -> str:
+    def _argument(self, parameter: t.Variable, item: t.Argument | None) -> str:
         if item is None:
             if is_elementary(parameter.type):
                 return literal(cast(Any, parameter.initial))
@@ -397,7 +396,7 @@ class ScalarExpressions(ScalarPlaces):
             return self.object(item.value)
         return self.expression(item.value)
 
-    def _take(self, item: t.CallArgument, code: str) -> None:
+    def _take(self, item: t.Argument, code: str) -> None:
         if is_elementary(item.value.type):
             self.store(item.value, code)
         else:

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from st_codegen.st.check import typed as t
-from st_codegen.st.check.types import ArrayType, Elementary, EnumType, PointerType, StructType, Type
-from st_codegen.st.check.values import Value, storage_type
+from st_codegen.st import tree as t
 from st_codegen.st.run.natives import as_lanes
 from st_codegen.st.run.runtime import Access, Composite, Runtime
+from st_codegen.st.types import ArrayType, Elementary, EnumType, PointerType, StructType, Type, Value, storage_type
 
 # From this length on a constant table is kept as packed numbers: 8 bytes instead of 32 for each
 PACKED = 1 << 16

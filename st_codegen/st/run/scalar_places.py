@@ -6,12 +6,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, cast
 
-from st_codegen.st.check import typed as t
-from st_codegen.st.check.types import ArrayType, PointerType, StructType
-from st_codegen.st.check.values import storage_type
+from st_codegen.st import tree as t
 from st_codegen.st.errors import Position
 from st_codegen.st.run.emit import Writer, is_inlined, literal
 from st_codegen.st.run.lane_places import is_elementary, is_union_field, refusal
+from st_codegen.st.types import ArrayType, PointerType, StructType, storage_type
 
 if TYPE_CHECKING:
     from st_codegen.st.run.scalar_code import ScalarCode

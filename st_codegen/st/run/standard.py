@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, cast
 
-from st_codegen.st.check import typed as t
+from st_codegen.st import tree as t
 from st_codegen.st.check.coercion import coerce, conversion, settle, unify, wrapping
 from st_codegen.st.check.standard_names import (
     ARITHMETIC,
@@ -17,7 +17,7 @@ from st_codegen.st.check.standard_names import (
     conversions,
 )
 from st_codegen.st.check.symbols import failure
-from st_codegen.st.check.types import (
+from st_codegen.st.types import (
     BOOL,
     DINT,
     LREAL,
@@ -30,13 +30,12 @@ from st_codegen.st.check.types import (
     PointerType,
     StructType,
 )
-from st_codegen.st.syntax import nodes as n
 
 if TYPE_CHECKING:
     from st_codegen.st.check.expressions import Expressions
 
 
-def check_standard_call(checker: Expressions, name: str, node: n.Call) -> t.Expression | None:
+def check_standard_call(checker: Expressions, name: str, node: t.Call) -> t.Expression | None:
     """A call of a standard function, None when there is none of that (upper-case) name."""
     if name in REFUSED:
         raise failure(node, f"{name}: {REFUSED[name]}")
@@ -50,17 +49,16 @@ def check_standard_call(checker: Expressions, name: str, node: n.Call) -> t.Expr
     if name in REAL_FUNCTIONS:
         return _call(name, (_real(checker, name, arguments[0]),), node)
     if name in ARITHMETIC or name in COMPARISONS:
-        operator = ARITHMETIC.get(name) or COMPARISONS[name]
         result = arguments[0]
         for argument in arguments[1:]:
-            result = checker.combine(operator, result, argument, node)
+            result = checker.combine(name, result, argument, node)
         return result
     if name in SHIFTS:
         return _shift(checker, name, arguments, node)
     return _others(checker, name, arguments, node)
 
 
-def _others(checker: Expressions, name: str, arguments: list[t.Expression], node: n.Call) -> t.Expression:  # noqa: PLR0911 - one return a case
+def _others(checker: Expressions, name: str, arguments: list[t.Expression], node: t.Call) -> t.Expression:  # noqa: PLR0911 - one return a case
     match name:
         case "MOVE":
             return settle(arguments[0])
@@ -92,7 +90,7 @@ def _others(checker: Expressions, name: str, arguments: list[t.Expression], node
             return _call(name, tuple(unified), node)
 
 
-def _arguments(checker: Expressions, name: str, node: n.Call, parameters: tuple[str, ...]) -> list[t.Expression]:
+def _arguments(checker: Expressions, name: str, node: t.Call, parameters: tuple[str, ...]) -> list[t.Expression]:
     given = node.arguments
     if name in EXTENSIBLE and len(given) > len(parameters):
         stem, start = parameters[-1][:2], int(parameters[-1][2:])
@@ -102,7 +100,12 @@ def _arguments(checker: Expressions, name: str, node: n.Call, parameters: tuple[
     values: dict[str, t.Expression] = {}
     for parameter, argument in zip(parameters, given, strict=True):
         key = parameter if argument.name is None else argument.name.upper()
-        if argument.is_output or argument.value is None or key not in parameters or key in values:
+        if (
+            argument.passing is t.Passing.OUTPUT
+            or isinstance(argument.value, t.Omitted)
+            or key not in parameters
+            or key in values
+        ):
             raise failure(
                 argument,
                 f"'{argument.name or parameter}' is not, or no longer, an argument of {name}({', '.join(parameters)})",
@@ -111,7 +114,7 @@ def _arguments(checker: Expressions, name: str, node: n.Call, parameters: tuple[
     return [values[parameter] for parameter in parameters]
 
 
-def _call(name: str, arguments: tuple[t.Expression, ...], node: n.Call) -> t.StandardCall:
+def _call(name: str, arguments: tuple[t.Expression, ...], node: t.Call) -> t.StandardCall:
     return t.StandardCall(name, arguments, type=arguments[0].type, position=node.position)
 
 
@@ -125,20 +128,20 @@ def _real(checker: Expressions, name: str, argument: t.Expression) -> t.Expressi
     return argument
 
 
-def _absolute(argument: t.Expression, node: n.Call) -> t.Expression:
+def _absolute(argument: t.Expression, node: t.Call) -> t.Expression:
     argument = settle(argument)
     if not isinstance(argument.type, Elementary) or not (argument.type.is_integer or argument.type.is_real):
         raise failure(node, f"no ABS of {argument.type}")
     return _call("ABS", (argument,), node)
 
 
-def _address(argument: t.Expression, node: n.Call) -> t.Expression:
+def _address(argument: t.Expression, node: t.Call) -> t.Expression:
     if not t.is_place(argument):
         raise failure(node, "ADR takes a variable")
     return t.AddressOf(argument, type=PointerType(argument.type), position=node.position)
 
 
-def _shift(checker: Expressions, name: str, arguments: list[t.Expression], node: n.Call) -> t.Expression:
+def _shift(checker: Expressions, name: str, arguments: list[t.Expression], node: t.Call) -> t.Expression:
     value, count = settle(arguments[0]), settle(arguments[1])
     allowed = isinstance(value.type, Elementary) and (
         value.type.kind is Kind.BITS or (value.type.is_integer and checker.dialect is Dialect.TWINCAT)
@@ -160,7 +163,7 @@ def _unified(checker: Expressions, arguments: list[t.Expression]) -> list[t.Expr
 
 
 def _selection(
-    checker: Expressions, name: str, selector: t.Expression, choices: list[t.Expression], node: n.Call
+    checker: Expressions, name: str, selector: t.Expression, choices: list[t.Expression], node: t.Call
 ) -> t.Expression:
     first = settle(choices[0])
     if all(settle(choice).type == first.type for choice in choices):
@@ -174,7 +177,7 @@ def _selection(
 
 
 def _conversion(
-    checker: Expressions, source: str | None, target: str, argument: t.Expression, node: n.Call
+    checker: Expressions, source: str | None, target: str, argument: t.Expression, node: t.Call
 ) -> t.Expression:
     if "STRING" in (source, target) or "WSTRING" in (source, target):
         raise failure(node, "conversions from and to strings are not supported: their text depends on the target")

@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from st_codegen.st.check.arithmetic import INDEX, Fault
-from st_codegen.st.check.types import Elementary, EnumType, PointerType
-from st_codegen.st.check.values import storage_type
 from st_codegen.st.run.runtime import Composite
+from st_codegen.st.types import Elementary, EnumType, PointerType, storage_type
 
 # What generated code refers to
 __all__ = [

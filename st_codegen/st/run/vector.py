@@ -15,9 +15,9 @@ import numpy as np
 
 from st_codegen.st.check import arithmetic as a
 from st_codegen.st.check.arithmetic import Fault
-from st_codegen.st.check.typed import Overflow
-from st_codegen.st.check.types import BOOL, REAL, Elementary, Kind
 from st_codegen.st.run.storage import Array, ndarray
+from st_codegen.st.tree import Overflow
+from st_codegen.st.types import BOOL, REAL, Elementary, Kind
 
 Operation = Callable[..., Any]
 TRAPS: dict[str, Any] = {"divide": "raise", "over": "raise", "invalid": "raise", "under": "ignore"}

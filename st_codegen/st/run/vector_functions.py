@@ -8,9 +8,9 @@ import numpy as np
 
 from st_codegen.st.check import arithmetic as a
 from st_codegen.st.check.arithmetic import Fault
-from st_codegen.st.check.types import REAL, Elementary
 from st_codegen.st.run.storage import Array, ndarray
 from st_codegen.st.run.vector import Operation, check_ordered, entry, locate
+from st_codegen.st.types import REAL, Elementary
 
 # For each function NumPy's name for it and the arguments at which it cannot fail: all that are in lower..upper
 _DOMAINS: dict[str, tuple[Any, float, float]] = {

@@ -1,1 +1,1 @@
-"""From files to the syntax tree."""
+"""From files to declarations and their trees, names not resolved."""

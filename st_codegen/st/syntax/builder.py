@@ -8,25 +8,98 @@ from typing import Any, TypeVar
 
 from lark import Token, Transformer
 
+from st_codegen.st import tree as t
 from st_codegen.st.errors import Position, Problem, StSyntaxError
-from st_codegen.st.syntax import nodes as n
+from st_codegen.st.syntax import declarations as d
 from st_codegen.st.syntax.literals import parse_characters, parse_duration, parse_integer, parse_real
 from st_codegen.st.syntax.scan import Scanned
 from st_codegen.st.syntax.tables import parse_table
 
 _T = TypeVar("_T")
-_DURATIONS = {
-    "T": n.LiteralKind.TIME,
-    "TIME": n.LiteralKind.TIME,
-    "LT": n.LiteralKind.LTIME,
-    "LTIME": n.LiteralKind.LTIME,
-}
 _REAL_TYPES = {"REAL", "LREAL"}
+_DURATIONS = {
+    "T": t.LiteralKind.TIME,
+    "TIME": t.LiteralKind.TIME,
+    "LT": t.LiteralKind.LTIME,
+    "LTIME": t.LiteralKind.LTIME,
+}
+_BINARY = {"+": "ADD", "-": "SUB", "*": "MUL", "/": "DIV", "**": "EXPT", "&": "AND"}
+_COMPARISONS = {"=": "EQ", "<>": "NE", "<": "LT", "<=": "LE", ">": "GT", ">=": "GE"}
+_UNARY = {"-": "NEG", "+": "POS", "NOT": "NOT"}
 
 # A child is a token, a node, None for an optional part that is absent, or what a helper rule below returns.
 Children = Sequence[Any]
-MakePou = Callable[..., n.PouDeclaration]
-MakeType = Callable[..., n.TypeDeclaration]
+MakePou = Callable[..., d.PouDeclaration]
+MakeType = Callable[..., d.TypeDeclaration]
+Rule = Callable[["Builder", Children], Any]
+
+
+def _true(text: str) -> bool:
+    return text.upper() == "TRUE"
+
+
+_LITERALS: dict[str, tuple[t.LiteralKind, Callable[[str], Any]]] = {
+    "INTEGER": (t.LiteralKind.INTEGER, parse_integer),
+    "BASED": (t.LiteralKind.INTEGER, parse_integer),
+    "REAL": (t.LiteralKind.REAL, parse_real),
+    "TRUE": (t.LiteralKind.BOOL, _true),
+    "FALSE": (t.LiteralKind.BOOL, _true),
+    "CHARACTERS": (t.LiteralKind.STRING, parse_characters),
+    "WIDE_CHARACTERS": (t.LiteralKind.WSTRING, parse_characters),
+}
+
+
+def _node(cls: type[t.Node], skip: int = 0, at: int = 0, **more: Any) -> Rule:
+    """A rule whose children, less the first `skip`, are the fields of a node; it stands where the child `at` does."""
+
+    def rule(self: Builder, children: Children) -> t.Node:
+        parts = (str(child) if isinstance(child, Token) else child for child in children[skip:])
+        return cls(*parts, position=self._at(children[at]), **more)
+
+    return rule
+
+
+def _pou_head(kind: t.PouKind) -> Rule:
+    """A rule that makes a unit, once its variables and its items (statements and methods) are known."""
+    is_block = kind is t.PouKind.FUNCTION_BLOCK
+
+    def rule(self: Builder, children: Children) -> MakePou:
+        keyword, *rest = children
+        extra = rest.pop() if kind is not t.PouKind.PROGRAM else None
+        name: Token = rest.pop()
+
+        def make(blocks: Iterable[d.VariableBlock], items: Sequence[Any]) -> d.PouDeclaration:
+            return d.PouDeclaration(
+                kind=kind,
+                name=str(name),
+                blocks=tuple(blocks),
+                body=tuple(item for item in items if isinstance(item, t.Statement)),
+                return_type=None if is_block else extra,
+                base=str(extra) if is_block and extra is not None else None,
+                modifiers=frozenset(rest),
+                methods=tuple(item for item in items if isinstance(item, d.PouDeclaration)),
+                attributes=self._attributes(keyword),
+                position=self._at(name),
+            )
+
+        return make
+
+    return rule
+
+
+def _structure(is_union: bool) -> Rule:
+    """A rule that makes a structure or union, once its name and base are known."""
+
+    def rule(self: Builder, children: Children) -> MakeType:
+        def make(name: Token, base: Token | None) -> d.StructDeclaration:
+            extended = None if base is None else str(base)
+            return d.StructDeclaration(
+                str(name), extended, tuple(_flat(children[1:])), is_union, **self._declared(name)
+            )
+
+        return make
+
+    return rule
 
 
 class Builder(Transformer[Token, Any]):
@@ -41,77 +114,48 @@ class Builder(Transformer[Token, Any]):
     def _scanned(self) -> Scanned:
         return self.parsing.get()
 
-    def _at(self, token: Token) -> Position:
-        return self._scanned.segment.position(token.start_pos or 0)
+    def _at(self, child: Token | t.Node) -> Position:
+        return child.position if isinstance(child, t.Node) else self._scanned.segment.position(child.start_pos or 0)
 
     def _attributes(self, token: Token) -> tuple[str, ...]:
         return self._scanned.attributes.get(token.start_pos or 0, ())
+
+    def _declared(self, name: Token) -> dict[str, Any]:
+        return {"attributes": self._attributes(name), "position": self._at(name)}
+
+    def _error(self, token: Token, message: str) -> StSyntaxError:
+        return self._scanned.segment.error(token.start_pos or 0, message)
 
     def _valued(self, token: Token, convert: Callable[[str], _T], text: str | None = None) -> _T:
         try:
             return convert(str(token) if text is None else text)
         except ValueError as error:
-            raise self._scanned.segment.error(token.start_pos or 0, str(error)) from None
+            raise self._error(token, str(error)) from None
 
     # --- program organisation units ---
 
-    def file(self, children: Children) -> list[n.Declaration]:
+    def types(self, children: Children) -> list[Any]:
         return list(_flat(children))
 
-    def types(self, children: Children) -> list[n.TypeDeclaration]:
-        return list(_flat(children))
+    file = types
 
-    def globals(self, children: Children) -> tuple[n.VariableBlock, ...]:
+    def body(self, children: Children) -> tuple[Any, ...]:
         return tuple(children)
 
-    def body(self, children: Children) -> tuple[n.Statement, ...]:
-        return tuple(children)
+    statements = globals = case_labels = body
 
-    statements = body
-
-    def head(self, children: Children) -> n.PouDeclaration:
+    def head(self, children: Children) -> d.PouDeclaration:
         make: MakePou = children[0]
         return make(children[1:], ())
 
-    def _pou_head(self, kind: n.PouKind, children: Children) -> MakePou:
-        keyword, *rest = children
-        extra = rest.pop() if kind is not n.PouKind.PROGRAM else None
-        name: Token = rest.pop()
-        is_block = kind is n.PouKind.FUNCTION_BLOCK
+    function_head = _pou_head(t.PouKind.FUNCTION)
+    block_head = _pou_head(t.PouKind.FUNCTION_BLOCK)
+    program_head = _pou_head(t.PouKind.PROGRAM)
+    method_head = _pou_head(t.PouKind.METHOD)
 
-        def make(blocks: Iterable[n.VariableBlock], items: Iterable[Any]) -> n.PouDeclaration:
-            parts = list(items)
-            return n.PouDeclaration(
-                kind=kind,
-                name=str(name),
-                blocks=tuple(blocks),
-                body=tuple(part for part in parts if not isinstance(part, n.PouDeclaration)),
-                return_type=None if is_block else extra,
-                base=str(extra) if is_block and extra is not None else None,
-                modifiers=frozenset(rest),
-                methods=tuple(part for part in parts if isinstance(part, n.PouDeclaration)),
-                attributes=self._attributes(keyword),
-                position=self._at(name),
-            )
-
-        return make
-
-    def function_head(self, children: Children) -> MakePou:
-        return self._pou_head(n.PouKind.FUNCTION, children)
-
-    def block_head(self, children: Children) -> MakePou:
-        return self._pou_head(n.PouKind.FUNCTION_BLOCK, children)
-
-    def program_head(self, children: Children) -> MakePou:
-        return self._pou_head(n.PouKind.PROGRAM, children)
-
-    def method_head(self, children: Children) -> MakePou:
-        return self._pou_head(n.PouKind.METHOD, children)
-
-    def function(self, children: Children) -> n.PouDeclaration:
+    def function(self, children: Children) -> d.PouDeclaration:
         make: MakePou = children[0]
-        blocks = [part for part in children[1:] if isinstance(part, n.VariableBlock)]
-        return make(blocks, [part for part in children[1:] if not isinstance(part, n.VariableBlock)])
+        return make([part for part in children[1:] if isinstance(part, d.VariableBlock)], children[1:])
 
     function_block = program = method = function
 
@@ -120,33 +164,34 @@ class Builder(Transformer[Token, Any]):
 
     qualifier = modifier
 
-    def global_blocks(self, children: Children) -> n.GlobalList:
+    def global_blocks(self, children: Children) -> d.GlobalList:
         name = self._scanned.segment.file.rpartition("/")[2].rpartition(".")[0]
         blocks, attributes = zip(*children, strict=True)
-        return n.GlobalList(name, blocks, sum(attributes, ()), position=blocks[0].position)
+        return d.GlobalList(name, blocks, sum(attributes, ()), position=blocks[0].position)
 
-    def global_block(self, children: Children) -> tuple[n.VariableBlock, tuple[str, ...]]:
-        return self._variables("VAR_GLOBAL", children), self._attributes(children[0])
+    def global_block(self, children: Children) -> tuple[d.VariableBlock, tuple[str, ...]]:
+        return self.var_block(children), self._attributes(children[0])
 
     def var_section(self, children: Children) -> Token:
         token: Token = children[0]
         return token
 
-    def var_block(self, children: Children) -> n.VariableBlock:
-        return self._variables(str(children[0]).upper(), children)
-
-    def _variables(self, section: str, children: Children) -> n.VariableBlock:
+    def var_block(self, children: Children) -> d.VariableBlock:
         keyword, *rest = children
+        try:
+            section = t.Section(str(keyword).upper())
+        except ValueError:
+            raise self._error(keyword, f"{keyword} is not supported") from None
         qualifiers = frozenset(part for part in rest if isinstance(part, str))
         variables = tuple(_flat(part for part in rest if not isinstance(part, str)))
-        return n.VariableBlock(section, qualifiers, variables, position=self._at(keyword))
+        return d.VariableBlock(section, qualifiers, variables, position=self._at(keyword))
 
-    def variable(self, children: Children) -> list[n.VariableDeclaration]:
+    def variable(self, children: Children) -> list[d.VariableDeclaration]:
         names, address, spec, initial = children
         attributes = self._attributes(names[0])
-        place = None if address is None else str(address).upper()
+        located = None if address is None else str(address).upper()
         return [
-            n.VariableDeclaration(str(name), spec, initial, place, attributes, position=self._at(name))
+            d.VariableDeclaration(str(name), spec, initial, located, attributes, position=self._at(name))
             for name in names
         ]
 
@@ -155,123 +200,102 @@ class Builder(Transformer[Token, Any]):
 
     # --- types ---
 
-    def type_block(self, children: Children) -> list[n.TypeDeclaration]:
-        return list(children)
+    type_block = names
+    struct = _structure(is_union=False)
+    union = _structure(is_union=True)
 
-    def type_declaration(self, children: Children) -> n.TypeDeclaration:
+    def type_declaration(self, children: Children) -> d.TypeDeclaration:
         name, base, _ = children
         make: MakeType = children[2]
         return make(name, base)
 
-    def _define(self, cls: Any, *parts: Any) -> MakeType:
-        def make(name: Token, base: Token | None) -> n.TypeDeclaration:
-            where: dict[str, Any] = {"attributes": self._attributes(name), "position": self._at(name)}
-            if cls is n.StructDeclaration:
-                fields, is_union = parts
-                return n.StructDeclaration(str(name), None if base is None else str(base), fields, is_union, **where)
+    def _without_base(self, cls: Any, *parts: Any) -> MakeType:
+        def make(name: Token, base: Token | None) -> d.TypeDeclaration:
             if base is not None:
-                raise self._scanned.segment.error(
-                    base.start_pos or 0, "only structures and blocks can extend another one"
-                )
-            made: n.TypeDeclaration = cls(str(name), *parts, **where)
+                raise self._error(base, "only structures and blocks can extend another one")
+            made: d.TypeDeclaration = cls(str(name), *parts, **self._declared(name))
             return made
 
         return make
 
-    def struct(self, children: Children) -> MakeType:
-        return self._define(n.StructDeclaration, tuple(_flat(children[1:])), False)
-
-    def union(self, children: Children) -> MakeType:
-        return self._define(n.StructDeclaration, tuple(_flat(children[1:])), True)
-
     def enum(self, children: Children) -> MakeType:
         *values, base, default = children
-        return self._define(n.EnumDeclaration, tuple(values), None if base is None else str(base).upper(), default)
-
-    def enum_default(self, children: Children) -> n.Identifier:
-        name = children[0]
-        return n.Identifier(str(name).rpartition(".")[2], position=self._at(name))
-
-    def enum_value(self, children: Children) -> n.EnumValue:
-        name, value = children
-        return n.EnumValue(str(name), value, position=self._at(name))
+        return self._without_base(
+            d.EnumDeclaration, tuple(values), None if base is None else str(base).upper(), default
+        )
 
     def alias(self, children: Children) -> MakeType:
-        return self._define(n.AliasDeclaration, *children)
+        return self._without_base(d.AliasDeclaration, *children)
+
+    def enum_default(self, children: Children) -> t.Identifier:
+        name = children[0]
+        return t.Identifier(str(name).rpartition(".")[2], position=self._at(name))
 
     def qualified_name(self, children: Children) -> Token:
         first: Token = children[0]
         return first if len(children) == 1 else first.update(value=".".join(children))
 
-    def named_type(self, children: Children) -> n.NamedType:
-        return n.NamedType(str(children[0]), position=self._at(children[0]))
-
-    def subrange(self, children: Children) -> n.SubrangeSpec:
+    def subrange(self, children: Children) -> d.SubrangeSpec:
         base, limits = children
-        return n.SubrangeSpec(str(base).upper(), limits, position=self._at(base))
+        return d.SubrangeSpec(str(base).upper(), limits, position=self._at(base))
 
-    def string(self, children: Children) -> n.StringSpec:
+    def string(self, children: Children) -> d.StringSpec:
         keyword, *lengths = children
         length = next((part for part in lengths if part is not None), None)
-        return n.StringSpec(length, str(keyword).upper() == "WSTRING", position=self._at(keyword))
+        return d.StringSpec(length, str(keyword).upper() == "WSTRING", position=self._at(keyword))
 
-    def array(self, children: Children) -> n.ArraySpec:
+    def array(self, children: Children) -> d.ArraySpec:
         keyword, *ranges, element = children
-        return n.ArraySpec(tuple(ranges), element, position=self._at(keyword))
+        return d.ArraySpec(tuple(ranges), element, position=self._at(keyword))
 
-    def pointer(self, children: Children) -> n.PointerSpec:
-        return n.PointerSpec(children[1], position=self._at(children[0]))
-
-    def reference_to(self, children: Children) -> n.ReferenceSpec:
-        return n.ReferenceSpec(children[1], position=self._at(children[0]))
-
-    def range(self, children: Children) -> n.Range:
-        return n.Range(*children, position=children[0].position)
-
-    label_range = range
+    enum_value = _node(d.EnumValue)
+    named_type = _node(d.NamedType)
+    pointer = _node(d.PointerSpec, skip=1)
+    reference_to = _node(d.PointerSpec, skip=1, is_reference=True)
+    range = label_range = _node(t.Range)
 
     # --- initial values ---
 
-    def table(self, children: Children) -> n.Table:
+    member_initial = _node(d.MemberInitial)
+
+    def table(self, children: Children) -> d.Table:
         values, kind = self._valued(children[0], parse_table)
-        return n.Table(values, kind, position=self._at(children[0]))
+        return d.Table(values, kind, position=self._at(children[0]))
 
-    def array_initial(self, children: Children) -> n.ArrayInitial:
-        return n.ArrayInitial(tuple(_nodes(children)), position=self._at(children[0]))
+    def array_initial(self, children: Children) -> d.ArrayInitial:
+        return d.ArrayInitial(tuple(_nodes(children)), position=self._at(children[0]))
 
-    def repeat(self, children: Children) -> n.Repeat:
+    def repeat(self, children: Children) -> d.Repeated:
         count, value = children
-        return n.Repeat(self._valued(count, parse_integer), value, position=self._at(count))
+        return d.Repeated(self._valued(count, parse_integer), value, position=self._at(count))
 
-    def struct_initial(self, children: Children) -> n.StructInitial:
-        return n.StructInitial(tuple(_nodes(children)), position=self._at(children[0]))
-
-    def member_initial(self, children: Children) -> n.MemberInitial:
-        return n.MemberInitial(str(children[0]), children[1], position=self._at(children[0]))
+    def struct_initial(self, children: Children) -> d.StructInitial:
+        return d.StructInitial(tuple(_nodes(children)), position=self._at(children[0]))
 
     # --- statements ---
 
-    def assignment(self, children: Children) -> n.Assignment:
-        return n.Assignment(*children, position=children[0].position)
+    assignment = _node(t.Assign)
+    elsif = _node(t.Branch, skip=1)
+    while_ = _node(t.While, skip=1)
+    repeat_until = _node(t.Repeat, skip=1)
+    exit = _node(t.Exit, skip=1)
+    continue_ = _node(t.Continue, skip=1)
+    return_ = _node(t.Return, skip=1)
 
-    def call_statement(self, children: Children) -> n.CallStatement:
+    def call_statement(self, children: Children) -> t.CallStatement:
         call = children[0]
-        if not isinstance(call, n.Call):
+        if not isinstance(call, t.Call):
             raise _error(call, "a statement is an assignment or a call; this is neither")
-        return n.CallStatement(call, position=call.position)
+        return t.CallStatement(call, position=call.position)
 
-    def if_(self, children: Children) -> n.If:
+    def if_(self, children: Children) -> t.If:
         keyword, condition, body, *elsifs, otherwise = children
-        first = n.Branch(condition, body, position=self._at(keyword))
-        return n.If((first, *elsifs), otherwise, position=self._at(keyword))
+        first = t.Branch(condition, body, position=self._at(keyword))
+        return t.If((first, *elsifs), otherwise or (), position=self._at(keyword))
 
-    def elsif(self, children: Children) -> n.Branch:
-        keyword, condition, body = children
-        return n.Branch(condition, body, position=self._at(keyword))
-
-    def case(self, children: Children) -> n.Case:
+    def case(self, children: Children) -> t.Case:
         keyword, selector, *items, otherwise = children
-        branches: list[tuple[tuple[Any, ...], list[n.Statement]]] = []
+        branches: list[tuple[tuple[Any, ...], list[t.Statement]]] = []
         for item in items:
             if isinstance(item, tuple):
                 branches.append((item, []))
@@ -279,115 +303,86 @@ class Builder(Transformer[Token, Any]):
                 branches[-1][1].append(item)
             else:
                 raise _error(item, "a statement between OF and the first label of a CASE")
-        made = tuple(n.CaseBranch(labels, tuple(body), position=labels[0].position) for labels, body in branches)
-        return n.Case(selector, made, otherwise, position=self._at(keyword))
+        made = tuple(t.CaseBranch(choices, tuple(body), position=choices[0].position) for choices, body in branches)
+        return t.Case(selector, made, otherwise or (), position=self._at(keyword))
 
-    def case_labels(self, children: Children) -> tuple[Any, ...]:
-        return tuple(children)
+    def case_label(self, children: Children) -> t.Range:
+        label = children[0]
+        return label if isinstance(label, t.Range) else t.Range(label, label, position=label.position)
 
-    def negative_label(self, children: Children) -> n.Unary:
-        return n.Unary("-", children[1], position=self._at(children[0]))
-
-    def for_(self, children: Children) -> n.For:
-        keyword, *parts = children
-        return n.For(*parts, position=self._at(keyword))
-
-    def while_(self, children: Children) -> n.While:
-        keyword, *parts = children
-        return n.While(*parts, position=self._at(keyword))
-
-    def repeat_until(self, children: Children) -> n.RepeatUntil:
-        keyword, *parts = children
-        return n.RepeatUntil(*parts, position=self._at(keyword))
-
-    def exit(self, children: Children) -> n.Exit:
-        return n.Exit(position=self._at(children[0]))
-
-    def continue_(self, children: Children) -> n.Continue:
-        return n.Continue(position=self._at(children[0]))
-
-    def return_(self, children: Children) -> n.Return:
-        return n.Return(position=self._at(children[0]))
-
-    def empty(self, children: Children) -> n.Empty:
-        return n.Empty(position=self._at(children[0]))
+    def for_(self, children: Children) -> t.For:
+        keyword, counter, start, stop, step, body = children
+        where = self._at(keyword)
+        step = step or t.Literal(t.LiteralKind.INTEGER, 1, position=where)
+        return t.For(counter, start, stop, step, body, position=where)
 
     # --- expressions ---
 
-    def binary(self, children: Children) -> n.Binary:
+    identifier = _node(t.Identifier)
+    this = _node(t.ThisRef, skip=1)
+    super = _node(t.Super, skip=1)
+    member = _node(t.Member, at=1)
+    dereference = _node(t.PointerTarget)
+
+    def binary(self, children: Children) -> t.Infix:
         left, operator, right = children
-        name = "AND" if operator == "&" else str(operator).upper()
-        return n.Binary(name, left, right, position=self._at(operator))
+        name, where = str(operator).upper(), self._at(operator)
+        if name in _COMPARISONS:
+            return t.Comparison(_COMPARISONS[name], left, right, position=where)
+        cls = t.ShortCircuit if name in ("AND_THEN", "OR_ELSE") else t.Binary
+        return cls(_BINARY.get(name, name), left, right, position=where)
 
-    def unary(self, children: Children) -> n.Unary:
-        return n.Unary(str(children[0]).upper(), children[1], position=self._at(children[0]))
+    def unary(self, children: Children) -> t.Unary:
+        sign, operand = children
+        return t.Unary(_UNARY[str(sign).upper()], operand, position=self._at(sign))
 
-    def identifier(self, children: Children) -> n.Identifier:
-        return n.Identifier(str(children[0]), position=self._at(children[0]))
+    negative_label = unary
 
-    def this(self, children: Children) -> n.This:
-        return n.This(position=self._at(children[0]))
-
-    def super(self, children: Children) -> n.Super:
-        return n.Super(position=self._at(children[0]))
-
-    def member(self, children: Children) -> n.Member:
-        return n.Member(children[0], str(children[1]), position=self._at(children[1]))
-
-    def subscript(self, children: Children) -> n.Subscript:
+    def subscript(self, children: Children) -> t.ElementRef:
         base, *indices = children
-        return n.Subscript(base, tuple(indices), position=base.position)
+        return t.ElementRef(base, tuple(indices), position=base.position)
 
-    def dereference(self, children: Children) -> n.Dereference:
-        return n.Dereference(children[0], position=children[0].position)
+    def call(self, children: Children) -> t.Call:
+        function, *arguments = children
+        return t.Call(function, tuple(part for part in arguments if part is not None), position=function.position)
 
-    def call(self, children: Children) -> n.Call:
-        callee, *arguments = children
-        return n.Call(callee, tuple(part for part in arguments if part is not None), position=callee.position)
-
-    def argument(self, children: Children) -> n.Argument:
+    def argument(self, children: Children) -> t.Argument:
         value = children[0]
-        return value if isinstance(value, n.Argument) else n.Argument(None, value, position=value.position)
+        return value if isinstance(value, t.Argument) else t.Argument(None, value, position=value.position)
 
-    def input_argument(self, children: Children) -> n.Argument:
-        return n.Argument(str(children[0]), children[1], position=self._at(children[0]))
+    def input_argument(self, children: Children) -> t.Argument:
+        return self._named(children, t.Passing.INPUT)
 
-    def output_argument(self, children: Children) -> n.Argument:
-        return n.Argument(str(children[0]), children[1], is_output=True, position=self._at(children[0]))
+    def output_argument(self, children: Children) -> t.Argument:
+        return self._named(children, t.Passing.OUTPUT)
 
-    def literal(self, children: Children) -> n.Literal | n.EnumLiteral:
+    def _named(self, children: Children, passing: t.Passing) -> t.Argument:
+        name, value = children
+        where = self._at(name)
+        return t.Argument(str(name), value or t.Omitted(position=where), passing, position=where)
+
+    def literal(self, children: Children) -> t.Literal | t.EnumLiteral:
         token: Token = children[0]
-        where = self._at(token)
-        kind = n.LiteralKind
-        match token.type:
-            case "INTEGER" | "BASED":
-                return n.Literal(kind.INTEGER, self._valued(token, parse_integer), position=where)
-            case "REAL":
-                return n.Literal(kind.REAL, self._valued(token, parse_real), position=where)
-            case "TRUE" | "FALSE":
-                return n.Literal(kind.BOOL, token.type == "TRUE", position=where)
-            case "CHARACTERS":
-                return n.Literal(kind.STRING, self._valued(token, parse_characters), position=where)
-            case "WIDE_CHARACTERS":
-                return n.Literal(kind.WSTRING, self._valued(token, parse_characters), position=where)
-            case _:
-                return self._typed_literal(token)
+        if token.type not in _LITERALS:
+            return self._typed_literal(token)
+        kind, convert = _LITERALS[token.type]
+        return t.Literal(kind, self._valued(token, convert), position=self._at(token))
 
-    def _typed_literal(self, token: Token) -> n.Literal | n.EnumLiteral:
+    def _typed_literal(self, token: Token) -> t.Literal | t.EnumLiteral:
         prefix, _, text = str(token).partition("#")
-        name, where, kind = prefix.upper(), self._at(token), n.LiteralKind
+        name, where, kind = prefix.upper(), self._at(token), t.LiteralKind
         if name in _DURATIONS:
-            return n.Literal(_DURATIONS[name], self._valued(token, parse_duration, text), position=where)
+            return t.Literal(_DURATIONS[name], self._valued(token, parse_duration, text), position=where)
         if text[0] in "'\"":
             wide = kind.WSTRING if text[0] == '"' else kind.STRING
-            return n.Literal(wide, self._valued(token, parse_characters, text), name, position=where)
+            return t.Literal(wide, self._valued(token, parse_characters, text), name, position=where)
         if text.upper() in {"TRUE", "FALSE"}:
-            return n.Literal(kind.BOOL, text.upper() == "TRUE", name, position=where)
+            return t.Literal(kind.BOOL, _true(text), name, position=where)
         if text[0].isalpha() or text[0] == "_":
-            return n.EnumLiteral(prefix, text, position=where)
+            return t.EnumLiteral(prefix, text, position=where)
         if name in _REAL_TYPES and "#" not in text:
-            return n.Literal(kind.REAL, self._valued(token, parse_real, text), name, position=where)
-        return n.Literal(kind.INTEGER, self._valued(token, parse_integer, text), name, position=where)
+            return t.Literal(kind.REAL, self._valued(token, parse_real, text), name, position=where)
+        return t.Literal(kind.INTEGER, self._valued(token, parse_integer, text), name, position=where)
 
 
 # Python keywords cannot be method names
@@ -407,5 +402,5 @@ def _nodes(children: Children) -> Iterable[Any]:
     return (child for child in children if not isinstance(child, Token))
 
 
-def _error(node: n.Node, message: str) -> StSyntaxError:
+def _error(node: t.Node, message: str) -> StSyntaxError:
     return StSyntaxError([Problem(node.position, message)])

@@ -1,4 +1,4 @@
-"""Text to syntax trees: scan, LALR(1) parse, and a limit on nesting."""
+"""From text to trees: scan, LALR(1) parse, and a limit on nesting."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from typing import Any
 from lark import Lark, Token
 from lark.exceptions import UnexpectedCharacters, UnexpectedInput
 
+from st_codegen.st import tree as t
 from st_codegen.st.errors import Problem, StSyntaxError
-from st_codegen.st.syntax import nodes as n
+from st_codegen.st.syntax import declarations as d
 from st_codegen.st.syntax.builder import Builder
 from st_codegen.st.syntax.scan import Scanned, Segment, scan
 
@@ -147,11 +148,11 @@ def _check_depth(root: object) -> None:
         item, depth = stack.pop()
         if isinstance(item, tuple | list):
             stack.extend((part, depth) for part in item)
-        elif isinstance(item, n.Node) and not isinstance(item, n.Table):
+        elif isinstance(item, t.Node) and not isinstance(item, d.Table):
             if depth > MAX_DEPTH:
                 raise StSyntaxError([Problem(item.position, f"more than {MAX_DEPTH} levels of nesting")])
-            chain = item.left if isinstance(item, n.Binary) else None
+            chain = item.left if isinstance(item, t.Infix) else None
             for entry in fields(item):
                 value = getattr(item, entry.name)
-                if isinstance(value, n.Node | tuple):
+                if isinstance(value, t.Node | tuple):
                     stack.append((value, depth if value is chain else depth + 1))

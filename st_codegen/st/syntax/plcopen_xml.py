@@ -13,13 +13,14 @@ from dataclasses import dataclass, field
 
 from lxml import etree
 
+from st_codegen.st import tree as t
 from st_codegen.st.errors import Position, StSyntaxError
-from st_codegen.st.syntax import nodes as n
-from st_codegen.st.syntax.nodes import PouKind
+from st_codegen.st.syntax import declarations as d
 from st_codegen.st.syntax.parser import parse_scanned
 from st_codegen.st.syntax.scan import Scanned, Segment, scan
 from st_codegen.st.syntax.tables import parse_table
 from st_codegen.st.syntax.xml_file import XmlFile, checked_text, line_of, not_well_formed
+from st_codegen.st.tree import PouKind
 
 NAMESPACES = ("http://www.plcopen.org/xml/tc6_0200", "http://www.plcopen.org/xml/tc6_0201")
 #: Where the CODESYS family keeps lists of global variables.
@@ -27,11 +28,11 @@ _GLOBALS = "http://www.3s-software.com/plcopenxml/globalvars"
 #: Additional data that would change the meaning if it were skipped, by the last part of its name.
 _MEANINGFUL = {"method", "property", "pou", "datatype", "union", "interface", "action", "pouinheritance"}
 _SECTIONS = {
-    "inputVars": "VAR_INPUT",
-    "outputVars": "VAR_OUTPUT",
-    "inOutVars": "VAR_IN_OUT",
-    "localVars": "VAR",
-    "tempVars": "VAR_TEMP",
+    "inputVars": t.Section.INPUT,
+    "outputVars": t.Section.OUTPUT,
+    "inOutVars": t.Section.IN_OUT,
+    "localVars": t.Section.VAR,
+    "tempVars": t.Section.TEMP,
 }
 _KINDS = {
     "function": PouKind.FUNCTION,
@@ -46,7 +47,7 @@ def looks_like_plcopen(beginning: bytes) -> bool:
     return b"http://www.plcopen.org/xml/tc6" in beginning
 
 
-def read_plcopen(name: str, content: bytes) -> tuple[list[n.Declaration], list[Scanned]]:
+def read_plcopen(name: str, content: bytes) -> tuple[list[d.Declaration], list[Scanned]]:
     """The declarations of a project in PLCopen XML, and its scanned texts.
 
     Raises `StSyntaxError` for anything that is no such file, and for what is not supported in it.
@@ -57,7 +58,7 @@ def read_plcopen(name: str, content: bytes) -> tuple[list[n.Declaration], list[S
 
 def _open(name: str, content: bytes) -> _Reader:
     text = checked_text(name, content)
-    tables: dict[etree._Element, n.Table] = {}
+    tables: dict[etree._Element, d.Table] = {}
     events = etree.iterparse(
         io.BytesIO(content),
         events=("end",),
@@ -86,7 +87,7 @@ def _open(name: str, content: bytes) -> _Reader:
     return reader
 
 
-def _plain_table(element: etree._Element, file: str) -> n.Table | None:
+def _plain_table(element: etree._Element, file: str) -> d.Table | None:
     """The numbers of an arrayValue; None where it holds anything else."""
     cells = []
     for value in element:
@@ -100,23 +101,23 @@ def _plain_table(element: etree._Element, file: str) -> n.Table | None:
         values, kind = parse_table(f"[{','.join(cells)}]")
     except ValueError:
         return None
-    return n.Table(values, kind, position=Position(file, line_of(element), 1))
+    return d.Table(values, kind, position=Position(file, line_of(element), 1))
 
 
 @dataclass
 class _Reader:
     file: XmlFile
-    tables: dict[etree._Element, n.Table]
+    tables: dict[etree._Element, d.Table]
     namespace: str
-    _readers: dict[str, Callable[[etree._Element, str], n.TypeSpec]] = field(init=False)
+    _readers: dict[str, Callable[[etree._Element, str], d.TypeSpec]] = field(init=False)
 
     def __post_init__(self) -> None:
         self._readers = {
             "array": self._array,
-            "derived": lambda element, pou: n.NamedType(self._get(element, "name"), position=self._at(element, pou)),
+            "derived": lambda element, pou: d.NamedType(self._get(element, "name"), position=self._at(element, pou)),
             "string": self._string,
             "wstring": self._string,
-            "pointer": lambda element, pou: n.PointerSpec(self._base(element, pou), position=self._at(element, pou)),
+            "pointer": lambda element, pou: d.PointerSpec(self._base(element, pou), position=self._at(element, pou)),
             "subrangeSigned": self._subrange,
             "subrangeUnsigned": self._subrange,
         }
@@ -145,7 +146,7 @@ class _Reader:
 
     # --- declarations ---
 
-    def declarations(self) -> Iterator[n.Declaration]:
+    def declarations(self) -> Iterator[d.Declaration]:
         """All types, units and lists of globals, in the order of the file."""
         root = self.file.root
         self._refuse_meaningful_extras(root)
@@ -166,28 +167,28 @@ class _Reader:
             if kind in _MEANINGFUL:
                 raise self.file.error(data, f"additional data '{kind}' is not supported: plain PLCopen XML is expected")
 
-    def _data_type(self, element: etree._Element) -> n.TypeDeclaration:
+    def _data_type(self, element: etree._Element) -> d.TypeDeclaration:
         name, where = self._get(element, "name"), self._at(element, "")
         base = self._one(element, "baseType")
         inner = base[0] if len(base) == 1 else None
         kind = etree.QName(inner).localname if inner is not None else ""
         initial = self._initial(element, "")
         if kind == "struct" and inner is not None:
-            return n.StructDeclaration(name, None, self._variables(inner, ""), position=where)
+            return d.StructDeclaration(name, None, self._variables(inner, ""), position=where)
         if kind == "enum" and inner is not None:
             values = tuple(self._enum_value(value) for value in self._all(inner, "values", "value"))
             bases = [etree.QName(spec).localname for spec in self._all(inner, "baseType", "*")]
-            if initial is not None and not isinstance(initial, n.Identifier):
+            if initial is not None and not isinstance(initial, t.Identifier):
                 raise self.file.error(element, f"the initial value of '{name}' is no name")
-            return n.EnumDeclaration(name, values, bases[0] if bases else None, initial, position=where)
-        return n.AliasDeclaration(name, self._type(base, ""), initial, position=where)
+            return d.EnumDeclaration(name, values, bases[0] if bases else None, initial, position=where)
+        return d.AliasDeclaration(name, self._type(base, ""), initial, position=where)
 
-    def _enum_value(self, element: etree._Element) -> n.EnumValue:
+    def _enum_value(self, element: etree._Element) -> d.EnumValue:
         value = element.get("value")
         expression = None if value is None else self._expression(value, element, "")
-        return n.EnumValue(self._get(element, "name"), expression, position=self._at(element, ""))
+        return d.EnumValue(self._get(element, "name"), expression, position=self._at(element, ""))
 
-    def _pou(self, element: etree._Element) -> n.PouDeclaration:
+    def _pou(self, element: etree._Element) -> d.PouDeclaration:
         name = self._get(element, "name")
         kind = _KINDS.get(self._get(element, "pouType"))
         if kind is None:
@@ -197,7 +198,7 @@ class _Reader:
                 raise self.file.error(element, f"'{name}' has {tag}, which are not supported")
         interface = self._one(element, "interface")
         results = [self._type(found, name) for found in self._all(interface, "returnType")]
-        return n.PouDeclaration(
+        return d.PouDeclaration(
             kind=kind,
             name=name,
             blocks=tuple(self._blocks(interface, name)),
@@ -206,7 +207,7 @@ class _Reader:
             position=self._at(element, name),
         )
 
-    def _blocks(self, interface: etree._Element, pou: str) -> Iterator[n.VariableBlock]:
+    def _blocks(self, interface: etree._Element, pou: str) -> Iterator[d.VariableBlock]:
         for child in interface:
             tag = etree.QName(child).localname
             if tag in _SECTIONS:
@@ -214,27 +215,27 @@ class _Reader:
             elif tag not in ("returnType", "documentation", "addData"):
                 raise self.file.error(child, f"'{pou}': <{tag}> is not supported")
 
-    def _body(self, element: etree._Element, pou: str) -> tuple[n.Statement, ...]:
+    def _body(self, element: etree._Element, pou: str) -> tuple[t.Statement, ...]:
         body = self._one(element, "body")
         languages = [etree.QName(child).localname for child in body]
         if languages[:1] != ["ST"]:
             raise self.file.error(
                 body, f"'{pou}' is implemented in {', '.join(languages) or 'nothing'}; only ST is read"
             )
-        statements: tuple[n.Statement, ...] = parse_scanned(self.file.scan(body[0], pou), "body")
+        statements: tuple[t.Statement, ...] = parse_scanned(self.file.scan(body[0], pou), "body")
         return statements
 
-    def _globals(self, element: etree._Element) -> n.GlobalList:
-        block = self._block(element, "VAR_GLOBAL", "")
-        return n.GlobalList(element.get("name", ""), (block,), position=self._at(element, ""))
+    def _globals(self, element: etree._Element) -> d.GlobalList:
+        block = self._block(element, t.Section.GLOBAL, "")
+        return d.GlobalList(element.get("name", ""), (block,), position=self._at(element, ""))
 
-    def _block(self, element: etree._Element, section: str, pou: str) -> n.VariableBlock:
+    def _block(self, element: etree._Element, section: t.Section, pou: str) -> d.VariableBlock:
         qualifiers = frozenset(word for name, word in _QUALIFIERS.items() if element.get(name) in ("true", "1"))
-        return n.VariableBlock(section, qualifiers, self._variables(element, pou), position=self._at(element, pou))
+        return d.VariableBlock(section, qualifiers, self._variables(element, pou), position=self._at(element, pou))
 
-    def _variables(self, parent: etree._Element, pou: str) -> tuple[n.VariableDeclaration, ...]:
+    def _variables(self, parent: etree._Element, pou: str) -> tuple[d.VariableDeclaration, ...]:
         return tuple(
-            n.VariableDeclaration(
+            d.VariableDeclaration(
                 self._get(element, "name"),
                 self._type(self._one(element, "type"), pou),
                 self._initial(element, pou),
@@ -246,7 +247,7 @@ class _Reader:
 
     # --- types ---
 
-    def _type(self, parent: etree._Element, pou: str) -> n.TypeSpec:
+    def _type(self, parent: etree._Element, pou: str) -> d.TypeSpec:
         """The type that is the only child of an element."""
         if len(parent) != 1:
             raise self.file.error(parent, f"a type is one element, here are {len(parent)}")
@@ -256,40 +257,40 @@ class _Reader:
             return self._readers[tag](element, pou)
         if tag in ("struct", "enum") or len(element):
             raise self.file.error(element, f"a <{tag}> needs a name of its own: declare it as a data type")
-        return n.NamedType(tag, position=self._at(element, pou))
+        return d.NamedType(tag, position=self._at(element, pou))
 
-    def _base(self, element: etree._Element, pou: str) -> n.TypeSpec:
+    def _base(self, element: etree._Element, pou: str) -> d.TypeSpec:
         return self._type(self._one(element, "baseType"), pou)
 
-    def _array(self, element: etree._Element, pou: str) -> n.TypeSpec:
+    def _array(self, element: etree._Element, pou: str) -> d.TypeSpec:
         ranges = tuple(self._range(found, pou) for found in self._all(element, "dimension"))
         if not ranges:
             raise self.file.error(element, "an array without a dimension")
-        return n.ArraySpec(ranges, self._base(element, pou), position=self._at(element, pou))
+        return d.ArraySpec(ranges, self._base(element, pou), position=self._at(element, pou))
 
-    def _range(self, element: etree._Element, pou: str) -> n.Range:
+    def _range(self, element: etree._Element, pou: str) -> t.Range:
         lower, upper = (self._expression(self._get(element, end), element, pou) for end in ("lower", "upper"))
-        return n.Range(lower, upper, position=self._at(element, pou))
+        return t.Range(lower, upper, position=self._at(element, pou))
 
-    def _string(self, element: etree._Element, pou: str) -> n.TypeSpec:
+    def _string(self, element: etree._Element, pou: str) -> d.TypeSpec:
         length = element.get("length")
         size = None if length is None else self._expression(length, element, pou)
         wide = etree.QName(element).localname == "wstring"
-        return n.StringSpec(size, wide, position=self._at(element, pou))
+        return d.StringSpec(size, wide, position=self._at(element, pou))
 
-    def _subrange(self, element: etree._Element, pou: str) -> n.TypeSpec:
+    def _subrange(self, element: etree._Element, pou: str) -> d.TypeSpec:
         base = self._base(element, pou)
-        if not isinstance(base, n.NamedType):
+        if not isinstance(base, d.NamedType):
             raise self.file.error(element, "a subrange of something that is no integer type")
-        return n.SubrangeSpec(base.name, self._range(self._one(element, "range"), pou), position=self._at(element, pou))
+        return d.SubrangeSpec(base.name, self._range(self._one(element, "range"), pou), position=self._at(element, pou))
 
     # --- values ---
 
-    def _initial(self, element: etree._Element, pou: str) -> n.Initial | None:
+    def _initial(self, element: etree._Element, pou: str) -> d.Initial | None:
         found = list(self._all(element, "initialValue"))
         return self._value(found[0], pou) if found else None
 
-    def _value(self, parent: etree._Element, pou: str) -> n.Initial:
+    def _value(self, parent: etree._Element, pou: str) -> d.Initial:
         if len(parent) != 1:
             raise self.file.error(parent, f"a value is one element, here are {len(parent)}")
         element = parent[0]
@@ -300,34 +301,34 @@ class _Reader:
                 return self.tables.get(element) or self._array_value(element, pou)
             case "structValue":
                 members = tuple(
-                    n.MemberInitial(self._get(value, "member"), self._value(value, pou), position=self._at(value, pou))
+                    d.MemberInitial(self._get(value, "member"), self._value(value, pou), position=self._at(value, pou))
                     for value in self._all(element, "value")
                 )
-                return n.StructInitial(members, position=self._at(element, pou))
+                return d.StructInitial(members, position=self._at(element, pou))
             case tag:
                 raise self.file.error(element, f"<{tag}> is no value")
 
-    def _array_value(self, element: etree._Element, pou: str) -> n.Initial:
-        items: list[n.Initial | n.Repeat] = []
+    def _array_value(self, element: etree._Element, pou: str) -> d.Initial:
+        items: list[d.Initial | d.Repeated] = []
         for value in self._all(element, "value"):
             text = value.get("repetitionValue", "1")
             if not (text.isascii() and text.isdigit()) or len(text) > 9:
                 raise self.file.error(value, f"repetitionValue '{text[:40]}' is no count")
             inner = self._value(value, pou)
-            items.append(inner if text == "1" else n.Repeat(int(text), inner, position=self._at(value, pou)))
-        return n.ArrayInitial(tuple(items), position=self._at(element, pou))
+            items.append(inner if text == "1" else d.Repeated(int(text), inner, position=self._at(value, pou)))
+        return d.ArrayInitial(tuple(items), position=self._at(element, pou))
 
-    def _expression(self, text: str, element: etree._Element, pou: str) -> n.Expression:
+    def _expression(self, text: str, element: etree._Element, pou: str) -> t.Expression:
         """An expression in an attribute."""
         line = line_of(element)
         try:
-            parsed: Iterable[n.Statement] = parse_scanned(
+            parsed: Iterable[t.Statement] = parse_scanned(
                 scan(Segment(f"x := {text};", self.file.name, line, 1, pou)), "body"
             )
         except StSyntaxError:
             parsed = ()
         match tuple(parsed):
-            case (n.Assignment(target=n.Identifier(), value=value),):
+            case (t.Assign(target=t.Identifier(), value=value),):
                 return value
             case _:
                 shown = text if len(text) <= 40 else f"{text[:37]}..."

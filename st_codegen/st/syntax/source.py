@@ -8,7 +8,7 @@ from pathlib import Path
 
 from st_codegen.errors import InputError
 from st_codegen.st.errors import Position, Problem, StSyntaxError
-from st_codegen.st.syntax import nodes as n
+from st_codegen.st.syntax import declarations as d
 from st_codegen.st.syntax.parser import parse_scanned
 from st_codegen.st.syntax.plcopen_xml import looks_like_plcopen, read_plcopen
 from st_codegen.st.syntax.scan import Scanned, Segment, scan
@@ -25,7 +25,7 @@ _EXPECTED = ".st, .TcPOU, .TcGVL, .TcDUT or PLCopen's .xml"
 class Source:
     """All declarations of a project, in the order of the files, and the texts they came from."""
 
-    declarations: tuple[n.Declaration, ...]
+    declarations: tuple[d.Declaration, ...]
     scans: tuple[Scanned, ...]
 
 
@@ -80,7 +80,7 @@ def _content(path: Path) -> bytes:
 
 
 def _read(files: Iterable[tuple[str, bytes]]) -> Source:
-    declarations: list[n.Declaration] = []
+    declarations: list[d.Declaration] = []
     scans: list[Scanned] = []
     problems: list[Problem] = []
     for name, content in files:
@@ -96,7 +96,7 @@ def _read(files: Iterable[tuple[str, bytes]]) -> Source:
     return Source(tuple(declarations), tuple(scans))
 
 
-def _read_one(name: str, content: bytes) -> tuple[list[n.Declaration], list[Scanned]]:
+def _read_one(name: str, content: bytes) -> tuple[list[d.Declaration], list[Scanned]]:
     reader = _XML.get(Path(name).suffix.lower())
     if reader is not None:
         return reader(name, content)

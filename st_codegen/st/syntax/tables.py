@@ -11,8 +11,8 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
+from st_codegen.st.syntax.declarations import TableKind
 from st_codegen.st.syntax.literals import parse_integer
-from st_codegen.st.syntax.nodes import TableKind
 
 CHUNK = 1 << 18
 _FLAGS = re.IGNORECASE | re.ASCII

@@ -11,7 +11,7 @@ from dataclasses import replace
 from lxml import etree
 
 from st_codegen.st.errors import Position, Problem, StSyntaxError
-from st_codegen.st.syntax import nodes as n
+from st_codegen.st.syntax import declarations as d
 from st_codegen.st.syntax.parser import parse_scanned
 from st_codegen.st.syntax.scan import Scanned
 from st_codegen.st.syntax.xml_file import XmlFile, checked_text, not_well_formed
@@ -24,14 +24,14 @@ _REFUSED = {
 }
 
 
-def read_xml(name: str, content: bytes) -> tuple[list[n.Declaration], list[Scanned]]:
+def read_xml(name: str, content: bytes) -> tuple[list[d.Declaration], list[Scanned]]:
     """The declarations of one TwinCAT file and its scanned texts.
 
     Raises `StSyntaxError` for anything that is not such a file, and for what is not supported in it.
     """
     file = _open(name, content)
     objects = [child for child in file.root if isinstance(child.tag, str)]
-    declarations: list[n.Declaration] = []
+    declarations: list[d.Declaration] = []
     for element in objects:
         match element.tag:
             case "POU":
@@ -41,7 +41,7 @@ def read_xml(name: str, content: bytes) -> tuple[list[n.Declaration], list[Scann
                 attributes = tuple(part for found in scanned.attributes.values() for part in found)
                 blocks = parse_scanned(scanned, "globals")
                 where = scanned.segment.position(0)
-                declarations.append(n.GlobalList(element.get("Name", ""), blocks, attributes, position=where))
+                declarations.append(d.GlobalList(element.get("Name", ""), blocks, attributes, position=where))
             case "DUT":
                 declarations += parse_scanned(file.scan(_only(file, element, "Declaration"), ""), "types")
             case tag:
@@ -88,14 +88,14 @@ def _children(file: XmlFile, parent: etree._Element) -> Iterator[etree._Element]
             yield child
 
 
-def _pou(file: XmlFile, element: etree._Element) -> n.PouDeclaration:
+def _pou(file: XmlFile, element: etree._Element) -> d.PouDeclaration:
     pou = _with_body(file, element, element.get("Name", ""))
     methods = [_with_body(file, child, f"{pou.name}.{child.get('Name', '')}") for child in _children(file, element)]
     return replace(pou, methods=tuple(methods))
 
 
-def _with_body(file: XmlFile, element: etree._Element, qualified: str) -> n.PouDeclaration:
-    head: n.PouDeclaration = parse_scanned(file.scan(_only(file, element, "Declaration"), qualified), "head")
+def _with_body(file: XmlFile, element: etree._Element, qualified: str) -> d.PouDeclaration:
+    head: d.PouDeclaration = parse_scanned(file.scan(_only(file, element, "Declaration"), qualified), "head")
     if head.name.upper() != element.get("Name", "").upper():
         raise file.error(element, f"the file says '{element.get('Name', '')}', its declaration says '{head.name}'")
     implementation = _only(file, element, "Implementation")

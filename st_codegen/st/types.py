@@ -1,4 +1,4 @@
-"""The types of Structured Text, and which of them convert into which without being asked."""
+"""The types of Structured Text, their values, and which of them convert into which without being asked."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
 from math import prod
-from typing import TYPE_CHECKING
+from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from st_codegen.st.check.values import Value
+Scalar = bool | int | float | str | None
+# An elementary array is a flat read-only ndarray, an array of anything else a flat list, a structure or a block a
+# dictionary by upper-case field name (for a block only what differs from its own initial values); None is no pointer.
+Value = Scalar | NDArray[np.generic] | list["Value"] | dict[str, "Value"]
 
 
 class Dialect(Enum):
@@ -33,6 +36,7 @@ class Kind(Enum):
     STRING = "ANY_STRING"
     UNTYPED_INTEGER = "integer literal"
     UNTYPED_REAL = "real literal"
+    UNKNOWN = "not known before the check"
 
 
 @dataclass(frozen=True)
@@ -110,6 +114,7 @@ TIME_NS = Elementary("TIME", Kind.TIME, 64)
 LTIME = Elementary("LTIME", Kind.TIME, 64)
 ANY_INT_LITERAL = Elementary("integer literal", Kind.UNTYPED_INTEGER, 0)
 ANY_REAL_LITERAL = Elementary("real literal", Kind.UNTYPED_REAL, 0)
+UNKNOWN = Elementary("unknown", Kind.UNKNOWN, 0)
 
 NUMBERS: dict[str, Elementary] = {
     "BOOL": BOOL,
@@ -277,3 +282,35 @@ def common_type(left: Elementary, right: Elementary, dialect: Dialect) -> Elemen
         if converts_implicitly(left, candidate, dialect) and converts_implicitly(right, candidate, dialect):
             return candidate
     return None
+
+
+def default_value(type_: Type) -> Value:  # noqa: PLR0911 - one return a case
+    """The initial value of a variable that has none of its own."""
+    if isinstance(type_, Elementary):
+        if type_.kind is Kind.BOOL:
+            return False
+        if type_.kind is Kind.STRING:
+            return ""
+        return 0.0 if type_.is_real else 0
+    if isinstance(type_, EnumType):
+        return type_.default
+    if isinstance(type_, ArrayType):
+        element = default_value(type_.element)
+        if isinstance(type_.element, Elementary | EnumType):
+            return filled_array(type_, element)
+        return [element] * type_.size
+    if isinstance(type_, BlockType | PointerType):
+        return {} if isinstance(type_, BlockType) else None
+    return {entry.name.upper(): entry.initial for entry in type_.fields}
+
+
+def storage_type(type_: Type) -> Elementary:
+    """The elementary type in which a scalar of this type is stored."""
+    return type_.base if isinstance(type_, EnumType) else cast(Elementary, type_)
+
+
+def filled_array(type_: ArrayType, value: Value) -> NDArray[np.generic]:
+    """A flat array of one elementary value."""
+    table = np.full(type_.size, value, dtype=storage_type(type_.element).dtype)
+    table.flags.writeable = False
+    return table

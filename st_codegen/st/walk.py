@@ -1,10 +1,10 @@
-"""Ways through the typed tree, for passes that look for something everywhere."""
+"""Ways through a checked tree, for passes that look for something everywhere."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from st_codegen.st.check import typed as t
+from st_codegen.st import tree as t
 
 
 def parts(expression: t.Expression) -> tuple[t.Expression, ...]:  # noqa: PLR0911 - one return a case

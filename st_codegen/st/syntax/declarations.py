@@ -1,0 +1,210 @@
+"""Declarations as they are written: types, variables, units and initial values, before any name has a meaning."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from st_codegen.st.tree import Expression, Node, PouKind, Range, Section, Statement
+
+# --- initial values ---------------------------------------------------------------------------------------------------
+
+
+class TableKind(Enum):
+    """Which literals a table of numbers holds."""
+
+    INTEGER = "integer"
+    REAL = "real"
+    MIXED = "integer and real"
+    BOOL = "bool"
+
+
+@dataclass(frozen=True, eq=False)
+class Table(Node):
+    """An array initialiser of plain numbers, read as one token; `values` is int64, uint64, float64 or bool."""
+
+    values: NDArray[np.generic]
+    kind: TableKind
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Table):
+            return NotImplemented
+        same_type = self.kind is other.kind and self.values.dtype == other.values.dtype
+        return same_type and self.values.tobytes() == other.values.tobytes()
+
+    def __hash__(self) -> int:
+        return hash((self.kind, self.values.size))
+
+
+@dataclass(frozen=True)
+class Repeated(Node):
+    """`50(0.0)` in an array initialiser."""
+
+    count: int
+    value: Initial | None
+
+
+@dataclass(frozen=True)
+class ArrayInitial(Node):
+    """`[..]` with anything but plain numbers in it."""
+
+    items: tuple[Initial | Repeated, ...]
+
+
+@dataclass(frozen=True)
+class MemberInitial(Node):
+    """`name := value` in a structure initialiser."""
+
+    name: str
+    value: Initial
+
+
+@dataclass(frozen=True)
+class StructInitial(Node):
+    """`(a := 1, b := 2)`."""
+
+    members: tuple[MemberInitial, ...]
+
+
+Initial = Expression | Table | ArrayInitial | StructInitial
+
+
+# --- types ------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class NamedType(Node):
+    """A type by its name; of a library it may be qualified by a namespace."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class StringSpec(Node):
+    """`STRING(80)`; without a length 80 characters."""
+
+    length: Expression | None
+    wide: bool = False
+
+
+@dataclass(frozen=True)
+class ArraySpec(Node):
+    """`ARRAY[0..1, 1..3] OF element`."""
+
+    ranges: tuple[Range, ...]
+    element: TypeSpec
+
+
+@dataclass(frozen=True)
+class SubrangeSpec(Node):
+    """`DINT(0..10)`."""
+
+    base: str
+    range: Range
+
+
+@dataclass(frozen=True)
+class PointerSpec(Node):
+    """`POINTER TO target` or `REFERENCE TO target`."""
+
+    target: TypeSpec
+    is_reference: bool = False
+
+
+TypeSpec = NamedType | StringSpec | ArraySpec | SubrangeSpec | PointerSpec
+
+
+# --- variables, types and units ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class VariableDeclaration(Node):
+    """One declared name; `a, b : DINT` makes two of them."""
+
+    name: str
+    type: TypeSpec
+    initial: Initial | None = None
+    address: str | None = None
+    attributes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class VariableBlock(Node):
+    """VAR .. END_VAR; the qualifiers are CONSTANT, RETAIN, PERSISTENT."""
+
+    section: Section
+    qualifiers: frozenset[str]
+    variables: tuple[VariableDeclaration, ...]
+
+
+@dataclass(frozen=True)
+class StructDeclaration(Node):
+    """STRUCT or, with `is_union`, UNION."""
+
+    name: str
+    base: str | None
+    fields: tuple[VariableDeclaration, ...]
+    is_union: bool = False
+    attributes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class EnumValue(Node):
+    """One value of an enumeration."""
+
+    name: str
+    value: Expression | None
+
+
+@dataclass(frozen=True)
+class EnumDeclaration(Node):
+    """`(A, B := 5) UINT := B`."""
+
+    name: str
+    values: tuple[EnumValue, ...]
+    base: str | None
+    default: Expression | None
+    attributes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class AliasDeclaration(Node):
+    """`T : ARRAY[0..3] OF LREAL := [..]`."""
+
+    name: str
+    type: TypeSpec
+    initial: Initial | None
+    attributes: tuple[str, ...] = ()
+
+
+TypeDeclaration = StructDeclaration | EnumDeclaration | AliasDeclaration
+
+
+@dataclass(frozen=True)
+class PouDeclaration(Node):
+    """A function, function block, program or method with its variables and body."""
+
+    kind: PouKind
+    name: str
+    blocks: tuple[VariableBlock, ...]
+    body: tuple[Statement, ...]
+    return_type: TypeSpec | None = None
+    base: str | None = None
+    modifiers: frozenset[str] = frozenset()
+    methods: tuple[PouDeclaration, ...] = ()
+    attributes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class GlobalList(Node):
+    """The VAR_GLOBAL blocks of one file; `name` is the list's name, by which its variables can be qualified."""
+
+    name: str
+    blocks: tuple[VariableBlock, ...]
+    attributes: tuple[str, ...] = ()
+
+
+Declaration = TypeDeclaration | PouDeclaration | GlobalList
