@@ -27,7 +27,7 @@ def write_campaign(folder: Path, runs: int, density: float) -> int:
     `density` multiplies these numbers.
     """
     from st_codegen.campaign.curves import Conditions, Curve, Run, write_run
-    from st_codegen.ir import Direction
+    from st_codegen.te.harmonics import Direction
 
     random = np.random.default_rng(0)
     sizes = np.array([-0.03, 1.7e-2, 8e-4, 1e-3, 8e-4, 9e-4, 3e-4, 3e-4, 1e-3, 3e-4])

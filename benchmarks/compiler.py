@@ -29,7 +29,7 @@ def forest(trees: int, nodes: int) -> Any:
     """A forest of complete random trees on eight features that knows missing values."""
     from st_codegen.ir import Comparison, Feature, ModelIR, Precision, Source, TreeColumn, TreeEnsemble
     from st_codegen.ir.preorder import preorder
-    from st_codegen.te.bundle import Bundle
+    from st_codegen.project.bundle import Bundle
     from st_codegen.walkers.base import LoadedModel
 
     random = np.random.default_rng(0)
@@ -70,7 +70,7 @@ def forest(trees: int, nodes: int) -> Any:
 
 def generate_forest(trees: int, nodes: int) -> str:
     """Generate a forest; the time does not count making it."""
-    from st_codegen.emit.generate import generate
+    from st_codegen.driver import generate
     from st_codegen.emit.targets import TARGETS
 
     bundle = forest(trees, nodes)
@@ -83,7 +83,7 @@ def generate_forest(trees: int, nodes: int) -> str:
 
 def run_forest(trees: int, nodes: int, rows: int) -> str:
     """Rows a second of the interpreter on a generated forest."""
-    from st_codegen.emit.generate import generate
+    from st_codegen.driver import generate
     from st_codegen.emit.targets import TARGETS
     from st_codegen.proof.runner import GeneratedCode
 
@@ -100,10 +100,10 @@ def run_forest(trees: int, nodes: int, rows: int) -> str:
 
 def bundle_times(models: Path, rows: int) -> str:
     """Load and generate, then verify a bundle."""
-    from st_codegen.emit.generate import generate
+    from st_codegen.driver import generate
     from st_codegen.emit.targets import TARGETS
+    from st_codegen.project.bundle import load
     from st_codegen.proof.verify import verify
-    from st_codegen.te.bundle import load
 
     with tempfile.TemporaryDirectory() as folder:
         start = time.perf_counter()

@@ -133,7 +133,7 @@ def sizes(objects: list[Path]) -> tuple[int, int]:
 
 def bundle_of(case: Case) -> Any:
     from st_codegen.passes.domain import limit_inputs
-    from st_codegen.te.bundle import Bundle
+    from st_codegen.project.bundle import Bundle
     from st_codegen.walkers.base import LoadedModel
     from st_codegen.walkers.objects import from_estimator
 
@@ -145,7 +145,7 @@ def st_codegen(case: Case, folder: Path, **options: Any) -> Built:
     """Our text, through the translator."""
     from benchmarks.st_to_c import ports, translate
     from st_codegen.cost import load_profile, project_cost
-    from st_codegen.emit.generate import generate
+    from st_codegen.driver import generate
     from st_codegen.emit.targets import TARGETS
     from st_codegen.st import load_project
 

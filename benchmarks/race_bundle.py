@@ -119,10 +119,10 @@ def _bundle(
     name: str, make: Callable[[], tuple[Path, Choice]], harness: Harness, folder: Path, known: list[Result]
 ) -> list[Result]:
     from st_codegen.cost import load_profile, project_cost
-    from st_codegen.emit.generate import generate
+    from st_codegen.driver import generate
     from st_codegen.emit.targets import TARGETS
+    from st_codegen.project.bundle import load
     from st_codegen.st import load_project
-    from st_codegen.te.bundle import load
 
     models, choice = make()
     folder.mkdir(parents=True, exist_ok=True)
@@ -187,10 +187,10 @@ def _compared(bundle: Any, built: Built, project: Any, harness: Harness, folder:
     Models of trees must be equal in every bit; the others within what `bounds` derives for the row. Parts (cosine and
     sine) are not among the outputs of the block, so harmonics that are made of them are left out.
     """
-    from st_codegen.ir import Quantity
     from st_codegen.proof import bounds
+    from st_codegen.te.harmonics import Quantity
 
-    te = bundle.transmission_error
+    te = bundle.purpose.te
     _, rows = _translated(project, "FB_TEPredict", folder)
     values = harness.values(built, rows, folder)
     offset = {}

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.campaign.harmonic_table import HarmonicTable, read_table
-from st_codegen.ir import Direction
+from st_codegen.te.harmonics import Direction
 from st_codegen.training.families import Candidate
 from st_codegen.training.search import fold_numbers
 

@@ -18,10 +18,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.rig_sizes import RIG, Measured, read_table
 from st_codegen.campaign.curves import Conditions
-from st_codegen.ir import Direction
 from st_codegen.report import Section, Table, figures, page
 from st_codegen.rig.campaign import Measuring, simulate_run
 from st_codegen.rig.model import RigModel, read_rig
+from st_codegen.te.harmonics import Direction
 
 #: Enough for order 240; the real curves have 10,800 and more.
 MEASURING = Measuring(samples=1024, seed=1)

@@ -18,12 +18,16 @@ from typing import TYPE_CHECKING
 
 __version__ = "0.1.0"
 
+# these enter what they bring into the tables below them: a target, a purpose, kinds of files
+import st_codegen.beckhoff_ml
+
 # the package, before the function of the same name is defined: its later modules do not take the name back
-import st_codegen.reconcile  # noqa: F401
-from st_codegen.emit.generate import generate
+import st_codegen.reconcile
+import st_codegen.te  # noqa: F401
+from st_codegen.driver import generate
+from st_codegen.project.bundle import Bundle, load
 from st_codegen.proof.review import diff
 from st_codegen.proof.verify import verify
-from st_codegen.te.bundle import Bundle, load
 
 if TYPE_CHECKING:
     from st_codegen.reconcile.run import Result

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from st_codegen.project.bundle import Bundle, load
 from st_codegen.rig import motion_files
 from st_codegen.rig.compensator import EmittedCompensator
 from st_codegen.rig.effects import catalogue
@@ -18,7 +19,6 @@ from st_codegen.rig.machine import another_specimen, machine_of
 from st_codegen.rig.model import read_rig
 from st_codegen.rig.motion import Rig
 from st_codegen.rig.study import Wish, simulate, with_oil
-from st_codegen.te.bundle import Bundle, load
 
 RIG = Path(__file__).resolve().parent.parent / "rv160n" / "rig.toml"
 

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from st_codegen.beckhoff_ml.engines import Affine, Engine, engines_of, output_of
+from st_codegen.beckhoff_ml.blocks import engine_limits
+from st_codegen.beckhoff_ml.engines import Affine, Engine, checked_engines, engines_of, output_of
 from st_codegen.ir import (
     CEILING,
     Activation,
+    BoolArray,
     FloatArray,
     KernelSum,
     Linear,
@@ -132,3 +134,12 @@ def _tree_error(op: TreeEnsemble, result: FloatArray) -> FloatArray:
     terms = op.n_trees + 2
     library = bounds.gamma(terms, op.sum_precision)
     return np.broadcast_to((library + bounds.gamma(terms, Precision.FLOAT64)) * size, result.shape)
+
+
+def engine_answers(model: ModelIR, x: FloatArray) -> BoolArray:
+    """The rows of `x` that an engine answers: none with a missing value, and none that does not fit its numbers."""
+    answered: BoolArray = ~np.any(np.isnan(x), axis=1)
+    for column, limit in enumerate(engine_limits(model, checked_engines(model)[0])):
+        if limit is not None:
+            answered &= np.abs(x[:, column]) < limit
+    return answered

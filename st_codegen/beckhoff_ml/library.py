@@ -42,8 +42,10 @@ def _text(stored: Any) -> str:
     return str(np.ravel(np.asarray(stored, dtype=object))[0])
 
 
-def mll_library(folder: Path) -> Library:
-    """Tc3_MLL for a generated folder: a path on the controller means the file below `folder/Models` that ends so."""
+def mll_library(folder: Path) -> Library | None:
+    """Tc3_MLL for a generated folder with model files; a path on the controller means the file that ends so."""
+    if not any(folder.glob("Models/*/*.xml")):
+        return None
 
     class Prediction(NativeBlock):
         """FB_MllPrediction."""

@@ -11,17 +11,15 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from st_codegen.beckhoff_ml.blocks import engine_block, engine_limits, engine_names, files_list
-from st_codegen.beckhoff_ml.bounds import engine_bound
+from st_codegen.beckhoff_ml.blocks import engine_block, engine_names, files_list
 from st_codegen.beckhoff_ml.engines import Affine, Engine, checked_engines
 from st_codegen.emit.blocks.application import Application
 from st_codegen.emit.blocks.model import Limits
-from st_codegen.emit.blocks.project import application_of
 from st_codegen.emit.blocks.tests import ReferenceVectors
-from st_codegen.emit.targets.base import FilePlan, Target
+from st_codegen.emit.contents import Contents
+from st_codegen.emit.targets import FilePlan, Target
 from st_codegen.emit.targets.twincat import TwinCatTarget
 from st_codegen.errors import Problems
-from st_codegen.ir import BoolArray, FloatArray, ModelIR, ProjectIR
 
 
 class BeckhoffMlTarget(Target):
@@ -30,25 +28,23 @@ class BeckhoffMlTarget(Target):
     name = "beckhoff-ml"
     summary = "TwinCAT machine learning: XML model files for FB_MllPrediction, and a PLC project that calls it"
     dialect = "twincat"
+    templates = "twincat"
     limits = Limits(max_array=65_536)
     compiles = False
-    proof = (
-        "the model files were evaluated by the arithmetic that their format prescribes, not by the vendor's runtime; "
-        "the bounds are those of that arithmetic"
-    )
 
-    def plan(self, project: ProjectIR, limits: Limits, vectors: Sequence[ReferenceVectors] = ()) -> Iterable[FilePlan]:
+    def plan(self, contents: Contents, limits: Limits, vectors: Sequence[ReferenceVectors] = ()) -> Iterable[FilePlan]:
         del vectors  # `has_tests` is False: model files are read over several cycles, suites would run before that
         problems = Problems("TwinCAT machine learning")
         engines: dict[str, tuple[Engine, ...]] = {}
-        for model in project.models:
+        for model in contents.models:
             with problems.collect():
                 engines[model.name] = checked_engines(model)
         problems.raise_if_any()
-        application = application_of(project, lambda model: engine_block(model, engines[model.name], limits))
+        application = contents.application(lambda model: engine_block(model, engines[model.name], limits))
         files, paths = [], {}
-        for model in project.models:
-            folder = f"{_use(project, model)}{engines[model.name][0].folder}"
+        for model in contents.models:
+            use = contents.uses.get(model.name)
+            folder = "_".join([*([use] if use else []), engines[model.name][0].folder])
             for name, engine in zip(engine_names(model, engines[model.name]), engines[model.name], strict=True):
                 files.append(_model_file(f"Models/{folder}/{name}.xml", engine))
                 paths[name] = f"{folder}\\{name}.xml"
@@ -61,28 +57,6 @@ class BeckhoffMlTarget(Target):
 
     def files(self, application: Application) -> Iterable[FilePlan]:
         return TwinCatTarget().files(application)
-
-    def difference_bound(self, model: ModelIR, x: FloatArray) -> FloatArray:
-        """The bound for the arithmetic of the engine."""
-        return engine_bound(model, x)
-
-    def answers(self, model: ModelIR, x: FloatArray) -> BoolArray:
-        """No row with a missing value, and none that does not fit the engine's numbers."""
-        answered = ~np.any(np.isnan(x), axis=1)
-        for column, limit in enumerate(engine_limits(model, checked_engines(model)[0])):
-            if limit is not None:
-                answered &= np.abs(x[:, column]) < limit
-        result: BoolArray = answered
-        return result
-
-
-def _use(project: ProjectIR, model: ModelIR) -> str:
-    """What a model of a bundle predicts, in front of its folder's name; nothing for a lone model."""
-    te = project.transmission_error
-    if te is None:
-        return ""
-    uses = sorted({output.quantity.value for output in te.outputs if output.model == model.name})
-    return "_".join([*uses, ""])
 
 
 def _model_file(path: str, engine: Engine) -> FilePlan:

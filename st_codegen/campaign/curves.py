@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from st_codegen.errors import InputError, MissingExtraError, Problems
-from st_codegen.ir import Direction
+from st_codegen.te.harmonics import Direction
 
 if TYPE_CHECKING:
     import polars

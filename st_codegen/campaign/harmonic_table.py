@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from st_codegen.errors import InputError, Problems
-from st_codegen.ir import Direction
+from st_codegen.te.harmonics import Direction
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]

@@ -21,7 +21,7 @@ from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.campaign.orders import BAND, OrderFit, Sums, curve_sums, fit_orders
 from st_codegen.campaign.sums_file import SumsFile
 from st_codegen.errors import InputError, MissingExtraError, Problems
-from st_codegen.ir import Direction
+from st_codegen.te.harmonics import Direction
 
 #: Called with (number of files done, number of files, name of the next one).
 Progress = Callable[[int, int, str], None]

@@ -12,7 +12,7 @@ import numpy as np
 from st_codegen.campaign.curves import RunFile
 from st_codegen.campaign.orders import Sums
 from st_codegen.errors import MissingExtraError
-from st_codegen.ir import Direction
+from st_codegen.te.harmonics import Direction
 
 #: changes with the way sums are made: a file of another version is made anew
 _VERSION = 1

@@ -21,13 +21,13 @@ from st_codegen.cli.console import (
 )
 from st_codegen.cli.costs import price_table, print_budget
 from st_codegen.cost import DEFAULT, load_profile
-from st_codegen.emit.generate import Generated, check, generate, limits_for
+from st_codegen.driver import Generated, check, generate, limits_for
 from st_codegen.emit.targets import TARGETS, target_named
 from st_codegen.passes.choose import CostFunction, Layout, Options, simple_cost
+from st_codegen.project.bundle import load
 from st_codegen.proof.explain import Pricing, prices
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.proof.verify import cycle_cost
-from st_codegen.te.bundle import load
 
 
 @click.command(
@@ -135,12 +135,8 @@ def command(
             console.print(f"{generated.folder}: {len(generated.files)} file(s)", highlight=False, soft_wrap=True)
             console.print(_files_table(generated))
             console.print(_models_table(generated))
-            if calls := generated.facts["transmission_error"].get("calls"):
-                console.print(
-                    f"The models are spread over {calls} calls of FB_TEPredict: its outputs belong to the operating "
-                    f"point of {calls - 1} to {2 * calls - 2} calls before.",
-                    soft_wrap=True,
-                )
+            for remark in generated.purpose.remarks() if generated.purpose else ():
+                console.print(remark, soft_wrap=True)
         if explain:
             if generated.compiled.decisions:
                 console.print(price_table(target.name, machine.name, prices(generated.compiled, pricing[target.name])))

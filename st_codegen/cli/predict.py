@@ -7,8 +7,9 @@ from pathlib import Path
 import click
 
 from st_codegen.cli.console import models_argument, progress_bar, quiet_option, trust_option
-from st_codegen.proof.predict import Engine, predict, read_table, write_table
-from st_codegen.te.bundle import load
+from st_codegen.driver import Engine, predict
+from st_codegen.project.bundle import load
+from st_codegen.proof.predict import read_table, write_table
 
 
 @click.command(

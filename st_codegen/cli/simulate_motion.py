@@ -9,9 +9,9 @@ import click
 from rich.table import Table
 
 from st_codegen.cli.console import console, progress_bar, quiet_option, trust_option
+from st_codegen.project.bundle import load
 from st_codegen.rig.effects import catalogue
 from st_codegen.rig.tasks import Form
-from st_codegen.te.bundle import load
 
 
 @click.command(

@@ -14,7 +14,7 @@ from st_codegen.campaign.harmonic_table import HarmonicTable, read_table, write_
 from st_codegen.cli.console import console, progress_bar, quiet_option
 from st_codegen.cli.training import backend_of, search_options, settings_of
 from st_codegen.errors import InputError
-from st_codegen.ir import Direction
+from st_codegen.te.harmonics import Direction
 from st_codegen.training.export import FORMATS, write_bundle
 from st_codegen.training.learn import Lesson, Plan, bundle_head, learn, only_exportable
 from st_codegen.training.measured import Measured, measured_table

@@ -12,8 +12,8 @@ from rich.table import Table
 from st_codegen.cli.console import console, models_argument, progress_bar, quiet_option, trust_option
 from st_codegen.cli.costs import cycle_option, entry_option, print_budget, print_verdict, profile_option
 from st_codegen.cost import load_profile
+from st_codegen.project.bundle import load
 from st_codegen.proof.verify import Budget, VerifyReport, verify
-from st_codegen.te.bundle import load
 
 
 @click.command(

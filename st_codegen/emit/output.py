@@ -24,15 +24,23 @@ from st_codegen.errors import GeneratedCodeError, InputError
 
 MANIFEST = "st-codegen.json"
 _FORMAT = 1
-_FACTS = ("models", "blocks", "transmission_error")
+#: What the manifest calls the facts of the models' purpose, whatever the purpose is: named after the first one.
+PURPOSE = "transmission_error"
+_FACTS = ("models", "blocks", PURPOSE)
 
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a generated folder contains: files with their SHA-256, and the facts of the project (`generate.facts`)."""
+    """What a generated folder contains: files with their SHA-256, and the facts of the project (`driver.facts`)."""
 
     files: Mapping[str, str]
     facts: Mapping[str, Any]
+
+    @property
+    def purpose(self) -> Mapping[str, Any]:
+        """What the models are for, by its own words; empty for lone models."""
+        found: Mapping[str, Any] = self.facts[PURPOSE]
+        return found
 
     def text(self) -> str:
         """The manifest as JSON: one line a file, sorted, so that a change moves nothing else."""
@@ -65,12 +73,6 @@ def block_of(folder: Path, model: str) -> tuple[str, tuple[int, ...]]:
     if facts is None:
         raise GeneratedCodeError(f"{folder}: no block {block_name(model)}; the models have changed: generate again")
     return facts["block"], tuple(facts.get("block_outputs", range(len(facts["outputs"]))))
-
-
-def calls_of(folder: Path) -> int:
-    """How many calls of FB_TEPredict a generated folder spreads its models over."""
-    manifest = read_manifest(folder)
-    return 1 if manifest is None else int(manifest.facts["transmission_error"].get("calls", 1))
 
 
 def _is_below(name: str) -> bool:

@@ -13,8 +13,8 @@ import jinja2
 
 from st_codegen.emit.blocks.listing import Block, Section
 from st_codegen.emit.blocks.model import Limits
+from st_codegen.emit.contents import Contents
 from st_codegen.emit.targets import FilePlan, Target
-from st_codegen.ir import ProjectIR
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def environment(target: Target) -> jinja2.Environment:
         return template.render(block=block, **section.values)
 
     templates.globals["code"] = code
-    templates.globals["dialect"] = templates.get_template(f"{target.dialect}/dialect.st.j2").module
+    templates.globals["dialect"] = templates.get_template(f"{target.templates}/dialect.st.j2").module
     macros = templates.get_template("common/macros.st.j2").module
     templates.globals.update({name: macro for name, macro in vars(macros).items() if not name.startswith("_")})
     return templates
@@ -63,13 +63,13 @@ def _as_xml_text(text: str) -> str:
     return escape(str(text), {'"': "&quot;"})
 
 
-def render(project: ProjectIR, target: Target, limits: Limits | None = None) -> Iterator[RenderedFile]:
+def render(contents: Contents, target: Target, limits: Limits | None = None) -> Iterator[RenderedFile]:
     """The files of a project for one target, in a fixed order.
 
     All checks are made before the first file is handed out; texts are printed piece by piece while they are consumed,
     so that a table of millions of numbers is never a string. Raises InputError, TargetError.
     """
-    return print_plans(target, list(target.plan(project, limits or target.limits)))
+    return print_plans(target, list(target.plan(contents, limits or target.limits)))
 
 
 def print_plans(target: Target, plans: Iterable[FilePlan]) -> Iterator[RenderedFile]:

@@ -1,17 +1,16 @@
-"""A project as the user gave it -> the project that is printed: every rewrite is exact to the bit.
+"""Models as the user gave them -> the models that are printed: every rewrite is exact to the bit.
 
-A lone model keeps its block. The models of a transmission error bundle whose tables fit together become one block, and
-one search serves them all.
+A lone model keeps its block. Models that are called together and whose tables fit together become one block, and one
+search serves them all.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from st_codegen.ir import FactoredKernel, Feature, ModelIR, ProjectIR, Rank, Source, TransmissionError
+from st_codegen.ir import FactoredKernel, Feature, ModelIR, Rank, Source
 from st_codegen.passes import tables
 from st_codegen.passes.choose import (
     Candidate,
@@ -28,7 +27,7 @@ from st_codegen.passes.ranks import ranked
 
 
 @dataclass(frozen=True)
-class Place:
+class Location:
     """Where a model of the user's is computed: the printed model, and which of its outputs are the model's own."""
 
     model: str
@@ -46,41 +45,48 @@ class Decision:
 
 @dataclass(frozen=True)
 class Compiled:
-    """The printed project, where each model of the user's went, and why it looks as it does."""
+    """The printed models, in the order of their names, where each model of the user's went, and why."""
 
-    project: ProjectIR
-    places: dict[str, Place]
+    models: tuple[ModelIR, ...]
+    locations: Mapping[str, Location]
     decisions: tuple[Decision, ...]
 
     def block_model(self, name: str) -> ModelIR:
         """The printed model that computes the user's model `name`."""
-        place = self.places[name]
-        return next(model for model in self.project.models if model.name == place.model)
+        location = self.locations[name]
+        return next(model for model in self.models if model.name == location.model)
 
 
-def unchanged(project: ProjectIR) -> Compiled:
-    """The project as it is, for targets that print the models themselves."""
-    places = {model.name: Place(model.name, tuple(range(len(model.outputs)))) for model in project.models}
-    return Compiled(project, places, ())
+def unchanged(models: Sequence[ModelIR]) -> Compiled:
+    """The models as they are, for targets that hand the models themselves on."""
+    return Compiled(tuple(models), _own_locations(models), ())
 
 
-def compile_project(project: ProjectIR, options: Options | None = None, cost: CostFunction = simple_cost) -> Compiled:
-    """Rewrite every model to its cheapest layout, and merge what one search can serve."""
+def _own_locations(models: Sequence[ModelIR]) -> dict[str, Location]:
+    return {model.name: Location(model.name, tuple(range(len(model.outputs)))) for model in models}
+
+
+def compile_models(
+    models: Sequence[ModelIR],
+    options: Options | None = None,
+    cost: CostFunction = simple_cost,
+    *,
+    together: bool = False,
+) -> Compiled:
+    """Rewrite every model to its cheapest layout; of models called `together`, merge what one search can serve."""
     options = options or Options()
-    decisions = {model.name: _decide(model, options, cost) for model in project.models}
+    decisions = {model.name: _decide(model, options, cost) for model in models}
     chosen = {name: decision.candidates[0].model for name, decision in decisions.items()}
-    places = {name: Place(name, tuple(range(len(model.outputs)))) for name, model in chosen.items()}
-    te = project.transmission_error
-    models = list(chosen.values())
-    if te is not None:
+    locations = _own_locations(models)
+    printed = list(chosen.values())
+    if together:
         cells = {
             model.name: found
-            for model in project.models
+            for model in models
             if decisions[model.name].chosen == "table" and (found := _cells(model, options)) is not None
         }
-        models, places = _merged(project, chosen, cells, options, places)
-        te = _spread(_moved(te, places), models, options.outputs_per_cycle)
-    return Compiled(ProjectIR(tuple(models), te), places, tuple(decisions.values()))
+        printed, locations = _merged(models, chosen, cells, options, locations)
+    return Compiled(tuple(printed), locations, tuple(decisions.values()))
 
 
 def _cells(model: ModelIR, options: Options) -> tables.Cells | None:
@@ -128,27 +134,27 @@ def _decide(model: ModelIR, options: Options, cost: CostFunction) -> Decision:
 
 
 def _merged(
-    project: ProjectIR,
+    models: Sequence[ModelIR],
     chosen: dict[str, ModelIR],
     cells: dict[str, tables.Cells],
     options: Options,
-    places: dict[str, Place],
-) -> tuple[list[ModelIR], dict[str, Place]]:
+    locations: dict[str, Location],
+) -> tuple[list[ModelIR], dict[str, Location]]:
     """The printed models, and where each of the user's went: tables that refuse the same inputs share one block."""
     alike: dict[tuple[object, ...], list[ModelIR]] = {}
-    for model in project.models:
+    for model in models:
         if model.name in cells:
             alike.setdefault(_refuses(model), []).append(model)
     together = [members for members in alike.values() if len(members) > 1]
-    places, printed = dict(places), dict(chosen)
+    locations, printed = dict(locations), dict(chosen)
     for number, members in enumerate(together, 1):
-        name = _free_name("tables" if len(together) == 1 else f"tables{number}", project)
+        name = _free_name("tables" if len(together) == 1 else f"tables{number}", models)
         groups = _groups(members, cells, options)
         outputs: list[str] = []
-        for model in (model for group in groups for model in group):
+        for model in (member for group in groups for member in group):
             at = len(outputs)
             outputs += [model.name if len(model.outputs) == 1 else f"{model.name} {output}" for output in model.outputs]
-            places[model.name] = Place(name, tuple(range(at, len(outputs))))
+            locations[model.name] = Location(name, tuple(range(at, len(outputs))))
             del printed[model.name]
         first = members[0]
         printed[name] = ModelIR(
@@ -160,7 +166,7 @@ def _merged(
             accepts_nan=first.accepts_nan,
             magnitude_limits=_limits(first),
         )
-    return [printed[name] for name in sorted(printed)], places
+    return [printed[name] for name in sorted(printed)], locations
 
 
 def _groups(models: Sequence[ModelIR], cells: dict[str, tables.Cells], options: Options) -> list[list[ModelIR]]:
@@ -213,35 +219,8 @@ def _joint_source(models: Sequence[ModelIR]) -> Source:
     return Source(", ".join(libraries), "", f"tables of {len(models)} models", notes=tuple(dict.fromkeys(notes)))
 
 
-def _free_name(name: str, project: ProjectIR) -> str:
-    taken = {model.name.lower() for model in project.models}
+def _free_name(name: str, models: Sequence[ModelIR]) -> str:
+    taken = {model.name.lower() for model in models}
     while name.lower() in taken:
         name += "_"
     return name
-
-
-def _spread(te: TransmissionError, models: Sequence[ModelIR], most: int | None) -> TransmissionError:
-    """The models shared out among successive calls, each call in the order of the blocks' names."""
-    if most is None:
-        return te
-    used = {output.model for output in te.outputs}
-    cycles: list[list[str]] = []
-    room = 0
-    for model in models:
-        if model.name not in used:
-            continue
-        if not cycles or len(model.outputs) > room:
-            cycles.append([])
-            room = most
-        cycles[-1].append(model.name)
-        room -= len(model.outputs)
-    return dataclasses.replace(te, cycles=tuple(map(tuple, cycles)) if len(cycles) > 1 else ())
-
-
-def _moved(te: TransmissionError, places: dict[str, Place]) -> TransmissionError:
-    """The harmonics read from where their models went."""
-    outputs = tuple(
-        dataclasses.replace(o, model=places[o.model].model, output=places[o.model].outputs[o.output])
-        for o in te.outputs
-    )
-    return dataclasses.replace(te, outputs=outputs)

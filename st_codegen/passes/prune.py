@@ -8,13 +8,13 @@ added to `base` (as the library does first), and trees that only ever add +0.0 t
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from st_codegen.ir import Aggregate, FloatArray, IntArray, ModelIR, Precision, Rank, TreeEnsemble
+from st_codegen.ir import Aggregate, IntArray, ModelIR, Precision, Rank, TreeEnsemble
 from st_codegen.ir.preorder import Preorder, preorder
+from st_codegen.ir.subtrees import distinct_rows, follow, subtrees
 from st_codegen.passes.ranks import compact
 
 #: Numbers kept at once for the reachable ranks of the nodes of one level.
@@ -54,7 +54,7 @@ def _reachable(op: TreeEnsemble, low: IntArray, high: IntArray) -> NDArray[np.in
         roots = op.roots[first : first + step].astype(np.int64)
         if stops[min(first + step, op.n_trees) - 1] > roots[0]:
             _reach(op, roots, np.tile(low, (len(roots), 1)), np.tile(high, (len(roots), 1)), place)
-    _follow(place)
+    follow(place)
     return place
 
 
@@ -79,104 +79,8 @@ def _reach(op: TreeEnsemble, node: NDArray[np.int64], low: IntArray, high: IntAr
         )
 
 
-def _follow(place: NDArray[np.int64]) -> None:
-    """Replace places by the places of these places until nothing changes, in place."""
-    known = np.flatnonzero(place >= 0)
-    while True:
-        further = place[place[known]]
-        if np.array_equal(further, place[known]):
-            return
-        place[known] = further
-
-
-@dataclass(frozen=True)
-class Subtrees:
-    """Which subtrees are equal: `number` (nodes) is the same for equal ones, -1 where no row comes.
-
-    `forward`: the node that takes a node's place: a split with two equal children is one of them.
-    """
-
-    number: NDArray[np.int64]
-    forward: NDArray[np.int64]
-
-
-def subtrees(op: TreeEnsemble, place: NDArray[np.int64] | None = None) -> Subtrees:
-    """Number all subtrees from the leaves up.
-
-    `place` as `_reachable` gives it; None: all nodes stay as they are, splits with equal children too.
-    """
-    collapse = place is not None
-    if place is None:
-        place = np.arange(op.n_nodes, dtype=np.int64)
-    forward = place.copy()
-    number = np.full(op.n_nodes, -1, np.int64)
-    own = np.flatnonzero(place == np.arange(op.n_nodes))  # the nodes that stay
-    leaves = own[op.split[own] < 0]
-    _, kind = _distinct_rows(op.leaf_value)
-    number[leaves] = kind[op.leaf[leaves]]
-    used = int(kind.max(initial=0)) + 1
-    inner = own[op.split[own] >= 0]
-    for nodes in _by_height(op, place, inner):
-        left, right = forward[op.left[nodes]], forward[op.right[nodes]]
-        same = (number[left] == number[right]) & collapse
-        forward[nodes[same]] = left[same]
-        number[nodes[same]] = number[left[same]]
-        rest = nodes[~same]
-        if rest.size:
-            number[rest] = used + _numbered(op, rest, number[left[~same]], number[right[~same]])
-            used = int(number[rest].max()) + 1
-    known = np.flatnonzero(place >= 0)
-    _follow(forward)
-    number[known] = number[forward[known]]
-    return Subtrees(number, forward)
-
-
-def _numbered(
-    op: TreeEnsemble, nodes: NDArray[np.int64], left: NDArray[np.int64], right: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """Numbers from 0 for splits: the same for the same question with the same answers."""
-    question = (op.split[nodes].astype(np.int64) << 33) + op.threshold[nodes].astype(np.int64)
-    order = np.lexsort((right, left, question))
-    new = np.zeros(len(nodes), np.bool_)
-    for key in (question, left, right):
-        sorted_key = key[order]
-        new[1:] |= sorted_key[1:] != sorted_key[:-1]
-    numbers = np.empty(len(nodes), np.int64)
-    numbers[order] = np.cumsum(new)
-    return numbers
-
-
-def _by_height(op: TreeEnsemble, place: NDArray[np.int64], inner: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """The splits `inner` in groups: first those above two leaves, then those above these, and so on."""
-    height = np.zeros(op.n_nodes, np.int32)
-    levels = []
-    here = place[op.roots]
-    while here.size:
-        split = here[op.split[here] >= 0]
-        levels.append(split)
-        here = np.concatenate([place[op.left[split]], place[op.right[split]]])
-    for split in reversed(levels):
-        height[split] = 1 + np.maximum(height[place[op.left[split]]], height[place[op.right[split]]])
-    order = inner[np.argsort(height[inner], kind="stable")]
-    groups = np.split(order, np.flatnonzero(np.diff(height[order])) + 1)
-    return [group for group in groups if group.size]
-
-
 def _laid_out(roots: NDArray[np.int64], left: NDArray[np.int64], right: NDArray[np.int64]) -> Preorder:
     return preorder(np.asarray(roots, np.int64), np.asarray(left, np.int64), np.asarray(right, np.int64))
-
-
-def _distinct_rows(values: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows that are equal to the bit: the first row of each kind, in their order, and the kind of every row."""
-    bits = np.ascontiguousarray(values).view(np.int64)
-    if bits.shape[1] == 1:
-        _, first, kind = np.unique(bits[:, 0], return_index=True, return_inverse=True)
-    else:
-        _, first, kind = np.unique(bits, axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    return first[order], rank[np.ravel(kind)]
 
 
 def _rebuilt(op: TreeEnsemble, place: NDArray[np.int64], forward: NDArray[np.int64]) -> TreeEnsemble:
@@ -188,7 +92,7 @@ def _rebuilt(op: TreeEnsemble, place: NDArray[np.int64], forward: NDArray[np.int
     node = layout.order
     leaf = layout.left < 0
     values = op.leaf_value[op.leaf[node[leaf]]]
-    first, kind = _distinct_rows(values)
+    first, kind = distinct_rows(values)
     leaves = np.full(len(node), -1, np.int32)
     leaves[leaf] = kind
     return dataclasses.replace(

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 from st_codegen.cost import BlockCost, Profile, project_cost
 from st_codegen.emit.blocks.model import Limits, block_name
+from st_codegen.emit.contents import Contents
 from st_codegen.emit.render import render
 from st_codegen.emit.targets import Target
-from st_codegen.ir import ModelIR, ProjectIR
+from st_codegen.ir import ModelIR
 from st_codegen.passes.choose import Cost
 from st_codegen.passes.pipeline import Compiled
 from st_codegen.st import parse_project
@@ -51,7 +52,7 @@ class Pricing:
 
     def block(self, model: ModelIR) -> BlockCost:
         """The worst case of the block of one model."""
-        files = render(ProjectIR((model,), None), self.target, self.limits)
+        files = render(Contents((model,)), self.target, self.limits)
         texts = {file.path: "".join(file.pieces) for file in files if file.path.endswith(_TEXTS)}
         project = parse_project(texts, self.target.dialect)
         name = block_name(model.name)

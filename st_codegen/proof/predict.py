@@ -3,31 +3,23 @@
 from __future__ import annotations
 
 import csv
-import tempfile
-from enum import StrEnum
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-from st_codegen.emit.generate import generate
 from st_codegen.emit.output import block_of
-from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import InputError, Problems
 from st_codegen.ir import FloatArray, ModelIR, reference
+from st_codegen.project.bundle import Bundle
 from st_codegen.proof.runner import GeneratedCode
-from st_codegen.te.bundle import Bundle
 from st_codegen.walkers.base import LoadedModel
 
-
-class Engine(StrEnum):
-    """Who computes."""
-
-    ST = "st"  # the emitted text, in the interpreter
-    REFERENCE = "reference"  # the intermediate representation, in NumPy
-    SOURCE = "source"  # the source library
+#: Computes a model for rows (rows, features), shape (rows, outputs); NaN in rows that it takes no answer for.
+Answer = Callable[[LoadedModel, FloatArray], FloatArray]
 
 
-def predict(bundle: Bundle, columns: dict[str, FloatArray], engine: Engine) -> dict[str, FloatArray]:
+def predict(bundle: Bundle, columns: dict[str, FloatArray], answer: Answer) -> dict[str, FloatArray]:
     """Predict every model for columns of inputs, by feature name (or `f0`, `f1`, .. by place).
 
     Returns a column a model, headed by its name, `name[i]` (from 0) where it has several outputs; NaN where a model
@@ -39,12 +31,7 @@ def predict(bundle: Bundle, columns: dict[str, FloatArray], engine: Engine) -> d
         with problems.collect():
             inputs[model.ir.name] = _rows(model.ir, columns)
     problems.raise_if_any()
-    if engine is not Engine.ST:
-        results = {model.ir.name: _by_library(model, inputs[model.ir.name], engine) for model in bundle.models}
-    else:
-        with tempfile.TemporaryDirectory(prefix="st-codegen-") as folder:
-            code = GeneratedCode(generate(bundle, TARGETS["twincat"], Path(folder)).folder, "twincat")
-            results = {model.ir.name: _by_text(model.ir, inputs[model.ir.name], code) for model in bundle.models}
+    results = {model.ir.name: answer(model, inputs[model.ir.name]) for model in bundle.models}
     named = {}
     for name, values in results.items():
         for output in range(values.shape[1]):
@@ -61,21 +48,30 @@ def _rows(model: ModelIR, columns: dict[str, FloatArray]) -> FloatArray:
     raise InputError(f"model '{model.name}': no column {', '.join(missing)}; the header has {', '.join(columns)}")
 
 
-def _by_library(model: LoadedModel, x: FloatArray, engine: Engine) -> FloatArray:
-    expected = reference.evaluate(model.ir, x)
-    if engine is Engine.REFERENCE:
-        return expected
-    result = np.full_like(expected, np.nan)
-    usable = np.all(np.isfinite(expected), axis=1)  # the library raises for the others, or has no number for them
+def by_reference(model: LoadedModel, x: FloatArray) -> FloatArray:
+    """The answer of the intermediate representation, in NumPy."""
+    return reference.evaluate(model.ir, x)
+
+
+def by_library(model: LoadedModel, x: FloatArray) -> FloatArray:
+    """The answer of the source library."""
+    result = by_reference(model, x)
+    usable = np.all(np.isfinite(result), axis=1)  # the library raises for the others, or has no number for them
+    result[~usable] = np.nan
     if usable.any():
         result[usable] = model.predict(reference.limited(model.ir, x)[usable])
     return result
 
 
-def _by_text(model: ModelIR, x: FloatArray, code: GeneratedCode) -> FloatArray:
-    block, outputs = block_of(code.folder, model.name)
-    result = code.run_model(block, x, outputs)
-    return np.where(result.valid[:, None], result.values, np.nan)
+def by_text(code: GeneratedCode) -> Answer:
+    """The answers of generated text."""
+
+    def answer(model: LoadedModel, x: FloatArray) -> FloatArray:
+        block, outputs = block_of(code.folder, model.ir.name)
+        result = code.run_model(block, x, outputs)
+        return np.where(result.valid[:, None], result.values, np.nan)
+
+    return answer
 
 
 def read_table(path: Path) -> dict[str, FloatArray]:

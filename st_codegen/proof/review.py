@@ -121,7 +121,7 @@ def diff(
         changes.append(_compare_model(name, (models[0][name], models[1][name]), codes, rows, seed))
     if progress is not None:
         progress(len(common), len(common), "")
-    project = [manifest.facts["transmission_error"] for manifest in manifests]
+    project = [manifest.purpose for manifest in manifests]
     return Review(
         target=before.name,
         added=tuple(sorted(set(models[1]) - set(models[0]))),

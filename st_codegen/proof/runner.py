@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from st_codegen.beckhoff_ml.library import mll_library
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import BoolArray, FloatArray
-from st_codegen.st import LaneMachine, Library, Project, StError, StRuntimeError, load_project
-from st_codegen.st.run.library import TCUNIT
+from st_codegen.proof.arithmetic import libraries_of
+from st_codegen.st import LaneMachine, Project, StError, StRuntimeError, load_project
 from st_codegen.st.run.machine import Instance
 from st_codegen.st.tree import Pou
 from st_codegen.st.types import ArrayType, Elementary, Type
@@ -47,7 +46,7 @@ class GeneratedCode:
         if not folder.is_dir():
             raise GeneratedCodeError(f"{folder}: no generated files; run st-codegen generate first")
         self.folder = folder
-        self.libraries = _libraries(folder)
+        self.libraries = libraries_of(folder)
         try:
             self.project: Project = load_project([folder], dialect, self.libraries)
         except StError as error:
@@ -125,14 +124,6 @@ class GeneratedCode:
         except StRuntimeError as error:
             raise GeneratedCodeError(f"{self.folder}: the controller would stop in {block}\n{error}") from error
         return {port.name: np.asarray(instance[port.name]) for port in instance.outputs}
-
-
-def _libraries(folder: Path) -> tuple[Library, ...]:
-    """The libraries that the text of a folder may use: for test suites, and for model files."""
-    libraries = [TCUNIT] if (folder / "Tests").is_dir() else []
-    if any(folder.glob("Models/*/*.xml")):
-        libraries.append(mll_library(folder))
-    return tuple(libraries)
 
 
 def _bytes(type_: Type) -> int:

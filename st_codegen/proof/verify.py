@@ -19,16 +19,14 @@ from st_codegen.cost import Profile, ProjectCost, project_cost
 from st_codegen.emit.output import MANIFEST, block_of
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
-from st_codegen.ir import BoolArray, FloatArray, TransmissionError, reference
+from st_codegen.ir import BoolArray, FloatArray, reference
+from st_codegen.project.bundle import Bundle
+from st_codegen.project.purpose import BlockCheck
 from st_codegen.proof import bounds
+from st_codegen.proof.arithmetic import arithmetic_of
 from st_codegen.proof.probes import probe_rows, trained_range
 from st_codegen.proof.runner import GeneratedCode
-from st_codegen.te.bundle import Bundle
-from st_codegen.te.check import check_transmission_error
 from st_codegen.walkers.base import LoadedModel
-
-#: Operating points on which FB_TEPredict and FB_Compensator are tried; their models have been verified before.
-_TE_ROWS = 2_000
 
 #: Called with (number done, total, what is next).
 Progress = Callable[[int, int, str], None]
@@ -159,12 +157,13 @@ def verify(
         if progress is not None:
             progress(number, total, model.ir.name)
         reports.append(_verify_model(model, targets, rows, seed))
-    if bundle.transmission_error is not None:
+    if bundle.purpose is not None:
         for name, code in targets.items():
-            reports.extend(_te_reports(bundle, bundle.transmission_error, code, name, seed))
+            checks = bundle.purpose.checks(bundle.irs, code, seed, arithmetic_of(name).bound)
+            reports.extend(_block_report(check, name) for check in checks)
     if progress is not None:
         progress(total, total, "")
-    notes = {name: TARGETS[name].proof for name in targets if TARGETS[name].proof}
+    notes = {name: note for name in targets if (note := arithmetic_of(name).note)}
     costs = (
         {}
         if budget is None
@@ -215,8 +214,9 @@ def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: i
         block, outputs = block_of(code.folder, ir.name)
         result = code.run_model(block, x, outputs)
         got = np.where(result.valid[:, None], result.values, np.nan)
-        answered = usable & TARGETS[name].answers(ir, limited)
-        allowed = np.where(answered[:, None], TARGETS[name].difference_bound(ir, limited), 0.0)
+        arithmetic = arithmetic_of(name)
+        answered = usable & arithmetic.answers(ir, limited)
+        allowed = np.where(answered[:, None], arithmetic.bound(ir, limited), 0.0)
         report.must_be_exact &= not np.any(allowed)
         report.bound = max(report.bound, float(np.max(allowed[inside & np.isfinite(allowed).all(axis=1)], initial=0.0)))
         _compare(report, f"reference and {name}", x, np.where(answered[:, None], expected, np.nan), got, allowed)
@@ -291,21 +291,15 @@ def _in_order(value: NDArray[Any]) -> NDArray[np.int64]:
     return np.where(bits < 0, lowest - bits, bits)
 
 
-def _te_reports(
-    bundle: Bundle, te: TransmissionError, code: GeneratedCode, target: str, seed: int
-) -> list[ModelReport]:
-    """FB_TEPredict and FB_Compensator against the models that they are made of."""
-    reports = []
-    bound = TARGETS[target].difference_bound
-    for check in check_transmission_error(bundle.project, te, code, _TE_ROWS, seed, bound):
-        report = ModelReport(check.block, n=len(check.inputs), must_be_exact=False, targets=[target])
-        report.bound = float(np.max(check.bound, initial=0.0))
-        _compare(report, f"models and {target}", check.inputs, check.expected, check.got, check.bound)
-        answered = np.all(np.isfinite(check.expected) & np.isfinite(check.got), axis=1)
-        report.exact = bool(np.array_equal(check.expected, check.got, equal_nan=True))
-        _measure(report, check.inputs, check.expected, check.got, answered)
-        reports.append(report)
-    return reports
+def _block_report(check: BlockCheck, target: str) -> ModelReport:
+    """A block around the models against the models that it is made of."""
+    report = ModelReport(check.block, n=len(check.inputs), must_be_exact=False, targets=[target])
+    report.bound = float(np.max(check.bound, initial=0.0))
+    _compare(report, f"models and {target}", check.inputs, check.expected, check.got, check.bound)
+    answered = np.all(np.isfinite(check.expected) & np.isfinite(check.got), axis=1)
+    report.exact = bool(np.array_equal(check.expected, check.got, equal_nan=True))
+    _measure(report, check.inputs, check.expected, check.got, answered)
+    return report
 
 
 def _merged(reports: list[ModelReport]) -> list[ModelReport]:

@@ -14,10 +14,10 @@ import numpy as np
 
 from st_codegen.campaign.curves import CONDITIONS_FILE, Conditions, Curve, Run, write_run
 from st_codegen.errors import InputError, Problems
-from st_codegen.ir import Direction
 from st_codegen.rig.effects import Conditions as Points
 from st_codegen.rig.effects.base import FloatArray
 from st_codegen.rig.model import RigModel
+from st_codegen.te.harmonics import Direction
 
 #: sampling of the rig: 4000 Hz, so a revolution has more samples the slower it is
 SAMPLING_HZ = 4000.0

@@ -20,15 +20,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from st_codegen.driver import generate
 from st_codegen.emit.blocks.model import input_variables
-from st_codegen.emit.generate import generate
 from st_codegen.emit.targets import target_named
 from st_codegen.errors import GeneratedCodeError, InputError
-from st_codegen.ir import TransmissionError
+from st_codegen.project.bundle import Bundle
 from st_codegen.rig.tasks import Form, Inputs, TaskSettings
 from st_codegen.st import LaneMachine, ScalarMachine, StError, StRuntimeError, load_project
 from st_codegen.st.tree import Project
-from st_codegen.te.bundle import Bundle
+from st_codegen.te.harmonics import TransmissionError
+from st_codegen.te.purpose import Compensation, transmission_error
 
 FloatArray = NDArray[np.float64]
 
@@ -98,18 +99,8 @@ def restricted(bundle: Bundle, orders: Sequence[int]) -> Bundle:
     used = {output.model for output in outputs}
     return Bundle(
         tuple(model for model in bundle.models if model.ir.name in used),
-        dataclasses.replace(te, orders=chosen, outputs=outputs),
+        Compensation(dataclasses.replace(te, orders=chosen, outputs=outputs)),
     )
-
-
-def transmission_error(bundle: Bundle) -> TransmissionError:
-    """What the models of a bundle are for. Raises InputError for a folder of lone models."""
-    if bundle.transmission_error is None:
-        raise InputError(
-            "the models have no bundle.toml, so they do not say which harmonics they predict: there is nothing to "
-            "simulate"
-        )
-    return bundle.transmission_error
 
 
 class EmittedCompensator:

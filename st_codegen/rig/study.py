@@ -7,12 +7,13 @@ from collections.abc import Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field
 
 from st_codegen.errors import InputError
-from st_codegen.rig.compensator import EmittedCompensator, restricted, transmission_error
+from st_codegen.project.bundle import Bundle
+from st_codegen.rig.compensator import EmittedCompensator, restricted
 from st_codegen.rig.motion import Case, Progress, Rig, compare, lead_time_s, plan, run
 from st_codegen.rig.motion_files import Study
 from st_codegen.rig.profiles import Profile, profile_named
 from st_codegen.rig.tasks import Form
-from st_codegen.te.bundle import Bundle
+from st_codegen.te.purpose import transmission_error
 
 #: `--lead auto`
 AUTO = -1.0

@@ -42,7 +42,8 @@ from pathlib import Path
 from st_codegen.emit.literals import identifier
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.toml_tables import Table, read_toml, shown
-from st_codegen.ir import Direction, Feature, Quantity
+from st_codegen.ir import Feature
+from st_codegen.te.harmonics import Direction, Quantity
 
 BUNDLE_FILE = "bundle.toml"
 

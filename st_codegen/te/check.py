@@ -2,32 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from st_codegen.emit.blocks.model import input_variables
-from st_codegen.emit.output import calls_of
-from st_codegen.ir import Direction, FloatArray, ModelIR, ProjectIR, Quantity, TransmissionError, reference
+from st_codegen.emit.output import read_manifest
+from st_codegen.ir import FloatArray, ModelIR, reference
+from st_codegen.project.purpose import BlockCheck, DifferenceBound, RunsBlocks
 from st_codegen.proof import bounds
-from st_codegen.proof.runner import GeneratedCode
 from st_codegen.te.compensation.harmonic_sum import ERROR_PER_ORDER
+from st_codegen.te.compensation.parts import SUFFIX
+from st_codegen.te.harmonics import Direction, Quantity, TransmissionError
 
 #: SQRT, ATAN, COS and the few operations around them: relative error of each result, in units of roundoff.
 _ROUNDINGS = 16
+#: Operating points on which FB_TEPredict and FB_Compensator are tried; their models are verified by themselves.
+_ROWS = 2_000
 _UNIT = 2.0**-53
-
-
-@dataclass(frozen=True)
-class BlockCheck:
-    """Rows for one block, its expected and its actual outputs, and how far these may lie apart."""
-
-    block: str
-    inputs: FloatArray
-    expected: FloatArray
-    got: FloatArray
-    bound: FloatArray
 
 
 @dataclass(frozen=True)
@@ -44,25 +38,23 @@ class HarmonicSet:
     phase_bound: FloatArray
 
 
-#: Bound on |library - generated code| of a model for rows, (rows, outputs).
-Bound = Callable[[ModelIR, FloatArray], FloatArray]
 _Values = dict[Quantity, FloatArray]
 #: Predictions of a model for rows, (rows, outputs).
 Evaluation = Callable[[ModelIR, FloatArray], FloatArray]
 
 
 def harmonics(
-    project: ProjectIR,
+    models: Sequence[ModelIR],
     te: TransmissionError,
     direction: Direction,
     x: FloatArray,
-    bound: Bound = bounds.difference_bound,
+    bound: DifferenceBound = bounds.difference_bound,
     evaluate: Evaluation = reference.evaluate,
 ) -> HarmonicSet:
     """Amplitudes and phases that the models predict at operating points `x` (rows, features)."""
-    models = {model.name: model for model in project.models}
-    values = {name: evaluate(models[name], x) for name in {output.model for output in te.outputs}}
-    errors = {name: bound(models[name], x) for name in values}
+    by_name = {model.name: model for model in models}
+    values = {name: evaluate(by_name[name], x) for name in {output.model for output in te.outputs}}
+    errors = {name: bound(by_name[name], x) for name in values}
     zero = np.zeros(len(x))
     columns = []
     for order in te.orders:
@@ -114,21 +106,27 @@ def _polar(value: _Values, error: _Values) -> tuple[FloatArray, FloatArray, Floa
 
 
 def check_transmission_error(
-    project: ProjectIR,
+    models: Sequence[ModelIR],
     te: TransmissionError,
-    code: GeneratedCode,
-    rows: int,
+    code: RunsBlocks,
     seed: int,
-    bound: Bound = bounds.difference_bound,
+    bound: DifferenceBound = bounds.difference_bound,
 ) -> list[BlockCheck]:
     """Run both blocks at random operating points inside the trained range, and compute what they must give."""
+    rows = _ROWS
     random = np.random.default_rng(seed)
     lower = np.array([feature.lower for feature in te.features], dtype=np.float64)
     upper = np.array([feature.upper for feature in te.features], dtype=np.float64)
     x = lower + (upper - lower) * random.random((rows, len(te.features)))
     theta = random.uniform(-2 * np.pi, 2 * np.pi, rows)
-    sets = {direction: harmonics(project, te, direction, x, bound) for direction in te.directions}
+    sets = {direction: harmonics(models, te, direction, x, bound) for direction in te.directions}
     return [_check_predict(te, code, x, sets), _check_sum(te, code, x, theta, sets)]
+
+
+def calls_of(folder: Path) -> int:
+    """How many calls of FB_TEPredict a generated folder spreads its models over."""
+    manifest = read_manifest(folder)
+    return 1 if manifest is None else int(manifest.purpose.get("calls", 1))
 
 
 def _feature_inputs(te: TransmissionError, x: FloatArray) -> dict[str, FloatArray]:
@@ -136,12 +134,12 @@ def _feature_inputs(te: TransmissionError, x: FloatArray) -> dict[str, FloatArra
 
 
 def _check_predict(
-    te: TransmissionError, code: GeneratedCode, x: FloatArray, sets: dict[Direction, HarmonicSet]
+    te: TransmissionError, code: RunsBlocks, x: FloatArray, sets: dict[Direction, HarmonicSet]
 ) -> BlockCheck:
     result = code.call("FB_TEPredict", _feature_inputs(te, x), len(x), calls=calls_of(code.folder))
     expected, got, bound = [], [], []
     for direction, harmonic in sets.items():
-        suffix = {Direction.FORWARD: "Fw", Direction.BACKWARD: "Bw"}[direction]
+        suffix = SUFFIX[direction]
         amplitude = np.where(result["bValid"][:, None], result[f"aAmplitude{suffix}"], np.nan)
         phase = result[f"aPhase{suffix}"]
         # the same angle may come as +pi and -pi
@@ -155,7 +153,7 @@ def _check_predict(
 
 def _check_sum(
     te: TransmissionError,
-    code: GeneratedCode,
+    code: RunsBlocks,
     x: FloatArray,
     theta: FloatArray,
     sets: dict[Direction, HarmonicSet],

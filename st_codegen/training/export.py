@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from st_codegen.errors import InputError, MissingExtraError
-from st_codegen.ir import Direction, Quantity
 from st_codegen.te.bundle_file import BUNDLE_FILE
+from st_codegen.te.harmonics import Direction, Quantity
 
 FloatArray = npt.NDArray[np.float64]
 #: name, unit

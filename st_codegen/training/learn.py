@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.errors import InputError
-from st_codegen.ir import Direction
+from st_codegen.te.harmonics import Direction
 from st_codegen.training.choice import Choice, choose
 from st_codegen.training.errors import Errors, errors_of
 from st_codegen.training.export import BundleHead, FittedModel

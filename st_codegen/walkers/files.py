@@ -5,28 +5,44 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import importlib
+from dataclasses import dataclass
 from pathlib import Path
 
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.walkers.base import LoadedModel
 from st_codegen.walkers.objects import load_pickle, load_skops
 
-#: Suffix -> module with a function `load_file(path, name)`.
-_MODULES = {
-    ".onnx": "st_codegen.walkers.onnx.load",
-    ".txt": "st_codegen.walkers.lightgbm.model",
-    ".json": "st_codegen.walkers.xgboost.model",
-    ".ubj": "st_codegen.walkers.xgboost.model",
-    ".xml": "st_codegen.beckhoff_ml.model",
-}
+
+@dataclass(frozen=True)
+class FileFormat:
+    """A kind of model file: its suffixes, the words for it in messages, and its reader.
+
+    `module` has a function `load_file(path, name)` and is imported when the first such file is read.
+    """
+
+    suffixes: tuple[str, ...]
+    words: str
+    module: str
+
+
+#: Kinds of model files that hold one model and nothing that runs when it is read.
+FORMATS: list[FileFormat] = [
+    FileFormat((".onnx",), ".onnx", "st_codegen.walkers.onnx.load"),
+    FileFormat((".txt",), ".txt (LightGBM)", "st_codegen.walkers.lightgbm.model"),
+    FileFormat((".json", ".ubj"), ".json and .ubj (XGBoost)", "st_codegen.walkers.xgboost.model"),
+]
+_SKOPS = ".skops"
 _PICKLES = (".joblib", ".pkl", ".pickle")
 
-#: What a folder of models may contain, with the suffixes of each kind.
-SUFFIXES = (*_MODULES, ".skops", *_PICKLES)
-KNOWN_FORMATS = (
-    ".onnx, .txt (LightGBM), .json and .ubj (XGBoost), .xml (TwinCAT machine learning), .skops, and .joblib or .pkl "
-    "with --trust-pickle"
-)
+
+def suffixes() -> tuple[str, ...]:
+    """The suffixes of all files that are read as models."""
+    return (*(suffix for known in FORMATS for suffix in known.suffixes), _SKOPS, *_PICKLES)
+
+
+def known_formats() -> str:
+    """What a folder of models may contain, for messages."""
+    return ", ".join([*(known.words for known in FORMATS), _SKOPS]) + ", and .joblib or .pkl with --trust-pickle"
 
 
 def load_model(path: Path, name: str, *, trust_pickle: bool = False) -> LoadedModel:
@@ -35,19 +51,24 @@ def load_model(path: Path, name: str, *, trust_pickle: bool = False) -> LoadedMo
     Raises InputError (naming the file) for files that cannot be read or used, UntrustedFileError for pickles that are
     not trusted, MissingExtraError where the library to read the format is not installed.
     """
-    suffix = path.suffix.lower()
     if not path.is_file():
         raise InputError(f"{path.name}: no such file in {path.parent}")
-    if suffix in _PICKLES:
-        loaded = load_pickle(path, name, trusted=trust_pickle)
-    elif suffix == ".skops":
-        loaded = load_skops(path, name)
-    elif suffix in _MODULES:
-        loaded = importlib.import_module(_MODULES[suffix]).load_file(path, name)
-    else:
-        raise UnsupportedModelError(f"{path.name}: not a known model format; supported are {KNOWN_FORMATS}")
+    loaded = _loaded(path, name, trust_pickle=trust_pickle)
     source = dataclasses.replace(loaded.ir.source, file=path.name, sha256=_sha256(path))
     return LoadedModel(dataclasses.replace(loaded.ir, source=source), loaded.predict)
+
+
+def _loaded(path: Path, name: str, *, trust_pickle: bool) -> LoadedModel:
+    suffix = path.suffix.lower()
+    if suffix in _PICKLES:
+        return load_pickle(path, name, trusted=trust_pickle)
+    if suffix == _SKOPS:
+        return load_skops(path, name)
+    for known in FORMATS:
+        if suffix in known.suffixes:
+            loaded: LoadedModel = importlib.import_module(known.module).load_file(path, name)
+            return loaded
+    raise UnsupportedModelError(f"{path.name}: not a known model format; supported are {known_formats()}")
 
 
 def _sha256(path: Path) -> str:

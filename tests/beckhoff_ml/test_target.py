@@ -9,10 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lxml import etree
 
-from st_codegen.beckhoff_ml.bounds import engine_bound
+from st_codegen.beckhoff_ml.bounds import engine_answers, engine_bound
 from st_codegen.beckhoff_ml.engines import engines_of, threshold_for_less_or_equal
 from st_codegen.beckhoff_ml.model import read_model
-from st_codegen.emit.generate import generate
+from st_codegen.driver import generate
+from st_codegen.emit.contents import Contents
 from st_codegen.emit.render import render
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import UnsupportedModelError
@@ -27,16 +28,15 @@ from st_codegen.ir import (
     Linear,
     Operator,
     Precision,
-    ProjectIR,
     Scale,
     Select,
     TreeColumn,
     reference,
 )
 from st_codegen.passes.domain import limit_inputs
+from st_codegen.project.bundle import load
 from st_codegen.proof.probes import probe_rows
 from st_codegen.proof.runner import GeneratedCode
-from st_codegen.te.bundle import load
 from tests.models import VECTORS, W, model, random_trees
 
 TARGET = TARGETS["beckhoff-ml"]
@@ -45,7 +45,7 @@ GOLDEN = Path(__file__).resolve().parents[2] / "golden"
 
 def model_files(ir):
     """The model files of one model, by name."""
-    files = {file.path: "".join(file.pieces) for file in render(ProjectIR((limit_inputs(ir),)), TARGET)}
+    files = {file.path: "".join(file.pieces) for file in render(Contents((limit_inputs(ir),)), TARGET)}
     return {Path(path).name: text for path, text in files.items() if path.startswith("Models/")}
 
 
@@ -134,7 +134,7 @@ MODELS = {
 
 def rows_of(ir, count=400):
     x = probe_rows(ir, count)
-    return x[TARGET.answers(ir, x) & np.all(np.isfinite(reference.evaluate(ir, x)), axis=1)]
+    return x[engine_answers(ir, x) & np.all(np.isfinite(reference.evaluate(ir, x)), axis=1)]
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -170,7 +170,7 @@ def test_a_model_reads_back_from_its_file(name):
 @pytest.mark.parametrize("name", ["trees", "two outputs", "scaled network", "svm rbf"])
 def test_the_text_that_calls_the_runtime_gives_the_files_numbers(name, tmp_path):
     ir = limit_inputs(MODELS[name])
-    for file in render(ProjectIR((ir,)), TARGET):
+    for file in render(Contents((ir,)), TARGET):
         path = tmp_path / file.path
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("".join(file.pieces), encoding="utf-8")
@@ -178,14 +178,14 @@ def test_the_text_that_calls_the_runtime_gives_the_files_numbers(name, tmp_path)
     result = GeneratedCode(tmp_path, TARGET.dialect).run_model("FB_M", x, len(ir.outputs))
     files = model_files(ir)
     direct = np.hstack([read_model(text.encode(), file, "m").predict(x) for file, text in files.items()])
-    assert np.array_equal(result.valid, TARGET.answers(ir, x) & np.all(np.isfinite(direct), axis=1))
+    assert np.array_equal(result.valid, engine_answers(ir, x) & np.all(np.isfinite(direct), axis=1))
     # the order of a float32 sum depends on the number of rows, so a network may differ within its bound
     assert np.all(np.abs(result.values - direct)[result.valid] <= 2 * engine_bound(ir, x)[result.valid])
 
 
 @pytest.mark.parametrize("damage", ["gone", "damaged", "another"])
 def test_a_file_that_cannot_be_read_leaves_the_block_invalid(damage, tmp_path):
-    for file in render(ProjectIR((MODELS["network"], dataclasses.replace(MODELS["linear"], name="other"))), TARGET):
+    for file in render(Contents((MODELS["network"], dataclasses.replace(MODELS["linear"], name="other"))), TARGET):
         path = tmp_path / file.path
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("".join(file.pieces), encoding="utf-8")
@@ -271,7 +271,7 @@ def test_all_refusals_are_in_one_message():
     good = dataclasses.replace(MODELS["trees"], name="good")
     models = tuple(dataclasses.replace(ir, name=name) for name, (ir, _) in reasons.items())
     with pytest.raises(UnsupportedModelError, match=f"{len(reasons)} problems") as caught:
-        list(render(ProjectIR((good, *models)), TARGET))
+        list(render(Contents((good, *models)), TARGET))
     lines = str(caught.value).splitlines()[1:]
     assert "good" not in str(caught.value)
     for line, (name, (_, reason)) in zip(lines, reasons.items(), strict=True):

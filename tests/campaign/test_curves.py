@@ -19,7 +19,7 @@ from st_codegen.campaign.curves import (
     write_run,
 )
 from st_codegen.errors import InputError
-from st_codegen.ir import Direction
+from st_codegen.te.harmonics import Direction
 
 CONDITIONS = Conditions(1000.0, 1100.0, 25.0)
 

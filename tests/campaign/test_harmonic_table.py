@@ -5,7 +5,7 @@ import pytest
 
 from st_codegen.campaign.harmonic_table import HarmonicTable, joined, read_table, write_table
 from st_codegen.errors import InputError
-from st_codegen.ir import Direction
+from st_codegen.te.harmonics import Direction
 from tests.families import SHARED
 
 

@@ -12,7 +12,7 @@ from st_codegen.campaign import reader
 from st_codegen.campaign.curves import Conditions, Curve, Run, write_run
 from st_codegen.campaign.reader import read_campaign
 from st_codegen.errors import InputError
-from st_codegen.ir import Direction
+from st_codegen.te.harmonics import Direction
 
 ORDERS = (0, 1, 39)
 VALUES = np.array([-0.03, 0.0172 * np.exp(0.3j), 1e-3 * np.exp(2j)])

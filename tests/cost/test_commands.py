@@ -9,9 +9,9 @@ from st_codegen.cli.main import main
 from st_codegen.cost import load_profile
 from st_codegen.emit.targets import TARGETS
 from st_codegen.passes.choose import Options
-from st_codegen.passes.pipeline import compile_project
+from st_codegen.passes.pipeline import compile_models
+from st_codegen.project.bundle import load
 from st_codegen.proof.explain import Pricing
-from st_codegen.te.bundle import load
 
 
 def run(*arguments):
@@ -81,7 +81,7 @@ def test_layouts_are_chosen_by_the_worst_case_of_their_text(bundle_folder):
     bundle = load(bundle_folder)
     target = TARGETS["twincat"]
     pricing = Pricing(target, target.limits, load_profile())
-    compiled = compile_project(bundle.project, Options(), pricing)
+    compiled = compile_models(bundle.irs, Options(), pricing)
     for decision in compiled.decisions:
         costs = [candidate.cost.cold_us for candidate in decision.candidates]
         assert costs == sorted(costs)

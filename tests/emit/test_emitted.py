@@ -6,9 +6,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from st_codegen.emit.blocks.model import block_name
+from st_codegen.emit.contents import Contents
 from st_codegen.emit.render import render
 from st_codegen.emit.targets import TARGETS
-from st_codegen.ir import ProjectIR, reference
+from st_codegen.ir import reference
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.proof import bounds
 from st_codegen.proof.probes import probe_rows
@@ -18,7 +19,7 @@ from tests.models import SMALL_MODELS, tree_models
 
 def run(model, target, folder, x, limits=None):
     """Generate, parse and run a model's block on rows; NaN where it flags a row."""
-    for file in render(ProjectIR((model,)), TARGETS[target], limits):
+    for file in render(Contents((model,)), TARGETS[target], limits):
         path = folder / target / file.path
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("".join(file.pieces), encoding="utf-8")

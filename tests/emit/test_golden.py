@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from st_codegen.driver import generate
 from st_codegen.emit.blocks.model import block_name
-from st_codegen.emit.generate import generate
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import UnsupportedModelError
+from st_codegen.project.bundle import load
 from st_codegen.proof import bounds
 from st_codegen.proof.predict import read_table
 from st_codegen.proof.runner import GeneratedCode
@@ -18,7 +19,6 @@ from st_codegen.proof.verify import verify
 from st_codegen.st import load_project
 from st_codegen.st.dialects.portable import violations
 from st_codegen.st.syntax.source import read_paths
-from st_codegen.te.bundle import load
 
 pytest.importorskip("skops")
 pytest.importorskip("lightgbm")

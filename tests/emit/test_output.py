@@ -8,12 +8,12 @@ import time
 
 import pytest
 
+from st_codegen.driver import check, generate
 from st_codegen.emit import output
-from st_codegen.emit.generate import check, generate
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError, InputError, TargetError
 from st_codegen.passes.choose import Layout, Options
-from st_codegen.te.bundle import load
+from st_codegen.project.bundle import load
 
 TWINCAT = TARGETS["twincat"]
 
@@ -118,8 +118,8 @@ TREES = Options(Layout.TREES)  # quick to generate
 WRITER = """
 import sys
 from pathlib import Path
-from st_codegen.te.bundle import load
-from st_codegen.emit.generate import generate
+from st_codegen.project.bundle import load
+from st_codegen.driver import generate
 from st_codegen.passes.choose import Layout, Options
 from st_codegen.emit.targets import TARGETS
 bundles = [load(Path(folder)) for folder in sys.argv[1:3]]

@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 
 from st_codegen.emit.blocks.model import Limits, block_name
 from st_codegen.ir import Comparison, Feature, Operator, Precision, Rank, Scale, TreeEnsemble, depth_of, reference
+from st_codegen.ir.subtrees import subtrees
 from st_codegen.passes.choose import Layout, Options
 from st_codegen.passes.domain import limit_inputs
-from st_codegen.passes.pipeline import compile_project
-from st_codegen.passes.prune import pruned, subtrees
+from st_codegen.passes.pipeline import compile_models
+from st_codegen.passes.prune import pruned
 from st_codegen.passes.ranks import ranked
 from st_codegen.proof.probes import probe_rows
 from tests.emit.test_emitted import run
@@ -193,14 +194,13 @@ def test_what_has_no_ranks_keeps_its_layout():
 
 
 def test_auto_takes_the_cheapest_and_trees_never_a_table():
-    from st_codegen.ir import ProjectIR
 
     few = model(random_trees(np.random.default_rng(1), trees=20, comparison=Comparison.LESS))
-    assert compile_project(ProjectIR((few,))).decisions[0].chosen == "table"
+    assert compile_models([few]).decisions[0].chosen == "table"
     for options in (Options(Layout.TREES), Options(Layout.TREES, ranks=False)):
-        (decision,) = compile_project(ProjectIR((few,)), options).decisions
+        (decision,) = compile_models([few], options).decisions
         assert decision.chosen in ("as trained", "ranked trees")
-    (decision,) = compile_project(ProjectIR((few,))).decisions
+    (decision,) = compile_models([few]).decisions
     costs = [candidate.cost.nanoseconds for candidate in decision.candidates]
     assert costs == sorted(costs)
     assert {candidate.layout for candidate in decision.candidates} == {"table", "as trained", "ranked trees"}

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from st_codegen.emit.generate import generate
+from st_codegen.driver import generate
 from st_codegen.passes.choose import Layout, Options
+from st_codegen.project.bundle import load
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.proof.verify import verify
 from st_codegen.st import LaneMachine
-from st_codegen.te.bundle import load
 
 
 @pytest.fixture(params=["twincat", "iec"])
@@ -64,4 +64,4 @@ def test_the_header_states_the_delay(spread):
 def test_a_bundle_that_fits_into_a_call_is_not_spread(bundle_folder, tmp_path):
     made = generate(load(bundle_folder), "iec", tmp_path, options=Options(outputs_per_cycle=50))
     assert "calls" not in made.facts["transmission_error"]
-    assert made.compiled.project.transmission_error.cycles == ()
+    assert made.purpose.te.cycles == ()

@@ -11,25 +11,22 @@ from st_codegen.emit.blocks.model import Limits
 from st_codegen.ir import (
     CellTable,
     Comparison,
-    Direction,
     Feature,
-    HarmonicOutput,
     Operator,
     Precision,
-    ProjectIR,
-    Quantity,
     Rank,
     Scale,
-    TransmissionError,
     TreeColumn,
     reference,
 )
 from st_codegen.passes.choose import Layout, Options
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.passes.monotone import Chain, Domain, changeovers, split_edges
-from st_codegen.passes.pipeline import compile_project
+from st_codegen.passes.pipeline import compile_models
 from st_codegen.passes.tables import as_model, cells_of, united
 from st_codegen.proof.probes import probe_rows
+from st_codegen.te.harmonics import Direction, HarmonicOutput, Quantity, TransmissionError
+from st_codegen.te.purpose import Compensation
 from tests.emit.test_emitted import run
 from tests.models import SMALL_MODELS, model, random_trees, tree_models
 
@@ -165,7 +162,7 @@ def test_a_table_above_the_limit_is_not_made():
     trees = model(random_trees(np.random.default_rng(1), trees=20, comparison=Comparison.LESS))
     size = cells_of(trees, MOST).values.size
     assert cells_of(trees, size - 1) is None
-    compiled = compile_project(ProjectIR((trees,)), Options(Layout.TABLE, table_bytes=8 * size - 8))
+    compiled = compile_models([trees], Options(Layout.TABLE, table_bytes=8 * size - 8))
     assert compiled.decisions[0].chosen != "table"
 
 
@@ -217,18 +214,18 @@ def test_one_search_serves_several_models(seed, accepts_nan, target, tmp_path_fa
             HarmonicOutput(Direction.FORWARD, 1, Quantity.PHASE, "m3", 0),
         ),
     )
-    compiled = compile_project(ProjectIR(tuple(models), te), Options(Layout.TABLE))
-    (printed,) = compiled.project.models
+    options = Options(Layout.TABLE)
+    compiled = compile_models(models, options, together=True)
+    (printed,) = compiled.models
     assert sum(isinstance(op, Rank) for op in printed.ops) <= 1
-    assert [o.model for o in compiled.project.transmission_error.outputs] == [printed.name] * 3
+    assert [o.model for o in Compensation(te).settled(compiled, options).te.outputs] == [printed.name] * 3
     x = np.vstack([probe_rows(made, 100, seed) for made in models])
     together = reference.evaluate(printed, x)
     for made in models:
-        place = compiled.places[made.name]
-        assert_same_bits(reference.evaluate(made, x), np.ascontiguousarray(together[:, place.outputs]))
+        location = compiled.locations[made.name]
+        assert_same_bits(reference.evaluate(made, x), np.ascontiguousarray(together[:, location.outputs]))
     if seed % 4 == 0:
-        alone = ProjectIR((printed,))
-        got = run(alone.models[0], target, tmp_path_factory.mktemp("shared"), x)
+        got = run(printed, target, tmp_path_factory.mktemp("shared"), x)
         assert np.array_equal(together, got, equal_nan=True)
 
 

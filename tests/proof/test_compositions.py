@@ -25,7 +25,7 @@ from sklearn.tree import DecisionTreeRegressor
 
 import st_codegen
 from st_codegen.passes.domain import limit_inputs
-from st_codegen.te.bundle import Bundle
+from st_codegen.project.bundle import Bundle
 from st_codegen.walkers.base import LoadedModel
 from st_codegen.walkers.objects import from_estimator
 

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
+from st_codegen.driver import Engine, predict
 from st_codegen.errors import InputError
-from st_codegen.proof.predict import Engine, predict, read_table, write_table
-from st_codegen.te.bundle import load
+from st_codegen.project.bundle import load
+from st_codegen.proof.predict import read_table, write_table
 
 ROWS = np.array([[500.0, 300.0, 26.0], [np.nan, 10.0, 30.0], [np.inf, -np.inf, 1e300], [100.0, 0.0, 25.0]])
 

@@ -6,13 +6,13 @@ The table stands beside the checkout, not in it.
 import numpy as np
 import pytest
 
+from st_codegen.driver import generate
 from st_codegen.emit.blocks.model import block_name
-from st_codegen.emit.generate import generate
 from st_codegen.emit.targets import TARGETS
 from st_codegen.passes.domain import limit_inputs
+from st_codegen.project.bundle import Bundle, load
 from st_codegen.proof.probes import probe_rows
 from st_codegen.proof.verify import verify
-from st_codegen.te.bundle import Bundle, load
 from st_codegen.walkers.base import LoadedModel
 from st_codegen.walkers.objects import from_estimator
 from tests.families import SHARED, families, harmonic_table, write_bundle
@@ -68,7 +68,7 @@ def test_the_bundle_of_the_paper_is_compiled_and_verified(tmp_path):
     generated = [generate(bundle, target, tmp_path / "out") for target in TARGETS.values()]
     names = {path.stem for path in (tmp_path / "out" / "twincat" / "POUs").iterdir()}
     compiled = generated[0].compiled
-    blocks = {block_name(compiled.places[model.ir.name].model) for model in bundle.models}
+    blocks = {block_name(compiled.locations[model.ir.name].model) for model in bundle.models}
     assert names >= blocks | {"FB_TEPredict", "FB_Compensator"}
     # what splits at the grid of the campaign becomes tables, and few searches serve them all; random splits stay trees
     layouts = {

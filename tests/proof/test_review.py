@@ -2,11 +2,11 @@ import re
 
 import pytest
 
-from st_codegen.emit.generate import generate
+from st_codegen.driver import generate
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
+from st_codegen.project.bundle import load
 from st_codegen.proof.review import diff
-from st_codegen.te.bundle import load
 
 
 def make(models, out, *targets):

@@ -4,12 +4,12 @@ import re
 import numpy as np
 import pytest
 
-from st_codegen.emit.generate import generate
+from st_codegen.driver import generate
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.passes.choose import Layout, Options
+from st_codegen.project.bundle import load
 from st_codegen.proof.verify import ulps_between, verify
-from st_codegen.te.bundle import load
 
 
 @pytest.fixture

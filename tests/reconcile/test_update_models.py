@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from st_codegen.cli.main import main
-from st_codegen.ir import Quantity
+from st_codegen.project.bundle import load
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import parse_rig
-from st_codegen.te.bundle import load
+from st_codegen.te.harmonics import Quantity
 
 for _needed in ("numba", "matplotlib", "onnx"):
     pytest.importorskip(_needed)
@@ -133,7 +133,7 @@ def test_the_new_bundle_predicts_what_was_hidden(both):
     """At points that were not measured, by the library's own answers."""
     folder, _ = both
     bundle = load(folder / "out" / "models")
-    te = bundle.transmission_error
+    te = bundle.purpose.te
     truth = parse_rig(LINEAR_RIG + KNOWN + RESONANCE + SIDEBANDS)
     x = np.array([[1150.0, 450.0, 27.0], [1650.0, 1500.0, 33.0]])
     for direction, sign in zip(te.directions, (1.0, -1.0), strict=True):

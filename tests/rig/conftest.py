@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from st_codegen.project.bundle import load
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.machine import machine_of
 from st_codegen.rig.model import parse_rig
-from st_codegen.te.bundle import load
 
 LINEAR_RIG = """
 [rig]

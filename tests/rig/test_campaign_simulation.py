@@ -9,10 +9,10 @@ from click.testing import CliRunner
 from st_codegen.campaign.curves import Conditions, find_runs, read_run
 from st_codegen.cli.main import cli, main
 from st_codegen.errors import InputError
-from st_codegen.ir import Direction
 from st_codegen.rig.campaign import Measuring, read_conditions, simulate_campaign, simulate_run
 from st_codegen.rig.effects import Conditions as Points
 from st_codegen.rig.model import read_rig
+from st_codegen.te.harmonics import Direction
 
 RIG = Path(__file__).resolve().parents[2] / "examples" / "rv160n" / "rig.toml"
 

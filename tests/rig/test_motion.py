@@ -116,7 +116,7 @@ def test_no_transmission_error_gives_no_error(linear_bundle):
 
 
 def test_a_compensator_that_predicts_nothing_changes_nothing(linear_rig, tmp_path, moved):
-    from st_codegen.te.bundle import load
+    from st_codegen.project.bundle import load
 
     nothing = parse_rig("[rig]\nreduction_ratio = 81.0\n")
     bundle = load(write_bundle(nothing, tmp_path / "zero", (0, 1)))
@@ -250,7 +250,7 @@ def test_the_bundle_must_fit_the_rig(linear_bundle):
 
 
 def test_features_the_rig_does_not_know(linear_bundle):
-    te = linear_bundle.transmission_error
+    te = linear_bundle.purpose.te
     strange = dataclasses.replace(te.features[1], name="humidity", unit="%")
     with pytest.raises(InputError, match="humidity"):
         roles_of(dataclasses.replace(te, features=(te.features[0], strange, te.features[2])))

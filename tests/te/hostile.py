@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from st_codegen.ir import Direction
 from st_codegen.st import LaneMachine
 from st_codegen.te.compensation.codes import EXPERIMENT_STATE
+from st_codegen.te.harmonics import Direction
 from tests.te.projects import BOTH, ORDERS, loaded_with
 
 UNIT = 2.0**-53

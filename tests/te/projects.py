@@ -6,21 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
+from st_codegen.emit.contents import Contents
 from st_codegen.emit.render import render
 from st_codegen.emit.targets import TARGETS
-from st_codegen.ir import (
-    Direction,
-    Feature,
-    HarmonicOutput,
-    Linear,
-    ModelIR,
-    ProjectIR,
-    Quantity,
-    Source,
-    TransmissionError,
-)
+from st_codegen.ir import Feature, Linear, ModelIR, Source
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.st import load_project
+from st_codegen.te.harmonics import Direction, HarmonicOutput, Quantity, TransmissionError
+from st_codegen.te.purpose import Compensation
 
 BOTH = (Direction.FORWARD, Direction.BACKWARD)
 RATIO = 81.0
@@ -38,8 +31,8 @@ def coefficient(number):
     return 0.01 * (1.0 + 0.37 * number) * (-1.0) ** number
 
 
-def project(orders=ORDERS, directions=BOTH, slope=1e-6):
-    """A bundle of one linear model with an output for each quantity."""
+def described(orders=ORDERS, directions=BOTH, slope=1e-6):
+    """One linear model with an output for each quantity, and the harmonics that it predicts."""
     outputs = []
     for direction in directions:
         for order in orders:
@@ -52,7 +45,18 @@ def project(orders=ORDERS, directions=BOTH, slope=1e-6):
     names = tuple(f"out{i}" for i in range(n))
     model = ModelIR("parts", FEATURES, (Linear((0,), weights, bias),), names, Source("none", "0", "linear"))
     te = TransmissionError("small", FEATURES, 0, RATIO, tuple(orders), tuple(directions), tuple(outputs))
-    return ProjectIR((limit_inputs(model),), te)
+    return limit_inputs(model), te
+
+
+def contents(model, te):
+    """What is printed for a model that predicts harmonics."""
+    purpose = Compensation(te)
+    return Contents((model,), purpose.application(), purpose.uses())
+
+
+def project(orders=ORDERS, directions=BOTH, slope=1e-6):
+    """A bundle of one linear model with an output for each quantity, and the blocks around it."""
+    return contents(*described(orders, directions, slope))
 
 
 def texts(ir, target):

@@ -5,11 +5,11 @@ import re
 
 import pytest
 
-from st_codegen.ir import Direction, ProjectIR
 from st_codegen.st.dialects.portable import violations
 from st_codegen.st.syntax.source import read_texts
 from st_codegen.te.compensation.programs import SINGLE_TASK, TWO_TASKS
-from tests.te.projects import BOTH, PAPER_ORDERS, loaded, project, texts
+from st_codegen.te.harmonics import Direction
+from tests.te.projects import BOTH, PAPER_ORDERS, contents, described, loaded, project, texts
 
 SHAPES = [
     ((0,), BOTH),
@@ -41,9 +41,9 @@ def tasks_of(files):
 
 
 def test_one_task_or_two_call_the_programs():
-    ir = project()
-    assert tasks_of(texts(ir, "twincat")) == {"PlcTask.TcTTO": ("500", ["PRG_Experiment", "PRG_Main"])}
-    two = ProjectIR(ir.models, dataclasses.replace(ir.transmission_error, tasks=2))
+    model, te = described()
+    assert tasks_of(texts(project(), "twincat")) == {"PlcTask.TcTTO": ("500", ["PRG_Experiment", "PRG_Main"])}
+    two = contents(model, dataclasses.replace(te, tasks=2))
     assert tasks_of(texts(two, "twincat")) == {
         "FastTask.TcTTO": ("250", ["PRG_Fast"]),
         "SlowTask.TcTTO": ("500", ["PRG_Experiment", "PRG_Slow"]),

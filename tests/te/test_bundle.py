@@ -5,13 +5,13 @@ import re
 import pytest
 
 from st_codegen.errors import InputError, UntrustedFileError
-from st_codegen.ir import Direction, Quantity
-from st_codegen.te.bundle import load
+from st_codegen.project.bundle import load
+from st_codegen.te.harmonics import Direction, Quantity
 
 
 def test_a_folder_without_bundle_toml_gives_a_model_a_file(lone_folder):
     bundle = load(lone_folder)
-    assert bundle.transmission_error is None
+    assert bundle.purpose is None
     (model,) = bundle.models
     assert model.ir.name == "te"
     assert [f.name for f in model.ir.features] == ["speed_rpm", "torque_Nm", "temperature_C"]
@@ -34,7 +34,7 @@ def test_a_model_whose_result_overflows_for_any_input_is_refused(lone_folder):
 
 def test_a_bundle_has_features_ranges_and_harmonics(bundle_folder):
     bundle = load(bundle_folder)
-    te = bundle.transmission_error
+    te = bundle.purpose.te
     assert [model.ir.name for model in bundle.models] == ["a", "b"]
     assert (te.orders, te.reduction_ratio, te.speed_feature) == ((0, 1), 81.0, 0)
     assert [(f.name, f.unit, f.lower, f.upper) for f in bundle.models[0].ir.features] == [
@@ -155,14 +155,14 @@ sine = "a.txt"
 @pytest.mark.parametrize("tasks", [1, 2])
 def test_terms_are_added_and_proven(bundle_folder, tmp_path, tasks):
     """To a mean, to an amplitude with a phase, and twice to cosine and sine part."""
-    from st_codegen.emit.generate import generate
+    from st_codegen.driver import generate
     from st_codegen.proof.verify import verify
 
     path = bundle_folder / "bundle.toml"
     text = path.read_text(encoding="utf-8").replace("orders = ", f"tasks = {tasks}\norders = ")
     path.write_text(text + TERMS, encoding="utf-8")
     bundle = load(bundle_folder)
-    te = bundle.transmission_error
+    te = bundle.purpose.te
     assert set(te.quantities(Direction.FORWARD, 1)) == {Quantity.AMPLITUDE, Quantity.PHASE}
     assert [len(te.terms(Direction.BACKWARD, 1)[q]) for q in (Quantity.COSINE, Quantity.SINE)] == [2, 2]
     for target in ("twincat", "iec"):
@@ -196,7 +196,7 @@ def test_a_number_of_tasks_is_one_or_two(bundle_folder, tasks):
     with pytest.raises(InputError, match=r"tasks = .* is (outside 1 .. 2|not a whole number)"):
         load(bundle_folder)
     path.write_text(text.replace("orders = ", "tasks = 2\norders = "), encoding="utf-8")
-    assert load(bundle_folder).transmission_error.tasks == 2
+    assert load(bundle_folder).purpose.te.tasks == 2
 
 
 def test_all_problems_are_reported_at_once(bundle_folder):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from st_codegen.errors import InputError
-from st_codegen.ir import Direction
 from st_codegen.st import LaneMachine, ScalarMachine
+from st_codegen.te.harmonics import Direction
 from tests.te.projects import BOTH, ORDERS, RATIO, error_codes, loaded, parts
 
 TARGETS = ["twincat", "iec"]
@@ -208,9 +208,9 @@ def test_features_that_are_called_as_an_input_are_refused():
     import dataclasses
 
     from st_codegen.te.compensation import compensation
-    from tests.te.projects import project
+    from tests.te.projects import described
 
-    bundle = project().transmission_error
+    _, bundle = described()
     features = (*bundle.features[:2], dataclasses.replace(bundle.features[2], name="cycle_s"))
     with pytest.raises(InputError, match="fCycle_s: rename the feature"):
         compensation(dataclasses.replace(bundle, features=features))
@@ -221,7 +221,7 @@ def test_reduction_ratios_that_are_none_are_refused(ratio):
     import dataclasses
 
     from st_codegen.te.compensation import compensation
-    from tests.te.projects import project
+    from tests.te.projects import described
 
     with pytest.raises(InputError, match="reduction ratio"):
-        compensation(dataclasses.replace(project().transmission_error, reduction_ratio=ratio))
+        compensation(dataclasses.replace(described()[1], reduction_ratio=ratio))

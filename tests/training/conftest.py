@@ -10,7 +10,7 @@ pytest.importorskip("xgboost")
 
 from st_codegen.campaign.curves import Conditions, Curve, Run, write_run
 from st_codegen.campaign.harmonic_table import HarmonicTable
-from st_codegen.ir import Direction
+from st_codegen.te.harmonics import Direction
 from st_codegen.training.search import one_thread
 
 

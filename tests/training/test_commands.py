@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from st_codegen.campaign.harmonic_table import joined, read_table, write_table
 from st_codegen.cli.main import cli, main
 from st_codegen.cli.tables import ERRORS, PREDICTIONS, TABLE
-from st_codegen.te.bundle import load
+from st_codegen.project.bundle import load
 from st_codegen.training.tables import COLUMNS
 from tests.training.conftest import ORDERS, a_table, write_campaign
 
@@ -70,7 +70,7 @@ def test_a_campaign_becomes_a_bundle(tmp_path):
     page = (tmp_path / "r.html").read_text()
     assert "of the strongest" in page
     assert "broken.csv" in page
-    assert load(tmp_path / "m").transmission_error.orders == ORDERS
+    assert load(tmp_path / "m").purpose.te.orders == ORDERS
 
 
 def test_bad_files_stop_it_and_nothing_is_written(tmp_path, capsys):

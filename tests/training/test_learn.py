@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from st_codegen.campaign.harmonic_table import HarmonicTable, joined
+from st_codegen.driver import Engine, predict
 from st_codegen.errors import InputError
-from st_codegen.ir import Direction, Quantity
 from st_codegen.ir.reference import evaluate
-from st_codegen.proof.predict import Engine, predict
-from st_codegen.te.bundle import load
+from st_codegen.project.bundle import load
+from st_codegen.te.harmonics import Direction, Quantity
 from st_codegen.training.choice import choose, loss
 from st_codegen.training.errors import errors_of
 from st_codegen.training.export import write_bundle
@@ -204,7 +204,7 @@ def test_the_bundle_compiles_and_predicts_the_same(lessons, tmp_path, form):
     models = [model for lesson in learned for model in lesson.models]
     write_bundle(tmp_path / "models", bundle_head(both, "small", 81.0), models, form)
     bundle = load(tmp_path / "models")
-    assert bundle.transmission_error.orders == ORDERS
+    assert bundle.purpose.te.orders == ORDERS
     rows = both.conditions[:40]
     columns = dict(zip(("speed_rpm", "torque_Nm", "temperature_C"), rows.T, strict=True))
     # the emitted text, inside the trained ranges

@@ -22,7 +22,7 @@ from st_codegen.emit.blocks.operations import Step
 from st_codegen.errors import TargetError
 from st_codegen.ir import Aggregate, FloatArray, IntArray, Precision, TreeEnsemble, depth_of
 from st_codegen.ir.preorder import preorder
-from st_codegen.passes.prune import subtrees
+from st_codegen.ir.subtrees import subtrees
 
 #: Trees that go down together.
 LANES = 4

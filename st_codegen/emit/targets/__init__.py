@@ -1,22 +1,14 @@
-"""What a dialect allows and which files it wants."""
+"""The dialects and kinds of files that can be written: each module of this folder enters one target into the table.
 
-from st_codegen.beckhoff_ml.target import BeckhoffMlTarget
-from st_codegen.emit.targets.base import FilePlan, Target
-from st_codegen.emit.targets.iec import IecTarget
-from st_codegen.emit.targets.plcopen import PlcOpenTarget
-from st_codegen.emit.targets.twincat import TwinCatTarget
-from st_codegen.errors import InputError
+A room of its own (such as `beckhoff_ml`) enters its target when it is imported.
+"""
 
-TARGETS: dict[str, Target] = {
-    target.name: target for target in (TwinCatTarget(), IecTarget(), PlcOpenTarget(), BeckhoffMlTarget())
-}
+import importlib
+import pkgutil
 
-__all__ = ["TARGETS", "FilePlan", "Target", "target_named"]
+from st_codegen.emit.targets.base import TARGETS, FilePlan, Target, enter_target, target_named
 
+for _module in pkgutil.iter_modules(__path__):
+    importlib.import_module(f"{__name__}.{_module.name}")
 
-def target_named(name: str) -> Target:
-    """The target of a name. Raises InputError that lists all names."""
-    try:
-        return TARGETS[name]
-    except KeyError:
-        raise InputError(f"no target '{name}'; choose from {', '.join(sorted(TARGETS))}") from None
+__all__ = ["TARGETS", "FilePlan", "Target", "enter_target", "target_named"]

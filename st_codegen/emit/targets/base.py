@@ -1,4 +1,4 @@
-"""What a target is: limits of its dialect, and a list of files."""
+"""What a target is, and the table of those that there are."""
 
 from __future__ import annotations
 
@@ -7,15 +7,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from st_codegen.emit.blocks.application import Application
 from st_codegen.emit.blocks.listing import Block
 from st_codegen.emit.blocks.model import Limits, model_block
-from st_codegen.emit.blocks.project import application_of
 from st_codegen.emit.blocks.tests import ReferenceVectors, with_tests
-from st_codegen.ir import BoolArray, FloatArray, ModelIR, ProjectIR
-from st_codegen.proof import bounds
+from st_codegen.emit.contents import Contents
+from st_codegen.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -40,36 +37,44 @@ class FilePlan:
 class Target(ABC):
     """A dialect of Structured Text and the files it comes in.
 
-    `dialect` is twincat or iec: the folder of templates whose `dialect.st.j2` says how the dialect writes what differs,
-    and the rules by which the text is checked and executed. `compiles`: the passes rewrite the models first; False for
-    a target that hands the models themselves on. `has_tests`: test suites can be written. `proof`: what
-    verification does not show, where it is less than the text that runs on the controller.
+    `dialect` names the rules by which the text is checked and executed. `templates` is the folder of templates whose
+    `dialect.st.j2` says how the dialect writes what differs. `compiles` says whether the passes rewrite the models
+    first; a target that hands the models themselves on has False. `has_tests` says whether test suites can be written.
     """
 
     name: str
     summary: str
     dialect: str
+    templates: str
     limits: Limits
     compiles: bool = True
     has_tests: bool = False
-    proof: str = ""
 
-    def plan(self, project: ProjectIR, limits: Limits, vectors: Sequence[ReferenceVectors] = ()) -> Iterable[FilePlan]:
+    def plan(self, contents: Contents, limits: Limits, vectors: Sequence[ReferenceVectors] = ()) -> Iterable[FilePlan]:
         """The files of a project, in a fixed order, with test suites for `vectors`.
 
         Raises InputError or TargetError before anything is printed.
         """
-        application = application_of(project, lambda model: model_block(model, limits))
+        application = contents.application(lambda model: model_block(model, limits))
         return self.files(with_tests(application, vectors))
 
     @abstractmethod
     def files(self, application: Application) -> Iterable[FilePlan]:
         """The files of an application, in a fixed order. Raises TargetError for what they cannot express."""
 
-    def difference_bound(self, model: ModelIR, x: FloatArray) -> FloatArray:
-        """How far a model's block may lie from the library for rows of `x` (rows, features), shape (rows, outputs)."""
-        return bounds.difference_bound(model, x)
 
-    def answers(self, model: ModelIR, x: FloatArray) -> BoolArray:
-        """The rows of `x` for which a model's block gives an answer where the library does, shape (rows,)."""
-        return np.ones(len(x), np.bool_)
+#: All targets by name.
+TARGETS: dict[str, Target] = {}
+
+
+def enter_target(target: Target) -> None:
+    """Enter a target into the table; its name is the value of `--target` and the folder of its output."""
+    TARGETS[target.name] = target
+
+
+def target_named(name: str) -> Target:
+    """The target of a name. Raises InputError that lists all names."""
+    try:
+        return TARGETS[name]
+    except KeyError:
+        raise InputError(f"no target '{name}'; choose from {', '.join(sorted(TARGETS))}") from None

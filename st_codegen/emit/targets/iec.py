@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from st_codegen.emit.blocks.application import Application, DataType
 from st_codegen.emit.blocks.listing import Block
 from st_codegen.emit.blocks.model import Limits
-from st_codegen.emit.targets.base import FilePlan, Target
+from st_codegen.emit.targets.base import FilePlan, Target, enter_target
 
 
 class IecTarget(Target):
@@ -19,6 +19,7 @@ class IecTarget(Target):
     name = "iec"
     summary = "portable Structured Text (.st)"
     dialect = "iec"
+    templates = "iec"
     limits = Limits(max_array=65_536, real_range=(1e-37, 1e37), data_bytes=16 * 1024 * 1024)
 
     def files(self, application: Application) -> Iterable[FilePlan]:
@@ -31,3 +32,6 @@ class IecTarget(Target):
 
 def _file(name: str, types: tuple[DataType, ...], blocks: tuple[Block, ...]) -> FilePlan:
     return FilePlan(f"{name}.st", "iec/blocks.st.j2", {"types": types, "blocks": blocks})
+
+
+enter_target(IecTarget())

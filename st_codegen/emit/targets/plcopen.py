@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from st_codegen.emit.blocks.application import Application, Enumeration
 from st_codegen.emit.blocks.listing import LINE_LENGTH, Block, Table, Variable
 from st_codegen.emit.blocks.model import Limits
-from st_codegen.emit.targets.base import FilePlan, Target
+from st_codegen.emit.targets.base import FilePlan, Target, enter_target
 from st_codegen.errors import Problems, TargetError
 
 #: The schema requires a date and the files must not change from run to run: always this one.
@@ -65,6 +65,7 @@ class PlcOpenTarget(Target):
     name = "plcopen"
     summary = "PLCopen XML, TC6 version 2.01 (.xml)"
     dialect = "iec"
+    templates = "iec"
     limits = Limits(max_array=65_536, real_range=(1e-37, 1e37), data_bytes=16 * 1024 * 1024)
 
     def files(self, application: Application) -> Iterable[FilePlan]:
@@ -154,3 +155,6 @@ class _Writer:
 
 def _lines(comment: str) -> tuple[str, ...]:
     return tuple(textwrap.wrap(comment, LINE_LENGTH - 10))
+
+
+enter_target(PlcOpenTarget())

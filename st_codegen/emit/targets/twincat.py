@@ -10,7 +10,7 @@ from pathlib import PurePosixPath
 from st_codegen.emit.blocks.application import Application, DataType, GlobalList, Overlay, Task
 from st_codegen.emit.blocks.listing import Block, Section, Variable
 from st_codegen.emit.blocks.model import Limits
-from st_codegen.emit.targets.base import FilePlan, Target
+from st_codegen.emit.targets.base import FilePlan, Target, enter_target
 
 #: Object identifiers are derived from names, so that they never change.
 _NAMESPACE = uuid.uuid5(uuid.NAMESPACE_DNS, "st-codegen")
@@ -31,6 +31,7 @@ class TwinCatTarget(Target):
     name = "twincat"
     summary = "TwinCAT 3 PLC project (.plcproj, .TcPOU, .TcDUT, .TcGVL, .TcTTO)"
     dialect = "twincat"
+    templates = "twincat"
     limits = Limits(max_array=65_536, data_bytes=32 * 1024 * 1024)
     has_tests = True
 
@@ -106,3 +107,6 @@ def project_file(application: Application, files: list[FilePlan]) -> FilePlan:
         "libraries": [{"name": name, "company": _COMPANIES.get(name, _COMPANY)} for name in names],
     }
     return FilePlan(f"{application.name}.plcproj", "twincat/project.plcproj.j2", values)
+
+
+enter_target(TwinCatTarget())

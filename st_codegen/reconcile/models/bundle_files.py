@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from st_codegen.errors import InputError
-from st_codegen.ir import Direction
+from st_codegen.project.bundle import Bundle
 from st_codegen.reconcile.models.formula import Node, write_onnx
 from st_codegen.reconcile.models.terms import Decision, Inputs, Part
-from st_codegen.rig.compensator import transmission_error
-from st_codegen.te.bundle import Bundle
 from st_codegen.te.bundle_file import BUNDLE_FILE, read_description
+from st_codegen.te.harmonics import Direction
+from st_codegen.te.purpose import transmission_error
 
 _ORDERS = re.compile(r"^(\s*orders\s*=\s*)\[[^\]]*\]", re.MULTILINE)
 

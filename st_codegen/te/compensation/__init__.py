@@ -6,11 +6,11 @@ One task does everything (`PRG_Main` with `FB_Compensator`), or two share the wo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import numpy as np
 
-from st_codegen.emit.blocks.application import ArrayAlias, DataType, GlobalList, Task
-from st_codegen.emit.blocks.listing import Block
-from st_codegen.ir import TransmissionError
+from st_codegen.emit.blocks.application import Application, ArrayAlias, GlobalList
+from st_codegen.emit.blocks.listing import Table, Variable
+from st_codegen.emit.literals import identifier, real
 from st_codegen.te.compensation.codes import EXPERIMENT_ERROR, EXPERIMENT_STATE, LOAD_ERROR, TE_ERROR
 from st_codegen.te.compensation.compensator import compensator_block
 from st_codegen.te.compensation.correction import correction_block
@@ -30,28 +30,23 @@ from st_codegen.te.compensation.programs import (
     slow_program,
 )
 from st_codegen.te.compensation.two_tasks import exchange_structure, fast_block, set_structure, slow_block
+from st_codegen.te.harmonics import TransmissionError
 
 
-@dataclass(frozen=True)
-class Compensation:
-    """Parts of the application, each kind in the order of declaration."""
+def compensation(te: TransmissionError) -> Application:
+    """All that surrounds the models of a bundle, each kind in the order of declaration.
 
-    types: tuple[DataType, ...]
-    globals: tuple[GlobalList, ...]
-    blocks: tuple[Block, ...]
-    tasks: tuple[Task, ...]
-
-
-def compensation(te: TransmissionError) -> Compensation:
-    """All parts for a bundle. Raises InputError for names that clash and a ratio that is none."""
-    return Compensation(
+    Raises InputError for names that clash.
+    """
+    return Application(
+        name=identifier(te.name, "bundle name"),
         types=(
             _harmonics_type(te),
             *(codes.enumeration for codes in (TE_ERROR, LOAD_ERROR, EXPERIMENT_STATE, EXPERIMENT_ERROR)),
             set_structure(te),
             exchange_structure(),
         ),
-        globals=(signals(te), experiment_signals()),
+        globals=(_bundle_globals(te), signals(te), experiment_signals()),
         blocks=(
             within_function(),
             predict_block(te),
@@ -75,3 +70,15 @@ def _harmonics_type(te: TransmissionError) -> ArrayAlias:
     orders = ", ".join(map(str, te.orders))
     comment = f"One number for each harmonic; orders: {orders}."
     return ArrayAlias(HARMONICS_TYPE, (comment,), "LREAL", len(te.orders))
+
+
+def _bundle_globals(te: TransmissionError) -> GlobalList:
+    """GVL_TE: what the bundle is for."""
+    ratio = Variable("REDUCTION_RATIO", "LREAL", initial=real(te.reduction_ratio), comment="theta_in / theta_out")
+    return GlobalList(
+        "GVL_TE",
+        (f"What FB_TEPredict and FB_Compensator were generated for: bundle {te.name}.",),
+        (ratio,),
+        (Table("ORDER", "DINT", np.array(te.orders, np.int32)),),
+        constant=True,
+    )

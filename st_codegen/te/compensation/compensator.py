@@ -5,7 +5,6 @@ from __future__ import annotations
 from st_codegen.emit.blocks.listing import Block, Section, Variable
 from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.literals import real
-from st_codegen.ir import TransmissionError
 from st_codegen.te.compensation.codes import TE_ERROR
 from st_codegen.te.compensation.correction import parameters, results
 from st_codegen.te.compensation.parts import (
@@ -18,6 +17,7 @@ from st_codegen.te.compensation.parts import (
     same,
     set_parts,
 )
+from st_codegen.te.harmonics import TransmissionError
 
 ANGLE = lreal("fThetaOut_rad", "angle of the output shaft from its encoder, rad")
 IN_RANGE = boolean("bInRange", "no input had to be limited to its trained range")

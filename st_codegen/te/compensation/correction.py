@@ -5,7 +5,6 @@ from __future__ import annotations
 from st_codegen.emit.blocks.listing import Block, Section, Variable
 from st_codegen.emit.literals import real
 from st_codegen.errors import InputError
-from st_codegen.ir import TransmissionError
 from st_codegen.te.compensation.codes import TE_ERROR
 from st_codegen.te.compensation.parts import (
     HARMONICS_TYPE,
@@ -20,6 +19,7 @@ from st_codegen.te.compensation.parts import (
     lreal,
     set_variables,
 )
+from st_codegen.te.harmonics import TransmissionError
 
 #: Input speeds beyond this are no measurement, rpm.
 _LARGEST_SPEED = 1e6

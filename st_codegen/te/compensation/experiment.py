@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from st_codegen.emit.blocks.listing import Block, Section, Variable
 from st_codegen.emit.literals import real
-from st_codegen.ir import TransmissionError
 from st_codegen.te.compensation.codes import EXPERIMENT_ERROR, EXPERIMENT_STATE
 from st_codegen.te.compensation.load_torque import LARGEST_TORQUE, LOAD_RATIO
 from st_codegen.te.compensation.parts import LARGEST_ANGLE, Check, block, boolean, check, dint, lreal
+from st_codegen.te.harmonics import TransmissionError
 
 #: Limits of section 2.1: motor of the tested side, motor of the loading side (input speeds, rpm).
 LARGEST_SPEED = 1800.0

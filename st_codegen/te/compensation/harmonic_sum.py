@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from st_codegen.emit.blocks.listing import Block, Section, Variable
-from st_codegen.ir import TransmissionError
 from st_codegen.te.compensation.addition_chain import Link, addition_chain
 from st_codegen.te.compensation.parts import HARMONICS_TYPE, block, dint, lreal
+from st_codegen.te.harmonics import TransmissionError
 
 #: pi / 2 in three parts: multiples up to 2**30 of the first two are exact in LREAL (23 significant bits each).
 HALF_PI_HIGH = 1.570796251296997

@@ -9,8 +9,8 @@ from st_codegen.emit.blocks.listing import Block, Code, Section, Variable
 from st_codegen.emit.blocks.model import header_lines
 from st_codegen.emit.literals import real
 from st_codegen.errors import InputError
-from st_codegen.ir import Direction, TransmissionError
 from st_codegen.te.compensation.codes import TE_ERROR
+from st_codegen.te.harmonics import Direction, TransmissionError
 
 #: The type of one number for each harmonic; strict compilers want a name for arrays that blocks exchange.
 HARMONICS_TYPE = "T_Harmonics"

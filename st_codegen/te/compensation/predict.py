@@ -6,8 +6,8 @@ from collections.abc import Iterable
 
 from st_codegen.emit.blocks.listing import Block, Section, Variable
 from st_codegen.emit.blocks.model import block_name, feature_text, input_variables
-from st_codegen.ir import Direction, Quantity, TransmissionError
 from st_codegen.te.compensation.parts import HARMONICS_TYPE, SUFFIX, block, boolean, lreal, set_variables
+from st_codegen.te.harmonics import Direction, Quantity, TransmissionError
 
 
 def predict_block(te: TransmissionError) -> Block:

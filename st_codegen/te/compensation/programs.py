@@ -8,12 +8,12 @@ from st_codegen.emit.blocks.application import GlobalList, Task
 from st_codegen.emit.blocks.listing import Block, Section, Variable
 from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.literals import real
-from st_codegen.ir import TransmissionError
 from st_codegen.te.compensation import experiment
 from st_codegen.te.compensation.compensator import ANGLE, IN_RANGE
 from st_codegen.te.compensation.correction import parameters, results
 from st_codegen.te.compensation.parts import Argument, block, lreal
 from st_codegen.te.compensation.two_tasks import AGE_LIMIT, EXCHANGE, fast_results
+from st_codegen.te.harmonics import TransmissionError
 
 #: What the paper's rig runs: 250 us for the axes, 500 us for the models.
 FAST_US = 250

@@ -11,7 +11,6 @@ from st_codegen.emit.blocks.application import Structure
 from st_codegen.emit.blocks.listing import Block, Section, Variable
 from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.literals import real
-from st_codegen.ir import TransmissionError
 from st_codegen.te.compensation.codes import TE_ERROR
 from st_codegen.te.compensation.compensator import ANGLE, IN_RANGE, outputs_section, predict_section
 from st_codegen.te.compensation.correction import parameters, results
@@ -26,6 +25,7 @@ from st_codegen.te.compensation.parts import (
     set_parts,
     set_variables,
 )
+from st_codegen.te.harmonics import TransmissionError
 
 SET_TYPE = "ST_TESet"
 EXCHANGE_TYPE = "ST_TEExchange"

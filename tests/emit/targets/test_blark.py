@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from st_codegen.emit.generate import generate
-from st_codegen.te.bundle import load
+from st_codegen.driver import generate
+from st_codegen.project.bundle import load
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("blark") is None, reason="blark is not installed")
 GOLDEN = Path(__file__).resolve().parents[3] / "golden"

@@ -5,14 +5,14 @@ import re
 import numpy as np
 import pytest
 
-from st_codegen.emit.generate import generate
+from st_codegen.driver import generate
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import TargetError
+from st_codegen.project.bundle import load
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.proof.verify import verify
 from st_codegen.st import ScalarMachine, load_project
 from st_codegen.st.run.library import TCUNIT, TestSuite
-from st_codegen.te.bundle import load
 
 
 def suites(folder):

@@ -1,4 +1,4 @@
-"""What models are generated together, and what they are for."""
+"""What the models of a transmission error bundle predict: harmonics, their quantities and directions."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from st_codegen.errors import InputError
-from st_codegen.ir.model import Feature, ModelIR
+from st_codegen.ir import Feature
 
 
 class Direction(StrEnum):
@@ -84,11 +84,3 @@ class TransmissionError:
 
     def _of(self, direction: Direction, order: int) -> list[HarmonicOutput]:
         return [o for o in self.outputs if o.direction is direction and o.order == order]
-
-
-@dataclass(frozen=True)
-class ProjectIR:
-    """Everything that is generated together: models, and what they are for where that is known."""
-
-    models: tuple[ModelIR, ...]
-    transmission_error: TransmissionError | None = None

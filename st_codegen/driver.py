@@ -1,0 +1,273 @@
+"""The compiler from end to end: load, compile, plan, print, install."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from st_codegen.emit import output
+from st_codegen.emit.blocks.model import Limits, block_name
+from st_codegen.emit.contents import Contents
+from st_codegen.emit.render import print_plans
+from st_codegen.emit.targets import TARGETS, FilePlan, Target, target_named
+from st_codegen.errors import TargetError
+from st_codegen.ir import FloatArray, KernelSum, ModelIR, TreeEnsemble
+from st_codegen.passes.choose import CostFunction, Options, simple_cost
+from st_codegen.passes.pipeline import Compiled, compile_models, unchanged
+from st_codegen.project.bundle import Bundle, load
+from st_codegen.project.purpose import Purpose
+from st_codegen.proof import predict as predictions
+from st_codegen.proof.probes import trained_range
+from st_codegen.proof.runner import GeneratedCode
+from st_codegen.proof.vectors import reference_vectors
+
+#: Blocks that an error names
+_NAMED = 5
+
+
+@dataclass(frozen=True)
+class Generated:
+    """What one run wrote: the folder of the target, its files with their sizes in bytes, and why it looks as it does.
+
+    `facts` is what the manifest says of models and blocks, `purpose` what the printed models are for.
+    """
+
+    target: str
+    folder: Path
+    files: dict[str, int]
+    compiled: Compiled
+    purpose: Purpose | None
+    facts: dict[str, Any]
+
+
+def generate(
+    models: Bundle | Path | str,
+    target: Target | str,
+    out: Path | str,
+    *,
+    max_array: int | None = None,
+    options: Options | None = None,
+    with_tests: bool = False,
+    cost: CostFunction = simple_cost,
+) -> Generated:
+    """Compile models for one target and write the files to `out/<target>`.
+
+    `models` is a folder of model files, one such file, or what `load` made of it. Loading takes most of the time of a
+    small bundle: load once where several targets are generated.
+
+    `target` is a name (`st_codegen.emit.targets.TARGETS`) or a target of your own.
+
+    `max_array` is the largest number of elements in one array, for controllers that hold less than the target allows.
+    Longer tables are cut into several, each with code of its own; some layouts cannot be cut and are then not chosen,
+    and what has no other layout is refused.
+
+    `options` say which exact rewrites are allowed and how large tables may get (`passes.choose.Options`). A larger
+    table answers in fewer steps and takes more of the controller's memory; no option changes a bit of the results.
+
+    `with_tests` adds TcUnit suites that assert the library's answers on the controller, and a task that runs them. They
+    cost a library in the project and a prediction of some rows by each model's library here; only targets with a test
+    library have them.
+
+    `cost` prices the layouts among which is chosen. The default estimates from the model alone, in no time;
+    `proof.explain.Pricing` prints, reads and counts every candidate for a real controller, which takes many times as
+    long as all the rest.
+
+    Raises InputError or TargetError, with nothing written, for what cannot be loaded or what the target cannot express.
+    Files in the folder that were not generated stay; generated files of an earlier run that are no longer needed are
+    removed.
+    """
+    target = target_named(target) if isinstance(target, str) else target
+    folder = Path(out) / target.name
+    with _staged(models, target, Path(out), Settings.of(target, max_array, options, with_tests, cost)) as staged:
+        files = {name: (staged.stage / name).stat().st_size for name in staged.names if name != output.MANIFEST}
+        output.install(staged.stage, folder)
+    return Generated(target.name, folder, files, staged.compiled, staged.purpose, staged.facts)
+
+
+def check(
+    models: Bundle | Path | str,
+    target: Target | str,
+    out: Path | str,
+    *,
+    max_array: int | None = None,
+    options: Options | None = None,
+    with_tests: bool = False,
+    cost: CostFunction = simple_cost,
+) -> Iterator[str]:
+    """The unified diff, line by line, between the files on disk and what `generate` would write; empty when equal.
+
+    Takes what `generate` takes, and as long. Line ends do not count: version control may change them.
+    """
+    target = target_named(target) if isinstance(target, str) else target
+    folder = Path(out) / target.name
+    with _staged(models, target, Path(out), Settings.of(target, max_array, options, with_tests, cost)) as staged:
+        on_disk = {name for name in output.generated_names(folder) if (folder / name).exists()}
+        for name in sorted({*staged.names, *on_disk}):
+            yield from difflib.unified_diff(
+                _lines(folder / name),
+                _lines(staged.stage / name),
+                f"{folder / name} (on disk)",
+                f"{folder / name} (generated)",
+            )
+
+
+class Engine(StrEnum):
+    """Who computes predictions."""
+
+    ST = "st"  # the emitted text, in the interpreter
+    REFERENCE = "reference"  # the intermediate representation, in NumPy
+    SOURCE = "source"  # the source library
+
+
+def predict(bundle: Bundle, columns: dict[str, FloatArray], engine: Engine) -> dict[str, FloatArray]:
+    """Predict every model for columns of inputs (see `proof.predict.predict`).
+
+    `Engine.ST` generates the project for TwinCAT into a temporary folder first.
+    """
+    if engine is Engine.REFERENCE:
+        return predictions.predict(bundle, columns, predictions.by_reference)
+    if engine is Engine.SOURCE:
+        return predictions.predict(bundle, columns, predictions.by_library)
+    with tempfile.TemporaryDirectory(prefix="st-codegen-") as folder:
+        target = TARGETS["twincat"]
+        code = GeneratedCode(generate(bundle, target, folder).folder, target.dialect)
+        return predictions.predict(bundle, columns, predictions.by_text(code))
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a bundle is compiled for one target."""
+
+    limits: Limits
+    options: Options
+    with_tests: bool
+    cost: CostFunction
+
+    @classmethod
+    def of(
+        cls, target: Target, max_array: int | None, options: Options | None, with_tests: bool, cost: CostFunction
+    ) -> Settings:
+        """The settings of `generate`. Raises TargetError for test suites of a target that has none."""
+        if with_tests and not target.has_tests:
+            able = ", ".join(name for name, other in TARGETS.items() if other.has_tests)
+            raise TargetError(f"the target {target.name} has no test suites; --with-tests goes with {able}")
+        limits = limits_for(target, max_array)
+        return cls(limits, dataclasses.replace(options or Options(), max_array=limits.max_array), with_tests, cost)
+
+
+@dataclass(frozen=True)
+class _Staged:
+    """A finished project in a temporary folder, and how it was made."""
+
+    stage: Path
+    compiled: Compiled
+    purpose: Purpose | None
+    facts: dict[str, Any]
+
+    @property
+    def names(self) -> list[str]:
+        """All files, by their path below the folder."""
+        return sorted(path.relative_to(self.stage).as_posix() for path in self.stage.rglob("*") if path.is_file())
+
+
+@contextmanager
+def _staged(models: Bundle | Path | str, target: Target, out: Path, settings: Settings) -> Iterator[_Staged]:
+    """Load, compile, plan and print; what the caller does with the printed files is the last step."""
+    bundle = models if isinstance(models, Bundle) else load(models)
+    compiled, purpose = _compiled(bundle, target, settings)
+    plans = _planned(bundle, compiled, purpose, target, settings)
+    files = print_plans(target, plans)
+    known = facts(bundle, compiled, purpose, plans)
+    with output.staged(out, files, known) as stage:
+        yield _Staged(stage, compiled, purpose, known)
+
+
+def _compiled(bundle: Bundle, target: Target, settings: Settings) -> tuple[Compiled, Purpose | None]:
+    """The printed models and what they are for."""
+    purpose = bundle.purpose
+    if not target.compiles:
+        return unchanged(bundle.irs), purpose
+    compiled = compile_models(bundle.irs, settings.options, settings.cost, together=purpose is not None)
+    return compiled, None if purpose is None else purpose.settled(compiled, settings.options)
+
+
+def _planned(
+    bundle: Bundle, compiled: Compiled, purpose: Purpose | None, target: Target, settings: Settings
+) -> tuple[FilePlan, ...]:
+    """The files of the project. Raises TargetError where its tables do not fit the controller."""
+    contents = Contents(compiled.models)
+    if purpose is not None:
+        contents = Contents(compiled.models, purpose.application(), purpose.uses())
+    vectors = reference_vectors(bundle, compiled) if settings.with_tests else ()
+    plans = tuple(target.plan(contents, settings.limits, vectors))
+    asked = settings.options.data_bytes
+    _check_size(target, plans, settings.limits.data_bytes if asked is None else asked)
+    return plans
+
+
+def _lines(path: Path) -> list[str]:
+    return path.read_text(encoding="utf-8").splitlines(keepends=True) if path.is_file() else []
+
+
+def limits_for(target: Target, max_array: int | None) -> Limits:
+    """The target's limits, with the user's own bound on the length of an array."""
+    return target.limits if max_array is None else dataclasses.replace(target.limits, max_array=max_array)
+
+
+def _check_size(target: Target, plans: Sequence[FilePlan], limit: int) -> None:
+    """Raises TargetError that names the largest blocks where all tables together are larger than the limit."""
+    blocks = {block.name: block.table_bytes for plan in plans for block in plan.blocks}
+    total = sum(blocks.values())
+    if total <= limit:
+        return
+    largest = sorted(blocks.items(), key=lambda item: -item[1])[:_NAMED]
+    names = ", ".join(f"{name} {size:,}" for name, size in largest)
+    others = len(blocks) - len(largest)
+    raise TargetError(
+        f"the tables take {total:,} bytes, the limit of the target {target.name} is {limit:,}; the largest: "
+        f"{names}{f' and {others} smaller ones' if others else ''}. Train smaller models, or raise the limit with "
+        "--max-bytes if your controller has the memory"
+    )
+
+
+def facts(bundle: Bundle, compiled: Compiled, purpose: Purpose | None, plans: Sequence[FilePlan]) -> dict[str, Any]:
+    """What a reviewer asks first, for the manifest: models with their sizes and ranges, and what they are for."""
+    return {
+        "models": {model.name: _model_facts(model, compiled) for model in bundle.irs},
+        "blocks": {block.name: {"data_bytes": block.table_bytes} for plan in plans for block in plan.blocks},
+        output.PURPOSE: {} if purpose is None else purpose.facts(),
+    }
+
+
+def _model_facts(model: ModelIR, compiled: Compiled) -> dict[str, Any]:
+    location = compiled.locations[model.name]
+    layouts = {decision.model: decision.chosen for decision in compiled.decisions}
+    trees = [op for op in model.ops if isinstance(op, TreeEnsemble)]
+    kernels = [op for op in model.ops if isinstance(op, KernelSum)]
+    lower, upper = trained_range(model)
+    return {
+        "block": block_name(location.model),
+        "block_outputs": list(location.outputs),
+        "shared": location.model != model.name,
+        "layout": layouts.get(model.name, "model"),
+        "library": f"{model.source.library} {model.source.version}",
+        "class": model.source.model_class,
+        "sha256": model.source.sha256,
+        "exact": model.exact,
+        "accepts_nan": model.accepts_nan,
+        "features": [
+            {"name": f.name, "unit": f.unit, "limited": f.lower is not None, "range": [float(low), float(high)]}
+            for f, low, high in zip(model.features, lower, upper, strict=True)
+        ],
+        "outputs": list(model.outputs),
+        "trees": sum(op.n_trees for op in trees),
+        "nodes": sum(op.n_nodes for op in trees),
+        "support_vectors": sum(len(op.support_vectors) for op in kernels),
+    }

@@ -1,0 +1,35 @@
+"""What is printed together: models, and what surrounds their blocks."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from st_codegen.emit.blocks.application import Application
+from st_codegen.emit.blocks.listing import Block
+from st_codegen.ir import ModelIR
+
+#: Models that have nothing to do with each other: nothing surrounds their blocks.
+LONE = Application("Models", connected=False)
+
+
+@dataclass(frozen=True)
+class Contents:
+    """The models of a project, in the order in which their blocks are declared, and the application around them.
+
+    `around` has the project's name and all that the purpose of the models adds: types, signals, blocks that call the
+    models' blocks, programs and tasks. `uses` says in a word what a model predicts, for the models that have a use.
+    """
+
+    models: tuple[ModelIR, ...]
+    around: Application = LONE
+    uses: Mapping[str, str] = field(default_factory=dict)
+
+    def application(self, block_of: Callable[[ModelIR], Block]) -> Application:
+        """The whole application; `block_of` makes the block of a model.
+
+        Raises InputError for names that Structured Text cannot have, TargetError for tables that are too long.
+        """
+        blocks = tuple(block_of(model) for model in self.models)
+        return dataclasses.replace(self.around, blocks=(*blocks, *self.around.blocks))

@@ -1,0 +1,60 @@
+"""What stands behind the numbers of a target: how far its blocks may lie from the library, and what they answer.
+
+Text that computes a model itself does so by the model's operations. A target whose text hands the work to something
+else (a runtime with files of its own) enters here what that computes; one that is not entered is of the first kind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from st_codegen.ir import BoolArray, FloatArray, ModelIR
+from st_codegen.proof.bounds import difference_bound
+from st_codegen.st import Library
+from st_codegen.st.run.library import TCUNIT
+
+
+def _answers_all(_: ModelIR, x: FloatArray) -> BoolArray:
+    return np.ones(len(x), np.bool_)
+
+
+@dataclass(frozen=True)
+class Arithmetic:
+    """How the blocks of a target compute their models.
+
+    `bound` says how far a model's block may lie from the library for rows (rows, features), shape (rows, outputs), and
+    `answers` for which of the rows it gives an answer where the library does, shape (rows,). `note` says what
+    verification does not show, where that is less than the text that runs on the controller.
+    """
+
+    bound: Callable[[ModelIR, FloatArray], FloatArray] = difference_bound
+    answers: Callable[[ModelIR, FloatArray], BoolArray] = _answers_all
+    note: str = ""
+
+
+_OWN_TEXT = Arithmetic()
+#: The arithmetic of the targets whose text does not compute the models itself, by the target's name.
+ARITHMETIC: dict[str, Arithmetic] = {}
+
+
+def arithmetic_of(target: str) -> Arithmetic:
+    """The arithmetic of a target, by its name."""
+    return ARITHMETIC.get(target, _OWN_TEXT)
+
+
+def _unit_tests(folder: Path) -> Library | None:
+    return TCUNIT if (folder / "Tests").is_dir() else None
+
+
+#: For each library that generated text may call, whether (and with which contents) a generated folder needs it.
+LIBRARIES: list[Callable[[Path], Library | None]] = [_unit_tests]
+
+
+def libraries_of(folder: Path) -> tuple[Library, ...]:
+    """The libraries that the text of a generated folder may call."""
+    found = (offered(folder) for offered in LIBRARIES)
+    return tuple(library for library in found if library is not None)

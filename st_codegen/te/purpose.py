@@ -1,0 +1,115 @@
+"""The compensation of transmission error as the purpose of a bundle: what it adds to each stage of the compiler."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from st_codegen.emit.blocks.application import Application
+from st_codegen.emit.blocks.tests import ReferenceVectors
+from st_codegen.errors import InputError
+from st_codegen.ir import ModelIR
+from st_codegen.passes.choose import Options
+from st_codegen.passes.pipeline import Compiled, Location
+from st_codegen.project.bundle import Bundle
+from st_codegen.project.purpose import BlockCheck, DifferenceBound, RunsBlocks
+from st_codegen.te.check import check_transmission_error
+from st_codegen.te.compensation import compensation
+from st_codegen.te.harmonics import TransmissionError
+from st_codegen.te.vectors import prediction_vectors
+from st_codegen.walkers.base import LoadedModel
+
+
+@dataclass(frozen=True)
+class Compensation:
+    """FB_TEPredict and FB_Compensator around the models of a bundle (see `project.purpose.Purpose`)."""
+
+    te: TransmissionError
+
+    def settled(self, compiled: Compiled, options: Options) -> Compensation:
+        """The harmonics read from the printed models, shared out among several calls where the options ask for it."""
+        te = _moved(self.te, compiled.locations)
+        if options.outputs_per_cycle is not None:
+            te = dataclasses.replace(te, cycles=_cycles(te, compiled.models, options.outputs_per_cycle))
+        return Compensation(te)
+
+    def application(self) -> Application:
+        """Blocks, programs, types, signals and tasks. Raises InputError for names that clash."""
+        return compensation(self.te)
+
+    def uses(self) -> dict[str, str]:
+        """The quantities that each model predicts, such as `amplitude` or `cosine_sine`."""
+        quantities: dict[str, set[str]] = {}
+        for output in self.te.outputs:
+            quantities.setdefault(output.model, set()).add(output.quantity.value)
+        return {model: "_".join(sorted(found)) for model, found in quantities.items()}
+
+    def facts(self) -> dict[str, Any]:
+        """Name, ratio, orders and directions, added terms, and the calls that the models are spread over."""
+        te = self.te
+        terms = [f"order {o.order} {o.direction} {o.quantity}: {o.model}" for o in te.outputs if o.added]
+        return {
+            "name": te.name,
+            "reduction_ratio": te.reduction_ratio,
+            "orders": list(te.orders),
+            "directions": [str(direction) for direction in te.directions],
+            **({"calls": len(te.cycles)} if te.cycles else {}),
+            **({"terms": terms} if terms else {}),
+        }
+
+    def remarks(self) -> tuple[str, ...]:
+        """How old the outputs are where the models are spread over several calls."""
+        calls = len(self.te.cycles)
+        if not calls:
+            return ()
+        return (
+            f"The models are spread over {calls} calls of FB_TEPredict: its outputs belong to the operating point of "
+            f"{calls - 1} to {2 * calls - 2} calls before.",
+        )
+
+    def vectors(self, models: Sequence[LoadedModel]) -> tuple[ReferenceVectors, ...]:
+        """A test suite for FB_TEPredict."""
+        return (prediction_vectors(self.te, models),)
+
+    def checks(
+        self, models: Sequence[ModelIR], code: RunsBlocks, seed: int, bound: DifferenceBound
+    ) -> Sequence[BlockCheck]:
+        """FB_TEPredict and FB_Compensator against the models that they are made of."""
+        return check_transmission_error(models, self.te, code, seed, bound)
+
+
+def transmission_error(bundle: Bundle) -> TransmissionError:
+    """What the models of a bundle are for. Raises InputError for models with another purpose, or none."""
+    if not isinstance(bundle.purpose, Compensation):
+        raise InputError(
+            "the models have no bundle.toml, so they do not say which harmonics they predict: there is nothing to "
+            "simulate"
+        )
+    return bundle.purpose.te
+
+
+def _moved(te: TransmissionError, locations: Mapping[str, Location]) -> TransmissionError:
+    """The harmonics read from where their models went."""
+    outputs = tuple(
+        dataclasses.replace(o, model=locations[o.model].model, output=locations[o.model].outputs[o.output])
+        for o in te.outputs
+    )
+    return dataclasses.replace(te, outputs=outputs)
+
+
+def _cycles(te: TransmissionError, models: Sequence[ModelIR], most: int) -> tuple[tuple[str, ...], ...]:
+    """The models shared out among successive calls, at most so many outputs in each; empty where one call does."""
+    used = {output.model for output in te.outputs}
+    cycles: list[list[str]] = []
+    room = 0
+    for model in models:
+        if model.name not in used:
+            continue
+        if not cycles or len(model.outputs) > room:
+            cycles.append([])
+            room = most
+        cycles[-1].append(model.name)
+        room -= len(model.outputs)
+    return tuple(map(tuple, cycles)) if len(cycles) > 1 else ()
