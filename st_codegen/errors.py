@@ -74,17 +74,18 @@ class Problems:
         return _Collector(self, where)
 
     def raise_if_any(self) -> None:
-        """Raise all that was noted as one error.
+        """Raise all that was noted as one error; what was noted twice is said once.
 
         Raises the single error unchanged (with its own class) when there is just one that already names the subject.
         Several errors are raised as UnsupportedModelError when all of them are, otherwise as InputError.
         """
         if not self.errors:
             return
+        self.errors = list({str(error): error for error in self.errors}.values())
         if len(self.errors) == 1:
             only = self.errors[0]
             text = str(only)
-            raise type(only)(text) if text.startswith(self.subject) else with_subject(only, self.subject)
+            raise only if text.startswith(self.subject) else with_subject(only, self.subject)
         lines = "\n".join(f"  - {error}".replace("\n", "\n  ") for error in self.errors[:MOST_SHOWN])
         if len(self.errors) > MOST_SHOWN:
             lines += f"\n  - and {len(self.errors) - MOST_SHOWN} more"
@@ -111,10 +112,13 @@ class _Collector:
 
 
 def with_subject(error: InputError, subject: str) -> InputError:
-    """The same error with the subject in front; classes with their own constructor stay as they are."""
+    """An error of the same class with the subject in front; a missing extra concerns no file and stays as it is."""
     if isinstance(error, MissingExtraError):
         return error
-    return type(error)(f"{subject}: {error}")
+    named = type(error).__new__(type(error))  # classes have constructors of their own
+    named.__dict__.update(error.__dict__)
+    named.args = (f"{subject}: {error}",)
+    return named
 
 
 @contextmanager

@@ -11,8 +11,6 @@ The conditions stand in the file name (`Test_25degree/1000rpm/1000.0rpm1100.0Nm2
 from __future__ import annotations
 
 import csv
-import math
-import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,6 +21,9 @@ import numpy as np
 import numpy.typing as npt
 
 from st_codegen.errors import InputError, MissingExtraError, Problems
+from st_codegen.files.csv_tables import RowError, read_csv
+from st_codegen.files.number_text import parse_number
+from st_codegen.files.text import whole_file
 from st_codegen.te.harmonics import Direction
 
 if TYPE_CHECKING:
@@ -153,29 +154,23 @@ def _listed(path: Path) -> tuple[dict[Path, Conditions], list[BadFileError]]:
     bad: list[BadFileError] = []
     if not path.is_file():
         return listed, bad
-    lines = path.read_text(encoding="utf-8-sig").splitlines()
-    delimiter = ";" if lines and ";" in lines[0] else ","
-    header, *rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter)] or [[]]
-    wanted = ["file", "speed_rpm", "torque_Nm", "temperature_C"]
-    if missing := [name for name in wanted if name not in header]:
-        return listed, [
-            BadFileError(path, 1, f"the columns {', '.join(missing)} are missing; it needs {','.join(wanted)}")
-        ]
-    for line, cells in enumerate(rows, 2):
-        if not any(cells):
-            continue
-        row = dict(zip(header, cells, strict=False))
+    columns = ("speed_rpm", "torque_Nm", "temperature_C")
+    try:
+        table = read_csv(path, ("file", *columns))
+    except InputError as error:
+        return listed, [BadFileError(path, None, str(error).removeprefix(f"{path}: "))]
+    for row in table.rows:
         try:
-            numbers = [float(row[name].replace(",", ".") if delimiter == ";" else row[name]) for name in wanted[1:]]
-        except (KeyError, ValueError):
-            numbers = [math.nan]
-        target = path.parent / row.get("file", "")
-        if not all(map(math.isfinite, numbers)):
-            bad.append(BadFileError(path, line, f"'{delimiter.join(cells)}' does not give three numbers"))
-        elif not target.is_file():
-            bad.append(BadFileError(path, line, f"there is no file '{row['file']}'"))
+            name = table.text(row, "file")
+            numbers = [table.number(row, column) for column in columns]
+        except RowError as error:
+            bad.append(BadFileError(path, error.line, error.reason))
+            continue
+        target = path.parent / name
+        if "\0" in name or not target.is_file():
+            bad.append(BadFileError(path, row.line, f"there is no file '{name}'"))
         elif target in listed:
-            bad.append(BadFileError(path, line, f"the file '{row['file']}' is there twice"))
+            bad.append(BadFileError(path, row.line, f"the file '{name}' is there twice"))
         else:
             listed[target] = Conditions(*numbers)
     return listed, bad
@@ -256,7 +251,7 @@ def _plain_columns(path: Path, names: Sequence[str]) -> tuple[int | None, ...]:
 
 def _is_number(text: str) -> bool:
     try:
-        float(text.replace(",", "."))
+        parse_number(text, decimal_comma=True, is_finite=False)
     except ValueError:
         return False
     return True
@@ -344,13 +339,8 @@ def write_run(run: Run, path: Path, *, digits: int | None = None) -> None:
         name: pl.Series(array).extend_constant(None, longest - len(array))
         for name, array in zip(RIG_HEADER, columns, strict=True)
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        pl.DataFrame(padded).write_csv(temporary, float_precision=digits)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with whole_file(path) as partial:
+        pl.DataFrame(padded).write_csv(partial, float_precision=digits)
 
 
 def _arrays(run: Run, direction: Direction) -> tuple[FloatArray, FloatArray]:

@@ -8,8 +8,6 @@ rad of c_k = A_k*exp(i*phi_k); A0 is the mean, with its sign and without a phase
 from __future__ import annotations
 
 import csv
-import math
-import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,6 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from st_codegen.errors import InputError, Problems
+from st_codegen.files.csv_tables import RowError, read_csv
+from st_codegen.files.text import whole_file
 from st_codegen.te.harmonics import Direction
 
 FloatArray = npt.NDArray[np.float64]
@@ -35,9 +35,7 @@ _DIRECTIONS = {
     "backward": True,
     "bw": True,
 }
-_HARMONIC = re.compile(r"(A|phi)(\d{1,6})")
-#: a file with more faults than this is described by its first ones
-_MOST_PROBLEMS = 50
+_HARMONIC = re.compile(r"(A|phi)(0|[1-9][0-9]{0,5})")
 
 
 @dataclass(frozen=True)
@@ -136,7 +134,7 @@ def joined(tables: Sequence[HarmonicTable]) -> HarmonicTable:
 
 
 def write_table(table: HarmonicTable, path: Path) -> None:
-    """Write a table as CSV, 17 digits; the file appears complete or not at all."""
+    """Write a table as CSV with 17 digits; the file appears whole or not at all."""
     with_phase = [order for order in table.orders if order]
     header = ["direction", *CONDITION_COLUMNS, *(f"A{k}" for k in table.orders), *(f"phi{k}" for k in with_phase)]
     amplitude, phase = np.abs(table.coefficients), np.angle(table.coefficients)
@@ -145,18 +143,12 @@ def write_table(table: HarmonicTable, path: Path) -> None:
         amplitude[:, mean] = table.coefficients[:, mean].real
         phase = np.delete(phase, mean, axis=1)
     numbers = np.concatenate([table.conditions, amplitude, phase], axis=1)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with temporary.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(header)
-            for backward, row in zip(table.backward, numbers, strict=True):
-                direction = Direction.BACKWARD if backward else Direction.FORWARD
-                writer.writerow([direction.value, *(f"{number:.17g}" for number in row)])
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with whole_file(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        for backward, row in zip(table.backward, numbers, strict=True):
+            direction = Direction.BACKWARD if backward else Direction.FORWARD
+            writer.writerow([direction.value, *(f"{number:.17g}" for number in row)])
 
 
 def read_table(path: Path) -> HarmonicTable:
@@ -164,96 +156,43 @@ def read_table(path: Path) -> HarmonicTable:
 
     `;` with decimal commas is read as well. Raises one InputError that lists what is wrong, with line numbers.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not readable as text ({error})") from None
     problems = Problems(str(path))
-    lines = text.splitlines()
-    semicolons = bool(lines) and ";" in lines[0]
-    rows = [row for row in enumerate(csv.reader(lines, delimiter=";" if semicolons else ","), 1) if any(row[1])]
-    if len(rows) < 2:
+    table = read_csv(path, CONDITION_COLUMNS)
+    orders = _orders(table.names, problems)
+    if not table.rows:
         raise InputError(f"{path}: no rows; a harmonic table has a header and one row an operating point")
-    header = _Header([name.strip() for name in rows[0][1]], problems)
+    conditions = table.numbers(CONDITION_COLUMNS, problems)
+    backward = np.zeros(len(table.rows), np.bool_)
+    if "direction" in table.names:
+        for number, row in enumerate(table.rows):
+            with problems.collect():
+                direction = table.text(row, "direction").lower()
+                if direction not in _DIRECTIONS:
+                    raise RowError(row.line, f"direction '{direction}'; known are forward and backward")
+                backward[number] = _DIRECTIONS[direction]
+    amplitudes = table.numbers([f"A{k}" for k in orders], problems)
+    phases = table.numbers([f"phi{k}" for k in orders if k], problems)
     problems.raise_if_any()
-    numbers = np.empty((len(rows) - 1, len(header.names)))
-    for place, (line, cells) in enumerate(rows[1:]):
-        numbers[place] = header.numbers(line, cells, semicolons)
-    if len(problems.errors) > _MOST_PROBLEMS:
-        more = len(problems.errors) - _MOST_PROBLEMS
-        del problems.errors[_MOST_PROBLEMS:]
-        problems.add(f"and {more} more")
+    if 0 in orders:
+        phases = np.insert(phases, orders.index(0), 0.0, axis=1)
+    coefficients = amplitudes * (np.cos(phases) + 1j * np.sin(phases))
+    speed, torque, temperature = conditions.T
+    return HarmonicTable(backward, speed, torque, temperature, orders, coefficients)
+
+
+def _orders(names: Sequence[str], problems: Problems) -> tuple[int, ...]:
+    """The orders that a header has, with whatever is wrong with its columns noted."""
+    harmonics = [_HARMONIC.fullmatch(name) for name in names]
+    amplitudes = {int(found[2]) for found in harmonics if found and found[1] == "A"}
+    phases = {int(found[2]) for found in harmonics if found and found[1] == "phi"}
+    known = {"direction", *CONDITION_COLUMNS, *_REMARKS}
+    for name, found in zip(names, harmonics, strict=True):
+        if not found and name not in known:
+            problems.add(f"unknown column '{name}'; known are {', '.join(sorted(known))}, A0, A1, .. and phi1, ..")
+    if not amplitudes:
+        problems.add("no amplitude columns A0, A1, ..")
+    for order in sorted((amplitudes - {0}) ^ phases):
+        has, lacks = ("A", "phi") if order in amplitudes else ("phi", "A")
+        problems.add(f"the column '{has}{order}' has no '{lacks}{order}' beside it")
     problems.raise_if_any()
-    return header.table(numbers)
-
-
-class _Header:
-    """The columns of a table; reads rows by them."""
-
-    def __init__(self, names: Sequence[str], problems: Problems) -> None:
-        self.names = tuple(names)
-        self.problems = problems
-        harmonics = [_HARMONIC.fullmatch(name) for name in names]
-        amplitudes = {int(found[2]) for found in harmonics if found and found[1] == "A"}
-        phases = {int(found[2]) for found in harmonics if found and found[1] == "phi"}
-        self.orders = tuple(sorted(amplitudes))
-        known = {"direction", *CONDITION_COLUMNS, *_REMARKS}
-        for name, found in zip(names, harmonics, strict=True):
-            if not found and name not in known:
-                problems.add(f"unknown column '{name}'; known are {', '.join(sorted(known))}, A0, A1, .. and phi1, ..")
-        for name in sorted({name for name in names if names.count(name) > 1}):
-            problems.add(f"the column '{name}' is there twice")
-        for name in CONDITION_COLUMNS:
-            if name not in names:
-                problems.add(f"the column '{name}' is missing")
-        if not amplitudes:
-            problems.add("no amplitude columns A0, A1, ..")
-        for order in sorted((amplitudes - {0}) ^ phases):
-            has, lacks = ("A", "phi") if order in amplitudes else ("phi", "A")
-            problems.add(f"the column '{has}{order}' has no '{lacks}{order}' beside it")
-
-    def numbers(self, line: int, cells: Sequence[str], decimal_comma: bool) -> list[float]:
-        """The numbers of a row; direction as 0 (forward) or 1, remarks as 0."""
-        if len(cells) != len(self.names):
-            self.problems.add(f"line {line}: {len(cells)} values, the header has {len(self.names)}")
-            return [0.0] * len(self.names)
-        values = []
-        for name, cell in zip(self.names, cells, strict=True):
-            with self.problems.collect():
-                values.append(self._value(line, name, cell.strip(), decimal_comma))
-                continue
-            values.append(0.0)
-        return values
-
-    @staticmethod
-    def _value(line: int, name: str, cell: str, decimal_comma: bool) -> float:
-        if name in _REMARKS:
-            return 0.0
-        if name == "direction":
-            if cell.lower() not in _DIRECTIONS:
-                raise InputError(f"line {line}: direction '{cell}'; known are forward and backward")
-            return float(_DIRECTIONS[cell.lower()])
-        try:
-            value = float(cell.replace(",", ".") if decimal_comma else cell)
-        except ValueError:
-            raise InputError(f"line {line}, {name}: '{cell}' is not a number") from None
-        if not math.isfinite(value):
-            raise InputError(f"line {line}, {name}: '{cell}' is not finite")
-        return value
-
-    def table(self, numbers: FloatArray) -> HarmonicTable:
-        """The table of checked numbers (rows, columns)."""
-
-        def column(name: str) -> FloatArray:
-            values: FloatArray = numbers[:, self.names.index(name)]
-            return values
-
-        coefficients = np.empty((len(numbers), len(self.orders)), np.complex128)
-        for place, order in enumerate(self.orders):
-            angle = column(f"phi{order}") if order else np.zeros(len(numbers))
-            coefficients[:, place] = column(f"A{order}") * (np.cos(angle) + 1j * np.sin(angle))
-        backward = column("direction") != 0 if "direction" in self.names else np.zeros(len(numbers), np.bool_)
-        speed, torque, temperature = (column(name) for name in CONDITION_COLUMNS)
-        return HarmonicTable(backward, speed, torque, temperature, self.orders, coefficients)
+    return tuple(sorted(amplitudes))

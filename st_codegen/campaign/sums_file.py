@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 from st_codegen.campaign.curves import RunFile
 from st_codegen.campaign.orders import Sums
 from st_codegen.errors import MissingExtraError
+from st_codegen.files.text import whole_file
 from st_codegen.te.harmonics import Direction
 
 #: changes with the way sums are made: a file of another version is made anew
@@ -77,19 +77,14 @@ class SumsFile:
         ]
 
     def write(self, path: Path) -> None:
-        """Write the file; it appears complete or not at all."""
+        """Write the file; it appears whole or not at all."""
         pl = _polars()
         rows = [row for name in sorted(self._rows) for row in self._rows[name]]
         if not rows:
             return
         columns = {name: [row[name] for row in rows] for name in rows[0]}
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(f".{path.name}.{os.getpid()}")
-        try:
-            pl.DataFrame(columns).write_parquet(temporary)
-            temporary.replace(path)
-        finally:
-            temporary.unlink(missing_ok=True)
+        with whole_file(path) as partial:
+            pl.DataFrame(columns).write_parquet(partial)
 
     def _name(self, path: Path) -> str:
         return path.relative_to(self.folder).as_posix()

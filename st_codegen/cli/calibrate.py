@@ -12,6 +12,7 @@ from st_codegen.cli.costs import profile_option
 from st_codegen.cost import calibrate, load_profile, read_measurements, with_factors
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import InputError
+from st_codegen.files.text import write_text
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.proof.verify import target_folders
 
@@ -52,10 +53,7 @@ def command(generated: Path, measured: Path, profile: str, out: Path, quiet: boo
     measurements = read_measurements(measured)
     folder = target_folders(generated)[0]
     fit = calibrate(GeneratedCode(folder, TARGETS[folder.name].dialect).project, base, measurements)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    partial = out.with_name(out.name + ".partial")
-    partial.write_text(with_factors(base, fit, out.stem), encoding="utf-8")
-    partial.replace(out)
+    write_text(out, with_factors(base, fit, out.stem))
     if quiet:
         return
     table = Table(title=f"{out}: compute x {fit.compute:.3g}, memory x {fit.memory:.3g}", title_justify="left")

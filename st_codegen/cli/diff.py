@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from st_codegen.cli.console import console, progress_bar, quiet_option
+from st_codegen.files.text import write_text
 from st_codegen.proof.review import Change, ModelChange, Review, diff
 
 
@@ -38,7 +39,7 @@ def command(old: Path, new: Path, rows: int, json_file: str | None, quiet: bool)
     if json_file == "-":
         click.echo(text, nl=False)
     elif json_file is not None:
-        Path(json_file).write_text(text, encoding="utf-8")
+        write_text(Path(json_file), text)
     if not quiet and json_file != "-":
         _show(found)
     sys.exit(1 if found.changed else 0)

@@ -14,6 +14,7 @@ from st_codegen.campaign.harmonic_table import HarmonicTable, read_table, write_
 from st_codegen.cli.console import console, progress_bar, quiet_option
 from st_codegen.cli.training import backend_of, search_options, settings_of
 from st_codegen.errors import InputError
+from st_codegen.files.text import write_text
 from st_codegen.te.harmonics import Direction
 from st_codegen.training.export import FORMATS, write_bundle
 from st_codegen.training.learn import Lesson, Plan, bundle_head, learn, only_exportable
@@ -127,8 +128,7 @@ def command(
     head = bundle_head(measured.table, name, reduction_ratio)
     write_bundle(out, head, [model for lesson in lessons for model in lesson.models], form)
     if report:
-        report.parent.mkdir(parents=True, exist_ok=True)
-        report.write_text(training_page(name, measured, lessons), encoding="utf-8", newline="\n")
+        write_text(report, training_page(name, measured, lessons))
     if as_json:
         click.echo(json.dumps([_facts(lesson) for lesson in lessons], indent=1))
     if not quiet:

@@ -12,6 +12,7 @@ from rich.table import Table
 from st_codegen.cli.console import console, models_argument, progress_bar, quiet_option, trust_option
 from st_codegen.cli.costs import cycle_option, entry_option, print_budget, print_verdict, profile_option
 from st_codegen.cost import load_profile
+from st_codegen.files.text import write_text
 from st_codegen.project.bundle import load
 from st_codegen.proof.verify import Budget, VerifyReport, verify
 
@@ -66,8 +67,7 @@ def command(
     with progress_bar("verifying", quiet=quiet) as progress:
         report = verify(bundle, generated, rows=rows, seed=seed, budget=budget, progress=progress)
     if json_file is not None:
-        json_file.parent.mkdir(parents=True, exist_ok=True)
-        json_file.write_text(json.dumps(report.as_json(), indent=1) + "\n", encoding="utf-8")
+        write_text(json_file, json.dumps(report.as_json(), indent=1) + "\n")
     if not quiet:
         console.print(_table(report))
         for target, note in report.notes.items():

@@ -10,7 +10,6 @@ gives the worst path, so measure with inputs that take it, or the longest of man
 
 from __future__ import annotations
 
-import csv
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +18,8 @@ import numpy as np
 
 from st_codegen.cost.profile import Profile
 from st_codegen.cost.report import project_cost
-from st_codegen.errors import InputError, Problems
+from st_codegen.errors import Problems
+from st_codegen.files.csv_tables import RowError, read_csv
 from st_codegen.st.tree import Project
 
 
@@ -49,25 +49,19 @@ class Fit:
 
 def read_measurements(path: Path) -> tuple[Measurement, ...]:
     """A CSV with the columns `block,caches,us`, caches being `warm` or `cold`. Raises InputError with all problems."""
-    try:
-        rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines()))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from error
     problems = Problems(str(path))
-    if not rows or {"block", "caches", "us"} - rows[0].keys():
-        raise InputError(f"{path}: needs the columns block,caches,us and a row for each measured call")
+    table = read_csv(path, ("block", "caches", "us"))
     found = []
-    for number, row in enumerate(rows, start=2):
-        try:
-            time = float(row["us"])
-        except (TypeError, ValueError):
-            time = float("nan")
-        if not 0.0 < time < float("inf"):
-            problems.add(f"line {number}: us must be a number above 0, not {row['us']!r}")
-        elif row["caches"] not in ("warm", "cold"):
-            problems.add(f"line {number}: caches must be warm or cold, not {row['caches']!r}")
-        else:
-            found.append(Measurement(row["block"] or "", row["caches"] == "cold", time))
+    for row in table.rows:
+        with problems.collect():
+            time, caches = table.number(row, "us"), table.text(row, "caches")
+            if time <= 0.0:
+                raise RowError(row.line, f"us: {time:g} is not above 0")
+            if caches not in ("warm", "cold"):
+                raise RowError(row.line, f"caches must be warm or cold, not {caches!r}")
+            found.append(Measurement(table.text(row, "block"), caches == "cold", time))
+    if not table.rows:
+        problems.add("no rows; give one for each measured call")
     problems.raise_if_any()
     return tuple(found)
 

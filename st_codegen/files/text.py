@@ -37,10 +37,15 @@ def read_text(path: Path) -> str:
 def whole_file(path: Path) -> Iterator[Path]:
     """A path beside `path` to write to, which takes its place when the block ends without an error.
 
-    The folder is made where it is missing. Raises InputError where `path` is a folder.
+    The folder is made where it is missing. A link is followed; a device or a pipe is written to as it is. Raises
+    InputError where `path` is a folder.
     """
     if path.is_dir():
         raise InputError(f"{path} is a folder; a file is to be written there")
+    path = Path(os.path.realpath(path))
+    if path.exists() and not path.is_file():
+        yield path
+        return
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:

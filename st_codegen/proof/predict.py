@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,6 +9,8 @@ import numpy as np
 
 from st_codegen.emit.output import block_of
 from st_codegen.errors import InputError, Problems
+from st_codegen.files.csv_tables import read_csv
+from st_codegen.files.text import write_text
 from st_codegen.ir import FloatArray, ModelIR, reference
 from st_codegen.project.bundle import Bundle
 from st_codegen.proof.runner import GeneratedCode
@@ -77,48 +78,19 @@ def by_text(code: GeneratedCode) -> Answer:
 def read_table(path: Path) -> dict[str, FloatArray]:
     """A CSV table with a header, as columns of numbers; `nan` and `inf` allowed.
 
-    Raises one InputError that lists every bad cell (the first ten) with its line.
+    Raises one InputError that lists every bad cell (the first of many) with its line.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
     problems = Problems(str(path))
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        rows = csv.reader(file)
-        header = [name.strip() for name in next(rows, [])]
-        if not header or not all(header):
-            raise InputError(f"{path}: the first line must name the features")
-        if len(set(header)) != len(header):
-            raise InputError(f"{path}: the header names a feature twice")
-        values: list[list[float]] = []
-        for cells in rows:
-            if cells:
-                values.append(_numbers(cells, header, rows.line_num, problems))
-            if len(problems.errors) >= 10:
-                break
+    table = read_csv(path)
+    if not all(table.names):
+        raise InputError(f"{path}: the first line must name the features, a column has no name")
+    values = table.numbers(table.names, problems, is_finite=False)
     problems.raise_if_any()
-    table = np.array(values, dtype=np.float64).reshape(len(values), len(header))
-    return dict(zip(header, table.T, strict=True))
-
-
-def _numbers(cells: list[str], header: list[str], line: int, problems: Problems) -> list[float]:
-    if len(cells) != len(header):
-        problems.add(f"line {line}: {len(cells)} values, the header has {len(header)}")
-        return [np.nan] * len(header)
-    numbers = []
-    for name, cell in zip(header, cells, strict=True):
-        try:
-            numbers.append(float(cell))
-        except ValueError:
-            problems.add(f"line {line}, column {name}: {cell!r} is not a number")
-            numbers.append(np.nan)
-    return numbers
+    return dict(zip(table.names, values.T, strict=True))
 
 
 def write_table(path: Path, columns: dict[str, FloatArray]) -> None:
     """Write columns as CSV, numbers as `%.17g`, which reads back as the same bits."""
     rows = zip(*columns.values(), strict=True)
     lines = [",".join(columns), *(",".join(f"{value:.17g}" for value in row) for row in rows)]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    temporary.replace(path)
+    write_text(path, "\n".join(lines) + "\n")

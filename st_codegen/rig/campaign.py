@@ -13,7 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from st_codegen.campaign.curves import CONDITIONS_FILE, Conditions, Curve, Run, write_run
+from st_codegen.campaign.harmonic_table import CONDITION_COLUMNS
 from st_codegen.errors import InputError, Problems
+from st_codegen.files.csv_tables import RowError, read_csv
 from st_codegen.rig.effects import Conditions as Points
 from st_codegen.rig.effects.base import FloatArray
 from st_codegen.rig.model import RigModel
@@ -21,7 +23,6 @@ from st_codegen.te.harmonics import Direction
 
 #: sampling of the rig: 4000 Hz, so a revolution has more samples the slower it is
 SAMPLING_HZ = 4000.0
-_COLUMNS = ("speed_rpm", "torque_Nm", "temperature_C")
 _DIGITS = 12
 _LEAST_SAMPLES = 100
 
@@ -48,34 +49,16 @@ class Measuring:
 
 def read_conditions(path: Path) -> tuple[Conditions, ...]:
     """Read `speed_rpm,torque_Nm,temperature_C` (other columns are passed over). One InputError lists all problems."""
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not readable as text ({error})") from None
     problems = Problems(str(path))
-    delimiter = ";" if lines and ";" in lines[0] else ","
-    reader = csv.DictReader(lines, delimiter=delimiter)
-    header = [name.strip() for name in reader.fieldnames or ()]
-    reader.fieldnames = header
-    for name in _COLUMNS:
-        if name not in header:
-            problems.add(f"the column '{name}' is missing; it needs {','.join(_COLUMNS)}")
-    problems.raise_if_any()
+    table = read_csv(path, CONDITION_COLUMNS)
     found = []
-    for line, row in enumerate(reader, 2):
-        texts = [(row[name] or "").strip() for name in _COLUMNS]
-        try:
-            numbers = [float(text.replace(",", ".") if delimiter == ";" else text) for text in texts]
-        except ValueError:
-            problems.add(f"line {line}: '{delimiter.join(texts)}' is not three numbers")
-            continue
-        if not all(map(math.isfinite, numbers)) or numbers[0] <= 0:
-            problems.add(f"line {line}: {numbers} must be finite, the speed positive")
-            continue
-        found.append(Conditions(*numbers))
-    if not found and not problems.errors:
+    for row in table.rows:
+        with problems.collect():
+            point = Conditions(*(table.number(row, name) for name in CONDITION_COLUMNS))
+            if point.speed_rpm <= 0:
+                raise RowError(row.line, f"speed_rpm: {point.speed_rpm:g} is not positive")
+            found.append(point)
+    if not table.rows:
         problems.add("no rows")
     problems.raise_if_any()
     return tuple(found)
@@ -131,7 +114,7 @@ def simulate_campaign(
         if not unique:
             with (stage / CONDITIONS_FILE).open("w", encoding="utf-8", newline="") as file:
                 writer = csv.writer(file, lineterminator="\n")
-                writer.writerows([["file", *_COLUMNS], *rows])
+                writer.writerows([["file", *CONDITION_COLUMNS], *rows])
         if folder.exists():
             folder.rmdir()
         shutil.move(stage, folder)

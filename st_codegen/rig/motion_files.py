@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from st_codegen.files.text import write_texts
 from st_codegen.report import Section, Table, figure, figures, page
 from st_codegen.rig.motion import Outcome, Plan, Recording, Rig
 from st_codegen.rig.tasks import Form
@@ -90,18 +90,7 @@ def write(study: Study, out: Path, *, recording: bool = False) -> None:
     }
     if recording:
         texts["recording.csv"] = recording_text(study.plan, study.before)
-    write_texts(texts, out)
-
-
-def write_texts(texts: dict[str, str], out: Path) -> None:
-    """Write files to a folder: all are complete in a temporary folder before the first one gets into place."""
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=out.parent) as name:
-        for file, text in texts.items():
-            (Path(name) / file).write_text(text, encoding="utf-8", newline="\n")
-        out.mkdir(exist_ok=True)
-        for file in texts:
-            (Path(name) / file).replace(out / file)
+    write_texts(out, texts)
 
 
 def _csv(rows: Sequence[dict[str, Any]]) -> str:

@@ -9,8 +9,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from st_codegen.errors import InputError, Problems
+from st_codegen.files.csv_tables import read_csv
 
 FloatArray = NDArray[np.float64]
 
 _COLUMNS = ("t", "theta_out", "torque_Nm")
 #: Longest recording: half an hour at 250 us are 7 million cycles.
 _LONGEST_S = 1800.0
-_PROBLEMS_SHOWN = 10
 
 
 @dataclass(frozen=True)
@@ -148,54 +146,13 @@ def read_profile(path: Path, cycle_s: float, limits: tuple[float, float] = (22.2
     from scipy.interpolate import PchipInterpolator
 
     problems = Problems(str(path))
-    time, angle, torque = _read_columns(path, problems).T
+    time, angle, torque = read_csv(path, _COLUMNS).numbers(_COLUMNS, problems).T
+    problems.raise_if_any()
     _check(time, angle, torque, problems, limits)
     problems.raise_if_any()
     grid = np.arange(math.floor((time[-1] - time[0]) / cycle_s + 1e-9) + 1) * cycle_s
     curve = PchipInterpolator(time - time[0], angle)
     return Profile(path.stem, grid, curve(grid), curve.derivative()(grid), np.interp(grid, time - time[0], torque))
-
-
-def _read_columns(path: Path, problems: Problems) -> FloatArray:
-    """The three columns, (rows, 3). Raises InputError where the file cannot be read as a table at all."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not readable as text ({error})") from None
-    first = text.split("\n", 1)[0]
-    delimiter = ";" if ";" in first else ","
-    rows = list(csv.reader(io.StringIO(text), delimiter=delimiter))
-    head = [cell.strip() for cell in rows[0]] if rows else []
-    missing = [name for name in _COLUMNS if name not in head]
-    if missing:
-        raise InputError(
-            f"{path}: the column{'s' if len(missing) > 1 else ''} {', '.join(missing)} missing; "
-            f"a profile has {','.join(_COLUMNS)} (s, deg, N m)"
-        )
-    places = [head.index(name) for name in _COLUMNS]
-    values, faults = [], 0
-    for number, row in enumerate(rows[1:], 2):
-        if not any(cell.strip() for cell in row):
-            continue
-        try:
-            values.append([_number(row[place], delimiter) for place in places])
-        except (ValueError, IndexError):
-            faults += 1
-            if faults <= _PROBLEMS_SHOWN:
-                problems.add(f"line {number}: {delimiter.join(row)!r} does not hold three finite numbers")
-    if faults > _PROBLEMS_SHOWN:
-        problems.add(f"and {faults - _PROBLEMS_SHOWN} more lines")
-    problems.raise_if_any()
-    return np.array(values, np.float64).reshape(-1, 3)
-
-
-def _number(text: str, delimiter: str) -> float:
-    value = float(text.replace(",", ".") if delimiter == ";" else text)
-    if not math.isfinite(value):
-        raise ValueError
-    return value
 
 
 def _check(

@@ -7,7 +7,6 @@ test points*, cell by cell; `Comparison.best` is ours by the same rule, `chosen`
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from st_codegen.campaign.harmonic_table import HarmonicTable, read_table
-from st_codegen.errors import InputError
+from st_codegen.errors import Problems
+from st_codegen.files.csv_tables import read_csv
 from st_codegen.te.harmonics import Direction
 from st_codegen.training.choice import Choice, choose
 from st_codegen.training.errors import Errors, errors_of
@@ -58,12 +58,15 @@ class PaperErrors:
 def read_paper(errors: Path, predicted: Path) -> PaperErrors:
     """Read the two files of the authors' results. Raises InputError."""
     table = read_table(predicted)
-    try:
-        rows = list(csv.DictReader(errors.read_text(encoding="utf-8").splitlines()))
-        mae = {(row["method"], row["quantity"], int(row["harmonic"])): float(row["MAE"]) for row in rows}
-        rmse = {(row["method"], row["quantity"], int(row["harmonic"])): float(row["RMSE"]) for row in rows}
-    except (OSError, KeyError, ValueError) as error:
-        raise InputError(f"{errors}: not a table of errors `method,quantity,harmonic,MAE,RMSE` ({error})") from None
+    problems = Problems(str(errors))
+    rows = read_csv(errors, ("method", "quantity", "harmonic", "MAE", "RMSE"))
+    mae: dict[tuple[str, str, int], float] = {}
+    rmse: dict[tuple[str, str, int], float] = {}
+    for row in rows.rows:
+        with problems.collect():
+            key = rows.text(row, "method"), rows.text(row, "quantity"), int(rows.number(row, "harmonic"))
+            mae[key], rmse[key] = rows.number(row, "MAE"), rows.number(row, "RMSE")
+    problems.raise_if_any()
     return PaperErrors(mae, rmse, table)
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from st_codegen.files.text import write_texts
 from st_codegen.report import COLOURS, Section, Table, figures, page
 from st_codegen.training.families import FAMILIES, Candidate
 from st_codegen.training.paper import CHOSEN, QUANTITIES, Comparison, Row
@@ -42,7 +43,6 @@ def errors_csv(rows: Sequence[Row]) -> str:
 
 def write_tables(comparison: Comparison, folder: Path) -> list[Path]:
     """Write errors.csv, authors.csv, tables.md and tables.html; returns their paths."""
-    folder.mkdir(parents=True, exist_ok=True)
     sections = report_sections(comparison)
     texts = {
         "errors.csv": errors_csv(comparison.rows),
@@ -50,10 +50,7 @@ def write_tables(comparison: Comparison, folder: Path) -> list[Path]:
         "tables.md": _markdown(sections),
         "tables.html": page("The paper's tables, ours beside theirs", sections, summary=_summary(comparison)),
     }
-    for name, text in texts.items():
-        temporary = folder / f".{name}"
-        temporary.write_text(text, encoding="utf-8", newline="\n")
-        temporary.replace(folder / name)
+    write_texts(folder, texts)
     return [folder / name for name in texts]
 
 

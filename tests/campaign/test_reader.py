@@ -127,3 +127,9 @@ def test_too_few_samples_for_an_order_are_named(folder):
     with pytest.raises(InputError, match="12 problems") as error:
         read_campaign(folder, jobs=1).fits([0, 450])
     assert "100.0rpm100.0Nm25.0deg.csv, forward" in str(error.value)
+
+
+def test_a_single_bad_file_is_an_input_error_like_many(tmp_path):
+    (tmp_path / "900rpm1Nm25deg.csv").write_text("x")
+    with pytest.raises(InputError, match=r"leave them out with --skip-bad.*900rpm1Nm25deg.csv, line 1: unknown column"):
+        read_campaign(tmp_path)

@@ -148,9 +148,9 @@ def test_measured_times_are_read_with_all_their_problems(tmp_path):
     with pytest.raises(InputError, match=r"(?s)3 problems.*line 2: caches.*line 3: us.*line 4"):
         read_measurements(path)
     path.write_text("a,b\n1,2\n")
-    with pytest.raises(InputError, match="needs the columns block,caches,us"):
+    with pytest.raises(InputError, match="needs block,caches,us"):
         read_measurements(path)
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="no such file"):
         read_measurements(tmp_path / "none.csv")
     with pytest.raises(InputError, match=r"no block 'FB_None'"):
         calibrate(project(TWO), PROFILE, (Measurement("FB_None", False, 1.0),))

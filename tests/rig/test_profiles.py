@@ -91,5 +91,5 @@ def test_unknown_names_and_missing_files(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         profile_named(str(tmp_path / "none.csv"), CYCLE)
     (tmp_path / "b.csv").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InputError, match="not readable"):
+    with pytest.raises(InputError, match="save it as UTF-8"):
         profile_named(str(tmp_path / "b.csv"), CYCLE)

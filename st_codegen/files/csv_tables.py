@@ -1,0 +1,102 @@
+"""CSV tables: a header of names above rows of texts and numbers.
+
+Exports of other tools, with `;` between the cells and decimal commas, are read as well: a semicolon in the first line
+says so.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from st_codegen.errors import InputError, Problems
+from st_codegen.files.number_text import parse_number
+from st_codegen.files.text import read_text
+
+
+class RowError(InputError):
+    """A row that cannot be used: its line, and why."""
+
+    def __init__(self, line: int, reason: str) -> None:
+        super().__init__(f"line {line}: {reason}")
+        self.line, self.reason = line, reason
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a table: its last line in the file, and its cells."""
+
+    line: int
+    cells: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class CsvTable:
+    """The rows below a header. A row with more or fewer cells than the header is refused where it is asked for one."""
+
+    names: tuple[str, ...]
+    rows: tuple[Row, ...]
+    decimal_comma: bool
+
+    def text(self, row: Row, name: str) -> str:
+        """A cell, without the blanks around it. Raises RowError."""
+        if len(row.cells) != len(self.names):
+            raise RowError(row.line, f"{len(row.cells)} values, the header has {len(self.names)}")
+        return row.cells[self.names.index(name)].strip()
+
+    def number(self, row: Row, name: str, *, is_finite: bool = True) -> float:
+        """A cell as a number. Raises RowError."""
+        cell = self.text(row, name)
+        try:
+            return parse_number(cell, decimal_comma=self.decimal_comma, is_finite=is_finite)
+        except ValueError as error:
+            raise RowError(row.line, f"{name}: {_cut(str(error))}") from None
+
+    def numbers(self, names: Sequence[str], problems: Problems, *, is_finite: bool = True) -> npt.NDArray[np.float64]:
+        """Columns as float64 (rows, names); every cell that is no number is noted and stands as 0."""
+        values = np.zeros((len(self.rows), len(names)))
+        for number, row in enumerate(self.rows):
+            for column, name in enumerate(names):
+                with problems.collect():
+                    values[number, column] = self.number(row, name, is_finite=is_finite)
+        return values
+
+
+def read_csv(path: Path, wanted: Sequence[str] = ()) -> CsvTable:
+    """Read a table; `wanted` are columns that must be there. Empty lines count as nothing.
+
+    Raises InputError for what is no text, has no header, lacks a wanted column, or has the name of a column twice.
+    """
+    text = read_text(path)
+    separator = separator_of(text)
+    lines = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
+    try:
+        rows = [Row(lines.line_num, tuple(row)) for row in lines if any(cell.strip() for cell in row)]
+    except csv.Error as error:  # above all a field of more than 131,072 characters
+        raise InputError(f"{path}, line {lines.line_num}: not readable as a table ({error})") from None
+    if not rows:
+        raise InputError(f"{path}: the file is empty; the first line must name the columns")
+    names = tuple(name.strip() for name in rows[0].cells)
+    problems = Problems(str(path))
+    for name in wanted:
+        if name not in names:
+            problems.add(f"the column '{name}' is missing; the table needs {','.join(wanted)}")
+    for name in sorted({name for name in names if name and names.count(name) > 1}):
+        problems.add(f"the column '{_cut(name)}' is there twice")
+    problems.raise_if_any()
+    return CsvTable(names, tuple(rows[1:]), separator == ";")
+
+
+def separator_of(text: str) -> str:
+    """The character between the cells of a table, told from its first line."""
+    return ";" if ";" in text.partition("\n")[0] else ","
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= 80 else f"{text[:60]} .. {text[-15:]}"

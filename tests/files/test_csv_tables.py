@@ -1,0 +1,109 @@
+import math
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from st_codegen.errors import InputError, Problems
+from st_codegen.files.csv_tables import read_csv
+from st_codegen.files.number_text import parse_number, parse_whole
+
+
+def table(tmp_path, text, wanted=()):
+    path = tmp_path / "t.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return read_csv(path, wanted)
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_every_float_is_read_as_it_was_written(value):
+    for text in (repr(value), f"{value:.17g}", f" {value:.17e}\t"):
+        assert parse_number(text) == value
+        assert parse_number(text.replace(".", ","), decimal_comma=True) == value
+
+
+@given(st.text(max_size=12))
+def test_what_is_taken_as_a_number_python_takes_with_the_same_value(text):
+    try:
+        value = parse_number(text, is_finite=False)
+    except ValueError:
+        return
+    assert value == float(text) or math.isnan(float(text))
+    assert text.isascii()
+    assert "_" not in text
+
+
+NO_NUMBERS = "1_0,\u0661\u0662,\uff11,0x10,, ,--1,1e,.,1 2,nan,inf,1e999,\xbd,1;5".split(",")
+
+
+@pytest.mark.parametrize("text", NO_NUMBERS)
+def test_what_is_no_number(text):
+    with pytest.raises(ValueError, match=re.escape(repr(text))):
+        parse_number(text)
+
+
+@pytest.mark.parametrize("text", ["1_0", "\u0661", "1.0", "", "9" * 19, "0x1"])
+def test_what_is_no_whole_number(text):
+    with pytest.raises(ValueError, match="not a whole number"):
+        parse_whole(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a,b\n1.5,2\n\n3,4\n",
+        "a;b\r\n1,5;2\r\n3;4",
+        'a;b\r1.5;"2"\r3;4',
+        "\ufeff a , b\n1.5,2\n ,\n3,4",
+        "b,a,\n2,1.5,remark\n4,3,",
+    ],
+)
+def test_all_layouts_give_the_same_numbers(tmp_path, text):
+    problems = Problems("t")
+    assert table(tmp_path, text, ("a", "b")).numbers(("a", "b"), problems).tolist() == [[1.5, 2.0], [3.0, 4.0]]
+    problems.raise_if_any()
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "the file is empty"),
+        ("\n \n", "the file is empty"),
+        ("a,c\n1,2\n", "the column 'b' is missing; the table needs a,b"),
+        ("a,b,a\n", "the column 'a' is there twice"),
+        ("a,b\n" + "x" * 140_000 + ",1\n", "line 2: not readable as a table (field larger"),
+        ('a,b\n"1,2\n3,4\n' + "x" * 140_000, "not readable as a table (field larger"),
+        ("a,b\nä,1\n".encode("latin-1"), "not UTF-8 (byte 0xe4 at 4)"),
+        ("a,b\n1,2\n".encode("utf-16"), "the text is UTF-16"),
+    ],
+)
+def test_what_is_no_table(tmp_path, text, reason):
+    with pytest.raises(InputError, match=re.escape(reason)):
+        table(tmp_path, text, ("a", "b"))
+
+
+def test_all_bad_cells_are_in_one_message_and_long_ones_are_cut(tmp_path):
+    problems = Problems("t.csv")
+    table(tmp_path, f"a,b\n1,x\n1\n{'y' * 1000},nan\n1,inf\n").numbers(("a", "b"), problems)
+    with pytest.raises(InputError) as caught:
+        problems.raise_if_any()
+    message = str(caught.value)
+    for part in (
+        "5 problems",
+        "line 2: b: 'x' is not a number",
+        "line 3: 1 values, the header has 2",
+        "line 4: a: 'yyy",
+        "line 4: b: 'nan' is not finite",
+        "line 5: b: 'inf' is not finite",
+    ):
+        assert part in message
+    assert len(message) < 500
+
+
+def test_a_file_with_many_faults_is_described_by_the_first(tmp_path):
+    problems = Problems("t.csv")
+    table(tmp_path, "a\n" + "x\n" * 1000).numbers(("a",), problems)
+    with pytest.raises(InputError, match=r"1000 problems(?s:.*)and 950 more$") as caught:
+        problems.raise_if_any()
+    assert str(caught.value).count("\n") == 51
