@@ -1,6 +1,7 @@
 """The rules of the house, read from the imports."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -124,6 +125,13 @@ def test_only_the_top_names_the_rooms_that_enter_themselves(name):
     """The compiler finds targets, purposes and kinds of files in its tables."""
     users = {room(other) for other in MODULES if any(room(used) == name for used in USES[other])} - {name}
     assert not users & (COMPILER | {"proof", "cost", "st"})
+
+
+def test_types_of_arrays_have_their_names_in_one_place():
+    """The reader of Structured Text uses nothing of the intermediate representation, and so has its own."""
+    alias = re.compile(r"^\w+ = (?:\w+\.)*NDArray\[", re.M)
+    owners = {name for name, path in MODULES.items() if alias.search(path.read_text())}
+    assert {name for name in owners if room(name) not in {"st", "cost"}} == {"st_codegen.ir.arrays"}
 
 
 def test_only_render_knows_jinja():

@@ -12,7 +12,6 @@ from functools import singledispatch
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from st_codegen.errors import UnsupportedModelError, errors_name
 from st_codegen.ir import (
@@ -20,9 +19,10 @@ from st_codegen.ir import (
     Activation,
     Aggregate,
     Comparison,
+    Float32Array,
     FloatArray,
     Function,
-    IntArray,
+    Int32Array,
     Kernel,
     KernelSum,
     Linear,
@@ -82,11 +82,11 @@ class Affine:
             raise UnsupportedModelError("a constant divided by an input: the format scales and shifts only")
         return Affine(a / c, b / c, t / np.abs(c))
 
-    def of(self, columns: IntArray) -> Affine:
+    def of(self, columns: Int32Array) -> Affine:
         """Some of the columns."""
         return Affine(self.scaling[columns], self.offset[columns], self.terms[columns])
 
-    def placed(self, places: IntArray, width: int) -> Affine:
+    def placed(self, places: Int32Array, width: int) -> Affine:
         """For `width` columns, this one's column i at place `places[i]`; the others stay as they are."""
         wide = Affine.identity(width)
         for part, own in ((wide.scaling, self.scaling), (wide.offset, self.offset), (wide.terms, self.terms)):
@@ -99,9 +99,9 @@ class Tree:
     """Nodes of one tree, root first: threshold or leaf value, column (leaf: 0), children (leaf: 0)."""
 
     values: FloatArray
-    columns: IntArray
-    left: IntArray
-    right: IntArray
+    columns: Int32Array
+    left: Int32Array
+    right: Int32Array
 
     @property
     def leaves(self) -> FloatArray:
@@ -109,7 +109,7 @@ class Tree:
         return leaves
 
     @property
-    def children(self) -> IntArray:
+    def children(self) -> Int32Array:
         return np.concatenate([self.left, self.right])
 
 
@@ -161,7 +161,7 @@ class Layer:
     """A row a neuron, its constant last; float32."""
 
     activation: str
-    weights: NDArray[np.float32]
+    weights: Float32Array
 
 
 @dataclass(frozen=True)
@@ -220,7 +220,7 @@ class _Front:
 
     model: ModelIR
     number: int
-    columns: IntArray
+    columns: Int32Array
     affine: Affine
 
     @property
@@ -298,7 +298,7 @@ class _Splits:
     """What the splits of an ensemble compare: a threshold a node, and the feature of each column."""
 
     threshold: FloatArray
-    feature: IntArray
+    feature: Int32Array
 
 
 def _tree(op: TreeEnsemble, splits: _Splits, number: int, output: int) -> Tree:
@@ -396,9 +396,9 @@ def _(op: Linear, front: _Front) -> tuple[Engine, ...]:
     )
 
 
-def _single(values: FloatArray) -> NDArray[np.float32]:
+def _single(values: FloatArray) -> Float32Array:
     with np.errstate(over="ignore"):
-        single: NDArray[np.float32] = values.astype(np.float32)
+        single: Float32Array = values.astype(np.float32)
     if not np.all(np.isfinite(single)):
         raise UnsupportedModelError("a weight is too large for float32, in which the engine computes")
     return single

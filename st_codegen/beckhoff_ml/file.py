@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from lxml import etree
-from numpy.typing import NDArray
 
 from st_codegen.errors import InputError
-from st_codegen.ir import FloatArray
+from st_codegen.ir import FloatArray, IntArray
 
 MAX_BYTES = 1 << 30
 MAX_INPUTS = 1 << 16
@@ -121,7 +120,7 @@ class Element:
             raise self.error(f"{name} has a number beyond float32")
         return rounded
 
-    def integers(self, name: str) -> NDArray[np.int64]:
+    def integers(self, name: str) -> IntArray:
         """Whole numbers."""
         values = self._numbers(name, self._value(name, "arrint64", "int64", "arrint32", "int32"))
         if np.any(values != np.rint(values)) or np.any(np.abs(values) > 2**31):

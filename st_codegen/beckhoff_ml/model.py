@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from st_codegen.beckhoff_ml.file import MAX_BYTES, MAX_INPUTS, SHOWN, Element, parse
 from st_codegen.errors import InputError, UnsupportedModelError
@@ -25,6 +24,7 @@ from st_codegen.ir import (
     Feature,
     FloatArray,
     Function,
+    IntArray,
     Kernel,
     KernelSum,
     Linear,
@@ -219,7 +219,7 @@ class _Trees(_File):
         self._check_weights()
         return 1
 
-    def _tree(self, parts: dict[str, Element], number: int) -> tuple[FloatArray, NDArray[np.int64], NDArray[np.int64]]:
+    def _tree(self, parts: dict[str, Element], number: int) -> tuple[FloatArray, IntArray, IntArray]:
         values = parts["SplitValues"].doubles(f"TR_{number}")
         variables = parts["SplitVars"].integers(f"TR_{number}")
         children = parts["ChildNodes"].integers(f"TR_{number}")

@@ -18,18 +18,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from st_codegen.errors import InputError, MissingExtraError, Problems
 from st_codegen.files.csv_tables import RowError, read_csv
 from st_codegen.files.number_text import parse_number
 from st_codegen.files.text import whole_file
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.te.harmonics import Direction
 
 if TYPE_CHECKING:
     import polars
 
-FloatArray = npt.NDArray[np.float64]
 
 #: the header of the rig, with its typing error
 RIG_HEADER = (

@@ -20,11 +20,8 @@ import numpy.typing as npt
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import RowError, read_csv
 from st_codegen.files.text import whole_file
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.te.harmonics import Direction
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
-BoolArray = npt.NDArray[np.bool_]
 
 CONDITION_COLUMNS = ("speed_rpm", "torque_Nm", "temperature_C")
 #: column -> what it says; read over, since the signs are already in A0

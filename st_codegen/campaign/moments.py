@@ -10,10 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
+from st_codegen.ir.arrays import ComplexArray, FloatArray
 
 #: grid points a period of the highest order, at least
 _POINTS_A_PERIOD = 4

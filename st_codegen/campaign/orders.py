@@ -17,9 +17,7 @@ import numpy.typing as npt
 from st_codegen.campaign.curves import Curve
 from st_codegen.campaign.moments import moments
 from st_codegen.errors import InputError
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 
 #: highest order that is looked at, unless more is asked for
 BAND = 400
@@ -71,9 +69,9 @@ class OrderFit:
     residual_rms_deg: float
 
     @property
-    def significant(self) -> npt.NDArray[np.bool_]:
+    def significant(self) -> BoolArray:
         """Which orders stand above the noise, bool (orders,)."""
-        above: npt.NDArray[np.bool_] = np.abs(self.coefficients) > SIGNIFICANT * self.noise_floor
+        above: BoolArray = np.abs(self.coefficients) > SIGNIFICANT * self.noise_floor
         return above
 
 
@@ -143,9 +141,9 @@ def _normal_matrix(sums: Sums, orders: npt.NDArray[np.intp]) -> FloatArray:
     return np.block([[cos_cos, cos_sin], [cos_sin.T, sin_sin]])
 
 
-def _unknowns(orders: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
+def _unknowns(orders: npt.NDArray[np.intp]) -> BoolArray:
     """All cosines, and sines except that of order 0."""
-    mask: npt.NDArray[np.bool_] = np.concatenate([np.ones(len(orders), np.bool_), orders > 0])
+    mask: BoolArray = np.concatenate([np.ones(len(orders), np.bool_), orders > 0])
     return mask
 
 

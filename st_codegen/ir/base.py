@@ -7,13 +7,9 @@ from enum import StrEnum
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from st_codegen.errors import InputError
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int32]
-BoolArray = NDArray[np.bool_]
+from st_codegen.ir.arrays import AnyArray
 
 #: Values of this magnitude and above become infinite when rounded to float32 (the tie to even above FLT_MAX).
 FLOAT32_OVERFLOW = 3.4028235677973366e38
@@ -102,7 +98,7 @@ class SummationOrder(StrEnum):
     UNSPECIFIED = "unspecified"  # BLAS: any order, perhaps fused; equal within a bound only
 
 
-def freeze(owner: Any, name: str, dtype: type[np.generic], shape: tuple[int | None, ...]) -> NDArray[Any]:
+def freeze(owner: Any, name: str, dtype: type[np.generic], shape: tuple[int | None, ...]) -> AnyArray:
     """Store attribute `name` of a frozen dataclass as a read-only array of the given type and shape (None: any)."""
     given = np.asarray(getattr(owner, name))
     array = np.array(given, dtype=dtype, order="C") if given.dtype != dtype or given.flags.writeable else given

@@ -12,7 +12,8 @@ from typing import ClassVar
 import numpy as np
 
 from st_codegen.errors import InputError
-from st_codegen.ir.base import FloatArray, IntArray, check_columns, freeze, require_finite
+from st_codegen.ir.arrays import FloatArray, Int32Array
+from st_codegen.ir.base import check_columns, freeze, require_finite
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class TableAxis:
     """One axis of a cell table: `offset[r]` is how many rows rank r of column `column` of the input skips."""
 
     column: int
-    offset: IntArray
+    offset: Int32Array
 
     def __post_init__(self) -> None:
         offset = freeze(self, "offset", np.int32, (None,))
@@ -95,7 +96,7 @@ class CellTable:
     axes: tuple[TableAxis, ...]
     shape: tuple[int, ...]
     values: FloatArray
-    stored: IntArray
+    stored: Int32Array
     constant: FloatArray
     exact: bool = True
 

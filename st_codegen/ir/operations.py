@@ -9,11 +9,10 @@ from typing import ClassVar
 import numpy as np
 
 from st_codegen.errors import InputError
+from st_codegen.ir.arrays import FloatArray, Int32Array
 from st_codegen.ir.base import (
     Elementwise,
-    FloatArray,
     Function,
-    IntArray,
     Kernel,
     Norm,
     Operator,
@@ -31,7 +30,7 @@ class Select:
     """Columns picked from one or several values laid end to end (concatenation, reordering, column transformers)."""
 
     inputs: tuple[int, ...]
-    columns: IntArray
+    columns: Int32Array
     exact: ClassVar[bool] = True
 
     def __post_init__(self) -> None:

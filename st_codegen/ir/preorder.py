@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from st_codegen.errors import InputError
-from st_codegen.ir.base import IntArray
+from st_codegen.ir.arrays import AnyArray, Int32Array, IntArray
 
 
 @dataclass(frozen=True)
@@ -19,14 +17,14 @@ class Preorder:
     `size[i]` is the number of nodes of the subtree at node `i`.
     """
 
-    order: NDArray[np.int64]
-    size: NDArray[np.int64]
-    roots: IntArray
-    left: IntArray
-    right: IntArray
+    order: IntArray
+    size: IntArray
+    roots: Int32Array
+    left: Int32Array
+    right: Int32Array
 
 
-def preorder(roots: NDArray[Any], left: NDArray[Any], right: NDArray[Any]) -> Preorder:
+def preorder(roots: AnyArray, left: AnyArray, right: AnyArray) -> Preorder:
     """Lay trees out in preorder; nodes that no root reaches are dropped. Linear in nodes, without recursion.
 
     `left` and `right` are node numbers over all trees, negative for a leaf. Raises InputError where the nodes do not

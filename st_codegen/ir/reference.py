@@ -10,12 +10,10 @@ from collections.abc import Callable
 from functools import singledispatch
 
 import numpy as np
-from numpy.typing import NDArray
 
 from st_codegen.ir import (
     Activation,
     Aggregate,
-    BoolArray,
     CellTable,
     Clip,
     Combine,
@@ -23,9 +21,7 @@ from st_codegen.ir import (
     Elementwise,
     FactoredKernel,
     FillMissing,
-    FloatArray,
     Function,
-    IntArray,
     Kernel,
     KernelSum,
     Linear,
@@ -45,6 +41,7 @@ from st_codegen.ir import (
     TreeColumn,
     TreeEnsemble,
 )
+from st_codegen.ir.arrays import BoolArray, FloatArray, Int32Array, IntArray
 
 
 def evaluate(model: ModelIR, x: FloatArray) -> FloatArray:
@@ -283,7 +280,7 @@ class _TreeEvaluator:
         if column.categorical:
             self.code[number] = np.where(missing, column.n_categories + 1, category_code(column, value))
 
-    def leaves(self, tree: int) -> NDArray[np.int64]:
+    def leaves(self, tree: int) -> IntArray:
         """The leaf node that each row reaches in a tree, shape (rows,)."""
         op = self.op
         node = np.full(self.value.shape[1], op.roots[tree], np.int64)
@@ -296,7 +293,7 @@ class _TreeEvaluator:
             active = active[op.split[here] >= 0]
         return node
 
-    def _goes_left(self, node: NDArray[np.int64], column: IntArray, row: NDArray[np.int64]) -> BoolArray:
+    def _goes_left(self, node: IntArray, column: Int32Array, row: IntArray) -> BoolArray:
         op = self.op
         value = self.value[column, row]
         threshold = op.threshold[node]
@@ -377,7 +374,7 @@ def _(op: CellTable, operands: list[FloatArray]) -> FloatArray:
     return result
 
 
-def category_code(column: TreeColumn, value: FloatArray) -> NDArray[np.int64]:
+def category_code(column: TreeColumn, value: FloatArray) -> IntArray:
     """Category codes 0 .. n_categories-1 of numbers, n_categories for all others, shape of `value`."""
     n = column.n_categories
     if column.categories is not None:

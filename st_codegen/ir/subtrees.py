@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from st_codegen.ir.base import FloatArray
+from st_codegen.ir.arrays import FloatArray, IntArray
 from st_codegen.ir.trees import TreeEnsemble
 
 
@@ -18,11 +17,11 @@ class Subtrees:
     `forward`: the node that takes a node's place: a split with two equal children is one of them.
     """
 
-    number: NDArray[np.int64]
-    forward: NDArray[np.int64]
+    number: IntArray
+    forward: IntArray
 
 
-def subtrees(op: TreeEnsemble, place: NDArray[np.int64] | None = None) -> Subtrees:
+def subtrees(op: TreeEnsemble, place: IntArray | None = None) -> Subtrees:
     """Number all subtrees from the leaves up.
 
     `place` has the node that takes each node's place, -1 where no row comes. With None all nodes stay as they are, and
@@ -54,9 +53,7 @@ def subtrees(op: TreeEnsemble, place: NDArray[np.int64] | None = None) -> Subtre
     return Subtrees(number, forward)
 
 
-def _numbered(
-    op: TreeEnsemble, nodes: NDArray[np.int64], left: NDArray[np.int64], right: NDArray[np.int64]
-) -> NDArray[np.int64]:
+def _numbered(op: TreeEnsemble, nodes: IntArray, left: IntArray, right: IntArray) -> IntArray:
     """Numbers from 0 for splits: the same for the same question with the same answers."""
     question = (op.split[nodes].astype(np.int64) << 33) + op.threshold[nodes].astype(np.int64)
     order = np.lexsort((right, left, question))
@@ -69,7 +66,7 @@ def _numbered(
     return numbers
 
 
-def _by_height(op: TreeEnsemble, place: NDArray[np.int64], inner: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+def _by_height(op: TreeEnsemble, place: IntArray, inner: IntArray) -> list[IntArray]:
     """The splits `inner` in groups: first those above two leaves, then those above these, and so on."""
     height = np.zeros(op.n_nodes, np.int32)
     levels = []
@@ -85,7 +82,7 @@ def _by_height(op: TreeEnsemble, place: NDArray[np.int64], inner: NDArray[np.int
     return [group for group in groups if group.size]
 
 
-def distinct_rows(values: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def distinct_rows(values: FloatArray) -> tuple[IntArray, IntArray]:
     """Rows that are equal to the bit: the first row of each kind, in their order, and the kind of every row."""
     bits = np.ascontiguousarray(values).view(np.int64)
     if bits.shape[1] == 1:
@@ -98,7 +95,7 @@ def distinct_rows(values: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int
     return first[order], rank[np.ravel(kind)]
 
 
-def follow(place: NDArray[np.int64]) -> None:
+def follow(place: IntArray) -> None:
     """Replace places by the places of these places until nothing changes, in place."""
     known = np.flatnonzero(place >= 0)
     while True:

@@ -9,18 +9,8 @@ from typing import ClassVar
 import numpy as np
 
 from st_codegen.errors import InputError
-from st_codegen.ir.base import (
-    Aggregate,
-    BoolArray,
-    Comparison,
-    FloatArray,
-    IntArray,
-    NanRule,
-    Precision,
-    check_columns,
-    freeze,
-    require_finite,
-)
+from st_codegen.ir.arrays import BoolArray, FloatArray, Int32Array
+from st_codegen.ir.base import Aggregate, Comparison, NanRule, Precision, check_columns, freeze, require_finite
 
 
 @dataclass(frozen=True)
@@ -57,8 +47,8 @@ class LinearLeaves:
     """
 
     constant: FloatArray
-    start: IntArray
-    column: IntArray
+    start: Int32Array
+    column: Int32Array
     coefficient: FloatArray
     zero_magnitude: float = 0.0
 
@@ -92,15 +82,15 @@ class TreeEnsemble:
 
     inputs: tuple[int, ...]
     columns: tuple[TreeColumn, ...]
-    roots: IntArray
-    split: IntArray
+    roots: Int32Array
+    split: Int32Array
     threshold: FloatArray
-    left: IntArray
-    right: IntArray
+    left: Int32Array
+    right: Int32Array
     missing_left: BoolArray
-    leaf: IntArray
+    leaf: Int32Array
     leaf_value: FloatArray
-    tree_output: IntArray
+    tree_output: Int32Array
     base: FloatArray
     comparison: Comparison
     input_precision: Precision = Precision.FLOAT64
@@ -108,7 +98,7 @@ class TreeEnsemble:
     aggregate: Aggregate = Aggregate.SUM
     base_last: bool = False
     divisor: float = 1.0
-    category_row: IntArray = field(default_factory=lambda: np.zeros(0, np.int32))
+    category_row: Int32Array = field(default_factory=lambda: np.zeros(0, np.int32))
     category_left: BoolArray = field(default_factory=lambda: np.zeros(0, np.bool_))
     linear: LinearLeaves | None = None
     exact: ClassVar[bool] = True

@@ -15,7 +15,6 @@ from enum import StrEnum
 from functools import singledispatch
 
 import numpy as np
-from numpy.typing import NDArray
 
 from st_codegen.ir import (
     BoolArray,
@@ -23,6 +22,7 @@ from st_codegen.ir import (
     Comparison,
     FillMissing,
     FloatArray,
+    IntArray,
     ModelIR,
     Operation,
     Operator,
@@ -164,16 +164,16 @@ def domain_of(model: ModelIR, feature: int) -> Domain:
     return Domain(lower, upper)
 
 
-def _ordered(bits: NDArray[np.int64]) -> NDArray[np.int64]:
+def _ordered(bits: IntArray) -> IntArray:
     """Bits of float64 numbers as integers in the order of the numbers (and back; both zeros are 0)."""
     return np.where(bits < 0, np.int64(-(2**63)) - bits, bits)
 
 
-def _to_order(x: FloatArray) -> NDArray[np.int64]:
+def _to_order(x: FloatArray) -> IntArray:
     return _ordered(np.ascontiguousarray(x).view(np.int64))
 
 
-def _from_order(key: NDArray[np.int64]) -> FloatArray:
+def _from_order(key: IntArray) -> FloatArray:
     return _ordered(key).view(np.float64)
 
 

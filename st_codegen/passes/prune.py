@@ -10,9 +10,8 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
-from st_codegen.ir import Aggregate, IntArray, ModelIR, Precision, Rank, TreeEnsemble
+from st_codegen.ir import Aggregate, Int32Array, IntArray, ModelIR, Precision, Rank, TreeEnsemble
 from st_codegen.ir.preorder import Preorder, preorder
 from st_codegen.ir.subtrees import distinct_rows, follow, subtrees
 from st_codegen.passes.ranks import compact
@@ -42,7 +41,7 @@ def _pruned_pair(rank: Rank, op: TreeEnsemble, *, accepts_nan: bool) -> tuple[Ra
     return _compacted(rank, trees)
 
 
-def _reachable(op: TreeEnsemble, low: IntArray, high: IntArray) -> NDArray[np.int64]:
+def _reachable(op: TreeEnsemble, low: Int32Array, high: Int32Array) -> IntArray:
     """For each node that some row can reach: the node that takes its place (itself, or the only child that rows reach).
 
     -1 for nodes that no row reaches. `low` and `high` are the ranks that each column can have.
@@ -58,7 +57,7 @@ def _reachable(op: TreeEnsemble, low: IntArray, high: IntArray) -> NDArray[np.in
     return place
 
 
-def _reach(op: TreeEnsemble, node: NDArray[np.int64], low: IntArray, high: IntArray, place: NDArray[np.int64]) -> None:
+def _reach(op: TreeEnsemble, node: IntArray, low: Int32Array, high: Int32Array, place: IntArray) -> None:
     """Walk down level by level with the ranks that lead to each node."""
     while node.size:
         inner = op.split[node] >= 0
@@ -79,11 +78,11 @@ def _reach(op: TreeEnsemble, node: NDArray[np.int64], low: IntArray, high: IntAr
         )
 
 
-def _laid_out(roots: NDArray[np.int64], left: NDArray[np.int64], right: NDArray[np.int64]) -> Preorder:
+def _laid_out(roots: IntArray, left: IntArray, right: IntArray) -> Preorder:
     return preorder(np.asarray(roots, np.int64), np.asarray(left, np.int64), np.asarray(right, np.int64))
 
 
-def _rebuilt(op: TreeEnsemble, place: NDArray[np.int64], forward: NDArray[np.int64]) -> TreeEnsemble:
+def _rebuilt(op: TreeEnsemble, place: IntArray, forward: IntArray) -> TreeEnsemble:
     """The ensemble with only those nodes that stay, in preorder; equal leaf values are kept once."""
     inner = op.split >= 0
     left = np.where(inner, forward[np.maximum(op.left, 0)], -1)

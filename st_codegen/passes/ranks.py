@@ -11,12 +11,12 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from st_codegen.ir import (
     BoolArray,
     Comparison,
     FloatArray,
+    Int32Array,
     IntArray,
     ModelIR,
     NanRule,
@@ -82,8 +82,8 @@ class _Splits:
     `number` are the nodes, `edges` what ranks are counted among, `descending` whether they count from above.
     """
 
-    nodes: NDArray[np.int64]
-    threshold: NDArray[np.int64]
+    nodes: IntArray
+    threshold: IntArray
     edges: FloatArray
     descending: bool
     missing_left: BoolArray
@@ -133,7 +133,7 @@ def _ranked_ensemble(model: ModelIR, op: TreeEnsemble, given: list[Column]) -> t
     return Rank((0,), tuple(columns)), trees
 
 
-def _splits(model: ModelIR, op: TreeEnsemble, number: int, chain: Chain, nodes: NDArray[np.int64]) -> _Splits:
+def _splits(model: ModelIR, op: TreeEnsemble, number: int, chain: Chain, nodes: IntArray) -> _Splits:
     """The splits of column `number` in ranks."""
     found = split_edges(op, number, chain, domain_of(model, chain.feature))
     changes = ~np.isnan(found.edge)
@@ -154,14 +154,12 @@ def _splits(model: ModelIR, op: TreeEnsemble, number: int, chain: Chain, nodes: 
     return _Splits(nodes, rank[at].astype(np.int64), edges, descending, missing_left)
 
 
-def compact(
-    columns: tuple[RankColumn, ...], used: list[NDArray[np.int64]]
-) -> tuple[tuple[RankColumn, ...], list[IntArray]]:
+def compact(columns: tuple[RankColumn, ...], used: list[IntArray]) -> tuple[tuple[RankColumn, ...], list[Int32Array]]:
     """Columns with only those edges that are compared with, and the new thresholds.
 
     `used` are the thresholds of each column's splits. Columns that share a search go on sharing it.
     """
-    shared: dict[tuple[int, bool, bytes], list[NDArray[np.int64]]] = {}
+    shared: dict[tuple[int, bool, bytes], list[IntArray]] = {}
     keys = [(column.column, column.descending, column.edges.tobytes()) for column in columns]
     for key, column, thresholds in zip(keys, columns, used, strict=True):
         shared.setdefault(key, []).append(thresholds[(thresholds >= 0) & (thresholds < column.highest)])

@@ -18,7 +18,7 @@ import numpy as np
 from st_codegen.ir import (
     CellTable,
     FloatArray,
-    IntArray,
+    Int32Array,
     ModelIR,
     Operation,
     Rank,
@@ -202,7 +202,7 @@ def _lookup(cells: Cells, axes: Sequence[Axis]) -> CellTable:
     return CellTable((1,), lists, shape, values, stored, flat[0], cells.exact)
 
 
-def _own_cells(own: Axis, union: Axis) -> IntArray:
+def _own_cells(own: Axis, union: Axis) -> Int32Array:
     """The cell of a part's axis in which each cell of the united axis lies: every edge of the part is in the union."""
     cells = np.searchsorted(own.edges, np.append(union.edges, np.inf), side="left")
     if union.missing:
@@ -210,7 +210,7 @@ def _own_cells(own: Axis, union: Axis) -> IntArray:
     return cells.astype(np.int32)
 
 
-def _stored(flat: FloatArray) -> tuple[IntArray, FloatArray]:
+def _stored(flat: FloatArray) -> tuple[Int32Array, FloatArray]:
     """Which number of a row each output is (-1: the output is constant), and the rows without repeated columns."""
     bits = np.ascontiguousarray(flat.T).view(np.int64)
     constant = np.all(bits == bits[:, :1], axis=1)

@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from st_codegen.cost import Profile, ProjectCost, project_cost
 from st_codegen.emit.output import MANIFEST, block_of
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
-from st_codegen.ir import BoolArray, FloatArray, reference
+from st_codegen.ir import AnyArray, BoolArray, FloatArray, IntArray, reference
 from st_codegen.project.bundle import Bundle
 from st_codegen.project.purpose import BlockCheck
 from st_codegen.proof import bounds
@@ -268,7 +267,7 @@ def _measure(report: ModelReport, x: FloatArray, library: FloatArray, got: Float
     report.max_abs_err = max(report.max_abs_err, float(error[worst]))
 
 
-def ulps_between(a: FloatArray, b: FloatArray) -> NDArray[np.int64]:
+def ulps_between(a: FloatArray, b: FloatArray) -> IntArray:
     """How many representable numbers lie from `a` to `b`; 0 for equal numbers, +0 and -0 included.
 
     Counts float32 numbers when all of `a` are such, else float64 numbers. Distances from 2**62 on are given as 2**62.
@@ -281,7 +280,7 @@ def ulps_between(a: FloatArray, b: FloatArray) -> NDArray[np.int64]:
     return np.where(near, distance, np.int64(2**62))
 
 
-def _in_order(value: NDArray[Any]) -> NDArray[np.int64]:
+def _in_order(value: AnyArray) -> IntArray:
     """Integers that are in the order of the numbers, one apart for neighbours."""
     contiguous = np.ascontiguousarray(value)
     if value.dtype == np.float64:

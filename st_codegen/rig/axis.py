@@ -12,13 +12,10 @@ from types import ModuleType
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from st_codegen.errors import InputError, MissingExtraError
+from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.rig.axis_parameters import AxisParameters, Load
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: A loop whose disturbances grow by more than this in a cycle is unstable; below it lies the rounding of the finite
 #: differences.

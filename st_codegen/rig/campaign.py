@@ -16,8 +16,8 @@ from st_codegen.campaign.curves import CONDITIONS_FILE, Conditions, Curve, Run, 
 from st_codegen.campaign.harmonic_table import CONDITION_COLUMNS
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import RowError, read_csv
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.rig.effects import Conditions as Points
-from st_codegen.rig.effects.base import FloatArray
 from st_codegen.rig.model import RigModel
 from st_codegen.te.harmonics import Direction
 

@@ -18,20 +18,18 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from st_codegen.driver import generate
 from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.targets import target_named
 from st_codegen.errors import GeneratedCodeError, InputError
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.project.bundle import Bundle
 from st_codegen.rig.tasks import Form, Inputs, TaskSettings
 from st_codegen.st import LaneMachine, ScalarMachine, StError, StRuntimeError, load_project
 from st_codegen.st.tree import Project
 from st_codegen.te.harmonics import TransmissionError
 from st_codegen.te.purpose import Compensation, transmission_error
-
-FloatArray = NDArray[np.float64]
 
 _PREDICT, _COMPENSATE = "FB_TEPredict", "FB_Compensator"
 PRG_FAST, PRG_SLOW, SIGNALS = "PRG_FAST", "PRG_SLOW", "GVL_Machine"

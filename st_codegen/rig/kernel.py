@@ -14,11 +14,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from st_codegen.ir.arrays import FloatArray, IntArray
 
 #: Places in the state vector: angles in rad, speeds in rad/s, torques in N m.
 (
@@ -146,7 +144,7 @@ def advance(
     c: FloatArray,
     load: FloatArray,
     reference: float,
-    counts: NDArray[np.int64],
+    counts: IntArray,
 ) -> None:
     """One PLC cycle: `counts` = steps in it, steps between two runs of the drive's loops, step at which `reference`
     (rad) arrives.

@@ -8,18 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from st_codegen.errors import Problems
 from st_codegen.files.toml_tables import Table
+from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.rig.axis_parameters import AxisParameters, Coupling, Drive, read_axis
 from st_codegen.rig.effects import Catalogue, Conditions, Effect, Stage
 from st_codegen.rig.model import RigModel, read_rig
 from st_codegen.rig.motion import Rig
 from st_codegen.rig.tasks import read_tasks
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 class RigHarmonics:

@@ -18,9 +18,9 @@ from st_codegen.errors import Problems
 from st_codegen.files.text import read_text, write_text
 from st_codegen.files.toml_tables import Table, nearest, parse_toml
 from st_codegen.files.toml_text import table_lines
+from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
 from st_codegen.rig.axis_parameters import read_axis
 from st_codegen.rig.effects import Catalogue, Conditions, Constants, Effect, Stage, catalogue
-from st_codegen.rig.effects.base import ComplexArray, FloatArray, IntArray
 from st_codegen.rig.tasks import read_tasks
 
 

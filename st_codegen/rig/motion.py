@@ -7,16 +7,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from st_codegen.errors import InputError
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.rig.axis import Axis, ErrorModel, Harmonics, controlled_torque
 from st_codegen.rig.axis_parameters import AxisParameters, Encoders, Thermal
 from st_codegen.rig.compensator import EmittedCompensator, RunningCompensator
 from st_codegen.rig.profiles import Profile
 from st_codegen.rig.tasks import Form, Inputs, Plc, TaskSettings
-
-FloatArray = NDArray[np.float64]
 
 #: Standstill before the profile starts: the compensator's ramp has its 0.5 s, the loops settle.
 LEAD_IN_S = 1.0

@@ -9,14 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from st_codegen.files.text import write_texts
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.report import Section, Table, figure, figures, page
 from st_codegen.rig.motion import Outcome, Plan, Recording, Rig
 from st_codegen.rig.tasks import Form
-
-FloatArray = NDArray[np.float64]
 
 #: Columns of recordings in time (docs/effects.md): s, deg of the fast side, deg of the output, rpm, N m, degC.
 RECORDING = "t,theta_ref,theta_mot,theta_in,theta_out,speed_rpm,torque_Nm,temperature_C"

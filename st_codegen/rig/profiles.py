@@ -15,12 +15,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import read_csv
-
-FloatArray = NDArray[np.float64]
+from st_codegen.ir.arrays import FloatArray
 
 _COLUMNS = ("t", "theta_out", "torque_Nm")
 #: Longest recording: half an hour at 250 us are 7 million cycles.

@@ -12,9 +12,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from st_codegen.ir import Activation, KernelSum, Linear, ModelIR, TreeEnsemble
+from st_codegen.ir.arrays import IntArray
 from st_codegen.walkers.objects import from_estimator
 
 _CYCLES_PER_US = 1910.0
@@ -76,7 +76,7 @@ _COUNTS: dict[type, Callable[[Any], float]] = {
 }
 
 
-def _depths(ensemble: TreeEnsemble) -> npt.NDArray[np.int64]:
+def _depths(ensemble: TreeEnsemble) -> IntArray:
     """Splits on the longest path of each tree, (trees,), level by level."""
     depth = np.zeros(len(ensemble.roots), np.int64)
     nodes, trees = ensemble.roots.astype(np.int64), np.arange(len(depth))

@@ -12,14 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 from st_codegen.errors import InputError, MissingExtraError
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.te.bundle_file import BUNDLE_FILE
 from st_codegen.te.harmonics import Direction, Quantity
 
-FloatArray = npt.NDArray[np.float64]
 #: name, unit
 FEATURES = (("speed_rpm", "rpm"), ("torque_Nm", "N m"), ("temperature_C", "degC"))
 _LETTERS = {Quantity.AMPLITUDE: "A", Quantity.PHASE: "phi", Quantity.COSINE: "C", Quantity.SINE: "S"}

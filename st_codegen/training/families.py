@@ -14,12 +14,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from st_codegen.errors import InputError, MissingExtraError
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.training.targets import Unit
 
-FloatArray = npt.NDArray[np.float64]
 Params = Mapping[str, Any]
 #: (parameters, x (n, features), y (n,), seed) -> fitted estimator
 Fit = Callable[[Params, FloatArray, FloatArray, int], Any]

@@ -15,8 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from st_codegen.campaign.harmonic_table import HarmonicTable
-
-FloatArray = npt.NDArray[np.float64]
+from st_codegen.ir.arrays import BoolArray, FloatArray
 
 #: median relative error from which a run is faulty; normal numbers have 0.67, and a run is 1 to 20 numbers
 LIMIT = 3.0
@@ -38,7 +37,7 @@ _LEAST_ROWS = 12
 class Faulty:
     """rows: bool (n,), the faulty ones; score: float64 (n,), median relative error; orders: the ones off, by row."""
 
-    rows: npt.NDArray[np.bool_]
+    rows: BoolArray
     score: FloatArray
     orders: tuple[tuple[int, ...], ...]
 

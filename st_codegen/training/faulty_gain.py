@@ -11,16 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from st_codegen.campaign.harmonic_table import HarmonicTable
+from st_codegen.ir.arrays import BoolArray, FloatArray
 from st_codegen.training.faulty import Faulty
 from st_codegen.training.learn import predictions
 from st_codegen.training.search import Backend, fold_numbers
 from st_codegen.training.store import FitStore
 from st_codegen.training.study import Settings, Solution
-
-BoolArray = npt.NDArray[np.bool_]
 
 _FOLDS = 5
 
@@ -75,5 +73,5 @@ def near_to(table: HarmonicTable, rows: BoolArray) -> BoolArray:
     return near
 
 
-def _mean(values: npt.NDArray[np.float64]) -> float:
+def _mean(values: FloatArray) -> float:
     return float(values.mean()) if len(values) else float("nan")

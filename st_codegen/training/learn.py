@@ -7,10 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.errors import InputError
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.te.harmonics import Direction
 from st_codegen.training.choice import Choice, choose
 from st_codegen.training.errors import Errors, errors_of
@@ -21,10 +21,6 @@ from st_codegen.training.search import Backend, Outcome, Progress, Task, one_thr
 from st_codegen.training.store import FitStore
 from st_codegen.training.study import Settings, Solution, Study, study
 from st_codegen.training.targets import combined, mean_direction, values
-
-BoolArray = npt.NDArray[np.bool_]
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 #: fewer rows in a direction cannot be split, cross-validated and learned from
 LEAST_ROWS = 20

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from st_codegen.campaign.harmonic_table import HarmonicTable, read_table
 from st_codegen.errors import Problems
 from st_codegen.files.csv_tables import read_csv
+from st_codegen.ir.arrays import ComplexArray
 from st_codegen.te.harmonics import Direction
 from st_codegen.training.choice import Choice, choose
 from st_codegen.training.errors import Errors, errors_of
@@ -29,9 +30,6 @@ from st_codegen.training.search import Backend, Progress
 from st_codegen.training.store import FitStore
 from st_codegen.training.study import Settings, Study, study
 from st_codegen.training.targets import Kind
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 QUANTITIES = ("ampl", "phase", "complex")
 #: the row of errors.csv that holds what cross-validation chooses among all families

@@ -19,11 +19,11 @@ import numpy as np
 import numpy.typing as npt
 
 from st_codegen.errors import InputError, MissingExtraError
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.training.cost import worst_case_us
 from st_codegen.training.families import Candidate
 from st_codegen.training.store import FitStore
 
-FloatArray = npt.NDArray[np.float64]
 #: Called with (number of tasks done, number of tasks, name of the next one).
 Progress = Callable[[int, int, str], None]
 _LIBRARIES = ("numpy", "scikit-learn", "lightgbm", "xgboost-cpu")

@@ -11,11 +11,9 @@ from pathlib import Path
 from types import TracebackType
 
 import numpy as np
-import numpy.typing as npt
 
 from st_codegen.errors import InputError
-
-FloatArray = npt.NDArray[np.float64]
+from st_codegen.ir.arrays import FloatArray
 
 
 class FitStore:

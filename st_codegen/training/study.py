@@ -5,18 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
 from st_codegen.campaign.harmonic_table import HarmonicTable
+from st_codegen.ir.arrays import ComplexArray
 from st_codegen.training.errors import Errors, errors_of
 from st_codegen.training.families import Candidate
 from st_codegen.training.search import Backend, Outcome, Progress, Task, run_tasks
 from st_codegen.training.store import FitStore
 from st_codegen.training.targets import Kind, combined, kinds, mean_direction, values
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from st_codegen.files.text import write_texts
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.report import COLOURS, Section, Table, figures, page
 from st_codegen.training.families import FAMILIES, Candidate
 from st_codegen.training.paper import CHOSEN, QUANTITIES, Comparison, Row
@@ -183,7 +183,7 @@ def _complex_section(comparison: Comparison) -> Section:
     return Section("Complex error", text, Table(columns, rows, strong))
 
 
-def _worst_tenth(error: npt.NDArray[np.float64]) -> float:
+def _worst_tenth(error: FloatArray) -> float:
     """Part of the sum of errors (n,) that the largest tenth of them makes."""
     count = max(1, len(error) // 10)
     return float(np.sort(error)[-count:].sum() / (error.sum() or 1.0))

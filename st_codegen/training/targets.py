@@ -11,12 +11,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-import numpy.typing as npt
 
+from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.te.harmonics import Quantity
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 
 class Kind(StrEnum):

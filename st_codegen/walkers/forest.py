@@ -6,13 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import (
     BoolArray,
     Comparison,
     FloatArray,
+    Int32Array,
     IntArray,
     LinearLeaves,
     Precision,
@@ -32,9 +32,9 @@ _READINGS = 8
 class CategorySets:
     """The category sets of some splits: `nodes[i]` owns the next `counts[i]` entries of `codes`."""
 
-    nodes: NDArray[np.int64]
-    counts: NDArray[np.int64]
-    codes: NDArray[np.int64]
+    nodes: IntArray
+    counts: IntArray
+    codes: IntArray
 
 
 @dataclass(frozen=True)
@@ -42,8 +42,8 @@ class LeafModels:
     """Linear models in the leaves of one tree: leaf `i` owns the next `counts[i]` terms."""
 
     constant: FloatArray
-    counts: NDArray[np.int64]
-    column: NDArray[np.int64]
+    counts: IntArray
+    column: IntArray
     coefficient: FloatArray
 
 
@@ -55,13 +55,13 @@ class ParsedTree:
     `reading` says in which of the library's ways a split reads column `feature`.
     """
 
-    feature: NDArray[np.int64]
-    reading: NDArray[np.int64]
+    feature: IntArray
+    reading: IntArray
     threshold: FloatArray
-    left: NDArray[np.int64]
-    right: NDArray[np.int64]
+    left: IntArray
+    right: IntArray
     missing_left: BoolArray
-    leaf: NDArray[np.int64]
+    leaf: IntArray
     leaf_value: FloatArray
     categories: CategorySets | None = None
     linear: LeafModels | None = None
@@ -72,15 +72,15 @@ class FlatForest:
     """The arrays of `ir.TreeEnsemble` that say which leaf a row reaches."""
 
     columns: tuple[TreeColumn, ...]
-    roots: IntArray
-    split: IntArray
+    roots: Int32Array
+    split: Int32Array
     threshold: FloatArray
-    left: IntArray
-    right: IntArray
+    left: Int32Array
+    right: Int32Array
     missing_left: BoolArray
-    leaf: IntArray
+    leaf: Int32Array
     leaf_value: FloatArray
-    category_row: IntArray
+    category_row: Int32Array
     category_left: BoolArray
     linear: LinearLeaves | None
 
@@ -89,7 +89,7 @@ class FlatForest:
         inputs: tuple[int, ...],
         *,
         base: FloatArray,
-        tree_output: IntArray,
+        tree_output: Int32Array,
         comparison: Comparison,
         precision: Precision,
         divisor: float = 1.0,
@@ -169,20 +169,18 @@ def flatten(trees: Sequence[ParsedTree], make_column: ColumnMaker, *, members_le
     )
 
 
-def _joined_children(trees: Sequence[ParsedTree], first: NDArray[np.int64], side: str) -> NDArray[np.int64]:
+def _joined_children(trees: Sequence[ParsedTree], first: IntArray, side: str) -> IntArray:
     """Child numbers over all trees; every child must be a node of its own tree."""
     children = []
     for number, (tree, offset) in enumerate(zip(trees, first, strict=True)):
-        child: NDArray[np.int64] = getattr(tree, side)
+        child: IntArray = getattr(tree, side)
         if np.any(child >= len(child)):
             raise InputError(f"tree {number}: a {side} child outside the tree; the model file is damaged")
         children.append(np.where(child >= 0, child + offset, -1))
     return np.concatenate(children)
 
 
-def _joined_categories(
-    trees: Sequence[ParsedTree], first: NDArray[np.int64], new_position: NDArray[np.int64]
-) -> CategorySets | None:
+def _joined_categories(trees: Sequence[ParsedTree], first: IntArray, new_position: IntArray) -> CategorySets | None:
     """All category sets with their nodes in the new numbering (-1: a node that no root reaches)."""
     sets = [(tree.categories, offset) for tree, offset in zip(trees, first, strict=True) if tree.categories is not None]
     if not sets:
@@ -195,8 +193,8 @@ def _joined_categories(
 
 
 def _category_tables(
-    sets: CategorySets | None, column_of: IntArray, missing_left: BoolArray, members_left: bool
-) -> tuple[dict[int, int], IntArray, BoolArray]:
+    sets: CategorySets | None, column_of: Int32Array, missing_left: BoolArray, members_left: bool
+) -> tuple[dict[int, int], Int32Array, BoolArray]:
     """Codes of each category column, and the answers of each split for its codes, "other" and a missing value."""
     if sets is None:
         return {}, np.zeros(0, np.int32), np.zeros(0, np.bool_)
@@ -222,7 +220,7 @@ def _category_tables(
     return {int(c): int(n_codes[c]) for c in np.unique(columns)}, row, table
 
 
-def _linear_leaves(trees: Sequence[ParsedTree], leaf_rows: NDArray[np.int64], zero: float) -> LinearLeaves | None:
+def _linear_leaves(trees: Sequence[ParsedTree], leaf_rows: IntArray, zero: float) -> LinearLeaves | None:
     """Linear models of all leaves in their new order; leaves of plain trees become constants."""
     if all(tree.linear is None for tree in trees):
         return None

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from st_codegen.ir import FloatArray, ModelIR, TreeColumn, TreeEnsemble, reference
+from st_codegen.ir import ModelIR, TreeColumn, TreeEnsemble, reference
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.walkers.base import LoadedModel
 
 #: Numbers that any comparison or cast may treat in its own way. 1e-35 is LightGBM's limit of zero, 2**24 XGBoost's of

@@ -13,17 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from st_codegen.errors import InputError, MissingExtraError, UnsupportedModelError
-from st_codegen.ir import (
-    FLOAT32_OVERFLOW,
-    Activation,
-    FillMissing,
-    FloatArray,
-    Function,
-    Operator,
-    Scale,
-    TreeEnsemble,
-    reference,
-)
+from st_codegen.ir import FLOAT32_OVERFLOW, Activation, FillMissing, Function, Operator, Scale, TreeEnsemble, reference
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.walkers.base import GraphBuilder, LoadedModel, walk_estimator
 from st_codegen.walkers.xgboost import model as walker
 

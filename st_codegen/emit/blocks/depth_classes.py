@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from st_codegen.ir import IntArray
+from st_codegen.ir import Int32Array, IntArray
 
 #: What the code of one more loop costs, in visited nodes: some 28 cache lines of code that a cold call fetches (100 ns
 #: each on an Atom E3845) over some 6 ns a node there.
@@ -20,7 +19,7 @@ _ORDER = 2
 class DepthClasses:
     """`order`: trees as they are visited, shallow ones first; `runs`: (first, stop, depth) along that order."""
 
-    order: IntArray
+    order: Int32Array
     runs: tuple[tuple[int, int, int], ...]
 
     @property
@@ -34,7 +33,7 @@ class DepthClasses:
         return sum((stop - first) * depth for first, stop, depth in self.runs)
 
 
-def depth_classes(depths: NDArray[np.int64], lanes: int) -> DepthClasses:
+def depth_classes(depths: IntArray, lanes: int) -> DepthClasses:
     """The cheapest classes for trees of these depths; classes but the last have a multiple of `lanes` trees."""
     trees = len(depths)
     whole = DepthClasses(np.arange(trees, dtype=np.int32), ((0, trees, int(depths.max(initial=0))),))

@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from st_codegen.emit.blocks.wording import meaning
 from st_codegen.emit.literals import real
 from st_codegen.errors import TargetError
+from st_codegen.ir import AnyArray
 
 #: Bytes of an element.
 SIZES = {"LREAL": 8, "DINT": 4, "SINT": 1, "BOOL": 1, "REAL": 4}
@@ -70,7 +70,7 @@ class Table:
 
     name: str
     type: str
-    values: NDArray[Any]
+    values: AnyArray
     groups: tuple[Group, ...] = ()
     per_line: int | None = None
 
@@ -208,7 +208,7 @@ class Listing:
         self,
         name: str,
         kind: str,
-        values: NDArray[Any] | Sequence[Any],
+        values: AnyArray | Sequence[Any],
         groups: Iterable[Group] = (),
         per_line: int | None = None,
     ) -> str:
@@ -226,7 +226,7 @@ class Listing:
         """Append a piece of code."""
         self.sections.append(Section(title, template, values))
 
-    def chunks(self, sizes: NDArray[Any] | Sequence[int], what: str) -> list[tuple[int, int]]:
+    def chunks(self, sizes: AnyArray | Sequence[int], what: str) -> list[tuple[int, int]]:
         """Split consecutive items (trees, neurons, support vectors) of the given sizes into runs that fit an array.
 
         Returns (first, stop) item numbers. Raises TargetError where a single item does not fit.

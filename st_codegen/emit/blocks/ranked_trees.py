@@ -14,13 +14,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from st_codegen.emit.blocks.depth_classes import DepthClasses, depth_classes
 from st_codegen.emit.blocks.listing import Group, Listing
 from st_codegen.emit.blocks.operations import Step
 from st_codegen.errors import TargetError
-from st_codegen.ir import Aggregate, FloatArray, IntArray, Precision, TreeEnsemble, depth_of
+from st_codegen.ir import Aggregate, FloatArray, Int32Array, IntArray, Precision, TreeEnsemble, depth_of
 from st_codegen.ir.preorder import preorder
 from st_codegen.ir.subtrees import subtrees
 
@@ -165,13 +164,13 @@ def _tree_runs(run: tuple[int, int], offset: int, listing: Listing) -> list[dict
 class _Tables:
     """A run of trees as it is written."""
 
-    node: IntArray
+    node: Int32Array
     leaf: FloatArray
     classes: DepthClasses
     groups: tuple[Group, ...]
 
 
-def _tables(op: TreeEnsemble, equal: NDArray[np.int64], run: tuple[int, int], keys: _Keys) -> _Tables:
+def _tables(op: TreeEnsemble, equal: IntArray, run: tuple[int, int], keys: _Keys) -> _Tables:
     """Nodes of trees `run[0]` to `run[1]` - 1: the roots, then pairs of children."""
     first, stop = run
     begin = int(op.roots[first])
@@ -204,7 +203,7 @@ def _tables(op: TreeEnsemble, equal: NDArray[np.int64], run: tuple[int, int], ke
 class _Part:
     """Some consecutive trees, with node numbers of their own."""
 
-    def __init__(self, op: TreeEnsemble, begin: int, end: int, roots: IntArray, equal: NDArray[np.int64]) -> None:
+    def __init__(self, op: TreeEnsemble, begin: int, end: int, roots: Int32Array, equal: IntArray) -> None:
         self.roots = roots.astype(np.int64)
         self.split = op.split[begin:end].astype(np.int64)
         self.threshold = op.threshold[begin:end].astype(np.int64)
@@ -214,7 +213,7 @@ class _Part:
         self.right = np.where(inner, op.right[begin:end].astype(np.int64) - begin, -1)
         self.number = equal
 
-    def depths(self) -> NDArray[np.int64]:
+    def depths(self) -> IntArray:
         """The largest number of splits on a path of each tree."""
         node, tree, level = self.roots, np.arange(len(self.roots)), 0
         depths = np.zeros(len(self.roots), np.int64)
@@ -226,7 +225,7 @@ class _Part:
             depths[tree] = level
             node, tree = np.concatenate([self.left[node], self.right[node]]), np.concatenate([tree, tree])
 
-    def pairs(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def pairs(self) -> tuple[IntArray, IntArray]:
         """Distinct pairs of children: a node that owns each, and the pair of every node.
 
         In the order of a walk that visits the larger subtree first, so that the likely path lies side by side.
@@ -247,6 +246,6 @@ class _Part:
         pair[walk] = rank[kind]
         return walk[first[in_order]], pair
 
-    def tree_of(self, node: NDArray[np.int64]) -> NDArray[np.int64]:
+    def tree_of(self, node: IntArray) -> IntArray:
         """The tree of each node."""
         return np.searchsorted(self.roots, node, side="right") - 1

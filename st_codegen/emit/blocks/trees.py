@@ -14,20 +14,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from st_codegen.emit.blocks.listing import Group, Listing
 from st_codegen.emit.blocks.operations import Step, lay_out
 from st_codegen.emit.blocks.ranked_trees import lay_out_ranked, sum_values
 from st_codegen.errors import InputError
-from st_codegen.ir import (
-    FLOAT32_OVERFLOW,
-    IntArray,
-    NanRule,
-    Precision,
-    TreeEnsemble,
-    depth_of,
-)
+from st_codegen.ir import FLOAT32_OVERFLOW, FloatArray, Int32Array, NanRule, Precision, TreeEnsemble, depth_of
 
 #: A missing value that goes left (right) is read as minus (plus) this number.
 MISSING_VALUE = 1e306
@@ -39,9 +31,9 @@ LARGEST_THRESHOLD = 1e305
 class _Slots:
     """The numbers that the splits compare, one row a slot; `of_node` says which one a split reads (else -1)."""
 
-    column: IntArray
-    missing: NDArray[np.float64]
-    of_node: IntArray
+    column: Int32Array
+    missing: FloatArray
+    of_node: Int32Array
 
 
 @lay_out.register

@@ -9,14 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
-from st_codegen.rig.effects.base import ComplexArray, FloatArray, IntArray
 
-BoolArray = npt.NDArray[np.bool_]
 #: median of |x| for a normal x, and of the length of a vector of two: 0.6745, sqrt(2*ln 2)
 _MEDIAN_1, _MEDIAN_2 = 0.67449, 1.17741
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from st_codegen.campaign.harmonic_table import HarmonicTable
+from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
 from st_codegen.rig.effects import Conditions
-from st_codegen.rig.effects.base import ComplexArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)

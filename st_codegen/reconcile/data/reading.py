@@ -12,7 +12,7 @@ from st_codegen.campaign.harmonic_table import read_table
 from st_codegen.campaign.orders import BAND
 from st_codegen.campaign.reader import read_campaign
 from st_codegen.errors import InputError, Problems
-from st_codegen.reconcile.data.noise import BoolArray
+from st_codegen.ir.arrays import BoolArray
 from st_codegen.reconcile.data.observations import Observations, from_table, labels
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions

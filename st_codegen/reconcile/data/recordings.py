@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from st_codegen.errors import InputError, Problems
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.effects.axis import ControlLag, CouplingCompliance
-from st_codegen.rig.effects.base import FloatArray
 from st_codegen.rig.model import RigModel
 
 ANGLES = ("theta_ref", "theta_mot", "theta_in", "theta_out")

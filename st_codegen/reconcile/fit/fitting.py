@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from st_codegen.reconcile.data.noise import BoolArray
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.fit.normal import Normal, by_group, gather, inverse
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.fit.propagation import Propagation
@@ -20,7 +20,6 @@ from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import Column, Target
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Form
-from st_codegen.rig.effects.base import ComplexArray, FloatArray
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.fit.target import Column, Target, by_place
-from st_codegen.rig.effects.base import ComplexArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)

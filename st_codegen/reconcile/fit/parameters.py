@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.rig.effects import Effect, Form, Phasor, Scalar
-from st_codegen.rig.effects.base import FloatArray
 
 
 @dataclass(frozen=True)

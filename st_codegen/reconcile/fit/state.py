@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
-from st_codegen.rig.effects.base import FloatArray
 from st_codegen.rig.model import RigModel
 
 

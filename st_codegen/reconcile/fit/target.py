@@ -7,11 +7,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from st_codegen.reconcile.data.noise import BoolArray, speed_levels
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.reconcile.data.noise import speed_levels
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
-from st_codegen.rig.effects.base import ComplexArray, FloatArray, IntArray
 from st_codegen.rig.model import RigModel
 
 #: columns of one coordinate: the places of the orders that it touches, and d(model)/d(coordinate) there (n, places)

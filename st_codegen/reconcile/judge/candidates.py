@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.fit.propagation import Propagation
@@ -20,7 +21,7 @@ from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import Column, by_place
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Conditions, Constants, Effect, Form, Stage
-from st_codegen.rig.effects.base import BACKWARD, ComplexArray, FloatArray
+from st_codegen.rig.effects.base import BACKWARD
 
 #: gains (of twice the loss) that differ by less are equal
 _TIE = 1e-3

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from st_codegen.ir.arrays import ComplexArray
 from st_codegen.reconcile.data.observations import rms_deg
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
@@ -16,7 +17,6 @@ from st_codegen.reconcile.judge.peaks import bracket, has_a_frequency, spread
 from st_codegen.reconcile.judge.retuned import change_after_all, changes
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Conditions, Effect, Stage
-from st_codegen.rig.effects.base import ComplexArray
 from st_codegen.rig.model import RigModel
 
 

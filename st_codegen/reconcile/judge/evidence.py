@@ -8,13 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from st_codegen.reconcile.data.noise import BoolArray
+from st_codegen.ir.arrays import BoolArray, FloatArray
 from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.normal import by_group, inverse
 from st_codegen.reconcile.judge.held_out import AXES, compared
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Form
-from st_codegen.rig.effects.base import FloatArray
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from st_codegen.reconcile.data.noise import BoolArray
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.fit.fitting import Fit, bounded_step
 from st_codegen.reconcile.fit.normal import by_group
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects.base import ComplexArray, FloatArray
 
 AXES = ("speed", "torque", "temperature")
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.data.recordings import Recording
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.conclusions import Claim, Retuned
@@ -18,7 +19,6 @@ from st_codegen.reconcile.judge.evidence import Evidence, chi_square_tail
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect
 from st_codegen.rig.effects.axis import ControlLag, CouplingCompliance
-from st_codegen.rig.effects.base import FloatArray
 from st_codegen.rig.model import RigModel
 
 _FOLDS = 5

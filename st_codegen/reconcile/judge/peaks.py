@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from st_codegen.ir.arrays import ComplexArray
 from st_codegen.reconcile.data.noise import speed_levels
 from st_codegen.reconcile.fit.target import Target
 from st_codegen.rig.effects import Effect, Stage
-from st_codegen.rig.effects.base import ComplexArray
 
 
 def has_a_frequency(effect: Effect) -> bool:

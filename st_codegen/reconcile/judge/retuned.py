@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import inverse
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.evidence import chi_square_tail, p_of_clusters
 from st_codegen.reconcile.judge.unexplained import structure
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects.base import FloatArray
 
 
 def changes(joint: Fit) -> tuple[dict[int, float], bool]:

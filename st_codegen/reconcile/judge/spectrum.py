@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import InputError, Problems
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.data.reading import check_units, columns_of
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, Constants
-from st_codegen.rig.effects.base import FloatArray
 from st_codegen.rig.model import RigModel
 
 COLUMNS = ("direction", "order", "median_deg")

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from st_codegen.reconcile.data.noise import BoolArray, in_steps
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
+from st_codegen.reconcile.data.noise import in_steps
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects.base import ComplexArray, FloatArray
 
 
 def bad_runs(data: Observations, residual: ComplexArray, sigma: FloatArray) -> dict[int, float]:

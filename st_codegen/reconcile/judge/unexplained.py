@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from st_codegen.reconcile.data.noise import BoolArray, speed_levels
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.reconcile.data.noise import speed_levels
 from st_codegen.reconcile.fit.target import Target
 from st_codegen.reconcile.judge.evidence import chi_square_tail, false_discoveries
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects.base import ComplexArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from typing import Any, cast
 import numpy as np
 
 from st_codegen.errors import MissingExtraError
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.rig.effects import Conditions, Effect, Stage
-from st_codegen.rig.effects.base import FloatArray
 from st_codegen.rig.model import RigModel
 
 #: quantity -> field of Conditions

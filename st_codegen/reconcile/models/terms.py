@@ -16,8 +16,8 @@ import numpy as np
 from st_codegen.emit.blocks.model import input_variables
 from st_codegen.errors import InputError, Problems
 from st_codegen.ir import ModelIR, reference
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.project.bundle import Bundle
-from st_codegen.reconcile.data.noise import BoolArray
 from st_codegen.reconcile.data.observations import rms_deg
 from st_codegen.reconcile.models.formula import (
     QUANTITIES,
@@ -32,7 +32,6 @@ from st_codegen.reconcile.models.formula import (
 from st_codegen.reconcile.run import Result
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.compensator import roles_of
-from st_codegen.rig.effects.base import ComplexArray, FloatArray, IntArray
 from st_codegen.te.harmonics import Direction, Quantity, TransmissionError
 from st_codegen.te.purpose import transmission_error
 

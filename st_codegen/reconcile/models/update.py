@@ -10,13 +10,13 @@ from typing import Any
 from st_codegen.driver import generate
 from st_codegen.emit.targets import target_named
 from st_codegen.errors import GeneratedCodeError, InputError, Problems
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.project.bundle import Bundle, load
 from st_codegen.proof.verify import VerifyReport, verify
 from st_codegen.reconcile.models.bundle_files import write_updated
 from st_codegen.reconcile.models.terms import Decision, decide
 from st_codegen.reconcile.run import Result
 from st_codegen.rig.compensator import EmittedCompensator
-from st_codegen.rig.effects.base import FloatArray
 from st_codegen.rig.machine import machine_of
 from st_codegen.rig.model import RigModel
 from st_codegen.rig.motion import Case, Size, compare, lead_time_s, plan, run

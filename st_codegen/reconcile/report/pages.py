@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.judge.conclusions import Claim
 from st_codegen.reconcile.judge.evidence import digits
 from st_codegen.reconcile.judge.spectrum import SpectrumResult, sizes, spectrum_report, spectrum_summary
@@ -16,7 +17,6 @@ from st_codegen.reconcile.report.sentences import VERDICT_TEXT, plain, sentence
 from st_codegen.reconcile.run import OrderGap, Result
 from st_codegen.report.html import Section, Table, page
 from st_codegen.report.picture import Draw, figure, figures
-from st_codegen.rig.effects.base import FloatArray
 
 if TYPE_CHECKING:
     from st_codegen.reconcile.models.update import Update

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from st_codegen.rig.effects.base import Conditions, Effect, FloatArray, Form, Scalar, Stage
+from st_codegen.ir.arrays import FloatArray
+from st_codegen.rig.effects.base import Conditions, Effect, Form, Scalar, Stage
 
 
 class ControlLag(Effect):

@@ -21,10 +21,7 @@ import numpy.typing as npt
 
 from st_codegen.errors import Problems
 from st_codegen.files.toml_tables import Table
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
-IntArray = npt.NDArray[np.int64]
+from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
 
 BACKWARD = "backward_"
 ARCMIN = 1.0 / 60.0

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from st_codegen.rig.effects.base import ARCMIN, Conditions, Effect, FloatArray, Form, Scalar
+from st_codegen.ir.arrays import FloatArray
+from st_codegen.rig.effects.base import ARCMIN, Conditions, Effect, Form, Scalar
 
 
 class _MeanEffect(Effect):

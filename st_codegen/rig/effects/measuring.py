@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from st_codegen.rig.effects.base import ComplexArray, Conditions, Effect, Form, IntArray, Scalar, Stage
+from st_codegen.ir.arrays import ComplexArray, IntArray
+from st_codegen.rig.effects.base import Conditions, Effect, Form, Scalar, Stage
 
 
 class MeasurementDelay(Effect):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from st_codegen.rig.effects.base import ComplexArray, Conditions, Constants, Effect, Phasor
+from st_codegen.ir.arrays import ComplexArray
+from st_codegen.rig.effects.base import Conditions, Constants, Effect, Phasor
 
 
 class _MeshError(Effect):

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from st_codegen.rig.effects.base import ComplexArray, Conditions, Constants, Effect, IntArray, Phasor, Stage
+from st_codegen.ir.arrays import ComplexArray, IntArray
+from st_codegen.rig.effects.base import Conditions, Constants, Effect, Phasor, Stage
 
 
 class CarrierModulation(Effect):

@@ -6,16 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.rig.effects.base import (
-    ComplexArray,
-    Conditions,
-    Effect,
-    Form,
-    IntArray,
-    Phasor,
-    Scalar,
-    Stage,
-)
+from st_codegen.ir.arrays import ComplexArray, IntArray
+from st_codegen.rig.effects.base import Conditions, Effect, Form, Phasor, Scalar, Stage
 
 
 class StructuralResonance(Effect):

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from st_codegen.rig.effects.base import ARCMIN, ComplexArray, Conditions, Effect, FloatArray, Form, IntArray, Scalar
+from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
+from st_codegen.rig.effects.base import ARCMIN, Conditions, Effect, Form, Scalar
 
 
 def bessel_ratios(kappa: float, count: int) -> FloatArray:

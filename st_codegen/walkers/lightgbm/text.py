@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from st_codegen.errors import InputError
-from st_codegen.ir import FloatArray
+from st_codegen.ir import FloatArray, IntArray
 from st_codegen.walkers.forest import CategorySets, LeafModels, ParsedTree
 
 #: How a split reads its column: the missing types of the format, and category sets.
@@ -121,7 +121,7 @@ def _read_header(lines: Iterator[bytes]) -> tuple[dict[str, bytes], bytes]:
 
 
 def _read_tree(
-    lines: Iterator[bytes], heading: bytes, number: int, sizes: NDArray[np.int64] | None
+    lines: Iterator[bytes], heading: bytes, number: int, sizes: IntArray | None
 ) -> tuple[bytes, dict[str, bytes]]:
     """The wanted fields of a tree, and the line after it; the length is checked as the library relies on it."""
     fields: dict[str, bytes] = {}
@@ -149,7 +149,7 @@ def _read_tree(
     raise InputError(f"the file ends inside tree {number}")
 
 
-def _check_size(number: int, sizes: NDArray[np.int64], used: int, length: int) -> None:
+def _check_size(number: int, sizes: IntArray, used: int, length: int) -> None:
     """LightGBM finds trees by `tree_sizes`; after the last tree some versions leave one more empty line."""
     if number >= len(sizes):
         raise InputError(f"tree_sizes: {len(sizes)} entries, but there are more trees")
@@ -227,7 +227,7 @@ def _tree(fields: dict[str, bytes], n_features: int, where: str) -> ParsedTree:
     # a leaf is written as the complement of its number
     left, right = (_indices(fields, f"{side}_child", splits, where, -leaves, splits) for side in ("left", "right"))
 
-    def over_nodes(values: NDArray[np.int64], at_leaves: int) -> NDArray[np.int64]:
+    def over_nodes(values: IntArray, at_leaves: int) -> IntArray:
         return np.concatenate([values, np.full(leaves, at_leaves, np.int64)])
 
     return ParsedTree(
@@ -246,7 +246,7 @@ def _tree(fields: dict[str, bytes], n_features: int, where: str) -> ParsedTree:
 
 
 def _category_sets(
-    fields: dict[str, bytes], threshold: FloatArray, nodes: NDArray[np.int64], n_sets: int, where: str
+    fields: dict[str, bytes], threshold: FloatArray, nodes: IntArray, n_sets: int, where: str
 ) -> CategorySets | None:
     """Bit sets of 32-bit words -> codes; the threshold of a category split is the number of its set."""
     if n_sets < 1:
@@ -320,7 +320,7 @@ def _integer(fields: dict[str, bytes], name: str, where: str) -> int:
     return int(values[0])
 
 
-def _indices(fields: dict[str, bytes], name: str, count: int, where: str, low: int, high: int) -> NDArray[np.int64]:
+def _indices(fields: dict[str, bytes], name: str, count: int, where: str, low: int, high: int) -> IntArray:
     """`count` integers of low .. high-1; a field without entries may be missing."""
     if count == 0:
         return np.zeros(0, np.int64)
@@ -341,7 +341,7 @@ def _floats(fields: dict[str, bytes], name: str, count: int, where: str) -> Floa
     return values
 
 
-def _integers(text: bytes, where: str) -> NDArray[np.int64]:
+def _integers(text: bytes, where: str) -> IntArray:
     try:
         return np.fromiter(_numbers(int, text, where), np.int64)
     except OverflowError as error:

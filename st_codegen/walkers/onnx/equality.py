@@ -14,8 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import FloatArray
-from st_codegen.walkers.onnx.forest import Forest, Mode, Numbers
+from st_codegen.ir import FloatArray, IntArray
+from st_codegen.walkers.onnx.forest import Forest, Mode
 
 _ADVICE = "onnxruntime merges the two tests, which changes the model; export it again, or compile the native model"
 
@@ -38,12 +38,12 @@ def merge_equality_chains(forest: Forest) -> Forest:
     return forest
 
 
-def _parent_count(forest: Forest) -> Numbers:
+def _parent_count(forest: Forest) -> IntArray:
     children = np.concatenate([forest.true, forest.false])
     return np.bincount(np.concatenate([children[children >= 0], forest.roots]), minlength=len(forest.mode))
 
 
-def _links(forest: Forest) -> Numbers:
+def _links(forest: Forest) -> IntArray:
     """For each node the next one of its chain, -1 where there is none."""
     equal = forest.mode == Mode.EQ
     after = np.where(equal, forest.false, -1)
@@ -57,7 +57,7 @@ def _links(forest: Forest) -> Numbers:
     return np.where(found, after, -1)
 
 
-def _merged(forest: Forest, link: Numbers) -> Forest:
+def _merged(forest: Forest, link: IntArray) -> Forest:
     heads = np.setdiff1d(np.flatnonzero(link >= 0), link)
     absorbed = np.zeros(len(link), np.bool_)
     values: list[FloatArray] = [np.zeros(0)]
@@ -96,7 +96,7 @@ def _merged(forest: Forest, link: Numbers) -> Forest:
     )
 
 
-def check_merges(forest: Forest, order: Numbers) -> None:
+def check_merges(forest: Forest, order: IntArray) -> None:
     """Refuse trees that onnxruntime changes when it merges equality tests; `order` lists parents before children.
 
     Raises UnsupportedModelError that names the two tests.
@@ -115,7 +115,7 @@ def check_merges(forest: Forest, order: Numbers) -> None:
             raise UnsupportedModelError(f"{forest.where(one)} and {forest.where(two)} test one feature: {_ADVICE}")
 
 
-def _fingerprints(forest: Forest, order: Numbers) -> tuple[list[int], list[int]]:
+def _fingerprints(forest: Forest, order: IntArray) -> tuple[list[int], list[int]]:
     """Two numbers a node, equal for subtrees that onnxruntime takes for equal, and for those that are equal."""
     known: dict[Hashable, int] = {}
     seen = [-1] * len(order)

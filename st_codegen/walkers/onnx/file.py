@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import onnx
 import onnx.numpy_helper
-from numpy.typing import NDArray
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import FloatArray
+from st_codegen.ir import AnyArray, FloatArray, IntArray
 
-Numbers = NDArray[np.int64]
-
-#: Numbers in one tensor of the file.
+#: IntArray in one tensor of the file.
 MAX_TENSOR_SIZE = 2**27
 _ATTRIBUTE_TYPES = dict(onnx.AttributeProto.AttributeType.items())
 
@@ -87,7 +83,7 @@ def type_name(elem_type: int) -> str:
     return next((name for name, number in known if number == elem_type), f"type {elem_type}")
 
 
-def read_tensor(tensor: onnx.TensorProto) -> NDArray[Any]:
+def read_tensor(tensor: onnx.TensorProto) -> AnyArray:
     """The numbers of a tensor as a read-only array of its type and shape (float32 for bfloat16).
 
     Raises InputError where the data does not fit the declared shape, UnsupportedModelError for external data and for
@@ -176,7 +172,7 @@ class Node:
         """An attribute of type STRING."""
         return _decoded(name, self.attributes[name].s) if name in self.attributes else default
 
-    def integers(self, name: str) -> Numbers:
+    def integers(self, name: str) -> IntArray:
         """An attribute of type INTS."""
         listed = self.attributes[name].ints if name in self.attributes else ()
         return np.fromiter(listed, np.int64, len(listed))
@@ -191,7 +187,7 @@ class Node:
         listed = self.attributes[name].strings if name in self.attributes else ()
         return [_decoded(name, text) for text in listed]
 
-    def tensor(self, name: str) -> NDArray[Any] | None:
+    def tensor(self, name: str) -> AnyArray | None:
         """An attribute of type TENSOR."""
         if name not in self.attributes:
             return None

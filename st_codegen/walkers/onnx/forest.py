@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import Aggregate, BoolArray, FloatArray
+from st_codegen.ir import Aggregate, AnyArray, BoolArray, FloatArray, IntArray
 
-Numbers = NDArray[np.int64]
 NumberType = type[np.float32] | type[np.float64]
 
 #: Outputs of one ensemble.
@@ -51,11 +50,11 @@ class Attributes(Protocol):
     """The attributes of a node; absent ones are empty or the given default."""
 
     def integer(self, name: str, default: int = 0) -> int: ...
-    def integers(self, name: str) -> Numbers: ...
+    def integers(self, name: str) -> IntArray: ...
     def floats(self, name: str) -> FloatArray: ...
     def text(self, name: str, default: str = "") -> str: ...
     def texts(self, name: str) -> list[str]: ...
-    def tensor(self, name: str) -> NDArray[Any] | None: ...
+    def tensor(self, name: str) -> AnyArray | None: ...
 
 
 @dataclass(frozen=True)
@@ -68,21 +67,21 @@ class Forest:
     `n_leaves` leaf rows are a list of (row, target, value), sorted by row.
     """
 
-    roots: Numbers
-    tree_id: Numbers
-    node_id: Numbers
+    roots: IntArray
+    tree_id: IntArray
+    node_id: IntArray
     mode: NDArray[np.int8]
-    feature: Numbers
+    feature: IntArray
     value: FloatArray
-    true: Numbers
-    false: Numbers
+    true: IntArray
+    false: IntArray
     missing_true: BoolArray
-    leaf: Numbers
-    member_start: Numbers
+    leaf: IntArray
+    member_start: IntArray
     member: FloatArray
     n_leaves: int
-    weight_leaf: Numbers
-    weight_target: Numbers
+    weight_leaf: IntArray
+    weight_target: IntArray
     weight: FloatArray
     n_targets: int
     base: FloatArray
@@ -126,7 +125,7 @@ def target_count(attributes: Attributes) -> int:
     return n_targets
 
 
-def of_length(name: str, array: NDArray[Any], total: int, optional: bool = False) -> NDArray[Any]:
+def of_length(name: str, array: AnyArray, total: int, optional: bool = False) -> AnyArray:
     """`array` with one entry a node; an optional one may be empty and then holds zeros. Raises InputError."""
     if optional and len(array) == 0:
         return np.zeros(total, array.dtype)
@@ -135,7 +134,7 @@ def of_length(name: str, array: NDArray[Any], total: int, optional: bool = False
     return array
 
 
-def check_range(name: str, array: Numbers, end: int) -> None:
+def check_range(name: str, array: IntArray, end: int) -> None:
     """Raise InputError that names the first entry outside 0 .. end - 1."""
     bad = np.flatnonzero((array < 0) | (array >= end))
     if bad.size:

@@ -15,12 +15,11 @@ from typing import Any
 
 import numpy as np
 import onnx
-from numpy.typing import NDArray
 
 from st_codegen.errors import InputError, Problems, UnsupportedModelError
-from st_codegen.ir import FLOAT32_OVERFLOW, Round, Select
+from st_codegen.ir import FLOAT32_OVERFLOW, AnyArray, IntArray, Round, Select
 from st_codegen.walkers.base import GraphBuilder
-from st_codegen.walkers.onnx.file import Node, Numbers, domain_of, node_label, printable, read_tensor
+from st_codegen.walkers.onnx.file import Node, domain_of, node_label, printable, read_tensor
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
     FLOAT64,
@@ -32,7 +31,7 @@ from st_codegen.walkers.onnx.operands import (
     require_float,
 )
 
-#: Numbers in all results and weights of one graph.
+#: IntArray in all results and weights of one graph.
 MAX_NUMBERS = 2**26
 
 
@@ -62,7 +61,7 @@ class Call:
             raise UnsupportedModelError("reads a constant; fold constants when exporting")
         return require_float(operand)
 
-    def constant(self, number: int, what: str) -> NDArray[Any] | None:
+    def constant(self, number: int, what: str) -> AnyArray | None:
         """The array of a constant input that may be absent."""
         operand = self.optional(number)
         if isinstance(operand, Tensor):
@@ -80,7 +79,7 @@ class Call:
             raise UnsupportedModelError(f"{what} has {array.size} numbers, at most {MAX_COLUMNS} are supported")
         return [int(number) for number in array.ravel()]
 
-    def positions(self) -> NDArray[Any]:
+    def positions(self) -> AnyArray:
         """The second input of an operator that picks elements."""
         positions = self.constant(1, "the list of positions")
         if positions is None or positions.dtype not in (np.int64, np.int32):
@@ -141,7 +140,7 @@ class GraphWalk:
             self._settled[key] = number
         return self._settled[key]
 
-    def gathered(self, value: Numbers, column: Numbers) -> int:
+    def gathered(self, value: IntArray, column: IntArray) -> int:
         """The value that has the given columns of other values, without rounding."""
         first = int(value[0])
         width = self.builder.width(first)

@@ -15,14 +15,7 @@ from st_codegen.ir import FloatArray, Kernel, KernelSum, Norm, Normalize, Operat
 from st_codegen.walkers.onnx.file import Node
 from st_codegen.walkers.onnx.forest import Forest, NumberType, refuse_post_transform
 from st_codegen.walkers.onnx.graph import Call, GraphWalk, operator
-from st_codegen.walkers.onnx.operands import (
-    FLOAT32,
-    FLOAT64,
-    Constant,
-    Operand,
-    Tensor,
-    one_row,
-)
+from st_codegen.walkers.onnx.operands import FLOAT32, FLOAT64, Constant, Operand, Tensor, one_row
 from st_codegen.walkers.onnx.operators import apply_linear, combined
 from st_codegen.walkers.onnx.shapes import joined, picked
 from st_codegen.walkers.onnx.tree_ensemble import read_ensemble

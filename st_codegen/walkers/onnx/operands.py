@@ -8,15 +8,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import Precision
-from st_codegen.walkers.onnx.file import Numbers
+from st_codegen.ir import AnyArray, IntArray, Precision
 
 #: Columns of one computed tensor, and features of one model.
 MAX_COLUMNS = 2**16
-#: Numbers of one constant that the graph computes from others.
+#: IntArray of one constant that the graph computes from others.
 MAX_FOLDED = 2**24
 
 FLOAT32 = np.dtype(np.float32)
@@ -27,7 +25,7 @@ FLOAT64 = np.dtype(np.float64)
 class Constant:
     """A tensor whose numbers stand in the file."""
 
-    array: NDArray[Any]
+    array: AnyArray
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -37,7 +35,7 @@ class Constant:
     def dtype(self) -> np.dtype[Any]:
         return self.array.dtype
 
-    def moved(self, move: Callable[[NDArray[Any]], NDArray[Any]]) -> Constant:
+    def moved(self, move: Callable[[AnyArray], AnyArray]) -> Constant:
         """The result of an operator that only moves numbers about."""
         return Constant(move(self.array))
 
@@ -50,8 +48,8 @@ class Tensor:
     `special`: NaN and infinite inputs come through to this tensor.
     """
 
-    value: Numbers
-    column: Numbers
+    value: IntArray
+    column: IntArray
     dtype: np.dtype[Any]
     unrounded: bool = False
     special: bool = True
@@ -68,7 +66,7 @@ class Tensor:
     def precision(self) -> Precision:
         return Precision.FLOAT32 if self.dtype == FLOAT32 else Precision.FLOAT64
 
-    def moved(self, move: Callable[[NDArray[Any]], NDArray[Any]]) -> Tensor:
+    def moved(self, move: Callable[[AnyArray], AnyArray]) -> Tensor:
         """The result of an operator that only moves numbers about."""
         return replace(self, value=move(self.value), column=move(self.column))
 

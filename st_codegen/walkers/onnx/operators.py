@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import Activation, Clip, Combine, Function, Linear, Operator, Scale
+from st_codegen.ir import Activation, AnyArray, Clip, Combine, FloatArray, Function, Linear, Operator, Scale
 from st_codegen.walkers.onnx.graph import Call, GraphWalk, operator
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
@@ -71,7 +69,7 @@ def combined(walk: GraphWalk, code: Operator, left: Operand, right: Operand) -> 
 
 
 def _scaled(
-    walk: GraphWalk, code: Operator, tensor: Tensor, constant: NDArray[Any], shape: tuple[int, ...], reverse: bool
+    walk: GraphWalk, code: Operator, tensor: Tensor, constant: AnyArray, shape: tuple[int, ...], reverse: bool
 ) -> Tensor:
     check_size(shape)
     scale = Scale(
@@ -88,7 +86,7 @@ def _spread(tensor: Tensor, shape: tuple[int, ...]) -> Tensor:
     return tensor.moved(lambda array: np.broadcast_to(array, shape))
 
 
-def _folded(code: Operator, left: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
+def _folded(code: Operator, left: AnyArray, right: AnyArray) -> AnyArray:
     if left.dtype not in (FLOAT32, FLOAT64):
         raise UnsupportedModelError("computes with integer constants; fold constants when exporting")
     functions = {
@@ -107,9 +105,7 @@ def _negate(call: Call) -> Operand:
     return combined(call.walk, Operator.MULTIPLY, tensor, Constant(np.array(-1.0, tensor.dtype)))
 
 
-def apply_linear(
-    walk: GraphWalk, tensor: Tensor, weights: NDArray[Any], bias: NDArray[Any], shape: Sequence[int]
-) -> Tensor:
+def apply_linear(walk: GraphWalk, tensor: Tensor, weights: AnyArray, bias: AnyArray, shape: Sequence[int]) -> Tensor:
     """weights @ tensor + bias, added in any order."""
     walk.refuse_special(tensor)
     walk.charge(weights.size)
@@ -117,7 +113,7 @@ def apply_linear(
     return walk.computed(walk.builder.add(linear), shape, tensor.dtype, special=False)
 
 
-def _matrix(constant: Constant, tensor: Tensor) -> NDArray[np.float64]:
+def _matrix(constant: Constant, tensor: Tensor) -> FloatArray:
     if constant.dtype != tensor.dtype:
         raise InputError(f"the weights are {constant.dtype}, the input {tensor.dtype}; the model file is damaged")
     if constant.array.ndim > 2:
@@ -173,7 +169,7 @@ def _gemm(call: Call) -> Operand:
     return combined(call.walk, Operator.ADD, scaled, Constant(bias.astype(row.dtype)))
 
 
-def _gemm_bias(call: Call, row: Tensor, width: int) -> NDArray[np.float64]:
+def _gemm_bias(call: Call, row: Tensor, width: int) -> FloatArray:
     """beta * C for each column, rounded to the type of the graph."""
     constant = call.constant(2, "C")
     if constant is None:

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 import onnx
 import onnxruntime
-from numpy.typing import NDArray
 from onnx import TensorProto
 
 from st_codegen.errors import InputError
-from st_codegen.ir import FloatArray
+from st_codegen.ir import FloatArray, IntArray
 from st_codegen.walkers.base import Predictor
 from st_codegen.walkers.onnx.file import printable
 
@@ -32,7 +31,7 @@ class GraphInput:
         return math.prod(self.shape)
 
     @property
-    def columns(self) -> NDArray[np.int64]:
+    def columns(self) -> IntArray:
         return np.arange(self.start, self.start + self.size).reshape(self.shape)
 
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import onnx
-from numpy.typing import NDArray
 
 from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.ir import AnyArray
 from st_codegen.walkers.onnx.file import type_name
 from st_codegen.walkers.onnx.graph import Call, GraphWalk, operator
 from st_codegen.walkers.onnx.operands import (
@@ -68,7 +67,7 @@ def _cast(call: Call) -> Operand:
 
 @operator("Constant", 1, 9, 11, 12, 13, 19, 21, 23, 24, 25)
 def _constant(call: Call) -> Operand:
-    arrays: dict[str, Callable[[], NDArray[Any]]] = {
+    arrays: dict[str, Callable[[], AnyArray]] = {
         "value": lambda: np.asarray(call.node.tensor("value")),
         "value_float": lambda: np.array(call.node.number("value_float"), np.float32),
         "value_floats": lambda: call.node.floats("value_floats").astype(np.float32),
@@ -204,7 +203,7 @@ def _gather(call: Call) -> Operand:
     return picked(operand, call.positions(), axis_of(call.node.integer("axis"), len(operand.shape)))
 
 
-def picked(operand: Operand, indices: NDArray[Any], axis: int) -> Operand:
+def picked(operand: Operand, indices: AnyArray, axis: int) -> Operand:
     """Elements of an operand along an axis, by constant positions (negative: from the end)."""
     if not operand.shape:
         raise InputError("picks elements of a number without dimensions; the model file is damaged")

@@ -9,16 +9,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import BoolArray, FloatArray
+from st_codegen.ir import AnyArray, BoolArray, FloatArray, IntArray
 from st_codegen.walkers.onnx.forest import (
     MAX_ID,
     Attributes,
     Forest,
     Mode,
-    Numbers,
     NumberType,
     check_range,
     of_length,
@@ -105,7 +103,7 @@ class _Edges:
         self.true, self.false = true, false
 
     @staticmethod
-    def _side(attributes: Attributes, side: str, total: int, n_leaves: int) -> tuple[Numbers, BoolArray]:
+    def _side(attributes: Attributes, side: str, total: int, n_leaves: int) -> tuple[IntArray, BoolArray]:
         """(child, whether it is a leaf) of each node on one side."""
         name, flag = f"nodes_{side}nodeids", f"nodes_{side}leafs"
         child = of_length(name, attributes.integers(name), total).copy()
@@ -115,7 +113,7 @@ class _Edges:
         return child, is_leaf
 
 
-def _required_tensor(attributes: Attributes, name: str, dtype: np.dtype[Any], total: int) -> NDArray[Any]:
+def _required_tensor(attributes: Attributes, name: str, dtype: np.dtype[Any], total: int) -> AnyArray:
     tensor = attributes.tensor(name)
     if tensor is None:
         raise InputError(f"{name} is missing; the model file is damaged")
@@ -125,8 +123,8 @@ def _required_tensor(attributes: Attributes, name: str, dtype: np.dtype[Any], to
 
 
 def _member_sets(
-    attributes: Attributes, mode: NDArray[Any], number_type: NumberType
-) -> tuple[Numbers, FloatArray, BoolArray]:
+    attributes: Attributes, mode: AnyArray, number_type: NumberType
+) -> tuple[IntArray, FloatArray, BoolArray]:
     """(start, values, whether onnxruntime cuts x to an integer first) of the sets of MEMBER nodes.
 
     onnxruntime compares x with each value of a set of at most 30 numbers from 0 to 30; for any other set it looks the

@@ -12,16 +12,25 @@ The representation knows the comparisons `<` and `<=` whose true side is the lef
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import Aggregate, BoolArray, Comparison, FloatArray, Precision, TreeColumn, TreeEnsemble
+from st_codegen.ir import (
+    Aggregate,
+    AnyArray,
+    BoolArray,
+    Comparison,
+    FloatArray,
+    IntArray,
+    Precision,
+    TreeColumn,
+    TreeEnsemble,
+)
 from st_codegen.ir.preorder import Preorder, preorder
 from st_codegen.walkers.onnx.equality import check_merges, merge_equality_chains
-from st_codegen.walkers.onnx.forest import Forest, Mode, Numbers, NumberType
+from st_codegen.walkers.onnx.forest import Forest, Mode, NumberType
 
 #: Leaves times outputs of one ensemble: 1 GiB of leaf values.
 MAX_LEAF_VALUES = 2**27
@@ -30,7 +39,7 @@ MAX_DEPTH = 1000
 
 
 def build_ensemble(
-    forest: Forest, inputs: tuple[int, ...], columns: NDArray[Any], input_precision: Precision
+    forest: Forest, inputs: tuple[int, ...], columns: AnyArray, input_precision: Precision
 ) -> TreeEnsemble:
     """The ensemble in the intermediate representation; `columns[feature]` is where a feature stands in the inputs.
 
@@ -131,19 +140,19 @@ class _Tests:
         count = np.ones(len(mode), np.int64)
         count[_is_equality(mode)] = 0
         np.add.at(count, intervals.node, 2)
-        self.start: Numbers = np.concatenate([[0], np.cumsum(count)[:-1]])
-        self.owner: Numbers = np.repeat(np.arange(len(mode)), count)
+        self.start: IntArray = np.concatenate([[0], np.cumsum(count)[:-1]])
+        self.owner: IntArray = np.repeat(np.arange(len(mode)), count)
         if len(self.owner) > np.iinfo(np.int32).max:
             raise UnsupportedModelError(f"the trees need {len(self.owner)} comparisons, more than fit in 32 bits")
         self.value = value[self.owner]
         self.strict: BoolArray = np.isin(mode, (Mode.LT, Mode.GTE))[self.owner]
         split = flat.left >= 0
-        self.left: Numbers = np.where(split, self.start[flat.left], -1)[self.owner]
-        self.right: Numbers = np.where(split, self.start[flat.right], -1)[self.owner]
+        self.left: IntArray = np.where(split, self.start[flat.left], -1)[self.owner]
+        self.right: IntArray = np.where(split, self.start[flat.right], -1)[self.owner]
         self.missing_left = self._missing_left(flat.order, mode)[self.owner]
         self._expand(intervals, flat)
 
-    def _check_thresholds(self, order: Numbers, mode: NDArray[np.int8], value: FloatArray) -> None:
+    def _check_thresholds(self, order: IntArray, mode: NDArray[np.int8], value: FloatArray) -> None:
         compares = ~np.isin(mode, (Mode.LEAF, Mode.MEMBER, Mode.MEMBER_INTEGER))
         bad = np.flatnonzero(compares & (np.isnan(value) | (value == -np.inf)))
         if bad.size:
@@ -152,7 +161,7 @@ class _Tests:
                 "the model file is damaged, or train the model again without NaN and infinite values"
             )
 
-    def _missing_left(self, order: Numbers, mode: NDArray[np.int8]) -> BoolArray:
+    def _missing_left(self, order: IntArray, mode: NDArray[np.int8]) -> BoolArray:
         """Where NaN goes: every comparison but `!=` is false for it, unless the node tracks missing values as true.
 
         A test of equality passes NaN on to its hit through the left child, see `_expand`.
@@ -195,7 +204,7 @@ def largest_below(value: FloatArray, number_type: NumberType) -> FloatArray:
     Below the lowest float32 only minus infinity is left; the float64 below it serves as well.
     """
     with np.errstate(over="ignore"):
-        nearest: NDArray[Any] = value.astype(number_type)
+        nearest: AnyArray = value.astype(number_type)
         next_below = np.nextafter(nearest, number_type(-np.inf))
         below = np.where(nearest >= value, next_below, nearest).astype(np.float64)
         return np.where(np.isinf(below), np.nextafter(value, -np.inf), below)
@@ -208,7 +217,7 @@ class _Intervals:
     `node` is the laid-out node of each interval, rising; the intervals of a node go from the highest to the lowest.
     """
 
-    node: Numbers
+    node: IntArray
     low: FloatArray
     high: FloatArray
     low_open: BoolArray
@@ -219,7 +228,7 @@ def _is_equality(mode: NDArray[np.int8]) -> BoolArray:
     return np.isin(mode, (Mode.EQ, Mode.NEQ, Mode.MEMBER, Mode.MEMBER_INTEGER))
 
 
-def _intervals(forest: Forest, order: Numbers) -> _Intervals:
+def _intervals(forest: Forest, order: IntArray) -> _Intervals:
     """The intervals of all tests of equality."""
     mode = forest.mode[order]
     single = np.flatnonzero(np.isin(mode, (Mode.EQ, Mode.NEQ)))
@@ -258,7 +267,7 @@ def _member_intervals(forest: Forest, position: int, node: int) -> _Intervals:
     )
 
 
-def _leaf_values(forest: Forest, flat: Preorder) -> tuple[FloatArray, Numbers]:
+def _leaf_values(forest: Forest, flat: Preorder) -> tuple[FloatArray, IntArray]:
     """Leaf values (rows, width) and the output of each tree.
 
     Width 1 where every tree serves one target; else a leaf has a number for each target, where the file has none one
@@ -284,7 +293,7 @@ def _leaf_values(forest: Forest, flat: Preorder) -> tuple[FloatArray, Numbers]:
     return leaf_value, np.zeros(len(flat.roots), np.int64)
 
 
-def _targets_of_trees(forest: Forest, flat: Preorder) -> tuple[Numbers, Numbers, BoolArray]:
+def _targets_of_trees(forest: Forest, flat: Preorder) -> tuple[IntArray, IntArray, BoolArray]:
     """Each tree with each of its targets, and whether all leaves of the tree have a weight for the target."""
     leaf = forest.leaf[flat.order]
     position = np.flatnonzero(leaf >= 0)
@@ -298,7 +307,7 @@ def _targets_of_trees(forest: Forest, flat: Preorder) -> tuple[Numbers, Numbers,
     return tree_of_key, target_of_key, times == np.bincount(tree)[tree_of_key]
 
 
-def _check_coverage(forest: Forest, covered: Numbers) -> None:
+def _check_coverage(forest: Forest, covered: IntArray) -> None:
     """A target that no leaf of a row sets is 0 to onnxruntime, whatever its base value (ScoreValue::has_score).
 
     So a minimum, a maximum and a base value need a tree that always has a number for the target.

@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import BoolArray, FloatArray
+from st_codegen.ir import BoolArray, FloatArray, IntArray
 from st_codegen.walkers.onnx.forest import (
     MAX_ID,
     Attributes,
     Forest,
     Mode,
-    Numbers,
     NumberType,
     check_range,
     of_length,
@@ -110,7 +109,7 @@ def _base_values(attributes: Attributes, n_targets: int, number_type: NumberType
     return base if len(base) else np.zeros(n_targets)
 
 
-def _runs(tree_id: Numbers) -> tuple[Numbers, Numbers]:
+def _runs(tree_id: IntArray) -> tuple[IntArray, IntArray]:
     """The number of each node's tree, counted from 0 in the order of the list, and the identifier of each tree."""
     _check_ids("nodes_treeids", tree_id)
     first = np.append(True, tree_id[1:] != tree_id[:-1])
@@ -123,7 +122,7 @@ def _runs(tree_id: Numbers) -> tuple[Numbers, Numbers]:
     return np.cumsum(first) - 1, tree_id[first]
 
 
-def _check_ids(name: str, ids: Numbers) -> None:
+def _check_ids(name: str, ids: IntArray) -> None:
     bad = np.flatnonzero((ids < 0) | (ids > MAX_ID))
     if bad.size:
         raise InputError(f"{name}[{bad[0]}] is {ids[bad[0]]}, expected 0 to {MAX_ID}; the model file is damaged")
@@ -132,7 +131,7 @@ def _check_ids(name: str, ids: Numbers) -> None:
 class _NodeIndex:
     """Finds nodes by the number of their tree and their identifier."""
 
-    def __init__(self, tree: Numbers, tree_id: Numbers, node_id: Numbers) -> None:
+    def __init__(self, tree: IntArray, tree_id: IntArray, node_id: IntArray) -> None:
         _check_ids("nodes_nodeids", node_id)
         self.tree, self.tree_id, self.node_id = tree, tree_id, node_id
         key = (tree << 32) | node_id
@@ -143,14 +142,14 @@ class _NodeIndex:
             node = self.order[twice[0]]
             raise InputError(f"tree {tree_id[node]} has two nodes {node_id[node]}; the model file is damaged")
 
-    def find(self, tree: Numbers, node_id: Numbers) -> Numbers:
+    def find(self, tree: IntArray, node_id: IntArray) -> IntArray:
         """Positions of nodes, -1 where there is none."""
         wanted = (tree << 32) | node_id
         position = np.minimum(np.searchsorted(self.key, wanted), len(self.key) - 1)
         known = (self.key[position] == wanted) & (node_id >= 0) & (node_id <= MAX_ID)
         return np.where(known, self.order[position], -1)
 
-    def children(self, name: str, node_id: Numbers, split: BoolArray) -> Numbers:
+    def children(self, name: str, node_id: IntArray, split: BoolArray) -> IntArray:
         """Positions of the children of splits, -1 for leaves."""
         found = np.full(len(node_id), -1, np.int64)
         inner = np.flatnonzero(split)
@@ -168,11 +167,11 @@ class _NodeIndex:
 def _regressor_weights(
     attributes: Attributes,
     index: _NodeIndex,
-    run_ids: Numbers,
-    leaf: Numbers,
+    run_ids: IntArray,
+    leaf: IntArray,
     n_targets: int,
     number_type: NumberType,
-) -> tuple[Numbers, Numbers, FloatArray]:
+) -> tuple[IntArray, IntArray, FloatArray]:
     """(leaf row, target, weight) of all weights, sorted by leaf row."""
     tree_id, node_id = attributes.integers("target_treeids"), attributes.integers("target_nodeids")
     target, weight = attributes.integers("target_ids"), _numbers(attributes, "target_weights", number_type)
@@ -198,7 +197,7 @@ def _regressor_weights(
     return row, target, weight
 
 
-def _check_weights(row: Numbers, target: Numbers, n_targets: int, index: _NodeIndex, leaves: Numbers) -> None:
+def _check_weights(row: IntArray, target: IntArray, n_targets: int, index: _NodeIndex, leaves: IntArray) -> None:
     """Each leaf has a weight, and none has two for a target: onnxruntime departs from the standard there."""
     without = np.flatnonzero(np.bincount(row, minlength=len(leaves)) == 0)
     key, count = np.unique(row * n_targets + target, return_counts=True)

@@ -13,15 +13,18 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from st_codegen.errors import UnsupportedModelError
 from st_codegen.ir import (
     FLOAT32_OVERFLOW,
     Activation,
+    AnyArray,
+    BoolArray,
     Comparison,
     FloatArray,
     Function,
+    Int32Array,
+    IntArray,
     Precision,
     TreeColumn,
     TreeEnsemble,
@@ -85,7 +88,7 @@ def _add_float32_trees(
     sizes = np.array([tree.node_count for tree in structures])
     offset = np.concatenate([[0], np.cumsum(sizes)[:-1]])
 
-    def joined(attribute: str) -> NDArray[Any]:
+    def joined(attribute: str) -> AnyArray:
         return np.concatenate([getattr(tree, attribute) for tree in structures])
 
     shift = np.repeat(offset, sizes)
@@ -187,23 +190,21 @@ def _hist_columns(estimator: Any, n_features: int) -> tuple[TreeColumn, ...]:
 class _HistCategories:
     """The bitsets of categorical splits as one table of booleans (see `TreeEnsemble.category_left`)."""
 
-    def __init__(self, predictors: Sequence[Any], sizes: NDArray[Any], estimator: Any) -> None:
+    def __init__(self, predictors: Sequence[Any], sizes: AnyArray, estimator: Any) -> None:
         self.bitsets = [np.asarray(predictor.raw_left_cat_bitsets) for predictor in predictors]
         self.first_bitset = np.concatenate([[0], np.cumsum([len(bits) for bits in self.bitsets])[:-1]])
         self.tree_of_node = np.repeat(np.arange(len(predictors)), sizes)
-        self.known: NDArray[Any] | None = None
+        self.known: AnyArray | None = None
         if estimator._preprocessor is not None:
             self.known = _unpacked(estimator._bin_mapper.make_known_categories_bitsets()[0])
 
-    def table(
-        self, nodes: NDArray[Any], order: NDArray[np.int64], columns: tuple[TreeColumn, ...]
-    ) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    def table(self, nodes: AnyArray, order: IntArray, columns: tuple[TreeColumn, ...]) -> tuple[Int32Array, BoolArray]:
         """`category_row` and `category_left` of the nodes in their new order."""
         if self.known is None:
             return np.zeros(0, np.int32), np.zeros(0, np.bool_)
         bits = _unpacked(np.concatenate([b for b in self.bitsets if len(b)] or [np.zeros((0, 8), np.uint32)]))
         row = np.zeros(len(nodes), np.int32)
-        pieces: list[NDArray[np.bool_]] = []
+        pieces: list[BoolArray] = []
         length = 0
         for node in np.flatnonzero(nodes["is_categorical"]):
             column = int(nodes["feature_idx"][node])
@@ -217,7 +218,7 @@ class _HistCategories:
         return row, np.concatenate(pieces) if pieces else np.zeros(0, np.bool_)
 
 
-def _unpacked(bitsets: NDArray[Any]) -> NDArray[np.bool_]:
+def _unpacked(bitsets: AnyArray) -> BoolArray:
     """Bitsets of eight 32-bit words as booleans, shape (bitsets, 256)."""
     words = np.ascontiguousarray(bitsets, dtype="<u4")
     return np.unpackbits(words.view(np.uint8), axis=1, bitorder="little").astype(np.bool_)

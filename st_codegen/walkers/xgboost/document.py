@@ -15,10 +15,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import FloatArray, IntArray
+from st_codegen.ir import BoolArray, FloatArray, Int32Array, IntArray
 from st_codegen.walkers.forest import CategorySets, ParsedTree
 from st_codegen.walkers.xgboost import ubjson
 
@@ -59,8 +58,8 @@ class BoosterModel:
     attributes: Mapping[str, str]
     categories: tuple[tuple[object, ...], ...]
     trees: tuple[ParsedTree, ...]
-    tree_output: IntArray
-    round_starts: NDArray[np.int64]
+    tree_output: Int32Array
+    round_starts: IntArray
     tree_weight: FloatArray | None
     linear: FloatArray | None
 
@@ -202,7 +201,7 @@ class Section:
             raise self.fail(name, "a number that is no 32-bit integer")
         return values.astype(np.float64)
 
-    def indices(self, name: str, count: int | None, low: int, high: int) -> NDArray[np.int64]:
+    def indices(self, name: str, count: int | None, low: int, high: int) -> IntArray:
         """A list of integers of low .. high-1."""
         values = self.numbers(name, count, whole=True).astype(np.int64)
         bad = np.flatnonzero((values < low) | (values >= high))
@@ -210,7 +209,7 @@ class Section:
             raise self.fail(name, f"number {bad[0]} is {values[bad[0]]}, expected {low} .. {high - 1}")
         return values
 
-    def floats(self, name: str, count: int, needed: NDArray[np.bool_] | None = None) -> FloatArray:
+    def floats(self, name: str, count: int, needed: BoolArray | None = None) -> FloatArray:
         """Numbers rounded to float32; where `needed`, they must be finite."""
         with np.errstate(over="ignore"):
             values = self.numbers(name, count).astype(np.float32).astype(np.float64)
@@ -298,7 +297,7 @@ def _category_names(cats: Section) -> tuple[tuple[object, ...], ...]:
     return tuple(names)
 
 
-def _round_starts(model: Section, parameters: Section, n_trees: int, outputs: NDArray[np.int64]) -> NDArray[np.int64]:
+def _round_starts(model: Section, parameters: Section, n_trees: int, outputs: IntArray) -> IntArray:
     """`iteration_indptr`; older files have rounds of `num_parallel_tree` trees an output (`MakeIndptr`)."""
     if "iteration_indptr" in model:
         starts = model.indices("iteration_indptr", None, 0, n_trees + 1)
@@ -367,7 +366,7 @@ def _check_unread_fields(section: Section, nodes: int, width: int) -> None:
         raise section.fail("parents", "a parent outside the tree; the file is damaged")
 
 
-def _vector_leaves(section: Section, rows: NDArray[np.int64], width: int) -> FloatArray:
+def _vector_leaves(section: Section, rows: IntArray, width: int) -> FloatArray:
     """Leaves of a multi_output_tree (leaves, outputs); the right child of a leaf is its row of `leaf_weights`."""
     if np.any((rows < 0) | (rows >= len(rows))):
         raise section.fail("right_children", "a leaf without a row of leaf_weights")
@@ -375,7 +374,7 @@ def _vector_leaves(section: Section, rows: NDArray[np.int64], width: int) -> Flo
     return values
 
 
-def _category_sets(section: Section, categorical: NDArray[np.bool_]) -> CategorySets | None:
+def _category_sets(section: Section, categorical: BoolArray) -> CategorySets | None:
     """The categories that go right at each category split (`RegTree::LoadCategoricalSplit`)."""
     wanted = np.flatnonzero(categorical)
     if not len(wanted):
@@ -389,5 +388,5 @@ def _category_sets(section: Section, categorical: NDArray[np.bool_]) -> Category
     if np.any(begin + size > len(codes)):
         raise section.fail("categories_sizes", f"a set that ends behind the {len(codes)} categories")
     used = np.searchsorted(nodes, wanted)
-    sets: Sequence[NDArray[np.int64]] = [codes[begin[one] : begin[one] + size[one]] for one in used]
+    sets: Sequence[IntArray] = [codes[begin[one] : begin[one] + size[one]] for one in used]
     return CategorySets(nodes=wanted, counts=size[used], codes=np.concatenate(sets))

@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from st_codegen.errors import InputError, MissingExtraError, UnsupportedModelError, errors_name
 from st_codegen.ir import (
@@ -29,6 +28,7 @@ from st_codegen.ir import (
     Comparison,
     Feature,
     FillMissing,
+    Float32Array,
     FloatArray,
     Function,
     Linear,
@@ -269,7 +269,7 @@ def _margin(link: Function, base_score: FloatArray) -> FloatArray:
     return _logarithm(score)
 
 
-def _logarithm(values: NDArray[np.float32]) -> FloatArray:
+def _logarithm(values: Float32Array) -> FloatArray:
     """Natural logarithms rounded to float32, on every machine the same.
 
     The library takes `logf` of the C library it runs on, which may be one ulp off: about one base score in a hundred
