@@ -1,0 +1,210 @@
+"""The judge calls false what is false, and nothing else."""
+
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from . import cases, measuring, mesh, run, summary
+from .machine import Machine
+from .make import Truth
+from .points import Points, curves
+from .report import read_report, says
+from .score import NewRig, refused, score
+
+SIZE = 2e-3
+NOISE = 1e-5
+
+
+def truth_of(*parts, mistakes=(), kind="foreign", wrong=(), bad_files=()):
+    """A case with 30 runs, and a known part that is 0."""
+    case = replace(next(c for c in cases.listed("dev", 60) if not c.mistakes), mistakes=mistakes, kind=kind)
+    random = np.random.default_rng(5)
+    speed, torque = random.uniform(200, 1700, 30), random.uniform(0, 1600, 30)
+    points = Points(np.round(speed), np.round(torque), np.full(30, 30.0), np.linspace(0, 1, 30), np.arange(30))
+    hidden = sum((curves(part.waves(points), 600) for part in parts), np.zeros((30, 2, 600)))
+    known = np.zeros_like(hidden)
+    noise = np.full(300, NOISE)
+    path = Path("rig.toml")
+    return Truth(
+        case, Machine(81, 39, 40, ()), parts, points, points, known, hidden, points, known, hidden, noise,
+        tuple(100.0 for _ in parts), bad_files, wrong, path, path,
+    )  # fmt: skip
+
+
+def wave(order=53, names=(), hedged=(), law=None):
+    part = mesh.wave_part("a wave", names, order, law or mesh.one(), SIZE)
+    return replace(part, hedged=hedged)
+
+
+def report_of(verdict="explained", effects=(), unexplained=(), orders=(0, 1, 53), **more):
+    floor = NOISE * np.sqrt(len(orders))
+    gap = {"before": SIZE, "after": floor, "noise_floor": floor}
+    effects = [{"parameters": {}, **effect} for effect in effects]
+    text = {"verdict": verdict, "effects": effects, "unexplained": list(unexplained), "orders": list(orders)}
+    return read_report(text | {"gap": {"fitted": dict(gap), "held_out": dict(gap)}} | more)
+
+
+def judged(truth, report, found=True):
+    """Scored with a new rig that makes all that was hidden, or nothing of it."""
+    rig = NewRig(truth.known + found * truth.hidden, truth.known_fresh + found * truth.hidden_fresh)
+    return score(truth, report, rig)
+
+
+def kinds(marks):
+    return {row.kind for row in marks.false}
+
+
+def test_a_true_name_is_right():
+    truth = truth_of(wave(80, ("pin_error",)))
+    marks = judged(truth, report_of(effects=[{"name": "pin_error", "orders": [80]}]))
+    assert marks.right, marks
+    assert marks.named
+
+
+def test_a_true_name_on_another_order_is_false():
+    truth = truth_of(wave(80, ("pin_error",)))
+    marks = judged(truth, report_of(effects=[{"name": "pin_error", "orders": [120]}]))
+    assert kinds(marks) == {"name"}
+
+
+def test_a_name_for_what_no_part_makes_is_false():
+    truth = truth_of(wave(53))
+    assert kinds(judged(truth, report_of(effects=[{"name": "pin_error", "orders": [53]}]))) == {"name"}
+    described = [{"order": 53, "size": SIZE / np.sqrt(2), "direction": "both"}]
+    marks = judged(truth, report_of("unexplained", unexplained=described), found=False)
+    assert not marks.missing
+    # its own numbers of the gap are those of a rig that explains it
+    assert kinds(marks) == {"held out"}
+
+
+def test_an_order_alone_is_no_name():
+    truth = truth_of(wave(117, (), ("cycloid_tooth_error",)))
+    plain = {"name": "cycloid_tooth_error", "orders": [117]}
+    assert kinds(judged(truth, report_of(effects=[plain], orders=(0, 117)))) == {"name"}
+    for more in ({"alternatives": ["something else"]}, {"probability": 0.6}, {"remarks": ["an order is no name"]}):
+        assert not judged(truth, report_of(effects=[plain | more], orders=(0, 117))).false
+
+
+def test_silence_is_false_where_something_is_left():
+    marks = judged(truth_of(wave()), report_of("nothing_missing"), found=False)
+    assert "verdict" in kinds(marks)
+    assert marks.missing
+
+
+def test_silence_is_right_where_nothing_is_missing():
+    marks = judged(truth_of(kind="nothing"), report_of("nothing_missing"))
+    assert marks.silent
+    assert marks.right
+    assert judged(truth_of(kind="nothing"), report_of("explained", [{"name": "pin_error"}])).silent is False
+
+
+@pytest.mark.parametrize(("size", "is_false"), [(SIZE / np.sqrt(2), False), (0.7 * SIZE / np.sqrt(2), True)])
+def test_sizes_of_what_is_left(size, is_false):
+    entry = {"order": 53, "size": size, "direction": "both"}
+    marks = judged(truth_of(wave()), report_of("unexplained", unexplained=[entry]), found=False)
+    assert ("size" in kinds(marks)) == is_false
+
+
+def test_a_wrong_floor_and_a_wrong_held_out_gap_are_false():
+    truth = truth_of(wave(53, ("pin_error",)))
+    gap = {"before": SIZE, "after": 2e-5, "noise_floor": 1e-3}
+    report = report_of(effects=[{"name": "pin_error"}], gap={"fitted": gap, "held_out": gap})
+    assert kinds(judged(truth, report)) == {"floor"}
+    assert kinds(judged(truth, report, found=False)) >= {"floor", "held out"}
+
+
+def test_a_new_rig_that_is_worse_is_no_progress():
+    truth = truth_of(wave(53, ("pin_error",)))
+    rig = NewRig(-truth.hidden, -truth.hidden_fresh)
+    marks = score(truth, report_of(effects=[{"name": "pin_error"}]), rig)
+    assert any("worse on fresh runs" in row.text for row in marks.false)
+
+
+def test_a_parameter_at_a_bound_is_no_finding():
+    effect = {"name": "pin_error", "parameters": {"damping_ratio": {"value": 0.3, "stderr": 1e-9}}}
+    truth = truth_of(wave(53, ("pin_error",)))
+    assert kinds(judged(truth, report_of(effects=[effect]))) == {"bound"}
+    effect["parameters"]["damping_ratio"]["value"] = 0.029873640234
+    assert judged(truth, report_of(effects=[effect])).right
+
+
+def test_a_known_parameter_that_did_not_change():
+    retuned = [{"name": "backlash", "parameters": {"gap_arcmin": {"before": 0.3, "value": 0.5, "stderr": 0.01}}}]
+    assert kinds(judged(truth_of(), report_of(retuned=retuned))) == {"known parameter"}
+    retuned[0]["parameters"]["gap_arcmin"]["value"] = 0.301
+    assert not judged(truth_of(), report_of(retuned=retuned)).false
+
+
+def test_a_mistake_is_named_or_absorbed():
+    truth = truth_of(mistakes=("home_offset",), kind="nothing")
+    marks = judged(truth, report_of(effects=[{"name": "pin_error", "orders": [40]}]))
+    assert "mistake absorbed" in kinds(marks)
+    assert marks.missing
+    assert judged(truth, report_of("nothing_missing", measurement=[{"name": "home_offset", "deg": 12.0}])).right
+    assert refused(truth, "Error: the home position seems to have moved by 12 deg", "").right
+    assert not refused(truth, "Error: something", "").right
+
+
+def test_wrong_labels_are_suspects_and_right_runs_are_not():
+    truth = truth_of(mistakes=("labels",), kind="nothing", wrong=(4, 7))
+    marks = judged(truth, report_of("nothing_missing", suspect_runs=["run_0005.csv", "run_0008.csv"]))
+    assert marks.right
+    marks = judged(truth, report_of("nothing_missing", suspect_runs=["run_0005.csv", "run_0009.csv"]))
+    assert "suspect" in kinds(marks)
+    points = truth.points
+    text = f"{points.speed[7]:g} rpm, {points.torque[7]:g} N m, 30 deg C, forward"
+    marks = judged(truth, report_of("nothing_missing", suspect_runs=["run_0005.csv", text]))
+    assert marks.right
+
+
+def test_a_refusal_may_not_advise_what_does_not_exist():
+    truth = truth_of(bad_files=("run_0001.csv",))
+    marks = refused(truth, "Error: run_0001.csv is bad; --skip-bad leaves it out", "--rig --measured")
+    assert [row.kind for row in marks.false] == ["advice"]
+    assert not refused(truth, "Error: run_0001.csv; --skip-bad", "--skip-bad").false
+
+
+def test_what_never_varied_has_to_be_said():
+    truth = truth_of(kind="one_temperature")
+    assert kinds(judged(truth, report_of("nothing_missing"))) == {"unseen"}
+    assert not judged(truth, report_of("nothing_missing", not_shown=["temperature: 30 deg C in all runs"])).false
+
+
+def test_words_of_mistakes_do_not_contain_each_other():
+    assert set(measuring.WORDS) == set(measuring.MISTAKES)
+    assert says("the sign of TE", measuring.WORDS["sign"])
+    assert not says("a design", measuring.WORDS["sign"])
+
+
+def test_results_of_the_command(tmp_path):
+    truth = truth_of(wave())
+    crashed = run.judged(truth, subprocess.CompletedProcess([], 70, "", "Traceback\nValueError: x"), tmp_path)
+    assert crashed["status"] == "failed"
+    assert "ValueError: x" in crashed["reason"]
+    assert run.judged(truth, subprocess.CompletedProcess([], 0, "", ""), tmp_path)["status"] == "unreadable"
+
+
+def result(name, noise, right, false=(), probabilities=(), seed=1):
+    marks = {"false": [{"kind": kind, "text": ""} for kind in false], "named": None, "silent": None, "sizes": [[1, 2]],
+             "held_out": None, "probabilities": probabilities}  # fmt: skip
+    case = {"name": f"{name}-{noise}", "label": name, "noise": noise, "seed": seed}
+    return {"case": case, "status": "scored", "right": right, "score": marks}
+
+
+def test_summary_counts_false_statements_and_worse_answers_of_better_data():
+    results = [
+        result("a", 0.1, False, ["name", "size"], [(0.92, True), (0.95, False)]),
+        result("a", 10.0, True),
+        result("b", 1.0, True, seed=2),
+    ]
+    table = summary.table(results)
+    assert table["all"]["right"] == 2
+    assert table["by_kind"]["a"]["false"] == {"name": 1, "size": 1}
+    assert table["better_data_worse_answer"] == [{"label": "a", "seed": 1, "wrong_at": 0.1, "right_at": 10.0}]
+    assert table["calibration"] == [{"from": 0.9, "claims": 2, "stated": pytest.approx(0.935), "observed": 0.5}]
+    assert table["sizes_within_20_percent"] == {"hits": 0, "of": 3}
+    assert len(table["false_statements"]) == 2
+    assert "better data, worse answer: 1" in "\n".join(summary.lines(table))
