@@ -5,6 +5,11 @@ import re
 from pathlib import Path
 
 import pytest
+from jinja2 import Environment, nodes
+
+from st_codegen.st.errors import StSyntaxError
+from st_codegen.st.syntax.parser import parse_segment
+from st_codegen.st.syntax.scan import Segment
 
 PACKAGE = Path(__file__).resolve().parent.parent / "st_codegen"
 FILES = sorted(PACKAGE.rglob("*.py"))
@@ -139,15 +144,88 @@ def test_only_render_knows_jinja():
     assert [path.stem for path in users] == ["render"]
 
 
+#: Where the generator decides what blocks compute. The first file says in words what names mean.
+LAID_OUT = [
+    path
+    for folder in ("emit/blocks", "te/compensation", "beckhoff_ml")
+    for path in sorted((PACKAGE / folder).rglob("*.py"))
+    if path.name != "wording.py"
+]
+TEMPLATES = sorted((PACKAGE.parent / "templates").rglob("*.j2"))
+ARITHMETIC = (nodes.Add, nodes.Sub, nodes.Mul, nodes.Div, nodes.FloorDiv, nodes.Mod, nodes.Pow, nodes.Neg)
+OPERATOR = re.compile(r"\s[-+*/<>=]+(\s|$)|\b(AND|OR|XOR|MOD|NOT)\b|\w\[|\w_TO_\w|^-")
+
+
+def strings(path):
+    """Line and text of the strings of a file but docstrings and comments; what is put in stands there as `x`."""
+    tree = ast.parse(path.read_text())
+    passed = set()
+    for node in ast.walk(tree):
+        if id(node) in passed:
+            continue
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            passed.add(id(node.value))
+        elif isinstance(node, ast.keyword) and node.arg == "comment":
+            passed |= {id(part) for part in ast.walk(node)}
+        elif isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("lreal", "dint", "boolean"):
+            passed |= {id(part) for part in ast.walk(node.args[1])}  # these take the comment second
+        elif isinstance(node, ast.JoinedStr):
+            passed |= {id(part) for part in node.values}
+            yield node.lineno, "".join(p.value if isinstance(p, ast.Constant) else "x" for p in node.values)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.lineno, node.value
+
+
+def is_expression(text):
+    """Whether a text is an expression of ST that computes something, or one side of it."""
+    if not OPERATOR.search(text):
+        return False
+    for whole in (text, f"x{text}", f"{text}x", f"x{text}x"):
+        try:
+            parse_segment(Segment(f"y := {whole};", "string"), "body")
+        except StSyntaxError:
+            continue
+        return True
+    return False
+
+
 def test_no_structured_text_in_python_of_the_generator():
     """Templates lay out, Python decides: no statement of ST stands in a Python string."""
     for path in FILES:
         if room(module_name(path)) not in COMPILER or path.name == "library.py":  # what the vendor's library declares
             continue
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                assert ":=" not in node.value, f"{path}:{node.lineno}"
-                assert "END_" not in node.value or path.stem == "literals", f"{path}:{node.lineno}"
+        for line, text in strings(path):
+            assert ":=" not in text, f"{path}:{line}"
+            assert "END_" not in text or path.stem == "literals", f"{path}:{line}"
+
+
+@pytest.mark.parametrize("path", LAID_OUT, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_no_expression_of_structured_text_in_python_of_the_generator(path):
+    found = [f"{path}:{line}: {text}" for line, text in strings(path) if is_expression(text)]
+    assert not found
+
+
+@pytest.mark.parametrize(
+    "text", ["x * x", " + x", "nBase + 3", "x[nColumn]", "LREAL_TO_REAL(x)", "-x", "a AND b", " * "]
+)
+def test_expressions_are_recognised(text):
+    assert is_expression(text)
+
+
+@pytest.mark.parametrize("text", ["nBase", "twincat", "anRank1", "columns, joined", "E_TEError", "1.5E-3", "x.fOut1"])
+def test_names_numbers_and_words_are_not_taken_for_expressions(text):
+    assert not is_expression(text)
+
+
+def test_there_are_templates():
+    assert len(TEMPLATES) > 50
+
+
+@pytest.mark.parametrize("path", TEMPLATES, ids=lambda path: "/".join(path.parts[-3:]))
+def test_no_arithmetic_in_templates(path):
+    """Python decides, templates lay out: numbers arrive as they are printed."""
+    tree = Environment().parse(path.read_text())
+    assert [node.lineno for kind in ARITHMETIC for node in tree.find_all(kind)] == []
 
 
 #: Rooms of reconcile, from the floor up: each uses only what stands before it, `settings`, and itself.

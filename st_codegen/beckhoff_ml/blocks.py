@@ -10,7 +10,7 @@ import math
 
 from st_codegen.beckhoff_ml.engines import Engine
 from st_codegen.emit.blocks.application import GlobalList
-from st_codegen.emit.blocks.listing import Block, Listing, Variable
+from st_codegen.emit.blocks.listing import Block, Element, Listing, Variable
 from st_codegen.emit.blocks.model import (
     Limits,
     block_name,
@@ -81,6 +81,7 @@ def _block(model: ModelIR, engines: tuple[Engine, ...], listing: Listing) -> Blo
         listing.variables[instance] = Variable(instance, "FB_MllPrediction", comment="engine of the runtime")
         calls.append({"instance": instance, "number": number, "file": f"{FILES_LIST}.s{name}"})
     values = {"single": single, "data": data, "result": result, "calls": calls, "inputs": len(inputs)}
+    values["last_input"] = len(inputs) - 1
     values |= {"outputs": engine.n_outputs, "last_output": len(model.outputs) - 1}
     data_type = "E_MLLDT_FP32_REAL" if single else "E_MLLDT_FP64_LREAL"
     listing.section("model files are read once, one after another", "mll_load", calls=calls)
@@ -89,7 +90,7 @@ def _block(model: ModelIR, engines: tuple[Engine, ...], listing: Listing) -> Blo
         "outputs",
         "outputs",
         assignments=[
-            {"output": f"fOut{number + 1}", "value": f"aResult[{number}]"} for number in range(len(model.outputs))
+            {"output": f"fOut{number + 1}", "value": Element("aResult", number)} for number in range(len(model.outputs))
         ],
         ranged=is_ranged(model),
     )

@@ -192,6 +192,11 @@ class SvmEngine(Engine):
     def kernel_name(self) -> str:
         return KERNELS[self.kernel]
 
+    @property
+    def vectors_per_class(self) -> tuple[int, int]:
+        """How many support vectors are of each of the two classes that the format wants even of a regression."""
+        return 1, len(self.coefficients) - 1
+
 
 def engines_of(model: ModelIR) -> tuple[Engine, ...]:
     """The engines that compute a model: one, or one for each output where an engine has only one.

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
 
 from st_codegen.errors import InputError
 
@@ -48,11 +47,6 @@ def real(value: float) -> str:
         return text
     mantissa, exponent = text.split("e")
     return f"{mantissa if '.' in mantissa else mantissa + '.0'}E{int(exponent)}"
-
-
-def real_list(values: Iterable[float]) -> list[str]:
-    """`real` for many numbers."""
-    return [real(value) for value in values]
 
 
 def check_text(text: str, what: str) -> str:

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from st_codegen.emit.blocks.listing import Group, Listing
+from st_codegen.emit.blocks.listing import Element, Group, Listing
 from st_codegen.emit.blocks.operations import Step, lay_out
 from st_codegen.ir import CellTable, Rank, RankColumn, TableAxis
 
@@ -58,9 +58,8 @@ def _(op: Rank, step: Step, listing: Listing) -> None:
         {
             "position": position,
             "column": search.first.column,
-            "steps": []
-            if joined or not search.first.highest
-            else _steps(search.first.highest, _edges(search, position, step, listing)),
+            "steps": [] if joined else [_step(half) for half in halvings(search.first.highest)],
+            "table": None if joined or not search.first.highest else _edges(search, position, step, listing),
             "results": [_result(number, column, step) for number, column in search.results],
         }
         for position, search in enumerate(searches)
@@ -71,16 +70,9 @@ def _(op: Rank, step: Step, listing: Listing) -> None:
     )
 
 
-def _steps(count: int, table: str) -> list[dict[str, str]]:
-    """The threshold that each step looks at, and the rank beyond it."""
-    first, *others = halvings(count) or [0]
-    steps = [{"edge": f"{table}[{first - 1}]", "beyond": str(first)}] if first else []
-    return steps + [_step("nRank", half, table) for half in others]
-
-
-def _step(place: str, half: int, table: str) -> dict[str, str]:
-    probe = f"{place} + {half - 1}" if half > 1 else place
-    return {"edge": f"{table}[{probe}]", "beyond": f"{place} + {half}"}
+def _step(half: int) -> dict[str, int]:
+    """A step of a search: how far ahead the threshold lies that it looks at, and how far beyond it goes on."""
+    return {"ahead": half - 1, "beyond": half}
 
 
 def _edges(search: _Search, position: int, step: Step, listing: Listing) -> str:
@@ -91,7 +83,8 @@ def _result(number: int, column: RankColumn, step: Step) -> dict[str, object]:
     """One column of ranks: from which end it counts, and the rank of a missing value."""
     return {
         "index": number,
-        "value": f"{column.highest} - nRank" if column.descending else "nRank",
+        "highest": column.highest,
+        "descending": column.descending,
         "missing": column.missing,
         "flag": None if step.missing is None else step.missing[column.column],
     }
@@ -118,7 +111,7 @@ def _joined_tables(searches: list[_Search], step: Step, listing: Listing) -> dic
         jumps = [count + 1 - (1 << (count.bit_length() - 1)) if count else 0 for count in counts[first:stop]]
         parts.append(
             {
-                "offset": f" - {first}" if first else "",
+                "first": first,
                 "column": listing.table(
                     step.table(f"EDGE_COLUMN{suffix}"), "DINT", [search.first.column for search in run]
                 ),
@@ -126,7 +119,7 @@ def _joined_tables(searches: list[_Search], step: Step, listing: Listing) -> dic
                 "jump": listing.table(step.table(f"EDGE_JUMP{suffix}"), "DINT", jumps),
                 "table": table,
                 "loops": [
-                    {"first": first + low, "last": first + high - 1, "bits": bits, "steps": _power_steps(bits, table)}
+                    {"first": first + low, "last": first + high - 1, "steps": _power_steps(bits)}
                     for bits, low, high in _runs_of_bits(counts[first:stop])
                 ],
             }
@@ -134,9 +127,9 @@ def _joined_tables(searches: list[_Search], step: Step, listing: Listing) -> dic
     return {"found": listing.local(f"anFound{step.number}", "DINT", len(searches)), "parts": parts}
 
 
-def _power_steps(bits: int, table: str) -> list[dict[str, str]]:
-    """The steps behind the first one."""
-    return [_step("nBase", 1 << level, table) for level in reversed(range(bits - 1))]
+def _power_steps(bits: int) -> list[dict[str, int]]:
+    """The steps of a search whose count has so many bits; the first one goes beyond by a jump of its column."""
+    return [_step(1 << level) for level in reversed(range(bits))]
 
 
 def _runs_of_bits(counts: list[int]) -> list[tuple[int, int, int]]:
@@ -165,36 +158,33 @@ def _(op: CellTable, step: Step, listing: Listing) -> None:
             {
                 "name": name,
                 "stop": stop,
-                "base": _base(start, width),
+                "first": start,
                 "assignments": [
-                    {"output": output, "index": _index(int(column), width, start)}
-                    for output, column in enumerate(op.stored)
-                    if column >= 0
+                    {"output": output, "column": int(column)} for output, column in enumerate(op.stored) if column >= 0
                 ],
             }
         )
     fixed = np.flatnonzero(op.stored < 0)
     constant = listing.table(step.table("CONSTANT"), "LREAL", op.constant[fixed]) if len(fixed) else None
-    cell = " + ".join(_skipped(axis, position, step, listing) for position, axis in enumerate(op.axes))
     size = " x ".join(map(str, op.shape))
     listing.section(
         f"one row of a table of {size} cells" if width else "a constant",
         "cells",
         step=step,
-        cell=cell,
+        axes=[_skipped(axis, position, step, listing) for position, axis in enumerate(op.axes)],
         parts=parts,
-        wide=width > 1,
+        width=width,
         constant=constant,
         fixed=[int(output) for output in fixed],
     )
 
 
-def _skipped(axis: TableAxis, position: int, step: Step, listing: Listing) -> str:
-    """How many rows the rank of an axis skips."""
-    rank = f"{step.source}[{axis.column}]"
+def _skipped(axis: TableAxis, position: int, step: Step, listing: Listing) -> dict[str, object]:
+    """How many rows the rank of an axis skips: so many each (`stride`), or by a table."""
+    table = None
     if axis.stride is None:
-        return f"{listing.table(step.table('SKIP') + f'_{position}', 'DINT', axis.offset)}[{rank}]"
-    return rank if axis.stride == 1 else f"{rank} * {axis.stride}"
+        table = listing.table(step.table("SKIP") + f"_{position}", "DINT", axis.offset)
+    return {"rank": Element(step.source, axis.column), "stride": axis.stride, "table": table}
 
 
 def _row_groups(op: CellTable, start: int, stop: int) -> list[Group]:
@@ -210,14 +200,3 @@ def _row_groups(op: CellTable, start: int, stop: int) -> list[Group]:
         groups.append(Group(label.replace("*", "all"), (at - start) * width, (end - start) * width))
         at = end
     return groups
-
-
-def _base(start: int, width: int) -> str:
-    cell = f"(nCell - {start})" if start else "nCell"
-    return f"{cell} * {width}"
-
-
-def _index(column: int, width: int, start: int) -> str:
-    if width > 1:
-        return f"nBase + {column}" if column else "nBase"
-    return f"nCell - {start}" if start else "nCell"

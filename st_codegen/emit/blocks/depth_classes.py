@@ -33,14 +33,15 @@ class DepthClasses:
         return sum((stop - first) * depth for first, stop, depth in self.runs)
 
 
-def depth_classes(depths: IntArray, lanes: int) -> DepthClasses:
-    """The cheapest classes for trees of these depths; classes but the last have a multiple of `lanes` trees."""
+def depth_classes(depths: IntArray, abreast: int) -> DepthClasses:
+    """The cheapest classes for trees of these depths; classes but the last have a multiple of `abreast` trees."""
     trees = len(depths)
     whole = DepthClasses(np.arange(trees, dtype=np.int32), ((0, trees, int(depths.max(initial=0))),))
     order = np.argsort(depths, kind="stable").astype(np.int32)
     deepest = depths[order]
     # a class may end behind the last group of a depth
-    ends = [at for at in range(lanes, trees, lanes) if deepest[at - 1] < deepest[min(at + lanes, trees) - 1]] + [trees]
+    last = range(abreast, trees, abreast)
+    ends = [at for at in last if deepest[at - 1] < deepest[min(at + abreast, trees) - 1]] + [trees]
     best: list[tuple[float, tuple[tuple[int, int, int], ...]]] = []
     for number, stop in enumerate(ends):
         depth = int(deepest[stop - 1])

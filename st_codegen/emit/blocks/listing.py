@@ -53,6 +53,14 @@ _DECLARATION_MARKS = 13
 
 
 @dataclass(frozen=True)
+class Element:
+    """One element of an array, which a template writes as `name[index]`."""
+
+    name: str
+    index: int
+
+
+@dataclass(frozen=True)
 class Group:
     """Consecutive rows of a table under one label, such as the nodes of a tree."""
 

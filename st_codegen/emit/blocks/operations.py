@@ -8,7 +8,7 @@ from functools import singledispatch
 
 import numpy as np
 
-from st_codegen.emit.blocks.listing import Group, Listing
+from st_codegen.emit.blocks.listing import Element, Group, Listing
 from st_codegen.emit.literals import real
 from st_codegen.ir import (
     Activation,
@@ -72,7 +72,7 @@ def lay_out(op: Operation, step: Step, listing: Listing) -> None:
 def _(op: Select, step: Step, listing: Listing) -> None:
     _declare_result(op, step, listing)
     sources = [
-        f"{name}[{column}]" for name, width in zip(step.operands, step.widths, strict=True) for column in range(width)
+        Element(name, column) for name, width in zip(step.operands, step.widths, strict=True) for column in range(width)
     ]
     picked = [sources[column] for column in op.columns]
     listing.section("pick columns", "select", step=step, sources=picked)
@@ -86,16 +86,13 @@ def _(op: Scale, step: Step, listing: Listing) -> None:
     least = None
     if op.reverse and op.operator is Operator.DIVIDE:
         least = listing.table(step.table("LEAST"), "LREAL", np.abs(op.constant) * (1.0 / op.ceiling))
-    left, right = f"{step.source}[nColumn]", f"{constant}[nColumn]"
-    if op.reverse:
-        left, right = right, left
     listing.section(
         f"each column: {'constant ' + op.operator + ' x' if op.reverse else 'x ' + op.operator + ' constant'}",
         "scale",
         step=step,
         last=op.width - 1,
-        left=left,
-        right=right,
+        constant=constant,
+        reverse=op.reverse,
         operator=op.operator.value,
         least=least,
         single=op.precision is Precision.FLOAT32,
@@ -286,7 +283,7 @@ def _(op: KernelSum, step: Step, listing: Listing) -> None:
         columns=columns,
         last_column=columns - 1,
         last_output=op.width - 1,
-        coefficient_index="nVector" if op.width == 1 else f"nVector * {op.width} + nRow",
+        width=op.width,
         kernel=op.kernel.value,
         gamma=gamma,
         coef0=coef0,

@@ -24,7 +24,7 @@ from st_codegen.ir.preorder import preorder
 from st_codegen.ir.subtrees import subtrees
 
 #: Trees that go down together.
-LANES = 4
+ABREAST = 4
 
 
 @dataclass(frozen=True)
@@ -78,9 +78,9 @@ def lay_out_ranked(op: TreeEnsemble, step: Step, listing: Listing) -> None:
         "ranked_trees",
         step=step,
         slots=slots,
-        slot=f"DWORD_TO_DINT(DINT_TO_DWORD(nKey) AND DWORD#16#{mask:X})" if mask else "0",
+        mask=f"{mask:X}" if mask else None,
         last_rank=step.widths[0] - 1,
-        scale=f" * {keys.slots}" if mask else "",
+        scale=keys.slots,
         leaf_key=keys.leaf,
         wide=None if narrow else op.width,
         tree_output=listing.table(step.table("TREE_OUTPUT"), "DINT", op.tree_output)
@@ -126,11 +126,10 @@ def _parts(op: TreeEnsemble, step: Step, listing: Listing, keys: _Keys) -> list[
 def _sorted_part(classes: DepthClasses, first: int, suffix: str, step: Step, listing: Listing) -> dict[str, object]:
     """The order in which trees are visited, where it is not that of their sum, and a place to keep what they found."""
     trees = len(classes.order)
-    values: dict[str, object] = {"first": first, "last": first + trees - 1, "order": None, "offset": ""}
+    values: dict[str, object] = {"first": first, "last": first + trees - 1, "order": None}
     if classes.is_sorted:
         values["order"] = listing.table(step.table(f"TREE_ORDER{suffix}"), "DINT", classes.order)
         values["reached"] = listing.local(f"anLeaf{step.number}{suffix}", "DINT", trees)
-        values["offset"] = f" - {first}" if first else ""
     return values
 
 
@@ -139,20 +138,21 @@ def _tree_runs(run: tuple[int, int], offset: int, listing: Listing) -> list[dict
     runs: list[dict[str, object]] = []
     done, trees = run
     while done < trees:
-        lanes = min(LANES, trees - done)
-        count = (trees - done) // lanes * lanes
+        abreast = min(ABREAST, trees - done)
+        count = (trees - done) // abreast * abreast
         runs.append(
             {
                 "first": done,
-                "last": done + count - lanes,
-                "lanes": [
+                "last": done + count - abreast,
+                "step": abreast,
+                "walks": [
                     {
-                        "node": listing.local(f"nNode{lane + 1}", "DINT"),
-                        "root": f" + {2 * lane}" if lane else "",
-                        "place": f" + {lane}" if lane else "",
-                        "output": f" + {offset + lane}" if offset + lane else "",
+                        "node": listing.local(f"nNode{walk + 1}", "DINT"),
+                        "root": 2 * walk,
+                        "tree": walk,
+                        "output": offset + walk,
                     }
-                    for lane in range(lanes)
+                    for walk in range(abreast)
                 ],
             }
         )
@@ -185,7 +185,7 @@ def _tables(op: TreeEnsemble, equal: IntArray, run: tuple[int, int], keys: _Keys
     node = np.empty((trees + 2 * n_pairs, 2), np.int64)
     # the record of a node: the same for all nodes whose subtrees are equal
     place = 2 * (trees + 2 * pair_of)
-    classes = depth_classes(part.depths(), LANES)
+    classes = depth_classes(part.depths(), ABREAST)
     source = np.concatenate([part.roots[classes.order], np.column_stack([part.left[owner], part.right[owner]]).ravel()])
     node[:, 0] = key[source]
     own = 2 * np.arange(len(source))

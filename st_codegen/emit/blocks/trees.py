@@ -155,7 +155,6 @@ def _category_values(op: TreeEnsemble, step: Step, listing: Listing, slots: _Slo
             "codes": listing.local(f"anCode{step.number}", "DINT", len(numbers)),
             "left": listing.table(step.table("CATEGORY_LEFT"), "SINT", op.category_left.astype(np.int8)),
             "first": len(slots.column),
-            "offset": f" - {len(slots.column)}" if len(slots.column) else "",
         }
     }
 
@@ -214,7 +213,7 @@ def _node_tables(op: TreeEnsemble, step: Step, listing: Listing, slots: _Slots) 
         groups = [Group(f"tree {t}", int(op.roots[t]) - begin, int(stops[t]) - begin) for t in range(first, stop)]
         parts.append(
             {
-                "offset": f" + {first}" if first else "",
+                "first": first,
                 "last": stop - first - 1,
                 "size": listing.table(step.table(f"TREE_SIZE{suffix}"), "DINT", sizes[first:stop]),
                 "split": listing.table(step.table(f"SPLIT{suffix}"), "DINT", split[begin:end], groups),

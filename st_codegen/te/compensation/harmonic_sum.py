@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from st_codegen.emit.blocks.listing import Block, Section, Variable
+from st_codegen.emit.literals import real
 from st_codegen.te.compensation.addition_chain import Link, addition_chain
 from st_codegen.te.compensation.parts import HARMONICS_TYPE, block, dint, lreal
 from st_codegen.te.harmonics import TransmissionError
@@ -81,10 +83,10 @@ def harmonic_sum_block(te: TransmissionError) -> Block:
             ),
         ),
         constants=(
-            lreal("TURNS_PER_RAD", "2 / pi", "0.6366197723675814"),
-            lreal("HALF_PI_HIGH", "pi / 2, first 23 bits", repr(HALF_PI_HIGH)),
-            lreal("HALF_PI_MIDDLE", "next 23 bits", "7.549789415861596E-8"),
-            lreal("HALF_PI_LOW", "the rest", "5.390302858158119E-15"),
+            lreal("TURNS_PER_RAD", "2 / pi", real(2.0 / math.pi)),
+            lreal("HALF_PI_HIGH", "pi / 2, first 23 bits", real(HALF_PI_HIGH)),
+            lreal("HALF_PI_MIDDLE", "next 23 bits", real(HALF_PI_MIDDLE)),
+            lreal("HALF_PI_LOW", "the rest", real(HALF_PI_LOW)),
         ),
         sections=(
             Section("angle reduced by quarter turns", "te_reduce", {}),
