@@ -121,8 +121,11 @@ def random_trees(
 
 
 @st.composite
-def tree_models(draw):
-    """Any ensemble that the walkers can make, as a whole model."""
+def tree_models(draw, thresholds_only=False):
+    """Any ensemble that the walkers can make, as a whole model.
+
+    `thresholds_only`: splits compare numbers with thresholds, leaves are numbers.
+    """
     random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     features = draw(st.integers(1, 4))
     single_input = draw(st.booleans())
@@ -134,8 +137,11 @@ def tree_models(draw):
         numbers = numbers.astype(np.float32).astype(np.float64)
     accepts_nan = draw(st.booleans())
     columns = []
+    kinds = ["number", "number", "zero"]
+    if not thresholds_only:
+        kinds += ["interval", "category", "list", "category interval"]
     for column in range(features):
-        kind = draw(st.sampled_from(["number", "number", "zero", "interval", "category", "list", "category interval"]))
+        kind = draw(st.sampled_from(kinds))
         columns.append(
             {
                 "number": TreeColumn(column),
@@ -146,7 +152,7 @@ def tree_models(draw):
                 "list": TreeColumn(column, n_categories=5, categories=(-3.0, 0.5, 1.0, 2.0, 1000.0)),
             }[kind]
         )
-    linear = draw(st.booleans()) and outputs == 1 and aggregate is Aggregate.SUM
+    linear = not thresholds_only and draw(st.booleans()) and outputs == 1 and aggregate is Aggregate.SUM
     sum_precision = Precision.FLOAT64 if linear else draw(st.sampled_from(Precision))
     op = random_trees(
         random,

@@ -8,10 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from st_codegen.emit.blocks import depth_classes as classes
-from st_codegen.emit.blocks.depth_classes import depth_classes
+from st_codegen.emit.blocks import ranked_trees as emitted
+from st_codegen.emit.blocks.depth_classes import Prices, depth_classes
 from st_codegen.emit.blocks.model import Limits
-from st_codegen.emit.blocks.ranked_trees import LANES
 from st_codegen.ir import Aggregate, Comparison, Precision, Rank, TreeEnsemble, reference
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.passes.prune import pruned
@@ -23,27 +22,41 @@ from tests.passes.test_tables import SLOW
 
 
 @settings(max_examples=60, deadline=None)
-@given(depths=st.lists(st.integers(0, 9), min_size=1, max_size=24), scale=st.sampled_from([1, 100, 1000]))
-def test_classes_are_the_cheapest_and_deep_enough(depths, scale):
-    depths = scale * np.array(depths)
-    found = depth_classes(depths, LANES)
+@given(
+    depths=st.lists(st.integers(0, 9), min_size=1, max_size=24),
+    abreast=st.integers(2, 5),
+    loop=st.integers(0, 40),
+    order=st.integers(0, 3),
+)
+def test_classes_are_the_cheapest_and_deep_enough(depths, abreast, loop, order):
+    depths = np.array(depths)
+    found = depth_classes(depths, abreast, Prices(loop, order))
     assert sorted(found.order.tolist()) == list(range(len(depths)))
     assert [run[0] for run in found.runs] == [0, *(run[1] for run in found.runs[:-1])]
     assert found.runs[-1][1] == len(depths)
     for first, stop, depth in found.runs:
         assert (depths[found.order[first:stop]] <= depth).all()
-        assert stop == len(depths) or (stop - first) % LANES == 0
+        assert stop == len(depths) or (stop - first) % abreast == 0
 
     def price(ends):
         rising = np.sort(depths)
         visits = sum((stop - first) * rising[stop - 1] for first, stop in itertools.pairwise((0, *ends)))
-        return visits + classes._LOOP * (len(ends) - 1) + (classes._ORDER * len(depths) if len(ends) > 1 else 0)
+        return visits + loop * (len(ends) - 1) + (order * len(depths) if len(ends) > 1 else 0)
 
-    middle = range(LANES, len(depths), LANES)
-    ways = (c for n in range(len(middle) + 1) for c in itertools.combinations(middle, n))
-    assert found.visits + classes._LOOP * (len(found.runs) - 1) + (
-        classes._ORDER * len(depths) if found.is_sorted else 0
-    ) == min(price((*way, len(depths))) for way in ways)
+    middle = range(abreast, len(depths), abreast)
+    ways = [(*c, len(depths)) for n in range(len(middle) + 1) for c in itertools.combinations(middle, n)]
+    assert price([stop for _, stop, _ in found.runs]) == min(map(price, ways))
+    assert found.visits == sum((stop - first) * depth for first, stop, depth in found.runs)
+
+
+def test_a_second_loop_is_written_where_it_spares_more_nodes_than_it_costs():
+    depths = np.array([9, 2] * 8)
+    whole, parted = (depth_classes(depths, 4, Prices(loop, 0)) for loop in (56, 55))
+    assert whole.runs == ((0, 16, 9),)
+    assert not whole.is_sorted
+    assert whole.order.tolist() == list(range(16))
+    assert parted.runs == ((0, 8, 2), (8, 16, 9))
+    assert parted.order.tolist() == [*range(1, 16, 2), *range(0, 16, 2)]
 
 
 @settings(max_examples=12, deadline=None, suppress_health_check=SLOW)
@@ -67,8 +80,7 @@ def test_the_order_of_visits_changes_no_bit(
     x = probe_rows(made, 200, seed)
     expected = reference.evaluate(made, x)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(classes, "_LOOP", 0)  # a class for each depth
-        patch.setattr(classes, "_ORDER", 0)
+        patch.setattr(emitted, "PRICES", Prices(0, 0))  # a class for each depth
         limits = Limits(400) if small_arrays else None
         folder = tmp_path_factory.mktemp("depths")
         got = run(on_ranks, target, folder, x, limits)
@@ -79,8 +91,7 @@ def test_the_order_of_visits_changes_no_bit(
 
 @pytest.mark.parametrize("outputs", [1, 3])
 def test_vectors_in_leaves_and_several_outputs(outputs, tmp_path, monkeypatch):
-    monkeypatch.setattr(classes, "_LOOP", 0)
-    monkeypatch.setattr(classes, "_ORDER", 0)
+    monkeypatch.setattr(emitted, "PRICES", Prices(0, 0))
     for number, narrow in enumerate((True, False)):
         options = {"outputs": outputs, "wide": not narrow}
         trees = random_trees(

@@ -22,12 +22,10 @@ from tests.passes.test_tables import SLOW, assert_same_bits, ranged
 
 
 @settings(max_examples=200, deadline=None, suppress_health_check=SLOW)
-@given(model=ranged(tree_models()), seed=st.integers(0, 2**31))
+@given(model=ranged(tree_models(thresholds_only=True)), seed=st.integers(0, 2**31))
 def test_ranks_and_pruning_keep_every_bit(model, seed):
     model = limit_inputs(model)
     on_ranks = ranked(model)
-    if on_ranks is None:
-        return
     x = probe_rows(model, 400, seed)
     expected = reference.evaluate(model, x)
     assert_same_bits(expected, reference.evaluate(on_ranks, x))
@@ -38,7 +36,7 @@ def test_ranks_and_pruning_keep_every_bit(model, seed):
 
 @settings(max_examples=40, deadline=None, suppress_health_check=SLOW)
 @given(
-    model=ranged(tree_models()),
+    model=ranged(tree_models(thresholds_only=True)),
     seed=st.integers(0, 2**31),
     target=st.sampled_from(["iec", "twincat"]),
     prune=st.booleans(),
@@ -46,11 +44,19 @@ def test_ranks_and_pruning_keep_every_bit(model, seed):
 def test_the_emitted_trees_keep_every_bit(model, seed, target, prune, tmp_path_factory):
     model = limit_inputs(model)
     on_ranks = ranked(model)
-    if on_ranks is None:
-        return
     x = probe_rows(model, 300, seed)
     got = run(pruned(on_ranks) if prune else on_ranks, target, tmp_path_factory.mktemp("ranks"), x)
     assert np.array_equal(reference.evaluate(model, x), got, equal_nan=True)
+
+
+@settings(max_examples=50, deadline=None, suppress_health_check=SLOW)
+@given(model=tree_models())
+def test_ensembles_have_ranks_unless_something_else_than_a_threshold_decides(model):
+    (trees,) = (op for op in model.ops if isinstance(op, TreeEnsemble))
+    used = [trees.columns[number] for number in set(trees.split[trees.split >= 0])]
+    special = trees.linear is not None or trees.has_categories
+    special |= any(column.missing_interval is not None for column in used)
+    assert (ranked(model) is None) == special
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=SLOW)

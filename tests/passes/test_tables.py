@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from st_codegen.emit.blocks.model import Limits
@@ -50,24 +50,26 @@ def ranged(draw, models):
 
 
 @settings(max_examples=150, deadline=None, suppress_health_check=SLOW)
-@given(model=ranged(tree_models()), seed=st.integers(0, 2**31))
+@given(model=ranged(tree_models(thresholds_only=True)), seed=st.integers(0, 2**31))
 def test_a_table_answers_as_the_trees_do(model, seed):
     model = limit_inputs(model)
     cells = cells_of(model, MOST)
-    if cells is None:
-        return
+    assume(cells is not None)  # the grid of several features can be too large
     table = as_model(model, cells)
     x = probe_rows(model, 400, seed)
     assert_same_bits(reference.evaluate(model, x), reference.evaluate(table, x))
 
 
 @settings(max_examples=25, deadline=None, suppress_health_check=SLOW)
-@given(model=ranged(tree_models()), target=st.sampled_from(["iec", "twincat"]), seed=st.integers(0, 2**31))
+@given(
+    model=ranged(tree_models(thresholds_only=True)),
+    target=st.sampled_from(["iec", "twincat"]),
+    seed=st.integers(0, 2**31),
+)
 def test_the_emitted_table_answers_as_the_trees_do(model, target, seed, tmp_path_factory):
     model = limit_inputs(model)
     cells = cells_of(model, MOST)
-    if cells is None:
-        return
+    assume(cells is not None)  # the grid of several features can be too large
     x = probe_rows(model, 300, seed)
     got = run(as_model(model, cells), target, tmp_path_factory.mktemp("table"), x)
     assert np.array_equal(reference.evaluate(model, x), got, equal_nan=True)
@@ -97,7 +99,7 @@ def test_scalers_in_front_of_trees_are_folded_into_exact_thresholds(seed, factor
     cells = cells_of(scaled, MOST)
     table = as_model(scaled, cells)
     assert [type(op) for op in table.ops] in ([Rank, CellTable], [CellTable])
-    edges = [np.concatenate([axis.edges for axis in cells.axes if axis.feature == n] or [[]]) for n in range(3)]
+    edges = [np.array([edge for axis in cells.axes if axis.feature == n for edge in axis.edges]) for n in range(3)]
     rows = max(map(len, edges))
     x = random.normal(size=(3 * rows + 50, 3))
     for column, found in enumerate(edges):

@@ -8,11 +8,18 @@ import numpy as np
 
 from st_codegen.ir import Int32Array, IntArray
 
-#: What the code of one more loop costs, in visited nodes: some 28 cache lines of code that a cold call fetches (100 ns
-#: each on an Atom E3845) over some 6 ns a node there.
-_LOOP = 450
-#: What the order of one tree costs, likewise: its number and the leaf that it reached, 4 bytes each.
-_ORDER = 2
+
+@dataclass(frozen=True)
+class Prices:
+    """What classes cost, counted in visited nodes.
+
+    `loop`: the code of one more loop, some 28 cache lines that a cold call fetches (100 ns each on an Atom E3845) over
+    some 6 ns a node there. `order`: keeping the order of one tree, its number and the leaf that it reached, 4 bytes
+    each.
+    """
+
+    loop: int = 450
+    order: int = 2
 
 
 @dataclass(frozen=True)
@@ -33,7 +40,7 @@ class DepthClasses:
         return sum((stop - first) * depth for first, stop, depth in self.runs)
 
 
-def depth_classes(depths: IntArray, abreast: int) -> DepthClasses:
+def depth_classes(depths: IntArray, abreast: int, prices: Prices) -> DepthClasses:
     """The cheapest classes for trees of these depths; classes but the last have a multiple of `abreast` trees."""
     trees = len(depths)
     whole = DepthClasses(np.arange(trees, dtype=np.int32), ((0, trees, int(depths.max(initial=0))),))
@@ -48,7 +55,7 @@ def depth_classes(depths: IntArray, abreast: int) -> DepthClasses:
         ways: list[tuple[float, tuple[tuple[int, int, int], ...]]] = [(float(stop * depth), ((0, stop, depth),))]
         for before in range(number):
             cost, runs = best[before]
-            ways.append((cost + _LOOP + (stop - ends[before]) * depth, (*runs, (ends[before], stop, depth))))
+            ways.append((cost + prices.loop + (stop - ends[before]) * depth, (*runs, (ends[before], stop, depth))))
         best.append(min(ways, key=lambda way: way[0]))
     cost, runs = best[-1]
-    return DepthClasses(order, runs) if cost + _ORDER * trees < whole.visits else whole
+    return DepthClasses(order, runs) if cost + prices.order * trees < whole.visits else whole

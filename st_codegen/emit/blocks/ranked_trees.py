@@ -15,7 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from st_codegen.emit.blocks.depth_classes import DepthClasses, depth_classes
+from st_codegen.emit.blocks.depth_classes import DepthClasses, Prices, depth_classes
 from st_codegen.emit.blocks.listing import Group, Listing
 from st_codegen.emit.blocks.operations import Step
 from st_codegen.errors import TargetError
@@ -25,6 +25,8 @@ from st_codegen.ir.subtrees import subtrees
 
 #: Trees that go down together.
 ABREAST = 4
+#: What classes of depths cost.
+PRICES = Prices()
 
 
 @dataclass(frozen=True)
@@ -185,7 +187,7 @@ def _tables(op: TreeEnsemble, equal: IntArray, run: tuple[int, int], keys: _Keys
     node = np.empty((trees + 2 * n_pairs, 2), np.int64)
     # the record of a node: the same for all nodes whose subtrees are equal
     place = 2 * (trees + 2 * pair_of)
-    classes = depth_classes(part.depths(), ABREAST)
+    classes = depth_classes(part.depths(), ABREAST, PRICES)
     source = np.concatenate([part.roots[classes.order], np.column_stack([part.left[owner], part.right[owner]]).ravel()])
     node[:, 0] = key[source]
     own = 2 * np.arange(len(source))
