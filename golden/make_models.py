@@ -48,6 +48,8 @@ WITH_GAPS = GRID.copy()
 WITH_GAPS[RANDOM.random(GRID.shape) < 0.15] = np.nan
 WITH_CATEGORY = np.column_stack([GRID[:, :2], RANDOM.integers(0, 6, len(GRID)).astype(float)])
 CATEGORY_TARGET = TARGET + 0.02 * np.isin(WITH_CATEGORY[:, 2], [1, 4])
+#: So many inputs that a table of all cells between a few thresholds is too large.
+SCATTERED = np.round(np.random.default_rng(17).uniform(0.0, 3.0, (150, 5)), 2)
 
 
 def rows(x: np.ndarray, *, missing: bool = False) -> np.ndarray:
@@ -272,6 +274,9 @@ MODELS: dict[str, Callable[[str], Any]] = {
     "random_forest": scikit(RandomForestRegressor(4, max_depth=3, random_state=1)),
     "random_forest_two_outputs": scikit(RandomForestRegressor(3, max_depth=3, random_state=1), y=TWO_TARGETS),
     "extra_trees": scikit(ExtraTreesRegressor(4, max_depth=3, random_state=1)),
+    "extra_trees_ranked": scikit(
+        ExtraTreesRegressor(5, max_leaf_nodes=8, random_state=1), x=SCATTERED, y=np.sin(SCATTERED).sum(axis=1)
+    ),
     "gradient_boosting": scikit(GradientBoostingRegressor(n_estimators=4, random_state=1)),
     "hist_gradient_boosting": scikit(HistGradientBoostingRegressor(max_iter=4, max_leaf_nodes=6, random_state=1)),
     "hist_gradient_boosting_missing": scikit(

@@ -202,6 +202,11 @@ class Listing:
         for name in names:
             self.local(name, kind)
 
+    def number(self, name: str, kind: str, value: str) -> str:
+        """Declare a constant that is an integer or a bit string, as it is written; returns its name."""
+        self.constants.append(Variable(name, kind, initial=value, comment=meaning(name)))
+        return name
+
     def constant(self, name: str, value: float) -> str:
         """Declare a LREAL constant. Raises TargetError for a magnitude that the target's compilers do not read."""
         if self.real_range is not None and value != 0 and not self.real_range[0] <= abs(value) <= self.real_range[1]:

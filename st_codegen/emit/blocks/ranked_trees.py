@@ -1,9 +1,9 @@
 """The code of tree ensembles on ranks: one table of small integers, several trees at a time, no data-dependent jumps.
 
-A node is two integers side by side: what it compares, and where its left child is; the right child follows the left
-one. What it compares is `threshold * slots + slot`, so one number names both the rank and the threshold (the rank is
-scaled likewise). A leaf holds a number above every rank, its own place as its child, and so it stays where it is: trees
-of one class of depths take the same number of steps, and several go down together, which hides the waiting for memory.
+A node is two integers side by side: its key, and where its left child is; the right child follows the left one. The
+key is `threshold * slots + slot`, so one number names both the rank and the threshold (the rank is scaled likewise). A
+leaf has a key above every rank, itself as its child, and so it stays where it is: trees of one class of depths take the
+same number of steps, and several go down together, which hides the waiting for memory.
 Where there are several classes, the leaves that were reached are noted and summed in the library's order of the trees.
 Children of the larger subtree come next in memory. Equal subtrees of a table are there once.
 """
@@ -73,17 +73,19 @@ def lay_out_ranked(op: TreeEnsemble, step: Step, listing: Listing) -> None:
     keys = _keys(op)
     slots = listing.local(f"anSlot{step.number}", "DINT", keys.slots)
     values = sum_values(op, step, listing)
-    values["parts"] = _parts(op, step, listing, keys)
-    mask = keys.slots - 1
+    parts = _parts(op, step, listing, keys)
+    packed = keys.slots > 1
     listing.section(
         f"{op.n_trees:,} trees, {op.n_nodes:,} nodes, at most {depth_of(op)} comparisons a tree",
         "ranked_trees",
         step=step,
+        parts=parts,
         slots=slots,
-        mask=f"{mask:X}" if mask else None,
+        nodes=[part["node"] for part in parts],
+        factor=listing.number(step.table("SLOTS"), "DINT", str(keys.slots)) if packed else None,
+        mask=listing.number(step.table("SLOT_MASK"), "DWORD", f"DWORD#16#{keys.slots - 1:X}") if packed else None,
+        leaf_key=listing.number(step.table("LEAF_KEY"), "DINT", str(keys.leaf)),
         last_rank=step.widths[0] - 1,
-        scale=keys.slots,
-        leaf_key=keys.leaf,
         wide=None if narrow else op.width,
         tree_output=listing.table(step.table("TREE_OUTPUT"), "DINT", op.tree_output)
         if narrow and op.width > 1
@@ -136,23 +138,29 @@ def _sorted_part(classes: DepthClasses, first: int, suffix: str, step: Step, lis
 
 
 def _tree_runs(run: tuple[int, int], offset: int, listing: Listing) -> list[dict[str, object]]:
-    """Loops over trees `run[0]` to `run[1]` - 1: as many as go evenly together, and the rest."""
+    """Trees `run[0]` to `run[1]` - 1: a loop over as many as go evenly together, and the rest.
+
+    Numbers of a walk count from the variable of the loop, or, where it has one round only and none is written, from 0.
+    """
     runs: list[dict[str, object]] = []
     done, trees = run
     while done < trees:
         abreast = min(ABREAST, trees - done)
         count = (trees - done) // abreast * abreast
+        looped = count > abreast
+        start = 0 if looped else done
         runs.append(
             {
                 "first": done,
                 "last": done + count - abreast,
                 "step": abreast,
+                "looped": looped,
                 "walks": [
                     {
                         "node": listing.local(f"nNode{walk + 1}", "DINT"),
-                        "root": 2 * walk,
-                        "tree": walk,
-                        "output": offset + walk,
+                        "root": 2 * (start + walk),
+                        "tree": start + walk,
+                        "output": offset + start + walk,
                     }
                     for walk in range(abreast)
                 ],

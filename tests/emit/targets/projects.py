@@ -11,7 +11,7 @@ from st_codegen.emit.blocks.application import (
     Structure,
     Task,
 )
-from st_codegen.emit.blocks.listing import Block, Group, Section, Table, Variable
+from st_codegen.emit.blocks.listing import Block, Element, Group, Section, Table, Variable
 from st_codegen.emit.render import print_plans
 
 #: A block counts cycles; a program owns it; two tasks.
@@ -39,7 +39,7 @@ COUNTER = Block(
         Section(
             "outputs & more",
             "outputs",
-            {"assignments": [{"output": "fOut1", "value": "WEIGHT[1] * SMALLEST"}], "ranged": False},
+            {"assignments": [{"output": "fOut1", "value": Element("WEIGHT", 1)}], "ranged": False},
         ),
     ),
 )

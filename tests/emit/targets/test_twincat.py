@@ -57,7 +57,8 @@ def test_the_files_are_valid_text_and_run(files):
     project = parse_project({name: text for name, text in files.items() if name.endswith(("POU", "GVL", "DUT"))})
     counter = LaneMachine(project, lanes=1).instance("FB_Counter")
     counter()
-    assert counter["fOut1"][0] == -2.0 * -2.5e-3
+    assert counter["fOut1"][0] == -2.0
+    assert counter["SMALLEST"] == -2.5e-3
     assert counter["bValid"][0]
 
 

@@ -1,0 +1,59 @@
+"""Code of trees at the ends of the range of numbers, and of nodes on ranks."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from st_codegen.emit.blocks.model import Limits, model_block
+from st_codegen.errors import InputError
+from st_codegen.ir import Comparison, reference
+from st_codegen.passes.prune import pruned
+from st_codegen.passes.ranks import ranked
+from tests.emit.test_emitted import run
+from tests.models import model, random_trees
+
+LARGEST = 1e305
+SMALLER = float(np.nextafter(LARGEST, 0.0))
+
+
+def with_threshold(value):
+    trees = random_trees(np.random.default_rng(5), trees=2, splits=4, comparison=Comparison.LESS_OR_EQUAL)
+    inner = np.flatnonzero(trees.split >= 0)
+    threshold = trees.threshold.copy()
+    threshold[inner[0]], threshold[inner[-1]] = value, np.inf
+    return model(dataclasses.replace(trees, threshold=threshold), accepts_nan=True)
+
+
+def test_the_number_that_stands_for_infinity_is_no_threshold():
+    for value in (LARGEST, -LARGEST):
+        with pytest.raises(InputError, match="leaves no room for missing values"):
+            model_block(with_threshold(value), Limits(1000))
+
+
+@pytest.mark.parametrize("value", [SMALLER, -SMALLER])
+def test_thresholds_below_it_are_told_from_infinity(value, tmp_path):
+    made = with_threshold(value)
+    numbers = [value, np.nextafter(value, 0), np.nextafter(value, 2 * value), LARGEST, 1e307, np.inf, -np.inf, np.nan]
+    x = np.stack(np.meshgrid(numbers, numbers, [0.0, value, np.nan]), -1).reshape(-1, 3)
+    assert np.array_equal(reference.evaluate(made, x), run(made, "twincat", tmp_path, x), equal_nan=True)
+
+
+def test_a_tree_whose_nodes_all_equal_those_of_an_earlier_one_has_no_lines_of_its_own(tmp_path):
+    trees = random_trees(np.random.default_rng(8), trees=1, splits=6, comparison=Comparison.LESS_OR_EQUAL)
+    n = trees.n_nodes
+    twice = dataclasses.replace(
+        trees,
+        roots=[0, n],
+        **{name: np.tile(getattr(trees, name), 2) for name in ("split", "threshold", "missing_left", "leaf")},
+        **{
+            name: np.concatenate([child, np.where(child >= 0, child + n, -1)])
+            for name, child in (("left", trees.left), ("right", trees.right))
+        },
+        tree_output=[0, 0],
+    )
+    on_ranks = pruned(ranked(model(twice)))
+    (nodes,) = (table for table in model_block(on_ranks, Limits(1000)).tables if table.name.startswith("NODE"))
+    assert [group.label for group in nodes.groups] == ["roots", "tree 0"]
+    x = np.random.default_rng(1).normal(size=(200, 3))
+    assert np.array_equal(reference.evaluate(on_ranks, x), run(on_ranks, "iec", tmp_path, x))
