@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from st_codegen.emit.generate import generate
+from st_codegen.driver import generate
 from st_codegen.emit.targets import TARGETS
-from st_codegen.te.bundle import load
+from st_codegen.project.bundle import load
 
 ROOT = Path(__file__).resolve().parents[3]
 TREE = (ROOT / "docs" / "project_tree.md").read_text(encoding="utf-8")

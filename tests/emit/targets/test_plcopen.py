@@ -5,13 +5,13 @@ from pathlib import Path
 import pytest
 from lxml import etree
 
+from st_codegen.driver import generate
 from st_codegen.emit.blocks.application import Application, Overlay
 from st_codegen.emit.blocks.listing import Block, Variable
-from st_codegen.emit.generate import generate
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import InputError
+from st_codegen.project.bundle import load
 from st_codegen.st import LaneMachine, parse_project
-from st_codegen.te.bundle import load
 from tests.emit.targets.projects import written
 
 PLCOPEN = TARGETS["plcopen"]
