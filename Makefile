@@ -6,6 +6,73 @@ BIN := $(VENV)/bin
 RACE := .venv-race
 INSTALLED := $(VENV)/.installed
 
+.PHONY: run test real blark soak lint bench clean tables train-long blind blind-form mutate example race
+
+run: $(INSTALLED)  ## compile the example bundle, verify the result
+	$(BIN)/st-codegen examples/rv160n/models/ --target twincat --out build/rv160n
+	$(BIN)/st-codegen verify examples/rv160n/models/ --generated build/rv160n
+
+test: $(INSTALLED)  ## the whole test suite
+	$(BIN)/python -m pytest -n 2 -q
+
+real: $(INSTALLED)  ## the models of the real rig on 100,000 inputs each, reconcile on its table; needs the measured data
+	$(BIN)/python -m pytest -q -m slow tests/proof/test_real_rig.py tests/reconcile/test_real_data.py
+
+blark: $(INSTALLED)  ## every generated TwinCAT file through an independent parser
+	$(BIN)/python -m pytest -q -m slow tests/emit/targets/test_blark.py
+
+# the measured tables, and how thoroughly to search: DATA=FOLDER FOLDS=10 for the paper's own number of folds
+DATA ?= ../shared/data
+FOLDS ?= 3
+
+tables: $(INSTALLED)  ## tables 2 to 6 of the paper, ours beside theirs; some 25 minutes of two cores, stopped runs go on
+	$(BIN)/st-codegen tables $(DATA) --folds $(FOLDS) --out build/tables --work build/fits.sqlite
+
+train-long: $(INSTALLED)  ## the search on a Dask cluster of which a worker is killed
+	$(BIN)/python -m pytest -q -m slow tests/training
+
+lint: $(INSTALLED)  ## style and types
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: $(INSTALLED)  ## times and memory of the compiler and the interpreter
+	$(BIN)/python benchmarks/compiler.py
+	$(BIN)/python benchmarks/campaign.py
+
+soak: $(INSTALLED)  ## 100,000 hostile sequences through the blocks of the compensation, about 5 minutes
+	$(BIN)/python -m pytest -q -m slow tests/te
+	$(BIN)/python -m tests.te.hostile
+
+blind: $(INSTALLED)  ## hidden effects on held-out seeds: three rounds of cases, rates in build/blind.json; takes an hour
+	$(BIN)/python -m tests.reconcile.blind.run --seeds heldout --cases 348 --jobs 2 --lean --json build/blind.json
 
 blind-form: $(INSTALLED)  ## reconcile on physics that is not its catalogue's, held-out seeds; build/blind_form.json; two hours
 	$(BIN)/python -m tests.reconcile.blind_form.run --seeds heldout --cases 540 --jobs 2 --json build/blind_form.json
+
+mutate: $(INSTALLED)  ## changes 300 places one by one and lists the changes that no test notices; build/mutate.json, hours
+	$(BIN)/python -m tests.mutation --count 300 --jobs 2 --json build/mutate.json
+
+example: $(INSTALLED)  ## campaign of the simulated rig, training, Structured Text, motions with it; build/example/motion.json
+	$(BIN)/python examples/motion/run.py --out build/example
+
+race: $(RACE)/.installed  ## the emitted text, as C, against what others generate; writes build/race.json
+	@command -v gcc > /dev/null || { echo "the race needs a C compiler: apt-get install gcc libc6-dev"; exit 2; }
+	@command -v valgrind > /dev/null || echo "instructions are not counted without valgrind: apt-get install valgrind"
+	$(RACE)/bin/python benchmarks/race.py $(CASES)
+
+clean:
+	rm -rf build $(VENV) $(RACE)
+
+# the environment, from pinned versions with checksums
+$(INSTALLED): requirements.lock pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	touch $@
+
+# what the race compares with: its own environment, since some of it needs old versions
+$(RACE)/.installed: benchmarks/requirements-race.txt
+	$(PYTHON) -m venv $(RACE)
+	$(RACE)/bin/python -m pip install --quiet --disable-pip-version-check --requirement benchmarks/requirements-race.txt
+	touch $@
