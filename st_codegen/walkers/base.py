@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import pkgutil
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from st_codegen.errors import InputError, UnsupportedModelError
@@ -72,22 +74,22 @@ class GraphBuilder:
 #: Adds the operations of a fitted estimator that reads value `value` to a builder; returns the value it computes.
 EstimatorWalker = Callable[[Any, GraphBuilder, int], int]
 
+#: Packages whose fitted objects are walked, each by the modules of the folder of its name, and the libraries' names.
+LIBRARIES = {"sklearn": "scikit-learn", "lightgbm": "LightGBM", "xgboost": "XGBoost"}
+
 _WALKERS: dict[tuple[str, str], EstimatorWalker] = {}
-_MODULES = {
-    "sklearn": (
-        "st_codegen.walkers.sklearn.trees",
-        "st_codegen.walkers.sklearn.models",
-        "st_codegen.walkers.sklearn.compose",
-    ),
-    "lightgbm": ("st_codegen.walkers.lightgbm.model",),
-    "xgboost": ("st_codegen.walkers.xgboost.model",),
-}
+_TRUSTED: set[str] = set()
 
 
-def walks(*classes: str) -> Callable[[EstimatorWalker], EstimatorWalker]:
-    """Register a function as the walker of classes given as 'package.Class', such as 'sklearn.SVR'."""
+def walks(*classes: str, trusts: Iterable[str] = ()) -> Callable[[EstimatorWalker], EstimatorWalker]:
+    """Register a function as the walker of classes given as 'package.Class', such as 'sklearn.SVR'.
+
+    `trusts` names the types that a file with such an object holds beyond those that skops trusts itself. None of them
+    may run code from the file when it is loaded.
+    """
 
     def register(walker: EstimatorWalker) -> EstimatorWalker:
+        _TRUSTED.update(trusts)
         for name in classes:
             package, class_name = name.split(".")
             _WALKERS[package, class_name] = walker
@@ -96,14 +98,29 @@ def walks(*classes: str) -> Callable[[EstimatorWalker], EstimatorWalker]:
     return register
 
 
+def trusted_types() -> frozenset[str]:
+    """The types that the files of all supported estimators may name."""
+    for package in LIBRARIES:
+        _import_walkers(package)
+    return frozenset(_TRUSTED)
+
+
+@cache
+def _import_walkers(package: str) -> None:
+    """Import the walkers of a library; none of them imports the library itself."""
+    folder = importlib.import_module(f"{__package__}.{package}")
+    for module in pkgutil.iter_modules(folder.__path__):
+        importlib.import_module(f"{folder.__name__}.{module.name}")
+
+
 def walk_estimator(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Add the operations of any fitted estimator.
 
     Raises UnsupportedModelError that lists the known classes of the package when there is no walker for the class.
     """
     package = type(estimator).__module__.partition(".")[0]
-    for module in _MODULES.get(package, ()):
-        importlib.import_module(module)
+    if package in LIBRARIES:
+        _import_walkers(package)
     walker = _WALKERS.get((package, type(estimator).__name__))
     if walker is None:
         known = sorted(name for owner, name in _WALKERS if owner == package)

@@ -80,7 +80,11 @@ def load_object(estimator: Any, name: str) -> LoadedModel:
         return _loaded(_model_of(booster), name, lambda: booster)
 
 
-@walks("lightgbm.LGBMRegressor", "lightgbm.Booster")
+@walks(
+    "lightgbm.LGBMRegressor",
+    "lightgbm.Booster",
+    trusts=("collections.OrderedDict", "lightgbm.basic.Booster", "lightgbm.sklearn.LGBMRegressor"),
+)
 def walk(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Add a fitted LGBMRegressor or Booster, up to its best iteration, as `predict` uses it."""
     with errors_name(type(estimator).__name__):

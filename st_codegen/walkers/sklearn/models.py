@@ -59,7 +59,13 @@ def walk_svr(estimator: Any, builder: GraphBuilder, value: int) -> int:
     )
 
 
-@walks("sklearn.MLPRegressor")
+@walks(
+    "sklearn.MLPRegressor",
+    trusts=(
+        "sklearn.neural_network._stochastic_optimizers.AdamOptimizer",
+        "sklearn.neural_network._stochastic_optimizers.SGDOptimizer",
+    ),
+)
 def walk_mlp(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Dense layers (`_multilayer_perceptron.py: _forward_pass_fast`)."""
     require_fitted(estimator, "coefs_")

@@ -32,22 +32,25 @@ from st_codegen.ir import (
 from st_codegen.ir.preorder import preorder
 from st_codegen.walkers.base import GraphBuilder, require_fitted, walks
 
+#: Arrays of nodes, checked by scikit-learn when they are loaded.
+_TREE = ("sklearn.tree._tree.Tree",)
 
-@walks("sklearn.DecisionTreeRegressor", "sklearn.ExtraTreeRegressor")
+
+@walks("sklearn.DecisionTreeRegressor", "sklearn.ExtraTreeRegressor", trusts=_TREE)
 def walk_tree(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """One tree; several outputs are wide leaves."""
     require_fitted(estimator, "tree_")
     return _add_float32_trees(builder, value, [estimator], estimator)
 
 
-@walks("sklearn.RandomForestRegressor", "sklearn.ExtraTreesRegressor")
+@walks("sklearn.RandomForestRegressor", "sklearn.ExtraTreesRegressor", trusts=_TREE)
 def walk_forest(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Sum of the trees in order, divided by their number (`ForestRegressor.predict` with n_jobs=1)."""
     require_fitted(estimator, "estimators_")
     return _add_float32_trees(builder, value, estimator.estimators_, estimator, divisor=len(estimator.estimators_))
 
 
-@walks("sklearn.GradientBoostingRegressor")
+@walks("sklearn.GradientBoostingRegressor", trusts=_TREE)
 def walk_gradient_boosting(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Initial value plus learning_rate * leaf, tree by tree (`_predict_regression_tree_inplace_fast_dense`)."""
     require_fitted(estimator, "estimators_")
@@ -119,7 +122,15 @@ def _add_float32_trees(
     )
 
 
-@walks("sklearn.HistGradientBoostingRegressor")
+@walks(
+    "sklearn.HistGradientBoostingRegressor",
+    trusts=(
+        "sklearn.ensemble._hist_gradient_boosting.predictor.TreePredictor",
+        # the encoder of categories; a partial can only hold a function that is itself trusted
+        "functools.partial",
+        "sklearn.utils.validation.check_array",
+    ),
+)
 def walk_hist_gradient_boosting(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Baseline plus leaves in order, then the inverse of the loss's link; missing values and categories included."""
     require_fitted(estimator, "_predictors")

@@ -99,7 +99,12 @@ def load_object(estimator: Any, name: str) -> LoadedModel:
         return _loaded(model, way, name, lambda: booster)
 
 
-@walks("xgboost.XGBRegressor", "xgboost.XGBRFRegressor", "xgboost.Booster")
+@walks(
+    "xgboost.XGBRegressor",
+    "xgboost.XGBRFRegressor",
+    "xgboost.Booster",
+    trusts=("xgboost.core.Booster", "xgboost.sklearn.XGBRFRegressor", "xgboost.sklearn.XGBRegressor"),
+)
 def walk(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Add a fitted XGBRegressor or XGBRFRegressor (up to its best iteration), or a Booster (all rounds)."""
     with errors_name(type(estimator).__name__):

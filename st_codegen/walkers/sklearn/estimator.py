@@ -1,0 +1,109 @@
+"""A fitted scikit-learn estimator as a model: its features, its provenance, its own predictions."""
+
+from __future__ import annotations
+
+import importlib
+import warnings
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+
+from st_codegen.errors import InputError
+from st_codegen.ir import Feature, FloatArray, Source
+from st_codegen.walkers.base import LIBRARIES, GraphBuilder, LoadedModel, Predictor, walk_estimator
+
+
+def load_object(estimator: Any, name: str) -> LoadedModel:
+    """A fitted estimator of scikit-learn as a model, with the estimators of other libraries that it is composed of.
+
+    Raises UnsupportedModelError for classes without a walker, InputError for an estimator that is not fitted.
+    """
+    features = _features(estimator)
+    builder = GraphBuilder(len(features))
+    walk_estimator(estimator, builder, 0)
+    source = Source(library=LIBRARIES["sklearn"], version=_version(estimator), model_class=_description(estimator))
+    return LoadedModel(builder.model(name, features, source), _predictor(estimator))
+
+
+def _version(estimator: Any) -> str:
+    """The version that trained the model where the object tells, else the installed one."""
+    trained = getattr(estimator, "__dict__", {}).get("_sklearn_version")
+    return str(trained or importlib.import_module("sklearn").__version__)
+
+
+def _parts(estimator: Any) -> Iterator[tuple[str, Any]]:
+    """The estimators inside a composition."""
+    if hasattr(estimator, "steps"):
+        yield from estimator.steps
+    elif hasattr(estimator, "transformers_"):
+        yield from ((name, part) for name, part, _ in estimator.transformers_)
+    elif hasattr(estimator, "regressor_"):
+        yield from (("regressor", estimator.regressor_), ("transformer", estimator.transformer_))
+
+
+def _description(estimator: Any) -> str:
+    """The class, and for compositions what they are made of."""
+    parts = [_description(part) for _, part in _parts(estimator) if part is not None and not isinstance(part, str)]
+    return type(estimator).__name__ + (f"({', '.join(parts)})" if parts else "")
+
+
+def _features(estimator: Any) -> tuple[Feature, ...]:
+    """Feature names where the model knows them, else f0, f1, .."""
+    names: Iterable[Any] | None = _first(estimator, "feature_names_in_")
+    if names is not None:
+        return tuple(Feature(str(name)) for name in names)
+    count = _first(estimator, "n_features_in_")
+    if count is None:
+        raise InputError(f"{type(estimator).__name__} is not fitted: call fit() before saving it")
+    return tuple(Feature(f"f{number}") for number in range(int(count)))
+
+
+def _first(estimator: Any, attribute: str) -> Any:
+    """An attribute of an estimator, or of the first part of a composition that has it."""
+    try:
+        found = getattr(estimator, attribute, None)
+    except Exception:  # a property of an unfitted estimator may raise anything
+        found = None
+    if found is not None:
+        return found
+    for _, part in _parts(estimator):
+        found = _first(part, attribute)
+        if found is not None:
+            return found
+    return None
+
+
+def _predictor(estimator: Any) -> Predictor:
+    """The library's own `predict`, single-threaded: the order in which a forest adds its trees is fixed only then."""
+    if hasattr(estimator, "get_params"):
+        serial = {key: 1 for key in estimator.get_params(deep=True) if key == "n_jobs" or key.endswith("__n_jobs")}
+        _set_fitted_jobs(estimator)
+        estimator.set_params(**serial)
+    names = _first(estimator, "feature_names_in_")
+
+    def predict(x: FloatArray) -> FloatArray:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            return np.asarray(estimator.predict(_with_names(x, names)), np.float64).reshape(len(x), -1)
+
+    return predict
+
+
+def _set_fitted_jobs(estimator: Any) -> None:
+    """`set_params` reaches the templates of a composition, not the fitted copies that predict: reach those too."""
+    for _, part in _parts(estimator):
+        if hasattr(part, "n_jobs"):
+            part.n_jobs = 1
+        _set_fitted_jobs(part)
+
+
+def _with_names(x: FloatArray, names: Any) -> Any:
+    """Rows as a data frame where the model was fitted on one and pandas is there: it may select columns by name."""
+    if names is None:
+        return x
+    try:
+        import pandas
+    except ImportError:
+        return x
+    return pandas.DataFrame(x, columns=list(names))

@@ -1,0 +1,41 @@
+"""Which types a `.skops` file may name: each walker says so for the files of its own classes."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from st_codegen.walkers.base import trusted_types
+
+skops = pytest.importorskip("skops.io")
+ensemble = pytest.importorskip("sklearn.ensemble")
+neural_network = pytest.importorskip("sklearn.neural_network")
+
+X = np.array([[0.0, 1.0], [1.0, 0.0], [2.0, 2.0], [3.0, 1.0]])
+Y = [0.0, 1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    "estimator",
+    [
+        ensemble.RandomForestRegressor(n_estimators=2),
+        ensemble.HistGradientBoostingRegressor(max_iter=2, categorical_features=[1]),
+        neural_network.MLPRegressor(max_iter=2),
+        neural_network.MLPRegressor(max_iter=2, solver="sgd"),
+    ],
+    ids=repr,
+)
+@pytest.mark.filterwarnings("ignore")
+def test_the_types_of_supported_estimators_are_trusted(estimator):
+    unknown = set(skops.get_untrusted_types(data=skops.dumps(estimator.fit(X, Y))))
+    assert unknown
+    assert unknown <= trusted_types()
+
+
+def test_to_know_them_no_library_is_imported():
+    code = (
+        "import sys; from st_codegen.walkers.base import trusted_types; assert trusted_types(); "
+        "sys.exit(bool({'sklearn', 'lightgbm', 'xgboost'} & sys.modules.keys()))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
