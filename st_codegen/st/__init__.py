@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from st_codegen.st.check.check import check
+from st_codegen.st.dialects import DIALECTS, TWINCAT, Dialect, find_dialect
 from st_codegen.st.errors import (
     Position,
     Problem,
@@ -20,9 +21,9 @@ from st_codegen.st.run.natives import Library, NativeBlock, NativeCall
 from st_codegen.st.run.scalar import ScalarMachine
 from st_codegen.st.syntax.source import Source, read_paths, read_texts
 from st_codegen.st.tree import Project
-from st_codegen.st.types import Dialect
 
 __all__ = [
+    "DIALECTS",
     "Dialect",
     "LaneMachine",
     "Library",
@@ -43,7 +44,7 @@ __all__ = [
 
 
 def load_project(
-    paths: Iterable[Path | str], dialect: Dialect | str = Dialect.TWINCAT, libraries: Iterable[Library] = ()
+    paths: Iterable[Path | str], dialect: Dialect | str = TWINCAT, libraries: Iterable[Library] = ()
 ) -> Project:
     """Read and check files and folders of Structured Text.
 
@@ -54,7 +55,7 @@ def load_project(
 
 
 def parse_project(
-    texts: Mapping[str, str], dialect: Dialect | str = Dialect.TWINCAT, libraries: Iterable[Library] = ()
+    texts: Mapping[str, str], dialect: Dialect | str = TWINCAT, libraries: Iterable[Library] = ()
 ) -> Project:
     """Check texts given by file name. Raises `StSyntaxError` or `StCheckError` with all problems."""
     return _checked(read_texts(texts), dialect, libraries)
@@ -68,4 +69,4 @@ def _checked(source: Source, dialect: Dialect | str, libraries: Iterable[Library
         native += parts[0]
         ordinary += parts[1]
     together = Source((*ordinary, *source.declarations), source.scans)
-    return check(together, Dialect(dialect), native, (library.name for library in libraries))
+    return check(together, find_dialect(dialect), native, (library.name for library in libraries))

@@ -19,7 +19,7 @@ from enum import Enum
 from types import MappingProxyType
 
 from st_codegen.st.errors import Position
-from st_codegen.st.types import UNKNOWN, Dialect, Scalar, Type, Value
+from st_codegen.st.types import UNKNOWN, Scalar, Type, Value
 
 _NOWHERE = Position("", 0, 0)
 
@@ -480,7 +480,6 @@ class Pou:
 class Project:
     """A checked project."""
 
-    dialect: Dialect
     pous: Mapping[str, Pou]
     types: Mapping[str, Type]
     globals: Mapping[str, tuple[Variable, ...]]

@@ -1,4 +1,4 @@
-"""The types of Structured Text, their values, and which of them convert into which without being asked."""
+"""The types of Structured Text and the values that variables of them have."""
 
 from __future__ import annotations
 
@@ -17,13 +17,6 @@ Scalar = bool | int | float | str | None
 Value = Scalar | NDArray[np.generic] | list["Value"] | dict[str, "Value"]
 
 
-class Dialect(Enum):
-    """`IEC`: what strict compilers accept, no implicit conversion. `TWINCAT`: conversions that lose nothing."""
-
-    IEC = "iec"
-    TWINCAT = "twincat"
-
-
 class Kind(Enum):
     """Groups of elementary types."""
 
@@ -36,19 +29,14 @@ class Kind(Enum):
     STRING = "ANY_STRING"
     UNTYPED_INTEGER = "integer literal"
     UNTYPED_REAL = "real literal"
+    COMPOUND = "not elementary"
     UNKNOWN = "not known before the check"
 
 
-@dataclass(frozen=True)
-class Elementary:
-    """An elementary type; `bits` is its size, for strings the number of characters it can hold."""
+class AnyType:
+    """What may be asked of every type."""
 
-    name: str
-    kind: Kind
-    bits: int
-
-    def __str__(self) -> str:
-        return self.name
+    kind: Kind = Kind.COMPOUND
 
     @property
     def is_integer(self) -> bool:
@@ -69,6 +57,18 @@ class Elementary:
     def is_untyped(self) -> bool:
         """The type of a literal that takes on the type its context asks for."""
         return self.kind in (Kind.UNTYPED_INTEGER, Kind.UNTYPED_REAL)
+
+
+@dataclass(frozen=True)
+class Elementary(AnyType):
+    """An elementary type; `bits` is its size, for strings the number of characters it can hold."""
+
+    name: str
+    kind: Kind = field()
+    bits: int
+
+    def __str__(self) -> str:
+        return self.name
 
     @property
     def is_signed(self) -> bool:
@@ -134,12 +134,6 @@ UNSUPPORTED = frozenset(
 DEFAULT_STRING_LENGTH = 80
 
 
-def elementary_types(dialect: Dialect) -> dict[str, Elementary]:
-    """The elementary types of a dialect by name, strings excepted."""
-    time = TIME_MS if dialect is Dialect.TWINCAT else TIME_NS
-    return {**NUMBERS, "TIME": time, "LTIME": LTIME}
-
-
 def string_type(length: int, wide: bool = False) -> Elementary:
     """STRING(length) or WSTRING(length)."""
     return Elementary(f"{'WSTRING' if wide else 'STRING'}({length})", Kind.STRING, length)
@@ -151,7 +145,7 @@ def nanoseconds_per_unit(type_: Elementary) -> int:
 
 
 @dataclass(frozen=True)
-class EnumType:
+class EnumType(AnyType):
     """An enumeration; `values` maps names, as declared, to numbers of the base type."""
 
     name: str
@@ -170,7 +164,7 @@ class EnumType:
 
 
 @dataclass(frozen=True)
-class ArrayType:
+class ArrayType(AnyType):
     """`bounds` has the lower and upper bound of every dimension, both inclusive; row-major."""
 
     element: Type
@@ -201,7 +195,7 @@ class Field:
 
 
 @dataclass(frozen=True)
-class StructType:
+class StructType(AnyType):
     """A structure or, with `is_union`, fields that all start at the same byte. Two of them are equal by name."""
 
     name: str
@@ -218,7 +212,7 @@ class StructType:
 
 
 @dataclass(frozen=True)
-class BlockType:
+class BlockType(AnyType):
     """A function block or program, by its name as declared; `ancestors` are the blocks it extends, nearest first."""
 
     name: str
@@ -229,7 +223,7 @@ class BlockType:
 
 
 @dataclass(frozen=True)
-class PointerType:
+class PointerType(AnyType):
     """`POINTER TO target`, or with `is_reference` REFERENCE TO; PVOID points at anything (target None)."""
 
     target: Type | None
@@ -242,46 +236,6 @@ class PointerType:
 
 
 Type = Elementary | EnumType | ArrayType | StructType | BlockType | PointerType
-
-
-def converts_implicitly(source: Type, target: Type, dialect: Dialect) -> bool:  # noqa: PLR0911 - one return a case
-    """Whether a value of one type may stand where another type is asked for, both typed and different.
-
-    IEC: never. TwinCAT: where no value can be lost; bit strings count as unsigned integers, enumerations as their
-    base, pointers convert to PVOID and blocks to what they extend.
-    """
-    if isinstance(target, PointerType) and isinstance(source, PointerType):
-        return target.target is None
-    if dialect is Dialect.IEC:
-        return False
-    if isinstance(source, EnumType):
-        source = source.base
-        if source == target:
-            return True
-    if not isinstance(source, Elementary) or not isinstance(target, Elementary):
-        return False
-    if source.kind is Kind.STRING and target.kind is Kind.STRING:
-        return source.name.split("(")[0] == target.name.split("(")[0]
-    numeric = {Kind.BITS, Kind.SIGNED, Kind.UNSIGNED}
-    if source.kind in numeric and target.kind in numeric:
-        return target.lower <= source.lower and source.upper <= target.upper
-    if target.is_real and source.kind in numeric:
-        return source.bits < (32 if target is REAL else 64)
-    return source is REAL and target is LREAL
-
-
-def common_type(left: Elementary, right: Elementary, dialect: Dialect) -> Elementary | None:
-    """The smallest type that both operands of an operator convert to; None when there is none."""
-    if left == right:
-        return left
-    if converts_implicitly(left, right, dialect):
-        return right
-    if converts_implicitly(right, left, dialect):
-        return left
-    for candidate in (INT, DINT, LINT, LREAL):
-        if converts_implicitly(left, candidate, dialect) and converts_implicitly(right, candidate, dialect):
-            return candidate
-    return None
 
 
 def default_value(type_: Type) -> Value:  # noqa: PLR0911 - one return a case

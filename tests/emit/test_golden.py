@@ -20,7 +20,7 @@ from st_codegen.proof.predict import read_table
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.proof.verify import verify
 from st_codegen.st import load_project
-from st_codegen.st.dialects.portable import violations
+from st_codegen.st.check.portable import violations
 from st_codegen.st.syntax.source import read_paths
 
 pytest.importorskip("skops")

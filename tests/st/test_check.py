@@ -1,11 +1,16 @@
 # ruff: noqa: E501 - a case a line
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
+from st_codegen.errors import InputError
 from st_codegen.st import StCheckError, parse_project, walk
 from st_codegen.st import tree as t
-from st_codegen.st.types import DINT, INT, LREAL, REAL, UDINT, Dialect, common_type, converts_implicitly
+from st_codegen.st.check.coercion import common_type, converts_implicitly
+from st_codegen.st.dialects import IEC, TWINCAT
+from st_codegen.st.types import DINT, INT, LREAL, REAL, UDINT
 from tests.st.helpers import block, problems, project
 
 VARIABLES = (
@@ -416,15 +421,15 @@ FUNCTION_BLOCK B EXTENDS A VAR_OUTPUT y : DINT; END_VAR METHOD M END_METHOD END_
     ],
 )
 def test_implicit_conversions_of_twincat_lose_nothing(source: object, target: object, allowed: bool) -> None:
-    assert converts_implicitly(source, target, Dialect.TWINCAT) is allowed
-    assert converts_implicitly(source, target, Dialect.IEC) is False
+    assert converts_implicitly(source, target, TWINCAT) is allowed
+    assert converts_implicitly(source, target, IEC) is False
 
 
 def test_common_type_is_the_smallest_that_holds_both() -> None:
-    assert common_type(DINT, UDINT, Dialect.TWINCAT).name == "LINT"
-    assert common_type(REAL, DINT, Dialect.TWINCAT) is LREAL
-    assert common_type(REAL, INT, Dialect.TWINCAT) is REAL
-    assert common_type(DINT, INT, Dialect.IEC) is None
+    assert common_type(DINT, UDINT, TWINCAT).name == "LINT"
+    assert common_type(REAL, DINT, TWINCAT) is LREAL
+    assert common_type(REAL, INT, TWINCAT) is REAL
+    assert common_type(DINT, INT, IEC) is None
 
 
 def test_untyped_real_literals_are_lreal_in_twincat_and_adapt_in_the_standard() -> None:
@@ -435,3 +440,41 @@ def test_untyped_real_literals_are_lreal_in_twincat_and_adapt_in_the_standard() 
 
 def test_unused_expressions_and_wrong_calls_do_not_hide_later_errors() -> None:
     assert len(problems(text("nX := zz; nY := yy; fbX(); xx();"))) == 4
+
+
+RULES = [
+    ("has_widening", block("x := n;", "x : LREAL; n : DINT;"), "convert it with DINT_TO_LREAL"),
+    ("has_loose_literals", block("x := 1;", "x : LREAL;"), "write a dot in the number"),
+    ("has_numeric_bits", block("u := w + 1;", "u : UINT; w : WORD;"), "no ADD of WORD"),
+    ("has_numeric_bits", block("n := NOT n;", "n : DINT;"), "no NOT of DINT"),
+    ("has_partial_initialisers", block("", "a : ARRAY[0..2] OF DINT := [1, 2];"), "only 2 initial values"),
+    ("has_assignable_inputs", block("n := 1;", inputs="n : DINT;"), "'n' is an input and cannot be assigned"),
+    (
+        "has_open_programs",
+        block("n := P.m;", "n : DINT;", "PROGRAM P VAR m : DINT; END_VAR END_PROGRAM"),
+        "cannot be read from outside",
+    ),
+]
+
+
+@pytest.mark.parametrize(("rule", "text", "message"), RULES)
+def test_the_table_of_a_dialect_decides(rule: str, text: str, message: str) -> None:
+    """The checker asks for single rules, so that a dialect with any choice of them works."""
+    assert parse_project({"t.st": text}, TWINCAT)
+    with pytest.raises(StCheckError, match=message):
+        parse_project({"t.st": text}, replace(TWINCAT, **{rule: False}))
+    assert parse_project({"t.st": text}, replace(IEC, **{rule: True, "has_partial_initialisers": True}))
+
+
+def test_functions_are_refused_by_the_patterns_of_the_table() -> None:
+    text = block("x := LN(x) + TO_LREAL(n);", "x : LREAL; n : DINT;")
+    dialect = replace(TWINCAT, refused_functions={"LOG|LN": "is not here", r"TO_\w+": "is not there"})
+    with pytest.raises(StCheckError, match="LN is not here"):
+        parse_project({"t.st": text}, dialect)
+    with pytest.raises(StCheckError, match="TO_LREAL is not there"):
+        parse_project({"t.st": text.replace("LN(x)", "x")}, dialect)
+
+
+def test_an_unknown_dialect_is_refused_with_the_known_ones() -> None:
+    with pytest.raises(InputError, match="unknown dialect 'scl': known are iec, twincat"):
+        parse_project({"t.st": block("")}, "scl")

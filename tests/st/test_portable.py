@@ -4,7 +4,7 @@ from __future__ import annotations
 import pytest
 
 from st_codegen.st import StCheckError
-from st_codegen.st.dialects.portable import violations
+from st_codegen.st.check.portable import violations
 from st_codegen.st.syntax.source import read_texts
 
 GOOD = """

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from st_codegen.st.dialects.portable import violations
+from st_codegen.st.check.portable import violations
 from st_codegen.st.syntax.source import read_texts
 from st_codegen.te.compensation.programs import SINGLE_TASK, TWO_TASKS
 from st_codegen.te.harmonics import Direction

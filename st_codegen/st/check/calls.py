@@ -3,126 +3,108 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from difflib import get_close_matches
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 from st_codegen.st import tree as t
 from st_codegen.st.check.coercion import coerce
+from st_codegen.st.check.names import Scope, suggestion
+from st_codegen.st.check.standard import Check, check_standard_call
 from st_codegen.st.check.symbols import Unit, failure
-from st_codegen.st.run.standard import check_standard_call
 from st_codegen.st.tree import PouKind
-from st_codegen.st.types import BOOL, BlockType, Dialect, Type
+from st_codegen.st.types import BOOL, BlockType, Type
 
-if TYPE_CHECKING:
-    from st_codegen.st.check.expressions import Expressions
+_PARAMETERS = (t.Section.INPUT, t.Section.OUTPUT, t.Section.IN_OUT)
 
 
-def check_call(checker: Expressions, node: t.Call) -> t.Expression:
-    """A call in an expression or as a statement. Raises `StCheckError`."""
-    callee = node.function
-    if isinstance(callee, t.Member) and _is_library(checker, callee.base):
-        callee = t.Identifier(callee.name, position=callee.position)
-    if isinstance(callee, t.Identifier):
-        return _call_by_name(checker, callee, node)
-    if isinstance(callee, t.Super):
-        base = _base_unit(checker, callee)
-        return _user_call(checker, base, checker.this(callee), node, is_virtual=False)
-    if isinstance(callee, t.Member):
-        method = _find_method(checker, callee)
+def check_call(scope: Scope, node: t.Call, check: Check) -> t.Expression:
+    """A call in an expression or as a statement; `check` checks expressions. Raises `StCheckError`."""
+    function = node.function
+    if isinstance(function, t.Member) and _is_library(scope, function.base):
+        function = t.Identifier(function.name, position=function.position)
+    if isinstance(function, t.Identifier):
+        return _call_by_name(scope, function, node, check)
+    if isinstance(function, t.Super):
+        return _user_call(scope, _base_unit(scope, function), scope.this(function), node, check)
+    if isinstance(function, t.Member):
+        method = _find_method(scope, function, check)
         if method is not None:
-            unit, receiver, is_virtual = method
-            return _user_call(checker, unit, receiver, node, is_virtual)
-    return _call_instance(checker, checker.check(callee), node)
+            return _user_call(scope, *method, node, check, is_virtual=not isinstance(function.base, t.Super))
+    return _call_instance(scope, check(function), node, check)
 
 
-def _is_library(checker: Expressions, base: t.Expression) -> bool:
-    if not isinstance(base, t.Identifier) or base.name.upper() not in checker.symbols.namespaces:
-        return False
-    return checker.find_variable(base.name, base) is None
+def _is_library(scope: Scope, base: t.Expression) -> bool:
+    is_name = isinstance(base, t.Identifier) and base.name.upper() in scope.symbols.namespaces
+    return is_name and scope.find_variable(cast(t.Identifier, base)) is None
 
 
-def _call_by_name(checker: Expressions, callee: t.Identifier, node: t.Call) -> t.Expression:
-    key, symbols = callee.name.upper(), checker.symbols
-    if checker.find_variable(callee.name, callee) is not None and key != checker.unit.name.upper():
-        return _call_instance(checker, checker.check(callee), node)
-    block = checker.unit.block or checker.unit
-    if block.kind is PouKind.FUNCTION_BLOCK:
-        method = symbols.find_method(block.name, key)
+def _call_by_name(scope: Scope, name: t.Identifier, node: t.Call, check: Check) -> t.Expression:
+    key, symbols = name.name.upper(), scope.symbols
+    if scope.find_variable(name) is not None and key != scope.unit.name.upper():
+        return _call_instance(scope, check(name), node, check)
+    if scope.block.kind is PouKind.FUNCTION_BLOCK:
+        method = symbols.find_method(scope.block.name, key)
         if method is not None:
-            return _user_call(checker, method, checker.this(callee), node, is_virtual=True)
+            return _user_call(scope, method, scope.this(name), node, check, is_virtual=True)
     unit = symbols.units.get(key)
-    if unit is not None and unit.kind is PouKind.FUNCTION:
-        return _user_call(checker, unit, None, node, is_virtual=False)
-    if unit is not None and unit.kind is PouKind.PROGRAM:
-        return _user_call(checker, unit, checker.program(callee), node, is_virtual=False)
-    standard = check_standard_call(checker, key, node)
+    if unit is not None and unit.kind in (PouKind.FUNCTION, PouKind.PROGRAM):
+        return _user_call(scope, unit, scope.find_program(name), node, check)
+    standard = check_standard_call(scope.rules, key, node, check)
     if standard is not None:
         return standard
     if unit is not None:
-        raise failure(callee, f"'{callee.name}' is a function block: declare an instance of it and call that")
-    known = [other.name for other in symbols.units.values() if other.kind is PouKind.FUNCTION]
-    close = get_close_matches(callee.name, known, 1)
-    raise failure(callee, f"unknown function '{callee.name}'" + (f": is '{close[0]}' meant?" if close else ""))
+        raise failure(name, f"'{name.name}' is a function block: declare an instance of it and call that")
+    known = (other.name for other in symbols.units.values() if other.kind is PouKind.FUNCTION)
+    raise failure(name, f"unknown function '{name.name}'{suggestion(name.name, known)}")
 
 
-def _base_unit(checker: Expressions, node: t.Node) -> Unit:
-    block = checker.unit.block or checker.unit
-    lineage = list(checker.symbols.lineage(block))
+def _base_unit(scope: Scope, node: t.Node) -> Unit:
+    lineage = list(scope.symbols.lineage(scope.block))
     if len(lineage) < 2:
-        raise failure(node, f"'{block.name}' extends nothing, so there is no SUPER^")
+        raise failure(node, f"'{scope.block.name}' extends nothing, so there is no SUPER^")
     return lineage[1]
 
 
-def _find_method(checker: Expressions, callee: t.Member) -> tuple[Unit, t.Expression, bool] | None:
-    """The method that `base.name` is; None when it is no method."""
-    base, key = callee.base, callee.name.upper()
+def _find_method(scope: Scope, function: t.Member, check: Check) -> tuple[Unit, t.Expression] | None:
+    """The method that `base.name` is, and its receiver; None when it is no method."""
+    base, key = function.base, function.name.upper()
     if isinstance(base, t.Super):
-        unit = checker.symbols.find_method(_base_unit(checker, base).name, key)
+        unit = scope.symbols.find_method(_base_unit(scope, base).name, key)
         if unit is None:
-            raise failure(callee, f"SUPER^ has no method '{callee.name}'")
-        return unit, checker.this(base), False
+            raise failure(function, f"SUPER^ has no method '{function.name}'")
+        return unit, scope.this(base)
     receiver: t.Expression | None = None
-    if isinstance(base, t.Identifier):
-        if checker.find_variable(base.name, base) is None:
-            receiver = checker.program(base)
-            if receiver is None:
-                return None
-    elif isinstance(base, t.Member) and _is_namespace(checker, base):
-        return None
-    receiver = receiver or checker.check(base)
+    if isinstance(base, t.Identifier) and scope.find_variable(base) is None:
+        receiver = scope.find_program(base)
+        if receiver is None:
+            return None
+    receiver = receiver or check(base)
     if not isinstance(receiver.type, BlockType):
         return None
-    unit = checker.symbols.find_method(receiver.type.name, key)
+    unit = scope.symbols.find_method(receiver.type.name, key)
     if unit is None:
-        if checker.symbols.find_member(receiver.type.name, key) is None:
-            raise failure(callee, f"'{receiver.type}' has no method '{callee.name}'")
+        if scope.symbols.find_member(receiver.type.name, key) is None:
+            raise failure(function, f"'{receiver.type}' has no method '{function.name}'")
         return None
     modifiers = unit.declaration.modifiers if unit.declaration is not None else frozenset()
-    own = checker.unit.block or checker.unit
-    if "PRIVATE" in modifiers and unit.block is not own:
-        raise failure(callee, f"'{callee.name}' is a private method of '{receiver.type}'")
-    return unit, receiver, True
+    if "PRIVATE" in modifiers and unit.block is not scope.block:
+        raise failure(function, f"'{function.name}' is a private method of '{receiver.type}'")
+    return unit, receiver
 
 
-def _is_namespace(checker: Expressions, node: t.Member) -> bool:
-    return isinstance(node.base, t.Identifier) and node.base.name.upper() in checker.symbols.types
-
-
-def _call_instance(checker: Expressions, receiver: t.Expression, node: t.Call) -> t.Expression:
+def _call_instance(scope: Scope, receiver: t.Expression, node: t.Call, check: Check) -> t.Expression:
     if not isinstance(receiver.type, BlockType):
         raise failure(node, f"{receiver.type} cannot be called")
-    unit = checker.symbols.units[receiver.type.name.upper()]
-    return _user_call(checker, unit, receiver, node, is_virtual=not isinstance(receiver, t.ProgramRef))
+    unit = scope.symbols.units[receiver.type.name.upper()]
+    return _user_call(scope, unit, receiver, node, check, is_virtual=not isinstance(receiver, t.ProgramRef))
 
 
 def _user_call(
-    checker: Expressions, unit: Unit, receiver: t.Expression | None, node: t.Call, is_virtual: bool
+    scope: Scope, unit: Unit, receiver: t.Expression | None, node: t.Call, check: Check, is_virtual: bool = False
 ) -> t.Call:
-    result = checker.declarations.result(unit)
-    arguments = _check_arguments(checker, unit, node)
+    result = scope.declared.result(unit)
     return replace(
         node,
-        arguments=tuple(arguments),
+        arguments=tuple(_check_arguments(scope, unit, node, check)),
         callee=unit.key,
         receiver=receiver,
         is_virtual=is_virtual,
@@ -131,20 +113,19 @@ def _user_call(
     )
 
 
-def _parameters(checker: Expressions, unit: Unit) -> dict[str, t.Variable]:
+def _parameters(scope: Scope, unit: Unit) -> dict[str, t.Variable]:
     """Inputs, outputs and in-outs, inherited ones of a block first."""
-    owners = [unit] if unit.kind is not PouKind.FUNCTION_BLOCK else list(checker.symbols.lineage(unit))[::-1]
-    sections = (t.Section.INPUT, t.Section.OUTPUT, t.Section.IN_OUT)
+    owners = [unit] if unit.kind is not PouKind.FUNCTION_BLOCK else list(scope.symbols.lineage(unit))[::-1]
     return {
-        key: checker.declarations.variable(owner, entry)
+        key: scope.declared.variable(owner, entry)
         for owner in owners
         for key, entry in owner.entries.items()
-        if entry.section in sections
+        if entry.section in _PARAMETERS
     }
 
 
-def _check_arguments(checker: Expressions, unit: Unit, node: t.Call) -> list[t.Argument]:
-    parameters = _parameters(checker, unit)
+def _check_arguments(scope: Scope, unit: Unit, node: t.Call, check: Check) -> list[t.Argument]:
+    parameters = _parameters(scope, unit)
     positional = [p for p in parameters.values() if p.section is not t.Section.OUTPUT]
     made: dict[str, t.Argument] = {}
     for index, argument in enumerate(node.arguments):
@@ -154,17 +135,15 @@ def _check_arguments(checker: Expressions, unit: Unit, node: t.Call) -> list[t.A
             if index >= len(positional):
                 raise failure(argument, f"'{unit.name}' takes {len(positional)} arguments, not {len(node.arguments)}")
             parameter = positional[index]
+        elif argument.name.upper() in parameters:
+            parameter = parameters[argument.name.upper()]
         else:
-            found = parameters.get(argument.name.upper())
-            if found is None:
-                close = get_close_matches(argument.name, [p.name for p in parameters.values()], 1)
-                hint = f": is '{close[0]}' meant?" if close else ""
-                raise failure(argument, f"'{unit.name}' has no parameter '{argument.name}'{hint}")
-            parameter = found
+            hint = suggestion(argument.name, (p.name for p in parameters.values()))
+            raise failure(argument, f"'{unit.name}' has no parameter '{argument.name}'{hint}")
         if parameter.key in made:
             raise failure(argument, f"'{parameter.name}' is given twice")
         if not isinstance(argument.value, t.Omitted):
-            made[parameter.key] = _check_argument(checker, unit, parameter, argument)
+            made[parameter.key] = _check_argument(scope, unit, parameter, argument, check)
     for parameter in parameters.values():
         needed = not unit.has_instance and not parameter.has_initial and parameter.section is t.Section.INPUT
         if parameter.key not in made and (needed or parameter.section is t.Section.IN_OUT):
@@ -172,20 +151,20 @@ def _check_arguments(checker: Expressions, unit: Unit, node: t.Call) -> list[t.A
     return list(made.values())
 
 
-def _check_argument(checker: Expressions, unit: Unit, parameter: t.Variable, argument: t.Argument) -> t.Argument:
-    value, is_output = argument.value, parameter.section is t.Section.OUTPUT
+def _check_argument(scope: Scope, unit: Unit, parameter: t.Variable, argument: t.Argument, check: Check) -> t.Argument:
+    is_output = parameter.section is t.Section.OUTPUT
     if is_output != (argument.passing is t.Passing.OUTPUT):
         arrow = "=>" if is_output else ":="
         raise failure(argument, f"'{parameter.name}' of '{unit.name}' is {parameter.section.value}: use {arrow}")
+    value = check(argument.value)
     if parameter.section is t.Section.INPUT:
-        expression = coerce(checker.check(value), parameter.type, checker.dialect, is_stored=True)
-        return replace(argument, value=expression, parameter=parameter)
-    place = checker.check(value)
-    check_assignable(checker, place, value)
-    if not _same_or_derived(place.type, parameter.type):
-        raise failure(argument, f"'{parameter.name}' is {parameter.type}, not {place.type}")
+        value = coerce(value, parameter.type, scope.rules, is_stored=True)
+        return replace(argument, value=value, parameter=parameter)
+    check_assignable(scope, value, argument.value)
+    if not _same_or_derived(value.type, parameter.type):
+        raise failure(argument, f"'{parameter.name}' is {parameter.type}, not {value.type}")
     passing = t.Passing.OUTPUT if is_output else t.Passing.IN_OUT
-    return replace(argument, value=place, passing=passing, parameter=parameter)
+    return replace(argument, value=value, passing=passing, parameter=parameter)
 
 
 def _same_or_derived(given: Type, wanted: Type) -> bool:
@@ -194,33 +173,33 @@ def _same_or_derived(given: Type, wanted: Type) -> bool:
     return given == wanted
 
 
-def check_assignable(checker: Expressions, place: t.Expression, node: t.Node) -> None:
-    """Whether a place may be assigned from here. Raises `StCheckError`."""
-    if not t.is_place(place):
+def check_assignable(scope: Scope, target: t.Expression, node: t.Node) -> None:
+    """Whether something may be assigned from here. Raises `StCheckError`."""
+    if not t.is_place(target):
         raise failure(node, "only a variable can be assigned")
-    current = place
+    current = target
     while isinstance(current, t.FieldRef | t.ElementRef):
         current = current.base
     if isinstance(current, t.InstanceVariable):
-        _check_foreign(checker, current, node)
+        _check_foreign(scope, current, node)
     if not isinstance(current, t.InstanceVariable | t.VariableRef):
         return
     variable = current.variable
     if variable.is_constant:
         raise failure(node, f"'{variable.name}' is a constant")
-    if variable in checker.counters:
+    if variable in scope.counters:
         raise failure(node, f"'{variable.name}' counts the FOR loop around and cannot be assigned in it")
     is_own_input = variable.section is t.Section.INPUT and isinstance(current, t.VariableRef)
-    if is_own_input and checker.dialect is Dialect.IEC:
+    if is_own_input and not scope.rules.has_assignable_inputs:
         raise failure(node, f"'{variable.name}' is an input and cannot be assigned")
 
 
-def _check_foreign(checker: Expressions, place: t.InstanceVariable, node: t.Node) -> None:
-    """Variables of other instances: TwinCAT lets inputs be assigned outside of the call."""
-    variable, block = place.variable, cast(BlockType, place.base.type)
+def _check_foreign(scope: Scope, target: t.InstanceVariable, node: t.Node) -> None:
+    """Variables of other instances: some dialects let their inputs be assigned outside of the call."""
+    variable, block = target.variable, target.base.type
     if variable.section is not t.Section.INPUT:
         raise failure(
             node, f"'{variable.name}' of '{block}' is {variable.section.value} and cannot be assigned from outside"
         )
-    if checker.dialect is Dialect.IEC:
+    if not scope.rules.has_assignable_inputs:
         raise failure(node, f"the input '{variable.name}' of '{block}' is given in its call")

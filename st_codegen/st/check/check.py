@@ -10,11 +10,12 @@ from st_codegen.st.check.declare import Declarations
 from st_codegen.st.check.flow import check_flow
 from st_codegen.st.check.statements import Statements
 from st_codegen.st.check.symbols import Symbols, Unit, failure
+from st_codegen.st.dialects import Dialect
 from st_codegen.st.errors import Problem, StCheckError
 from st_codegen.st.syntax import declarations as d
 from st_codegen.st.syntax.source import Source
 from st_codegen.st.tree import PouKind
-from st_codegen.st.types import Dialect, Type
+from st_codegen.st.types import Type
 
 
 def check(
@@ -34,7 +35,7 @@ def check(
     if problems:
         raise StCheckError(problems)
     lists = {key: _variables(declarations, unit) for key, unit in symbols.lists.items()}
-    project = t.Project(dialect, MappingProxyType(pous), MappingProxyType(types), MappingProxyType(lists))
+    project = t.Project(MappingProxyType(pous), MappingProxyType(types), MappingProxyType(lists))
     problems += check_flow(project)
     if problems:
         raise StCheckError(problems)

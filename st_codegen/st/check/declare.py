@@ -5,21 +5,18 @@ from __future__ import annotations
 from typing import cast
 
 from st_codegen.st import tree as t
-from st_codegen.st.check.coercion import settle
 from st_codegen.st.check.expressions import Expressions
 from st_codegen.st.check.initial import InitialValues
+from st_codegen.st.check.names import Scope
 from st_codegen.st.check.symbols import Entry, Symbols, Unit, failure
 from st_codegen.st.errors import StCheckError
 from st_codegen.st.syntax import declarations as d
 from st_codegen.st.tree import PouKind, Section, Variable
 from st_codegen.st.types import (
     DEFAULT_STRING_LENGTH,
-    DINT,
-    INT,
     UNSUPPORTED,
     ArrayType,
     BlockType,
-    Dialect,
     Elementary,
     EnumType,
     Field,
@@ -27,6 +24,7 @@ from st_codegen.st.types import (
     PointerType,
     StructType,
     Type,
+    Value,
     default_value,
     string_type,
 )
@@ -42,7 +40,7 @@ class Declarations:
         self.symbols = symbols
         self._types: dict[str, Type] = {}
         self._in_progress: set[str] = set()
-        self._defaults: dict[str, object] = {}
+        self._defaults: dict[str, Value] = {}
         # Types and globals have no unit around them: only constants and enumerations are visible
         self._outside = Unit("", "", t.Node().position, {})
 
@@ -51,8 +49,8 @@ class Declarations:
     def find_type(self, name: str) -> Type | None:
         """The type of a name, None when there is none of that name."""
         key = name.upper()
-        if key in self.symbols.elementary:
-            return self.symbols.elementary[key]
+        if key in self.symbols.dialect.types:
+            return self.symbols.dialect.types[key]
         if key == "PVOID":
             return PointerType(None)
         if key in self._types:
@@ -69,8 +67,8 @@ class Declarations:
         ancestors = tuple(base.name for base in list(self.symbols.lineage(unit))[1:])
         return BlockType(unit.name, ancestors)
 
-    def resolve(self, spec: d.TypeSpec, unit: Unit | None = None) -> Type:
-        """The type that a declaration asks for."""
+    def resolve(self, spec: d.TypeSpec, unit: Unit) -> Type:
+        """The type that a declaration in a unit asks for."""
         match spec:
             case d.NamedType():
                 found = self.find_type(spec.name) or self.find_type(spec.name.rpartition(".")[2])
@@ -81,12 +79,13 @@ class Declarations:
                     raise failure(spec, f"'{spec.name}' is a program; there is only one of it")
                 return found
             case d.StringSpec():
-                length = DEFAULT_STRING_LENGTH if spec.length is None else self._number(spec.length, unit)
+                length = DEFAULT_STRING_LENGTH if spec.length is None else self.expressions(unit).number(spec.length)
                 if not 1 <= length <= 65535:
                     raise failure(spec, f"a string of {length} characters")
                 return string_type(length, spec.wide)
             case d.ArraySpec():
-                bounds = tuple((self._number(r.lower, unit), self._number(r.upper, unit)) for r in spec.ranges)
+                number = self.expressions(unit).number
+                bounds = tuple((number(item.lower), number(item.upper)) for item in spec.ranges)
                 element = self.resolve(spec.element, unit)
                 array = ArrayType(element, bounds)
                 if any(low > high for low, high in bounds):
@@ -101,11 +100,18 @@ class Declarations:
             case d.PointerSpec():
                 return PointerType(self.resolve(spec.target, unit), spec.is_reference)
 
-    def _number(self, node: t.Expression, unit: Unit | None) -> int:
-        expression = settle(Expressions(self, unit or self._outside).check(node))
-        if not isinstance(expression.type, Elementary) or not expression.type.is_integer:
-            raise failure(node, f"an integer constant is needed, not {expression.type}")
-        return cast(int, Expressions(self, unit or self._outside).constant(node, expression.type).value)
+    def expressions(self, unit: Unit) -> Expressions:
+        """Checks expressions as seen from a unit."""
+        return Expressions(Scope(self, unit))
+
+    def _initial(self, unit: Unit, type_: Type, declaration: d.VariableDeclaration | d.AliasDeclaration) -> Value:
+        """The initial value of a declaration; without one that of its type, an alias included."""
+        if declaration.initial is not None:
+            return InitialValues(self.expressions(unit)).value(type_, declaration.initial)
+        spec = declaration.type
+        if isinstance(spec, d.NamedType) and spec.name.upper() in self._defaults:
+            return self._defaults[spec.name.upper()]
+        return default_value(type_)
 
     def _declared_type(self, key: str) -> Type:
         declaration = self.symbols.types[key]
@@ -118,24 +124,24 @@ class Declarations:
             elif isinstance(declaration, d.StructDeclaration):
                 self._types[key] = self._struct(declaration)
             else:
-                self._types[key] = self.resolve(declaration.type)
+                self._types[key] = self.resolve(declaration.type, self._outside)
                 if declaration.initial is not None:
-                    self._defaults[key] = self.initials(self._outside).value(self._types[key], declaration.initial)
+                    self._defaults[key] = self._initial(self._outside, self._types[key], declaration)
         finally:
             self._in_progress.discard(key)
         return self._types[key]
 
     def _enum(self, declaration: d.EnumDeclaration) -> EnumType:
-        base = INT if self.symbols.dialect is Dialect.TWINCAT else DINT
+        base = self.symbols.dialect.enum_base
         if declaration.base is not None:
-            found = self.symbols.elementary.get(declaration.base)
+            found = self.symbols.dialect.types.get(declaration.base)
             if found is None or not (found.is_integer or found.kind is Kind.BITS):
                 raise failure(declaration, f"'{declaration.base}' cannot be the base of an enumeration")
             base = found
-        checker, following, values = Expressions(self, self._outside), 0, list[tuple[str, int]]()
+        expressions, following, values = self.expressions(self._outside), 0, list[tuple[str, int]]()
         for item in declaration.values:
             if item.value is not None:
-                following = cast(int, checker.constant(item.value, base).value)
+                following = cast(int, expressions.constant(item.value, base).value)
             if not base.holds(following):
                 raise failure(item, f"{following} does not fit {base}")
             if item.name.upper() in {name.upper() for name, _ in values}:
@@ -160,12 +166,12 @@ class Declarations:
                 )
             fields = {entry.name.upper(): entry for entry in base.fields}
         for item in declaration.fields:
-            type_ = self.resolve(item.type)
+            type_ = self.resolve(item.type, self._outside)
             if item.name.upper() in fields:
                 raise failure(item, f"'{item.name}' is declared twice in '{declaration.name}'")
             if declaration.is_union and not _can_overlay(type_):
                 raise failure(item, f"{type_} in a union: only numbers and arrays of numbers can share memory")
-            initial = self.initials(self._outside).declared(type_, item)
+            initial = self._initial(self._outside, type_, item)
             fields[item.name.upper()] = Field(item.name, type_, initial)
         if not fields:
             raise failure(declaration, f"'{declaration.name}' has no fields")
@@ -185,16 +191,6 @@ class Declarations:
         return found[0] if len(found) == 1 else None
 
     # --- variables ---
-
-    def initials(self, unit: Unit) -> InitialValues:
-        """Evaluates initial values as seen from a unit."""
-        return InitialValues(self, Expressions(self, unit))
-
-    def default(self, spec: d.TypeSpec, type_: Type) -> object:
-        """The initial value that comes with a type, an alias included."""
-        if isinstance(spec, d.NamedType) and spec.name.upper() in self._defaults:
-            return self._defaults[spec.name.upper()]
-        return default_value(type_)
 
     def variable(self, unit: Unit, entry: Entry) -> Variable:
         """The variable of an entry of a unit."""
@@ -230,7 +226,7 @@ class Declarations:
             section,
             unit.storage(section),
             unit.key,
-            None if section is Section.IN_OUT else self.initials(unit).declared(type_, declaration),
+            None if section is Section.IN_OUT else self._initial(unit, type_, declaration),
             declaration.position,
             is_constant=entry.is_constant,
             has_initial=declaration.initial is not None,

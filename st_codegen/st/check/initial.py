@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,6 @@ from st_codegen.st.types import (
     REAL,
     ArrayType,
     BlockType,
-    Dialect,
     Elementary,
     EnumType,
     Kind,
@@ -28,23 +27,14 @@ from st_codegen.st.types import (
     storage_type,
 )
 
-if TYPE_CHECKING:
-    from st_codegen.st.check.declare import Declarations
-
 
 class InitialValues:
     """Evaluates initial values as seen from one unit. Methods raise `StCheckError`."""
 
-    def __init__(self, declarations: Declarations, expressions: Expressions) -> None:
-        self._declarations = declarations
+    def __init__(self, expressions: Expressions) -> None:
         self._expressions = expressions
-        self._dialect = declarations.symbols.dialect
-
-    def declared(self, type_: Type, declaration: d.VariableDeclaration) -> Value:
-        """The initial value of a declaration; without one that of the type."""
-        if declaration.initial is None:
-            return cast(Value, self._declarations.default(declaration.type, type_))
-        return self.value(type_, declaration.initial)
+        self._declared = expressions.scope.declared
+        self._rules = expressions.rules
 
     def value(self, type_: Type, node: d.Initial) -> Value:
         """An initial value of a type."""
@@ -91,7 +81,7 @@ class InitialValues:
         return table
 
     def _check_count(self, type_: ArrayType, count: int, node: t.Node) -> None:
-        if self._dialect is Dialect.IEC and count < type_.size:
+        if not self._rules.has_partial_initialisers and count < type_.size:
             raise failure(node, f"{type_} has {type_.size} elements, and only {count} initial values")
 
     def _table(self, type_: ArrayType, node: d.Table) -> Value:
@@ -100,7 +90,7 @@ class InitialValues:
             raise failure(node, f"{type_} has {type_.size} elements; this initialiser has {count}")
         self._check_count(type_, count, node)
         if not isinstance(type_.element, Elementary):
-            if isinstance(type_.element, ArrayType) and self._dialect is Dialect.TWINCAT:
+            if isinstance(type_.element, ArrayType):
                 raise failure(node, "an array of arrays is initialised row by row: [[..], [..]]")
             raise failure(node, f"numbers cannot initialise {type_.element}")
         values = self._converted(type_.element, node)
@@ -114,9 +104,9 @@ class InitialValues:
     def _converted(self, element: Elementary, node: d.Table) -> NDArray[np.generic]:
         """The numbers of a table in the type of the array, by the rules for single literals."""
         kind, values = node.kind, node.values
-        is_twincat = self._dialect is Dialect.TWINCAT
+        is_loose = self._rules.has_loose_literals
         if kind is d.TableKind.BOOL or element.kind is Kind.BOOL:
-            zero_one = is_twincat and kind is d.TableKind.INTEGER and bool(np.isin(values, (0, 1)).all())
+            zero_one = is_loose and kind is d.TableKind.INTEGER and bool(np.isin(values, (0, 1)).all())
             if element.kind is not Kind.BOOL or not (kind is d.TableKind.BOOL or zero_one):
                 raise failure(node, f"a table of {kind.value} literals cannot initialise {element}")
         elif element.is_integral and element.kind is not Kind.TIME:
@@ -128,7 +118,7 @@ class InitialValues:
                     raise failure(node, f"{value} does not fit {element} ({element.lower}..{element.upper})")
         elif not element.is_real:
             raise failure(node, f"numbers cannot initialise {element}")
-        elif kind is not d.TableKind.REAL and not is_twincat:
+        elif kind is not d.TableKind.REAL and not is_loose:
             raise failure(
                 node, f"a table of {kind.value} literals cannot initialise {element}: write a dot in every number"
             )
@@ -155,10 +145,10 @@ class InitialValues:
     def _block(self, type_: BlockType, node: d.StructInitial) -> Value:
         given: dict[str, Value] = {}
         for member in node.members:
-            found = self._declarations.symbols.find_member(type_.name, member.name.upper())
+            found = self._declared.symbols.find_member(type_.name, member.name.upper())
             if found is None:
                 raise failure(member, f"'{type_}' has no variable '{member.name}'")
-            variable = self._declarations.variable(*found)
+            variable = self._declared.variable(*found)
             if variable.is_constant or variable.section.value in ("VAR_IN_OUT", "VAR_TEMP"):
                 raise failure(member, f"'{member.name}' of '{type_}' cannot be initialised")
             given[member.name.upper()] = self.value(variable.type, member.value)

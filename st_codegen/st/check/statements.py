@@ -8,13 +8,11 @@ from typing import cast
 
 from st_codegen.st import tree as t
 from st_codegen.st import walk
-from st_codegen.st.check.calls import check_assignable, check_call
-from st_codegen.st.check.coercion import coerce
+from st_codegen.st.check.calls import check_assignable
 from st_codegen.st.check.declare import Declarations
-from st_codegen.st.check.expressions import Expressions
 from st_codegen.st.check.symbols import Unit, failure
 from st_codegen.st.errors import Problem, StCheckError
-from st_codegen.st.types import ArrayType, BlockType, Elementary, EnumType, Type
+from st_codegen.st.types import ArrayType, BlockType, EnumType, Type
 
 # Python nests no deeper than 100 levels of indentation and 20 loops, and the back ends use up to three for one here
 MAX_NESTED = 30
@@ -25,8 +23,8 @@ class Statements:
     """Checks the body of one unit; an error in a statement does not hide those of the next."""
 
     def __init__(self, declarations: Declarations, unit: Unit, problems: list[Problem]) -> None:
-        self._expressions = Expressions(declarations, unit)
-        self._dialect = declarations.symbols.dialect
+        self._expressions = declarations.expressions(unit)
+        self._scope = self._expressions.scope
         self._problems = problems
         self._loops = 0
         self._depth = 0
@@ -55,7 +53,7 @@ class Statements:
             case t.Assign():
                 return self._assignment(node)
             case t.CallStatement():
-                call = check_call(self._expressions, node.call)
+                call = self._expressions.call(node.call)
                 if not isinstance(call, t.Call):
                     raise failure(node, "the result of this function is not used")
                 return replace(node, call=call)
@@ -97,13 +95,13 @@ class Statements:
 
     def _assignment(self, node: t.Assign) -> t.Assign:
         target = self._expressions.check(node.target)
-        check_assignable(self._expressions, target, node.target)
+        check_assignable(self._scope, target, node.target)
         holder = target.type
         while isinstance(holder, ArrayType):
             holder = holder.element
         if isinstance(holder, BlockType):
             raise failure(node, f"instances of '{holder}' cannot be assigned")
-        value = coerce(self._expressions.check(node.value), target.type, self._dialect, is_stored=True)
+        value = self._expressions.as_type(node.value, target.type, is_stored=True)
         return replace(node, target=target, value=value)
 
     def _if(self, node: t.If) -> t.If:
@@ -116,7 +114,7 @@ class Statements:
     def _case(self, node: t.Case) -> t.Case:
         selector = self._expressions.value(node.selector)
         type_ = selector.type
-        if not isinstance(type_, EnumType) and not (isinstance(type_, Elementary) and type_.is_integral):
+        if not isinstance(type_, EnumType) and not type_.is_integral:
             raise failure(node.selector, f"CASE selects by an integer or an enumeration, not by {type_}")
         taken: list[tuple[int, int]] = []
         branches = []
@@ -143,22 +141,22 @@ class Statements:
     def _for(self, node: t.For) -> t.For:
         expressions = self._expressions
         counter = expressions.check(node.counter)
-        check_assignable(expressions, counter, node.counter)
+        check_assignable(self._scope, counter, node.counter)
         if not isinstance(counter, t.VariableRef) or counter.variable.section in (t.Section.IN_OUT, t.Section.GLOBAL):
             raise failure(node.counter, "a FOR loop counts with a variable of its own unit")
         type_ = counter.type
-        if not isinstance(type_, Elementary) or not type_.is_integer:
+        if not type_.is_integer:
             raise failure(node.counter, f"a FOR loop counts with an integer, not with {type_}")
         start = expressions.as_type(node.start, type_, is_stored=True)
         stop = expressions.as_type(node.stop, type_)
         step = expressions.as_type(node.step, type_)
         if isinstance(step, t.Constant) and step.value == 0:
             raise failure(node, "a FOR loop with a step of zero never ends")
-        expressions.counters.append(counter.variable)
+        self._scope.counters.append(counter.variable)
         try:
             body = self._loop_body(node.body)
         finally:
-            expressions.counters.pop()
+            self._scope.counters.pop()
         self._check_bounds(stop, step, body)
         return replace(node, counter=counter, start=start, stop=stop, step=step, body=body)
 

@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 
 from st_codegen.st import tree as t
 from st_codegen.st.check.standard_names import is_standard_function
+from st_codegen.st.dialects import Dialect
 from st_codegen.st.errors import Position, Problem, StCheckError
 from st_codegen.st.syntax import declarations as d
 from st_codegen.st.syntax.parser import reserved_words
 from st_codegen.st.tree import PouKind, Section, Storage, Variable
-from st_codegen.st.types import UNSUPPORTED, Dialect, elementary_types
+from st_codegen.st.types import UNSUPPORTED
 
 
 def failure(node: t.Node | Position, message: str) -> StCheckError:
@@ -57,6 +58,11 @@ class Unit:
     is_native: bool = False
 
     @property
+    def names(self) -> list[str]:
+        """The names that it declares, as written."""
+        return [entry.declaration.name for entry in self.entries.values()]
+
+    @property
     def has_instance(self) -> bool:
         """Whether its variables live on."""
         return self.kind in (PouKind.FUNCTION_BLOCK, PouKind.PROGRAM)
@@ -86,7 +92,6 @@ class Symbols:
         self.dialect = dialect
         self.namespaces = frozenset(name.upper() for name in namespaces)
         self.problems: list[Problem] = []
-        self.elementary = elementary_types(dialect)
         self.units: dict[str, Unit] = {}
         self.lists: dict[str, Unit] = {}
         self.types: dict[str, d.TypeDeclaration] = {}
@@ -147,7 +152,7 @@ class Symbols:
     def _check_name(self, name: str, position: Position, is_method: bool = False) -> None:
         key = name.upper()
         is_function = is_standard_function(key) and not is_method
-        if key in self.elementary or key in UNSUPPORTED or key in reserved_words() or is_function:
+        if key in self.dialect.types or key in UNSUPPORTED or key in reserved_words() or is_function:
             self._problem(position, f"'{name}' is a word of the language and cannot be declared")
 
     # --- looking up ---
@@ -202,10 +207,6 @@ class Symbols:
 
     def known_names(self, unit: Unit) -> set[str]:
         """Every variable name that a unit could use: to suggest one for a name that is not known."""
-        names = {entry.declaration.name for entry in unit.entries.values()}
-        if unit.block is not None or unit.kind is PouKind.FUNCTION_BLOCK:
-            owners = self.lineage(unit.block or unit)
-            names |= {entry.declaration.name for owner in owners for entry in owner.entries.values()}
-        for owner in self.lists.values():
-            names |= {entry.declaration.name for entry in owner.entries.values()}
-        return names
+        is_inside = unit.block is not None or unit.kind is PouKind.FUNCTION_BLOCK
+        blocks = self.lineage(unit.block or unit) if is_inside else ()
+        return {name for owner in (unit, *blocks, *self.lists.values()) for name in owner.names}

@@ -1,1 +1,25 @@
-"""What the dialects of Structured Text allow."""
+"""The dialects of Structured Text: one table of rules each, in a file of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from st_codegen.errors import InputError
+from st_codegen.st.dialects.dialect import Dialect
+from st_codegen.st.dialects.iec import IEC
+from st_codegen.st.dialects.twincat import TWINCAT
+
+__all__ = ["DIALECTS", "IEC", "TWINCAT", "Dialect", "find_dialect"]
+
+#: All dialects by name.
+DIALECTS: Mapping[str, Dialect] = MappingProxyType({dialect.name: dialect for dialect in (IEC, TWINCAT)})
+
+
+def find_dialect(dialect: Dialect | str) -> Dialect:
+    """The dialect of a name. Raises `InputError` with the known names when there is none of it."""
+    if isinstance(dialect, Dialect):
+        return dialect
+    if dialect not in DIALECTS:
+        raise InputError(f"unknown dialect '{dialect}': known are {', '.join(DIALECTS)}")
+    return DIALECTS[dialect]

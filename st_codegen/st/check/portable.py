@@ -13,32 +13,18 @@ from functools import cached_property
 from st_codegen.st import tree as t
 from st_codegen.st import walk
 from st_codegen.st.check.check import check
+from st_codegen.st.dialects import IEC
 from st_codegen.st.errors import Problem
 from st_codegen.st.syntax import declarations as d
-from st_codegen.st.syntax.scan import CommentKind, Scanned
+from st_codegen.st.syntax.scan import Scanned
 from st_codegen.st.syntax.source import Source
-from st_codegen.st.types import REAL, ArrayType, Dialect, Elementary, EnumType, StructType, Type
+from st_codegen.st.types import REAL, ArrayType, Elementary, EnumType, StructType, Type
 
 SMALLEST_REAL, LARGEST_REAL = 1e-37, 1e37
 _FLAGS = re.IGNORECASE | re.ASCII
 # What stands between quotes is no code
 _CODE = re.compile(r"'(?:[^'$\r\n]|\$.)*+'|\"(?:[^\"$\r\n]|\$.)*+\"")
-_WORDS: tuple[tuple[str, str], ...] = (
-    (r"\bEND_(?:IF|CASE|FOR|WHILE|REPEAT)\b(?!\s*;)", "is not followed by a semicolon"),
-    (r"(?<![0-9A-Z_#.])[0-9][0-9_]*E[+-]?[0-9]+", "is a real literal without a dot"),
-    (r"\*\*", "is not portable: multiply, or use EXPT"),
-    (r"\bCONTINUE\b", "is not portable: use IF"),
-    (r"\b(?:AND_THEN|OR_ELSE)\b", "is not portable: nest IF"),
-    (r"\b[A-Z0-9_]*__[A-Z0-9_]*\b", "has two underscores in a row"),
-    (r"\b(?:POINTER|REFERENCE)\s+TO\b", "is not portable"),
-    (r"\b(?:ADR|SIZEOF)\s*\(", "is not portable"),
-    (r"\b(?:THIS|SUPER)\s*\^", "is not portable"),
-    (r"\bEXTENDS\b", "is not portable"),
-    (r"\bUNION\b", "is not portable: test for NaN with x = x"),
-    (r"\b(?:TANH|FLOOR|CEIL|ATAN2)\b", "is no standard function"),
-    (r"%[IQM][XBWDL]?\*", "is not portable: an address needs a number"),
-)
-_PATTERNS = tuple((re.compile(pattern, _FLAGS), message) for pattern, message in _WORDS)
+_REFUSED = tuple((re.compile(pattern, _FLAGS), reason) for pattern, reason in IEC.refused_text.items())
 
 
 @dataclass(frozen=True)
@@ -107,7 +93,7 @@ def violations(source: Source) -> tuple[Problem, ...]:
 
     Raises `StCheckError` when it does not even pass the checker for the `iec` dialect.
     """
-    text = Text(source, check(source, Dialect.IEC))
+    text = Text(source, check(source, IEC))
     return tuple(sorted({problem for rule in RULES for problem in rule(text)}))
 
 
@@ -119,14 +105,14 @@ def wording(text: Text) -> Iterator[Problem]:
     """Comments, pragmas and words."""
     for scanned in text.source.scans:
         for comment in scanned.comments:
-            if comment.kind is not CommentKind.BLOCK:
+            if comment.kind not in IEC.comments:
                 yield _at(scanned, comment.start, f"a comment of the form {comment.kind.value}: use (* *), not nested")
         for pragma in scanned.pragmas:
             yield _at(scanned, pragma.start, "pragmas and attributes are not portable")
         code = _CODE.sub(lambda match: "'" + " " * (len(match[0]) - 2) + "'", scanned.segment.text)
-        for pattern, message in _PATTERNS:
+        for pattern, reason in _REFUSED:
             for match in pattern.finditer(code):
-                yield _at(scanned, match.start(), f"'{match[0]}' {message}")
+                yield _at(scanned, match.start(), f"'{match[0]}' {reason}")
 
 
 def _at(scanned: Scanned, offset: int, message: str) -> Problem:
