@@ -10,7 +10,7 @@ import math
 
 from st_codegen.beckhoff_ml.engines import Engine
 from st_codegen.emit.blocks.application import GlobalList
-from st_codegen.emit.blocks.listing import Block, Element, Listing, Variable
+from st_codegen.emit.blocks.listing import ArrayElement, Block, Listing, Variable
 from st_codegen.emit.blocks.model import (
     Limits,
     block_name,
@@ -90,7 +90,8 @@ def _block(model: ModelIR, engines: tuple[Engine, ...], listing: Listing) -> Blo
         "outputs",
         "outputs",
         assignments=[
-            {"output": f"fOut{number + 1}", "value": Element("aResult", number)} for number in range(len(model.outputs))
+            {"output": f"fOut{number + 1}", "value": ArrayElement("aResult", number)}
+            for number in range(len(model.outputs))
         ],
         ranged=is_ranged(model),
     )

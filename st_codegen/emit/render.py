@@ -11,7 +11,7 @@ from xml.sax.saxutils import escape
 
 import jinja2
 
-from st_codegen.emit.blocks.listing import Block, Section
+from st_codegen.emit.blocks.listing import Block, CodeSection
 from st_codegen.emit.blocks.model import Limits
 from st_codegen.emit.contents import Contents
 from st_codegen.emit.targets import FilePlan, Target
@@ -31,23 +31,28 @@ def templates_folder() -> Path:
     return installed if installed.is_dir() else Path(__file__).resolve().parents[2] / "templates"
 
 
+def _environment(*, autoescape: bool) -> jinja2.Environment:
+    """The templates of the package with the rules that hold for all of them."""
+    return jinja2.Environment(
+        loader=jinja2.FileSystemLoader(templates_folder()),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=autoescape,
+    )
+
+
 def environment(target: Target) -> jinja2.Environment:
     """The templates of a target. They lay out, Python decides; an undefined name is an error.
 
     Every template sees the macros of `common/macros.st.j2`, the target's dialect, and `code(block, section)`, which
     prints a section of a block by the section's own template.
     """
-    templates = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(templates_folder()),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=False,
-    )
+    templates = _environment(autoescape=False)
     templates.filters["xml"] = _as_xml_text
 
-    def code(block: Block, section: Section) -> str:
+    def code(block: Block, section: CodeSection) -> str:
         template = templates.get_template(f"common/operations/{section.template}.st.j2")
         return template.render(block=block, **section.values)
 
@@ -80,15 +85,7 @@ def print_plans(target: Target, plans: Iterable[FilePlan]) -> Iterator[RenderedF
 
 def render_report(template: str, values: Mapping[str, Any]) -> str:
     """A page of a report from `templates/`; text is escaped for HTML, an undefined name is an error."""
-    templates = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(templates_folder()),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=True,
-    )
-    return templates.get_template(template).render(**values)
+    return _environment(autoescape=True).get_template(template).render(**values)
 
 
 def _print(templates: jinja2.Environment, plan: FilePlan) -> Iterator[str]:

@@ -27,7 +27,7 @@ from st_codegen.ir import (
 
 
 class Layout(StrEnum):
-    """What the user asks for."""
+    """Which layouts of trees the user allows."""
 
     AUTO = "auto"  # the cheapest
     TREES = "trees"  # nodes, never a table
@@ -55,15 +55,15 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Cost:
+class CallCost:
     """What one call takes: arithmetic and memory instructions, cache lines touched, bytes of tables."""
 
     instructions: float = 0.0
     lines: float = 0.0
     table_bytes: int = 0
 
-    def __add__(self, other: Cost) -> Cost:
-        return Cost(
+    def __add__(self, other: CallCost) -> CallCost:
+        return CallCost(
             self.instructions + other.instructions, self.lines + other.lines, self.table_bytes + other.table_bytes
         )
 
@@ -73,37 +73,37 @@ class Cost:
         return self.instructions * 1.5 / 1.91 + self.lines * 100.0
 
 
-CostFunction = Callable[[ModelIR], Cost]
+CostFunction = Callable[[ModelIR], CallCost]
 
 
 @dataclass(frozen=True)
-class Candidate:
+class PricedLayout:
     """One layout of a model, and what it costs."""
 
     layout: str
     model: ModelIR
-    cost: Cost
+    cost: CallCost
 
 
-def simple_cost(model: ModelIR) -> Cost:
-    """The estimate from the intermediate representation."""
-    total = Cost(instructions=8.0 * len(model.features) + 4.0 * len(model.outputs), lines=4.0)
+def simple_cost(model: ModelIR) -> CallCost:
+    """What one call of a model costs, estimated from its operations without printing them."""
+    total = CallCost(instructions=8.0 * len(model.features) + 4.0 * len(model.outputs), lines=4.0)
     for op in model.ops:
         ranked = isinstance(op, TreeEnsemble) and model.reads_ranks(op)
         total += _ranked_cost(op) if ranked and isinstance(op, TreeEnsemble) else _cost(op)
     return total
 
 
-def cheapest(candidates: Sequence[Candidate]) -> Candidate:
+def cheapest(candidates: Sequence[PricedLayout]) -> PricedLayout:
     """The candidate that takes the least time; of equals the smaller one. Raises InputError where there is none."""
     if not candidates:
         raise InputError("no layout fits the limits; raise them or use another layout")
     return min(candidates, key=lambda candidate: (candidate.cost.nanoseconds, candidate.cost.table_bytes))
 
 
-def priced(layout: str, model: ModelIR, cost: CostFunction) -> Candidate:
+def priced(layout: str, model: ModelIR, cost: CostFunction) -> PricedLayout:
     """A candidate with its cost."""
-    return Candidate(layout, model, cost(model))
+    return PricedLayout(layout, model, cost(model))
 
 
 def _touched(n_bytes: float) -> float:
@@ -112,26 +112,26 @@ def _touched(n_bytes: float) -> float:
 
 
 @singledispatch
-def _cost(op: Operation) -> Cost:
-    """Elementwise work unless told otherwise."""
-    return Cost(instructions=6.0 * op.width, lines=1.0 + _touched(8.0 * op.width), table_bytes=8 * op.width)
+def _cost(op: Operation) -> CallCost:
+    """The cost of an operation that works column by column; operations that cost something else are registered."""
+    return CallCost(instructions=6.0 * op.width, lines=1.0 + _touched(8.0 * op.width), table_bytes=8 * op.width)
 
 
 @_cost.register
-def _(op: Rank) -> Cost:
-    total = Cost()
+def _(op: Rank) -> CallCost:
+    total = CallCost()
     searched = {(column.column, column.edges.tobytes()): column.highest for column in op.columns}
     for edges in searched.values():
         steps = edges.bit_length()
         # the last three steps look at neighbours, which share a cache line
-        total += Cost(instructions=4.0 + 4.0 * steps, lines=max(steps - 3, 1), table_bytes=8 * edges)
-    return total + Cost(instructions=2.0 * op.width)
+        total += CallCost(instructions=4.0 + 4.0 * steps, lines=max(steps - 3, 1), table_bytes=8 * edges)
+    return total + CallCost(instructions=2.0 * op.width)
 
 
 @_cost.register
-def _(op: CellTable) -> Cost:
+def _(op: CellTable) -> CallCost:
     lists = sum(axis.stride is None for axis in op.axes)
-    return Cost(
+    return CallCost(
         instructions=3.0 * len(op.axes) + 3.0 * op.width,
         lines=1.0 + lists + _touched(8.0 * op.values.shape[1]),
         table_bytes=op.values.nbytes,
@@ -139,21 +139,21 @@ def _(op: CellTable) -> Cost:
 
 
 @_cost.register
-def _(op: TreeEnsemble) -> Cost:
+def _(op: TreeEnsemble) -> CallCost:
     visits = op.n_trees * depth_of(op)
-    return Cost(12.0 * visits + 12.0 * op.n_trees, 2.0 * visits, 16 * op.n_nodes)
+    return CallCost(12.0 * visits + 12.0 * op.n_trees, 2.0 * visits, 16 * op.n_nodes)
 
 
-def _ranked_cost(op: TreeEnsemble) -> Cost:
+def _ranked_cost(op: TreeEnsemble) -> CallCost:
     """Two integers a node, side by side; half of the children lie in the line of their parent."""
     visits = op.n_trees * depth_of(op)
-    return Cost(7.0 * visits + 10.0 * op.n_trees, 0.5 * visits + op.n_trees, 8 * op.n_nodes + op.leaf_value.nbytes)
+    return CallCost(7.0 * visits + 10.0 * op.n_trees, 0.5 * visits + op.n_trees, 8 * op.n_nodes + op.leaf_value.nbytes)
 
 
 @_cost.register
-def _(op: KernelSum) -> Cost:
+def _(op: KernelSum) -> CallCost:
     vectors, columns = op.support_vectors.shape
-    return Cost(
+    return CallCost(
         instructions=vectors * (6.0 * columns + 60.0 + 4.0 * op.width),
         lines=_touched(8.0 * vectors * (columns + op.width)),
         table_bytes=8 * vectors * (columns + op.width),
@@ -161,14 +161,14 @@ def _(op: KernelSum) -> Cost:
 
 
 @_cost.register
-def _(op: FactoredKernel) -> Cost:
+def _(op: FactoredKernel) -> CallCost:
     values = sum(len(axis) for axis in op.axes)
     size = op.coefficients.size
-    return Cost(instructions=80.0 * values + 8.0 * 1.5 * size, lines=_touched(8.0 * size), table_bytes=8 * size)
+    return CallCost(instructions=80.0 * values + 8.0 * 1.5 * size, lines=_touched(8.0 * size), table_bytes=8 * size)
 
 
 @_cost.register
-def _(op: Linear) -> Cost:
-    return Cost(
+def _(op: Linear) -> CallCost:
+    return CallCost(
         instructions=6.0 * op.weights.size, lines=_touched(op.weights.nbytes), table_bytes=int(op.weights.nbytes)
     )

@@ -41,9 +41,9 @@ def _factored(op: KernelSum) -> Operation:
     # the longest axis last: it is summed first, and leaves the fewest sums
     order = sorted(range(len(axes)), key=lambda column: (len(axes[column]), column))
     shape = tuple(len(axes[column]) for column in order)
-    place = tuple(np.searchsorted(axes[column], op.support_vectors[:, column]) for column in order)
+    position = tuple(np.searchsorted(axes[column], op.support_vectors[:, column]) for column in order)
     coefficients = np.zeros((op.width, math.prod(shape)))
-    at = np.ravel_multi_index(place, shape)
+    at = np.ravel_multi_index(position, shape)
     for output in range(op.width):
         np.add.at(coefficients[output], at, op.coefficients[output])
     return FactoredKernel(

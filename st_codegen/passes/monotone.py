@@ -2,7 +2,7 @@
 
 Rounding to float32 and the arithmetic of scalers are monotone in floating point too: a larger input never gives a
 smaller result (for a positive factor). A split behind such steps therefore divides the float64 numbers of its input in
-two at one place, and bisection over the representable numbers finds it without any error analysis: the generated code
+two at one number, and bisection over the representable numbers finds it without any error analysis: the generated code
 compares the raw input with that number and decides as the library does, for every input.
 """
 
@@ -40,7 +40,7 @@ from st_codegen.ir import (
 _BEYOND = 2.0**128
 
 
-class Kind(StrEnum):
+class Dependence(StrEnum):
     """How a computed column depends on the inputs, where it is not a chain on one of them."""
 
     STEPS = "steps"  # only through comparisons: piecewise constant
@@ -66,7 +66,7 @@ class Chain:
         return Chain(self.feature, (*self.steps, step))
 
 
-Column = Chain | Kind
+Column = Chain | Dependence
 
 
 def columns_of(model: ModelIR) -> list[list[Column]]:
@@ -80,9 +80,9 @@ def columns_of(model: ModelIR) -> list[list[Column]]:
 
 @singledispatch
 def _after(op: Operation, given: list[Column]) -> list[Column]:
-    """The columns of a result."""
-    steps = all(column is Kind.STEPS for column in given)
-    return [Kind.STEPS if steps else Kind.OTHER] * op.width
+    """How the columns of an operation's result depend on the inputs, from how those of its operands (`given`) do."""
+    steps = all(column is Dependence.STEPS for column in given)
+    return [Dependence.STEPS if steps else Dependence.OTHER] * op.width
 
 
 def _extended(given: list[Column], narrowed: Callable[[int], Operation | None]) -> list[Column]:
@@ -91,7 +91,7 @@ def _extended(given: list[Column], narrowed: Callable[[int], Operation | None]) 
     for number, column in enumerate(given):
         step = narrowed(number)
         if isinstance(column, Chain):
-            result.append(Kind.OTHER if step is None else column.then(step))
+            result.append(Dependence.OTHER if step is None else column.then(step))
         else:
             result.append(column)
     return result
@@ -129,14 +129,14 @@ def _(op: FillMissing, given: list[Column]) -> list[Column]:
 
 @_after.register
 def _(op: Rank, given: list[Column]) -> list[Column]:
-    whole = all(given[column.column] is not Kind.OTHER for column in op.columns)
-    return [Kind.STEPS if whole else Kind.OTHER] * op.width
+    whole = all(given[column.column] is not Dependence.OTHER for column in op.columns)
+    return [Dependence.STEPS if whole else Dependence.OTHER] * op.width
 
 
 @_after.register
 def _(op: TreeEnsemble, given: list[Column]) -> list[Column]:
-    steps = op.linear is None and all(given[column.column] is not Kind.OTHER for column in op.columns)
-    return [Kind.STEPS if steps else Kind.OTHER] * op.width
+    steps = op.linear is None and all(given[column.column] is not Dependence.OTHER for column in op.columns)
+    return [Dependence.STEPS if steps else Dependence.OTHER] * op.width
 
 
 @dataclass(frozen=True)
@@ -254,22 +254,22 @@ def step_edges(op: TreeEnsemble, number: int, chain: Chain, domain: Domain) -> F
     """
     column = op.columns[number]
     found = [] if column.categorical else [split_edges(op, number, chain, domain).edge]
-    below, up_to = _other_places(column)
-    for places, strict in ((below, True), (up_to, False)):
-        if not len(places):
+    below, up_to = _other_edges(column)
+    for thresholds, strict in ((below, True), (up_to, False)):
+        if not len(thresholds):
             continue
 
-        def decide(x: FloatArray, places: FloatArray = places, strict: bool = strict) -> BoolArray:
+        def decide(x: FloatArray, thresholds: FloatArray = thresholds, strict: bool = strict) -> BoolArray:
             value = reference.rounded(chain.value(x), op.input_precision)
-            return np.asarray(value < places if strict else value <= places, np.bool_)
+            return np.asarray(value < thresholds if strict else value <= thresholds, np.bool_)
 
         with np.errstate(over="ignore"):
-            found.append(changeovers(decide, len(places), domain)[0])
+            found.append(changeovers(decide, len(thresholds), domain)[0])
     edges = np.unique(np.concatenate(found)) if found else np.zeros(0)
     return edges[~np.isnan(edges)]
 
 
-def _other_places(column: TreeColumn) -> tuple[FloatArray, FloatArray]:
+def _other_edges(column: TreeColumn) -> tuple[FloatArray, FloatArray]:
     """Numbers c of a column at which `value < c` matters, and those at which `value <= c` does."""
     below: list[float] = []
     up_to: list[float] = []

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from st_codegen.ir import FactoredKernel, Feature, ModelIR, Rank, Source
 from st_codegen.passes import tables
 from st_codegen.passes.choose import (
-    Candidate,
     CostFunction,
     Layout,
     Options,
+    PricedLayout,
     cheapest,
     priced,
     simple_cost,
@@ -35,12 +35,12 @@ class Location:
 
 
 @dataclass(frozen=True)
-class Decision:
+class LayoutDecision:
     """The layouts that were possible for a model, cheapest first, and the one that was taken."""
 
     model: str
     chosen: str
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[PricedLayout, ...]
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Compiled:
 
     models: tuple[ModelIR, ...]
     locations: Mapping[str, Location]
-    decisions: tuple[Decision, ...]
+    decisions: tuple[LayoutDecision, ...]
 
     def block_model(self, name: str) -> ModelIR:
         """The printed model that computes the user's model `name`."""
@@ -115,7 +115,7 @@ def _on_ranks(model: ModelIR, options: Options) -> ModelIR | None:
     return found if longest <= options.max_array else None
 
 
-def _decide(model: ModelIR, options: Options, cost: CostFunction) -> Decision:
+def _decide(model: ModelIR, options: Options, cost: CostFunction) -> LayoutDecision:
     candidates = [priced("as trained", model, cost)]
     on_grid = factored(model)
     if on_grid is not None and _fits(on_grid, options):
@@ -130,7 +130,7 @@ def _decide(model: ModelIR, options: Options, cost: CostFunction) -> Decision:
             candidates = [table] if options.layout is Layout.TABLE else [*candidates, table]
     best = cheapest(candidates)
     others = sorted((c for c in candidates if c is not best), key=lambda c: c.cost.nanoseconds)
-    return Decision(model.name, best.layout, (best, *others))
+    return LayoutDecision(model.name, best.layout, (best, *others))
 
 
 def _merged(

@@ -64,11 +64,11 @@ def _without_unread(model: ModelIR) -> ModelIR:
         if number in read:
             read.update(model.ops[number - 1].inputs)
     kept = sorted(number for number in read if number)
-    place = {0: 0, **{number: at for at, number in enumerate(kept, 1)}}
+    moved = {0: 0, **{number: at for at, number in enumerate(kept, 1)}}
     ops = tuple(
         dataclasses.replace(
             model.ops[number - 1],  # type: ignore[type-var]
-            inputs=tuple(place[value] for value in model.ops[number - 1].inputs),
+            inputs=tuple(moved[value] for value in model.ops[number - 1].inputs),
         )
         for number in kept
     )
@@ -76,7 +76,7 @@ def _without_unread(model: ModelIR) -> ModelIR:
 
 
 @dataclass(frozen=True)
-class _Splits:
+class _RankedSplits:
     """The splits of one column as comparisons of ranks: `rank <= threshold` goes left, missing values aside.
 
     `number` are the nodes, `edges` what ranks are counted among, `descending` whether they count from above.
@@ -133,15 +133,15 @@ def _ranked_ensemble(model: ModelIR, op: TreeEnsemble, given: list[Column]) -> t
     return Rank((0,), tuple(columns)), trees
 
 
-def _splits(model: ModelIR, op: TreeEnsemble, number: int, chain: Chain, nodes: IntArray) -> _Splits:
+def _splits(model: ModelIR, op: TreeEnsemble, number: int, chain: Chain, nodes: IntArray) -> _RankedSplits:
     """The splits of column `number` in ranks."""
     found = split_edges(op, number, chain, domain_of(model, chain.feature))
     changes = ~np.isnan(found.edge)
     edges = np.unique(found.edge[changes])
     # a chain falls where the numbers below the changeover go right
     descending = bool(np.any(changes & ~found.left_below))
-    place = np.searchsorted(edges, found.edge)
-    rank = len(edges) - place - 1 if descending else place
+    below = np.searchsorted(edges, found.edge)
+    rank = len(edges) - below - 1 if descending else below
     # a split that never changes sends all numbers left or right
     rank = np.where(changes, rank, np.where(found.left_below, len(edges), -1))
     at = np.searchsorted(found.thresholds, op.threshold[nodes])
@@ -151,7 +151,7 @@ def _splits(model: ModelIR, op: TreeEnsemble, number: int, chain: Chain, nodes: 
         missing_left = threshold > 0 if op.comparison is Comparison.LESS else threshold >= 0
     if not model.accepts_nan:
         missing_left = np.ones(len(nodes), np.bool_)
-    return _Splits(nodes, rank[at].astype(np.int64), edges, descending, missing_left)
+    return _RankedSplits(nodes, rank[at].astype(np.int64), edges, descending, missing_left)
 
 
 def compact(columns: tuple[RankColumn, ...], used: list[IntArray]) -> tuple[tuple[RankColumn, ...], list[Int32Array]]:

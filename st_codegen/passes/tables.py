@@ -28,14 +28,14 @@ from st_codegen.ir import (
     TreeEnsemble,
     reference,
 )
-from st_codegen.passes.monotone import Chain, Column, Kind, columns_of, domain_of, step_edges
+from st_codegen.passes.monotone import Chain, Column, Dependence, columns_of, domain_of, step_edges
 
 #: Rows that the reference evaluates at once: bounds its memory.
 _BATCH = 20_000
 
 
 @dataclass(frozen=True)
-class Axis:
+class CellAxis:
     """One feature's cells: `edges` between them, and the cell of a missing value (0 where none is accepted)."""
 
     feature: int
@@ -52,7 +52,7 @@ class Axis:
 class Cells:
     """A piecewise constant model: its axes, and its outputs in every cell, shape (cells of each axis.., outputs)."""
 
-    axes: tuple[Axis, ...]
+    axes: tuple[CellAxis, ...]
     values: FloatArray
     exact: bool
 
@@ -75,10 +75,10 @@ def cells_of(model: ModelIR, most: int) -> Cells | None:
     return without_equal_slices(Cells(axes, values.reshape(*shape, len(model.outputs)), model.exact))
 
 
-def _axes(model: ModelIR, most: int) -> tuple[Axis, ...] | None:
+def _axes(model: ModelIR, most: int) -> tuple[CellAxis, ...] | None:
     """The axes of a model, those with few cells first: neighbours along the longest one are neighbours in memory."""
     values = columns_of(model)
-    if any(column is not Kind.STEPS for column in values[-1]):
+    if any(column is not Dependence.STEPS for column in values[-1]):
         return None
     if any(isinstance(op, TreeEnsemble) and _too_many_thresholds(op, most) for op in model.ops):
         return None
@@ -94,7 +94,7 @@ def _axes(model: ModelIR, most: int) -> tuple[Axis, ...] | None:
     if any(np.any(np.isinf(found)) for found in joined.values()):
         return None
     # a missing value gets a cell of its own; where it equals another one, that one is used in the end
-    axes = [Axis(f, e, len(e) + 1 if model.accepts_nan else 0) for f, e in joined.items()]
+    axes = [CellAxis(f, e, len(e) + 1 if model.accepts_nan else 0) for f, e in joined.items()]
     axes = [axis for axis in axes if axis.cells > 1]
     size = len(model.outputs)
     for axis in axes:
@@ -119,7 +119,7 @@ def _collect(model: ModelIR, op: TreeEnsemble, number: int, column: Column, edge
         edges.setdefault(column.feature, []).append(found)
 
 
-def _representatives(model: ModelIR, axis: Axis) -> FloatArray:
+def _representatives(model: ModelIR, axis: CellAxis) -> FloatArray:
     """One number of the feature in each cell: the last one of the cell, for the highest cell the first one."""
     if not len(axis.edges):
         points = np.array([domain_of(model, axis.feature).inside])
@@ -128,7 +128,7 @@ def _representatives(model: ModelIR, axis: Axis) -> FloatArray:
     return np.append(points, np.nan) if axis.missing else points
 
 
-def _rows(model: ModelIR, axes: Sequence[Axis], grid: Sequence[FloatArray]) -> Iterator[FloatArray]:
+def _rows(model: ModelIR, axes: Sequence[CellAxis], grid: Sequence[FloatArray]) -> Iterator[FloatArray]:
     """A row of inputs for each cell, in the order of the table, batch by batch."""
     shape = tuple(len(points) for points in grid)
     total = math.prod(shape)
@@ -144,7 +144,7 @@ def _rows(model: ModelIR, axes: Sequence[Axis], grid: Sequence[FloatArray]) -> I
 def without_equal_slices(cells: Cells) -> Cells:
     """Neighbouring slices of the table that are equal to the bit merged, and axes that make no difference dropped."""
     values = cells.values
-    axes: list[Axis] = []
+    axes: list[CellAxis] = []
     for axis in cells.axes:
         at = len(axes)
         slices = np.moveaxis(values, at, 0)
@@ -154,12 +154,12 @@ def without_equal_slices(cells: Cells) -> Cells:
         chosen: list[int] = np.flatnonzero(keep).tolist()
         missing = 0
         if axis.missing:
-            same = [place for place, row in enumerate(chosen) if np.array_equal(bits[row], bits[axis.missing])]
+            same = [position for position, row in enumerate(chosen) if np.array_equal(bits[row], bits[axis.missing])]
             missing = same[0] if same else len(chosen)
             chosen += [] if same else [axis.missing]
         values = np.moveaxis(slices[chosen], 0, at)
         if len(chosen) > 1:
-            axes.append(Axis(axis.feature, axis.edges[keep[:-1]], missing))
+            axes.append(CellAxis(axis.feature, axis.edges[keep[:-1]], missing))
         else:
             values = np.take(values, 0, axis=at)
     order = sorted(range(len(axes)), key=lambda n: (axes[n].cells, axes[n].feature))
@@ -189,7 +189,7 @@ def table_operations(parts: Sequence[Cells]) -> tuple[Operation, ...]:
     return rank, *lookups, Select(tuple(range(2, len(parts) + 2)), np.arange(width, dtype=np.int32))
 
 
-def _lookup(cells: Cells, axes: Sequence[Axis]) -> CellTable:
+def _lookup(cells: Cells, axes: Sequence[CellAxis]) -> CellTable:
     """The table of one part behind a search on `axes`."""
     flat = cells.values.reshape(-1, cells.values.shape[-1])
     stored, values = _stored(flat)
@@ -202,7 +202,7 @@ def _lookup(cells: Cells, axes: Sequence[Axis]) -> CellTable:
     return CellTable((1,), lists, shape, values, stored, flat[0], cells.exact)
 
 
-def _own_cells(own: Axis, union: Axis) -> Int32Array:
+def _own_cells(own: CellAxis, union: CellAxis) -> Int32Array:
     """The cell of a part's axis in which each cell of the united axis lies: every edge of the part is in the union."""
     cells = np.searchsorted(own.edges, np.append(union.edges, np.inf), side="left")
     if union.missing:
@@ -237,14 +237,14 @@ def union_shape(parts: Sequence[Cells]) -> tuple[int, ...]:
     return tuple(_union(feature, parts).cells for feature in sorted(features))
 
 
-def _union(feature: int, parts: Sequence[Cells]) -> Axis:
+def _union(feature: int, parts: Sequence[Cells]) -> CellAxis:
     """An axis with the edges that any part has on a feature."""
     own = [axis for cells in parts for axis in cells.axes if axis.feature == feature]
     edges = np.unique(np.concatenate([axis.edges for axis in own]))
-    return Axis(feature, edges, len(edges) + 1 if any(axis.missing for axis in own) else 0)
+    return CellAxis(feature, edges, len(edges) + 1 if any(axis.missing for axis in own) else 0)
 
 
-def _on(cells: Cells, axes: Sequence[Axis]) -> FloatArray:
+def _on(cells: Cells, axes: Sequence[CellAxis]) -> FloatArray:
     """The values of one part in the cells of united axes."""
     own = {axis.feature: number for number, axis in enumerate(cells.axes)}
     values = cells.values

@@ -10,7 +10,7 @@ from st_codegen.emit.contents import Contents
 from st_codegen.emit.render import render
 from st_codegen.emit.targets import Target
 from st_codegen.ir import ModelIR
-from st_codegen.passes.choose import Cost
+from st_codegen.passes.choose import CallCost
 from st_codegen.passes.pipeline import Compiled
 from st_codegen.st import parse_project
 
@@ -19,7 +19,7 @@ _TEXTS = (".st", ".TcPOU", ".TcGVL", ".TcDUT", ".xml")
 
 
 @dataclass(frozen=True)
-class EmittedCost(Cost):
+class EmittedCost(CallCost):
     """The worst case of a model's block on one controller, in us, and an estimate of its machine code."""
 
     warm_us: float = 0.0

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from st_codegen.emit.blocks.listing import Element, Group, Listing
+from st_codegen.emit.blocks.listing import ArrayElement, Group, Listing
 from st_codegen.emit.blocks.operations import Step, lay_out
 from st_codegen.ir import CellTable, Rank, RankColumn, TableAxis
 
@@ -16,19 +16,19 @@ _MOST_SEARCHES = 8
 
 
 @dataclass(frozen=True)
-class _Search:
+class _RankSearch:
     """One search, and the columns of ranks (by position) that come from it."""
 
     first: RankColumn
     results: tuple[tuple[int, RankColumn], ...]
 
 
-def _searches(op: Rank) -> list[_Search]:
+def _searches(op: Rank) -> list[_RankSearch]:
     """Columns that differ only in their missing value or their direction share a search."""
     groups: dict[tuple[int, bytes], list[tuple[int, RankColumn]]] = {}
     for number, column in enumerate(op.columns):
         groups.setdefault((column.column, column.edges.tobytes()), []).append((number, column))
-    return [_Search(results[0][1], tuple(results)) for results in groups.values()]
+    return [_RankSearch(results[0][1], tuple(results)) for results in groups.values()]
 
 
 def halvings(count: int) -> list[int]:
@@ -75,7 +75,7 @@ def _step(half: int) -> dict[str, int]:
     return {"ahead": half - 1, "beyond": half}
 
 
-def _edges(search: _Search, position: int, step: Step, listing: Listing) -> str:
+def _edges(search: _RankSearch, position: int, step: Step, listing: Listing) -> str:
     return listing.table(step.table("EDGE") + f"_{position}", "LREAL", search.first.edges)
 
 
@@ -90,7 +90,7 @@ def _result(number: int, column: RankColumn, step: Step) -> dict[str, object]:
     }
 
 
-def _joined_tables(searches: list[_Search], step: Step, listing: Listing) -> dict[str, object]:
+def _joined_tables(searches: list[_RankSearch], step: Step, listing: Listing) -> dict[str, object]:
     """All thresholds in one table (or several where it would be too long), searched in loops.
 
     A search among n thresholds, 2^k <= n < 2^(k+1), first looks at number 2^k (counted from 1): beyond it the rank is
@@ -184,7 +184,7 @@ def _skipped(axis: TableAxis, position: int, step: Step, listing: Listing) -> di
     table = None
     if axis.stride is None:
         table = listing.table(step.table("SKIP") + f"_{position}", "DINT", axis.offset)
-    return {"rank": Element(step.source, axis.column), "stride": axis.stride, "table": table}
+    return {"rank": ArrayElement(step.source, axis.column), "stride": axis.stride, "table": table}
 
 
 def _row_groups(op: CellTable, start: int, stop: int) -> list[Group]:

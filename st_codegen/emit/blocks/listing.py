@@ -53,7 +53,7 @@ _DECLARATION_MARKS = 13
 
 
 @dataclass(frozen=True)
-class Element:
+class ArrayElement:
     """One element of an array, which a template writes as `name[index]`."""
 
     name: str
@@ -132,7 +132,7 @@ def _fit(texts: Sequence[str], *, final: bool) -> Iterator[str]:
 
 
 @dataclass(frozen=True)
-class Section:
+class CodeSection:
     """A titled piece of code: a template and what it prints."""
 
     title: str
@@ -167,7 +167,7 @@ class Block:
     variables: tuple[Variable, ...] = ()
     constants: tuple[Variable, ...] = ()
     tables: tuple[Table, ...] = ()
-    sections: tuple[Section, ...] = ()
+    sections: tuple[CodeSection, ...] = ()
     kind: str = "FUNCTION_BLOCK"
     result: str = ""
     extends: str = ""
@@ -190,7 +190,7 @@ class Listing:
     variables: dict[str, Variable] = field(default_factory=dict)
     constants: list[Variable] = field(default_factory=list)
     tables: list[Table] = field(default_factory=list)
-    sections: list[Section] = field(default_factory=list)
+    sections: list[CodeSection] = field(default_factory=list)
 
     def local(self, name: str, kind: str, length: int | None = None, initial: str = "") -> str:
         """Declare a local variable (again: the same variable); returns its name."""
@@ -237,7 +237,7 @@ class Listing:
 
     def section(self, title: str, template: str, **values: Any) -> None:
         """Append a piece of code."""
-        self.sections.append(Section(title, template, values))
+        self.sections.append(CodeSection(title, template, values))
 
     def chunks(self, sizes: AnyArray | Sequence[int], what: str) -> list[tuple[int, int]]:
         """Split consecutive items (trees, neurons, support vectors) of the given sizes into runs that fit an array.

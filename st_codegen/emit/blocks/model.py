@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from st_codegen.emit.blocks import cells, trees  # noqa: F401 - these register the code of their operations
-from st_codegen.emit.blocks.listing import LINE_LENGTH, Block, Element, Listing, Variable
+from st_codegen.emit.blocks.listing import LINE_LENGTH, ArrayElement, Block, Listing, Variable
 from st_codegen.emit.blocks.operations import Step, lay_out, lay_out_layer
 from st_codegen.emit.literals import capitalised, check_text, identifier, real, unit_text
 from st_codegen.errors import InputError, errors_name
@@ -220,9 +220,11 @@ def _operations(model: ModelIR, listing: Listing) -> None:
         else:
             lay_out(op, step, listing)
             names.append(result)
-    results = [Element(names[-1], number) for number in range(len(model.outputs))]
+    results = [ArrayElement(names[-1], number) for number in range(len(model.outputs))]
     if isinstance(last, Select):
-        joined = [Element(names[value], number) for value in last.inputs for number in range(model.value_width(value))]
+        joined = [
+            ArrayElement(names[value], number) for value in last.inputs for number in range(model.value_width(value))
+        ]
         results = [joined[column] for column in last.columns]
     listing.section(
         "outputs",

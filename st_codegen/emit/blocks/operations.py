@@ -8,7 +8,7 @@ from functools import singledispatch
 
 import numpy as np
 
-from st_codegen.emit.blocks.listing import Element, Group, Listing
+from st_codegen.emit.blocks.listing import ArrayElement, Group, Listing
 from st_codegen.emit.literals import real
 from st_codegen.ir import (
     Activation,
@@ -54,7 +54,7 @@ class Step:
 
     @property
     def source(self) -> str:
-        """The only operand."""
+        """The name of the operand of an operation that has one only."""
         return self.operands[0]
 
     def table(self, stem: str) -> str:
@@ -72,7 +72,9 @@ def lay_out(op: Operation, step: Step, listing: Listing) -> None:
 def _(op: Select, step: Step, listing: Listing) -> None:
     _declare_result(op, step, listing)
     sources = [
-        Element(name, column) for name, width in zip(step.operands, step.widths, strict=True) for column in range(width)
+        ArrayElement(name, column)
+        for name, width in zip(step.operands, step.widths, strict=True)
+        for column in range(width)
     ]
     picked = [sources[column] for column in op.columns]
     listing.section("pick columns", "select", step=step, sources=picked)

@@ -128,7 +128,7 @@ def _parts(op: TreeEnsemble, step: Step, listing: Listing, keys: _Keys) -> list[
 
 
 def _sorted_part(classes: DepthClasses, first: int, suffix: str, step: Step, listing: Listing) -> dict[str, object]:
-    """The order in which trees are visited, where it is not that of their sum, and a place to keep what they found."""
+    """The order in which trees are visited, where it is not that of their sum, and the variable that keeps the leaf of each."""
     trees = len(classes.order)
     values: dict[str, object] = {"first": first, "last": first + trees - 1, "order": None}
     if classes.is_sorted:
@@ -172,7 +172,7 @@ def _tree_runs(run: tuple[int, int], offset: int, listing: Listing) -> list[dict
 
 @dataclass(frozen=True)
 class _Tables:
-    """A run of trees as it is written."""
+    """The tables of consecutive trees, as they are written."""
 
     node: Int32Array
     leaf: FloatArray
@@ -194,13 +194,13 @@ def _tables(op: TreeEnsemble, equal: IntArray, run: tuple[int, int], keys: _Keys
     n_pairs = len(owner)
     node = np.empty((trees + 2 * n_pairs, 2), np.int64)
     # the record of a node: the same for all nodes whose subtrees are equal
-    place = 2 * (trees + 2 * pair_of)
+    children = 2 * (trees + 2 * pair_of)
     classes = depth_classes(part.depths(), ABREAST, PRICES)
     source = np.concatenate([part.roots[classes.order], np.column_stack([part.left[owner], part.right[owner]]).ravel()])
     node[:, 0] = key[source]
     own = 2 * np.arange(len(source))
     # a leaf is its own left child: its key is above every rank, so it stays
-    node[:, 1] = np.where(part.split[source] >= 0, place[source], own)
+    node[:, 1] = np.where(part.split[source] >= 0, children[source], own)
     tree = part.tree_of(owner)
     edges = np.searchsorted(tree, np.arange(trees + 1))
     groups = [Group("roots", 0, 2 * trees)]

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from st_codegen.emit.blocks.application import Application, Task
-from st_codegen.emit.blocks.listing import Block, Group, Section, Table, Variable
+from st_codegen.emit.blocks.listing import Block, CodeSection, Group, Table, Variable
 from st_codegen.emit.blocks.model import header_lines
 from st_codegen.ir import FloatArray, Source
 
@@ -51,7 +51,7 @@ def with_tests(application: Application, vectors: Sequence[ReferenceVectors]) ->
         ),
         kind="PROGRAM",
         variables=instances,
-        sections=(Section("one cycle of all suites", "tcunit_run", {}),),
+        sections=(CodeSection("one cycle of all suites", "tcunit_run", {}),),
     )
     return dataclasses.replace(
         application,
@@ -87,7 +87,7 @@ def _suite(vectors: ReferenceVectors, inputs: list[str]) -> Block:
             _table("TEST_ALLOWED", vectors.allowed),
         ),
         sections=(
-            Section(
+            CodeSection(
                 "the library's answers",
                 "tcunit_vectors",
                 {

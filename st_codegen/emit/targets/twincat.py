@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import PurePosixPath
 
 from st_codegen.emit.blocks.application import Application, DataType, GlobalList, Overlay, Task
-from st_codegen.emit.blocks.listing import Block, Section, Variable
+from st_codegen.emit.blocks.listing import Block, CodeSection, Variable
 from st_codegen.emit.blocks.model import Limits
 from st_codegen.emit.targets.base import FilePlan, Target, enter_target
 
@@ -64,7 +64,7 @@ def with_bit_test(application: Application) -> Application:
             Variable("MAGNITUDE", "LWORD", initial="16#7FFFFFFFFFFFFFFF", comment="all bits but the sign"),
             Variable("INFINITY", "LWORD", initial="16#7FF0000000000000", comment="bits of +infinity"),
         ),
-        sections=(Section("above infinity lie the numbers that are none", "is_nan", {}),),
+        sections=(CodeSection("above infinity lie the numbers that are none", "is_nan", {}),),
     )
     bits = Overlay(
         "U_LrealBits", ("A number and its bits at the same place in memory.",), (value, Variable("nBits", "LWORD"))

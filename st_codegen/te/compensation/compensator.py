@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from st_codegen.emit.blocks.listing import Block, Section, Variable
+from st_codegen.emit.blocks.listing import Block, CodeSection, Variable
 from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.literals import real
 from st_codegen.te.compensation.codes import TE_ERROR
@@ -51,14 +51,14 @@ def compensator_block(te: TransmissionError) -> Block:
         ),
         sections=(
             predict_section(te),
-            Section("correction", "te_call", {"instance": "fbCorrection", "arguments": correction}),
+            CodeSection("correction", "te_call", {"instance": "fbCorrection", "arguments": correction}),
             outputs_section("fbCorrection"),
         ),
         codes=TE_ERROR.some("NONE", "OPERATING_POINT", "NO_PREDICTION"),
     )
 
 
-def predict_section(te: TransmissionError) -> Section:
+def predict_section(te: TransmissionError) -> CodeSection:
     """The operating point, checked, and the prediction: leaves `eSet` and `bInRange`."""
     features = input_variables(te.features)
     speed = features[te.speed_feature].name
@@ -70,10 +70,10 @@ def predict_section(te: TransmissionError) -> Section:
         "no_error": TE_ERROR["NONE"],
         "failed": TE_ERROR["NO_PREDICTION"],
     }
-    return Section("prediction at the operating point", "te_predict", values)
+    return CodeSection("prediction at the operating point", "te_predict", values)
 
 
-def outputs_section(instance: str) -> Section:
+def outputs_section(instance: str) -> CodeSection:
     """Hand on the results of FB_Correction."""
     names = [variable.name for variable in results()]
-    return Section("outputs", "te_outputs", {"instance": instance, "names": names})
+    return CodeSection("outputs", "te_outputs", {"instance": instance, "names": names})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from st_codegen.emit.blocks.listing import Block, Section, Variable
+from st_codegen.emit.blocks.listing import Block, CodeSection, Variable
 from st_codegen.emit.literals import real
 from st_codegen.errors import InputError
 from st_codegen.te.compensation.codes import TE_ERROR
@@ -112,19 +112,19 @@ def correction_block(te: TransmissionError) -> Block:
             lreal("RAD_PER_TURN", "2 * pi", "6.283185307179586"),
         ),
         sections=(
-            Section("inputs, checked", "te_checks", {"checks": _checks(), "no_error": TE_ERROR["NONE"]}),
-            Section(
+            CodeSection("inputs, checked", "te_checks", {"checks": _checks(), "no_error": TE_ERROR["NONE"]}),
+            CodeSection(
                 "direction of rotation",
                 "te_direction",
                 {"both": both, "suffix": suffixes[0], "no_error": TE_ERROR["NONE"], "wrong": TE_ERROR["DIRECTION"]},
             ),
-            Section(
+            CodeSection(
                 "transmission error of Eq. 3",
                 "te_sum",
                 {"both": both, "suffix": suffixes[0], "last": len(te.orders) - 1, "no_error": TE_ERROR["NONE"]},
             ),
-            Section("law of Eq. 6", "te_law", {"no_error": TE_ERROR["NONE"]}),
-            Section("fading and limits", "te_limits", {"no_error": TE_ERROR["NONE"]}),
+            CodeSection("law of Eq. 6", "te_law", {"no_error": TE_ERROR["NONE"]}),
+            CodeSection("fading and limits", "te_limits", {"no_error": TE_ERROR["NONE"]}),
         ),
         codes=TE_ERROR.some(*names),
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from st_codegen.emit.blocks.listing import Block, Section, Variable
+from st_codegen.emit.blocks.listing import Block, CodeSection, Variable
 from st_codegen.emit.literals import real
 from st_codegen.te.compensation.codes import EXPERIMENT_ERROR, EXPERIMENT_STATE
 from st_codegen.te.compensation.load_torque import LARGEST_TORQUE, LOAD_RATIO
@@ -125,10 +125,10 @@ def experiment_block(te: TransmissionError) -> Block:
             lreal("FASTEST", "twice the largest input speed, rad/s", "377.0"),
         ),
         sections=(
-            Section("sensors, checked", "experiment_sensors", values),
-            Section("steps", "experiment_steps", values),
-            Section("errors and time-outs", "experiment_faults", values),
-            Section("commands", "experiment_commands", values),
+            CodeSection("sensors, checked", "experiment_sensors", values),
+            CodeSection("steps", "experiment_steps", values),
+            CodeSection("errors and time-outs", "experiment_faults", values),
+            CodeSection("commands", "experiment_commands", values),
         ),
         codes=(*EXPERIMENT_STATE.all, *EXPERIMENT_ERROR.all),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from st_codegen.emit.blocks.listing import Block, Section, Variable
+from st_codegen.emit.blocks.listing import Block, CodeSection, Variable
 from st_codegen.emit.literals import real
 from st_codegen.te.compensation.addition_chain import Link, addition_chain
 from st_codegen.te.compensation.parts import HARMONICS_TYPE, block, dint, lreal
@@ -89,8 +89,8 @@ def harmonic_sum_block(te: TransmissionError) -> Block:
             lreal("HALF_PI_LOW", "the rest", real(HALF_PI_LOW)),
         ),
         sections=(
-            Section("angle reduced by quarter turns", "te_reduce", {}),
-            Section("multiples along the chain", "te_chain", {"links": cost.chain}),
-            Section("sum", "te_terms", {"terms": terms}),
+            CodeSection("angle reduced by quarter turns", "te_reduce", {}),
+            CodeSection("multiples along the chain", "te_chain", {"links": cost.chain}),
+            CodeSection("sum", "te_terms", {"terms": terms}),
         ),
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from st_codegen.emit.blocks.listing import Block, Section
+from st_codegen.emit.blocks.listing import Block, CodeSection
 from st_codegen.emit.literals import real
 from st_codegen.te.compensation.codes import LOAD_ERROR
 from st_codegen.te.compensation.parts import block, boolean, check, error_output, lreal
@@ -53,8 +53,8 @@ def load_torque_block() -> Block:
         ),
         constants=(lreal("LOAD_RATIO", "loading motor to slow shaft", real(LOAD_RATIO)),),
         sections=(
-            Section("inputs, checked", "load_checks", {"checks": checks, "no_error": LOAD_ERROR["NONE"]}),
-            Section("limit and ramp", "load_ramp", {"no_error": LOAD_ERROR["NONE"]}),
+            CodeSection("inputs, checked", "load_checks", {"checks": checks, "no_error": LOAD_ERROR["NONE"]}),
+            CodeSection("limit and ramp", "load_ramp", {"no_error": LOAD_ERROR["NONE"]}),
         ),
         codes=LOAD_ERROR.all,
     )

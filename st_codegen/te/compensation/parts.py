@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from st_codegen.emit.blocks.listing import Block, Code, Section, Variable
+from st_codegen.emit.blocks.listing import Block, Code, CodeSection, Variable
 from st_codegen.emit.blocks.model import header_lines
 from st_codegen.emit.literals import real
 from st_codegen.errors import InputError
@@ -85,7 +85,7 @@ def block(  # noqa: PLR0913 - the parts of a block
     in_outs: Sequence[Variable] = (),
     variables: Sequence[Variable] = (),
     constants: Sequence[Variable] = (),
-    sections: Sequence[Section] = (),
+    sections: Sequence[CodeSection] = (),
     codes: Sequence[Code] = (),
     kind: str = "FUNCTION_BLOCK",
     result: str = "",
@@ -140,7 +140,7 @@ def within_function() -> Block:
             lreal("fLower", "lower limit, itself allowed"),
             lreal("fUpper", "upper limit, itself allowed"),
         ),
-        sections=(Section("not a number, then the range", "te_within", {}),),
+        sections=(CodeSection("not a number, then the range", "te_within", {}),),
         kind="FUNCTION",
         result="BOOL",
     )

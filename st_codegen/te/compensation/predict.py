@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from st_codegen.emit.blocks.listing import Block, Section, Variable
+from st_codegen.emit.blocks.listing import Block, CodeSection, Variable
 from st_codegen.emit.blocks.model import block_name, feature_text, input_variables
 from st_codegen.te.compensation.parts import HARMONICS_TYPE, SUFFIX, block, boolean, lreal, set_variables
 from st_codegen.te.harmonics import Direction, Quantity, TransmissionError
@@ -38,9 +38,9 @@ def predict_block(te: TransmissionError) -> Block:
             lreal("fSine", "A * sin(phi), deg"),
         ),
         sections=(
-            Section("the operating point is checked once for all models", "te_inputs", {"inputs": _names(inputs)}),
+            CodeSection("the operating point is checked once for all models", "te_inputs", {"inputs": _names(inputs)}),
             *_model_sections(te, inputs, {model: instance.name for model, instance in instances.items()}),
-            Section(
+            CodeSection(
                 "amplitudes, phases and parts",
                 "te_harmonics",
                 {"harmonics": harmonics, "calls": len(te.cycles), "usable": "bRound" if te.cycles else "bUsable"},
@@ -51,14 +51,14 @@ def predict_block(te: TransmissionError) -> Block:
 
 def _model_sections(
     te: TransmissionError, inputs: tuple[Variable, ...], instances: dict[str, str]
-) -> tuple[Section, ...]:
+) -> tuple[CodeSection, ...]:
     """The calls of the models; a model block names its inputs by its own features, which the bundle's are."""
     if not te.cycles:
-        return (Section("models", "te_models", {"instances": list(instances.values()), "inputs": inputs}),)
+        return (CodeSection("models", "te_models", {"instances": list(instances.values()), "inputs": inputs}),)
     parts = [
         {"number": number, "instances": [instances[name] for name in names]} for number, names in enumerate(te.cycles)
     ]
-    return (Section(f"models, spread over {len(parts)} calls", "te_spread", {"parts": parts, "inputs": inputs}),)
+    return (CodeSection(f"models, spread over {len(parts)} calls", "te_spread", {"parts": parts, "inputs": inputs}),)
 
 
 def _spread_variables(te: TransmissionError) -> tuple[Variable, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from st_codegen.emit.blocks.application import GlobalList, Task
-from st_codegen.emit.blocks.listing import Block, Section, Variable
+from st_codegen.emit.blocks.listing import Block, CodeSection, Variable
 from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.literals import real
 from st_codegen.te.compensation import experiment
@@ -79,12 +79,12 @@ def _given(names: Iterable[str], signals: str = SIGNALS) -> list[Argument]:
     return [Argument(name, name, signals) for name in names]
 
 
-def _call(instance: str, arguments: list[Argument], title: str) -> Section:
-    return Section(title, "te_call", {"instance": instance, "arguments": arguments})
+def _call(instance: str, arguments: list[Argument], title: str) -> CodeSection:
+    return CodeSection(title, "te_call", {"instance": instance, "arguments": arguments})
 
 
-def _results(instance: str, names: Iterable[str], title: str, signals: str = SIGNALS) -> Section:
-    return Section(title, "te_results", {"instance": instance, "names": list(names), "list": signals})
+def _results(instance: str, names: Iterable[str], title: str, signals: str = SIGNALS) -> CodeSection:
+    return CodeSection(title, "te_results", {"instance": instance, "names": list(names), "list": signals})
 
 
 def _names(variables: Iterable[Variable]) -> list[str]:

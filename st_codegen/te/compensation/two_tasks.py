@@ -8,7 +8,7 @@ a whole set, whatever the other task did meanwhile. (Lamport, Concurrent reading
 from __future__ import annotations
 
 from st_codegen.emit.blocks.application import Structure
-from st_codegen.emit.blocks.listing import Block, Section, Variable
+from st_codegen.emit.blocks.listing import Block, CodeSection, Variable
 from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.literals import real
 from st_codegen.te.compensation.codes import TE_ERROR
@@ -90,8 +90,8 @@ def slow_block(te: TransmissionError) -> Block:
         constants=(dint("LAST_NUMBER", "numbers start again at 1 behind it; even", "1000000000"),),
         sections=(
             predict_section(te),
-            Section("write the other buffer, then publish it", "te_publish", values),
-            Section("outputs", "te_slow_outputs", {"no_error": TE_ERROR["NONE"]}),
+            CodeSection("write the other buffer, then publish it", "te_publish", values),
+            CodeSection("outputs", "te_slow_outputs", {"no_error": TE_ERROR["NONE"]}),
         ),
         codes=TE_ERROR.some("NONE", "OPERATING_POINT", "NO_PREDICTION"),
     )
@@ -161,9 +161,9 @@ def fast_block(te: TransmissionError) -> Block:
             lreal("fAgeLimit", "last usable age limit, s", "0.02"),
         ),
         sections=(
-            Section("newest set, copied and checked", "te_receive", values),
-            Section("age of the set", "te_age", values),
-            Section("correction", "te_call", {"instance": "fbCorrection", "arguments": arguments}),
+            CodeSection("newest set, copied and checked", "te_receive", values),
+            CodeSection("age of the set", "te_age", values),
+            CodeSection("correction", "te_call", {"instance": "fbCorrection", "arguments": arguments}),
             outputs_section("fbCorrection"),
         ),
         codes=TE_ERROR.some("NONE", "PARAMETER", "NO_PREDICTION", "NOT_READY", "STALE"),

@@ -11,7 +11,7 @@ from st_codegen.emit.blocks.application import (
     Structure,
     Task,
 )
-from st_codegen.emit.blocks.listing import Block, Element, Group, Section, Table, Variable
+from st_codegen.emit.blocks.listing import ArrayElement, Block, CodeSection, Group, Table, Variable
 from st_codegen.emit.render import print_plans
 
 #: A block counts cycles; a program owns it; two tasks.
@@ -36,10 +36,10 @@ COUNTER = Block(
         Table("SPLIT", "SINT", np.array([0, 1, 1], np.int8)),
     ),
     sections=(
-        Section(
+        CodeSection(
             "outputs & more",
             "outputs",
-            {"assignments": [{"output": "fOut1", "value": Element("WEIGHT", 1)}], "ranged": False},
+            {"assignments": [{"output": "fOut1", "value": ArrayElement("WEIGHT", 1)}], "ranged": False},
         ),
     ),
 )
