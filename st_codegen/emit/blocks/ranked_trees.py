@@ -128,7 +128,7 @@ def _parts(op: TreeEnsemble, step: Step, listing: Listing, keys: _Keys) -> list[
 
 
 def _sorted_part(classes: DepthClasses, first: int, suffix: str, step: Step, listing: Listing) -> dict[str, object]:
-    """The order in which trees are visited, where it is not that of their sum, and the variable that keeps the leaf of each."""
+    """The order of visits where it is not that of the sum, and the variable that keeps the leaf of each tree."""
     trees = len(classes.order)
     values: dict[str, object] = {"first": first, "last": first + trees - 1, "order": None}
     if classes.is_sorted:
