@@ -13,27 +13,40 @@ True
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
-
-# these enter what they bring into the tables below them: a target, a purpose, kinds of files
-import st_codegen.beckhoff_ml
-
-# the package, before the function of the same name is defined: its later modules do not take the name back
-import st_codegen.reconcile
-import st_codegen.te  # noqa: F401
-from st_codegen.driver import generate
-from st_codegen.project.bundle import Bundle, load
-from st_codegen.proof.review import diff
-from st_codegen.proof.verify import verify
+# the packages, before the functions of the same names are defined: later modules do not take the names back
+import st_codegen.reconcile  # noqa: F401
+from st_codegen.entries import announce
 
 if TYPE_CHECKING:
+    from st_codegen.driver import generate
+    from st_codegen.project.bundle import Bundle, load
+    from st_codegen.proof.review import diff
+    from st_codegen.proof.verify import verify
     from st_codegen.reconcile.run import Result
     from st_codegen.rig.motion_files import Study
 
+__version__ = "0.1.0"
 __all__ = ["diff", "generate", "load", "reconcile", "simulate", "verify"]
+
+#: Public functions that are the same in their room, which is imported when they are first used.
+_HOMES = {
+    "generate": "st_codegen.driver",
+    "load": "st_codegen.project.bundle",
+    "diff": "st_codegen.proof.review",
+    "verify": "st_codegen.proof.verify",
+}
+# these bring a purpose, a target and kinds of files
+announce("st_codegen.te", "st_codegen.beckhoff_ml")
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+    return getattr(importlib.import_module(_HOMES[name]), name)
 
 
 def simulate(bundle: Bundle, rig: Path | str, profile: str = "cycloidal", *, seed: int = 0) -> Study:

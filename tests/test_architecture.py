@@ -18,17 +18,18 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 #: two rooms know each other. A room is a folder, or a file beside the folders.
 MAY_USE = {
     "errors": set(),
+    "entries": set(),
     "files": {"errors"},
     "ir": {"errors"},
     # three stages that know each other only through the intermediate representation
-    "walkers": {"errors", "ir"},
+    "walkers": {"entries", "errors", "ir"},
     "passes": {"errors", "ir"},
-    "emit": {"errors", "ir"},
+    "emit": {"entries", "errors", "ir"},
     # the reader of Structured Text shares nothing with its writer: a shared formatter would hide a shared mistake
     "st": {"errors"},
     "cost": {"errors", "st", "files"},
-    "project": {"errors", "ir", "walkers", "passes", "emit"},
-    "proof": {"errors", "files", "ir", "walkers", "passes", "emit", "st", "cost", "project"},
+    "project": {"entries", "errors", "ir", "walkers", "passes", "emit"},
+    "proof": {"entries", "errors", "files", "ir", "walkers", "passes", "emit", "st", "cost", "project"},
     # what a purpose and a target may bring of their own; entered into tables of the rooms above
     "te": {"errors", "files", "ir", "walkers", "passes", "emit", "project", "proof"},
     "beckhoff_ml": {"errors", "ir", "walkers", "passes", "emit", "st", "proof"},

@@ -8,8 +8,10 @@ from st_codegen.proof.arithmetic import ARITHMETIC, LIBRARIES, Arithmetic
 from st_codegen.walkers.files import FORMATS, FileFormat
 
 enter_target(BeckhoffMlTarget())
-FORMATS.append(FileFormat((".xml",), ".xml (TwinCAT machine learning)", "st_codegen.beckhoff_ml.model"))
-LIBRARIES.append(mll_library)
+FORMATS[BeckhoffMlTarget.name] = FileFormat(
+    (".xml",), ".xml (TwinCAT machine learning)", "st_codegen.beckhoff_ml.model"
+)
+LIBRARIES[BeckhoffMlTarget.name] = mll_library
 ARITHMETIC[BeckhoffMlTarget.name] = Arithmetic(
     engine_bound,
     engine_answers,

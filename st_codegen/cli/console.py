@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,12 +13,33 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from st_codegen.emit.targets import TARGETS
+from st_codegen.files.number_text import parse_number, parse_whole
 from st_codegen.passes.choose import Layout, Options
 
-#: Messages and progress; results go to standard output.
-console = Console(stderr=True, width=None if Console(stderr=True).is_terminal else 120)
+#: Messages and progress; results go to standard output. Text is shown as it is, nothing in it is taken as markup.
+console = Console(stderr=True, width=None if sys.stderr.isatty() else 120, markup=False, emoji=False, highlight=False)
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+class Number(click.FloatRange):
+    """A finite number in plain digits, within bounds if some are given."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        try:
+            return super().convert(parse_number(value) if isinstance(value, str) else value, param, ctx)
+        except ValueError as error:
+            self.fail(f"{error}.", param, ctx)
+
+
+class Whole(click.IntRange):
+    """A whole number in plain digits, within bounds if some are given."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        try:
+            return super().convert(parse_whole(value) if isinstance(value, str) else value, param, ctx)
+        except ValueError as error:
+            self.fail(f"{error}.", param, ctx)
 
 
 def models_argument(function: Command) -> Command:
@@ -41,7 +63,7 @@ def array_option(function: Command) -> Command:
     """The option --max-array."""
     return click.option(
         "--max-array",
-        type=click.IntRange(min=1),
+        type=Whole(min=1),
         default=None,
         help="Largest number of elements in one array (default: the target's). Larger tables are cut into several.",
     )(function)
@@ -52,7 +74,7 @@ def bytes_option(function: Command) -> Command:
     defaults = ", ".join(f"{name} {target.limits.data_bytes // 2**20}" for name, target in TARGETS.items())
     return click.option(
         "--max-bytes",
-        type=click.IntRange(min=1),
+        type=Whole(min=1),
         default=None,
         help=f"Largest number of bytes of all tables together; more is an error. Default, in MiB: {defaults}.",
     )(function)
@@ -69,14 +91,14 @@ def layout_options(function: Command) -> Command:
     )
     limit = click.option(
         "--table-limit",
-        type=click.IntRange(min=1),
+        type=Whole(min=1),
         default=Options().table_bytes // 1024,
         show_default=True,
         help="Largest table of an output in KB.",
     )
     spread = click.option(
         "--outputs-per-cycle",
-        type=click.IntRange(min=1),
+        type=Whole(min=1),
         default=None,
         help="Spread the models of a bundle over several calls, at most so many outputs in each. Default: all in each.",
     )
@@ -86,7 +108,7 @@ def layout_options(function: Command) -> Command:
 @contextmanager
 def progress_bar(title: str, *, quiet: bool) -> Iterator[Callable[[int, int, str], None]]:
     """A bar fed by (done, total, what is next); silent with `quiet` and where standard error is no terminal."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal) as progress:
         task = progress.add_task(title, total=None)
 

@@ -6,8 +6,9 @@ from collections.abc import Iterable
 
 import click
 from rich.table import Table
+from rich.text import Text
 
-from st_codegen.cli.console import Command, console
+from st_codegen.cli.console import Command, Number, console
 from st_codegen.cost import DEFAULT, BlockCost, Part, ProjectCost, profile_names
 from st_codegen.proof.explain import Price
 
@@ -19,7 +20,7 @@ def cycle_option(function: Command) -> Command:
     """The option --cycle-us."""
     return click.option(
         "--cycle-us",
-        type=click.FloatRange(min=0.0, min_open=True),
+        type=Number(min=0.0, min_open=True),
         help="Budget of one cycle in us: fail when the worst case, with cold caches, is longer.",
     )(function)
 
@@ -49,7 +50,7 @@ def entry_option(function: Command) -> Command:
 def print_budget(target: str, cost: ProjectCost, cycle_us: float | None) -> None:
     """Who spends what, in a cycle that does not fit."""
     for text in cost.unbounded:
-        console.print(f"[red]{target}[/]: {text}", highlight=False, soft_wrap=True)
+        console.print(Text.assemble((target, "red"), f": {text}"), soft_wrap=True)
     console.print(cost_table(f"{target}: worst case of a cycle on {cost.profile.name}", cost.cycle))
     print_verdict(target, cost, cycle_us)
 
@@ -59,15 +60,13 @@ def print_verdict(target: str, cost: ProjectCost, cycle_us: float | None) -> Non
     times = f"{cost.warm_us:.1f} us with warm caches, {cost.cold_us:.1f} us with cold ones"
     if cost.unbounded:
         times = f"no bound; loops without one counted once: {times}"
-    verdict = ""
+    line = Text(f"{target}: {times} on {cost.profile.name}")
     if cycle_us is not None:
-        verdict = f", budget {cycle_us:g} us: "
-        verdict += "[green]fits[/]" if cost.fits(cycle_us) else "[bold red]DOES NOT FIT[/]"
-    console.print(f"{target}: {times} on {cost.profile.name}{verdict}", highlight=False, soft_wrap=True)
+        line.append(f", budget {cycle_us:g} us: ")
+        line.append("fits", "green") if cost.fits(cycle_us) else line.append("DOES NOT FIT", "bold red")
+    console.print(line, soft_wrap=True)
     if cost.profile.compute_factor == cost.profile.memory_factor == 1.0:
-        console.print(
-            f"{cost.profile.name} was not calibrated: the times are estimates (st-codegen calibrate)", highlight=False
-        )
+        console.print(f"{cost.profile.name} was not calibrated: the times are estimates (st-codegen calibrate)")
 
 
 def cost_table(title: str, blocks: Iterable[BlockCost]) -> Table:
@@ -101,7 +100,7 @@ def price_table(target: str, profile: str, priced: Iterable[Price]) -> Table:
         cost = price.cost
         table.add_row(
             price.model if price.is_chosen else "",
-            f"[bold]{price.layout}[/]" if price.is_chosen else f"[dim]{price.layout}[/]",
+            Text(str(price.layout), "bold" if price.is_chosen else "dim"),
             f"{cost.instructions:,.0f}",
             f"{cost.table_bytes:,}",
             f"{cost.code_bytes:,}",

@@ -7,10 +7,9 @@ import sys
 from pathlib import Path
 
 import click
-from rich.markup import escape
 from rich.table import Table
 
-from st_codegen.cli.console import console, progress_bar, quiet_option
+from st_codegen.cli.console import Whole, console, progress_bar, quiet_option
 from st_codegen.files.text import write_text
 from st_codegen.proof.review import Change, ModelChange, Review, diff
 
@@ -24,7 +23,7 @@ Examples:
 )
 @click.argument("old", type=click.Path(path_type=Path))
 @click.argument("new", type=click.Path(path_type=Path))
-@click.option("-n", "--rows", type=click.IntRange(min=1), default=10_000, show_default=True, help="Operating points.")
+@click.option("-n", "--rows", type=Whole(min=1), default=10_000, show_default=True, help="Operating points.")
 @click.option("--json", "json_file", is_flag=False, flag_value="-", help="Write the review to this file, - for output.")
 @quiet_option
 def command(old: Path, new: Path, rows: int, json_file: str | None, quiet: bool) -> None:
@@ -94,5 +93,5 @@ def _table(models: list[ModelChange]) -> Table:
         for output in model.outputs:
             name = model.name if len(model.outputs) == 1 else f"{model.name}[{output.output}]"
             where = ", ".join(f"{key} = {value:.6g}" for key, value in output.where.items())
-            table.add_row(escape(name), f"{output.largest:.3g}", f"{output.mean:.3g}", where)
+            table.add_row(name, f"{output.largest:.3g}", f"{output.mean:.3g}", where)
     return table

@@ -132,7 +132,7 @@ def command(
             bundle, target, out, max_array=max_array, options=options, with_tests=with_tests, cost=costs[target.name]
         )
         if not quiet:
-            console.print(f"{generated.folder}: {len(generated.files)} file(s)", highlight=False, soft_wrap=True)
+            console.print(f"{generated.folder}: {len(generated.files)} file(s)", soft_wrap=True)
             console.print(_files_table(generated))
             console.print(_models_table(generated))
             for remark in generated.purpose.remarks() if generated.purpose else ():

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from st_codegen.cli.console import Number, Whole
 from st_codegen.te.latency import PAPER_OUTPUT_US, Exchange, Latency, TaskTiming, latency
 
 
@@ -19,19 +20,21 @@ Examples:
   st-codegen latency --fast 250 --output {PAPER_OUTPUT_US}                 all in one task, or the sum in the fast one
   st-codegen latency --fast 250 --slow 500 --order 240 --json""",
 )
-@click.option("--fast", type=float, required=True, metavar="US", help="Cycle time of the task with encoder and axes.")
-@click.option("--slow", type=float, metavar="US", help="Cycle time of a slower task between reading and correcting.")
-@click.option("--slow-offset", type=float, default=0.0, metavar="US", help="Start of its first cycle. Default: 0.")
-@click.option("--fast-run", type=float, default=0.0, metavar="US", help="Time of one run, for --exchange end.")
-@click.option("--slow-run", type=float, default=0.0, metavar="US", help="Time of one run, for --exchange end.")
+@click.option(
+    "--fast", type=Number(), required=True, metavar="US", help="Cycle time of the task with encoder and axes."
+)
+@click.option("--slow", type=Number(), metavar="US", help="Cycle time of a slower task between reading and correcting.")
+@click.option("--slow-offset", type=Number(), default=0.0, metavar="US", help="Start of its first cycle. Default: 0.")
+@click.option("--fast-run", type=Number(), default=0.0, metavar="US", help="Time of one run, for --exchange end.")
+@click.option("--slow-run", type=Number(), default=0.0, metavar="US", help="Time of one run, for --exchange end.")
 @click.option(
     "--bus",
-    type=click.FloatRange(min=0),
+    type=Number(min=0),
     metavar="US",
     help="Cycle of the bus that latches the encoder. Default: that of --fast; 0: the task reads the encoder itself.",
 )
 @click.option(
-    "--output", "output_us", type=float, default=0.0, metavar="US", help="From the last exchange to the axis."
+    "--output", "output_us", type=Number(), default=0.0, metavar="US", help="From the last exchange to the axis."
 )
 @click.option(
     "--exchange",
@@ -40,7 +43,7 @@ Examples:
     show_default=True,
     help="When a task hands its results over: at the start of its next cycle, or at the end of its run.",
 )
-@click.option("--order", type=click.IntRange(min=1), default=240, show_default=True, help="Highest order to correct.")
+@click.option("--order", type=Whole(min=1), default=240, show_default=True, help="Highest order to correct.")
 @click.option("--json", "as_json", is_flag=True, help="Print the numbers as JSON.")
 def command(
     fast: float,

@@ -1,41 +1,43 @@
-"""The command `st-codegen`; `st-codegen MODELS --target NAME` is short for `st-codegen generate MODELS ..`."""
+"""The command `st-codegen`; `st-codegen MODELS --target NAME` is short for `st-codegen generate MODELS ..`.
+
+This module and what it imports are loaded by every start, `--help` included: nothing large is among them.
+"""
 
 from __future__ import annotations
 
-import importlib
+import csv
+import os
 import sys
-from typing import Any
+import traceback
+from collections.abc import Callable
+from typing import Any, NoReturn
 
 import click
 
 from st_codegen import __version__
-from st_codegen.cli.console import console
+from st_codegen.cli.lazy import Lazy, LazyGroup
 from st_codegen.errors import StCodegenError
 
-#: Command -> module with a click command of that name. Loaded when used, so that `--help` is fast.
 _COMMANDS = {
-    "train": "st_codegen.cli.train",
-    "tables": "st_codegen.cli.tables",
-    "generate": "st_codegen.cli.generate",
-    "verify": "st_codegen.cli.verify",
-    "predict": "st_codegen.cli.predict",
-    "diff": "st_codegen.cli.diff",
-    "latency": "st_codegen.cli.latency",
-    "simulate": "st_codegen.cli.simulate",
-    "reconcile": "st_codegen.cli.reconcile",
-    "calibrate": "st_codegen.cli.calibrate",
+    "train": Lazy("st_codegen.cli.train", "Learn from measured curves or a harmonic table; write a bundle of models."),
+    "tables": Lazy("st_codegen.cli.tables", "Write the paper's tables 2 to 6 with our errors beside the authors'."),
+    "generate": Lazy("st_codegen.cli.generate", "Compile a folder of models (or one file) to Structured Text."),
+    "verify": Lazy("st_codegen.cli.verify", "Compare the generated text with the models' libraries; check its time."),
+    "predict": Lazy("st_codegen.cli.predict", "Predict the rows of a table by text, reference or library."),
+    "diff": Lazy("st_codegen.cli.diff", "Say what changed between two generated folders."),
+    "latency": Lazy("st_codegen.cli.latency", "Tell the age of an angle when the correction made from it arrives."),
+    "simulate": Lazy("st_codegen.cli.simulate", "Simulate the rig: measured campaigns, and motions."),
+    "reconcile": Lazy("st_codegen.cli.reconcile", "Name the effects that a rig model lacks, and add them."),
+    "calibrate": Lazy("st_codegen.cli.calibrate", "Fit a profile to times measured on the controller."),
 }
+#: Exit codes beside 0 (yes) and 1 (the answer is no).
+_WRONG_USE, _DEFECT, _INTERRUPTED = 2, 70, 130
+_TRACEBACK = "--traceback"
+_TRACEBACK_VARIABLE = "ST_CODEGEN_TRACEBACK"
 
 
-class _Commands(click.Group):
-    """Loads commands lazily; an argument that names no command is the folder to generate from."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(_COMMANDS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        module = _COMMANDS.get(cmd_name)
-        return None if module is None else importlib.import_module(module).command
+class _Commands(LazyGroup):
+    """An argument that names no command is the folder to generate from."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         own = {"--help", "-h", "--version"}
@@ -46,13 +48,20 @@ class _Commands(click.Group):
 
 @click.group(
     cls=_Commands,
+    lazy=_COMMANDS,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="""\b
 Examples:
   st-codegen models/ --target twincat              compile a folder of models
   st-codegen verify models/ --generated generated  prove that the code computes the same numbers
   st-codegen predict models/ --input X.csv --output Y.csv
-  st-codegen diff old/ new/                        what changed, for the reviewer""",
+  st-codegen diff old/ new/                        what changed, for the reviewer
+
+\b
+Exit codes: 0 yes, 1 the answer is no, 2 wrong use or input, 70 a defect of st-codegen.""",
+)
+@click.option(
+    _TRACEBACK, is_flag=True, expose_value=False, help=f"Show where an error arose; also {_TRACEBACK_VARIABLE}=1."
 )
 @click.version_option(__version__, prog_name="st-codegen")
 def cli() -> None:
@@ -62,14 +71,56 @@ def cli() -> None:
     """
 
 
-def main(arguments: list[str] | None = None) -> Any:
-    """Run the command line; input errors end it with exit code 2 and one message, without a traceback."""
+def main(arguments: list[str] | None = None) -> NoReturn:
+    """Run the command line. What a user can mend ends it with exit code 2 and one message, a defect with 70."""
+    given = sys.argv[1:] if arguments is None else arguments
+    rest = [argument for argument in given if argument != _TRACEBACK]
+    shows_traceback = len(rest) < len(given) or os.environ.get(_TRACEBACK_VARIABLE, "") not in ("", "0")
     try:
-        return cli.main(args=arguments, prog_name="st-codegen")
-    except StCodegenError as error:
-        console.print(f"[bold red]error:[/] {_escaped(str(error))}", highlight=False, soft_wrap=True)
-        sys.exit(2)
+        code = cli.main(args=rest, prog_name="st-codegen", standalone_mode=False)
+    except click.exceptions.Abort:
+        _fail("stopped", _INTERRUPTED)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except Exception as error:
+        if shows_traceback:
+            traceback.print_exc()
+        message = _expected(error)
+        if message is not None:
+            _fail(message, _WRONG_USE)
+        hint = "" if shows_traceback else f"; {_TRACEBACK} shows where it arose"
+        _fail(
+            f"{type(error).__name__}: {error}\n"
+            f"This is a defect of st-codegen {__version__}, not of what you gave it: please report it{hint}.",
+            _DEFECT,
+        )
+    sys.exit(code or 0)
 
 
-def _escaped(text: str) -> str:
-    return text.replace("[", r"\[")
+def _system_message(error: OSError) -> str:
+    names = [str(name) for name in (error.filename, error.filename2) if name is not None]
+    return f"{' -> '.join(names)}: {error.strerror}" if names and error.strerror else str(error)
+
+
+#: What a user can mend (input, disk, memory), and its message.
+_EXPECTED: tuple[tuple[type[Exception], Callable[[Any], str]], ...] = (
+    (StCodegenError, str),
+    (OSError, _system_message),
+    (UnicodeError, lambda error: f"a text or a file's name is not UTF-8 ({error})"),
+    (csv.Error, lambda error: f"a table is not readable ({error})"),
+    (RecursionError, lambda _: "something in the input is nested too deeply"),
+    (MemoryError, lambda error: f"not enough memory {error}".rstrip()),
+)
+
+
+def _expected(error: Exception) -> str | None:
+    """The message for what a user can mend, None for a defect of ours."""
+    return next((message(error) for kind, message in _EXPECTED if isinstance(error, kind)), None)
+
+
+def _fail(message: str, code: int) -> NoReturn:
+    """One message on standard error, in which nothing of the data acts on the terminal, and the end."""
+    shown = "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in message)
+    click.echo(f"{click.style('error:', fg='red', bold=True)} {shown}", err=True)
+    sys.exit(code)

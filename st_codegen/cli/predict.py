@@ -29,7 +29,12 @@ Examples:
     help="CSV with a header of feature names (f0, f1, .. by place); nan and inf are allowed.",
 )
 @click.option(
-    "-o", "--output", "result", type=click.Path(path_type=Path), required=True, help="CSV to write: a column a model."
+    "-o",
+    "--output",
+    "result",
+    type=click.Path(path_type=Path, dir_okay=False),
+    required=True,
+    help="CSV to write: a column a model.",
 )
 @click.option(
     "-e",

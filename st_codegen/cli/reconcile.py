@@ -10,8 +10,9 @@ from pathlib import Path
 
 import click
 
-from st_codegen.cli.console import console, progress_bar, quiet_option, trust_option
+from st_codegen.cli.console import Number, console, progress_bar, quiet_option, trust_option
 from st_codegen.errors import InputError
+from st_codegen.files.text import make_folder
 from st_codegen.reconcile.judge.spectrum import (
     SpectrumResult,
     is_spectrum,
@@ -49,7 +50,7 @@ Examples:
     "--out", type=click.Path(path_type=Path), required=True, help="Folder for rig.toml, report.json, report.html."
 )
 @click.option("--effects", type=click.Path(path_type=Path), multiple=True, help="Python file with effects of your own.")
-@click.option("--scale", type=float, help="Factor on the measured TE; 1 to accept it as it is.")
+@click.option("--scale", type=Number(), help="Factor on the measured TE; 1 to accept it as it is.")
 @click.option("--models", type=click.Path(path_type=Path), help="Bundle of models that --update-models starts from.")
 @click.option(
     "--update-models",
@@ -102,7 +103,7 @@ def command(
         content, text = report(result, changes), summary(result)
         text += "" if changes is None else "\n" + update_summary(changes)
     if not quiet:
-        console.print(text, highlight=False)
+        console.print(text)
     if as_json:
         click.echo(json.dumps(content))
 
@@ -126,7 +127,7 @@ def _written(result: Result, wish: Wish | None, out: Path, quiet: bool) -> Updat
     """Update the models, and write everything at once."""
     from st_codegen.reconcile.report.pages import report_page
 
-    out.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(out.parent)
     with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=out.parent) as name:
         changes = None
         if wish is not None:
@@ -152,7 +153,7 @@ def _spectrum_texts(found: SpectrumResult) -> dict[str, str]:
 
 def _write(texts: Mapping[str, str], folders: Mapping[str, Path], out: Path) -> None:
     """All files or none: written beside their places first."""
-    out.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(out.parent)
     with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=out.parent) as name:
         for file, text in texts.items():
             (Path(name) / file).write_text(text, encoding="utf-8", newline="\n")

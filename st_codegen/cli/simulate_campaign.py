@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from st_codegen.cli.console import console, progress_bar, quiet_option
+from st_codegen.cli.console import Number, Whole, console, progress_bar, quiet_option
 from st_codegen.rig.campaign import Measuring, read_conditions, simulate_campaign
 from st_codegen.rig.effects import catalogue
 from st_codegen.rig.model import read_rig
@@ -26,12 +26,12 @@ Examples:
     required=True,
     help="CSV with the columns speed_rpm,torque_Nm,temperature_C: one run a row, both directions.",
 )
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="New folder for the curve files.")
 @click.option(
-    "--samples", type=click.IntRange(min=1), help="Samples of a revolution (default: 4000 a second, as on the rig)."
+    "--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="New folder for the curve files."
 )
-@click.option("--noise", type=click.FloatRange(min=0), help="Noise of a sample, deg (default: [noise] of the rig).")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the noise.")
+@click.option("--samples", type=Whole(min=1), help="Samples of a revolution (default: 4000 a second, as on the rig).")
+@click.option("--noise", type=Number(min=0), help="Noise of a sample, deg (default: [noise] of the rig).")
+@click.option("--seed", type=Whole(min=0), default=0, show_default=True, help="Seed of the noise.")
 @click.option("--effects", type=click.Path(path_type=Path), multiple=True, help="Python file with effects of your own.")
 @quiet_option
 def command(

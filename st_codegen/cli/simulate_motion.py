@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 from rich.table import Table
 
-from st_codegen.cli.console import console, progress_bar, quiet_option, trust_option
+from st_codegen.cli.console import Number, Whole, console, progress_bar, quiet_option, trust_option
 from st_codegen.project.bundle import load
 from st_codegen.rig.effects import catalogue
 from st_codegen.rig.tasks import Form
@@ -64,9 +64,9 @@ Examples:
     metavar="NAME=VALUE",
     help="Another input of FB_Compensator, as fBlendTime_s=0.05.",
 )
-@click.option("--temperature", type=click.FloatRange(-40, 150), help="Oil at the start, degC (default: the rig's).")
-@click.option("--drift", type=click.FloatRange(-60, 60), help="Its drift, K a minute (default: the rig's).")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of noise and jitter.")
+@click.option("--temperature", type=Number(-40, 150), help="Oil at the start, degC (default: the rig's).")
+@click.option("--drift", type=Number(-60, 60), help="Its drift, K a minute (default: the rig's).")
+@click.option("--seed", type=Whole(min=0), default=0, show_default=True, help="Seed of noise and jitter.")
 @click.option("--target", default="twincat", show_default=True, help="Dialect that is generated and run.")
 @click.option(
     "--recording", is_flag=True, help="Also write recording.csv, the uncompensated motion as reconcile reads it."

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from st_codegen.campaign.harmonic_table import read_table
-from st_codegen.cli.console import console, progress_bar, quiet_option
+from st_codegen.cli.console import Whole, console, progress_bar, quiet_option
 from st_codegen.cli.training import backend_of, search_options, settings_of
 from st_codegen.errors import InputError
 from st_codegen.training.learn import Plan
@@ -41,7 +41,7 @@ Examples:
     show_default=True,
     help="Folder of errors.csv, authors.csv, tables.md and tables.html.",
 )
-@click.option("--repeats", type=click.IntRange(min=0), default=5, show_default=True, help="Further random splits.")
+@click.option("--repeats", type=Whole(min=0), default=5, show_default=True, help="Further random splits.")
 @search_options
 @quiet_option
 def command(
@@ -74,4 +74,4 @@ def command(
         comparison = compare(table, paper, plan, store, where, progress)
     for path in write_tables(comparison, out):
         if not quiet:
-            console.print(f"{path}", highlight=False)
+            console.print(f"{path}")

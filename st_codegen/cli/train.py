@@ -11,9 +11,10 @@ import click
 from rich.table import Table
 
 from st_codegen.campaign.harmonic_table import HarmonicTable, read_table, write_table
-from st_codegen.cli.console import console, progress_bar, quiet_option
+from st_codegen.cli.console import Number, Whole, console, progress_bar, quiet_option
 from st_codegen.cli.training import backend_of, search_options, settings_of
 from st_codegen.errors import InputError
+from st_codegen.files.number_text import parse_whole
 from st_codegen.files.text import write_text
 from st_codegen.te.harmonics import Direction
 from st_codegen.training.export import FORMATS, write_bundle
@@ -49,15 +50,21 @@ Examples:
     metavar="LIST",
     help="Orders to model, with commas between; auto: all of a table, the ones that stand out of a campaign.",
 )
-@click.option("--most-orders", type=click.IntRange(min=1), default=15, show_default=True, help="How many auto takes.")
-@click.option("--reduction-ratio", type=float, default=81.0, show_default=True, help="Input speed over output speed.")
+@click.option("--most-orders", type=Whole(min=1), default=15, show_default=True, help="How many auto takes.")
+@click.option(
+    "--reduction-ratio",
+    type=Number(min=0, min_open=True),
+    default=81.0,
+    show_default=True,
+    help="Input speed over output speed.",
+)
 @click.option("--name", default="reducer", show_default=True, help="Name of the bundle.")
 @click.option("--format", "form", type=click.Choice(FORMATS), default="native", show_default=True, help="Model files.")
-@click.option("--limit-us", type=float, help="Worst case of all models of one direction in microseconds (estimate).")
 @click.option(
-    "--test-share", type=click.FloatRange(0.01, 0.9), default=0.2, show_default=True, help="Kept for testing."
+    "--limit-us", type=Number(min=0), help="Worst case of all models of one direction in microseconds (estimate)."
 )
-@click.option("--repeats", type=click.IntRange(min=0), default=0, show_default=True, help="Further random splits.")
+@click.option("--test-share", type=Number(0.01, 0.9), default=0.2, show_default=True, help="Kept for testing.")
+@click.option("--repeats", type=Whole(min=0), default=0, show_default=True, help="Further random splits.")
 @click.option("--keep-faulty", is_flag=True, help="Learn from runs that robust statistics call faulty, too.")
 @click.option("--skip-bad", is_flag=True, help="Leave out curve files that cannot be read, after reporting them.")
 @click.option(
@@ -106,8 +113,6 @@ def command(
     settings = only_exportable(settings, form)
     plan = Plan(settings, test_share, None, math.inf if limit_us is None else limit_us, repeats, keep_faulty)
     where = backend_of(backend, scheduler, jobs)
-    if reduction_ratio <= 0:
-        raise InputError(f"--reduction-ratio {reduction_ratio}: not a positive number")
     wanted = _orders(orders)
     with progress_bar("reading", quiet=quiet) as progress:
         measured = (
@@ -134,7 +139,7 @@ def command(
     if not quiet:
         for lesson in lessons:
             console.print(_summary(lesson))
-        console.print(f"{out}: {sum(len(lesson.models) for lesson in lessons)} models", highlight=False)
+        console.print(f"{out}: {sum(len(lesson.models) for lesson in lessons)} models")
 
 
 def _orders(text: str) -> tuple[int, ...] | None:
@@ -142,7 +147,7 @@ def _orders(text: str) -> tuple[int, ...] | None:
     if text == "auto":
         return None
     try:
-        orders = tuple(sorted({int(part) for part in text.split(",")}))
+        orders = tuple(sorted({parse_whole(part) for part in text.split(",")}))
     except ValueError:
         orders = (-1,)
     if min(orders) < 0:
@@ -159,7 +164,7 @@ def _say_bad(measured: Measured, quiet: bool) -> None:
     if quiet:
         return
     for error in measured.bad:
-        console.print(f"left out: {error}", highlight=False, markup=False)
+        console.print(f"left out: {error}")
 
 
 def _facts(lesson: Lesson) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 import click
 
+from st_codegen.cli.console import Whole
 from st_codegen.errors import InputError
 from st_codegen.training.families import FAMILIES, candidates
 from st_codegen.training.search import Backend
@@ -23,11 +24,9 @@ _OPTIONS = (
         metavar="NAMES",
         help="Families to try, with commas between.",
     ),
-    click.option("--folds", type=click.IntRange(min=2), default=10, show_default=True, help="Parts of the validation."),
+    click.option("--folds", type=Whole(min=2), default=10, show_default=True, help="Parts of the validation."),
     click.option("--seed", type=int, default=0, show_default=True, help="The same seed gives the same bits."),
-    click.option(
-        "-j", "--jobs", type=click.IntRange(min=1), default=None, help="Worker processes (default: all cores)."
-    ),
+    click.option("-j", "--jobs", type=Whole(min=1), default=None, help="Worker processes (default: all cores)."),
     click.option(
         "--backend",
         type=click.Choice(["local", "dask"]),

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import click
 from rich.table import Table
+from rich.text import Text
 
-from st_codegen.cli.console import console, models_argument, progress_bar, quiet_option, trust_option
+from st_codegen.cli.console import Whole, console, models_argument, progress_bar, quiet_option, trust_option
 from st_codegen.cli.costs import cycle_option, entry_option, print_budget, print_verdict, profile_option
 from st_codegen.cost import load_profile
 from st_codegen.files.text import write_text
@@ -35,12 +36,14 @@ Examples:
     show_default=True,
     help="Folder that `generate` wrote; every target in it is verified.",
 )
-@click.option("-n", "--rows", type=click.IntRange(min=1), default=10_000, show_default=True, help="Rows a model.")
+@click.option("-n", "--rows", type=Whole(min=1), default=10_000, show_default=True, help="Rows a model.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of the random rows.")
 @cycle_option
 @profile_option
 @entry_option
-@click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write the report to this file.")
+@click.option(
+    "--json", "json_file", type=click.Path(path_type=Path, dir_okay=False), help="Write the report to this file."
+)
 @trust_option
 @quiet_option
 def command(
@@ -71,13 +74,15 @@ def command(
     if not quiet:
         console.print(_table(report))
         for target, note in report.notes.items():
-            console.print(f"{target}: {note}", highlight=False, soft_wrap=True)
+            console.print(f"{target}: {note}", soft_wrap=True)
     for model in report.models:
         for failure in model.failures[:3]:
             console.print(
-                f"[red]{model.name}[/]: {failure.between} differ at {list(failure.input)}: "
-                f"{list(failure.expected)} and {list(failure.got)}, allowed {failure.bound:g}",
-                highlight=False,
+                Text.assemble(
+                    (model.name, "red"),
+                    f": {failure.between} differ at {list(failure.input)}: "
+                    f"{list(failure.expected)} and {list(failure.got)}, allowed {failure.bound:g}",
+                ),
                 soft_wrap=True,
             )
     for target, cost in report.over_budget.items():
@@ -94,13 +99,13 @@ def _table(report: VerifyReport) -> Table:
     for name in ("model", "rows", "max error", "allowed", "ulp", "result"):
         table.add_column(name, justify="left" if name in ("model", "result") else "right")
     for model in report.models:
-        verdict = "[green]exact[/]" if model.exact else "[green]within bound[/]"
+        verdict = Text("exact" if model.exact else "within bound", "green")
         table.add_row(
             model.name,
             f"{model.n:,}",
             f"{model.max_abs_err:.2g}",
             f"{model.bound:.2g}",
             f"{model.max_ulp:,}",
-            verdict if model.passed else "[bold red]FAILED[/]",
+            verdict if model.passed else Text("FAILED", "bold red"),
         )
     return table

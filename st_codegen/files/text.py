@@ -33,6 +33,14 @@ def read_text(path: Path) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
+def make_folder(path: Path) -> None:
+    """Make a folder and those above it where they are missing. Raises InputError where one of them is a file."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise InputError(f"{path} is a file; a folder is wanted there") from None
+
+
 @contextlib.contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """A path beside `path` to write to, which takes its place when the block ends without an error.
@@ -46,7 +54,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     if path.exists() and not path.is_file():
         yield path
         return
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     partial = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         yield partial
@@ -63,12 +71,10 @@ def write_text(path: Path, text: str) -> None:
 
 def write_texts(folder: Path, texts: dict[str, str]) -> None:
     """Write files into a folder, made where it is missing; all of them are complete before the first appears."""
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder} is a file; a folder is to be written there")
+    make_folder(folder)
     for name in texts:
         if (folder / name).is_dir():
             raise InputError(f"{folder / name} is a folder; a file is to be written there")
-    folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=folder) as stage:
         for name, text in texts.items():
             (Path(stage) / name).write_text(text, encoding="utf-8", newline="\n")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from st_codegen.emit.literals import identifier
+from st_codegen.entries import Entries
 from st_codegen.errors import InputError, Problems, with_subject
 from st_codegen.ir import ModelIR
 from st_codegen.passes.domain import limit_inputs
@@ -59,7 +60,7 @@ class Reading:
 
 
 #: Readers of bundles, by the name of the file that says what the models are for; each is given that file.
-READERS: dict[str, Callable[[Path, Reading], Bundle]] = {}
+READERS: Entries[Callable[[Path, Reading], Bundle]] = Entries()
 
 
 def load(folder: Path | str, *, trust_pickle: bool = False, progress: Progress | None = None) -> Bundle:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from st_codegen.entries import Entries
 from st_codegen.ir import BoolArray, FloatArray, ModelIR
 from st_codegen.proof.bounds import difference_bound
 from st_codegen.st import Library
@@ -38,7 +39,7 @@ class Arithmetic:
 
 _OWN_TEXT = Arithmetic()
 #: The arithmetic of the targets whose text does not compute the models itself, by the target's name.
-ARITHMETIC: dict[str, Arithmetic] = {}
+ARITHMETIC: Entries[Arithmetic] = Entries()
 
 
 def arithmetic_of(target: str) -> Arithmetic:
@@ -51,10 +52,10 @@ def _unit_tests(folder: Path) -> Library | None:
 
 
 #: For each library that generated text may call, whether (and with which contents) a generated folder needs it.
-LIBRARIES: list[Callable[[Path], Library | None]] = [_unit_tests]
+LIBRARIES: Entries[Callable[[Path], Library | None]] = Entries({"unit tests": _unit_tests})
 
 
 def libraries_of(folder: Path) -> tuple[Library, ...]:
     """The libraries that the text of a generated folder may call."""
-    found = (offered(folder) for offered in LIBRARIES)
+    found = (offered(folder) for offered in LIBRARIES.values())
     return tuple(library for library in found if library is not None)

@@ -16,6 +16,7 @@ from st_codegen.campaign.curves import CONDITIONS_FILE, Conditions, Curve, Run, 
 from st_codegen.campaign.harmonic_table import CONDITION_COLUMNS
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import RowError, read_csv
+from st_codegen.files.text import make_folder
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.rig.effects import Conditions as Points
 from st_codegen.rig.model import RigModel
@@ -100,7 +101,7 @@ def simulate_campaign(
         least = max(_LEAST_SAMPLES, 2 * max(rig.orders())) + 1
         raise InputError(f"{measuring.samples} samples a revolution are too few: this rig needs {least}")
     unique = len(set(conditions)) == len(conditions)
-    folder.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(folder.parent)
     with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=folder.parent) as name:
         stage = Path(name) / "stage"
         stage.mkdir()

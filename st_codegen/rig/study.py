@@ -7,6 +7,7 @@ from collections.abc import Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field
 
 from st_codegen.errors import InputError
+from st_codegen.files.number_text import parse_number, parse_whole
 from st_codegen.project.bundle import Bundle
 from st_codegen.rig.compensator import EmittedCompensator, restricted
 from st_codegen.rig.motion import Case, Progress, Rig, compare, lead_time_s, plan, run
@@ -41,7 +42,7 @@ def parse_orders(texts: Sequence[str], bundle: Bundle) -> tuple[tuple[int, ...],
             found.append(have)
             continue
         try:
-            wanted = tuple(int(part) for part in text.split(","))
+            wanted = tuple(parse_whole(part) for part in text.split(","))
         except ValueError:
             raise InputError(f"orders '{text}' are not whole numbers with commas between them, as in 0,1,39") from None
         restricted(bundle, wanted)
@@ -54,7 +55,7 @@ def parse_lead(text: str) -> float:
     if text == "auto":
         return AUTO
     try:
-        value = float(text)
+        value = parse_number(text)
     except ValueError:
         value = -1.0
     if not 0.0 <= value <= _LONGEST_LEAD_US:
@@ -68,7 +69,7 @@ def parse_inputs(texts: Sequence[str]) -> dict[str, float]:
     for text in texts:
         name, _, value = text.partition("=")
         try:
-            found[name.strip()] = float(value)
+            found[name.strip()] = parse_number(value)
         except ValueError:
             raise InputError(f"'{text}': give an input of FB_Compensator as in fBlendTime_s=0.05") from None
     return found

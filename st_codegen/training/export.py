@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from st_codegen.errors import InputError, MissingExtraError
+from st_codegen.files.text import make_folder
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.te.bundle_file import BUNDLE_FILE
 from st_codegen.te.harmonics import Direction, Quantity
@@ -57,7 +58,7 @@ def write_bundle(folder: Path, head: BundleHead, models: Sequence[FittedModel], 
         raise InputError(f"unknown format '{form}'; known are {', '.join(FORMATS)}")
     if folder.exists() and (not folder.is_dir() or (any(folder.iterdir()) and not (folder / BUNDLE_FILE).is_file())):
         raise InputError(f"{folder} exists and is no bundle: name another folder")
-    folder.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(folder.parent)
     with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=folder.parent) as name:
         stage = Path(name) / "bundle"
         stage.mkdir()

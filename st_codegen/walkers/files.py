@@ -8,6 +8,7 @@ import importlib
 from dataclasses import dataclass
 from pathlib import Path
 
+from st_codegen.entries import Entries
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.walkers.base import LoadedModel
 from st_codegen.walkers.objects import load_pickle, load_skops
@@ -26,23 +27,27 @@ class FileFormat:
 
 
 #: Kinds of model files that hold one model and nothing that runs when it is read.
-FORMATS: list[FileFormat] = [
-    FileFormat((".onnx",), ".onnx", "st_codegen.walkers.onnx.load"),
-    FileFormat((".txt",), ".txt (LightGBM)", "st_codegen.walkers.lightgbm.model"),
-    FileFormat((".json", ".ubj"), ".json and .ubj (XGBoost)", "st_codegen.walkers.xgboost.model"),
-]
+FORMATS: Entries[FileFormat] = Entries(
+    {
+        "onnx": FileFormat((".onnx",), ".onnx", "st_codegen.walkers.onnx.load"),
+        "lightgbm": FileFormat((".txt",), ".txt (LightGBM)", "st_codegen.walkers.lightgbm.model"),
+        "xgboost": FileFormat((".json", ".ubj"), ".json and .ubj (XGBoost)", "st_codegen.walkers.xgboost.model"),
+    }
+)
 _SKOPS = ".skops"
 _PICKLES = (".joblib", ".pkl", ".pickle")
 
 
 def suffixes() -> tuple[str, ...]:
     """The suffixes of all files that are read as models."""
-    return (*(suffix for known in FORMATS for suffix in known.suffixes), _SKOPS, *_PICKLES)
+    return (*(suffix for known in FORMATS.values() for suffix in known.suffixes), _SKOPS, *_PICKLES)
 
 
 def known_formats() -> str:
     """What a folder of models may contain, for messages."""
-    return ", ".join([*(known.words for known in FORMATS), _SKOPS]) + ", and .joblib or .pkl with --trust-pickle"
+    return (
+        ", ".join([*(known.words for known in FORMATS.values()), _SKOPS]) + ", and .joblib or .pkl with --trust-pickle"
+    )
 
 
 def load_model(path: Path, name: str, *, trust_pickle: bool = False) -> LoadedModel:
@@ -64,7 +69,7 @@ def _loaded(path: Path, name: str, *, trust_pickle: bool) -> LoadedModel:
         return load_pickle(path, name, trusted=trust_pickle)
     if suffix == _SKOPS:
         return load_skops(path, name)
-    for known in FORMATS:
+    for known in FORMATS.values():
         if suffix in known.suffixes:
             loaded: LoadedModel = importlib.import_module(known.module).load_file(path, name)
             return loaded

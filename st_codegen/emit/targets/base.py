@@ -12,6 +12,7 @@ from st_codegen.emit.blocks.listing import Block
 from st_codegen.emit.blocks.model import Limits, model_block
 from st_codegen.emit.blocks.tests import ReferenceVectors, with_tests
 from st_codegen.emit.contents import Contents
+from st_codegen.entries import Entries
 from st_codegen.errors import InputError
 
 
@@ -64,7 +65,7 @@ class Target(ABC):
 
 
 #: All targets by name.
-TARGETS: dict[str, Target] = {}
+TARGETS: Entries[Target] = Entries()
 
 
 def enter_target(target: Target) -> None:

@@ -79,6 +79,6 @@ def _module(path: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # the file may do anything, leave the program included
         raise InputError(f"{path}: cannot be loaded ({type(error).__name__}: {error})") from error
     return module

@@ -6,14 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from st_codegen.cli.main import main
-
-
-def run(*arguments):
-    """Exit code of the command line."""
-    with pytest.raises(SystemExit) as caught:
-        main([str(argument) for argument in arguments])
-    return caught.value.code or 0
+from tests.cli.helpers import run
 
 
 def test_a_folder_without_a_command_is_compiled(lone_folder, tmp_path, monkeypatch):
