@@ -92,7 +92,7 @@ def test_bad_files_stop_it_and_nothing_is_written(tmp_path, capsys):
         (["--families", "KNN"], "unknown family 'KNN'"),
         (["--families", ","], "--families is empty"),
         (["--backend", "dask"], "go together"),
-        (["--reduction-ratio", "0"], "not a positive number"),
+        (["--reduction-ratio", "0"], "is not in the range x>0"),
         (["--format", "onnx", "--families", "LGBM"], "none of these families can be saved as onnx"),
         (["--limit-us", "0.01"], "model fewer orders"),
     ],
