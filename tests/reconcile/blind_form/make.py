@@ -46,6 +46,8 @@ class Truth:
     wrong: tuple[int, ...]
     rig: Path
     measured: Path
+    data: Measured
+    unreadable: tuple[int, ...] = ()
 
     @property
     def samples(self) -> int:
@@ -112,27 +114,28 @@ def make(case: Case, folder: Path) -> Truth:
     folder.mkdir(parents=True, exist_ok=True)
     rig = folder / "rig.toml"
     rig.write_text(machine.text())
-    measured, bad = write(case, machine, parts, data, folder)
+    measured, bad, unreadable = write(case, machine, parts, data, folder)
     sigma = np.std(noisy - clean)
     strength = tuple(float(np.sqrt(np.sum(curves(part.waves(points), samples) ** 2)) / sigma) for part in parts)
     return Truth(
         case, machine, parts, points, data.points, known[:runs], hidden[:runs], new_points, known[runs:], hidden[runs:],
-        noise_by_order, strength, bad, data.wrong, rig, measured,
+        noise_by_order, strength, bad, data.wrong, rig, measured, data, unreadable,
     )  # fmt: skip
 
 
 def write(
     case: Case, machine: Machine, parts: tuple[Part, ...], data: Measured, folder: Path
-) -> tuple[Path, tuple[str, ...]]:
-    """The files of a campaign in the case's form; their path, and the names of those that are broken."""
+) -> tuple[Path, tuple[str, ...], tuple[int, ...]]:
+    """The files of a campaign in the case's form; their path, names of those that are broken, rows of no use."""
     if case.form == "table":
         path = folder / "measured.csv"
         orders = set(machine.orders()) | {order for part in parts for order in part.orders}
         files.write_table(data, path, sorted(orders))
-        return path, ()
+        return path, (), ()
     path = folder / "measured"
     names = files.write_curves(data, path, case.form == "named", case.form == "comma")
     if not case.trouble:
-        return path, ()
+        return path, (), ()
     random = np.random.default_rng([case.seed, 4])
-    return path, files.spoil(random, path, names, case.trouble)
+    bad = files.spoil(random, path, names, case.trouble)
+    return path, bad, tuple(names.index(name) for name in bad)

@@ -202,7 +202,7 @@ WORDS: dict[str, tuple[str, ...]] = {
     "direction": ("direction", "swapped", "exchanged"),
     "home_offset": ("home", "origin", "angle offset", "zero of the angle"),
     "ratio": ("ratio",),
-    "column_scale": ("column", "scale", "factor"),
+    "column_scale": ("column", "channel", "factor of one"),
     "labels": ("label",),
     "block": ("block",),
     "delay": ("delay", "late"),

@@ -10,9 +10,11 @@ from dataclasses import dataclass
 from typing import Any
 
 #: where a report may speak of the measurement: keys that begin so
-_MEASUREMENT_KEYS = ("measur", "mistake", "hypothes", "data", "warning", "question", "ask")
+_MEASUREMENT_KEYS = ("measur", "mistake", "question")
 #: where it may say what the data cannot show
-_UNSEEN_KEYS = ("not_", "unseen", "cannot", "blind", "limits", "never")
+_UNSEEN_KEYS = ("not_", "unseen", "cannot", "limits", "never")
+#: an entry about the measurement that was tested and not found says nothing: one of these keys is false
+_FOUND_KEYS = ("found", "accepted", "passed", "likely")
 _PROBABILITY_KEYS = ("probability", "confidence", "posterior")
 
 
@@ -66,13 +68,15 @@ class Report:
     by_order: Mapping[float, Mapping[str, float]]
     suspects: tuple[str, ...]
     zero: tuple[float, float] | None
-    about_measurement: str
+    measurement: tuple[str, ...]
     about_unseen: str
     whole: str
 
     @property
-    def claims(self) -> tuple[Claim, ...]:
-        return self.effects
+    def is_rounded(self) -> bool:
+        """No parameter has more than six digits, so that a round number says nothing about a bound."""
+        values = [p.value for claim in (*self.effects, *self.retuned) for p in claim.parameters.values()]
+        return all(float(f"{value:.6g}") == value for value in values)
 
 
 def _number(value: Any) -> float | None:
@@ -120,6 +124,21 @@ def _about(report: Mapping[str, Any], beginnings: Iterable[str]) -> str:
     return " ".join(json.dumps(value) for key, value in report.items() if key.startswith(starts) and value)
 
 
+def _measurement(report: Mapping[str, Any]) -> tuple[str, ...]:
+    """One text for each mistake of measuring that a report says was made."""
+    found: list[str] = []
+    for key, value in report.items():
+        if not key.startswith(_MEASUREMENT_KEYS) or not value:
+            continue
+        entries = value if isinstance(value, list) else [value]
+        for entry in entries:
+            is_table = isinstance(entry, Mapping)
+            if is_table and any(entry.get(mark) is False for mark in _FOUND_KEYS):
+                continue
+            found.append(str(entry["name"]) if is_table and "name" in entry else json.dumps(entry))
+    return tuple(found)
+
+
 def read_report(report: Mapping[str, Any]) -> Report:
     """KeyError or ValueError where a promised key is missing or is something else."""
     gap = {
@@ -138,12 +157,13 @@ def read_report(report: Mapping[str, Any]) -> Report:
          for row in report.get("gap_by_order", ())},
         tuple(json.dumps(run) for run in report.get("suspect_runs", ())),
         zeros,
-        _about(report, _MEASUREMENT_KEYS),
+        _measurement(report),
         _about(report, _UNSEEN_KEYS),
         json.dumps(report),
     )  # fmt: skip
 
 
 def says(text: str, words: Iterable[str]) -> bool:
-    """One of the words stands in the text, in any case of letters, at the beginning of a word."""
+    """One of the words stands in the text, in any case of letters, at the beginning of a word; _ is a space."""
+    text = text.replace("_", " ")
     return any(re.search(rf"(?<![a-z]){re.escape(word.lower())}", text.lower()) for word in words)

@@ -21,10 +21,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from . import cases, summary
+from . import cases, comparison, peers, summary
 from .machine import ROOT, simulate, st_codegen
 from .make import Truth, make
-from .points import Points
+from .points import Points, spectrum
 from .report import read_report
 from .score import NewRig, refused, score
 
@@ -97,12 +97,18 @@ def judged(truth: Truth, done: subprocess.CompletedProcess[str], out: Path) -> d
     try:
         text = json.loads((out / "report.json").read_text())
         report = read_report(text)
-        marks = score(truth, report, new_rig(truth, out / "rig.toml"))
+        rig = new_rig(truth, out / "rig.toml")
+        marks = score(truth, report, rig)
+        spoken = {round(order) for claim in (*report.effects, *report.retuned) for order in claim.orders}
+        spoken |= {round(entry.order) for entry in report.unexplained if entry.order is not None}
+        added = spectrum(rig.fresh - truth.known_fresh)[..., : truth.samples // 4]
+        plain = comparison.judge(truth, sorted(spoken), added)
     except Exception:  # a report that cannot be read is a failure of the program, not of the run
         return {"status": "unreadable", "right": False, "reason": traceback.format_exc()[-600:]}
     said = [claim.name + "".join(f" {round(order)}" for order in claim.orders[:4]) for claim in report.effects]
     said += [f"({claim.name})" for claim in report.retuned]
-    return {"status": "scored", "verdict": report.verdict, "said": said, "right": marks.right, "score": marks.plain()}
+    result = {"status": "scored", "verdict": report.verdict, "said": said, "right": marks.right}
+    return result | {"score": marks.plain(), "comparison": plain}
 
 
 # ------------------------------------------------------------------------------------------------ command line
@@ -122,6 +128,7 @@ def arguments(values: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--cases", type=int, default=len(cases.PASS), help="how many cases; a pass has each kind once")
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
     parser.add_argument("--kind", default="", help="only cases whose name contains one of these texts, comma between")
+    parser.add_argument("--peer", choices=tuple(peers.PEERS), help="another method on the same cases")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--limit", type=float, default=LIMIT_S, help="seconds that a case may take")
     parser.add_argument("--json", type=Path, default=ROOT / "build" / "blind_form.json")
@@ -147,6 +154,9 @@ def main(values: Sequence[str] | None = None) -> int:
     if options.kind:
         wanted = [case for case in wanted if any(text in case.name for text in options.kind.split(","))]
     options.json.parent.mkdir(parents=True, exist_ok=True)
+    if options.peer:
+        path = options.json.with_name(f"{options.json.stem}_{options.peer}.json")
+        return peers.main(options.peer, wanted, options.work, options.jobs, path, say)
     partial, mark = options.json.with_suffix(".partial"), fingerprint()
     old = {} if options.fresh else kept(partial, mark)
     results = {case.name: old[case.name] for case in wanted if old.get(case.name, {}).get("case") == case.plain()}

@@ -83,6 +83,11 @@ def true_of(claim: Claim, parts: Sequence[Part]) -> bool:
     return False
 
 
+def _is_named_by(claim: Claim, part: Part) -> bool:
+    """The name itself is true of the part; what stands among the alternatives does not count."""
+    return claim.name in part.names and claim.is_about((*part.orders, *part.near))
+
+
 def _false_names(truth: Truth, report: Report) -> list[Statement]:
     absorbed = "mistake absorbed" if truth.case.mistakes else "name"
     allowed = {name for mistake in truth.case.mistakes for name in TRUE_NAMES.get(mistake, ())}
@@ -112,8 +117,10 @@ def _bounds(report: Report) -> list[Statement]:
     """A fitted number that is round stands at a bound: least squares gives 16 digits."""
     rows = []
     for claim in report.effects:
+        if claim.name == "empirical" or report.is_rounded:
+            continue  # its exponents are whole numbers
         for key, value in claim.parameters.items():
-            is_fitted = key.split("[")[0] not in ("order", "orders", "cranks", "seating_torque_Nm")
+            is_fitted = key.split("[")[0] not in ("order", "orders", "cranks")
             if is_fitted and value.value != 0.0 and float(f"{value.value:.3g}") == value.value:
                 rows.append(Statement("bound", f"{claim.name}: {key} = {value.value:g} stands at a bound"))
     return rows
@@ -258,16 +265,30 @@ def _suspects(truth: Truth, report: Report) -> tuple[list[Statement], float | No
 
 def mistakes_named(truth: Truth, report: Report | None, message: str, recall: float | None = None) -> list[str]:
     """Mistakes of the case that the report, or the message of a refusal, speaks of."""
-    text = message if report is None else report.about_measurement
+    text = message if report is None else " ".join(report.measurement)
     found = [mistake for mistake in truth.case.mistakes if says(text, WORDS[mistake])]
     if report is not None:
         names = {claim.name for claim in (*report.effects, *report.retuned)}
         for mistake in truth.case.mistakes:
             if mistake not in found and names & set(TRUE_NAMES.get(mistake, ())):
                 found.append(mistake)
-            if mistake == "labels" and mistake not in found and recall is not None and recall >= 0.5:
+            if mistake in ("labels", "block") and mistake not in found and recall is not None and recall >= 0.5:
                 found.append(mistake)
     return found
+
+
+def _false_mistakes(truth: Truth, report: Report) -> list[Statement]:
+    """Mistakes of measuring that were not made. A step or a trend in time may be called a block of runs."""
+    made = set(truth.case.mistakes)
+    if made & {"labels", "block"} or any(part.in_time for part in truth.parts):
+        made |= {"labels", "block"}
+    words = [word for mistake in made for word in WORDS[mistake]]
+    known = [word for each in WORDS.values() for word in each]
+    return [
+        Statement("measurement", f"says that the measurement has a mistake that was not made: {text[:80]}")
+        for text in report.measurement
+        if says(text, known) and not says(text, words)
+    ]
 
 
 # ------------------------------------------------------------------------------------------------ the whole
@@ -285,7 +306,9 @@ def _unsaid(truth: Truth, report: Report) -> tuple[list[str], bool | None]:
         described = any(
             entry.order is None or not part.orders or any(abs(entry.order - order) < 0.5 for order in about)
             for entry in report.unexplained
-        ) or any(claim.name == "empirical" or claim.name in part.hedged for claim in claims)
+        )
+        described |= any(claim.name == "empirical" or claim.name in part.hedged for claim in claims)
+        described |= any(claim.name in part.touches and claim.is_about(about) for claim in report.retuned)
         if part.names:
             named.append(is_named)
         # what has no name, or changes in time, is right as a signature
@@ -299,7 +322,7 @@ def score(truth: Truth, report: Report, rig: NewRig) -> Score:
     """All measures of one case."""
     suspect_rows, recall = _suspects(truth, report)
     found = mistakes_named(truth, report, "", recall)
-    false = _false_names(truth, report) + _bounds(report)
+    false = _false_names(truth, report) + _bounds(report) + _false_mistakes(truth, report)
     false += _verdict(truth, report, rig, set(found) == set(truth.case.mistakes))
     rows, sizes = _sizes(truth, report, rig) if not truth.case.mistakes else ([], [])
     floor_rows, floor = _floor(truth, report)
@@ -317,7 +340,9 @@ def score(truth: Truth, report: Report, rig: NewRig) -> Score:
         false.append(Statement("unseen", "does not say that the temperature never varied"))
     # a parameter of a rig that is wrong by a mistake of measuring is no claim about effects
     probabilities = [
-        (claim.probability, true_of(claim, truth.parts)) for claim in report.effects if claim.probability is not None
+        (claim.probability, any(_is_named_by(claim, part) for part in truth.parts))
+        for claim in report.effects
+        if claim.probability is not None and claim.name != "empirical"
     ]
     return Score(
         not false and not missing, tuple(false), tuple(missing), named, silent, tuple(sizes), held_out, floor,

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from . import comparison
 from .points import Array
 
 Result = Mapping[str, Any]
@@ -87,12 +88,20 @@ def table(results: Sequence[Result]) -> dict[str, Any]:
             str(noise): _row([result for result in results if result["case"]["noise"] == noise])
             for noise in sorted({result["case"]["noise"] for result in results})
         },
+        "by_form": {
+            f"{key}: {value}": _row([result for result in results if result["case"][key] == value])
+            for key in ("layout", "noise_form", "form")
+            for value in sorted({result["case"][key] for result in results})
+        },
         "silent_where_nothing_is_missing": _rate(silent),
         "sizes_within_20_percent": _rate([abs(said - true) <= 0.2 * true for said, true in sizes]),
         "held_out_true_over_stated": {
             "median": ratios[len(ratios) // 2] if ratios else None,
             "within_a_factor_of_1.5": _rate([1 / 1.5 <= ratio <= 1.5 for ratio in ratios]),
         },
+        "without_names": comparison.table(
+            [{**result, **result["comparison"]} for result in results if result.get("comparison")]
+        ),
         "calibration": _calibration(results),
         "better_data_worse_answer": _worse_with_better(results),
         "false_statements": [
@@ -123,6 +132,7 @@ def lines(values: Mapping[str, Any]) -> list[str]:
     head = f"{'kind':38s} cases right   named false refused no result  false statements by kind"
     out = [head, *(_line(label, row) for label, row in values["by_kind"].items()), ""]
     out += [_line(f"noise {noise}", row) for noise, row in values["by_noise"].items()]
+    out += ["", *(_line(label, row) for label, row in values["by_form"].items())]
     out += ["", _line("all", values["all"]), ""]
     out.append(f"silent where nothing is missing: {_text_of(values['silent_where_nothing_is_missing'])}")
     out.append(f"sizes of what is unexplained within 20 %: {_text_of(values['sizes_within_20_percent'])}")
@@ -130,6 +140,8 @@ def lines(values: Mapping[str, Any]) -> list[str]:
     if held["median"] is not None:
         within = _text_of(held["within_a_factor_of_1.5"])
         out.append(f"held-out gap, true over stated: median {held['median']:.2f}, within a factor of 1.5: {within}")
+    out += ["", "without names, as the peers are measured (a mean that a changed parameter moves has no order)"]
+    out += [*comparison.lines(values["without_names"]), ""]
     for part in values["calibration"]:
         stated, observed = part["stated"], part["observed"]
         out.append(f"probability {part['from']:.1f}: {part['claims']} claims, {stated:.2f} stated, {observed:.2f} true")

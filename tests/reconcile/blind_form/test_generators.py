@@ -250,6 +250,7 @@ def test_list_has_each_kind_and_three_noises_of_one_machine():
 
 def test_cases_are_the_same_each_time(tmp_path):
     case = next(case for case in cases.listed("dev", 3) if case.kind == "foreign_multiple")
+    case = replace(case, layout="twelve")
     for folder in ("a", "b"):
         make.make(case, tmp_path / folder)
     first, second = (sorted(p for p in (tmp_path / folder).rglob("*") if p.is_file()) for folder in ("a", "b"))
@@ -259,7 +260,7 @@ def test_cases_are_the_same_each_time(tmp_path):
 
 def test_files_hold_known_and_hidden(tmp_path):
     case = next(case for case in cases.listed("dev", 400) if case.kind == "foreign" and case.form == "numbered")
-    truth = make.make(replace(case, noise=1e-6, noise_form="white"), tmp_path)
+    truth = make.make(replace(case, noise=1e-6, noise_form="white", layout="twelve"), tmp_path)
     table = np.loadtxt(tmp_path / "measured" / "run_0003.csv", delimiter=",", skiprows=1)
     te = truth.known[2] + truth.hidden[2]
     np.testing.assert_allclose(table[:, 1], te[0], atol=2e-9)

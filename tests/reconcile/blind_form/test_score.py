@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from . import cases, measuring, mesh, run, summary
+from . import cases, comparison, measuring, mesh, peers, run, summary
 from .machine import Machine
 from .make import Truth
 from .points import Points, curves
@@ -30,7 +30,7 @@ def truth_of(*parts, mistakes=(), kind="foreign", wrong=(), bad_files=()):
     path = Path("rig.toml")
     return Truth(
         case, Machine(81, 39, 40, ()), parts, points, points, known, hidden, points, known, hidden, noise,
-        tuple(100.0 for _ in parts), bad_files, wrong, path, path,
+        tuple(100.0 for _ in parts), bad_files, wrong, path, path, measuring.plainly(points, hidden),
     )  # fmt: skip
 
 
@@ -124,7 +124,10 @@ def test_a_new_rig_that_is_worse_is_no_progress():
 
 
 def test_a_parameter_at_a_bound_is_no_finding():
-    effect = {"name": "pin_error", "parameters": {"damping_ratio": {"value": 0.3, "stderr": 1e-9}}}
+    effect = {
+        "name": "pin_error",
+        "parameters": {"damping_ratio": {"value": 0.3}, "frequency_Hz": {"value": 41.23456789}},
+    }
     truth = truth_of(wave(53, ("pin_error",)))
     assert kinds(judged(truth, report_of(effects=[effect]))) == {"bound"}
     effect["parameters"]["damping_ratio"]["value"] = 0.029873640234
@@ -143,7 +146,11 @@ def test_a_mistake_is_named_or_absorbed():
     marks = judged(truth, report_of(effects=[{"name": "pin_error", "orders": [40]}]))
     assert "mistake absorbed" in kinds(marks)
     assert marks.missing
-    assert judged(truth, report_of("nothing_missing", measurement=[{"name": "home_offset", "deg": 12.0}])).right
+    said = {"name": "home_offset", "deg": 12.0}
+    assert judged(truth, report_of("nothing_missing", measurement=[said])).right
+    assert not judged(truth, report_of("nothing_missing", measurement=[said | {"found": False}])).right
+    more = [said, {"name": "sign"}]
+    assert kinds(judged(truth, report_of("nothing_missing", measurement=more))) == {"measurement"}
     assert refused(truth, "Error: the home position seems to have moved by 12 deg", "").right
     assert not refused(truth, "Error: something", "").right
 
@@ -190,7 +197,8 @@ def test_results_of_the_command(tmp_path):
 def result(name, noise, right, false=(), probabilities=(), seed=1):
     marks = {"false": [{"kind": kind, "text": ""} for kind in false], "named": None, "silent": None, "sizes": [[1, 2]],
              "held_out": None, "probabilities": probabilities}  # fmt: skip
-    case = {"name": f"{name}-{noise}", "label": name, "noise": noise, "seed": seed}
+    case = {"name": f"{name}-{noise}", "label": name, "noise": noise, "seed": seed, "layout": "grid",
+            "noise_form": "white", "form": "named"}  # fmt: skip
     return {"case": case, "status": "scored", "right": right, "score": marks}
 
 
@@ -208,3 +216,43 @@ def test_summary_counts_false_statements_and_worse_answers_of_better_data():
     assert table["sizes_within_20_percent"] == {"hits": 0, "of": 3}
     assert len(table["false_statements"]) == 2
     assert "better data, worse answer: 1" in "\n".join(summary.lines(table))
+
+
+def test_peers_find_a_polynomial_and_stay_silent_in_noise():
+    random = np.random.default_rng(6)
+    truth = truth_of(wave(53, law=mesh.power(2.0)))
+    noise = 1e-4 * random.standard_normal(truth.hidden.shape)
+    for hidden, expected in ((1.0, [53]), (0.0, [])):
+        data = measuring.plainly(truth.points, hidden * truth.hidden + noise)
+        orders, added, measured = peers.explain(replace(truth, data=data), peers.stepwise)
+        assert orders == expected
+        if orders:
+            found = comparison.judge(truth, orders, added)
+            assert found["spoken_of"] == [True]
+            assert found["false_orders"] == 0
+            assert found["fresh_gap"][0] < 0.1 * found["fresh_gap"][1]
+            assert measured[53] == pytest.approx(truth.by_order()[53], rel=0.05)
+    table = comparison.table([{"case": {"mistakes": []}, "truth": {"parts": [1]}} | found])
+    assert table["without mistakes of measuring"]["strong_parts_spoken_of"] == [1, 1]
+
+
+def test_an_order_that_is_not_there_is_a_false_order():
+    truth = truth_of(wave(53))
+    added = np.zeros((30, 2, 150), dtype=complex)
+    assert comparison.judge(truth, [53, 81], added)["false_orders"] == 1
+    assert comparison.judge(truth, [53, 81], added)["fresh_gap"][0] == pytest.approx(SIZE / np.sqrt(2))
+
+
+def test_exponents_are_no_bounds_and_rounded_reports_have_none():
+    truth = truth_of(wave(53))
+    formula = {"name": "empirical", "orders": [53], "parameters": {"power": {"value": 2.0}}}
+    other = {"name": "empirical", "orders": [53], "parameters": {"size_deg": {"value": 1.23456789e-4}}}
+    assert not judged(truth, report_of(effects=[formula, other])).false
+    assert kinds(judged(truth, report_of(effects=[formula | {"orders": [80]}]))) == {"name"}
+
+
+def test_a_probability_is_that_of_the_name_itself():
+    truth = truth_of(wave(80, ("pin_error",)))
+    effect = {"name": "cycloid_tooth_error", "orders": [80], "alternatives": ["pin_error"], "probability": 0.7}
+    marks = judged(truth, report_of(effects=[effect, {"name": "pin_error", "orders": [80], "probability": 0.9}]))
+    assert marks.probabilities == ((0.7, False), (0.9, True))
