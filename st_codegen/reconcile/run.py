@@ -27,10 +27,11 @@ from st_codegen.reconcile.judge.candidates import Candidate
 from st_codegen.reconcile.judge.conclusions import Conclusions, conclude, without_misfits
 from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.held_out import held_out_rms
+from st_codegen.reconcile.judge.lines import lines_in_samples
 from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unmeasured_links
 from st_codegen.reconcile.judge.selection import search, with_noise_of
 from st_codegen.reconcile.judge.suspects import bad_runs
-from st_codegen.reconcile.judge.unexplained import Signature, Structure, lines_in_samples, signatures, structure
+from st_codegen.reconcile.judge.unexplained import Signature, Structure, signatures, structure
 from st_codegen.rig.effects import Catalogue, Effect, Stage
 from st_codegen.rig.model import RigModel
 
@@ -156,7 +157,7 @@ def reconcile_observations(
 def _reconcile(rig: RigModel, data: Observations, known: Catalogue, progress: Progress | None) -> Result:
     model = data.observed(rig.coefficients(data.at, data.model_orders()))
     noise = estimate(data, data.values - model)
-    target = Target(data, noise.sigma, noise.good, groups_of(data.at), rig.constants.reduction_ratio)
+    target = Target(data, noise.sigma, noise.good, groups_of(data.at), *_of(rig))
     state = State(rig, rig.zero_offset_deg, tuple(map(_own, (e for e in rig.effects if e.stage is not Stage.AXIS))))
     last, judged = search(target, state, known, progress)
     last, _ = without_misfits(last)
@@ -202,6 +203,10 @@ def _with_suspects(data: Observations, final: Fit, noise: Noise) -> Noise:
     again = estimate(data, final.residual, bad)
     ranked = sorted((dict(noise.suspects) | found | dict(again.suspects)).items(), key=lambda entry: -entry[1])
     return replace(again, suspects=tuple(ranked))
+
+
+def _of(rig: RigModel) -> tuple[float, float]:
+    return rig.constants.reduction_ratio, rig.constants.reference_temperature_C
 
 
 def _own(effect: Effect) -> Piece:

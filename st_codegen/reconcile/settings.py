@@ -24,6 +24,10 @@ class Settings:
     # --- noise ---
     #: runs that predict each other by a local plane: four unknowns, and enough left over for a median
     neighbours: int = 10
+    #: contrasts along one axis from which a noise is estimated, and by how many standard errors (a median's is about
+    #: 1/sqrt(n)) it must lie below another estimate to replace it
+    least_contrasts: int = 24
+    clearly_smaller: float = 2.0
     #: a run is suspected when its distance from its neighbours is this many times what is usual
     suspect_distance: float = 6.0
     #: a noise of zero would make every difference infinite; deg
@@ -56,6 +60,10 @@ class Settings:
     point_gain: float = 12.0
     #: damping ratio above which there is no peak that could be told from any other dependence on speed
     broadest: float = 0.15
+    #: share of the range of a parameter within which it lies at its bound
+    edge: float = 1e-3
+    #: share of what a candidate saves that it may cost on any one order: what bends other parameters is not the cause
+    expense: float = 0.02
     #: bytes of responses, and number of pieces, that are kept from search to search
     most_kept_bytes: int = 400_000_000
     most_cached: int = 300
@@ -109,6 +117,24 @@ class Settings:
     cut: float = 5.0
     #: structure is an error of the estimate of the noise below this part of it (power)
     least_excess: float = 0.4
+    #: a residual so many times the noise between the orders of its curves is more than that noise, but for the lowest
+    #: orders, where a slow wander within one turn shows
+    beyond_spectral: float = 2.0
+    wander_orders: int = 5
+    #: runs in a known order that are needed to look for steps and trends, and how much of what it
+    #: leaves it must explain: a wander as large as the noise passes for noise that lasts
+    least_in_time: int = 24
+    least_excess_in_time: float = 1.5
+    #: share of an unexplained part from which on a condition is called what it depends on
+    cause: float = 0.1
+    #: a term of a formula must save this many times the logarithm of the runs, and this share of what is left to save
+    term_price: float = 2.0
+    term_share: float = 0.02
+    most_terms: int = 3
+    #: blocks that are left out of a formula in turn; what it must explain, and from where on that is all of it
+    formula_blocks: int = 10
+    formula_explains: float = 0.8
+    formula_whole: float = 0.97
     #: waves that are told of samples over time
     most_lines: int = 8
 

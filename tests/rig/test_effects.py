@@ -22,7 +22,8 @@ X = np.deg2rad(THETA)
 
 NAMES = """backlash torsional_compliance friction_windup output_shaft_eccentricity output_shaft_ovality
 crank_misalignment cycloid_tooth_error pin_error input_shaft_misalignment carrier_modulation structural_resonance
-thermal_drift measurement_delay encoder_eccentricity load_dependent_mesh wear control_lag coupling_compliance"""
+thermal_drift measurement_delay encoder_eccentricity load_dependent_mesh wear control_lag coupling_compliance
+empirical"""
 
 
 def te(*effects, sign=1.0, speed=1000.0, torque=500.0, temperature=35.0):

@@ -11,86 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.reconcile.data.contrasts import along_axes, contrasts
+from st_codegen.reconcile.data.levels import speed_levels
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Conditions
 
 #: median of |x| for a normal x, and of the length of a vector of two: 0.6745, sqrt(2*ln 2)
 _MEDIAN_1, _MEDIAN_2 = 0.67449, 1.17741
-
-
-@dataclass(frozen=True)
-class Contrasts:
-    """Local contrasts: e_i = (y_i - sum_j w_ij y_j) / norm_i has the variance of the noise.
-
-    index: int (n, m) neighbours; weight: float64 (n, m), 0 for none; norm: float64 (n,), inf where there are too few.
-    """
-
-    index: IntArray
-    weight: FloatArray
-    norm: FloatArray
-
-    def apply(self, values: ComplexArray) -> ComplexArray:
-        """Contrasts of values (n, K)."""
-        predicted = np.einsum("nm,nmk->nk", self.weight, values[self.index])
-        found: ComplexArray = (values - predicted) / self.norm[:, None]
-        return found
-
-    @property
-    def usable(self) -> BoolArray:
-        """Rows that have neighbours enough."""
-        return np.isfinite(self.norm)
-
-
-def contrasts(at: Conditions, good: BoolArray) -> Contrasts:
-    """Contrasts of each run against good runs of the same direction. The last few are kept."""
-    key = (id(at.sign), id(at.speed_rpm), good.tobytes())
-    if key not in _KEPT:
-        if len(_KEPT) > 8:
-            _KEPT.clear()
-        _KEPT[key] = (at, _contrasts(at, good))
-    return _KEPT[key][1]
-
-
-#: the conditions are kept with the contrasts, so that their identity is theirs
-_KEPT: dict[tuple[int, int, bytes], tuple[Conditions, Contrasts]] = {}
-
-
-def _contrasts(at: Conditions, good: BoolArray) -> Contrasts:
-    n = len(at)
-    scaled = np.stack([4.0 * in_steps(at.speed_rpm), in_steps(at.torque_Nm), in_steps(at.temperature_C)], axis=1)
-    count = SETTINGS.neighbours
-    index = np.zeros((n, count), np.int64)
-    weight = np.zeros((n, count))
-    norm = np.full(n, np.inf)
-    for sign in (1.0, -1.0):
-        rows = np.flatnonzero(at.sign == sign)
-        pool = rows[good[rows]]
-        if len(pool) <= count:
-            continue
-        distance = ((scaled[rows][:, None] - scaled[pool][None]) ** 2).sum(axis=2)
-        distance[rows[:, None] == pool[None]] = np.inf
-        nearest = np.argpartition(distance, count, axis=1)[:, :count]
-        chosen = pool[nearest]
-        offsets = scaled[chosen] - scaled[rows][:, None]
-        # coordinates that do not vary among the neighbours drop out of the pseudo-inverse
-        design = np.concatenate([np.ones((len(rows), count, 1)), offsets], axis=2)
-        index[rows] = chosen
-        weight[rows] = np.linalg.pinv(design, rcond=1e-6)[:, 0]
-        norm[rows] = np.sqrt(1 + (weight[rows] ** 2).sum(axis=1))
-    # an extrapolated prediction says little
-    norm[norm > 2.5] = np.inf
-    return Contrasts(index, weight, norm)
-
-
-def in_steps(values: FloatArray) -> FloatArray:
-    """Values in steps of their grid (or a twentieth of their range)."""
-    levels = np.unique(values)
-    if len(levels) < 2:
-        return np.zeros(len(values))
-    step = max(float(np.median(np.diff(levels))), float(np.ptp(levels)) / 20)
-    found: FloatArray = values / step
-    return found
 
 
 def sigma_of(values: ComplexArray, orders: IntArray) -> FloatArray:
@@ -106,13 +33,15 @@ class Noise:
     """What the data say about their noise.
 
     sigma: float64 (n, K), standard deviation of one component, by row (direction) and order; floor_rms: float64 (K,),
-    RMS of one component, tails included; good: bool (n,); suspects: rows and their distance (1 is usual).
+    RMS of one component, tails included; good: bool (n,); suspects: rows and their distance (1 is usual); kinds: by
+    order what the floor is made of (`plane`, `speed`, `torque`, `temperature`, `repeats`, `regression`).
     """
 
     sigma: FloatArray
     floor_rms: FloatArray
     good: BoolArray
     suspects: tuple[tuple[int, float], ...]
+    kinds: tuple[str, ...] = ()
 
 
 def estimate(data: Observations, residual: ComplexArray, known_bad: BoolArray | None = None) -> Noise:
@@ -143,14 +72,49 @@ def estimate(data: Observations, residual: ComplexArray, known_bad: BoolArray | 
     rows = good & local.usable
     if rows.sum() >= 8:
         e = local.apply(residual)
-        sigma = np.minimum(_sigma_by_direction(data, e, rows), _sigma_by_regression(data, residual, good))
-        kept = np.where(data.orders == 0, e[rows].real ** 2, np.abs(e[rows]) ** 2 / 2)
-        floor = np.sqrt(kept.mean(axis=0))
+        sigma = _sigma_by_direction(data, e, rows)
+        floor, kinds = _rms_of(data, e[rows]), ["plane"] * len(data.orders)
+        sigma, floor = _smallest(data, residual, good, sigma, floor, kinds)
     else:
         sigma = np.broadcast_to(sigma_of(residual, data.orders), residual.shape).copy()
-        floor = sigma_of(residual, data.orders)
+        floor, kinds = sigma_of(residual, data.orders), ["regression"] * len(data.orders)
     ranked = tuple(sorted(suspects.items(), key=lambda item: -item[1]))
-    return Noise(np.maximum(sigma, SETTINGS.least_noise_deg), np.maximum(floor, SETTINGS.least_noise_deg), good, ranked)
+    least = SETTINGS.least_noise_deg
+    return Noise(np.maximum(sigma, least), np.maximum(floor, least), good, ranked, tuple(kinds))
+
+
+def _rms_of(data: Observations, e: ComplexArray) -> FloatArray:
+    """RMS of one component of contrasts (m, K), float64 (K,)."""
+    power = np.where(data.orders == 0, e.real**2, np.abs(e) ** 2 / 2)
+    found: FloatArray = np.sqrt(power.mean(axis=0))
+    return found
+
+
+def _smallest(
+    data: Observations, residual: ComplexArray, good: BoolArray, sigma: FloatArray, floor: FloatArray, kinds: list[str]
+) -> tuple[FloatArray, FloatArray]:
+    """Noise and floor by the kind of contrast that is clearly the smallest, order by order.
+
+    Each kind bounds the noise from above: neighbours whose differences are smaller than those of the plane's show that
+    what the plane took for noise is sharp structure.
+    """
+    by_regression = _sigma_by_regression(data, residual, good)
+    lower = by_regression < sigma
+    sigma = np.where(lower, by_regression, sigma)
+    for name, local in along_axes(data.at, good):
+        rows = good & local.usable
+        if rows.sum() < SETTINGS.least_contrasts:
+            continue
+        e = local.apply(residual)
+        own = _sigma_by_direction(data, e, rows)
+        # the smallest of several estimates is too small by their scatter: only what is clearly smaller counts
+        clear = 1.0 - SETTINGS.clearly_smaller / np.sqrt(rows.sum() / 2)
+        smaller = own < clear * sigma
+        for k in np.flatnonzero(smaller.mean(axis=0) > 0.5):
+            kinds[k] = name
+            floor[k] = min(floor[k], _rms_of(data, e[rows])[k])
+        sigma = np.where(smaller, own, sigma)
+    return sigma, floor
 
 
 def _sigma_by_direction(data: Observations, e: ComplexArray, rows: BoolArray) -> FloatArray:
@@ -210,15 +174,6 @@ def _sigma_by_regression(data: Observations, residual: ComplexArray, good: BoolA
 def _unit(values: FloatArray) -> FloatArray:
     found: FloatArray = (values - values.mean()) / max(float(np.ptp(values)), 1e-9)
     return found
-
-
-def speed_levels(speed_rpm: FloatArray) -> IntArray:
-    """The speed level of each run: the grid's, or 12 groups of equal size where speeds do not repeat."""
-    levels, index = np.unique(speed_rpm, return_inverse=True)
-    if len(levels) <= 40:
-        return index.astype(np.int64)
-    cuts = np.quantile(speed_rpm, np.linspace(0, 1, 13)[1:-1])
-    return np.searchsorted(cuts, speed_rpm).astype(np.int64)
 
 
 def _distances(e: ComplexArray, sigma: FloatArray, usable: BoolArray) -> FloatArray:

@@ -5,6 +5,7 @@ A row is one direction of one run at constant conditions. TE(theta) = Re(sum ove
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,7 +24,8 @@ class Observations:
 
     at: conditions (n,); labels: name of each row for messages; orders: int (K,), rising; values: complex128 (n, K),
     deg. Samples over time are rows of their own, with the TE in the place of order 0: then `angle_rad` (n,) is the
-    angle of each and `inside` the orders of which its TE is the sum.
+    angle of each and `inside` the orders of which its TE is the sum. run: int (n,), the number of each run in the order
+    of measuring, where that is known.
     """
 
     at: Conditions
@@ -32,6 +34,8 @@ class Observations:
     values: ComplexArray
     angle_rad: FloatArray | None = None
     inside: tuple[int, ...] = ()
+    run: IntArray | None = None
+    spectral_deg: FloatArray | None = None
 
     def model_orders(self) -> tuple[int, ...]:
         """The orders whose coefficients a model must give."""
@@ -62,6 +66,8 @@ class Observations:
             labels=tuple(self.labels[i] for i in index),
             values=self.values[index],
             angle_rad=None if self.angle_rad is None else self.angle_rad[index],
+            run=None if self.run is None else self.run[index],
+            spectral_deg=None if self.spectral_deg is None else self.spectral_deg[index],
         )
 
     def both_directions(self) -> bool:
@@ -70,7 +76,8 @@ class Observations:
 
     def scaled(self, factor: float) -> Observations:
         """The values times a factor (units)."""
-        return replace(self, values=self.values * factor)
+        spectral = None if self.spectral_deg is None else self.spectral_deg * abs(factor)
+        return replace(self, values=self.values * factor, spectral_deg=spectral)
 
 
 def from_table(table: HarmonicTable) -> Observations:
@@ -78,7 +85,25 @@ def from_table(table: HarmonicTable) -> Observations:
     at = Conditions(
         np.where(table.backward, -1.0, 1.0), table.speed_rpm.copy(), table.torque_Nm.copy(), table.temperature_C.copy()
     )
-    return Observations(at, labels(at), np.array(table.orders, np.int64), np.array(table.coefficients))
+    values = np.array(table.coefficients)
+    return Observations(at, labels(at), np.array(table.orders, np.int64), values, run=order_of_runs(at))
+
+
+def order_of_runs(at: Conditions) -> IntArray | None:
+    """Numbers of runs that are listed in the order of measuring, each direction for itself; None where they are sorted.
+
+    Rows that are sorted by conditions say nothing of time, or time cannot be told from a condition.
+    """
+    found = np.zeros(len(at), np.int64)
+    for sign in np.unique(at.sign):
+        rows = np.flatnonzero(at.sign == sign)
+        found[rows] = np.arange(len(rows))
+        columns = [np.round(column[rows], 9) for column in (at.speed_rpm, at.torque_Nm, at.temperature_C)]
+        for first in itertools.permutations(range(3)):
+            listed = np.stack([columns[i] for i in first], axis=1)
+            if (np.lexsort(listed.T[::-1]) == np.arange(len(rows))).all():
+                return None
+    return found
 
 
 def labels(at: Conditions, files: Sequence[str] | None = None) -> tuple[str, ...]:

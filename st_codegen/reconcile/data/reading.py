@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from st_codegen.campaign.curves import CONDITIONS_FILE
 from st_codegen.campaign.harmonic_table import read_table
 from st_codegen.campaign.orders import BAND
-from st_codegen.campaign.reader import read_campaign
+from st_codegen.campaign.reader import Campaign, read_campaign
 from st_codegen.errors import InputError, Problems
-from st_codegen.ir.arrays import BoolArray
-from st_codegen.reconcile.data.observations import Observations, from_table, labels
+from st_codegen.ir.arrays import BoolArray, IntArray
+from st_codegen.reconcile.data.observations import Observations, from_table, labels, order_of_runs
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
@@ -59,7 +60,34 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None) -> Observa
     )
     values = np.stack([fit.coefficients for fit in fits])
     files = [curve.path.relative_to(folder).as_posix() for curve in campaign.curves]
-    return Observations(at, labels(at, files), np.array(orders, np.int64), values)
+    # an amplitude has the variance of two components; the floor of the mean is that of one number already
+    spectral = np.stack([fit.noise_floor for fit in fits]) / np.where(np.array(orders) == 0, 1.0, np.sqrt(2.0))
+    return Observations(
+        at,
+        labels(at, files),
+        np.array(orders, np.int64),
+        values,
+        run=_listed_runs(folder, campaign),
+        spectral_deg=spectral,
+    )
+
+
+def _listed_runs(folder: Path, campaign: Campaign) -> IntArray | None:
+    """The number of each curve's file in conditions.csv, where there is one and it is not sorted by conditions."""
+    listed = folder / CONDITIONS_FILE
+    if not listed.is_file():
+        return None
+    text = listed.read_text(encoding="utf-8-sig").splitlines()
+    rows = csv.DictReader(text, delimiter=";" if text and ";" in text[0] else ",", skipinitialspace=True)
+    number = {folder / (row.get("file") or "").strip(): i for i, row in enumerate(rows)}
+    if not all(curve.path in number for curve in campaign.curves):
+        return None
+    run = np.array([number[curve.path] for curve in campaign.curves], np.int64)
+    place = np.argsort(run, kind="stable")
+    chosen = [campaign.curves[i] for i in place]
+    points = np.array([[c.conditions.speed_rpm, c.conditions.torque_Nm, c.conditions.temperature_C] for c in chosen])
+    signs = np.array([1.0 if c.direction.value == "forward" else -1.0 for c in chosen])
+    return None if order_of_runs(Conditions(signs, *points.T)) is None else run
 
 
 def _loud(spectra: np.ndarray, floors: np.ndarray) -> BoolArray:

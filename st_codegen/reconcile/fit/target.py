@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from st_codegen.reconcile.data.noise import speed_levels
+from st_codegen.reconcile.data.levels import speed_levels
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
@@ -70,6 +70,7 @@ class Target:
     good: BoolArray
     groups: Groups
     reduction_ratio: float = 81.0
+    reference_temperature_C: float = 30.0
     cache: dict[object, tuple[Column, ...]] = field(default_factory=dict, compare=False)
     responses: dict[object, ComplexArray] = field(default_factory=dict, compare=False)
 

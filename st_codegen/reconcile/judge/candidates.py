@@ -130,7 +130,7 @@ class Search:
     def all(self) -> Iterator[Candidate]:
         """Every candidate at every start."""
         for effect in self.known.values():
-            if effect.stage not in self.stages:
+            if effect.stage not in self.stages or not effect.searched:
                 continue
             if effect.orders_key == "orders":
                 # lists of orders are searched where a frequency says which belong together

@@ -14,6 +14,7 @@ from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.judge.candidates import STAGES, Candidate, Search
 from st_codegen.reconcile.judge.evidence import Evidence, judge
 from st_codegen.reconcile.judge.peaks import bracket, has_a_frequency, spread
+from st_codegen.reconcile.judge.plausible import bounds_met, is_a_peak
 from st_codegen.reconcile.judge.retuned import change_after_all, changes
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Conditions, Effect, Stage
@@ -85,6 +86,8 @@ def without_misfits(current: Fit) -> tuple[Fit, list[Piece]]:
                 continue
             ratio = _misfit(current, piece)
             limit = SETTINGS.misfit if piece.effect.stage is not Stage.STRUCTURE else _misfit_of_peaks(piece)
+            if bounds_met(piece) or not is_a_peak(piece):
+                ratio = float("inf")
             if ratio > limit and (worst is None or ratio > worst[0]):
                 worst = (ratio, number)
         if worst is None:
@@ -330,9 +333,11 @@ def _extrapolates(joint: Fit, piece: Piece) -> tuple[str, ...]:
     """Remarks where a parameter lies at a bound or outside of what was measured."""
     remarks = []
     at = joint.target.data.at
-    for c, x in zip(piece.coordinates(), piece.vector(), strict=True):
-        if c.part == 0 and not c.linear and min(x - c.lower, c.upper - x) < 1e-3 * (c.upper - c.lower):
-            remarks.append(f"{c.key} lies at the edge of what the catalogue allows")
+    remarks += [
+        f"{key} is not told by the data: {value:g} is a guess"
+        for key, value in piece.effect.values.items()
+        if key not in piece.free | {"order", "orders"}
+    ]
     seating = piece.effect.values.get("seating_torque_Nm")
     if isinstance(seating, float) and np.sum(np.unique(np.abs(at.torque_Nm)) < 2 * seating) < 2:
         remarks.append("too few torques near the seating torque: it is an extrapolation")

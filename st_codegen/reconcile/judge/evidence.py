@@ -131,6 +131,14 @@ def chi_square_tail(x: float, count: int) -> float:
     return float(chdtrc(count, x)) if x > 0 else 1.0
 
 
+def normal_tail(x: FloatArray) -> FloatArray:
+    """Chance that a normal number exceeds x, element by element."""
+    from scipy.special import ndtr
+
+    found: FloatArray = ndtr(-x)
+    return found
+
+
 def f_tail(x: float, count: int, rest: int) -> float:
     """Chance that an F with these degrees of freedom exceeds x."""
     from scipy.special import fdtrc

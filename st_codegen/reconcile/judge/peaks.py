@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from st_codegen.ir.arrays import ComplexArray
-from st_codegen.reconcile.data.noise import speed_levels
+from st_codegen.reconcile.data.levels import speed_levels
 from st_codegen.reconcile.fit.target import Target
 from st_codegen.rig.effects import Effect, Stage
 

@@ -14,6 +14,7 @@ from st_codegen.reconcile.fit.target import Target
 from st_codegen.reconcile.judge.candidates import Candidate, Search
 from st_codegen.reconcile.judge.evidence import Evidence, judge
 from st_codegen.reconcile.judge.peaks import has_a_frequency
+from st_codegen.reconcile.judge.plausible import at_nobodys_expense, at_two_frequencies, inside_bounds
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Stage
 
@@ -95,14 +96,22 @@ def _first_that_passes(
     likely = [c for c in ranked[: SETTINGS.tries] if finder.net(c) > SETTINGS.clear * finder.net(ranked[0])]
     tried = [_tried(current, c) for c in likely]
     tried.sort(key=lambda pair: pair[0].loss + finder.penalty * len(pair[1].coordinates()))
-    for fitted, candidate in tried:
-        start = fitted.state.slices()[candidate.place(fitted.state)].start
+    for fitted, raw in tried:
+        refused[raw.identity] = raw.gain
+        number = raw.place(fitted.state)
+        inside = inside_bounds(fitted, number)
+        if inside is None:
+            continue
+        candidate = replace(raw, piece=inside.state.pieces[number])
+        start = inside.state.slices()[number].start
         places = [start + i for i, _ in candidate.coordinates()]
-        evidence = judge(current, fitted, places, candidate.place(fitted.state))
+        if not places:
+            continue
+        evidence = judge(current, inside, places, number)
         judged.append((candidate, evidence))
-        if evidence.passed and at_two_frequencies(current, fitted, candidate):
-            return fitted
-        refused[candidate.identity] = candidate.gain
+        if evidence.passed and at_two_frequencies(current, inside, number) and at_nobodys_expense(current, inside):
+            del refused[raw.identity]
+            return inside
     return None
 
 
@@ -129,34 +138,6 @@ def _tried(current: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:
     }
     smaller = replace(candidate, piece=replace(piece, effect=effect.with_values(values)))
     return fit(current.target, smaller.put_into(current.state)), smaller
-
-
-def at_two_frequencies(without: Fit, with_it: Fit, candidate: Candidate) -> bool:
-    """A resonance must show at two different frequencies at least: one loud point can be anything."""
-    effect = with_it.state.pieces[candidate.place(with_it.state)].effect
-    if not has_a_frequency(effect):
-        return True
-    data = with_it.target.data
-    saved = with_it.target.losses(without.residual) - with_it.target.losses(with_it.residual)
-    points = set()
-    low, high = np.inf, 0.0
-    turn = data.at.speed_rpm / (60 * effect.constants.reduction_ratio)
-    for order in effect.orders:
-        low, high = min(low, order * turn.min()), max(high, order * turn.max())
-        for column in np.flatnonzero(data.orders == order):
-            for speed in np.unique(data.at.speed_rpm):
-                if saved[data.at.speed_rpm == speed, column].sum() > SETTINGS.point_gain:
-                    points.add(round(order * speed / 10))
-    frequency = effect.scalar("frequency_Hz")
-    others = [piece.effect for piece in without.state.pieces if piece.effect.name == effect.name]
-    # what is left of a resonance that is not quite an oscillator's is not a second one
-    apart = all(
-        abs(frequency / other.scalar("frequency_Hz") - 1) > SETTINGS.same_resonance
-        or not set(other.orders) & set(effect.orders)
-        for other in others
-    )
-    peak = effect.scalar("damping_ratio") < SETTINGS.broadest
-    return len(points) >= 2 and 1.02 * low < frequency < 0.98 * high and apart and peak
 
 
 def _pruned(current: Fit, refused: dict[object, float]) -> Fit:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
-from st_codegen.reconcile.data.noise import in_steps
+from st_codegen.reconcile.data.levels import in_steps
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
 

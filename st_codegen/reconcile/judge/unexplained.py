@@ -1,4 +1,10 @@
-"""What no effect explains: which orders still hold more than noise, and how that depends on the conditions."""
+"""What no effect explains: which orders still hold more than noise, how that depends on the conditions, and how large.
+
+Three questions are put to the residual of an order: does it differ between levels of speed, torque and temperature;
+do neighbouring runs share it (structure that is sharper than any level); does it step or drift in the order of the
+runs. Decisions are made on cut residuals, so that single wild runs make no structure; sizes and causes are measured on
+the residual as it is.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from st_codegen.reconcile.data.noise import speed_levels
+from st_codegen.reconcile.data.contrasts import neighbours
+from st_codegen.reconcile.data.levels import levels_of, speed_levels
 from st_codegen.reconcile.fit.target import Target
-from st_codegen.reconcile.judge.evidence import chi_square_tail, false_discoveries
+from st_codegen.reconcile.judge.evidence import chi_square_tail, false_discoveries, normal_tail
+from st_codegen.reconcile.judge.formulas import Formula, formula_of
+from st_codegen.reconcile.judge.in_time import Course, course_of
 from st_codegen.reconcile.settings import SETTINGS
 
 
@@ -17,58 +26,79 @@ from st_codegen.reconcile.settings import SETTINGS
 class Structure:
     """How much of a residual is structure.
 
-    orders: int (K,); p: chance by noise alone; power: deg^2, mean square amplitude of the structured part; significant:
-    after control of the false discovery rate; shares: share of the structure by factor.
+    orders: int (K,); p: chance by noise alone; power: deg^2, mean square amplitude of what is no noise; significant:
+    after control of the false discovery rate; courses: by order the step or trend over the runs, or None.
     """
 
     orders: IntArray
     p: FloatArray
     power: FloatArray
     significant: BoolArray
-    shares: tuple[dict[str, float], ...]
+    courses: tuple[Course | None, ...]
 
 
 def structure(target: Target, residual: ComplexArray) -> Structure:
-    """Test the residual of every order against levels of speed, torque and temperature, by direction."""
+    """Test the residual (n, K) of every order for what noise that is independent from run to run has not."""
     data, good = target.data, target.good
-    at = data.at
-    z = np.where(data.orders == 0, residual.real, residual) / target.sigma
-    size = np.abs(z)
-    z = (z * np.minimum(1.0, SETTINGS.cut / np.maximum(size, 1e-300)))[good]
-    design = {
-        "constant": _dummies(np.zeros(len(at), np.int64), at.sign)[good],
-        "speed": _dummies(speed_levels(at.speed_rpm), at.sign)[good],
-        "torque": _dummies(_levels(at.torque_Nm), at.sign)[good],
-        "temperature": _dummies(_levels(at.temperature_C), at.sign)[good],
-    }
-    everything = np.concatenate(list(design.values()), axis=1)
-    basis = _basis(everything)
+    parts = np.where(data.orders == 0, 1, 2)
+    r: ComplexArray = np.where(data.orders == 0, residual.real, residual).astype(np.complex128)
+    z: ComplexArray = r / target.sigma
+    z = (z * np.minimum(1.0, SETTINGS.cut / np.maximum(np.abs(z), 1e-300))) * good[:, None]
+    p_levels, excess, scale = _between_levels(target, z[good], parts)
+    p_shared, shared = _between_neighbours(target, z, parts)
+    noise = (target.sigma[good] ** 2).mean(axis=0)
+    large = np.maximum(excess / scale, shared) > SETTINGS.least_excess * parts
+    courses = course_of(target, z, parts)
+    in_time = np.array([course is not None for course in courses])
+    p = np.minimum(np.minimum(2 * p_levels, 2 * p_shared), 1.0)
+    significant = (false_discoveries(p, SETTINGS.discovery_rate) & large) | in_time
+    power = np.maximum((np.abs(r[good]) ** 2).mean(axis=0) - parts * noise, 0.0)
+    power = np.maximum(power, [0.0 if course is None else course.power for course in courses])
+    return Structure(data.orders, p, power, significant, tuple(courses))
+
+
+def _between_levels(target: Target, z: ComplexArray, parts: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Chance of the differences between levels; their power in noises; the noise that is left, each (K,)."""
+    basis = _basis(np.concatenate(list(_designs(target).values()), axis=1))
     rows, rank = len(basis), basis.shape[1]
     explained = (np.abs(basis.T @ z) ** 2).sum(axis=0)
-    parts = np.where(data.orders == 0, 1, 2)
     left = np.maximum((np.abs(z) ** 2).sum(axis=0) - explained, 1e-12) / np.maximum(parts * (rows - rank), 1)
     # noise that is larger than believed must not look like structure
     scale = np.maximum(left, 1.0)
     p = np.array([chi_square_tail(float(x), int(k * rank)) for x, k in zip(explained / scale, parts, strict=True)])
-    sigma2 = (target.sigma[good] ** 2).mean(axis=0)
-    excess = np.maximum(explained / scale - parts * rank, 0.0) / rows * sigma2 * scale
-    significant = false_discoveries(p, SETTINGS.discovery_rate) & (
-        excess > SETTINGS.least_excess * parts * sigma2 * scale
-    )
-    shares = tuple(_shares(design, z[:, k]) for k in range(z.shape[1]))
-    return Structure(data.orders, p, excess, significant, shares)
+    return p, np.maximum(explained - parts * rank * scale, 0.0) / rows, scale
 
 
-def _levels(values: FloatArray) -> IntArray:
-    levels, index = np.unique(values, return_inverse=True)
-    if len(levels) <= 8:
-        return index.astype(np.int64)
-    cuts = np.quantile(values, np.linspace(0, 1, 9)[1:-1])
-    return np.searchsorted(cuts, values, side="right").astype(np.int64)
+def _between_neighbours(target: Target, z: ComplexArray, parts: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Chance that neighbours along an axis share as much by noise alone, and the power that they share, each (K,).
+
+    Noise that is independent from run to run gives products of neighbours any phase: their sum over its own root mean
+    square is normal.
+    """
+    best, power = np.ones(z.shape[1]), np.zeros(z.shape[1])
+    kinds = [pairs for _, pairs in neighbours(target.data.at, target.good) if len(pairs) >= SETTINGS.least_contrasts]
+    for pairs in kinds:
+        products = (z[pairs[:, 0]] * z[pairs[:, 1]].conj()).real
+        spread = np.sqrt(((np.abs(z[pairs[:, 0]]) * np.abs(z[pairs[:, 1]])) ** 2).sum(axis=0) / parts)
+        score = products.sum(axis=0) / np.maximum(spread, 1e-300)
+        own = normal_tail(score) * len(kinds)
+        power = np.where(own < best, products.mean(axis=0), power)
+        best = np.minimum(best, own)
+    return best, power
+
+
+def _designs(target: Target) -> dict[str, FloatArray]:
+    """For each factor one column a level and direction, of good rows."""
+    at, good = target.data.at, target.good
+    return {
+        "constant": _dummies(np.zeros(len(at), np.int64), at.sign)[good],
+        "speed": _dummies(speed_levels(at.speed_rpm), at.sign)[good],
+        "torque": _dummies(levels_of(at.torque_Nm), at.sign)[good],
+        "temperature": _dummies(levels_of(at.temperature_C), at.sign)[good],
+    }
 
 
 def _dummies(level: IntArray, sign: FloatArray) -> FloatArray:
-    """One column for each level and direction."""
     code = level * 2 + (sign > 0)
     found: FloatArray = (code[:, None] == np.unique(code)[None, :]).astype(np.float64)
     return found
@@ -80,16 +110,23 @@ def _basis(design: FloatArray) -> FloatArray:
     return found
 
 
-def _shares(design: dict[str, FloatArray], z: ComplexArray | FloatArray) -> dict[str, float]:
-    """What each factor explains beyond the constant, and the constant itself, as shares of their sum."""
-    constant = _basis(design["constant"])
-    mean = constant @ (constant.T @ z)
-    found = {"constant": float((np.abs(mean) ** 2).sum())}
+def dependence(target: Target, r: ComplexArray, noise_power: float, course: Course | None) -> dict[str, float]:
+    """The constant of a residual (n,), and what each factor explains beyond it, as shares of their sum.
+
+    `combination` is what neighbours share and no factor explains alone. noise_power: deg^2, of one run.
+    """
+    designs = _designs(target)
+    good = r[target.good]
+    constant = _basis(designs["constant"])
+    found = {"constant": float((np.abs(constant.T @ good) ** 2).sum())}
     for name in ("speed", "torque", "temperature"):
-        basis = _basis(design[name])
-        own = float((np.abs(basis.T @ z) ** 2).sum()) - found["constant"]
-        chance = float((np.abs(z) ** 2).mean()) * (basis.shape[1] - constant.shape[1])
-        found[name] = max(0.0, own - min(chance, own))
+        basis = _basis(designs[name])
+        own = float((np.abs(basis.T @ good) ** 2).sum()) - found["constant"]
+        found[name] = max(0.0, own - noise_power * (basis.shape[1] - constant.shape[1]))
+    if course is not None:
+        found["time"] = course.power * len(good)
+    whole = float((np.abs(good) ** 2).sum()) - noise_power * len(good)
+    found["combination"] = max(0.0, whole - sum(found.values()))
     total = sum(found.values()) or 1.0
     return {name: value / total for name, value in found.items()}
 
@@ -98,8 +135,9 @@ def _shares(design: dict[str, FloatArray], z: ComplexArray | FloatArray) -> dict
 class Signature:
     """One unexplained part.
 
-    order; rms_deg: of its structured part over all runs; share of the gap (power); dependence: shares by factor;
-    direction: `both`, `forward`, `backward`; text: in words.
+    order; rms_deg: of what is no noise, over all runs and angles; share of the gap (power); dependence: shares by
+    factor; direction: `both`, `forward`, `backward`; text: a sentence; amplitude_deg: the largest of the formula, or of
+    the levels of the factor on which it depends most; formula: the simplest expression that the data hold, or None.
     """
 
     order: int
@@ -108,86 +146,121 @@ class Signature:
     dependence: dict[str, float]
     direction: str
     text: str
+    amplitude_deg: float = 0.0
+    formula: Formula | None = None
 
 
 def signatures(target: Target, residual: ComplexArray, gap_power: float) -> list[Signature]:
     """Signatures of all orders with significant structure, largest first. gap_power: deg^2, of the whole gap."""
     found = structure(target, residual)
-    out = []
-    for k in np.flatnonzero(found.significant):
-        order = int(found.orders[k])
-        power = found.power[k] * (1.0 if order == 0 else 0.5)
-        direction = _direction(target, residual[:, k])
-        out.append(
-            Signature(
-                order=order,
-                rms_deg=float(np.sqrt(power)),
-                share=float(min(1.0, power / max(gap_power, 1e-300))),
-                dependence=found.shares[k],
-                direction=direction,
-                text=_words(target, residual[:, k], order, found.shares[k], direction, float(np.sqrt(power))),
-            )
-        )
+    out = [_signature(target, residual, found, int(k), gap_power) for k in np.flatnonzero(found.significant)]
+    out += [
+        _scattered(target, residual, int(k), gap_power) for k in scatter(target, residual) if not found.significant[k]
+    ]
     return sorted(out, key=lambda signature: -signature.rms_deg)
 
 
-def lines_in_samples(target: Target, residual: ComplexArray, gap_power: float, highest: int = 300) -> list[Signature]:
-    """Signatures of samples over time: waves of the output's angle that stand above the noise."""
-    data = target.data
-    angle = np.zeros(len(data)) if data.angle_rad is None else data.angle_rad
-    r, sigma = residual[:, 0].real, float(target.sigma[0, 0])
-    left = r.copy()
-    out = []
-    for _ in range(SETTINGS.most_lines):
-        waves = np.exp(-1j * np.outer(np.arange(highest + 1), angle))
-        sums = waves @ left * (2.0 / len(left))
-        sums[0] /= 2.0
-        order = int(np.argmax(np.abs(sums)))
-        size = float(np.abs(sums[order])) * (1.0 if order == 0 else np.sqrt(0.5))
-        # noise of a line: sigma*sqrt(2/n); autocorrelation may double it
-        if size < 10 * sigma / np.sqrt(len(left)) or size < 0.5 * sigma:
-            break
-        left -= (sums[order] * np.conj(waves[order])).real
-        share = min(1.0, size**2 / max(gap_power, 1e-300))
-        name = f"order {order}" if order else "the mean"
-        text = f"{name}: {size:.2g} deg RMS over the recordings"
-        out.append(Signature(order, size, share, {"constant": 1.0}, "both", text))
-    return out
+def scatter(target: Target, residual: ComplexArray) -> IntArray:
+    """Columns of orders whose residual is larger than the noise within the curves, whatever its pattern.
+
+    The lowest orders are left out: a slow wander within one turn shows there and not between the orders.
+    """
+    data, good = target.data, target.good
+    if data.spectral_deg is None or not good.any():
+        return np.zeros(0, np.int64)
+    left = (np.abs(residual[good]) ** 2).mean(axis=0) / 2
+    own = (data.spectral_deg[good] ** 2).mean(axis=0)
+    beyond = (left > SETTINGS.beyond_spectral**2 * own) & (data.orders > SETTINGS.wander_orders)
+    found: IntArray = np.flatnonzero(beyond)
+    return found
+
+
+def _scattered(target: Target, residual: ComplexArray, k: int, gap_power: float) -> Signature:
+    """An order that differs from run to run by more than the noise of a curve, with no pattern that was found."""
+    assert target.data.spectral_deg is not None
+    power = float((np.abs(residual[target.good, k]) ** 2).mean()) / 2
+    own = float((target.data.spectral_deg[target.good, k] ** 2).mean())
+    order = int(target.data.orders[k])
+    text = (
+        f"order {order}: {np.sqrt(power):.2g} deg RMS, {np.sqrt(power / own):.1f} times the noise between the orders "
+        "of the curves, with no pattern over the conditions: runs differ, or the structure is sharp; repeat some runs"
+    )
+    size = float(np.sqrt(max(power - own, 0.0)))
+    share = min(1.0, size**2 / max(gap_power, 1e-300))
+    return Signature(order, size, share, {"scatter": 1.0}, _direction(target, residual[:, k]), text, size * np.sqrt(2))
+
+
+def _signature(target: Target, residual: ComplexArray, found: Structure, k: int, gap_power: float) -> Signature:
+    order, course = int(found.orders[k]), found.courses[k]
+    r = residual[:, k] if order else residual[:, k].real.astype(np.complex128)
+    parts = 2 if order else 1
+    noise = parts * float((target.sigma[target.good, k] ** 2).mean())
+    power = float(found.power[k]) * (0.5 if order else 1.0)
+    shares = dependence(target, r, noise, course)
+    direction = _direction(target, r)
+    formula = formula_of(target, r, k)
+    said, amplitude = _sentence(target, r, order, shares, course, formula)
+    side = "" if direction == "both" else f", {direction} only"
+    what, size = f"order {order}" if order else "the mean", f"{np.sqrt(power):.2g} deg RMS"
+    is_law = formula is not None and said == formula.text
+    text = f"{what} {said}; {size} over the runs{side}" if is_law else f"{what}: {size}, {said}{side}"
+    share = float(min(1.0, power / max(gap_power, 1e-300)))
+    return Signature(order, float(np.sqrt(power)), share, shares, direction, text, amplitude, formula)
 
 
 def _direction(target: Target, r: ComplexArray) -> str:
     power = {}
     for name, sign in (("forward", 1.0), ("backward", -1.0)):
         rows = target.good & (target.data.at.sign == sign)
-        power[name] = float(np.median(np.abs(r[rows]) ** 2)) if rows.any() else 0.0
+        power[name] = float((np.abs(r[rows]) ** 2).mean()) if rows.any() else 0.0
     loud = max(power, key=lambda name: power[name])
     return loud if power[loud] > 9 * min(power.values()) else "both"
 
 
-def _words(target: Target, r: ComplexArray, order: int, shares: dict[str, float], direction: str, rms: float) -> str:
+_CAUSE = {
+    "constant": "constant over the operating points",
+    "speed": "depends on the speed",
+    "torque": "depends on the torque",
+    "temperature": "depends on the oil temperature",
+    "combination": "depends on the conditions in a way that no single one explains",
+}
+_UNIT = {"speed": "rpm", "torque": "N m", "temperature": "degC"}
+
+
+def main_cause(shares: dict[str, float]) -> str:
+    """What an unexplained part depends on most; constant only where hardly anything else is seen."""
+    varying = {name: share for name, share in shares.items() if name != "constant"}
+    most = max(varying, key=lambda name: varying[name])
+    return most if varying[most] > SETTINGS.cause else "constant"
+
+
+def _sentence(
+    target: Target,
+    r: ComplexArray,
+    order: int,
+    shares: dict[str, float],
+    course: Course | None,
+    formula: Formula | None,
+) -> tuple[str, float]:
+    """What is said of an unexplained part, and its largest amplitude (deg)."""
     at, good = target.data.at, target.good
-    main = max(shares, key=lambda name: shares[name])
-    where = f"order {order}" if order else "the mean"
-    side = "" if direction == "both" else f", {direction} only"
-    texts = {
-        "constant": "constant over the operating points",
-        "speed": "depends on the speed",
-        "torque": "depends on the torque",
-        "temperature": "depends on the oil temperature",
+    main = main_cause(shares)
+    if course is not None and main in ("time", "constant", "combination"):
+        return course.text, course.amplitude_deg
+    if formula is not None:
+        return formula.text, formula.amplitude_deg
+    text = _CAUSE[main if main in _CAUSE else "combination"]
+    if main not in _UNIT:
+        return text, float(np.sqrt((np.abs(r[good]) ** 2).mean()))
+    values = {"speed": at.speed_rpm, "torque": at.torque_Nm, "temperature": at.temperature_C}[main]
+    level = levels_of(values) if main != "speed" else speed_levels(values)
+    means = {
+        float(np.median(values[good & (level == n)])): float(np.sqrt((np.abs(r[good & (level == n)]) ** 2).mean()))
+        for n in np.unique(level[good])
     }
-    text = f"{where}: {rms:.2g} deg RMS, {texts[main]}{side}"
-    if main != "constant":
-        values = {"speed": at.speed_rpm, "torque": at.torque_Nm, "temperature": at.temperature_C}[main]
-        size = np.abs(r)
-        levels = _levels(values) if main != "speed" else speed_levels(values)
-        means = {}
-        for n in np.unique(levels[good]):
-            rows = good & (levels == n)
-            means[float(np.median(values[rows]))] = float(np.sqrt((size[rows] ** 2).mean()))
-        top = max(means, key=lambda value: means[value])
-        unit = {"speed": "rpm", "torque": "N m", "temperature": "degC"}[main]
-        text += f", most at {top:g} {unit}"
-        if main == "speed" and order:
-            hertz = order * top / 60 / target.reduction_ratio
-            text += f" (order {order} is at {hertz:.1f} Hz there)"
-    return text
+    top = max(means, key=lambda value: means[value])
+    text += f", most at {top:g} {_UNIT[main]}: {means[top]:.2g} deg"
+    if main == "speed" and order:
+        hertz = order * top / 60 / target.reduction_ratio
+        text += f" (order {order} is at {hertz:.1f} Hz there)"
+    return text, means[top]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
-from st_codegen.reconcile.data.noise import speed_levels
+from st_codegen.reconcile.data.levels import speed_levels
 from st_codegen.reconcile.run import Result
 from st_codegen.report.html import Section
 from st_codegen.report.picture import Draw, figures

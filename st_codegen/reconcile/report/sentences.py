@@ -17,11 +17,39 @@ if TYPE_CHECKING:
     from st_codegen.reconcile.models.update import Update
 
 VERDICT_TEXT = {
-    "explained": "What was missing is named, and what is left is noise.",
+    "explained": "What was missing is named; what is left has no pattern over the conditions that were measured.",
     "partly_explained": "Part of what was missing is named; the rest is explained by no effect of the catalogue.",
-    "nothing_missing": "Nothing is missing: the differences are noise.",
+    "nothing_missing": "Nothing is missing that these data show: the differences have no pattern.",
     "unexplained": "Something is missing that no effect of the catalogue explains.",
 }
+
+#: what a noise floor is made of, by the kind of contrast
+_FLOOR = {
+    "plane": "how far runs lie from the plane through their neighbours",
+    "speed": "how far runs lie from the line through their neighbours in speed",
+    "torque": "how far runs lie from the line through their neighbours in torque",
+    "temperature": "how far runs lie from those at other temperatures",
+    "repeats": "how far repeated runs differ",
+    "regression": "what a smooth function of the conditions leaves",
+}
+
+
+def floor_text(result: Result) -> str:
+    """What the noise floor is made of, and so what it cannot tell from noise."""
+    if result.data.angle_rad is not None:
+        return "The floor is the noise from sample to sample."
+    kinds = list(dict.fromkeys(result.noise.kinds))
+    parts = []
+    for kind in kinds:
+        orders = [str(k) for k, own in zip(result.data.orders, result.noise.kinds, strict=True) if own == kind]
+        which = "" if len(kinds) == 1 else f" (orders {', '.join(orders[:8])}{', ..' if len(orders) > 8 else ''})"
+        parts.append(_FLOOR[kind] + which)
+    text = f"The floor is {'; '.join(parts)}"
+    if "repeats" not in kinds:
+        text += ". No run was repeated: what is sharper than the steps of the conditions counts as noise there"
+    if result.data.spectral_deg is not None:
+        text += ". Orders above 5 were also compared with the noise between the orders of their own curves"
+    return text + "."
 
 
 def summary(result: Result) -> str:
@@ -41,6 +69,7 @@ def summary(result: Result) -> str:
     lines.append(
         f"Gap on held-out runs: {gap.before:.3g} -> {gap.after:.3g} deg RMS, noise floor {gap.noise_floor:.3g} deg"
     )
+    lines.append(floor_text(result))
     if result.noise.suspects:
         worst = result.data.labels[result.noise.suspects[0][0]]
         lines.append(f"Suspected bad runs: {len(result.noise.suspects)}, the worst {worst}")

@@ -163,6 +163,10 @@ class Effect(ABC):
     phasors: ClassVar[tuple[Phasor, ...]] = ()
     orders_key: ClassVar[str | None] = None
     stage: ClassVar[Stage] = Stage.ADDITIVE
+    #: the lowest order that it may name
+    least_order: ClassVar[int] = 1
+    #: whether `reconcile` tries it as a cause
+    searched: ClassVar[bool] = True
     #: what tells this effect from its look-alikes where no operating point does
     experiment: ClassVar[str] = ""
 
@@ -300,9 +304,9 @@ class Effect(ABC):
         if key is None:
             return 0
         orders = (
-            (table.whole(key, low=1),)
+            (table.whole(key, low=self.least_order),)
             if key == "order"
-            else table.list_of(key, lambda name, entry: table.whole_of(name, entry, 1))
+            else table.list_of(key, lambda name, entry: table.whole_of(name, entry, self.least_order))
         )
         if not table.is_sound:
             return len(orders)

@@ -1,0 +1,131 @@
+"""Contrasts of runs with their neighbours: what a run has that those beside it do not let expect.
+
+A contrast has the variance of the noise of one run, plus what the measured quantity does between neighbours that no
+straight line or plane follows. So each kind of contrast bounds the noise from above, and the smallest says most.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.reconcile.data.levels import in_steps
+from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects import Conditions
+
+
+@dataclass(frozen=True)
+class Contrasts:
+    """Local contrasts: e_i = (y_i - sum_j w_ij y_j) / norm_i has the variance of the noise.
+
+    index: int (n, m) neighbours; weight: float64 (n, m), 0 for none; norm: float64 (n,), inf where there are too few.
+    """
+
+    index: IntArray
+    weight: FloatArray
+    norm: FloatArray
+
+    def apply(self, values: ComplexArray) -> ComplexArray:
+        """Contrasts of values (n, K)."""
+        predicted = np.einsum("nm,nmk->nk", self.weight, values[self.index])
+        found: ComplexArray = (values - predicted) / self.norm[:, None]
+        return found
+
+    @property
+    def usable(self) -> BoolArray:
+        """Rows that have neighbours enough."""
+        return np.isfinite(self.norm)
+
+
+def contrasts(at: Conditions, good: BoolArray) -> Contrasts:
+    """Contrasts of each run against good runs of the same direction. The last few are kept."""
+    key = (id(at.sign), id(at.speed_rpm), good.tobytes())
+    if key not in _KEPT:
+        if len(_KEPT) > 8:
+            _KEPT.clear()
+        _KEPT[key] = (at, _contrasts(at, good))
+    return _KEPT[key][1]
+
+
+#: the conditions are kept with the contrasts, so that their identity is theirs
+_KEPT: dict[tuple[int, int, bytes], tuple[Conditions, Contrasts]] = {}
+
+
+def _contrasts(at: Conditions, good: BoolArray) -> Contrasts:
+    n = len(at)
+    scaled = np.stack([4.0 * in_steps(at.speed_rpm), in_steps(at.torque_Nm), in_steps(at.temperature_C)], axis=1)
+    count = SETTINGS.neighbours
+    index = np.zeros((n, count), np.int64)
+    weight = np.zeros((n, count))
+    norm = np.full(n, np.inf)
+    for sign in (1.0, -1.0):
+        rows = np.flatnonzero(at.sign == sign)
+        pool = rows[good[rows]]
+        if len(pool) <= count:
+            continue
+        distance = ((scaled[rows][:, None] - scaled[pool][None]) ** 2).sum(axis=2)
+        distance[rows[:, None] == pool[None]] = np.inf
+        nearest = np.argpartition(distance, count, axis=1)[:, :count]
+        chosen = pool[nearest]
+        offsets = scaled[chosen] - scaled[rows][:, None]
+        # coordinates that do not vary among the neighbours drop out of the pseudo-inverse
+        design = np.concatenate([np.ones((len(rows), count, 1)), offsets], axis=2)
+        index[rows] = chosen
+        weight[rows] = np.linalg.pinv(design, rcond=1e-6)[:, 0]
+        norm[rows] = np.sqrt(1 + (weight[rows] ** 2).sum(axis=1))
+    # an extrapolated prediction says little
+    norm[norm > 2.5] = np.inf
+    return Contrasts(index, weight, norm)
+
+
+def along_axes(at: Conditions, good: BoolArray) -> Iterator[tuple[str, Contrasts]]:
+    """Contrasts of good runs with those that differ in one condition alone, and with repeats of the same conditions.
+
+    A run between two others is compared with the straight line through them. Where an axis has two levels the other
+    run of the pair is all there is to compare with, so that kind holds where the axis does not matter.
+    """
+    columns = (at.speed_rpm, at.torque_Nm, at.temperature_C)
+    for name, axis in (("repeats", None), ("speed", 0), ("torque", 1), ("temperature", 2)):
+        others = [at.sign, *(column for i, column in enumerate(columns) if i != axis)]
+        _, group = np.unique(np.stack(others), axis=1, return_inverse=True)
+        own = np.zeros(len(at)) if axis is None else columns[axis]
+        index, weight, norm = np.zeros((len(at), 2), np.int64), np.zeros((len(at), 2)), np.full(len(at), np.inf)
+        order = np.lexsort((own, group.ravel()))
+        order = order[good[order]]
+        for rows in np.split(order, np.flatnonzero(np.diff(group.ravel()[order])) + 1):
+            _line(rows, own, index, weight, norm)
+        yield name, Contrasts(index, weight, norm)
+
+
+def _line(rows: IntArray, own: FloatArray, index: IntArray, weight: FloatArray, norm: FloatArray) -> None:
+    """Contrasts of rows (rising along one axis) with the lines through their neighbours, written in place."""
+    if len(rows) == 2:
+        # the second of a pair: one number of its own
+        index[rows[1]], weight[rows[1]], norm[rows[1]] = rows[0], (1.0, 0.0), np.sqrt(2.0)
+    for before, here, after in zip(rows[:-2], rows[1:-1], rows[2:], strict=True):
+        span = own[after] - own[before]
+        share = 0.5 if span == 0 else float((own[here] - own[before]) / span)
+        index[here], weight[here] = (before, after), (1.0 - share, share)
+        norm[here] = np.sqrt(1.0 + (1.0 - share) ** 2 + share**2)
+
+
+def neighbours(at: Conditions, good: BoolArray) -> Iterator[tuple[str, IntArray]]:
+    """Pairs (pairs, 2) of good rows next to each other along one axis, all else the same; repeats among them.
+
+    Off any grid each row has one of its ten nearest for a neighbour."""
+    columns = (at.speed_rpm, at.torque_Nm, at.temperature_C)
+    for name, axis in (("repeats", None), ("speed", 0), ("torque", 1), ("temperature", 2)):
+        others = [at.sign, *(column for i, column in enumerate(columns) if i != axis)]
+        _, group = np.unique(np.stack(others), axis=1, return_inverse=True)
+        group = group.ravel()
+        own = np.zeros(len(at)) if axis is None else columns[axis]
+        order = np.lexsort((own, group))
+        order = order[good[order]]
+        same = np.diff(group[order]) == 0
+        yield name, np.stack([order[:-1][same], order[1:][same]], axis=1).astype(np.int64)
+    local = contrasts(at, good)
+    rows = np.flatnonzero(good & local.usable)
+    yield "nearest", np.stack([rows, local.index[rows, 0]], axis=1)

@@ -1,0 +1,112 @@
+"""Steps and trends over the runs: a tool exchanged in mid-campaign, a part that wears, a mount that creeps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
+from st_codegen.reconcile.fit.target import Target
+from st_codegen.reconcile.judge.evidence import chi_square_tail
+from st_codegen.reconcile.settings import SETTINGS
+
+
+@dataclass(frozen=True)
+class Course:
+    """A step or trend over the runs: its mean power (deg^2), the size of the change (deg), and a phrase."""
+
+    power: float
+    amplitude_deg: float
+    text: str
+
+
+def course_of(target: Target, z: ComplexArray, parts: IntArray) -> list[Course | None]:
+    """For each order the step or trend of its residual z (n, K, in noises, zero for bad runs) over the runs.
+
+    None where the order of the runs is not known, or where what is seen may be noise that lasts over runs: a wander as
+    large as the noise itself passes for that.
+    """
+    run, good = target.data.run, target.good
+    none: list[Course | None] = [None] * z.shape[1]
+    if run is None or good.sum() < SETTINGS.least_in_time:
+        return none
+    numbers = np.unique(run[good])
+    place = np.searchsorted(numbers, run)
+    count = len(numbers)
+    sums = {}
+    for sign in np.unique(target.data.at.sign[good]):
+        rows = good & (target.data.at.sign == sign)
+        series = np.zeros((count, z.shape[1]), np.complex128)
+        weight = np.zeros(count)
+        np.add.at(series, place[rows], z[rows])
+        np.add.at(weight, place[rows], 1.0)
+        sums[float(sign)] = (series, weight)
+    steps, cuts = _steps(sums, count)
+    trends = _trends(sums, count)
+    found = none
+    total = sum(float(weight.sum()) for _, weight in sums.values())
+    for k in range(z.shape[1]):
+        gain = max(steps[k], trends[k])
+        # where runs were made in any order of conditions, neighbours take a step for noise: what it leaves is the noise
+        left = max(float((np.abs(z[:, k]) ** 2).sum()) - gain, 1e-300)
+        if gain < SETTINGS.least_excess_in_time * left:
+            continue
+        lasting = _lasting([series[:, k] for series, _ in sums.values()], int(cuts[k]))
+        scale = lasting * min(max(left / (total * parts[k]), 1e-6), 1.0)
+        if chi_square_tail(gain / scale, int(parts[k]) * len(sums)) * count > SETTINGS.p_changed:
+            continue
+        sigma = float(np.sqrt((target.sigma[good, k] ** 2).mean()))
+        power = float(gain / total) * sigma**2
+        if steps[k] >= trends[k]:
+            size = sigma * max(_step_size(s[:, k], w, int(cuts[k])) for s, w in sums.values())
+            text = f"a step of {size:.2g} deg between run {cuts[k]} and run {cuts[k] + 1} of {count}, in their order"
+        else:
+            size = float(np.sqrt(power * 12.0))
+            text = f"a trend of {size:.2g} deg over the {count} runs in their order"
+        found[k] = Course(power, size, text)
+    return found
+
+
+def _step_size(series: ComplexArray, weight: FloatArray, cut: int) -> float:
+    """How far the means before and behind a step differ, in noises."""
+    before, after = (
+        series[part].sum() / max(float(weight[part].sum()), 1.0) for part in (slice(cut), slice(cut, None))
+    )
+    return float(abs(after - before))
+
+
+def _steps(sums: dict[float, tuple[ComplexArray, FloatArray]], count: int) -> tuple[FloatArray, IntArray]:
+    """The largest gain of one step in each order (K,), and how many runs lie before it."""
+    gains = 0.0
+    edge = max(2, count // 20)
+    for series, weight in sums.values():
+        before, n = np.cumsum(series, axis=0)[:-1], np.cumsum(weight)[:-1, None]
+        after, m = series.sum(axis=0) - before, weight.sum() - n
+        whole = np.abs(series.sum(axis=0)) ** 2 / max(weight.sum(), 1.0)
+        gains = gains + np.abs(before) ** 2 / np.maximum(n, 1) + np.abs(after) ** 2 / np.maximum(m, 1) - whole
+    inner = np.asarray(gains)[edge - 1 : count - edge]
+    best = inner.argmax(axis=0)
+    return inner.max(axis=0), best + edge
+
+
+def _trends(sums: dict[float, tuple[ComplexArray, FloatArray]], count: int) -> FloatArray:
+    """The gain of a straight line over the runs in each order (K,)."""
+    found: FloatArray = np.zeros(next(iter(sums.values()))[0].shape[1])
+    for series, weight in sums.values():
+        x = np.arange(count) - np.average(np.arange(count), weights=np.maximum(weight, 1e-9))
+        mean = series.sum(axis=0) / max(weight.sum(), 1.0)
+        pull = (x[:, None] * (series - weight[:, None] * mean)).sum(axis=0)
+        found = found + np.abs(pull) ** 2 / max(float((weight * x * x).sum()), 1e-300)
+    return found
+
+
+def _lasting(series: list[ComplexArray], cut: int) -> float:
+    """How much longer noise lasts than one run: (1 + rho) / (1 - rho) of the neighbouring runs beside the step."""
+    up, down = 0.0, 0.0
+    for values in series:
+        left = np.concatenate([values[:cut] - values[:cut].mean(), values[cut:] - values[cut:].mean()])
+        up += float((left[1:] * left[:-1].conj()).real.sum())
+        down += float((np.abs(left) ** 2).sum())
+    rho = min(max(up / max(down, 1e-300), 0.0), 0.98)
+    return (1.0 + rho) / (1.0 - rho)

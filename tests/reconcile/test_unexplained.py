@@ -1,0 +1,107 @@
+"""What no effect explains: its size, what it depends on, and its formula, against numbers known beforehand."""
+
+import numpy as np
+import pytest
+
+from st_codegen.reconcile.data.noise import estimate
+from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
+from st_codegen.reconcile.fit.target import Target, groups_of
+from st_codegen.reconcile.judge.unexplained import main_cause, signatures
+from st_codegen.rig.effects import Conditions
+
+SIGMA = 1.3e-5
+ORDERS = np.array([0, 40, 53])
+
+
+def grid():
+    axes = np.meshgrid(np.arange(100, 1801, 100.0), np.linspace(0, 1800, 10), [25.0, 30.0, 35.0], [1.0, -1.0])
+    speed, torque, temperature, sign = (axis.ravel() for axis in axes)
+    return Conditions.of(sign, speed, torque, temperature)
+
+
+def found(at, waves, sigma=SIGMA):
+    """Signatures by order of waves (order -> complex (n,)) in white noise, as a residual of nothing."""
+    random = np.random.default_rng(1)
+    values = sigma * (random.standard_normal((len(at), 3)) + 1j * random.standard_normal((len(at), 3)))
+    values[:, 0] = values[:, 0].real
+    for order, wave in waves.items():
+        values[:, list(ORDERS).index(order)] += wave
+    data = Observations(at, labels(at), ORDERS, values, run=order_of_runs(at))
+    noise = estimate(data, values)
+    target = Target(data, noise.sigma, noise.good, groups_of(at))
+    return {s.order: s for s in signatures(target, values, 1.0)}
+
+
+def test_noise_has_no_signature():
+    assert found(grid(), {}) == {}
+
+
+def test_a_square_of_the_torque_has_its_size_cause_and_formula():
+    """It was 9.3e-6 deg and constant, since residuals were cut at five noises before they were measured."""
+    at = grid()
+    (one,) = found(at, {53: 1.24e-4 * (at.torque_Nm / 1200) ** 2 * np.exp(0.3j)}).values()
+    assert one.rms_deg == pytest.approx(1.24e-4 * np.sqrt(np.mean((at.torque_Nm / 1200) ** 4) / 2), rel=0.02)
+    assert main_cause(one.dependence) == "torque"
+    assert set(one.formula.terms) == {"torque_square"}
+    assert one.amplitude_deg == pytest.approx(1.24e-4 * 1.5**2, rel=0.02)
+    assert "grows with the square of the torque" in one.text and "at 1800 N m" in one.text
+
+
+def test_a_peak_between_two_speeds_that_moves_with_the_torque_is_no_noise():
+    """Neighbours in the plane differ by far more than the noise; those of other temperatures do not."""
+    at = grid()
+    ratio = at.speed_rpm / (1000 * (1 - 0.12 * at.torque_Nm / 1800))
+    peak = 1e-3 * 0.06 * ratio**2 / (1 - ratio**2 + 0.06j * ratio * at.sign)
+    (one,) = found(at, {40: peak}).values()
+    assert one.rms_deg == pytest.approx(np.sqrt(np.mean(np.abs(peak) ** 2) / 2), rel=0.05)
+
+
+def test_a_tool_exchanged_in_mid_campaign_is_a_step_in_the_order_of_runs():
+    at = grid()
+    forward, backward = np.flatnonzero(at.sign > 0), np.flatnonzero(at.sign < 0)
+    chosen = np.random.default_rng(5).permutation(len(forward))
+    at = at.rows(np.concatenate([forward[chosen], backward[chosen]]))
+    late = np.tile(np.arange(len(forward)) >= 200, 2)
+    (one,) = found(at, {40: 8e-4 * (late - 0.5) * np.exp(0.5j)}).values()
+    assert "between run 200 and run 201 of 540" in one.text
+    assert one.amplitude_deg == pytest.approx(8e-4, rel=0.02)
+
+
+def test_rows_that_are_sorted_say_nothing_of_time():
+    assert order_of_runs(grid()) is None
+
+
+@pytest.mark.parametrize("lasts", [0.0, 0.7, 1.0])
+def test_noise_that_lasts_over_runs_is_no_step(lasts):
+    """White, correlated, and white with a wander of its own size; the runs in any order of conditions."""
+    at = grid()
+    forward, backward = np.flatnonzero(at.sign > 0), np.flatnonzero(at.sign < 0)
+    for seed in range(5):
+        random = np.random.default_rng(seed)
+        chosen = random.permutation(len(forward))
+        shuffled = at.rows(np.concatenate([forward[chosen], backward[chosen]]))
+        parts = random.standard_normal((2, 2, len(forward)))
+        if lasts == 1.0:
+            walk = np.cumsum(random.standard_normal(parts.shape), axis=-1)
+            walk -= walk.mean(axis=-1, keepdims=True)
+            parts = parts + walk / walk.std(axis=-1, keepdims=True)
+        else:
+            for i in range(1, len(forward)):
+                parts[..., i] = lasts * parts[..., i - 1] + np.sqrt(1 - lasts**2) * parts[..., i]
+        wave = SIGMA * (parts[0] + 1j * parts[1]).ravel()
+        assert found(shuffled, {53: wave}, sigma=1e-9).get(53) is None
+
+
+def test_more_than_the_noise_of_the_curves_is_said_even_without_a_pattern():
+    """Runs scatter ten times more than the noise between the orders of their curves: that is not called noise."""
+    at = grid()
+    random = np.random.default_rng(3)
+    wave = 10 * SIGMA * np.exp(2j * np.pi * random.random(len(at)))
+    values = SIGMA * (random.standard_normal((len(at), 3)) + 1j * random.standard_normal((len(at), 3)))
+    values[:, 0] = values[:, 0].real
+    values[:, 2] += wave
+    data = Observations(at, labels(at), ORDERS, values, spectral_deg=np.full(values.shape, SIGMA))
+    noise = estimate(data, values)
+    (one,) = signatures(Target(data, noise.sigma, noise.good, groups_of(at)), values, 1.0)
+    assert one.order == 53 and "repeat some runs" in one.text
+    assert one.rms_deg == pytest.approx(10 * SIGMA / np.sqrt(2), rel=0.05)
