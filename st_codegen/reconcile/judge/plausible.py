@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from st_codegen.reconcile.fit.fitting import Fit, fit
@@ -33,19 +35,20 @@ def inside_bounds(fitted: Fit, number: int) -> Fit | None:
         return fitted
     if any(c.linear for c in met):
         return None
-    scalars = {scalar.key: scalar for scalar in piece.effect.scalars}
-    held = {c.key: _a_start(scalars[c.key].starts, c) for c in met}
-    free = piece.free - frozenset(held)
-    values = dict(piece.effect.values) | held
-    inside = Piece(piece.effect.with_values(values), free, piece.added, piece.origin)
-    found = fit(fitted.target, fitted.state.replaced(number, inside), steps=SETTINGS.quick_steps)
-    return found if found.loss - fitted.loss < SETTINGS.as_good else None
+    starts = {scalar.key: scalar.starts for scalar in piece.effect.scalars}
+    free = piece.free - {c.key for c in met}
+    trials = []
+    for values in itertools.product(*(_inner(starts[c.key], c) for c in met)):
+        held = dict(piece.effect.values) | {c.key: value for c, value in zip(met, values, strict=True)}
+        inside = Piece(piece.effect.with_values(held), free, piece.added, piece.origin)
+        trials.append(fit(fitted.target, fitted.state.replaced(number, inside), steps=SETTINGS.quick_steps))
+    best = min(trials, key=lambda trial: trial.loss)
+    return best if best.loss - fitted.loss < SETTINGS.as_good else None
 
 
-def _a_start(starts: tuple[float, ...], c: Coordinate) -> float:
-    """The middle start of a shape, or the middle of its bounds."""
-    inner = [x for x in starts if c.lower < x < c.upper]
-    return float(inner[len(inner) // 2]) if inner else (c.lower + c.upper) / 2
+def _inner(starts: tuple[float, ...], c: Coordinate) -> list[float]:
+    """The starts of a shape that lie inside its bounds, or their middle."""
+    return [float(x) for x in starts if c.lower < x < c.upper] or [(c.lower + c.upper) / 2]
 
 
 def at_nobodys_expense(without: Fit, with_it: Fit) -> bool:
