@@ -85,7 +85,7 @@ def generate(
     """
     target = target_named(target) if isinstance(target, str) else target
     folder = Path(out) / target.name
-    with _staged(models, target, Path(out), Settings.of(target, max_array, options, with_tests, cost)) as staged:
+    with _staged(models, target, Path(out), CompileSettings.of(target, max_array, options, with_tests, cost)) as staged:
         files = {name: (staged.stage / name).stat().st_size for name in staged.names if name != output.MANIFEST}
         output.install(staged.stage, folder)
     return Generated(target.name, folder, files, staged.compiled, staged.purpose, staged.facts)
@@ -107,7 +107,7 @@ def check(
     """
     target = target_named(target) if isinstance(target, str) else target
     folder = Path(out) / target.name
-    with _staged(models, target, Path(out), Settings.of(target, max_array, options, with_tests, cost)) as staged:
+    with _staged(models, target, Path(out), CompileSettings.of(target, max_array, options, with_tests, cost)) as staged:
         on_disk = {name for name in output.generated_names(folder) if (folder / name).exists()}
         for name in sorted({*staged.names, *on_disk}):
             yield from difflib.unified_diff(
@@ -118,7 +118,7 @@ def check(
             )
 
 
-class Engine(StrEnum):
+class Evaluator(StrEnum):
     """Who computes predictions."""
 
     ST = "st"  # the emitted text, in the interpreter
@@ -126,14 +126,14 @@ class Engine(StrEnum):
     SOURCE = "source"  # the source library
 
 
-def predict(bundle: Bundle, columns: dict[str, FloatArray], engine: Engine) -> dict[str, FloatArray]:
+def predict(bundle: Bundle, columns: dict[str, FloatArray], engine: Evaluator) -> dict[str, FloatArray]:
     """Predict every model for columns of inputs (see `proof.predict.predict`).
 
     `Engine.ST` generates the project for TwinCAT into a temporary folder first.
     """
-    if engine is Engine.REFERENCE:
+    if engine is Evaluator.REFERENCE:
         return predictions.predict(bundle, columns, predictions.by_reference)
-    if engine is Engine.SOURCE:
+    if engine is Evaluator.SOURCE:
         return predictions.predict(bundle, columns, predictions.by_library)
     with tempfile.TemporaryDirectory(prefix="st-codegen-") as folder:
         target = TARGETS["twincat"]
@@ -142,7 +142,7 @@ def predict(bundle: Bundle, columns: dict[str, FloatArray], engine: Engine) -> d
 
 
 @dataclass(frozen=True)
-class Settings:
+class CompileSettings:
     """How a bundle is compiled for one target."""
 
     limits: Limits
@@ -153,7 +153,7 @@ class Settings:
     @classmethod
     def of(
         cls, target: Target, max_array: int | None, options: Options | None, with_tests: bool, cost: CostFunction
-    ) -> Settings:
+    ) -> CompileSettings:
         """The settings of `generate`. Raises TargetError for test suites of a target that has none."""
         if with_tests and not target.has_tests:
             able = ", ".join(name for name, other in TARGETS.items() if other.has_tests)
@@ -178,7 +178,7 @@ class _Staged:
 
 
 @contextmanager
-def _staged(models: Bundle | Path | str, target: Target, out: Path, settings: Settings) -> Iterator[_Staged]:
+def _staged(models: Bundle | Path | str, target: Target, out: Path, settings: CompileSettings) -> Iterator[_Staged]:
     """Load, compile, plan and print; what the caller does with the printed files is the last step."""
     bundle = models if isinstance(models, Bundle) else load(models)
     compiled, purpose = _compiled(bundle, target, settings)
@@ -189,7 +189,7 @@ def _staged(models: Bundle | Path | str, target: Target, out: Path, settings: Se
         yield _Staged(stage, compiled, purpose, known)
 
 
-def _compiled(bundle: Bundle, target: Target, settings: Settings) -> tuple[Compiled, Purpose | None]:
+def _compiled(bundle: Bundle, target: Target, settings: CompileSettings) -> tuple[Compiled, Purpose | None]:
     """The printed models and what they are for."""
     purpose = bundle.purpose
     if not target.compiles:
@@ -199,7 +199,7 @@ def _compiled(bundle: Bundle, target: Target, settings: Settings) -> tuple[Compi
 
 
 def _planned(
-    bundle: Bundle, compiled: Compiled, purpose: Purpose | None, target: Target, settings: Settings
+    bundle: Bundle, compiled: Compiled, purpose: Purpose | None, target: Target, settings: CompileSettings
 ) -> tuple[FilePlan, ...]:
     """The files of the project. Raises TargetError where its tables do not fit the controller."""
     contents = Contents(compiled.models)

@@ -86,11 +86,11 @@ class Affine:
         """Some of the columns."""
         return Affine(self.scaling[columns], self.offset[columns], self.terms[columns])
 
-    def placed(self, places: Int32Array, width: int) -> Affine:
-        """For `width` columns, this one's column i at place `places[i]`; the others stay as they are."""
+    def placed(self, positions: Int32Array, width: int) -> Affine:
+        """For `width` columns, this one's column i at position `positions[i]`; the others stay as they are."""
         wide = Affine.identity(width)
         for part, own in ((wide.scaling, self.scaling), (wide.offset, self.offset), (wide.terms, self.terms)):
-            part[places] = own
+            part[positions] = own
         return wide
 
 
@@ -272,7 +272,7 @@ def _(op: TreeEnsemble, front: _Front) -> tuple[Engine, ...]:
     width = len(front.model.features)
     inputs = Affine.identity(width) if front.affine.changes_nothing else front.in_place()
     single = op.input_precision is Precision.FLOAT32 or front.rounds
-    split = _Splits(
+    split = _EngineSplits(
         threshold_for_less_or_equal(op, single=single),
         front.columns[np.array([column.column for column in op.columns] or [0], np.int32)],
     )
@@ -299,14 +299,14 @@ def _(op: TreeEnsemble, front: _Front) -> tuple[Engine, ...]:
 
 
 @dataclass(frozen=True)
-class _Splits:
+class _EngineSplits:
     """What the splits of an ensemble compare: a threshold a node, and the feature of each column."""
 
     threshold: FloatArray
     feature: Int32Array
 
 
-def _tree(op: TreeEnsemble, splits: _Splits, number: int, output: int) -> Tree:
+def _tree(op: TreeEnsemble, splits: _EngineSplits, number: int, output: int) -> Tree:
     start = int(op.roots[number])
     stop = int(op.roots[number + 1]) if number + 1 < op.n_trees else op.n_nodes
     split = op.split[start:stop]

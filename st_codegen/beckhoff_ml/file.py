@@ -44,7 +44,7 @@ def parse(content: bytes, file: str) -> etree._Element:
 
 
 @dataclass(frozen=True)
-class Element:
+class XmlElement:
     """An element and the typed attributes of this format: the prefix says the type, a list of one is a scalar."""
 
     element: etree._Element
@@ -58,26 +58,26 @@ class Element:
         """An error at this element."""
         return InputError(f"{self.file}, line {self.element.sourceline}: <{self.tag}>: {message}")
 
-    def optional(self, tag: str) -> Element | None:
+    def optional(self, tag: str) -> XmlElement | None:
         """The child of a name, if there is one."""
         found = self.element.findall(tag)
         if len(found) > 1:
             raise self.error(f"{len(found)} elements <{tag}>, one is expected; several engines in a file are not read")
-        return Element(found[0], self.file) if found else None
+        return XmlElement(found[0], self.file) if found else None
 
-    def only(self, tag: str) -> Element:
+    def only(self, tag: str) -> XmlElement:
         """The child of a name."""
         found = self.optional(tag)
         if found is None:
             raise self.error(f"no element <{tag}>")
         return found
 
-    def numbered(self, stem: str, count: int) -> list[Element]:
+    def numbered(self, stem: str, count: int) -> list[XmlElement]:
         """Children stem1 .. stemN; exactly so many."""
         found = [child for child in self.element if str(child.tag).startswith(stem)]
         if len(found) != count or [child.tag for child in found] != [f"{stem}{n + 1}" for n in range(len(found))]:
             raise self.error(f"{count} elements {stem}1, {stem}2, .. are announced, {len(found)} are there")
-        return [Element(child, self.file) for child in found]
+        return [XmlElement(child, self.file) for child in found]
 
     def text(self, name: str) -> str:
         """A text attribute."""
@@ -130,8 +130,8 @@ class Element:
     def _numbers(self, name: str, text: str) -> FloatArray:
         bad = _NOT_NUMERIC.search(text)
         if bad:
-            cell = text[text.rfind(",", 0, bad.start()) + 1 :].partition(",")[0].strip()
-            raise self.error(f"{name}: '{cell[:SHOWN]}' is no finite number")
+            entry = text[text.rfind(",", 0, bad.start()) + 1 :].partition(",")[0].strip()
+            raise self.error(f"{name}: '{entry[:SHOWN]}' is no finite number")
         try:
             values = np.array(text.split(","), dtype=np.float64)
         except ValueError as error:
@@ -140,7 +140,7 @@ class Element:
             raise self.error(f"{name} has a number that is not finite")
         return values
 
-    def matrix(self, read: Callable[[Element, str], FloatArray]) -> FloatArray:
+    def matrix(self, read: Callable[[XmlElement, str], FloatArray]) -> FloatArray:
         """Rows of numbers, as many as announced."""
         rows = self.count("rows", len(self.element))
         columns = self.count("columns", MAX_INPUTS)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.beckhoff_ml.file import MAX_BYTES, MAX_INPUTS, SHOWN, Element, parse
+from st_codegen.beckhoff_ml.file import MAX_BYTES, MAX_INPUTS, SHOWN, XmlElement, parse
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import (
     FLOAT32_OVERFLOW,
@@ -73,7 +73,7 @@ def load_file(path: Path, name: str) -> LoadedModel:
 
 def read_model(content: bytes, file: str, name: str) -> LoadedModel:
     """A model from the bytes of its file."""
-    element = Element(parse(content, file), file)
+    element = XmlElement(parse(content, file), file)
     if element.tag != "MLlib_XML_File":
         raise InputError(f"{file}: the root element is '{element.tag}', not 'MLlib_XML_File'")
     model = element.only("MachineLearningModel")
@@ -104,7 +104,7 @@ class _Transformation:
 class _File:
     """What all kinds share: the envelope, the transformations, the finished model."""
 
-    def __init__(self, model: Element) -> None:
+    def __init__(self, model: XmlElement) -> None:
         self.model = model
         self.configuration = model.only("Configuration")
         self.parameters = model.only("Parameters")
@@ -219,7 +219,7 @@ class _Trees(_File):
         self._check_weights()
         return 1
 
-    def _tree(self, parts: dict[str, Element], number: int) -> tuple[FloatArray, IntArray, IntArray]:
+    def _tree(self, parts: dict[str, XmlElement], number: int) -> tuple[FloatArray, IntArray, IntArray]:
         values = parts["SplitValues"].doubles(f"TR_{number}")
         variables = parts["SplitVars"].integers(f"TR_{number}")
         children = parts["ChildNodes"].integers(f"TR_{number}")
@@ -297,7 +297,7 @@ class _Network(_File):
                     f"{layer.file}: the activation function '{name[:SHOWN]}' is not read; known are "
                     f"{', '.join(_ACTIVATIONS)}"
                 )
-            matrix = layer.only("WeightMatrix").matrix(Element.singles)
+            matrix = layer.only("WeightMatrix").matrix(XmlElement.singles)
             neurons = described.count("numNeurons", MAX_INPUTS)
             if matrix.shape != (neurons, width + bias):
                 raise layer.error(f"weights of shape {matrix.shape}, expected is {(neurons, width + bias)}")
@@ -345,7 +345,7 @@ class _SupportVectors(_File):
 
     def read(self) -> int:
         vectors, coefficients = (
-            self.parameters.only(tag).matrix(Element.doubles)
+            self.parameters.only(tag).matrix(XmlElement.doubles)
             for tag in ("SupportVectors", "SupportVectorClassCoefficients")
         )
         announced = self.parameters.only("ModelInfo").count("numSVs", 1 << 31)
@@ -387,7 +387,7 @@ class _SupportVectors(_File):
         return total[:, None]
 
 
-_KINDS: dict[str, Callable[[Element], _File]] = {
+_KINDS: dict[str, Callable[[XmlElement], _File]] = {
     "tree_ensemble": _Trees,
     "mlp_neural_network": _Network,
     "support_vector_machine": _SupportVectors,

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from st_codegen.cli.console import models_argument, progress_bar, quiet_option, trust_option
-from st_codegen.driver import Engine, predict
+from st_codegen.driver import Evaluator, predict
 from st_codegen.project.bundle import load
 from st_codegen.proof.predict import read_table, write_table
 
@@ -39,8 +39,8 @@ Examples:
 @click.option(
     "-e",
     "--engine",
-    type=click.Choice([engine.value for engine in Engine]),
-    default=Engine.ST.value,
+    type=click.Choice([engine.value for engine in Evaluator]),
+    default=Evaluator.ST.value,
     show_default=True,
     help="Who computes: the generated text in the interpreter, the reference in NumPy, or the source library.",
 )
@@ -51,4 +51,4 @@ def command(models: Path, source: Path, result: Path, engine: str, trust_pickle:
     table = read_table(source)
     with progress_bar("loading", quiet=quiet) as progress:
         bundle = load(models, trust_pickle=trust_pickle, progress=progress)
-    write_table(result, predict(bundle, table, Engine(engine)))
+    write_table(result, predict(bundle, table, Evaluator(engine)))

@@ -12,33 +12,34 @@ from st_codegen.ir.trees import TreeEnsemble
 
 @dataclass(frozen=True)
 class Subtrees:
-    """Which subtrees are equal: `number` (nodes) is the same for equal ones, -1 where no row comes.
+    """Which subtrees are equal.
 
-    `forward`: the node that takes a node's place: a split with two equal children is one of them.
+    `number` (nodes) is the same for equal subtrees, -1 where no row comes. `forward` (nodes) is the node that stands
+    in for each node: for a split with two equal children it is one of them.
     """
 
     number: IntArray
     forward: IntArray
 
 
-def subtrees(op: TreeEnsemble, place: IntArray | None = None) -> Subtrees:
+def subtrees(op: TreeEnsemble, substitute: IntArray | None = None) -> Subtrees:
     """Number all subtrees from the leaves up.
 
-    `place` has the node that takes each node's place, -1 where no row comes. With None all nodes stay as they are, and
-    so do splits with equal children.
+    `substitute` has the node that stands in for each node, -1 where no row comes. With None all nodes stay as they are,
+    and so do splits with equal children.
     """
-    collapse = place is not None
-    if place is None:
-        place = np.arange(op.n_nodes, dtype=np.int64)
-    forward = place.copy()
+    collapse = substitute is not None
+    if substitute is None:
+        substitute = np.arange(op.n_nodes, dtype=np.int64)
+    forward = substitute.copy()
     number = np.full(op.n_nodes, -1, np.int64)
-    own = np.flatnonzero(place == np.arange(op.n_nodes))  # the nodes that stay
+    own = np.flatnonzero(substitute == np.arange(op.n_nodes))  # the nodes that stay
     leaves = own[op.split[own] < 0]
     _, kind = distinct_rows(op.leaf_value)
     number[leaves] = kind[op.leaf[leaves]]
     used = int(kind.max(initial=0)) + 1
     inner = own[op.split[own] >= 0]
-    for nodes in _by_height(op, place, inner):
+    for nodes in _by_height(op, substitute, inner):
         left, right = forward[op.left[nodes]], forward[op.right[nodes]]
         same = (number[left] == number[right]) & collapse
         forward[nodes[same]] = left[same]
@@ -47,7 +48,7 @@ def subtrees(op: TreeEnsemble, place: IntArray | None = None) -> Subtrees:
         if rest.size:
             number[rest] = used + _numbered(op, rest, number[left[~same]], number[right[~same]])
             used = int(number[rest].max()) + 1
-    known = np.flatnonzero(place >= 0)
+    known = np.flatnonzero(substitute >= 0)
     follow(forward)
     number[known] = number[forward[known]]
     return Subtrees(number, forward)
@@ -66,17 +67,17 @@ def _numbered(op: TreeEnsemble, nodes: IntArray, left: IntArray, right: IntArray
     return numbers
 
 
-def _by_height(op: TreeEnsemble, place: IntArray, inner: IntArray) -> list[IntArray]:
+def _by_height(op: TreeEnsemble, substitute: IntArray, inner: IntArray) -> list[IntArray]:
     """The splits `inner` in groups: first those above two leaves, then those above these, and so on."""
     height = np.zeros(op.n_nodes, np.int32)
     levels = []
-    here = place[op.roots]
+    here = substitute[op.roots]
     while here.size:
         split = here[op.split[here] >= 0]
         levels.append(split)
-        here = np.concatenate([place[op.left[split]], place[op.right[split]]])
+        here = np.concatenate([substitute[op.left[split]], substitute[op.right[split]]])
     for split in reversed(levels):
-        height[split] = 1 + np.maximum(height[place[op.left[split]]], height[place[op.right[split]]])
+        height[split] = 1 + np.maximum(height[substitute[op.left[split]]], height[substitute[op.right[split]]])
     order = inner[np.argsort(height[inner], kind="stable")]
     groups = np.split(order, np.flatnonzero(np.diff(height[order])) + 1)
     return [group for group in groups if group.size]
@@ -95,11 +96,11 @@ def distinct_rows(values: FloatArray) -> tuple[IntArray, IntArray]:
     return first[order], rank[np.ravel(kind)]
 
 
-def follow(place: IntArray) -> None:
-    """Replace places by the places of these places until nothing changes, in place."""
-    known = np.flatnonzero(place >= 0)
+def follow(substitute: IntArray) -> None:
+    """Replace substitutes by their own substitutes until nothing changes; the array itself is changed."""
+    known = np.flatnonzero(substitute >= 0)
     while True:
-        further = place[place[known]]
-        if np.array_equal(further, place[known]):
+        further = substitute[substitute[known]]
+        if np.array_equal(further, substitute[known]):
             return
-        place[known] = further
+        substitute[known] = further

@@ -212,9 +212,9 @@ def _joint_source(models: Sequence[ModelIR]) -> Source:
     libraries = sorted({f"{model.source.library} {model.source.version}".strip() for model in models})
     notes = []
     for model in models:
-        words = [model.name, model.source.model_class, model.source.file]
-        words += [f"SHA-256 {model.source.sha256}"] if model.source.sha256 else []
-        notes.append(", ".join(word for word in words if word))
+        parts = [model.name, model.source.model_class, model.source.file]
+        parts += [f"SHA-256 {model.source.sha256}"] if model.source.sha256 else []
+        notes.append(", ".join(part for part in parts if part))
         notes += model.source.notes
     return Source(", ".join(libraries), "", f"tables of {len(models)} models", notes=tuple(dict.fromkeys(notes)))
 

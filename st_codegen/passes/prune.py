@@ -42,32 +42,32 @@ def _pruned_pair(rank: Rank, op: TreeEnsemble, *, accepts_nan: bool) -> tuple[Ra
 
 
 def _reachable(op: TreeEnsemble, low: Int32Array, high: Int32Array) -> IntArray:
-    """For each node that some row can reach: the node that takes its place (itself, or the only child that rows reach).
+    """The node that stands in for each node: itself, or the only child that rows reach.
 
-    -1 for nodes that no row reaches. `low` and `high` are the ranks that each column can have.
+    It is -1 for nodes that no row reaches. `low` and `high` are the ranks that each column can have.
     """
-    place = np.full(op.n_nodes, -1, np.int64)
+    substitute = np.full(op.n_nodes, -1, np.int64)
     stops = np.append(op.roots[1:], op.n_nodes)
     step = max(_BOXES // (len(low) * max(op.n_nodes // op.n_trees, 1)), 1)
     for first in range(0, op.n_trees, step):
         roots = op.roots[first : first + step].astype(np.int64)
         if stops[min(first + step, op.n_trees) - 1] > roots[0]:
-            _reach(op, roots, np.tile(low, (len(roots), 1)), np.tile(high, (len(roots), 1)), place)
-    follow(place)
-    return place
+            _reach(op, roots, np.tile(low, (len(roots), 1)), np.tile(high, (len(roots), 1)), substitute)
+    follow(substitute)
+    return substitute
 
 
-def _reach(op: TreeEnsemble, node: IntArray, low: Int32Array, high: Int32Array, place: IntArray) -> None:
+def _reach(op: TreeEnsemble, node: IntArray, low: Int32Array, high: Int32Array, substitute: IntArray) -> None:
     """Walk down level by level with the ranks that lead to each node."""
     while node.size:
         inner = op.split[node] >= 0
-        place[node[~inner]] = node[~inner]
+        substitute[node[~inner]] = node[~inner]
         node, low, high = node[inner], low[inner], high[inner]
         row, column = np.arange(len(node)), op.split[node]
         threshold = op.threshold[node].astype(np.int32)
         goes_left, goes_right = low[row, column] <= threshold, high[row, column] > threshold
         left, right = op.left[node].astype(np.int64), op.right[node].astype(np.int64)
-        place[node] = np.where(goes_left & goes_right, node, np.where(goes_left, left, right))
+        substitute[node] = np.where(goes_left & goes_right, node, np.where(goes_left, left, right))
         upper, lower = high.copy(), low.copy()
         upper[row, column] = np.minimum(upper[row, column], threshold)
         lower[row, column] = np.maximum(lower[row, column], threshold + 1)
@@ -82,7 +82,7 @@ def _laid_out(roots: IntArray, left: IntArray, right: IntArray) -> Preorder:
     return preorder(np.asarray(roots, np.int64), np.asarray(left, np.int64), np.asarray(right, np.int64))
 
 
-def _rebuilt(op: TreeEnsemble, place: IntArray, forward: IntArray) -> TreeEnsemble:
+def _rebuilt(op: TreeEnsemble, substitute: IntArray, forward: IntArray) -> TreeEnsemble:
     """The ensemble with only those nodes that stay, in preorder; equal leaf values are kept once."""
     inner = op.split >= 0
     left = np.where(inner, forward[np.maximum(op.left, 0)], -1)

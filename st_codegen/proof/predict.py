@@ -21,7 +21,7 @@ Answer = Callable[[LoadedModel, FloatArray], FloatArray]
 
 
 def predict(bundle: Bundle, columns: dict[str, FloatArray], answer: Answer) -> dict[str, FloatArray]:
-    """Predict every model for columns of inputs, by feature name (or `f0`, `f1`, .. by place).
+    """Predict every model for columns of inputs, by feature name (or `f0`, `f1`, .. by position).
 
     Returns a column a model, headed by its name, `name[i]` (from 0) where it has several outputs; NaN where a model
     takes no such input. Raises one InputError that lists all missing features.
@@ -41,7 +41,7 @@ def predict(bundle: Bundle, columns: dict[str, FloatArray], answer: Answer) -> d
 
 
 def _rows(model: ModelIR, columns: dict[str, FloatArray]) -> FloatArray:
-    """The model's inputs (rows, features): by its own names, else by place."""
+    """The model's inputs (rows, features): by its own names, else by position."""
     for names in ([feature.name for feature in model.features], [f"f{n}" for n in range(len(model.features))]):
         if all(name in columns for name in names):
             return np.column_stack([columns[name] for name in names])

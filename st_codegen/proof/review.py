@@ -23,7 +23,7 @@ from st_codegen.proof.verify import target_folders
 #: Called with (number done, total, what is next).
 Progress = Callable[[int, int, str], None]
 
-#: Facts of a model that are compared one by one, with the words for them.
+#: Facts of a model that are compared one by one, with their labels.
 _FACTS = {
     "library": "library",
     "class": "model class",
@@ -179,7 +179,7 @@ def _compare_model(
 ) -> ModelChange:
     old, new = facts
     changes = tuple(
-        Change(words, old.get(key), new.get(key)) for key, words in _FACTS.items() if old.get(key) != new.get(key)
+        Change(label, old.get(key), new.get(key)) for key, label in _FACTS.items() if old.get(key) != new.get(key)
     )
     text_changed = codes[0].text(old["block"]) != codes[1].text(new["block"])
     same_shape = len(old["features"]) == len(new["features"]) and len(old["outputs"]) == len(new["outputs"])

@@ -11,7 +11,7 @@ from st_codegen.errors import InputError, Problems
 from st_codegen.ir import Feature, FloatArray, ModelIR, Select
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.project.bundle import Bundle, Reading, check_names
-from st_codegen.te.bundle_file import Reference, read_description
+from st_codegen.te.bundle_file import OutputReference, read_description
 from st_codegen.te.harmonics import HarmonicOutput, TransmissionError
 from st_codegen.te.purpose import Compensation
 from st_codegen.walkers.base import LoadedModel, Predictor
@@ -41,7 +41,7 @@ def read_bundle(path: Path, reading: Reading) -> Bundle:
     return Bundle(tuple(models.values()), Compensation(te))
 
 
-def _output(reference: Reference, models: dict[str, LoadedModel], problems: Problems) -> HarmonicOutput:
+def _output(reference: OutputReference, models: dict[str, LoadedModel], problems: Problems) -> HarmonicOutput:
     name = Path(reference.file).stem
     if name in models and not 0 <= reference.output < len(models[name].ir.outputs):
         problems.add(
@@ -66,7 +66,7 @@ def _for_bundle(model: LoadedModel, features: tuple[Feature, ...], problems: Pro
 
 
 def _feature_order(model: ModelIR, features: tuple[Feature, ...]) -> list[int]:
-    """For each feature of the model, its place in the bundle: by name where the names are the same, else in order."""
+    """The position in the bundle of each feature of the model: by name where the names are the same, else in order."""
     names, given = [f.name for f in model.features], [f.name for f in features]
     if len(names) != len(given):
         raise InputError(

@@ -49,7 +49,7 @@ BUNDLE_FILE = "bundle.toml"
 
 
 @dataclass(frozen=True)
-class Reference:
+class OutputReference:
     """A model named in a [[harmonic]] or [[term]] (`added`) table: `file`, or `{file, output}`."""
 
     direction: Direction
@@ -70,7 +70,7 @@ class Description:
     directions: tuple[Direction, ...]
     orders: tuple[int, ...]
     features: tuple[Feature, ...]
-    references: tuple[Reference, ...]
+    references: tuple[OutputReference, ...]
     tasks: int = 1
 
 
@@ -105,8 +105,8 @@ def _description(file: Table) -> Description:
         bundle.note(f"speed_feature = '{speed}' is none of the features ({', '.join(named)})")
     references = _harmonics(file, orders, directions) + _terms(file, orders, directions)
     _check_files(references, file.problems)
-    place = named.index(speed) if speed in named else 0
-    return Description(name, ratio, place, directions, orders, features, references, tasks)
+    number = named.index(speed) if speed in named else 0
+    return Description(name, ratio, number, directions, orders, features, references, tasks)
 
 
 def _features(file: Table) -> tuple[Feature, ...]:
@@ -125,9 +125,9 @@ def _features(file: Table) -> tuple[Feature, ...]:
     return tuple(features.values())
 
 
-def _harmonics(file: Table, orders: Sequence[int], directions: Sequence[Direction]) -> tuple[Reference, ...]:
+def _harmonics(file: Table, orders: Sequence[int], directions: Sequence[Direction]) -> tuple[OutputReference, ...]:
     """The references of all [[harmonic]] tables, in the order of directions and orders; each must be complete."""
-    found: dict[tuple[Direction, int], tuple[Reference, ...]] = {}
+    found: dict[tuple[Direction, int], tuple[OutputReference, ...]] = {}
     for table in file.tables("harmonic", required=True):
         with table:
             direction, order = _direction_and_order(table)
@@ -144,9 +144,9 @@ def _harmonics(file: Table, orders: Sequence[int], directions: Sequence[Directio
     return tuple(reference for d in directions for o in orders for reference in found.get((d, o), ()))
 
 
-def _terms(file: Table, orders: Sequence[int], directions: Sequence[Direction]) -> tuple[Reference, ...]:
+def _terms(file: Table, orders: Sequence[int], directions: Sequence[Direction]) -> tuple[OutputReference, ...]:
     """The references of all [[term]] tables, in the order of the file."""
-    found: tuple[Reference, ...] = ()
+    found: tuple[OutputReference, ...] = ()
     for table in file.tables("term"):
         with table:
             direction, order = _direction_and_order(table)
@@ -170,7 +170,7 @@ def _references(
     complete: Sequence[set[Quantity]],
     *,
     added: bool = False,
-) -> tuple[Reference, ...]:
+) -> tuple[OutputReference, ...]:
     """The models that a table names; `complete`: the sets of quantities of which it must have one."""
     files = {quantity: _file(table, quantity) for quantity in known if quantity in table}
     table.declare(*known)
@@ -178,7 +178,8 @@ def _references(
         wanted = " or ".join(" and ".join(sorted(pair)) for pair in complete)
         table.note(f"order {order} needs {wanted}, it has {' and '.join(sorted(files)) or 'none'}")
     return tuple(
-        Reference(direction, order, quantity, file, output, added) for quantity, (file, output) in sorted(files.items())
+        OutputReference(direction, order, quantity, file, output, added)
+        for quantity, (file, output) in sorted(files.items())
     )
 
 
@@ -201,7 +202,7 @@ def _complete(order: int) -> list[set[Quantity]]:
     return [{Quantity.AMPLITUDE, Quantity.PHASE}, {Quantity.COSINE, Quantity.SINE}]
 
 
-def _check_files(references: Sequence[Reference], problems: Problems) -> None:
+def _check_files(references: Sequence[OutputReference], problems: Problems) -> None:
     """A file is named by its stem, and stands in the bundle's folder."""
     files: dict[str, str] = {}
     for reference in references:

@@ -16,13 +16,13 @@ from st_codegen.walkers.objects import load_pickle, load_skops
 
 @dataclass(frozen=True)
 class FileFormat:
-    """A kind of model file: its suffixes, the words for it in messages, and its reader.
+    """A kind of model file: its suffixes, the title for it in messages, and its reader.
 
     `module` has a function `load_file(path, name)` and is imported when the first such file is read.
     """
 
     suffixes: tuple[str, ...]
-    words: str
+    title: str
     module: str
 
 
@@ -46,7 +46,7 @@ def suffixes() -> tuple[str, ...]:
 def known_formats() -> str:
     """What a folder of models may contain, for messages."""
     return (
-        ", ".join([*(known.words for known in FORMATS.values()), _SKOPS]) + ", and .joblib or .pkl with --trust-pickle"
+        ", ".join([*(known.title for known in FORMATS.values()), _SKOPS]) + ", and .joblib or .pkl with --trust-pickle"
     )
 
 

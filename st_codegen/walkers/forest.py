@@ -22,7 +22,7 @@ from st_codegen.ir import (
 from st_codegen.ir.preorder import preorder
 
 #: Answers of all category splits together; more would not fit a controller by orders of magnitude.
-MAX_CATEGORY_CELLS = 50_000_000
+MAX_CATEGORY_ANSWERS = 50_000_000
 
 #: Ways of reading a column, numbered by each library; a bound that makes (feature, reading) one integer key.
 _READINGS = 8
@@ -205,18 +205,18 @@ def _category_tables(
     columns = column_of[nodes]
     n_codes = np.ones(int(columns.max(initial=-1)) + 1, np.int64)
     np.maximum.at(n_codes, column_of[sets.nodes[owner]], codes + 1)
-    cells = n_codes[columns] + 2
-    if cells.sum() > MAX_CATEGORY_CELLS:
+    sizes = n_codes[columns] + 2
+    if sizes.sum() > MAX_CATEGORY_ANSWERS:
         raise UnsupportedModelError(
-            f"category codes up to {n_codes.max() - 1} in {len(nodes)} splits would need {cells.sum()} table entries; "
+            f"category codes up to {n_codes.max() - 1} in {len(nodes)} splits would need {sizes.sum()} table entries; "
             "number the categories 0, 1, 2, .. before training"
         )
-    start = np.cumsum(cells) - cells
+    start = np.cumsum(sizes) - sizes
     row = np.zeros(len(column_of), np.int32)
     row[nodes] = start
-    table = np.full(int(cells.sum()), not members_left)
+    table = np.full(int(sizes.sum()), not members_left)
     table[row[sets.nodes[owner]] + codes] = members_left
-    table[start + cells - 1] = missing_left[nodes]
+    table[start + sizes - 1] = missing_left[nodes]
     return {int(c): int(n_codes[c]) for c in np.unique(columns)}, row, table
 
 

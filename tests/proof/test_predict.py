@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from st_codegen.driver import Engine, predict
+from st_codegen.driver import Evaluator, predict
 from st_codegen.errors import InputError
 from st_codegen.project.bundle import load
 from st_codegen.proof.predict import read_table, write_table
@@ -13,7 +13,7 @@ ROWS = np.array([[500.0, 300.0, 26.0], [np.nan, 10.0, 30.0], [np.inf, -np.inf, 1
 def test_three_engines_give_the_same_numbers(lone_folder, names):
     bundle = load(lone_folder)
     columns = dict(zip(names, ROWS.T, strict=True))
-    results = [predict(bundle, columns, engine) for engine in Engine]
+    results = [predict(bundle, columns, engine) for engine in Evaluator]
     assert list(results[0]) == ["te"]
     assert np.isfinite(results[0]["te"]).all()  # LightGBM takes NaN and infinities
     for result in results[1:]:
@@ -24,7 +24,7 @@ def test_inputs_of_a_bundle_are_limited_to_their_range(bundle_folder):
     bundle = load(bundle_folder)
     inside = {"speed_rpm": [1800.0], "torque_Nm": [0.0], "temperature_C": [35.0]}
     outside = {"speed_rpm": [9999.0], "torque_Nm": [-5.0], "temperature_C": [np.inf]}
-    for engine in Engine:
+    for engine in Evaluator:
         expected, got = (
             predict(bundle, {name: np.array(v) for name, v in columns.items()}, engine) for columns in (inside, outside)
         )
@@ -37,7 +37,7 @@ def test_several_outputs_are_numbered_and_refused_rows_are_nan(tmp_path):
     model = sklearn.LinearRegression().fit([[0.0], [1.0], [2.0]], [[0.0, 5.0], [1.0, 4.0], [2.0, 3.0]])
     skops.dump(model, tmp_path / "line.skops")
     bundle = load(tmp_path)
-    for engine in Engine:
+    for engine in Evaluator:
         result = predict(bundle, {"f0": np.array([1.0, np.nan, np.inf])}, engine)
         assert list(result) == ["line[0]", "line[1]"]
         assert result["line[0]"][0] == pytest.approx(1.0, abs=1e-14)
@@ -46,7 +46,7 @@ def test_several_outputs_are_numbered_and_refused_rows_are_nan(tmp_path):
 
 def test_missing_columns_are_all_named(lone_folder):
     with pytest.raises(InputError, match="model 'te': no column torque_Nm, temperature_C; the header has speed_rpm"):
-        predict(load(lone_folder), {"speed_rpm": np.zeros(1)}, Engine.REFERENCE)
+        predict(load(lone_folder), {"speed_rpm": np.zeros(1)}, Evaluator.REFERENCE)
 
 
 def test_tables_keep_every_bit(tmp_path):
@@ -80,5 +80,5 @@ def test_bad_tables_are_described(tmp_path, text, reason):
 
 def test_a_table_without_rows_gives_a_table_without_rows(lone_folder, tmp_path):
     (tmp_path / "x.csv").write_text("f0,f1,f2\n")
-    for engine in Engine:
+    for engine in Evaluator:
         assert predict(load(lone_folder), read_table(tmp_path / "x.csv"), engine)["te"].shape == (0,)

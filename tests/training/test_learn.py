@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from st_codegen.campaign.harmonic_table import HarmonicTable, joined
-from st_codegen.driver import Engine, predict
+from st_codegen.driver import Evaluator, predict
 from st_codegen.errors import InputError
 from st_codegen.ir.reference import evaluate
 from st_codegen.project.bundle import load
@@ -208,7 +208,7 @@ def test_the_bundle_compiles_and_predicts_the_same(lessons, tmp_path, form):
     rows = both.conditions[:40]
     columns = dict(zip(("speed_rpm", "torque_Nm", "temperature_C"), rows.T, strict=True))
     # the emitted text, inside the trained ranges
-    predicted = predict(bundle, columns, Engine.ST)
+    predicted = predict(bundle, columns, Evaluator.ST)
     for model in models:
         assert np.allclose(predicted[model.stem], model.estimator.predict(rows), rtol=1e-9, atol=1e-12), model.stem
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import reference
-from st_codegen.walkers.forest import MAX_CATEGORY_CELLS
+from st_codegen.walkers.forest import MAX_CATEGORY_ANSWERS
 from st_codegen.walkers.lightgbm import model as walker
 
 DATA = Path(__file__).parent / "data"
@@ -278,7 +278,7 @@ def test_several_trees_an_iteration_need_a_custom_objective(load: Any) -> None:
 
 
 def test_category_codes_that_need_absurd_tables_are_refused(load: Any) -> None:
-    words = MAX_CATEGORY_CELLS // 32 + 1
+    words = MAX_CATEGORY_ANSWERS // 32 + 1
     tree = edited(edited(CATEGORY, "cat_boundaries", f"0 {words}"), "cat_threshold", "0 " * (words - 1) + "2147483648")
     with pytest.raises(UnsupportedModelError, match=r"category codes up to \d+ in 1 splits .* number the categories"):
         load(text_of(tree))

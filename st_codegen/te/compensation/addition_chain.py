@@ -15,7 +15,7 @@ _BUDGET = 6_000
 
 
 @dataclass(frozen=True)
-class Link:
+class ChainLink:
     """`number = first + second`, both earlier in the chain; first >= second."""
 
     number: int
@@ -23,7 +23,7 @@ class Link:
     second: int
 
 
-def addition_chain(targets: Iterable[int]) -> tuple[Link, ...]:
+def addition_chain(targets: Iterable[int]) -> tuple[ChainLink, ...]:
     """The links of a chain from 1 that contains all `targets` (positive numbers), in rising order.
 
     Raises ValueError for a target below 1.
@@ -34,7 +34,7 @@ def addition_chain(targets: Iterable[int]) -> tuple[Link, ...]:
     fallback = _by_doubling(wanted)
     targets = tuple(sorted(wanted - {1}))
     for extra in range(len(fallback) - len(wanted)):
-        chain = _Search(targets, _BUDGET).complete((1,), 0, extra)
+        chain = _ChainSearch(targets, _BUDGET).complete((1,), 0, extra)
         if chain is not None:
             return tuple(_links(frozenset(chain)))
     return tuple(_links(fallback))
@@ -62,15 +62,15 @@ def _pair(number: int, numbers: Iterable[int]) -> tuple[int, int] | None:
     return next(((first, number - first) for first in firsts if number - first in known), None)
 
 
-def _links(numbers: frozenset[int]) -> Iterator[Link]:
+def _links(numbers: frozenset[int]) -> Iterator[ChainLink]:
     for number in sorted(numbers - {1}):
         pair = _pair(number, numbers)
         if pair is None:
             raise AssertionError(f"{sorted(numbers)} is no chain at {number}")
-        yield Link(number, *pair)
+        yield ChainLink(number, *pair)
 
 
-class _Search:
+class _ChainSearch:
     """Rising chains through all targets, with a bounded number of other numbers and of steps."""
 
     def __init__(self, targets: tuple[int, ...], budget: int) -> None:

@@ -9,7 +9,7 @@ from st_codegen.te.compensation.codes import TE_ERROR
 from st_codegen.te.compensation.correction import parameters, results
 from st_codegen.te.compensation.parts import (
     LARGEST_INPUT,
-    Argument,
+    CallArgument,
     block,
     boolean,
     check,
@@ -30,8 +30,8 @@ def compensator_block(te: TransmissionError) -> Block:
     given = parameters("0.0005")
     correction = [
         *same(["fThetaOut_rad"]),
-        Argument("fSpeed_rpm", speed),
-        *(Argument(name, f"fbPredict.{name}") for name, _ in set_parts(te)),
+        CallArgument("fSpeed_rpm", speed),
+        *(CallArgument(name, f"fbPredict.{name}") for name, _ in set_parts(te)),
         *same(["eSet", *(variable.name for variable in given)]),
     ]
     return block(

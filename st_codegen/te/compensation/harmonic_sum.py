@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from st_codegen.emit.blocks.listing import Block, CodeSection, Variable
 from st_codegen.emit.literals import real
-from st_codegen.te.compensation.addition_chain import Link, addition_chain
+from st_codegen.te.compensation.addition_chain import ChainLink, addition_chain
 from st_codegen.te.compensation.parts import HARMONICS_TYPE, block, dint, lreal
 from st_codegen.te.harmonics import TransmissionError
 
@@ -26,7 +26,7 @@ ERROR_PER_ORDER = 3.6 * 2.0**-53
 class Operations:
     """What one evaluation costs, the reduction of the angle included."""
 
-    chain: tuple[Link, ...]
+    chain: tuple[ChainLink, ...]
     multiplications: int
     additions: int
 

@@ -43,7 +43,7 @@ def check(name: str, lower: float, upper: float, code: Code, kept: str = "") -> 
 
 
 @dataclass(frozen=True)
-class Argument:
+class CallArgument:
     """One argument of a call; with the list of signals that its value stands in, where it is one."""
 
     name: str
@@ -51,9 +51,9 @@ class Argument:
     list: str = ""
 
 
-def same(names: Iterable[str]) -> list[Argument]:
+def same(names: Iterable[str]) -> list[CallArgument]:
     """Arguments that are called as the variables that are passed."""
-    return [Argument(name, name) for name in names]
+    return [CallArgument(name, name) for name in names]
 
 
 def lreal(name: str, comment: str, initial: str = "") -> Variable:

@@ -11,7 +11,7 @@ from st_codegen.emit.literals import real
 from st_codegen.te.compensation import experiment
 from st_codegen.te.compensation.compensator import ANGLE, IN_RANGE
 from st_codegen.te.compensation.correction import parameters, results
-from st_codegen.te.compensation.parts import Argument, block, lreal
+from st_codegen.te.compensation.parts import CallArgument, block, lreal
 from st_codegen.te.compensation.two_tasks import AGE_LIMIT, EXCHANGE, fast_results
 from st_codegen.te.harmonics import TransmissionError
 
@@ -75,11 +75,11 @@ def experiment_signals() -> GlobalList:
     )
 
 
-def _given(names: Iterable[str], signals: str = SIGNALS) -> list[Argument]:
-    return [Argument(name, name, signals) for name in names]
+def _given(names: Iterable[str], signals: str = SIGNALS) -> list[CallArgument]:
+    return [CallArgument(name, name, signals) for name in names]
 
 
-def _call(instance: str, arguments: list[Argument], title: str) -> CodeSection:
+def _call(instance: str, arguments: list[CallArgument], title: str) -> CodeSection:
     return CodeSection(title, "te_call", {"instance": instance, "arguments": arguments})
 
 
@@ -97,7 +97,7 @@ def _cycle(microseconds: int) -> Variable:
 
 def main_program(te: TransmissionError) -> Block:
     """PRG_Main: everything in one task."""
-    arguments = [*_given(_names(compensation_inputs(te))), Argument("fCycle_s", "CYCLE_S")]
+    arguments = [*_given(_names(compensation_inputs(te))), CallArgument("fCycle_s", "CYCLE_S")]
     return block(
         "PRG_Main",
         (
@@ -149,7 +149,7 @@ def fast_program(te: TransmissionError) -> Block:
         variables=(Variable("fbFast", "FB_CompensatorFast", comment="harmonic sum and correction"),),
         constants=(_cycle(FAST_US),),
         sections=(
-            _call("fbFast", [*_given(given), Argument("fCycle_s", "CYCLE_S")], "correction"),
+            _call("fbFast", [*_given(given), CallArgument("fCycle_s", "CYCLE_S")], "correction"),
             _results("fbFast", outputs, "signals to the axes"),
         ),
         kind="PROGRAM",
@@ -159,10 +159,10 @@ def fast_program(te: TransmissionError) -> Block:
 
 def experiment_program() -> Block:
     """PRG_Experiment: a measurement, and the loading side."""
-    cycle = Argument("fCycle_s", "CYCLE_S")
+    cycle = CallArgument("fCycle_s", "CYCLE_S")
     load = [
-        Argument("fTorque_Nm", "fbExperiment.fLoadTorque_Nm"),
-        Argument("bEnable", "fbExperiment.bLoadEnable"),
+        CallArgument("fTorque_Nm", "fbExperiment.fLoadTorque_Nm"),
+        CallArgument("bEnable", "fbExperiment.bLoadEnable"),
         cycle,
     ]
     return block(

@@ -15,7 +15,7 @@ from st_codegen.te.compensation.codes import TE_ERROR
 from st_codegen.te.compensation.compensator import ANGLE, IN_RANGE, outputs_section, predict_section
 from st_codegen.te.compensation.correction import parameters, results
 from st_codegen.te.compensation.parts import (
-    Argument,
+    CallArgument,
     block,
     boolean,
     check,
@@ -117,8 +117,8 @@ def fast_block(te: TransmissionError) -> Block:
     speed = input_variables(te.features)[te.speed_feature]
     arguments = [
         *same(["fThetaOut_rad"]),
-        Argument("fSpeed_rpm", speed.name),
-        *(Argument(name, f"stUsed.{name}") for name in names),
+        CallArgument("fSpeed_rpm", speed.name),
+        *(CallArgument(name, f"stUsed.{name}") for name in names),
         *same(["eSet", *(variable.name for variable in given)]),
     ]
     values = {

@@ -112,7 +112,7 @@ def _loaded(model: TextModel, name: str, load_booster: Callable[[], Any]) -> Loa
     builder = GraphBuilder(model.n_features)
     _add(model, builder, 0)
     features = tuple(Feature(feature) for feature in model.feature_names)
-    return LoadedModel(builder.model(name, features, _source(model)), _Predictor(load_booster, model.n_outputs))
+    return LoadedModel(builder.model(name, features, _source(model)), _LightgbmPredictor(load_booster, model.n_outputs))
 
 
 def _load_booster(path: Path) -> Any:
@@ -128,7 +128,7 @@ def _load_booster(path: Path) -> Any:
         raise InputError(f"{path.name}: LightGBM cannot load it: {error}") from None
 
 
-class _Predictor:
+class _LightgbmPredictor:
     """LightGBM's own prediction; a file is loaded at the first call."""
 
     def __init__(self, load_booster: Callable[[], Any], n_outputs: int) -> None:

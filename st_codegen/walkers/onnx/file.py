@@ -120,7 +120,7 @@ def read_tensor(tensor: onnx.TensorProto) -> AnyArray:
     return array
 
 
-class Node:
+class GraphNode:
     """A node with its attributes, checked against the operator's schema."""
 
     def __init__(self, proto: onnx.NodeProto, schema: onnx.defs.OpSchema) -> None:

@@ -19,12 +19,12 @@ import onnx
 from st_codegen.errors import InputError, Problems, UnsupportedModelError
 from st_codegen.ir import FLOAT32_OVERFLOW, AnyArray, IntArray, Round, Select
 from st_codegen.walkers.base import GraphBuilder
-from st_codegen.walkers.onnx.file import Node, domain_of, node_label, printable, read_tensor
+from st_codegen.walkers.onnx.file import GraphNode, domain_of, node_label, printable, read_tensor
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
     FLOAT64,
     MAX_COLUMNS,
-    Constant,
+    ConstantOperand,
     Operand,
     Tensor,
     check_size,
@@ -36,11 +36,11 @@ MAX_NUMBERS = 2**26
 
 
 @dataclass(frozen=True)
-class Call:
+class NodeCall:
     """One node and the operands it reads, None for an optional input that is absent."""
 
     walk: GraphWalk
-    node: Node
+    node: GraphNode
     operands: Sequence[Operand | None]
 
     def optional(self, number: int) -> Operand | None:
@@ -57,7 +57,7 @@ class Call:
     def computed(self, number: int = 0) -> Tensor:
         """An input that has to be computed floating-point numbers."""
         operand = self.required(number)
-        if isinstance(operand, Constant):
+        if isinstance(operand, ConstantOperand):
             raise UnsupportedModelError("reads a constant; fold constants when exporting")
         return require_float(operand)
 
@@ -87,7 +87,7 @@ class Call:
         return positions
 
 
-Handler = Callable[[Call], Operand]
+Handler = Callable[[NodeCall], Operand]
 
 
 @dataclass(frozen=True)
@@ -216,7 +216,7 @@ def _run_node(
     if domain not in opsets:
         raise InputError(f"the file names no opset for the domain '{domain or 'ai.onnx'}'; the model file is damaged")
     try:
-        node = Node(proto, onnx.defs.get_schema(proto.op_type, opsets[domain], domain))
+        node = GraphNode(proto, onnx.defs.get_schema(proto.op_type, opsets[domain], domain))
     except onnx.defs.SchemaError:
         raise UnsupportedModelError("this opset has no such operator; export with another target_opset") from None
     if node.version not in rule.versions:
@@ -241,7 +241,7 @@ def _run_node(
         operands.append(walk.values[name] if name else None)
     if any(name and operand is None for name, operand in zip(proto.input, operands, strict=True)):
         return None
-    result = rule.handler(Call(walk, node, operands))
+    result = rule.handler(NodeCall(walk, node, operands))
     if isinstance(result, Tensor):
         check_size(result.shape)
     walk.charge(math.prod(result.shape))
@@ -283,4 +283,4 @@ def read_initializers(walk: GraphWalk, graph: onnx.GraphProto, problems: Problem
                 raise InputError(f"the initializer '{name}' appears twice; the model file is damaged")
             walk.values[tensor.name] = None
             with _naming(f"initializer '{name}'"):
-                walk.values[tensor.name] = Constant(read_tensor(tensor))
+                walk.values[tensor.name] = ConstantOperand(read_tensor(tensor))

@@ -12,10 +12,10 @@ import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import FloatArray, Kernel, KernelSum, Norm, Normalize, Operator, Precision
-from st_codegen.walkers.onnx.file import Node
+from st_codegen.walkers.onnx.file import GraphNode
 from st_codegen.walkers.onnx.forest import Forest, NumberType, refuse_post_transform
-from st_codegen.walkers.onnx.graph import Call, GraphWalk, operator
-from st_codegen.walkers.onnx.operands import FLOAT32, FLOAT64, Constant, Operand, Tensor, one_row
+from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
+from st_codegen.walkers.onnx.operands import FLOAT32, FLOAT64, ConstantOperand, Operand, Tensor, one_row
 from st_codegen.walkers.onnx.operators import apply_linear, combined
 from st_codegen.walkers.onnx.shapes import joined, picked
 from st_codegen.walkers.onnx.tree_ensemble import read_ensemble
@@ -27,27 +27,27 @@ _KERNELS = {"LINEAR": Kernel.LINEAR, "POLY": Kernel.POLYNOMIAL, "RBF": Kernel.RB
 
 
 @operator("Scaler", 1, domain=_DOMAIN)
-def _scaler(call: Call) -> Operand:
+def _scaler(call: NodeCall) -> Operand:
     tensor = one_row(call.computed())
     result: Operand = tensor
     for name, code in (("offset", Operator.SUBTRACT), ("scale", Operator.MULTIPLY)):
         numbers = call.node.floats(name)
         if len(numbers) not in (1, tensor.size):
             raise InputError(f"{name} has {len(numbers)} entries for {tensor.size} features; the model file is damaged")
-        result = combined(call.walk, code, result, Constant(numbers.astype(tensor.dtype)))
+        result = combined(call.walk, code, result, ConstantOperand(numbers.astype(tensor.dtype)))
     if len(call.node.floats("offset")) != len(call.node.floats("scale")):
         raise InputError("offset and scale have different lengths; the model file is damaged")
     return _as_float32(call.walk, result)
 
 
 def _as_float32(walk: GraphWalk, operand: Operand) -> Tensor:
-    if isinstance(operand, Constant):
+    if isinstance(operand, ConstantOperand):
         raise UnsupportedModelError("reads a constant; fold constants when exporting")
     return walk.as_type(operand, FLOAT32)
 
 
 @operator("Normalizer", 1, domain=_DOMAIN)
-def _normalizer(call: Call) -> Operand:
+def _normalizer(call: NodeCall) -> Operand:
     tensor = one_row(call.computed())
     name = call.node.text("norm", "MAX")
     if name not in ("MAX", "L1", "L2"):
@@ -61,7 +61,7 @@ def _normalizer(call: Call) -> Operand:
     return call.walk.computed(value, tensor.shape, FLOAT32, special=False)
 
 
-def _float32_row(call: Call) -> Tensor:
+def _float32_row(call: NodeCall) -> Tensor:
     tensor = one_row(call.computed())
     if tensor.dtype != FLOAT32:
         raise UnsupportedModelError("reads double numbers; onnxruntime has it for float only: cast the input to float")
@@ -69,7 +69,7 @@ def _float32_row(call: Call) -> Tensor:
 
 
 @operator("LinearRegressor", 1, domain=_DOMAIN)
-def _linear_regressor(call: Call) -> Operand:
+def _linear_regressor(call: NodeCall) -> Operand:
     tensor = _float32_row(call)
     refuse_post_transform(call.node.text("post_transform", "NONE"))
     targets, coefficients, bias = (
@@ -89,7 +89,7 @@ def _linear_regressor(call: Call) -> Operand:
 
 
 @operator("SVMRegressor", 1, domain=_DOMAIN)
-def _svm_regressor(call: Call) -> Operand:
+def _svm_regressor(call: NodeCall) -> Operand:
     tensor = _float32_row(call)
     refuse_post_transform(call.node.text("post_transform", "NONE"))
     if call.node.integer("one_class"):
@@ -112,7 +112,9 @@ def _svm_regressor(call: Call) -> Operand:
     return call.walk.computed(call.walk.builder.add(op), (1, 1), FLOAT32, special=False)
 
 
-def _kernel_sum(node: Node, value: int, vectors: FloatArray, coefficients: FloatArray, rho: FloatArray) -> KernelSum:
+def _kernel_sum(
+    node: GraphNode, value: int, vectors: FloatArray, coefficients: FloatArray, rho: FloatArray
+) -> KernelSum:
     name, parameters = node.text("kernel_type", "LINEAR"), node.floats("kernel_params")
     if name not in _KERNELS:
         raise UnsupportedModelError(f"kernel_type {name}: known are {', '.join(_KERNELS)}")
@@ -136,7 +138,7 @@ def _kernel_sum(node: Node, value: int, vectors: FloatArray, coefficients: Float
 
 
 @operator("ArrayFeatureExtractor", 1, domain=_DOMAIN)
-def _array_feature_extractor(call: Call) -> Operand:
+def _array_feature_extractor(call: NodeCall) -> Operand:
     operand, positions = call.required(), np.ravel(call.positions())
     if len(operand.shape) < 2:
         operand = operand.moved(lambda array: array.reshape(1, -1))
@@ -146,7 +148,7 @@ def _array_feature_extractor(call: Call) -> Operand:
 
 
 @operator("FeatureVectorizer", 1, domain=_DOMAIN)
-def _feature_vectorizer(call: Call) -> Operand:
+def _feature_vectorizer(call: NodeCall) -> Operand:
     parts = [one_row(call.computed(number)) for number in range(len(call.operands))]
     widths = call.node.integers("inputdimensions").tolist()
     if widths != [part.size for part in parts]:
@@ -156,7 +158,7 @@ def _feature_vectorizer(call: Call) -> Operand:
     return joined(call.walk, [call.walk.as_type(part, FLOAT32) for part in parts], axis=1)
 
 
-def _trees(call: Call, read: Callable[[Node, NumberType], Forest]) -> Tensor:
+def _trees(call: NodeCall, read: Callable[[GraphNode, NumberType], Forest]) -> Tensor:
     """The sum (or extreme) of an ensemble, in the type of its input."""
     tensor = one_row(call.computed())
     forest = read(call.node, np.float32 if tensor.dtype == FLOAT32 else np.float64)
@@ -169,10 +171,10 @@ def _trees(call: Call, read: Callable[[Node, NumberType], Forest]) -> Tensor:
 
 
 @operator("TreeEnsembleRegressor", 1, 3, domain=_DOMAIN)
-def _tree_ensemble_regressor(call: Call) -> Operand:
+def _tree_ensemble_regressor(call: NodeCall) -> Operand:
     return call.walk.as_type(_trees(call, read_regressor), FLOAT32)
 
 
 @operator("TreeEnsemble", 5, domain=_DOMAIN)
-def _tree_ensemble(call: Call) -> Operand:
+def _tree_ensemble(call: NodeCall) -> Operand:
     return _trees(call, read_ensemble)

@@ -18,7 +18,7 @@ from st_codegen.walkers.base import LoadedModel
 from st_codegen.walkers.onnx import ml, operators, shapes  # noqa: F401  (they register the operators)
 from st_codegen.walkers.onnx.file import check_names, domain_of, printable, type_name
 from st_codegen.walkers.onnx.graph import GraphWalk, read_initializers, run_nodes
-from st_codegen.walkers.onnx.operands import FLOAT32, MAX_COLUMNS, Constant, Tensor
+from st_codegen.walkers.onnx.operands import FLOAT32, MAX_COLUMNS, ConstantOperand, Tensor
 from st_codegen.walkers.onnx.session import GraphInput, predictor
 
 #: Bytes of a file; a forest of a million nodes has about 40 MB.
@@ -176,7 +176,7 @@ def _finish(walk: GraphWalk, graph: onnx.GraphProto, problems: Problems) -> None
             if info.name not in walk.values:
                 raise InputError(f"the output '{name}' is not computed by any node; the model file is damaged")
             operand = walk.values[info.name]
-            if isinstance(operand, Constant):
+            if isinstance(operand, ConstantOperand):
                 raise UnsupportedModelError(f"the output '{name}' is a constant; remove it from the graph")
             if operand is not None:
                 _check_output(info, name, operand)

@@ -22,7 +22,7 @@ FLOAT64 = np.dtype(np.float64)
 
 
 @dataclass(frozen=True)
-class Constant:
+class ConstantOperand:
     """A tensor whose numbers stand in the file."""
 
     array: AnyArray
@@ -35,9 +35,9 @@ class Constant:
     def dtype(self) -> np.dtype[Any]:
         return self.array.dtype
 
-    def moved(self, move: Callable[[AnyArray], AnyArray]) -> Constant:
+    def moved(self, move: Callable[[AnyArray], AnyArray]) -> ConstantOperand:
         """The result of an operator that only moves numbers about."""
-        return Constant(move(self.array))
+        return ConstantOperand(move(self.array))
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Tensor:
         return replace(self, value=move(self.value), column=move(self.column))
 
 
-Operand = Constant | Tensor
+Operand = ConstantOperand | Tensor
 
 
 def require_float(tensor: Tensor) -> Tensor:

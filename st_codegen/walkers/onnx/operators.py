@@ -13,12 +13,12 @@ import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import Activation, AnyArray, Clip, Combine, FloatArray, Function, Linear, Operator, Scale
-from st_codegen.walkers.onnx.graph import Call, GraphWalk, operator
+from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
     FLOAT64,
     MAX_FOLDED,
-    Constant,
+    ConstantOperand,
     Operand,
     Tensor,
     axis_of,
@@ -31,7 +31,7 @@ _MAX_REDUCTION = 2**24
 _SYMBOLS = {"Add": Operator.ADD, "Sub": Operator.SUBTRACT, "Mul": Operator.MULTIPLY, "Div": Operator.DIVIDE}
 
 
-def _arithmetic(call: Call) -> Operand:
+def _arithmetic(call: NodeCall) -> Operand:
     return combined(call.walk, _SYMBOLS[call.node.op_type], call.required(), call.required(1))
 
 
@@ -40,7 +40,7 @@ for _name in _SYMBOLS:
 
 
 @operator("Sum", 8, 13)
-def _sum(call: Call) -> Operand:
+def _sum(call: NodeCall) -> Operand:
     total = call.required()
     for number in range(1, len(call.operands)):
         total = combined(call.walk, Operator.ADD, total, call.required(number))
@@ -55,12 +55,12 @@ def combined(walk: GraphWalk, code: Operator, left: Operand, right: Operand) -> 
         shape = np.broadcast_shapes(left.shape, right.shape)
     except ValueError:
         raise InputError(f"shapes {left.shape} and {right.shape} do not fit; the model file is damaged") from None
-    if isinstance(left, Constant):
-        if isinstance(right, Constant):
+    if isinstance(left, ConstantOperand):
+        if isinstance(right, ConstantOperand):
             check_size(shape, MAX_FOLDED)
-            return Constant(_folded(code, left.array, right.array))
+            return ConstantOperand(_folded(code, left.array, right.array))
         return _scaled(walk, code, right, left.array, shape, reverse=True)
-    if isinstance(right, Constant):
+    if isinstance(right, ConstantOperand):
         return _scaled(walk, code, left, right.array, shape, reverse=False)
     check_size(shape)
     values = tuple(walk.settle(_spread(require_float(side), shape)) for side in (left, right))
@@ -100,9 +100,9 @@ def _folded(code: Operator, left: AnyArray, right: AnyArray) -> AnyArray:
 
 
 @operator("Neg", 6, 13)
-def _negate(call: Call) -> Operand:
+def _negate(call: NodeCall) -> Operand:
     tensor = call.computed()
-    return combined(call.walk, Operator.MULTIPLY, tensor, Constant(np.array(-1.0, tensor.dtype)))
+    return combined(call.walk, Operator.MULTIPLY, tensor, ConstantOperand(np.array(-1.0, tensor.dtype)))
 
 
 def apply_linear(walk: GraphWalk, tensor: Tensor, weights: AnyArray, bias: AnyArray, shape: Sequence[int]) -> Tensor:
@@ -113,7 +113,7 @@ def apply_linear(walk: GraphWalk, tensor: Tensor, weights: AnyArray, bias: AnyAr
     return walk.computed(walk.builder.add(linear), shape, tensor.dtype, special=False)
 
 
-def _matrix(constant: Constant, tensor: Tensor) -> FloatArray:
+def _matrix(constant: ConstantOperand, tensor: Tensor) -> FloatArray:
     if constant.dtype != tensor.dtype:
         raise InputError(f"the weights are {constant.dtype}, the input {tensor.dtype}; the model file is damaged")
     if constant.array.ndim > 2:
@@ -122,16 +122,16 @@ def _matrix(constant: Constant, tensor: Tensor) -> FloatArray:
 
 
 @operator("MatMul", 9, 13)
-def _matmul(call: Call) -> Operand:
+def _matmul(call: NodeCall) -> Operand:
     left, right = call.required(), call.required(1)
-    if isinstance(left, Tensor) and isinstance(right, Constant):
+    if isinstance(left, Tensor) and isinstance(right, ConstantOperand):
         weights = _matrix(right, require_float(left))
         columns, rows = left.shape[-1:], left.shape[:-1]
         if right.array.ndim and columns == weights.shape[:1] and math.prod(rows) == 1:
             shape = (*rows, *weights.shape[1:])
             weights = weights.reshape(len(weights), -1).T
             return apply_linear(call.walk, left, weights, np.zeros(len(weights)), shape)
-    elif isinstance(left, Constant) and isinstance(right, Tensor):
+    elif isinstance(left, ConstantOperand) and isinstance(right, Tensor):
         weights = _matrix(left, require_float(right))
         rows = right.shape[-2:-1] or right.shape
         if left.array.ndim and rows == weights.shape[-1:] and right.size == rows[0]:
@@ -145,10 +145,10 @@ def _matmul(call: Call) -> Operand:
 
 
 @operator("Gemm", 7, 9, 11, 13)
-def _gemm(call: Call) -> Operand:
+def _gemm(call: NodeCall) -> Operand:
     tensor = call.computed()
     right = call.required(1)
-    if not isinstance(right, Constant):
+    if not isinstance(right, ConstantOperand):
         raise UnsupportedModelError("both factors are computed; one of them has to be constant weights")
     weights = _matrix(right, tensor)
     if weights.ndim != 2 or len(tensor.shape) != 2:
@@ -165,11 +165,11 @@ def _gemm(call: Call) -> Operand:
     if alpha == 1.0:
         return apply_linear(call.walk, row, weights, bias, shape)
     product = apply_linear(call.walk, row, weights, np.zeros(len(weights)), shape)
-    scaled = combined(call.walk, Operator.MULTIPLY, product, Constant(np.array(alpha, row.dtype)))
-    return combined(call.walk, Operator.ADD, scaled, Constant(bias.astype(row.dtype)))
+    scaled = combined(call.walk, Operator.MULTIPLY, product, ConstantOperand(np.array(alpha, row.dtype)))
+    return combined(call.walk, Operator.ADD, scaled, ConstantOperand(bias.astype(row.dtype)))
 
 
-def _gemm_bias(call: Call, row: Tensor, width: int) -> FloatArray:
+def _gemm_bias(call: NodeCall, row: Tensor, width: int) -> FloatArray:
     """beta * C for each column, rounded to the type of the graph."""
     constant = call.constant(2, "C")
     if constant is None:
@@ -185,7 +185,7 @@ def _gemm_bias(call: Call, row: Tensor, width: int) -> FloatArray:
 def _activation(function: Function, name: str, *versions: int, alpha: float | None = None) -> None:
     """Register an operator that is one function of each number."""
 
-    def handler(call: Call) -> Operand:
+    def handler(call: NodeCall) -> Operand:
         tensor = call.computed()
         if function is Function.SOFTPLUS and tensor.dtype == FLOAT64:
             raise UnsupportedModelError("onnxruntime's double version overflows above 709; cast the input to float")
@@ -212,7 +212,7 @@ _activation(Function.EXP, "Exp", 6, 13)
 
 
 @operator("Clip", 6, 11, 12, 13)
-def _clip(call: Call) -> Operand:
+def _clip(call: NodeCall) -> Operand:
     tensor = call.computed()
     limits = np.finfo(tensor.dtype)
     bounds = [float(limits.min), float(limits.max)]
@@ -231,7 +231,7 @@ def _clip(call: Call) -> Operand:
     return call.walk.computed(value, tensor.shape, tensor.dtype, special=False)
 
 
-def _reduction(call: Call) -> Operand:
+def _reduction(call: NodeCall) -> Operand:
     tensor = call.computed()
     by_input = call.node.version >= (13 if call.node.op_type == "ReduceSum" else 18)
     axes = call.integers(1, "axes") if by_input else call.node.integers("axes").tolist()
@@ -251,7 +251,7 @@ def _reduction(call: Call) -> Operand:
     total = apply_linear(call.walk, tensor, weights, np.zeros(outputs), kept)
     if call.node.op_type == "ReduceSum":
         return total
-    return combined(call.walk, Operator.DIVIDE, total, Constant(np.array(tensor.size // outputs, tensor.dtype)))
+    return combined(call.walk, Operator.DIVIDE, total, ConstantOperand(np.array(tensor.size // outputs, tensor.dtype)))
 
 
 operator("ReduceSum", 1, 11, 13)(_reduction)

@@ -12,13 +12,13 @@ import onnx
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import AnyArray
 from st_codegen.walkers.onnx.file import type_name
-from st_codegen.walkers.onnx.graph import Call, GraphWalk, operator
+from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
     FLOAT64,
     MAX_COLUMNS,
     MAX_FOLDED,
-    Constant,
+    ConstantOperand,
     Operand,
     Tensor,
     axis_of,
@@ -35,12 +35,12 @@ _CASTS: dict[int, type[np.generic]] = {
 
 
 @operator("Identity", 1, 13, 14, 16, 19, 21, 23, 24, 25)
-def _identity(call: Call) -> Operand:
+def _identity(call: NodeCall) -> Operand:
     return call.required()
 
 
 @operator("Dropout", 7, 10, 12, 13, 22)
-def _dropout(call: Call) -> Operand:
+def _dropout(call: NodeCall) -> Operand:
     training = call.constant(2, "training_mode")
     if len([name for name in call.node.proto.output if name]) > 1 or (training is not None and np.any(training)):
         raise UnsupportedModelError("Dropout in training mode; export the model for inference (model.eval())")
@@ -48,7 +48,7 @@ def _dropout(call: Call) -> Operand:
 
 
 @operator("Cast", 6, 9, 13, 19, 21, 23, 24, 25)
-def _cast(call: Call) -> Operand:
+def _cast(call: NodeCall) -> Operand:
     operand, target = call.required(), _CASTS.get(call.node.integer("to"))
     if target is None:
         raise UnsupportedModelError(f"casts to {type_name(call.node.integer('to'))}; FLOAT and DOUBLE are supported")
@@ -62,11 +62,11 @@ def _cast(call: Call) -> Operand:
     if np.issubdtype(dtype, np.integer) and not np.issubdtype(operand.dtype, np.integer):
         raise UnsupportedModelError("casts constants to integers; fold constants when exporting")
     with np.errstate(over="ignore"):
-        return Constant(operand.array.astype(dtype))
+        return ConstantOperand(operand.array.astype(dtype))
 
 
 @operator("Constant", 1, 9, 11, 12, 13, 19, 21, 23, 24, 25)
-def _constant(call: Call) -> Operand:
+def _constant(call: NodeCall) -> Operand:
     arrays: dict[str, Callable[[], AnyArray]] = {
         "value": lambda: np.asarray(call.node.tensor("value")),
         "value_float": lambda: np.array(call.node.number("value_float"), np.float32),
@@ -77,18 +77,18 @@ def _constant(call: Call) -> Operand:
     names = [name for name in call.node.attributes if name in arrays]
     if len(names) != 1 or len(call.node.attributes) != 1:
         raise UnsupportedModelError("a constant has to be one of " + ", ".join(arrays))
-    return Constant(arrays[names[0]]())
+    return ConstantOperand(arrays[names[0]]())
 
 
 @operator("Shape", 1, 15, 19, *_SHAPE_VERSIONS)
-def _shape(call: Call) -> Operand:
+def _shape(call: NodeCall) -> Operand:
     shape = call.required().shape
     end = call.node.integer("end", len(shape))
-    return Constant(np.array(shape[call.node.integer("start") : end], np.int64))
+    return ConstantOperand(np.array(shape[call.node.integer("start") : end], np.int64))
 
 
 @operator("Reshape", 5, 14, 19, *_SHAPE_VERSIONS)
-def _reshape(call: Call) -> Operand:
+def _reshape(call: NodeCall) -> Operand:
     operand = call.required()
     shape = call.integers(1, "shape") or []
     if not call.node.integer("allowzero"):
@@ -110,21 +110,21 @@ def _reshaped(operand: Operand, shape: Sequence[int]) -> Operand:
 
 
 @operator("Flatten", 1, 9, 11, *_SHAPE_VERSIONS)
-def _flatten(call: Call) -> Operand:
+def _flatten(call: NodeCall) -> Operand:
     operand, axis = call.required(), call.node.integer("axis", 1)
     rank = len(operand.shape)
     axis = axis if axis == rank else axis_of(axis, rank)
     return _reshaped(operand, (math.prod(operand.shape[:axis]), math.prod(operand.shape[axis:])))
 
 
-def _axes(call: Call) -> list[int] | None:
+def _axes(call: NodeCall) -> list[int] | None:
     if call.node.version >= 13:
         return call.integers(1, "axes")
     return call.node.integers("axes").tolist() if "axes" in call.node else None
 
 
 @operator("Squeeze", 1, 11, *_SHAPE_VERSIONS)
-def _squeeze(call: Call) -> Operand:
+def _squeeze(call: NodeCall) -> Operand:
     operand, axes = call.required(), _axes(call)
     rank = len(operand.shape)
     dropped = {axis for axis, length in enumerate(operand.shape) if length == 1}
@@ -137,7 +137,7 @@ def _squeeze(call: Call) -> Operand:
 
 
 @operator("Unsqueeze", 1, 11, *_SHAPE_VERSIONS)
-def _unsqueeze(call: Call) -> Operand:
+def _unsqueeze(call: NodeCall) -> Operand:
     operand, axes = call.required(), _axes(call)
     if axes is None:
         raise InputError("axes are missing; the model file is damaged")
@@ -150,7 +150,7 @@ def _unsqueeze(call: Call) -> Operand:
 
 
 @operator("Transpose", 1, *_SHAPE_VERSIONS)
-def _transpose(call: Call) -> Operand:
+def _transpose(call: NodeCall) -> Operand:
     operand, order = call.required(), call.node.integers("perm").tolist()
     order = order or list(reversed(range(len(operand.shape))))
     if sorted(order) != list(range(len(operand.shape))):
@@ -159,7 +159,7 @@ def _transpose(call: Call) -> Operand:
 
 
 @operator("Concat", 4, 11, 13)
-def _concat(call: Call) -> Operand:
+def _concat(call: NodeCall) -> Operand:
     parts = [call.required(number) for number in range(len(call.operands))]
     rank = len(parts[0].shape)
     if rank == 0:
@@ -171,12 +171,12 @@ def joined(walk: GraphWalk, parts: Sequence[Operand], axis: int) -> Operand:
     """The parts laid end to end along an axis."""
     if len({part.dtype for part in parts}) > 1:
         raise InputError("joins tensors of different types; the model file is damaged")
-    constants = [part.array for part in parts if isinstance(part, Constant)]
+    constants = [part.array for part in parts if isinstance(part, ConstantOperand)]
     tensors = [part for part in parts if isinstance(part, Tensor)]
     try:
         if not tensors:
             check_size([sum(constant.size for constant in constants)], MAX_FOLDED)
-            return Constant(np.concatenate(constants, axis))
+            return ConstantOperand(np.concatenate(constants, axis))
         if constants:
             raise UnsupportedModelError("joins computed and constant numbers; leave the constants out")
         check_size([sum(tensor.size for tensor in tensors)])
@@ -198,7 +198,7 @@ def _rounded(walk: GraphWalk, tensor: Tensor) -> Tensor:
 
 
 @operator("Gather", 1, 11, 13)
-def _gather(call: Call) -> Operand:
+def _gather(call: NodeCall) -> Operand:
     operand = call.required()
     return picked(operand, call.positions(), axis_of(call.node.integer("axis"), len(operand.shape)))
 

@@ -81,14 +81,14 @@ def loads(data: bytes, *, binary: bool) -> BoosterModel:
     document = ubjson.loads(data) if binary else _json(data)
     if not isinstance(document, dict) or not isinstance(document.get("learner"), dict):
         raise InputError("not an XGBoost model: no object 'learner'")
-    root = Section(document, "")
+    root = DocumentPart(document, "")
     learner = root.section("learner")
     parameters = learner.section("learner_model_param")
     n_features = parameters.integer("num_feature", 1)
     n_outputs = max(parameters.integer("num_class", 0), parameters.integer("num_target", 0, default=1), 1)
     if max(n_features, n_outputs) > _MAX_COLUMNS:
         raise UnsupportedModelError(
-            f"{parameters.place}num_feature, num_target: {n_features} features and {n_outputs} outputs; "
+            f"{parameters.path}num_feature, num_target: {n_features} features and {n_outputs} outputs; "
             f"more than {_MAX_COLUMNS} are not supported"
         )
     booster = learner.section("gradient_booster")
@@ -140,15 +140,15 @@ def _as_floats(values: list[Any]) -> Any:
     return result
 
 
-class Section:
-    """An object of the document with its place, for typed access with errors that name the field."""
+class DocumentPart:
+    """An object of the document and the path to it, for typed access with errors that name the field."""
 
-    def __init__(self, entries: Mapping[str, Any], place: str) -> None:
+    def __init__(self, entries: Mapping[str, Any], path: str) -> None:
         self.entries = entries
-        self.place = place
+        self.path = path
 
     def fail(self, name: str, message: str) -> InputError:
-        return InputError(f"{self.place}{name}: {message}")
+        return InputError(f"{self.path}{name}: {message}")
 
     def __contains__(self, name: str) -> bool:
         return name in self.entries
@@ -158,17 +158,17 @@ class Section:
             raise self.fail(name, "missing")
         return self.entries[name]
 
-    def section(self, name: str) -> Section:
+    def section(self, name: str) -> DocumentPart:
         entries = self.get(name)
         if not isinstance(entries, dict):
             raise self.fail(name, "not an object")
-        return Section(entries, f"{self.place}{name}.")
+        return DocumentPart(entries, f"{self.path}{name}.")
 
-    def sections(self, name: str) -> list[Section]:
+    def sections(self, name: str) -> list[DocumentPart]:
         entries = self.get(name)
         if not isinstance(entries, list) or not all(isinstance(one, dict) for one in entries):
             raise self.fail(name, "not a list of objects")
-        return [Section(one, f"{self.place}{name}[{number}].") for number, one in enumerate(entries)]
+        return [DocumentPart(one, f"{self.path}{name}[{number}].") for number, one in enumerate(entries)]
 
     def text(self, name: str) -> str:
         value = self.get(name)
@@ -219,21 +219,21 @@ class Section:
         return values
 
 
-def _base_score(parameters: Section, n_outputs: int) -> FloatArray:
+def _base_score(parameters: DocumentPart, n_outputs: int) -> FloatArray:
     """Text such as "[5E-1,2E0]", "5E-1" or "(0.5, 2)" -> one float32 number an output."""
     text = parameters.text("base_score").strip()
     try:
         values = json.loads(text.replace("(", "[").replace(")", "]"))
     except (ValueError, RecursionError):
         values = None
-    scores = Section({"base_score": values if isinstance(values, list) else [values]}, parameters.place)
+    scores = DocumentPart({"base_score": values if isinstance(values, list) else [values]}, parameters.path)
     result = scores.floats("base_score", len(scores.get("base_score")))
     if len(result) not in (1, n_outputs):
         raise parameters.fail("base_score", f"{len(result)} numbers for {n_outputs} outputs")
     return np.broadcast_to(result, n_outputs).copy()
 
 
-def _texts(section: Section, name: str, count: int) -> tuple[str, ...] | None:
+def _texts(section: DocumentPart, name: str, count: int) -> tuple[str, ...] | None:
     """A list of `count` strings; None where it is missing or empty."""
     texts = section.get(name) if name in section else []
     if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
@@ -243,12 +243,12 @@ def _texts(section: Section, name: str, count: int) -> tuple[str, ...] | None:
     return tuple(texts) or None
 
 
-def _attributes(learner: Section) -> dict[str, str]:
+def _attributes(learner: DocumentPart) -> dict[str, str]:
     attributes = learner.section("attributes")
     return {name: attributes.text(name) for name in attributes.entries}
 
 
-def _linear(model: Section, n_features: int, n_outputs: int) -> dict[str, Any]:
+def _linear(model: DocumentPart, n_features: int, n_outputs: int) -> dict[str, Any]:
     return {
         "categories": (),
         "linear": model.floats("weights", (n_features + 1) * n_outputs).reshape(n_features + 1, n_outputs),
@@ -259,7 +259,7 @@ def _linear(model: Section, n_features: int, n_outputs: int) -> dict[str, Any]:
     }
 
 
-def _forest(model: Section, n_features: int, n_outputs: int) -> dict[str, Any]:
+def _forest(model: DocumentPart, n_features: int, n_outputs: int) -> dict[str, Any]:
     """Trees in the order of their ids, with the outputs and rounds they belong to."""
     parameters = model.section("gbtree_model_param")
     sections = model.sections("trees")
@@ -281,7 +281,7 @@ def _forest(model: Section, n_features: int, n_outputs: int) -> dict[str, Any]:
     }
 
 
-def _category_names(cats: Section) -> tuple[tuple[object, ...], ...]:
+def _category_names(cats: DocumentPart) -> tuple[tuple[object, ...], ...]:
     """Names by code for each feature (`CatContainer::Save`): numbers, or strings cut from UTF-8 bytes at offsets."""
     names: list[tuple[object, ...]] = []
     for encoding in cats.sections("enc"):
@@ -297,7 +297,7 @@ def _category_names(cats: Section) -> tuple[tuple[object, ...], ...]:
     return tuple(names)
 
 
-def _round_starts(model: Section, parameters: Section, n_trees: int, outputs: IntArray) -> IntArray:
+def _round_starts(model: DocumentPart, parameters: DocumentPart, n_trees: int, outputs: IntArray) -> IntArray:
     """`iteration_indptr`; older files have rounds of `num_parallel_tree` trees an output (`MakeIndptr`)."""
     if "iteration_indptr" in model:
         starts = model.indices("iteration_indptr", None, 0, n_trees + 1)
@@ -310,7 +310,7 @@ def _round_starts(model: Section, parameters: Section, n_trees: int, outputs: In
     return np.arange(0, n_trees + 1, size)
 
 
-def _tree(section: Section, n_features: int, n_outputs: int) -> ParsedTree:
+def _tree(section: DocumentPart, n_features: int, n_outputs: int) -> ParsedTree:
     """One tree; nodes that pruning deleted stay and are never reached."""
     parameters = section.section("tree_param")
     nodes = parameters.integer("num_nodes", 1)
@@ -351,11 +351,11 @@ def _tree(section: Section, n_features: int, n_outputs: int) -> ParsedTree:
     )
 
 
-def _check_unread_fields(section: Section, nodes: int, width: int) -> None:
+def _check_unread_fields(section: DocumentPart, nodes: int, width: int) -> None:
     """What the library reads besides: it does not survive a file without these, or with parents out of range."""
     if width > 1 and "leaf_weights" not in section:
         raise UnsupportedModelError(
-            f"{section.place}leaf_weights: missing; trees with vector leaves from before XGBoost 3.2 cannot be read by "
+            f"{section.path}leaf_weights: missing; trees with vector leaves from before XGBoost 3.2 cannot be read by "
             "XGBoost 3.2 either: train the model again"
         )
     for name in ("loss_changes", "sum_hessian"):
@@ -366,7 +366,7 @@ def _check_unread_fields(section: Section, nodes: int, width: int) -> None:
         raise section.fail("parents", "a parent outside the tree; the file is damaged")
 
 
-def _vector_leaves(section: Section, rows: IntArray, width: int) -> FloatArray:
+def _vector_leaves(section: DocumentPart, rows: IntArray, width: int) -> FloatArray:
     """Leaves of a multi_output_tree (leaves, outputs); the right child of a leaf is its row of `leaf_weights`."""
     if np.any((rows < 0) | (rows >= len(rows))):
         raise section.fail("right_children", "a leaf without a row of leaf_weights")
@@ -374,7 +374,7 @@ def _vector_leaves(section: Section, rows: IntArray, width: int) -> FloatArray:
     return values
 
 
-def _category_sets(section: Section, categorical: BoolArray) -> CategorySets | None:
+def _category_sets(section: DocumentPart, categorical: BoolArray) -> CategorySets | None:
     """The categories that go right at each category split (`RegTree::LoadCategoricalSplit`)."""
     wanted = np.flatnonzero(categorical)
     if not len(wanted):

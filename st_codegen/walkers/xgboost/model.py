@@ -153,7 +153,7 @@ def _loaded(model: BoosterModel, way: _Path, name: str, load_booster: Callable[[
     builder = GraphBuilder(model.n_features)
     _add(model, builder, 0, way)
     ir = builder.model(name, tuple(Feature(feature) for feature in model.names), _source(model, way))
-    return LoadedModel(ir, _Predictor(load_booster, model, way))
+    return LoadedModel(ir, _XgboostPredictor(load_booster, model, way))
 
 
 def _load_booster(path: Path) -> Any:
@@ -177,7 +177,7 @@ def _first_line(error: Exception) -> str:
     return str(error).partition("\n")[0]
 
 
-class _Predictor:
+class _XgboostPredictor:
     """XGBoost's own prediction; a file is loaded at the first call."""
 
     def __init__(self, load_booster: Callable[[], Any], model: BoosterModel, way: _Path) -> None:

@@ -26,11 +26,11 @@ def loads(data: bytes) -> Any:
 
     Raises InputError that names the byte where the data is cut or wrong.
     """
-    reader = _Reader(data)
+    reader = _UbjsonReader(data)
     return reader.value(reader.marker(), 0)
 
 
-class _Reader:
+class _UbjsonReader:
     def __init__(self, data: bytes) -> None:
         self.data = data
         self.position = 0
