@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from st_codegen.cli.console import Command, Number, console
-from st_codegen.cost import DEFAULT, BlockCost, Part, ProjectCost, profile_names
+from st_codegen.cost import DEFAULT, BlockCost, ProjectCost, UnitPart, profile_names
 from st_codegen.proof.explain import Price
 
 #: Parts of a cycle that take less than this share are added up in one row.
@@ -111,7 +111,7 @@ def price_table(target: str, profile: str, priced: Iterable[Price]) -> Table:
     return table
 
 
-def _cells(parts: list[Part], total: float) -> list[str]:
+def _cells(parts: list[UnitPart], total: float) -> list[str]:
     cold = sum(part.cold_us for part in parts)
     return [
         f"{sum(part.total_operations for part in parts):,}",

@@ -7,20 +7,20 @@
 It judges the text as `verify` does, and knows nothing of what the text was made from.
 """
 
-from st_codegen.cost.calibrate import Fit, Measurement, calibrate, read_measurements, with_factors
+from st_codegen.cost.calibrate import Calibration, Measurement, calibrate, read_measurements, with_factors
 from st_codegen.cost.operations import Operation
 from st_codegen.cost.profile import DEFAULT, Profile, load_profile, profile_names
-from st_codegen.cost.report import BlockCost, Part, ProjectCost, project_cost
+from st_codegen.cost.report import BlockCost, ProjectCost, UnitPart, project_cost
 
 __all__ = [
     "DEFAULT",
     "BlockCost",
-    "Fit",
+    "Calibration",
     "Measurement",
     "Operation",
-    "Part",
     "Profile",
     "ProjectCost",
+    "UnitPart",
     "calibrate",
     "load_profile",
     "profile_names",

@@ -5,47 +5,39 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
-from st_codegen.cost.memory import Place, Touch, Versions, new_version
-from st_codegen.cost.operations import (
-    Operation,
-    is_real,
-    of_binary,
-    of_comparison,
-    of_conversion,
-    of_function,
-    size_of,
-)
-from st_codegen.cost.paths import Cost, Costs
+from st_codegen.cost.memory import Region, Touch, Versions, new_version
+from st_codegen.cost.operations import Operation, of_expression, size_of
+from st_codegen.cost.paths import Costs, PathCost
 from st_codegen.cost.ranges import Interval, Ranges, is_counted
 from st_codegen.st import tree as t
 from st_codegen.st import walk
-from st_codegen.st.types import ArrayType, StructType
+from st_codegen.st.types import ArrayType, StructType, Type
 
 
 @dataclass
-class State:
+class PathState:
     """What is known at a point of a path."""
 
     versions: Versions = field(default_factory=Versions)
     ranges: Ranges = field(default_factory=Ranges)
 
-    def copy(self) -> State:
-        """For a branch."""
-        return State(self.versions.copy(), self.ranges.copy())
+    def copy(self) -> PathState:
+        """The same knowledge for one branch, which then goes its own way."""
+        return PathState(self.versions.copy(), self.ranges.copy())
 
     def assigned(self, target: t.Expression, interval: Interval | None) -> None:
-        """After an assignment."""
+        """Take note of an assignment; `interval` is what its value can be, None when nothing is known."""
         variable = t.root_variable(target)
         if variable is None:
             self.ranges.forget()
             return
         self.versions.change(variable)
-        is_whole = isinstance(target, t.VariableRef) and is_counted(variable.type)
-        is_whole = is_whole and variable.storage is not t.Storage.GLOBAL  # a callee may assign it, too
-        self.ranges.set(variable, interval if is_whole else None)
+        # a callee may assign a global, too
+        is_certain = isinstance(target, t.VariableRef) and variable.storage is not t.Storage.GLOBAL
+        self.ranges.set(variable, interval if is_certain else None)
 
-    def become_common(self, branches: list[State]) -> None:
-        """Behind branches, of which those that go on are given."""
+    def become_common(self, branches: list[PathState]) -> None:
+        """Keep what is known behind all branches; given are those from which the path goes on."""
         if not branches:
             return
         changed = {variable for branch in branches for variable in self.versions.differs(branch.versions)}
@@ -56,7 +48,7 @@ class State:
             self.versions.change(variable)
 
     def after_call(self, call: t.Call) -> None:
-        """What a call assigns: its outputs, and anything of this instance where it runs on it."""
+        """Take note of what a call assigns: its outputs, and anything of this instance where it runs on it."""
         for argument in call.arguments:
             if argument.passing is not t.Passing.INPUT:
                 self.assigned(argument.value, None)
@@ -66,38 +58,38 @@ class State:
             self.ranges.forget()
 
     def after_calls(self, body: Iterable[t.Statement]) -> None:
-        """What the calls of a loop assign."""
+        """Take note of what the calls in a loop assign."""
         for call in walk.calls(body):
             self.after_call(call)
 
 
 @dataclass(frozen=True)
 class _Address:
-    """A place, and where in it: bytes for each version, other versions it depends on, a distance, and the text.
+    """A region, and where in it: bytes for each version, other versions it depends on, a distance, and the text.
 
-    Without a place it is a scalar of the unit itself: those are counted as one piece of memory.
+    Without a region it is a scalar of the unit itself: those are counted as one region.
     """
 
-    place: Place | None
+    region: Region | None
     affine: dict[int, int] = field(default_factory=dict)
     varies: frozenset[int] = frozenset()
     offset: int = 0
     text: tuple[object, ...] = ()
 
-    def touch(self, size: int) -> Cost:
-        if self.place is None:
-            return Cost()
-        key = (self.place, self.text, tuple(sorted(self.affine.items())), self.varies)
-        touch = Touch(self.place, self.affine, self.varies, low=self.offset, high=self.offset + max(size - 8, 0))
-        return Cost({}, {key: touch})
+    def touch(self, size: int) -> PathCost:
+        if self.region is None:
+            return PathCost()
+        key = (self.region, self.text, tuple(sorted(self.affine.items())), self.varies)
+        touch = Touch(self.region, self.affine, self.varies, low=self.offset, high=self.offset + max(size - 8, 0))
+        return PathCost({}, {key: touch})
 
 
-#: Cost of the unit behind a call, given the path to its instance
-Follow = Callable[[t.Call, tuple[str, ...], State], Cost]
+#: PathCost of the unit behind a call, given the path to its instance
+Follow = Callable[[t.Call, tuple[str, ...], PathState], PathCost]
 
 
 class Accesses:
-    """Costs of the expressions of one unit."""
+    """Finds what the expressions of one unit cost."""
 
     def __init__(self, project: t.Project, pou: t.Pou, costs: Costs, follow: Follow) -> None:
         self._project = project
@@ -107,63 +99,49 @@ class Accesses:
 
     # --- values ---
 
-    def value(self, node: t.Expression, state: State) -> Cost:  # noqa: PLR0911 - one return a case
-        """Compute a value."""
+    def value(self, node: t.Expression, state: PathState) -> PathCost:  # noqa: PLR0911 - one return a case
+        """The cost of computing the value of an expression."""
         match node:
             case t.Constant():
-                return self._costs.of(Operation.LOAD) if is_real(node.type) else Cost()
+                return self._costs.of(Operation.LOAD) if node.type.is_real else PathCost()
             case t.VariableRef(variable=variable) if variable.is_constant and not _is_aggregate(node):
-                return self._costs.of(Operation.LOAD) if is_real(node.type) else Cost()
+                return self._costs.of(Operation.LOAD) if node.type.is_real else PathCost()
             case t.VariableRef() | t.InstanceVariable() | t.FieldRef() | t.ElementRef() | t.PointerTarget():
                 return self._load(node, state)
             case t.ThisRef() | t.ProgramRef():
-                return Cost()
+                return PathCost()
             case t.AddressOf(target=target):
                 cost, _ = self._address(target, state)
                 return cost.then(self._costs.of(Operation.INDEX))
             case t.Call():
                 return self._call(node, state)
             case _:
-                return self._operator(node, state)
+                cost = PathCost()
+                for part in walk.parts(node):
+                    cost = cost.then(self.value(part, state))
+                return cost.then(self._costs.of(*of_expression(node)))
 
-    def _operator(self, node: t.Expression, state: State) -> Cost:  # noqa: PLR0911 - one return a case
-        cost = Cost()
-        for part in walk.parts(node):
-            cost = cost.then(self.value(part, state))
-        match node:
-            case t.Unary():
-                return cost.then(self._costs.of(Operation.INTEGER))
-            case t.Binary():
-                return cost.then(self._costs.of(of_binary(node)))
-            case t.ShortCircuit():
-                return cost.then(self._costs.of(Operation.BRANCH))
-            case t.Comparison():
-                return cost.then(self._costs.of(of_comparison(node)))
-            case t.Conversion():
-                return cost.then(self._costs.of(of_conversion(node)))
-            case t.StandardCall():
-                operation, number = of_function(node)
-                return cost.then(self._costs.of(*[operation] * number))
-            case _:
-                return cost
+    def _load(self, node: t.Expression, state: PathState) -> PathCost:
+        return self._moved(Operation.LOAD, node, state)
 
-    def _load(self, node: t.Expression, state: State) -> Cost:
+    def store(self, target: t.Expression, state: PathState) -> PathCost:
+        """The cost of putting a computed value into a variable."""
+        return self._moved(Operation.STORE, target, state)
+
+    def _moved(self, operation: Operation, node: t.Expression, state: PathState) -> PathCost:
         cost, address = self._address(node, state)
-        size = self._size(node)
-        return cost.then(address.touch(size)).then(self._costs.of(*[Operation.LOAD] * max(-(-size // 8), 1)))
+        return cost.then(address.touch(self._size(node.type))).then(self._words(operation, node.type))
 
-    def store(self, target: t.Expression, state: State) -> Cost:
-        """Put a computed value into a variable."""
-        cost, address = self._address(target, state)
-        size = self._size(target)
-        return cost.then(address.touch(size)).then(self._costs.of(*[Operation.STORE] * max(-(-size // 8), 1)))
+    def _words(self, operation: Operation, type_: Type) -> PathCost:
+        """A load or store of a value, eight bytes at a time."""
+        return self._costs.of(*[operation] * max(-(-self._size(type_) // 8), 1))
 
-    def _size(self, node: t.Expression) -> int:
-        return size_of(node.type, self._project.pous)
+    def _size(self, type_: Type) -> int:
+        return size_of(type_, self._project.pous)
 
-    # --- places ---
+    # --- addresses ---
 
-    def _address(self, node: t.Expression, state: State) -> tuple[Cost, _Address]:
+    def _address(self, node: t.Expression, state: PathState) -> tuple[PathCost, _Address]:
         match node:
             case t.VariableRef(variable=variable):
                 return self._variable(variable, ())
@@ -178,25 +156,25 @@ class Accesses:
                 return self._element(node, state)
             case t.PointerTarget(pointer=pointer):
                 cost = self.value(pointer, state)
-                place = Place((), "pointer", self._pou.key, self._size(node))
-                return cost, _Address(place, varies=frozenset({new_version()}))
+                region = Region((), "pointer", self._pou.key, self._size(node.type))
+                return cost, _Address(region, varies=frozenset({new_version()}))
             case _:
                 return self.value(node, state), _Address(None)
 
-    def _variable(self, variable: t.Variable, path: tuple[str, ...]) -> tuple[Cost, _Address]:
-        size = size_of(variable.type, self._project.pous)
+    def _variable(self, variable: t.Variable, path: tuple[str, ...]) -> tuple[PathCost, _Address]:
+        size = self._size(variable.type)
         is_shared = variable.is_constant or variable.storage is t.Storage.GLOBAL
         name = variable.key
-        cost = self._costs.of(Operation.LOAD) if variable.section is t.Section.IN_OUT else Cost()
+        cost = self._costs.of(Operation.LOAD) if variable.section is t.Section.IN_OUT else PathCost()
         if size <= 8 and not is_shared and not path:
             return cost, _Address(None)
-        return cost, _Address(Place(() if is_shared else path, name, variable.owner, size, is_shared))
+        return cost, _Address(Region(() if is_shared else path, name, variable.owner, size, is_shared))
 
-    def _path(self, base: t.Expression, state: State) -> tuple[Cost, tuple[str, ...], frozenset[int]]:
+    def _path(self, base: t.Expression | None, state: PathState) -> tuple[PathCost, tuple[str, ...], frozenset[int]]:
         """The way to an instance of a block; an element of an array of instances depends on its index."""
         match base:
             case t.VariableRef(variable=variable):
-                return Cost(), (variable.key,), frozenset()
+                return PathCost(), (variable.key,), frozenset()
             case t.InstanceVariable(base=inner, variable=variable):
                 cost, path, varies = self._path(inner, state)
                 return cost, (*path, variable.key), varies
@@ -210,16 +188,16 @@ class Accesses:
                     cost = cost.then(more).then(self._costs.of(Operation.INDEX))
                     varies |= others | frozenset(moves)
                 return cost, (*path, "[]"), varies
-            case t.ThisRef() | t.ProgramRef():
-                return Cost(), (), frozenset()
+            case t.ThisRef() | t.ProgramRef() | None:
+                return PathCost(), (), frozenset()
             case _:
                 return self.value(base, state), ("^",), frozenset({new_version()})
 
-    def _element(self, node: t.ElementRef, state: State) -> tuple[Cost, _Address]:
+    def _element(self, node: t.ElementRef, state: PathState) -> tuple[PathCost, _Address]:
         cost, address = self._address(node.base, state)
         type_ = node.base.type
         assert isinstance(type_, ArrayType)
-        stride = size_of(type_.element, self._project.pous)
+        stride = self._size(type_.element)
         strides = []
         for length in reversed(type_.shape):
             strides.append(stride)
@@ -239,26 +217,26 @@ class Accesses:
         text = (*address.text, *unknown)
         return cost, replace(address, affine=affine, varies=varies, offset=offset, text=text)
 
-    def _linear(self, index: t.Expression, state: State) -> tuple[Cost, dict[int, int], frozenset[int], int]:
+    def _linear(self, index: t.Expression, state: PathState) -> tuple[PathCost, dict[int, int], frozenset[int], int]:
         """An index as factors of versions, the versions it depends on in another way, and a constant."""
         cost = self.value(index, state)
         found = _factors(index, state)
         if found is not None:
             return cost, found[0], frozenset(), found[1]
-        used = {part.variable for part in walk.expressions(index) if isinstance(part, t.VariableRef)}
-        used |= {part.variable for part in walk.expressions(index) if isinstance(part, t.InstanceVariable)}
-        return cost, {}, frozenset(state.versions[variable] for variable in used if not variable.is_constant), 0
+        used = (variable for variable in walk.variables(index) if not variable.is_constant)
+        return cost, {}, frozenset(state.versions[variable] for variable in used), 0
 
     # --- calls ---
 
-    def _call(self, call: t.Call, state: State) -> Cost:
-        cost, path, varies = self._receiver(call, state)
-        after = Cost()
+    def _call(self, call: t.Call, state: PathState) -> PathCost:
+        cost, path, varies = (
+            (PathCost(), (), frozenset()) if call.receiver is None else self._path(call.receiver, state)
+        )
+        after = PathCost()
         for argument in call.arguments:
             if argument.passing is t.Passing.INPUT:
-                size = size_of(argument.parameter.type, self._project.pous)
-                copies = self._costs.of(*[Operation.STORE] * max(-(-size // 8), 1))
-                cost = cost.then(self.value(argument.value, state)).then(copies)
+                copied = self._words(Operation.STORE, argument.parameter.type)
+                cost = cost.then(self.value(argument.value, state)).then(copied)
             elif argument.passing is t.Passing.IN_OUT:
                 more, _ = self._address(argument.value, state)
                 cost = cost.then(more).then(self._costs.of(Operation.STORE))
@@ -266,21 +244,16 @@ class Accesses:
                 after = after.then(self._costs.of(Operation.LOAD)).then(self.store(argument.value, state))
         body = self._follow(call, path, state)
         if varies:
-            body = Cost(body.counts, {key: replace(x, varies=x.varies | varies) for key, x in body.touches.items()})
+            body = PathCost(body.counts, {key: replace(x, varies=x.varies | varies) for key, x in body.touches.items()})
         result = self._costs.of(Operation.CALL, Operation.LOAD) if call.has_result else self._costs.of(Operation.CALL)
         return cost.then(body).then(result).then(after)
-
-    def _receiver(self, call: t.Call, state: State) -> tuple[Cost, tuple[str, ...], frozenset[int]]:
-        if call.receiver is None:
-            return Cost(), (), frozenset()
-        return self._path(call.receiver, state)
 
 
 def _is_aggregate(node: t.Expression) -> bool:
     return isinstance(node.type, ArrayType | StructType)
 
 
-def _factors(node: t.Expression, state: State) -> tuple[dict[int, int], int] | None:  # noqa: PLR0911 - one return a case
+def _factors(node: t.Expression, state: PathState) -> tuple[dict[int, int], int] | None:  # noqa: PLR0911 - one return a case
     """A sum of variables times constants, as factors of versions and a constant; None for anything else."""
     interval = state.ranges.of(node)
     if interval is not None and interval.low == interval.high:

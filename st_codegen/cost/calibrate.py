@@ -33,7 +33,7 @@ class Measurement:
 
 
 @dataclass(frozen=True)
-class Fit:
+class Calibration:
     """The factors, and for each measurement what the fitted model gives in us."""
 
     compute: float
@@ -42,7 +42,7 @@ class Fit:
     is_memory_known: bool
 
     def largest_error(self, measurements: tuple[Measurement, ...]) -> float:
-        """The largest relative error."""
+        """The largest relative error of the fitted model among the measurements."""
         pairs = zip(self.modelled, measurements, strict=True)
         return max(abs(modelled / measured.microseconds - 1.0) for modelled, measured in pairs)
 
@@ -66,7 +66,7 @@ def read_measurements(path: Path) -> tuple[Measurement, ...]:
     return tuple(found)
 
 
-def calibrate(project: Project, profile: Profile, measurements: tuple[Measurement, ...]) -> Fit:
+def calibrate(project: Project, profile: Profile, measurements: tuple[Measurement, ...]) -> Calibration:
     """The factors that bring the model nearest to the measurements.
 
     Where these cannot tell the two apart (a single one, or none that waits for memory), `memory` stays 1. Raises
@@ -91,7 +91,7 @@ def calibrate(project: Project, profile: Profile, measurements: tuple[Measuremen
     measured = np.array([measurement.microseconds for measurement in measurements])
     compute, memory, is_memory_known = _factors(modelled / measured[:, None])
     fitted = modelled @ np.array([compute, memory])
-    return Fit(compute, memory, tuple(float(value) for value in fitted), is_memory_known)
+    return Calibration(compute, memory, tuple(float(value) for value in fitted), is_memory_known)
 
 
 def _factors(relative: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> tuple[float, float, bool]:
@@ -111,7 +111,7 @@ def _factors(relative: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> tup
     return compute, 1.0, False
 
 
-def with_factors(profile: Profile, fit: Fit, name: str) -> str:
+def with_factors(profile: Profile, fit: Calibration, name: str) -> str:
     """The text of a profile with other factors, all comments kept."""
     text = re.sub(r'(?m)^name\s*=\s*".*"$', f'name = "{name}"', profile.text, count=1)
     head, mark, tail = text.partition("[factors]")

@@ -1,6 +1,6 @@
 """Which lines of the cache a path touches, at most.
 
-An access is followed symbolically: its place in memory is a sum of versions of variables times bytes. A version is a
+An access is followed symbolically: its address is a sum of versions of variables times bytes. A version is a
 variable between two assignments, so that two accesses with the same versions are the same line. Leaving a loop, an
 access that moves with the loop's counter covers a span, one that moves with anything else that the loop changes may
 be somewhere else in every round.
@@ -27,7 +27,7 @@ def new_version() -> int:
 
 
 @dataclass(frozen=True)
-class Place:
+class Region:
     """A piece of memory: `path` leads to the instance it belongs to, `owner` is the unit that declares it."""
 
     path: tuple[str, ...]
@@ -41,8 +41,8 @@ class Place:
         """Lines that it lies in, at least one; its start is taken to be aligned."""
         return max(-(-self.size // LINE), 1)
 
-    def inside(self, path: tuple[str, ...]) -> Place:
-        """The same place, seen from a caller that reaches the instance by `path`."""
+    def inside(self, path: tuple[str, ...]) -> Region:
+        """The same region, seen from a caller that reaches the instance by `path`."""
         return self if self.is_shared else replace(self, path=path + self.path)
 
 
@@ -61,13 +61,13 @@ class Loop:
 
 @dataclass(frozen=True)
 class Touch:
-    """Accesses to one place: `count` unrelated positions, each a span of bytes, in so many `executions` in all.
+    """Accesses to one region: `count` unrelated positions, each a span of bytes, in so many `executions` in all.
 
     `affine` maps versions to bytes: where the position moves evenly. `varies`: versions it depends on otherwise. `low`
     and `high` are the first and the last byte that is asked for at one position, less the size of an element.
     """
 
-    place: Place
+    region: Region
     affine: Mapping[int, int] = field(default_factory=dict)
     varies: frozenset[int] = frozenset()
     span: int = 0
@@ -78,10 +78,10 @@ class Touch:
 
     @property
     def lines(self) -> int:
-        """An upper bound of the distinct lines."""
+        """How many distinct lines are touched, at most."""
         length = self.span + self.high - self.low
         each = 1 if length == 0 or (self.span == 0 and length <= _RECORD) else 1 + -(-length // LINE)
-        return min(self.place.lines, self.executions, self.count * each)
+        return min(self.region.lines, self.executions, self.count * each)
 
     def with_(self, other: Touch) -> Touch:
         """Two accesses to the same position, at distances that are known."""
@@ -121,7 +121,7 @@ class Touch:
         depends = bool(self.affine or self.varies)
         return replace(
             self,
-            place=self.place.inside(path),
+            region=self.region.inside(path),
             affine={},
             varies=frozenset({new_version()}) if depends else frozenset(),
         )
@@ -131,7 +131,7 @@ Touches = dict[Hashable, Touch]
 
 
 def joined(first: Touches, second: Touches) -> Touches:
-    """Both; an access that is in both is one."""
+    """The touches of two paths together; an access that both have is one touch."""
     together = dict(first)
     for key, touch in second.items():
         known = together.get(key)
@@ -139,11 +139,11 @@ def joined(first: Touches, second: Touches) -> Touches:
     return together
 
 
-def lines_by_place(touches: Touches) -> dict[Place, int]:
-    """Distinct lines of each place, at most."""
-    lines: dict[Place, int] = {}
+def lines_by_region(touches: Touches) -> dict[Region, int]:
+    """How many distinct lines of each region are touched, at most."""
+    lines: dict[Region, int] = {}
     for touch in touches.values():
-        lines[touch.place] = min(lines.get(touch.place, 0) + touch.lines, touch.place.lines)
+        lines[touch.region] = min(lines.get(touch.region, 0) + touch.lines, touch.region.lines)
     return lines
 
 
@@ -160,12 +160,12 @@ class Versions:
         return self._initial.setdefault(variable, -new_version())
 
     def change(self, variable: t.Variable) -> int:
-        """A new version, after an assignment."""
+        """Give a variable a new version, after an assignment."""
         self._known[variable] = new_version()
         return self._known[variable]
 
     def copy(self) -> Versions:
-        """For a branch."""
+        """The same versions for one branch, which then changes its own."""
         return Versions(self._initial, dict(self._known))
 
     def differs(self, other: Versions) -> set[t.Variable]:

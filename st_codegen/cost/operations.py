@@ -58,7 +58,7 @@ _INTEGRAL = {
     "DIV": Operation.INTEGER_DIVIDE,
     "MOD": Operation.INTEGER_DIVIDE,
 }
-#: Standard functions that are one operation each
+#: Standard functions that are one operation each; those that are not named are an INTEGER
 _FUNCTIONS = {
     "SQRT": Operation.SQRT,
     "EXP": Operation.EXP,
@@ -73,11 +73,12 @@ _FUNCTIONS = {
     "ACOS": Operation.ATAN,
     "EXPT": Operation.POWER,
     "TRUNC": Operation.CONVERT,
+    "SEL": Operation.SELECT,
 }
 
 
 def no_counts() -> Counts:
-    """All zero."""
+    """A vector of counts in which every operation is counted zero times."""
     return np.zeros(len(Operation), np.int64)
 
 
@@ -87,7 +88,7 @@ def position(operation: Operation) -> int:
 
 
 def as_mapping(counts: Counts) -> dict[str, int]:
-    """The counts that are not zero, by name."""
+    """The counts that are not zero, by the names of the operations."""
     return {operation.value: int(counts[number]) for operation, number in _POSITION.items() if counts[number]}
 
 
@@ -96,37 +97,25 @@ def weighted(counts: Counts, weights: Mapping[Operation, float]) -> float:
     return float(sum(int(counts[number]) * weights[operation] for operation, number in _POSITION.items()))
 
 
-def is_real(type_: Type) -> bool:
-    """REAL or LREAL."""
-    return isinstance(type_, Elementary) and type_.is_real
-
-
-def of_binary(node: t.Binary) -> Operation:
-    """The class of an arithmetic or logical operator."""
-    return _REAL[node.operator] if is_real(node.type) else _INTEGRAL.get(node.operator, Operation.INTEGER)
-
-
-def of_comparison(node: t.Comparison) -> Operation:
-    """The class of a comparison."""
-    return Operation.REAL_COMPARE if is_real(node.left.type) else Operation.COMPARE
-
-
-def of_conversion(node: t.Conversion) -> Operation:
-    """The class of a change of type; between integers it is a move."""
-    return Operation.CONVERT if is_real(node.type) or is_real(node.operand.type) else Operation.INTEGER
-
-
-def of_function(node: t.StandardCall) -> tuple[Operation, int]:
-    """The class of a standard function, and how many of it a call is."""
-    if node.function in _FUNCTIONS:
-        return _FUNCTIONS[node.function], 1
-    if node.function in ("MIN", "MAX"):
-        return Operation.SELECT, len(node.arguments) - 1
-    if node.function in ("LIMIT", "MUX"):
-        return Operation.SELECT, max(len(node.arguments) - 1, 1)
-    if node.function == "SEL":
-        return Operation.SELECT, 1
-    return Operation.INTEGER, 1
+def of_expression(node: t.Expression) -> tuple[Operation, ...]:  # noqa: PLR0911 - one return a case
+    """What an operator, conversion or standard function does itself, its operands left out."""
+    match node:
+        case t.Unary():
+            return (Operation.INTEGER,)
+        case t.Binary(operator=operator):
+            return (_REAL[operator] if node.type.is_real else _INTEGRAL.get(operator, Operation.INTEGER),)
+        case t.ShortCircuit():
+            return (Operation.BRANCH,)
+        case t.Comparison(left=left):
+            return (Operation.REAL_COMPARE if left.type.is_real else Operation.COMPARE,)
+        case t.Conversion(operand=operand):  # between integers it is a move
+            return (Operation.CONVERT if node.type.is_real or operand.type.is_real else Operation.INTEGER,)
+        case t.StandardCall(function=function, arguments=arguments):
+            if function in ("MIN", "MAX", "LIMIT", "MUX"):
+                return (Operation.SELECT,) * max(len(arguments) - 1, 1)
+            return (_FUNCTIONS.get(function, Operation.INTEGER),)
+        case _:
+            return ()
 
 
 def size_of(type_: Type, blocks: Mapping[str, t.Pou]) -> int:

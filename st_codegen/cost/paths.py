@@ -1,4 +1,4 @@
-"""The worst of all paths through a body."""
+"""What paths through a body cost, and which of them is the worst."""
 
 from __future__ import annotations
 
@@ -20,32 +20,32 @@ class Flow(Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class Cost:
+class PathCost:
     """What one path costs: counts by the unit whose text they stand in, and the memory it touches."""
 
     counts: Mapping[str, Counts] = field(default_factory=dict)
     touches: Touches = field(default_factory=dict)
 
-    def then(self, other: Cost) -> Cost:
-        """One after the other."""
+    def then(self, other: PathCost) -> PathCost:
+        """The cost of this path followed by another one."""
         if not other.counts and not other.touches:
             return self
         counts = dict(self.counts)
         for unit, more in other.counts.items():
             counts[unit] = counts[unit] + more if unit in counts else more
-        return Cost(counts, joined(self.touches, other.touches))
+        return PathCost(counts, joined(self.touches, other.touches))
 
-    def times(self, rounds: int) -> Cost:
-        """The counts so many times; what is touched stays."""
-        return Cost({unit: counts * rounds for unit, counts in self.counts.items()}, self.touches)
+    def times(self, rounds: int) -> PathCost:
+        """The counts of the path taken `rounds` times; what it touches stays the same."""
+        return PathCost({unit: counts * rounds for unit, counts in self.counts.items()}, self.touches)
 
     @property
     def total(self) -> Counts:
-        """The counts of all units."""
+        """The counts of all units together."""
         return sum(self.counts.values(), start=no_counts())
 
 
-Outcomes = dict[Flow, Cost]
+Outcomes = dict[Flow, PathCost]
 
 
 class Costs:
@@ -55,44 +55,44 @@ class Costs:
         self.unit = unit
         self._weights = weights
 
-    def of(self, *operations: Operation) -> Cost:
-        """Some operations."""
+    def of(self, *operations: Operation) -> PathCost:
+        """The cost of some operations of this unit."""
         counts = no_counts()
         for operation in operations:
             counts[position(operation)] += 1
-        return Cost({self.unit: counts})
+        return PathCost({self.unit: counts})
 
-    def worse(self, first: Cost | None, second: Cost | None) -> Cost | None:
+    def worse(self, first: PathCost | None, second: PathCost | None) -> PathCost | None:
         """The counts of the slower path, with what either touches; None is no path."""
         if first is None or second is None:
             return first or second
         slower = first if self._cycles(first) >= self._cycles(second) else second
-        return Cost(slower.counts, joined(first.touches, second.touches))
+        return PathCost(slower.counts, joined(first.touches, second.touches))
 
-    def _cycles(self, cost: Cost) -> float:
+    def _cycles(self, cost: PathCost) -> float:
         return weighted(cost.total, self._weights)
 
-    def worst(self, costs: Iterable[Cost | None]) -> Cost | None:
-        """The worst of several."""
-        result: Cost | None = None
+    def worst(self, costs: Iterable[PathCost | None]) -> PathCost | None:
+        """The worst of several paths, None when there is none."""
+        result: PathCost | None = None
         for cost in costs:
             result = self.worse(result, cost)
         return result
 
     def choose(self, ways: Iterable[Outcomes]) -> Outcomes:
-        """Branches: the worst for each way to go on."""
+        """The worst of several branches for each way to go on."""
         ways = list(ways)
         worst = {flow: self.worst(way.get(flow) for way in ways) for flow in Flow}
         return {flow: cost for flow, cost in worst.items() if cost is not None}
 
     def sequence(self, steps: Iterable[Callable[[], Outcomes]]) -> Outcomes:
-        """Statements one after the other; what cannot be reached costs nothing."""
+        """The cost of statements one after the other; what cannot be reached costs nothing."""
         done: Outcomes = {}
-        here: Cost | None = Cost()
+        here: PathCost | None = PathCost()
         for step in steps:
             if here is None:
                 break
-            onward: Cost | None = None
+            onward: PathCost | None = None
             for flow, cost in step().items():
                 total = here.then(cost)
                 if flow is Flow.NEXT:
@@ -102,16 +102,16 @@ class Costs:
             here = onward
         return done if here is None else self.choose([done, {Flow.NEXT: here}])
 
-    def loop(self, rounds: int, body: Outcomes, *, each: Cost, last: Cost) -> Outcomes:
+    def loop(self, rounds: int, body: Outcomes, *, each: PathCost, last: PathCost) -> Outcomes:
         """`rounds` times a body after `each`, then `last`: every way out of it, the touches being those of all rounds.
 
         A round that leaves by EXIT or RETURN is the last one, so that rounds - 1 whole ones may have gone before.
         """
-        touched = Cost()
+        touched = PathCost()
         for cost in (each, last, *body.values()):
-            touched = touched.then(Cost({}, cost.touches))
+            touched = touched.then(PathCost({}, cost.touches))
         stay = self.worse(body.get(Flow.NEXT), body.get(Flow.CONTINUE))
-        whole = Cost() if stay is None else each.then(stay)
+        whole = PathCost() if stay is None else each.then(stay)
         # no round at all is a way through, too: `rounds` is only the largest number
         ends = [last] if stay is None else [last, whole.times(rounds).then(last)]
         result: Outcomes = {}

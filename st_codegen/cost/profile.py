@@ -54,12 +54,12 @@ class Profile:
         return {operation: cycles * self.compute_factor for operation, cycles in weights.items()}
 
     def microseconds(self, cycles: float) -> float:
-        """The time of some cycles."""
+        """The time in us that a number of cycles takes."""
         return cycles / self.machine["clock_MHz"]
 
     @property
     def estimates(self) -> tuple[str, ...]:
-        """The numbers that are nobody's measurement."""
+        """The names of the numbers that nobody has measured."""
         return tuple(name for name, source in self.sources.items() if source == "estimate")
 
 

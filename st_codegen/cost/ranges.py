@@ -12,7 +12,7 @@ from st_codegen.st.types import Elementary, Kind, Type
 
 
 class Interval(NamedTuple):
-    """Inclusive."""
+    """The integers from `low` to `high`, both included."""
 
     low: int
     high: int
@@ -47,18 +47,18 @@ class Ranges:
         self._known = known or {}
 
     def copy(self) -> Ranges:
-        """For a branch."""
+        """The same intervals for one branch, which then goes its own way."""
         return Ranges(dict(self._known))
 
     def set(self, variable: t.Variable, interval: Interval | None) -> None:
-        """After an assignment; None when nothing is known."""
+        """Take note of what a variable can be after an assignment; None when nothing is known."""
         if interval is None:
             self._known.pop(variable, None)
         else:
             self._known[variable] = interval
 
     def forget(self, variables: Iterable[t.Variable] | None = None) -> None:
-        """After something that may have assigned variables; None: any of them."""
+        """Forget what is known of variables that may have been assigned; None stands for all of them."""
         if variables is None:
             self._known.clear()
             return
@@ -66,7 +66,7 @@ class Ranges:
             self._known.pop(variable, None)
 
     def keep_common(self, others: Iterable[Ranges]) -> None:
-        """After branches: what is known behind all of them."""
+        """Keep only what is known behind this branch and all the others."""
         for other in others:
             for variable in list(self._known):
                 found = other._known.get(variable)

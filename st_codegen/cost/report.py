@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from st_codegen.cost.memory import LINE, lines_by_place
-from st_codegen.cost.operations import Counts, Operation, as_mapping, no_counts, size_of, weighted
+from st_codegen.cost.memory import LINE, lines_by_region
+from st_codegen.cost.operations import Counts, as_mapping, no_counts, size_of, weighted
 from st_codegen.cost.profile import Profile
 from st_codegen.cost.units import UnitCost, Units
 from st_codegen.st import tree as t
@@ -17,7 +17,7 @@ from st_codegen.st.tree import PouKind
 
 
 @dataclass(frozen=True)
-class Part:
+class UnitPart:
     """What one unit's own text does on the worst path of a block.
 
     `lines` of data are touched at most; `code_bytes` is an estimate, `table_bytes` are all its constant arrays. Times
@@ -45,7 +45,7 @@ class BlockCost:
     """
 
     block: str
-    parts: tuple[Part, ...]
+    parts: tuple[UnitPart, ...]
     unbounded: tuple[str, ...]
 
     @property
@@ -62,7 +62,7 @@ class BlockCost:
 
     @property
     def operations(self) -> dict[str, int]:
-        """Operations by name."""
+        """How often each operation is executed, by its name."""
         total: dict[str, int] = {}
         for part in self.parts:
             for name, number in part.operations.items():
@@ -70,28 +70,24 @@ class BlockCost:
         return total
 
     def as_json(self) -> dict[str, Any]:
-        """For reports."""
+        """The costs of a block as a table of numbers for JSON."""
         return {
             "bounded": self.is_bounded,
             "unbounded": list(self.unbounded),
-            "warm_us": self.warm_us,
-            "cold_us": self.cold_us,
+            **_sums(self.parts),
             "operations": self.operations,
-            "touched_bytes": LINE * sum(part.lines for part in self.parts),
-            "table_bytes": sum(part.table_bytes for part in self.parts),
-            "code_bytes": sum(part.code_bytes for part in self.parts),
-            "parts": {
-                part.unit: {
-                    "warm_us": part.warm_us,
-                    "cold_us": part.cold_us,
-                    "operations": part.total_operations,
-                    "touched_bytes": LINE * part.lines,
-                    "table_bytes": part.table_bytes,
-                    "code_bytes": part.code_bytes,
-                }
-                for part in self.parts
-            },
+            "parts": {part.unit: {**_sums([part]), "operations": part.total_operations} for part in self.parts},
         }
+
+
+def _sums(parts: Sequence[UnitPart]) -> dict[str, float]:
+    return {
+        "warm_us": sum(part.warm_us for part in parts),
+        "cold_us": sum(part.cold_us for part in parts),
+        "touched_bytes": LINE * sum(part.lines for part in parts),
+        "table_bytes": sum(part.table_bytes for part in parts),
+        "code_bytes": sum(part.code_bytes for part in parts),
+    }
 
 
 @dataclass(frozen=True)
@@ -104,7 +100,7 @@ class ProjectCost:
 
     @property
     def cycle(self) -> tuple[BlockCost, ...]:
-        """The blocks that a cycle runs."""
+        """The costs of the blocks that a cycle runs."""
         return tuple(self.blocks[name] for name in self.entries)
 
     @property
@@ -124,7 +120,7 @@ class ProjectCost:
         return not self.unbounded and self.cold_us <= cycle_us
 
     def as_json(self) -> dict[str, Any]:
-        """For reports."""
+        """The costs of a project as tables of numbers for JSON."""
         return {
             "profile": self.profile.name,
             "estimates": list(self.profile.estimates),
@@ -145,7 +141,7 @@ def project_cost(project: t.Project, profile: Profile, entries: Iterable[str] | 
     """
     units = Units(project, profile.weights(is_cold=True))
     kinds = (PouKind.FUNCTION_BLOCK, PouKind.PROGRAM)
-    own = {key: pou for key, pou in project.pous.items() if pou.kind in kinds and not pou.is_native and _has_body(pou)}
+    own = {key: pou for key, pou in project.pous.items() if pou.kind in kinds and not pou.is_native and pou.body}
     costs = {key: units.of(key) for key in own}
     blocks = {own[key].name: _block_cost(own[key], cost, units, profile) for key, cost in costs.items()}
     programs = [pou.name for pou in own.values() if pou.kind is PouKind.PROGRAM]
@@ -160,18 +156,14 @@ def project_cost(project: t.Project, profile: Profile, entries: Iterable[str] | 
     return ProjectCost(profile, blocks, tuple(chosen))
 
 
-def _has_body(pou: t.Pou) -> bool:
-    return bool(pou.body)
-
-
 def _is_native(project: t.Project, pou: t.Pou) -> bool:
     return any(base.is_native for base in project.lineage(pou.key))
 
 
 def _block_cost(pou: t.Pou, cost: UnitCost, units: Units, profile: Profile) -> BlockCost:
     lines: dict[str, int] = {}
-    for place, number in lines_by_place(cost.cost.touches).items():
-        lines[place.owner] = lines.get(place.owner, 0) + number
+    for region, number in lines_by_region(cost.cost.touches).items():
+        lines[region.owner] = lines.get(region.owner, 0) + number
     waiting = _warm_wait(sum(lines.values()) * LINE, profile)
     keys = {pou.key, *cost.cost.counts, *lines}
     parts = [
@@ -187,7 +179,7 @@ def _warm_wait(touched: int, profile: Profile) -> float:
     return profile.machine["l2_cycles" if touched <= profile.machine["l2_bytes"] else "memory_cycles"]
 
 
-def _part(key: str, counts: Counts, lines: int, waiting: float, units: Units, profile: Profile) -> Part:
+def _part(key: str, counts: Counts, lines: int, waiting: float, units: Units, profile: Profile) -> UnitPart:
     pou = units.project.pous.get(key)  # None: a list of globals
     static = no_counts() if pou is None else units.of(key).static
     code = int(np.sum(static)) * profile.machine["code_bytes"]
@@ -196,7 +188,7 @@ def _part(key: str, counts: Counts, lines: int, waiting: float, units: Units, pr
     warm = weighted(counts, profile.weights(is_cold=False)) + lines * waiting * memory
     cold = weighted(counts, profile.weights(is_cold=True))
     cold += (lines + code_lines) * profile.machine["memory_cycles"] * memory
-    return Part(
+    return UnitPart(
         key if pou is None else _name(pou),
         as_mapping(counts),
         lines,
@@ -213,6 +205,3 @@ def _name(pou: t.Pou) -> str:
 
 def _table_bytes(pou: t.Pou, project: t.Project) -> int:
     return sum(size_of(variable.type, project.pous) for variable in pou.variables if variable.is_constant)
-
-
-__all__ = ["BlockCost", "Operation", "Part", "ProjectCost", "project_cost"]

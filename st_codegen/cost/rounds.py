@@ -31,7 +31,7 @@ def _longest_row(start: t.Expression, stop: t.Expression) -> int | None:
     The largest difference at one k, not of the largest and the smallest number of the table.
     """
     first, last = _entry(start), _entry(stop)
-    if first is None or last is None or first.place != last.place:
+    if first is None or last is None or first.at != last.at:
         return None
     low = max(-first.distance, -last.distance)
     high = min(len(first.table) - first.distance, len(last.table) - last.distance)
@@ -43,10 +43,10 @@ def _longest_row(start: t.Expression, stop: t.Expression) -> int | None:
 
 
 class _Entry(NamedTuple):
-    """`table[place + distance] + added`, the table counted from 0."""
+    """`table[at + distance] + added`, the table counted from 0."""
 
     table: NDArray[np.generic]
-    place: t.Expression
+    at: t.Expression
     distance: int
     added: int
 
@@ -65,7 +65,7 @@ def _entry(node: t.Expression) -> _Entry | None:
 
 
 def _split(node: t.Expression) -> tuple[t.Expression, int]:
-    """An expression as another one and a constant."""
+    """Splits a sum into an expression and a constant number, which is 0 for anything but a sum."""
     match node:
         case t.Binary(operator="ADD", left=left, right=t.Constant(value=int() as number)):
             return left, number
@@ -146,9 +146,7 @@ def _counting(part: _Part, body: tuple[t.Statement, ...], ranges: Ranges) -> int
 
 def _fixed(node: t.Expression, body: tuple[t.Statement, ...], ranges: Ranges) -> Interval | None:
     """The interval of an expression whose variables the body leaves alone."""
-    assigned = walk.assigned_variables(body)
-    used = {part.variable for part in walk.expressions(node) if isinstance(part, t.VariableRef)}
-    return None if used & assigned else ranges.of(node)
+    return None if walk.variables(node) & walk.assigned_variables(body) else ranges.of(node)
 
 
 def _step(variable: t.Variable, body: tuple[t.Statement, ...]) -> int | None:

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from functools import partial
 
 from st_codegen.cost import rounds
-from st_codegen.cost.access import Accesses, State
-from st_codegen.cost.memory import Loop, Place, Touch, Touches, new_version
+from st_codegen.cost.access import Accesses, PathState
+from st_codegen.cost.memory import Loop, Region, Touch, Touches, new_version
 from st_codegen.cost.operations import Counts, Operation, no_counts, size_of
-from st_codegen.cost.paths import Cost, Costs, Flow, Outcomes
+from st_codegen.cost.paths import Costs, Flow, Outcomes, PathCost
 from st_codegen.cost.ranges import Interval
 from st_codegen.st import tree as t
 from st_codegen.st import walk
@@ -26,7 +26,7 @@ class UnitCost:
     have no known bound, here and in what it calls; those are counted once.
     """
 
-    cost: Cost
+    cost: PathCost
     static: Counts
     unbounded: tuple[str, ...]
     called: frozenset[str]
@@ -53,7 +53,7 @@ def _native(pou: t.Pou, weights: Mapping[Operation, float]) -> UnitCost:
 
 
 class _Body:
-    """Walks one unit."""
+    """Walks the body of one unit and adds up what it costs."""
 
     def __init__(self, units: Units, pou: t.Pou) -> None:
         self._units = units
@@ -63,29 +63,24 @@ class _Body:
         self._unbounded: dict[str, None] = {}
         self._called: set[str] = set()
         self._accesses = Accesses(units.project, pou, self._costs, self._call)
-        self._state = State()
+        self._state = PathState()
 
     def cost(self) -> UnitCost:
-        """The worst call."""
+        """The worst case of a call of the unit."""
         outcomes = self._body(self._pou.body)
-        worst = self._costs.worse(outcomes.get(Flow.NEXT), outcomes.get(Flow.RETURN)) or Cost()
+        worst = self._costs.worse(outcomes.get(Flow.NEXT), outcomes.get(Flow.RETURN)) or PathCost()
         return UnitCost(self._own_memory().then(worst), self._static, tuple(self._unbounded), frozenset(self._called))
 
-    def _own_memory(self) -> Cost:
-        """The scalars of the instance or of the call."""
-        pous = self._units.project.pous
-        size = sum(
-            size_of(variable.type, pous)
-            for variable in self._pou.variables
-            if not variable.is_constant
-            and size_of(variable.type, pous) <= 8
-            and variable.storage is not t.Storage.GLOBAL
-        )
+    def _own_memory(self) -> PathCost:
+        """The memory that the scalars of the instance, or of the call, lie in."""
+        own = (item for item in self._pou.variables if not item.is_constant and item.storage is not t.Storage.GLOBAL)
+        sizes = (size_of(variable.type, self._units.project.pous) for variable in own)
+        size = sum(size for size in sizes if size <= 8)
         if not size:
-            return Cost()
+            return PathCost()
         is_shared = self._pou.kind is not PouKind.FUNCTION_BLOCK
-        place = Place((), f"{self._pou.key} variables", self._pou.key, size, is_shared)
-        return Cost({}, {place: Touch(place, span=size, executions=place.lines)})
+        region = Region((), f"{self._pou.key} variables", self._pou.key, size, is_shared)
+        return PathCost({}, {region: Touch(region, span=size, executions=region.lines)})
 
     def _body(self, body: tuple[t.Statement, ...]) -> Outcomes:
         return self._costs.sequence(partial(self._statement, statement) for statement in body)
@@ -107,54 +102,58 @@ class _Body:
             case t.While() | t.Repeat():
                 return self._while(statement)
             case t.Exit():
-                return {Flow.EXIT: Cost()}
+                return {Flow.EXIT: PathCost()}
             case t.Continue():
-                return {Flow.CONTINUE: Cost()}
+                return {Flow.CONTINUE: PathCost()}
             case t.Return():
-                return {Flow.RETURN: Cost()}
+                return {Flow.RETURN: PathCost()}
             case _:
                 raise TypeError(statement)
 
-    def _count(self, cost: Cost) -> Cost:
-        """Note the code of a piece of text."""
+    def _count(self, cost: PathCost) -> PathCost:
+        """The cost of a piece of text, which is noted as code of the unit."""
         own = cost.counts.get(self._pou.key)
         if own is not None:
             self._static = self._static + own
         return cost
 
-    def _one(self, *operations: Operation) -> Cost:
+    def _one(self, *operations: Operation) -> PathCost:
         return self._count(self._costs.of(*operations))
 
-    def _value(self, node: t.Expression) -> Cost:
+    def _value(self, node: t.Expression) -> PathCost:
         return self._count(self._accesses.value(node, self._state))
 
-    def _assign(self, statement: t.Assign) -> Cost:
+    def _test(self, condition: t.Expression) -> PathCost:
+        return self._value(condition).then(self._one(Operation.BRANCH))
+
+    def _assign(self, statement: t.Assign) -> PathCost:
         cost = self._value(statement.value)
         cost = cost.then(self._count(self._accesses.store(statement.target, self._state)))
         self._state.assigned(statement.target, self._state.ranges.of(statement.value))
         return cost
 
-    def _branches(self, bodies: list[tuple[t.Statement, ...]]) -> list[Outcomes]:
-        """Each body from the same state; afterwards the state is what all that go on have in common."""
+    def _choose(self, tests: list[PathCost], statement: t.If | t.Case) -> Outcomes:
+        """The worst branch, each behind its tests.
+
+        Every branch starts from the same state; afterwards the state is what all that go on have in common.
+        """
         before, after, ways = self._state, [], []
-        for body in bodies:
+        for test, body in zip(tests, walk.bodies(statement), strict=True):
             self._state = before.copy()
             way = self._body(body)
-            ways.append(way)
+            ways.append({flow: test.then(cost) for flow, cost in way.items()})
             if Flow.NEXT in way:
                 after.append(self._state)
         self._state = before
         self._state.become_common(after)
-        return ways
+        return self._costs.choose(ways)
 
     def _if(self, statement: t.If) -> Outcomes:
-        tests, before = Cost(), []
+        tests, before = PathCost(), []
         for branch in statement.branches:
-            tests = tests.then(self._value(branch.condition)).then(self._one(Operation.BRANCH))
+            tests = tests.then(self._test(branch.condition))
             before.append(tests)
-        before.append(tests)
-        ways = self._branches([*(branch.body for branch in statement.branches), statement.otherwise])
-        return self._costs.choose(_after(cost, way) for cost, way in zip(before, ways, strict=True))
+        return self._choose([*before, tests], statement)
 
     def _case(self, statement: t.Case) -> Outcomes:
         """Labels are tried one after the other, as a chain of comparisons."""
@@ -164,9 +163,7 @@ class _Body:
                 compares = [Operation.COMPARE] * (1 if low == high else 2)
                 tests = tests.then(self._one(*compares, Operation.BRANCH))
             before.append(tests)
-        before.append(tests)
-        ways = self._branches([*(branch.body for branch in statement.branches), statement.otherwise])
-        return self._costs.choose(_after(cost, way) for cost, way in zip(before, ways, strict=True))
+        return self._choose([*before, tests], statement)
 
     # --- loops ---
 
@@ -201,16 +198,16 @@ class _Body:
         first = new_version()
         self._enter(statement.body, set())
         if is_repeat:
-            body = self._body(statement.body)
-            test = self._value(statement.condition).then(self._one(Operation.BRANCH))
-            leaving: Outcomes = {flow: cost for flow, cost in body.items() if flow in (Flow.EXIT, Flow.RETURN)}
-            going_on = (_before(body, flow, test) for flow in (Flow.NEXT, Flow.CONTINUE))
-            body = self._costs.choose([leaving, *going_on])
-            result = self._loop(statement, count, body, each=Cost(), last=Cost(), loop=Loop(first))
+            ways, each = self._body(statement.body), PathCost()
+            test = self._test(statement.condition)
+            body: Outcomes = {flow: cost for flow, cost in ways.items() if flow in (Flow.EXIT, Flow.RETURN)}
+            onward = self._costs.worst(ways.get(flow) for flow in (Flow.NEXT, Flow.CONTINUE))
+            if onward is not None:
+                body[Flow.NEXT] = onward.then(test)
         else:
-            test = self._value(statement.condition).then(self._one(Operation.BRANCH))
+            each = self._test(statement.condition)
             body = self._body(statement.body)
-            result = self._loop(statement, count, body, each=test, last=test, loop=Loop(first))
+        result = self._loop(statement, count, body, each=each, last=each, loop=Loop(first))
         self._enter(statement.body, set())
         return result
 
@@ -228,30 +225,31 @@ class _Body:
         count: int | None,
         body: Outcomes,
         *,
-        each: Cost,
-        last: Cost,
+        each: PathCost,
+        last: PathCost,
         loop: Loop,
     ) -> Outcomes:
-        """All rounds."""
+        """Every way out of a loop with all its rounds; a loop without a known bound is noted and counted once."""
         if count is None:
             kind = type(statement).__name__.upper()
-            place = statement.position
-            self._unbounded[f"{self._pou.name}, {place}: no bound known for the rounds of this {kind}"] = None
+            self._unbounded[f"{self._pou.name}, {statement.position}: no bound known for the rounds of this {kind}"] = (
+                None
+            )
         number = 1 if count is None else count
 
-        def spread(cost: Cost) -> Cost:
+        def spread(cost: PathCost) -> PathCost:
             touches = {key: touch.repeated(max(number, 1), loop) for key, touch in cost.touches.items()}
-            return Cost(cost.counts, touches)
+            return PathCost(cost.counts, touches)
 
         spread_body = {flow: spread(cost) for flow, cost in body.items()}
         return self._costs.loop(number, spread_body, each=spread(each), last=spread(last))
 
     # --- calls ---
 
-    def _call(self, call: t.Call, path: tuple[str, ...], state: State) -> Cost:
+    def _call(self, call: t.Call, path: tuple[str, ...], state: PathState) -> PathCost:
         """The body behind a call, the worst where it is virtual; arguments are the caller's affair."""
         keys = {call.callee} | (overriding(self._units.project, call.callee) if call.is_virtual else set())
-        worst: Cost | None = None
+        worst: PathCost | None = None
         for key in sorted(keys):
             unit = self._units.of(key)
             self._called.add(key)
@@ -259,15 +257,6 @@ class _Body:
             self._unbounded.update(dict.fromkeys(unit.unbounded))
             site = new_version()
             touches: Touches = {(site, name): touch.called(path) for name, touch in unit.cost.touches.items()}
-            worst = self._costs.worse(worst, Cost(unit.cost.counts, touches))
+            worst = self._costs.worse(worst, PathCost(unit.cost.counts, touches))
         state.after_call(call)
-        return worst or Cost()
-
-
-def _after(before: Cost, ways: Outcomes) -> Outcomes:
-    return {flow: before.then(cost) for flow, cost in ways.items()}
-
-
-def _before(ways: Outcomes, flow: Flow, after: Cost) -> Outcomes:
-    """Only one way to go on, with something behind it."""
-    return {Flow.NEXT: ways[flow].then(after)} if flow in ways else {}
+        return worst or PathCost()

@@ -38,6 +38,12 @@ def expressions(root: t.Expression) -> Iterator[t.Expression]:
         stack.extend(reversed(parts(current)))
 
 
+def variables(root: t.Expression) -> set[t.Variable]:
+    """The variables that an expression reads."""
+    named = (part for part in expressions(root) if isinstance(part, t.VariableRef | t.InstanceVariable))
+    return {part.variable for part in named}
+
+
 def own_expressions(statement: t.Statement) -> tuple[t.Expression, ...]:  # noqa: PLR0911 - one return a case
     """The expressions of a statement itself, not of the statements inside of it."""
     match statement:

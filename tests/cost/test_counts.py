@@ -2,8 +2,9 @@
 
 import pytest
 
+from st_codegen.cost.units import Units
 from st_codegen.st import LaneMachine, ScalarMachine
-from tests.cost.helpers import CONSTANTS, VARIABLES, block, counts, project, unit
+from tests.cost.helpers import CONSTANTS, PROFILE, VARIABLES, block, counts, project, unit
 
 STATEMENTS = {
     # assignments and expressions
@@ -169,6 +170,36 @@ def test_bounds_of_loops_are_derived_or_missed_aloud(body, rounds):
     else:
         assert found.unbounded == ()
         assert counts(body)["sqrt"] == rounds
+
+
+METHODS = """VAR_GLOBAL G : DINT; END_VAR
+FUNCTION_BLOCK FB_G G := 9; END_FUNCTION_BLOCK
+FUNCTION_BLOCK FB_O VAR_OUTPUT w : DINT; END_VAR w := 9; END_FUNCTION_BLOCK
+FUNCTION_BLOCK FB_T
+VAR i : DINT; n : DINT; m : DINT; x : LREAL; fb : FB_G; o : FB_O; p : POINTER TO DINT; END_VAR
+{} FOR i := 0 TO {} DO x := SQRT(x); END_FOR; {}
+METHOD Set n := 9; END_METHOD
+END_FUNCTION_BLOCK
+"""
+
+
+@pytest.mark.parametrize(
+    ("before", "limit", "behind", "is_bounded"),
+    [
+        ("n := 4;", "n", "", True),
+        ("n := 4; Set();", "n", "", False),
+        ("n := 4; o(w => n);", "n", "", False),
+        ("n := 4; p := ADR(n); p^ := 9;", "n", "", False),
+        ("G := 4; fb();", "G", "", False),
+        ("n := 4; FOR m := 0 TO 1 DO", "n", "x := x + 1.0; END_FOR;", True),
+        ("n := 4; FOR m := 0 TO 1 DO", "n", "Set(); END_FOR;", False),
+        ("n := 4; FOR m := 0 TO 1 DO", "n", "o(w => n); END_FOR;", False),
+    ],
+)
+def test_a_bound_is_known_only_while_nothing_else_can_assign_it(before, limit, behind, is_bounded):
+    checked = project(METHODS.format(before, limit, behind))
+    found = Units(checked, PROFILE.weights(is_cold=True)).of("FB_T")
+    assert bool(found.unbounded) is not is_bounded
 
 
 def test_a_search_that_halves_is_bounded():

@@ -2,8 +2,8 @@
 
 import pytest
 
-from st_codegen.cost.memory import lines_by_place
-from tests.cost.helpers import CONSTANTS, VARIABLES, cost, unit
+from st_codegen.cost.memory import lines_by_region
+from tests.cost.helpers import CONSTANTS, VARIABLES, cost, counts, unit
 
 LINES = {
     # one element, the same one again, another one; T has 13 lines
@@ -11,13 +11,14 @@ LINES = {
     "x := T[i] + T[i];": 1,
     "x := T[i] + T[n];": 2,
     "x := T[i]; i := i + 1; x := T[i];": 2,
+    "x := T[n]; IF b THEN n := n + 1; END_IF; x := T[n];": 2,
     "IF b THEN x := T[i]; ELSE x := T[n]; END_IF;": 2,
     # neighbours in a record are one line, farther ones lie in as many lines as fit between them
     "x := T[2 * i] + T[2 * i + 1];": 1,
     "x := T[i] + T[i + 20];": 2,
     "x := T[i - 3] + T[i + 20] + T[i + 5];": 3,
     "n := 4; x := T[n] + T[5];": 1,
-    # a walk along the table, a part of it, with a stride, and many places that are not known
+    # a walk along the table, a part of it, with a stride, and many elements that are not known
     "FOR i := 0 TO 99 DO x := x + T[i]; END_FOR;": 13,
     "FOR i := 0 TO 15 DO x := x + T[i]; END_FOR;": 3,
     "FOR i := 0 TO 3 DO x := x + T[20 * i]; END_FOR;": 4,
@@ -36,8 +37,8 @@ LINES = {
 
 @pytest.mark.parametrize(("body", "lines"), LINES.items(), ids=range(len(LINES)))
 def test_lines_of_a_table(body, lines):
-    places = lines_by_place(unit(body).cost.touches)
-    assert {place.name: number for place, number in places.items()}["T"] == lines
+    regions = lines_by_region(unit(body).cost.touches)
+    assert {region.name: number for region, number in regions.items()}["T"] == lines
 
 
 def test_the_table_of_a_block_is_shared_by_its_instances_and_its_memory_is_not():
@@ -46,10 +47,10 @@ def test_the_table_of_a_block_is_shared_by_its_instances_and_its_memory_is_not()
     inner += "FOR i := 0 TO 15 DO a[i] := x * T[i]; END_FOR; FOR i := 16 TO 31 DO x := x + T[i]; END_FOR;\n"
     inner += "END_FUNCTION_BLOCK\n"
     variables = VARIABLES + "fb : FB_I; other : FB_I;" + CONSTANTS
-    places = lines_by_place(unit("fb(x := x); other(x := y);", before=inner, variables=variables).cost.touches)
+    regions = lines_by_region(unit("fb(x := x); other(x := y);", before=inner, variables=variables).cost.touches)
     found = {}
-    for place, number in places.items():
-        found.setdefault(place.name, []).append(number)
+    for region, number in regions.items():
+        found.setdefault(region.name, []).append(number)
     assert found["T"] == [4]
     assert found["A"] == [2, 2]
     assert len(found["FB_I variables"]) == 2
@@ -65,3 +66,39 @@ def test_tables_beyond_the_first_cache_wait_for_the_second_one_even_when_warm():
     small, large = cost(text(1000)), cost(text(4000))
     assert large.warm_us > 4.2 * small.warm_us
     assert large.cold_us > large.warm_us
+
+
+SETTER = "FUNCTION_BLOCK FB_S VAR_OUTPUT k : DINT; END_VAR k := k + 1; END_FUNCTION_BLOCK\n"
+
+
+@pytest.mark.parametrize(
+    ("body", "lines"),
+    [("x := T[n]; fb(k => n); x := T[n];", 2), ("x := T[fb.k]; fb(); x := T[fb.k];", 2), ("x := T[n]; x := T[n];", 1)],
+)
+def test_a_call_moves_what_it_assigns(body, lines):
+    found = lines_by_region(unit(body, before=SETTER, variables=VARIABLES + "fb : FB_S;" + CONSTANTS).cost.touches)
+    assert {region.name: number for region, number in found.items()}["T"] == lines
+
+
+def test_a_structure_that_is_copied_lies_in_as_many_lines_as_its_bytes():
+    record = "TYPE ST_R : STRUCT a : ARRAY[0..15] OF LREAL; END_STRUCT END_TYPE\n"
+    variables = VARIABLES + "records : ARRAY[0..9] OF ST_R; st : ST_R;" + CONSTANTS
+    found = lines_by_region(unit("st := records[i];", before=record, variables=variables).cost.touches)
+    # 128 bytes from anywhere, copied eight at a time
+    assert counts("st := records[i];", before=record, variables=variables) == {"load": 1 + 16, "store": 16, "index": 1}
+    assert {region.name: number for region, number in found.items()}["RECORDS"] == 3
+
+
+@pytest.mark.parametrize(
+    ("body", "regions"),
+    [
+        ("x := y;", {"FB_T variables"}),
+        ("x := G;", {"FB_T variables", "G"}),
+        ("i := fb.k;", {"FB_T variables", "K"}),
+        ("x := a[i];", {"FB_T variables", "A"}),
+    ],
+)
+def test_the_scalars_of_a_unit_are_one_region_and_all_else_is_its_own(body, regions):
+    before = "VAR_GLOBAL G : LREAL; END_VAR\n" + SETTER
+    found = unit(body, before=before, variables=VARIABLES + "fb : FB_S;" + CONSTANTS).cost.touches
+    assert {touch.region.name for touch in found.values()} == regions
