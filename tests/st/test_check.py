@@ -457,24 +457,58 @@ RULES = [
 ]
 
 
-@pytest.mark.parametrize(("rule", "text", "message"), RULES)
-def test_the_table_of_a_dialect_decides(rule: str, text: str, message: str) -> None:
+@pytest.mark.parametrize(("rule", "source", "message"), RULES)
+def test_the_table_of_a_dialect_decides(rule: str, source: str, message: str) -> None:
     """The checker asks for single rules, so that a dialect with any choice of them works."""
-    assert parse_project({"t.st": text}, TWINCAT)
+    assert parse_project({"t.st": source}, TWINCAT)
     with pytest.raises(StCheckError, match=message):
-        parse_project({"t.st": text}, replace(TWINCAT, **{rule: False}))
-    assert parse_project({"t.st": text}, replace(IEC, **{rule: True, "has_partial_initialisers": True}))
+        parse_project({"t.st": source}, replace(TWINCAT, **{rule: False}))
+    assert parse_project({"t.st": source}, replace(IEC, **{rule: True, "has_partial_initialisers": True}))
 
 
 def test_functions_are_refused_by_the_patterns_of_the_table() -> None:
-    text = block("x := LN(x) + TO_LREAL(n);", "x : LREAL; n : DINT;")
+    source = block("x := LN(x) + TO_LREAL(n);", "x : LREAL; n : DINT;")
     dialect = replace(TWINCAT, refused_functions={"LOG|LN": "is not here", r"TO_\w+": "is not there"})
     with pytest.raises(StCheckError, match="LN is not here"):
-        parse_project({"t.st": text}, dialect)
+        parse_project({"t.st": source}, dialect)
     with pytest.raises(StCheckError, match="TO_LREAL is not there"):
-        parse_project({"t.st": text.replace("LN(x)", "x")}, dialect)
+        parse_project({"t.st": source.replace("LN(x)", "x")}, dialect)
 
 
 def test_an_unknown_dialect_is_refused_with_the_known_ones() -> None:
     with pytest.raises(InputError, match="unknown dialect 'scl': known are iec, twincat"):
         parse_project({"t.st": block("")}, "scl")
+
+
+STANDARD = [
+    ("fX := ABS(fX); nX := ABS(nX); rX := ABS(rX);", ""),
+    ("bX := ABS(bX);", "no ABS of BOOL"),
+    ("wX := ABS(wX);", "no ABS of WORD"),
+    ("nX := ADD(nX, nX, nX);", ""),
+    ("nX := ADD(nX, bX);", "no operation between DINT and BOOL"),
+    ("nX := ADD(IN1 := nX, IN2 := nX, IN3 := nX, IN4 := nX);", ""),
+    ("nX := ADD(IN1 := nX, IN2 := nX, IN4 := nX);", "'IN4' is not, or no longer, an argument of ADD(IN1, IN2, IN3)"),
+    ("nX := MUX(nX, nX, nX, nX);", ""),
+    ("nX := MUX(K := nX, IN0 := nX, IN1 := nX, IN2 := nX);", ""),
+    ("nX := MUX(nX, nX, bX);", "no operation between DINT and BOOL"),
+    ("nX := MUX(K := nX, IN0 := nX, IN2 := nX);", "'IN2' is not, or no longer, an argument of MUX(K, IN0, IN1)"),
+    ("nX := MUX(fX, nX, nX);", "the first argument of MUX is an integer, not LREAL"),
+    ("nX := SEL(bX, nX, nX);", ""),
+    ("nX := SEL(nX, nX, nX);", "DINT where BOOL is needed"),
+    ("fX := SEL(bX, nX, nX);", "DINT where LREAL is needed"),
+    ("wX := SHL(wX, nX);", ""),
+    ("wX := SHL(wX, fX);", "SHL shifts by an integer, not by LREAL"),
+    ("fX := SHL(fX, nX);", "SHL takes a bit string, not LREAL"),
+    ("nX := MAX(nX, nY, nX);", ""),
+    ("bX := MAX(bX, bX);", "no MAX of BOOL"),
+    ("nX := SUB(nX, nX, nX);", "SUB takes 2 arguments, not 3"),
+]
+
+
+@pytest.mark.parametrize(("body", "message"), STANDARD)
+def test_standard_functions_take_what_the_standard_says(body: str, message: str) -> None:
+    if not message:
+        parse_project({"t.st": text(body)}, IEC)
+        return
+    (found,) = problems(text(body), "iec")
+    assert found.startswith(message)
