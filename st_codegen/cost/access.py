@@ -77,10 +77,13 @@ class _Address:
     text: tuple[object, ...] = ()
 
     def touch(self, size: int) -> PathCost:
+        """An access to a value of a size, eight bytes at a time."""
         if self.region is None:
             return PathCost()
         key = (self.region, self.text, tuple(sorted(self.affine.items())), self.varies)
-        touch = Touch(self.region, self.affine, self.varies, low=self.offset, high=self.offset + max(size - 8, 0))
+        words = _words(size)
+        end = self.offset + 8 * (words - 1)
+        touch = Touch(self.region, self.affine, self.varies, executions=words, low=self.offset, high=end)
         return PathCost({}, {key: touch})
 
 
@@ -134,7 +137,7 @@ class Accesses:
 
     def _words(self, operation: Operation, type_: Type) -> PathCost:
         """A load or store of a value, eight bytes at a time."""
-        return self._costs.of(*[operation] * max(-(-self._size(type_) // 8), 1))
+        return self._costs.of(*[operation] * _words(self._size(type_)))
 
     def _size(self, type_: Type) -> int:
         return size_of(type_, self._project.pous)
@@ -247,6 +250,11 @@ class Accesses:
             body = PathCost(body.counts, {key: replace(x, varies=x.varies | varies) for key, x in body.touches.items()})
         result = self._costs.of(Operation.CALL, Operation.LOAD) if call.has_result else self._costs.of(Operation.CALL)
         return cost.then(body).then(result).then(after)
+
+
+def _words(size: int) -> int:
+    """How many accesses of eight bytes a value of a size takes, at least one."""
+    return max(-(-size // 8), 1)
 
 
 def _is_aggregate(node: t.Expression) -> bool:

@@ -64,7 +64,8 @@ class Touch:
     """Accesses to one region: `count` unrelated positions, each a span of bytes, in so many `executions` in all.
 
     `affine` maps versions to bytes: where the position moves evenly. `varies`: versions it depends on otherwise. `low`
-    and `high` are the first and the last byte that is asked for at one position, less the size of an element.
+    and `high` are the first and the last byte that is asked for at one position, less the size of an element. An
+    execution reads or writes eight bytes at most.
     """
 
     region: Region
