@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -107,12 +108,24 @@ def draw_machine(random: np.random.Generator, small: bool) -> Machine:
 
 
 def st_codegen(arguments: Sequence[str], timeout: float, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    """Run the command line of this checkout in a process of its own. Raises subprocess.TimeoutExpired."""
+    """Run the command line of this checkout in a process of its own, and end it with its workers after `timeout` s.
+
+    Raises subprocess.TimeoutExpired.
+    """
     environment = {**os.environ, **ONE_CORE, "PYTHONPATH": str(ROOT), "NO_COLOR": "1"}
     command = [sys.executable, "-m", "st_codegen", *arguments]
-    return subprocess.run(
-        command, capture_output=True, text=True, timeout=timeout, env=environment, cwd=cwd, check=False
-    )
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment, cwd=cwd,
+        start_new_session=True,
+    ) as process:  # fmt: skip
+        try:
+            out, error = process.communicate(timeout=timeout)
+        except BaseException:
+            # the whole session: a worker that outlives its parent would keep the pipes open
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+            raise
+    return subprocess.CompletedProcess(command, process.returncode, out, error)
 
 
 def silent_rig(text: str) -> str:

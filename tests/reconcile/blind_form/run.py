@@ -57,7 +57,10 @@ def new_rig(truth: Truth, path: Path) -> NewRig:
         return NewRig(truth.known, truth.known_fresh)
     keys = Points.__dataclass_fields__
     both = Points(*(summary.joined(getattr(truth.points, key), getattr(truth.new_points, key)) for key in keys))
-    te = simulate(text, both, truth.samples)
+    try:
+        te = simulate(text, both, truth.samples)
+    except ValueError as refusal:
+        return NewRig(truth.known, truth.known_fresh, " ".join(str(refusal).split())[:200])
     runs = len(truth.points)
     return NewRig(te[:runs], te[runs:])
 
@@ -102,7 +105,7 @@ def judged(truth: Truth, done: subprocess.CompletedProcess[str], out: Path) -> d
         spoken = {round(order) for claim in (*report.effects, *report.retuned) for order in claim.orders}
         spoken |= {round(entry.order) for entry in report.unexplained if entry.order is not None}
         added = spectrum(rig.fresh - truth.known_fresh)[..., : truth.samples // 4]
-        plain = comparison.judge(truth, sorted(spoken), added)
+        plain = None if rig.problem else comparison.judge(truth, sorted(spoken), added)
     except Exception:  # a report that cannot be read is a failure of the program, not of the run
         return {"status": "unreadable", "right": False, "reason": traceback.format_exc()[-600:]}
     said = [claim.name + "".join(f" {round(order)}" for order in claim.orders[:4]) for claim in report.effects]
@@ -125,7 +128,9 @@ def kept(path: Path, mark: str) -> dict[str, dict[str, Any]]:
 def arguments(values: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tests.reconcile.blind_form.run", description=__doc__)
     parser.add_argument("--seeds", choices=tuple(cases.FIRST_SEED), default="dev", help="dev: to look at; heldout")
-    parser.add_argument("--cases", type=int, default=len(cases.PASS), help="how many cases; a pass has each kind once")
+    parser.add_argument(
+        "--cases", type=int, default=len(cases.PASS), help="how many; one pass has each kind once"
+    )
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
     parser.add_argument("--kind", default="", help="only cases whose name contains one of these texts, comma between")
     parser.add_argument("--peer", choices=tuple(peers.PEERS), help="another method on the same cases")

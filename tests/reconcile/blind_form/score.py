@@ -40,10 +40,14 @@ class Statement:
 
 @dataclass(frozen=True)
 class NewRig:
-    """Curves of the rig.toml that was written, free of noise, at the measured runs and at fresh ones."""
+    """Curves of the rig.toml that was written, free of noise, at the measured runs and at fresh ones.
+
+    `problem`: why the program refuses the file that it wrote; then the curves are those of the old rig.
+    """
 
     measured: Array
     fresh: Array
+    problem: str = ""
 
 
 @dataclass(frozen=True)
@@ -323,11 +327,17 @@ def score(truth: Truth, report: Report, rig: NewRig) -> Score:
     suspect_rows, recall = _suspects(truth, report)
     found = mistakes_named(truth, report, "", recall)
     false = _false_names(truth, report) + _bounds(report) + _false_mistakes(truth, report)
-    false += _verdict(truth, report, rig, set(found) == set(truth.case.mistakes))
-    rows, sizes = _sizes(truth, report, rig) if not truth.case.mistakes else ([], [])
     floor_rows, floor = _floor(truth, report)
-    held_rows, held_out = _held_out(truth, report, rig)
-    false += rows + floor_rows + held_rows + suspect_rows
+    false += floor_rows + suspect_rows
+    sizes: list[tuple[float, float]] = []
+    held_out = None
+    if rig.problem:
+        false.append(Statement("rig", f"the rig.toml that it wrote is refused: {rig.problem}"))
+    else:
+        false += _verdict(truth, report, rig, set(found) == set(truth.case.mistakes))
+        held_rows, held_out = _held_out(truth, report, rig)
+        rows, sizes = _sizes(truth, report, rig) if not truth.case.mistakes else ([], [])
+        false += rows + held_rows
     missing, named = _unsaid(truth, report)
     missing += [f"mistake of measuring not named: {mistake}" for mistake in truth.case.mistakes if mistake not in found]
     missing += [f"file not spoken of: {name}" for name in truth.bad_files if name not in report.whole]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from . import cases, comparison, measuring, mesh, peers, run, summary
-from .machine import Machine
+from .machine import Machine, st_codegen
 from .make import Truth
 from .points import Points, curves
 from .report import read_report, says
@@ -123,6 +123,12 @@ def test_a_new_rig_that_is_worse_is_no_progress():
     assert any("worse on fresh runs" in row.text for row in marks.false)
 
 
+def test_a_rig_that_the_program_refuses_is_a_false_statement():
+    truth = truth_of(wave(53, ("pin_error",)))
+    rig = NewRig(truth.known, truth.known_fresh, "upper_ratio = 6.75 is outside 0 .. 5")
+    assert kinds(score(truth, report_of(effects=[{"name": "pin_error"}]), rig)) == {"rig"}
+
+
 def test_a_parameter_at_a_bound_is_no_finding():
     effect = {
         "name": "pin_error",
@@ -192,6 +198,11 @@ def test_results_of_the_command(tmp_path):
     assert crashed["status"] == "failed"
     assert "ValueError: x" in crashed["reason"]
     assert run.judged(truth, subprocess.CompletedProcess([], 0, "", ""), tmp_path)["status"] == "unreadable"
+
+
+def test_a_command_over_its_time_is_ended():
+    with pytest.raises(subprocess.TimeoutExpired):
+        st_codegen(["reconcile", "--help"], 0.01)
 
 
 def result(name, noise, right, false=(), probabilities=(), seed=1):
