@@ -139,6 +139,15 @@ def _measurement(report: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(found)
 
 
+def _suspect(entry: Any) -> str:
+    """A suspected run as text: its file, or its conditions with their units."""
+    if not isinstance(entry, Mapping):
+        return str(entry)
+    conditions = [entry.get(key) for key in ("speed_rpm", "torque_Nm", "temperature_C")]
+    label = "{} rpm, {} N m, {} degC".format(*conditions) if None not in conditions else ""
+    return f"{label} {json.dumps(entry)}"
+
+
 def read_report(report: Mapping[str, Any]) -> Report:
     """KeyError or ValueError where a promised key is missing or is something else."""
     gap = {
@@ -155,7 +164,7 @@ def read_report(report: Mapping[str, Any]) -> Report:
         tuple(int(order) for order in report.get("orders", ())),
         {float(row["order"]): {k: float(v) for k, v in row.items() if _number(v) is not None}
          for row in report.get("gap_by_order", ())},
-        tuple(json.dumps(run) for run in report.get("suspect_runs", ())),
+        tuple(map(_suspect, report.get("suspect_runs", ()))),
         zeros,
         _measurement(report),
         _about(report, _UNSEEN_KEYS),

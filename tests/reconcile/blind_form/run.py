@@ -128,9 +128,7 @@ def kept(path: Path, mark: str) -> dict[str, dict[str, Any]]:
 def arguments(values: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tests.reconcile.blind_form.run", description=__doc__)
     parser.add_argument("--seeds", choices=tuple(cases.FIRST_SEED), default="dev", help="dev: to look at; heldout")
-    parser.add_argument(
-        "--cases", type=int, default=len(cases.PASS), help="how many; one pass has each kind once"
-    )
+    parser.add_argument("--cases", type=int, default=len(cases.PASS), help="how many; one pass has each kind once")
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
     parser.add_argument("--kind", default="", help="only cases whose name contains one of these texts, comma between")
     parser.add_argument("--peer", choices=tuple(peers.PEERS), help="another method on the same cases")

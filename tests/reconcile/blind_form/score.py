@@ -244,14 +244,14 @@ def _held_out(truth: Truth, report: Report, rig: NewRig) -> tuple[list[Statement
 
 
 def is_said_bad(truth: Truth, text: str, row: int) -> bool:
-    """A suspect's text is about this run: by its file, or by the three numbers of its label."""
-    if re.search(rf"run_0*{row + 1}\.csv", text):
-        return True
+    """A suspect's text is about this run: by its file, or by speed, torque and temperature of its label."""
+    numbered = re.findall(r"run_0*(\d+)\.csv", text)
+    if numbered:
+        return str(row + 1) in numbered
     points = truth.labelled
-    marks = (f"{points.speed[row]:g}", f"{points.torque[row]:g}", f"{points.temperature[row]:g}")
-    found = re.findall(r"[\d.]*\d", text)
-    numbers = {float(number) for number in found if number.count(".") < 2}
-    return all(float(mark) in numbers for mark in marks)
+    found = [re.search(rf"([\d.]*\d) ?{unit}", text) for unit in ("rpm", "N ?m", "(?:deg|°)")]
+    label = (points.speed[row], points.torque[row], points.temperature[row])
+    return all(one is not None and float(one[1]) == value for one, value in zip(found, label, strict=True))
 
 
 def _suspects(truth: Truth, report: Report) -> tuple[list[Statement], float | None]:

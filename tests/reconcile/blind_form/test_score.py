@@ -169,8 +169,10 @@ def test_wrong_labels_are_suspects_and_right_runs_are_not():
     assert "suspect" in kinds(marks)
     points = truth.points
     text = f"{points.speed[7]:g} rpm, {points.torque[7]:g} N m, 30 deg C, forward"
-    marks = judged(truth, report_of("nothing_missing", suspect_runs=["run_0005.csv", text]))
-    assert marks.right
+    table = {"speed_rpm": points.speed[7], "torque_Nm": points.torque[7], "temperature_C": 30}
+    name = f"{points.speed[7]:.1f}rpm{points.torque[7]:.1f}Nm30.0deg.csv"
+    for said in (text, table, name):
+        assert judged(truth, report_of("nothing_missing", suspect_runs=["run_0005.csv", said])).right
 
 
 def test_a_refusal_may_not_advise_what_does_not_exist():
