@@ -65,9 +65,9 @@ class Case:
         return self.kind
 
     @property
-    def group(self) -> str:
-        """What cases share that differ in noise alone."""
-        return f"{self.label}/{self.seed}"
+    def number(self) -> str:
+        """The name without what is hidden."""
+        return "-".join(self.name.split("-")[:2])
 
     def plain(self) -> dict[str, Any]:
         return asdict(self) | {"mistakes": list(self.mistakes), "label": self.label}

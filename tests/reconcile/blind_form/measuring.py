@@ -195,9 +195,9 @@ MISTAKES: dict[str, Mistake] = {
 }  # fmt: skip
 #: words by which a report may name a mistake; one of them has to stand where it speaks of the measurement
 WORDS: dict[str, tuple[str, ...]] = {
-    "arcsec": ("arcsec", "unit", "--scale"),
-    "arcmin": ("arcmin", "unit", "--scale"),
-    "rad": ("radian", "in rad", "unit", "--scale"),
+    "arcsec": ("arcsec", "arc second", "seconds of arc"),
+    "arcmin": ("arcmin", "arc minute", "minutes of arc"),
+    "rad": ("rad ", "rad:", "rad,", "rad.", "radian", "in rad", "unit rad"),
     "sign": ("sign",),
     "direction": ("direction", "swapped", "exchanged"),
     "home_offset": ("home", "origin", "angle offset", "zero of the angle"),

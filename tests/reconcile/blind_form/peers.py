@@ -129,7 +129,7 @@ def explain(truth: Truth, fit: Fit) -> tuple[list[int], Complex, Array]:
 
 
 def run_case(case: cases.Case, work: Path, fit: Fit) -> dict[str, Any]:
-    folder = work / case.name
+    folder = work / f"{case.number}-peer"
     shutil.rmtree(folder, ignore_errors=True)
     truth = make(case, folder)
     orders, added, _ = explain(truth, fit)

@@ -67,7 +67,8 @@ def new_rig(truth: Truth, path: Path) -> NewRig:
 
 def run_case(case: cases.Case, work: Path, limit: float, keep: bool = False) -> dict[str, Any]:
     """Write, reconcile and score one case; a crash or a time over the limit is a result too."""
-    folder = work / case.name
+    # the path may stand in messages, and may not give away the answer
+    folder = work / case.number
     shutil.rmtree(folder, ignore_errors=True)
     start = time.perf_counter()
     truth = make(case, folder)

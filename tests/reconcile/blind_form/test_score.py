@@ -188,10 +188,16 @@ def test_what_never_varied_has_to_be_said():
     assert not judged(truth, report_of("nothing_missing", not_shown=["temperature: 30 deg C in all runs"])).false
 
 
+def test_no_folder_gives_away_the_answer():
+    for case in cases.listed("dev", 100):
+        assert not [kind for kind in (case.kind, *case.mistakes, case.trouble) if kind and kind in case.number]
+
+
 def test_words_of_mistakes_do_not_contain_each_other():
     assert set(measuring.WORDS) == set(measuring.MISTAKES)
     assert says("the sign of TE", measuring.WORDS["sign"])
     assert not says("a design", measuring.WORDS["sign"])
+    assert not refused(truth_of(mistakes=("arcmin",)), "60 times the rig's: rad? give --scale 0.017", "--scale").right
 
 
 def test_results_of_the_command(tmp_path):
