@@ -6,15 +6,15 @@ as the reader of such files does (`walkers.beckhoff_ml`).
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path, PureWindowsPath
-from typing import Any
 
 import numpy as np
 
 from st_codegen.beckhoff_ml.model import load_file
 from st_codegen.errors import InputError
+from st_codegen.ir import BoolArray
 from st_codegen.st import Library, NativeBlock, NativeCall
-from st_codegen.st.run.natives import Host
 from st_codegen.walkers.base import Predictor
 
 _TEXT = """
@@ -23,6 +23,7 @@ TYPE ST_MllPredictionParameters : STRUCT MlModelFilepath : STRING(255); MaxConcu
 FUNCTION_BLOCK FB_MllPrediction
 VAR_INPUT stPredictionParameter : ST_MllPredictionParameters; END_VAR
 VAR_OUTPUT bBusy : BOOL; bError : BOOL; hrErrorCode : DINT; END_VAR
+VAR sLoaded : STRING(255); END_VAR
 METHOD Configure : BOOL END_METHOD
 METHOD Predict : BOOL
 VAR_INPUT
@@ -37,47 +38,54 @@ END_FUNCTION_BLOCK
 _ERROR = -1
 
 
-def _text(stored: Any) -> str:
-    """A string as a machine stores it, with or without lanes: all have the same path."""
-    return str(np.ravel(np.asarray(stored, dtype=object))[0])
-
-
 def mll_library(folder: Path) -> Library | None:
     """Tc3_MLL for a generated folder with model files; a path on the controller means the file that ends so."""
     if not any(folder.glob("Models/*/*.xml")):
         return None
 
-    class Prediction(NativeBlock):
-        """FB_MllPrediction."""
+    @cache
+    def predictor(path: str) -> Predictor | None:
+        parts = PureWindowsPath(path)
+        try:
+            return load_file(folder / "Models" / Path(*parts.parts[-2:]), parts.stem).predict
+        except (InputError, OSError):
+            return None
 
-        def __init__(self, machine: Host) -> None:
-            super().__init__(machine)
-            self.predictor: Predictor | None = None
+    class Prediction(NativeBlock):
+        """FB_MllPrediction; what is loaded stands in the variables of the block alone."""
+
+        is_pure = True
 
         def Configure(self, call: NativeCall) -> None:  # noqa: N802 - the name of the library
-            """Read the file; done in one cycle here."""
-            path = PureWindowsPath(_text(call["STPREDICTIONPARAMETER"].v_MLMODELFILEPATH))
-            file = folder / "Models" / Path(*path.parts[-2:])
-            try:
-                self.predictor = load_file(file, path.stem).predict
-            except (InputError, OSError):
-                self.predictor = None
-            call["BERROR"] = self.predictor is None
-            call["HRERRORCODE"] = 0 if self.predictor is not None else _ERROR
+            """Read the files; done in one cycle here."""
+            paths = call["STPREDICTIONPARAMETER.MLMODELFILEPATH"]
+            usable = np.array([bool(path) and predictor(str(path)) is not None for path in paths])
+            call["SLOADED"] = np.where(usable, paths, "")
+            _note(call, usable)
             call["CONFIGURE"] = True
 
         def Predict(self, call: NativeCall) -> None:  # noqa: N802
-            """The prediction of the active lanes."""
+            """The predictions of the calling rows."""
             given, results = call["PDATAINP"], call["PDATAOUT"]
-            usable = self.predictor is not None and given is not None and results is not None
-            if usable and self.predictor is not None:
-                values = self.predictor(np.asarray(given.read(), np.float64))
-                usable = values.shape[1] == int(call["NDATAOUTDIM"][0])
-                if usable:
-                    with np.errstate(over="ignore"):  # a result beyond a REAL arrives as infinity
-                        results.write(values)
-            call["BERROR"] = not usable
-            call["HRERRORCODE"] = 0 if usable else _ERROR
+            loaded = call["SLOADED"]
+            usable = np.zeros(len(loaded), np.bool_)
+            if given is not None and results is not None:
+                x, y = np.asarray(given.read(), np.float64), results.read()
+                for path in np.unique(loaded[loaded != ""]):
+                    chosen = loaded == path
+                    predict = predictor(str(path))
+                    values = None if predict is None else predict(x[chosen])
+                    if values is not None and values.shape[1] == y.shape[1] == int(call["NDATAOUTDIM"][0]):
+                        with np.errstate(over="ignore"):  # a result beyond a REAL arrives as infinity
+                            y[chosen] = values
+                        usable |= chosen
+                results.write(y)
+            _note(call, usable)
             call["PREDICT"] = usable
 
     return Library("Tc3_MLL", _TEXT, blocks={"FB_MllPrediction": Prediction})
+
+
+def _note(call: NativeCall, usable: BoolArray) -> None:
+    call["BERROR"] = ~usable
+    call["HRERRORCODE"] = np.where(usable, 0, _ERROR)

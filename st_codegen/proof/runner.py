@@ -1,4 +1,4 @@
-"""Runs generated text: rows in, predictions out, through the interpreter alone."""
+"""Runs generated text: rows in, predictions out, through the engine of `st` alone."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ import numpy as np
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import BoolArray, FloatArray
 from st_codegen.proof.arithmetic import libraries_of
-from st_codegen.st import LaneMachine, Project, StError, StRuntimeError, load_project
+from st_codegen.st import Machine, Project, StError, StRuntimeError, load_project
 from st_codegen.st.run.machine import Instance
 from st_codegen.st.tree import Pou
 from st_codegen.st.types import ArrayType, Elementary, Type
 
-#: Rows that the interpreter takes at once: bounds its memory.
-_BATCH = 20_000
+#: Rows that are run at once: their records stay in the caches of a processor.
+_BATCH = 4_000
 
 #: Where a block begins and ends in files that hold several.
 _PART_OF_FILE = {
@@ -104,17 +104,15 @@ class GeneratedCode:
         values = np.column_stack([result[f"fOut{number + 1}"] for number in outputs])
         return BlockResult(values, result["bValid"].astype(np.bool_))
 
-    def call(
-        self, block: str, inputs: Mapping[str, FloatArray], lanes: int, *, calls: int = 1
-    ) -> dict[str, FloatArray]:
-        """Call a block `calls` times with an array for each named input; returns all its outputs, lanes first."""
-        instance = self._instance(block, lanes)
+    def call(self, block: str, inputs: Mapping[str, FloatArray], rows: int, *, calls: int = 1) -> dict[str, FloatArray]:
+        """Call a block `calls` times with an array for each named input; returns all its outputs, rows first."""
+        instance = self._instance(block, rows)
         for _ in range(calls - 1):
             self._run(instance, block, inputs)
         return self._run(instance, block, inputs)
 
-    def _instance(self, block: str, lanes: int) -> Instance:
-        return LaneMachine(self.project, lanes=lanes, libraries=self.libraries).instance(self._pou(block).name)
+    def _instance(self, block: str, rows: int) -> Instance:
+        return Machine(self.project, rows, libraries=self.libraries).instance(self._pou(block).name)
 
     def _run(self, instance: Instance, block: str, inputs: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         try:

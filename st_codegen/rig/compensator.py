@@ -1,37 +1,27 @@
-"""The generated Structured Text itself as the compensator: emitted files, read back, compiled to Python once.
-
-FB_TEPredict needs most of the time and depends on speed, torque and temperature only, which the motion profile and the
-oil's sensor give without the loop. So it is run for all cycles of a motion in advance, by the interpreter over lanes,
-from the same text; in the loop a call
-with exactly these inputs takes its outputs from there, any other call runs the text. Both interpreters give the same
-bits (see the tests).
-"""
+"""The generated Structured Text itself as the compensator: emitted files, read back, compiled once, run each cycle."""
 
 from __future__ import annotations
 
 import dataclasses
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-
 from st_codegen.driver import generate
 from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.targets import target_named
 from st_codegen.errors import GeneratedCodeError, InputError
-from st_codegen.ir.arrays import FloatArray
 from st_codegen.project.bundle import Bundle
 from st_codegen.rig.tasks import Form, Inputs, TaskSettings
-from st_codegen.st import LaneMachine, ScalarMachine, StError, StRuntimeError, load_project
+from st_codegen.st import Machine, StError, StRuntimeError, load_project
 from st_codegen.st.tree import Project
 from st_codegen.te.harmonics import TransmissionError
 from st_codegen.te.purpose import Compensation, transmission_error
 
-_PREDICT, _COMPENSATE = "FB_TEPredict", "FB_Compensator"
+_COMPENSATE = "FB_Compensator"
 PRG_FAST, PRG_SLOW, SIGNALS = "PRG_FAST", "PRG_SLOW", "GVL_Machine"
 _FAST_US = 250.0
 _LONGEST_LEAD_S = 0.1
@@ -41,8 +31,6 @@ LAWS: dict[str, dict[str, Any]] = {
     "continuous": {"bPublishedLaw": False},
     "full": {"bPublishedLaw": False, "fFullSpeed_rpm": 0.0},
 }
-#: Rows that the interpreter takes at once; larger batches fall out of the caches.
-_BATCH = 20_000
 
 
 @dataclass(frozen=True)
@@ -113,49 +101,8 @@ class EmittedCompensator:
         with tempfile.TemporaryDirectory(prefix="st-codegen-rig-") as name:
             generated = generate(bundle, target_named(target), Path(name))
             self.project = _read(generated.folder, target)
-        self._known: dict[tuple[float, ...], tuple[Any, ...]] = {}
         self._names = [variable.name for variable in input_variables(self.te.features)]
-        self._machine = ScalarMachine(self.project, replaced={_PREDICT: self._predict})
-        self._slots: list[str] = []
-        self._arrays: list[bool] = []
-
-    def foresee(self, speed_rpm: FloatArray, torque_Nm: FloatArray, temperature_C: FloatArray) -> None:
-        """Run FB_TEPredict at operating points, (rows,) each, so that the loop need not; others are forgotten."""
-        by_role = dict(
-            zip(
-                (self.roles.speed, self.roles.torque, self.roles.temperature),
-                (speed_rpm, torque_Nm, temperature_C),
-                strict=True,
-            )
-        )
-        rows = np.stack([np.abs(by_role[n]) if n == self.roles.speed else by_role[n] for n in self._names], axis=1)
-        wanted = list(map(tuple, np.unique(rows, axis=0).tolist()))
-        self._known = {key: self._known[key] for key in wanted if key in self._known}
-        rows = np.array([key for key in wanted if key not in self._known]).reshape(-1, len(self._names))
-        for start in range(0, len(rows), _BATCH):
-            part = rows[start : start + _BATCH]
-            instance = LaneMachine(self.project, lanes=len(part)).instance(_PREDICT)
-            for name, column in zip(self._names, part.T, strict=True):
-                instance[name] = np.ascontiguousarray(column)
-            _guarded(instance)
-            ports = [port.name for port in instance.outputs]
-            values = [np.asarray(instance[port]) for port in ports]
-            self._slots = [f"v_{port.upper()}" for port in ports]
-            self._arrays = [value.ndim == 2 for value in values]
-            valid = values[ports.index("bValid")]
-            lists = [value.tolist() for value in values]
-            for number, key in enumerate(map(tuple, part.tolist())):
-                if valid[number]:  # otherwise its outputs depend on the calls before
-                    self._known[key] = tuple(column[number] for column in lists)
-
-    def _predict(self, body: Callable[..., Any], runtime: Any, memory: Any) -> Any:
-        key = tuple(getattr(memory, f"v_{name.upper()}") for name in self._names)
-        row = self._known.get(key)
-        if row is None:
-            return body(runtime, memory)
-        for slot, value, is_array in zip(self._slots, row, self._arrays, strict=True):
-            setattr(memory, slot, list(value) if is_array else value)
-        return ()
+        self._machine = Machine(self.project)
 
     def start(
         self,
@@ -186,7 +133,7 @@ class EmittedCompensator:
             raise InputError(
                 f"PRG_Fast is made for a cycle of {_FAST_US:g} us, [tasks] has main_us = {tasks.main_us:g}"
             )
-        machine = ScalarMachine(self.project, replaced={_PREDICT: self._predict})  # programs exist once in a machine
+        machine = Machine(self.project)  # programs exist once in a machine
         signals = _Signals(machine)
         for name, value in settings.items():
             signals[name] = value
@@ -205,7 +152,7 @@ class EmittedCompensator:
 class _Signals:
     """The global variables of the programs, by their plain names."""
 
-    def __init__(self, machine: ScalarMachine) -> None:
+    def __init__(self, machine: Machine) -> None:
         self._globals = machine.globals
 
     def __getitem__(self, name: str) -> Any:

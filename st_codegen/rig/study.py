@@ -116,7 +116,6 @@ def simulate(
     for orders in wish.orders:
         compensator = known.get(orders) or EmittedCompensator(restricted(bundle, orders), wish.target)
         known[orders] = compensator
-        compensator.foresee(planned.speed_rpm, planned.wanted_Nm, planned.sensor_C)
         for law in wish.laws:
             for form in wish.forms:
                 lead = lead_time_s(rig, form) if wish.lead == AUTO else wish.lead

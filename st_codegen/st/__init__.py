@@ -1,4 +1,4 @@
-"""Structured Text: parser, checker and interpreters. Knows nothing of the code generator, whose output it judges."""
+"""Structured Text: parser, checker and engine. Knows nothing of the code generator, whose output it judges."""
 
 from __future__ import annotations
 
@@ -16,23 +16,21 @@ from st_codegen.st.errors import (
     StSyntaxError,
     StUsageError,
 )
-from st_codegen.st.run.lanes import LaneMachine
+from st_codegen.st.run.machine import Machine
 from st_codegen.st.run.natives import Library, NativeBlock, NativeCall
-from st_codegen.st.run.scalar import ScalarMachine
 from st_codegen.st.syntax.source import Source, read_paths, read_texts
 from st_codegen.st.tree import Project
 
 __all__ = [
     "DIALECTS",
     "Dialect",
-    "LaneMachine",
     "Library",
+    "Machine",
     "NativeBlock",
     "NativeCall",
     "Position",
     "Problem",
     "Project",
-    "ScalarMachine",
     "StCheckError",
     "StError",
     "StRuntimeError",

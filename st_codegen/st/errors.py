@@ -57,19 +57,17 @@ class StCheckError(StError):
 class StRuntimeError(StCodegenError):
     """What would stop a real controller: a floating point exception, an index out of range, an endless loop.
 
-    `kind` is a short fixed name of the cause (`division by zero`, `index out of range`, ..), `lane` the first row that
+    `kind` is a short fixed name of the cause (`division by zero`, `index out of range`, ..), `row` the first row that
     is affected, `operands` the values that caused it.
     """
 
-    def __init__(
-        self, kind: str, position: Position, detail: str, lane: int, operands: tuple[object, ...] = ()
-    ) -> None:
+    def __init__(self, kind: str, position: Position, detail: str, row: int, operands: tuple[object, ...] = ()) -> None:
         self.kind = kind
         self.position = position
         self.detail = detail
-        self.lane = lane
+        self.row = row
         self.operands = operands
-        super().__init__(f"{position}: {kind}: {detail}, lane {lane}")
+        super().__init__(f"{position}: {kind}: {detail}, row {row}")
 
 
 class StUsageError(StCodegenError):

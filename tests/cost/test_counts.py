@@ -3,7 +3,7 @@
 import pytest
 
 from st_codegen.cost.units import Units
-from st_codegen.st import LaneMachine, ScalarMachine
+from st_codegen.st import Machine
 from tests.cost.helpers import CONSTANTS, PROFILE, VARIABLES, block, counts, project, unit
 
 STATEMENTS = {
@@ -214,7 +214,7 @@ def test_a_search_that_halves_is_bounded():
         body.replace("m := (i + n) / 2;", "m := (i + n) / 2; nRounds := nRounds + 1;"),
         VARIABLES + "nRounds : DINT;" + "END_VAR VAR CONSTANT T : ARRAY[0..99] OF LREAL := [50(0.0), 50(1.0)];",
     )
-    machine = ScalarMachine(project(text))
+    machine = Machine(project(text))
     for x in (-1.0, 0.5, 2.0):
         instance = machine.instance("FB_T")
         instance["x"] = x
@@ -227,7 +227,7 @@ def test_no_run_takes_more_rounds_than_the_bound():
     bodies = [body for body, rounds in BOUNDED.items() if rounds is not None]
     for body in bodies:
         text = block(body.replace("x := SQRT(x);", "x := x + 1.0;"), VARIABLES + CONSTANTS)
-        machine = LaneMachine(project(text), lanes=8)
+        machine = Machine(project(text), rows=8)
         instance = machine.instance("FB_T")
         instance["n"] = list(range(4)) * 2
         instance["b"] = [False] * 4 + [True] * 4

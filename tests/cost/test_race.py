@@ -14,7 +14,7 @@ from benchmarks import race
 from benchmarks.harness import Harness, Result
 from benchmarks.isolated import FailedError, all_isolated, isolated
 from benchmarks.race_cases import cases
-from st_codegen.st import LaneMachine, load_project
+from st_codegen.st import Machine, load_project
 from tests import families
 from tests.cost.test_translator import GOLDEN, library
 
@@ -95,7 +95,7 @@ def test_the_whole_compensation_in_c(tmp_path):
     }.items():
         rows[:, names.index(name)] = column
     got = Harness(tmp_path).values(library(project, "FB_Compensator", tmp_path), rows, tmp_path)
-    machine = LaneMachine(project, lanes=1)
+    machine = Machine(project, rows=1)
     instance = machine.instance("FB_Compensator")
     for row, values in zip(rows, got, strict=True):
         inputs = dict(zip(names, row, strict=True))

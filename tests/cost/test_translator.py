@@ -11,7 +11,7 @@ from benchmarks.contenders import Built
 from benchmarks.harness import Harness
 from benchmarks.st_to_c import UntranslatableError, ports, translate
 from st_codegen.proof.runner import GeneratedCode
-from st_codegen.st import LaneMachine, parse_project
+from st_codegen.st import Machine, parse_project
 
 GOLDEN = Path(__file__).resolve().parent.parent.parent / "golden" / "lone"
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc: apt-get install gcc")
@@ -76,7 +76,7 @@ def test_every_statement_and_operator_is_translated(tmp_path):
     project = parse_project({"t.st": text}, "twincat")
     rows = np.array([[0.0], [0.5], [1.5], [2.5], [-2.5], [-1e3], [1e-300]])
     got = Harness(tmp_path).values(library(project, "FB_T", tmp_path), rows, tmp_path)
-    machine = LaneMachine(project, lanes=1)
+    machine = Machine(project, rows=1)
     instance = machine.instance("FB_T")  # one instance, as in C: the block inside counts its calls
     for row, values in zip(rows, got, strict=True):
         instance(x=row)

@@ -8,7 +8,7 @@ from st_codegen.passes.choose import Layout, Options
 from st_codegen.project.bundle import load
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.proof.verify import verify
-from st_codegen.st import LaneMachine
+from st_codegen.st import Machine
 
 
 @pytest.fixture(params=["twincat", "iec"])
@@ -28,7 +28,7 @@ def test_verification_waits_for_the_round(spread):
 
 def test_outputs_change_only_when_a_round_is_complete(spread):
     _, code = spread
-    block = LaneMachine(code.project, lanes=1).instance("FB_TEPredict")
+    block = Machine(code.project, rows=1).instance("FB_TEPredict")
     alone = code.call("FB_TEPredict", {"fSpeed_rpm": 500.0, "fTorque_Nm": 300.0, "fTemperature_C": 30.0}, 1, calls=2)
 
     def call(speed):

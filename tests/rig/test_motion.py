@@ -16,7 +16,7 @@ from st_codegen.rig.motion import Case, compare, lead_time_s, plan, run
 from st_codegen.rig.profiles import Profile
 from st_codegen.rig.study import AUTO, Wish, parse_inputs, parse_lead, parse_orders, simulate, with_oil
 from st_codegen.rig.tasks import Form, Inputs, TaskSettings
-from st_codegen.st import ScalarMachine
+from st_codegen.st import Machine
 from tests.rig.conftest import LINEAR_RIG, ORDERS, write_bundle
 
 
@@ -36,7 +36,6 @@ def compensator(linear_bundle):
 @pytest.fixture(scope="module")
 def moved(linear_rig, compensator):
     planned = plan(linear_rig, turn())
-    compensator.foresee(planned.speed_rpm, planned.wanted_Nm, planned.sensor_C)
     return planned, run(linear_rig, planned)
 
 
@@ -125,31 +124,18 @@ def test_a_compensator_that_predicts_nothing_changes_nothing(linear_rig, tmp_pat
     assert outcome.error_after_deg.tobytes() == outcome.error_before_deg.tobytes()
 
 
-def test_foreseen_outputs_are_the_bits_of_the_text(compensator):
-    """The blocks' results with FB_TEPredict taken from the lanes, and with its text run in place."""
+def test_the_code_in_the_loop_gives_the_bits_of_the_block_run_for_all_rows(compensator):
     random = np.random.default_rng(5)
     rows = np.stack([random.uniform(-1700, 1700, 60), random.uniform(0, 1800, 60), random.uniform(15, 45, 60)], axis=1)
-    compensator.foresee(*rows.T)
-    plain = ScalarMachine(compensator.project).instance("FB_Compensator")
-    plain["bEnable"] = True
-    plain["fCycle_s"] = 250e-6
-    quick = compensator.start(Form.ONE, "continuous", TaskSettings())
-    for number, (speed, torque, temperature) in enumerate(rows.tolist()):
-        theta = 0.1 * number
-        plain(fThetaOut_rad=theta, fSpeed_rpm=speed, fTorque_Nm=torque, fTemperature_C=temperature)
-        quick.correct(Inputs(theta, speed, torque, temperature))
-        for name in ("fTE_deg", "fCorrection_deg", "fWeight"):
-            assert plain[name].hex() == quick._ports[name].hex()
-
-
-def test_an_operating_point_that_was_not_foreseen_runs_the_text(compensator):
-    point = Inputs(0.3, 777.25, 123.5, 31.0)
-    plain = ScalarMachine(compensator.project).instance("FB_Compensator")
-    plain["bEnable"] = True
-    plain(fThetaOut_rad=0.3, fSpeed_rpm=777.25, fTorque_Nm=123.5, fTemperature_C=31.0, fCycle_s=250e-6)
-    quick = compensator.start(Form.ONE, "continuous", TaskSettings())
-    quick.correct(point)
-    assert quick.te_deg == plain["fTE_deg"]
+    theta = 0.1 * np.arange(60)
+    block = Machine(compensator.project, rows=60).instance("FB_Compensator")
+    block["bEnable"] = True
+    block(fThetaOut_rad=theta, fSpeed_rpm=rows[:, 0], fTorque_Nm=rows[:, 1], fTemperature_C=rows[:, 2], fCycle_s=250e-6)
+    for number, point in enumerate(rows.tolist()):
+        running = compensator.start(Form.ONE, "continuous", TaskSettings())
+        running.correct(Inputs(theta[number], *point))
+        assert running.te_deg.hex() == block["fTE_deg"][number].item().hex()
+        assert running.weight.hex() == block["fWeight"][number].item().hex()
 
 
 def test_the_same_seed_gives_the_same_bits_and_another_one_does_not():

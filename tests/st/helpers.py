@@ -1,17 +1,18 @@
-"""Runs small pieces of Structured Text on both machines and checks that they agree."""
+"""Runs small pieces of Structured Text in one copy and in rows, and checks that they agree."""
 
 from __future__ import annotations
 
 import struct
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import pytest
 
-from st_codegen.st import LaneMachine, ScalarMachine, StCheckError, StRuntimeError, parse_project
+from st_codegen.st import Machine, StCheckError, StRuntimeError, parse_project
 from st_codegen.st.tree import Project
 
-LANES = 3
+ROWS = 3
 
 
 def bits(value: Any) -> Any:
@@ -29,6 +30,7 @@ def block(body: str, variables: str = "", before: str = "", inputs: str = "") ->
     return f"{before}\nFUNCTION_BLOCK FB_T\n{given}VAR {variables} END_VAR\n{body}\nEND_FUNCTION_BLOCK\n"
 
 
+@lru_cache(maxsize=50)
 def project(text: str, dialect: str = "twincat") -> Project:
     return parse_project({"t.st": text}, dialect)
 
@@ -41,12 +43,12 @@ def problems(text: str, dialect: str = "twincat") -> list[str]:
 
 
 def run(text: str, read: str | tuple[str, ...], dialect: str = "twincat", calls: int = 1, **inputs: Any) -> Any:
-    """Call FB_T on both machines and read variables, which must agree. Raises what both raise."""
+    """Call FB_T in one copy and in rows and read variables, which must agree. Raises what both raise."""
     checked = project(text, dialect)
     names = (read,) if isinstance(read, str) else read
     results: list[Any] = []
     errors: list[StRuntimeError] = []
-    for machine in (LaneMachine(checked, LANES, loop_limit=1000), ScalarMachine(checked, loop_limit=1000)):
+    for machine in (Machine(checked, ROWS, loop_limit=1000), Machine(checked, loop_limit=1000)):
         instance = machine.instance("FB_T")
         try:
             for _ in range(calls):
@@ -55,12 +57,12 @@ def run(text: str, read: str | tuple[str, ...], dialect: str = "twincat", calls:
             errors.append(error)
         else:
             values = [instance[name] for name in names]
-            is_lanes = isinstance(machine, LaneMachine)
-            results.append([value[0] if is_lanes and not isinstance(value, dict) else value for value in values])
+            is_plain = machine.rows is None
+            results.append([value if is_plain or isinstance(value, dict) else value[0] for value in values])
     if errors:
         assert len(errors) == 2, f"only one machine fails: {errors[0]}"
         first, second = errors
-        assert (first.kind, first.position, first.lane) == (second.kind, second.position, second.lane)
+        assert (first.kind, first.position, first.row) == (second.kind, second.position, second.row)
         assert [bits(value) for value in first.operands] == [bits(value) for value in second.operands]
         assert first.detail == second.detail
         raise first
@@ -70,14 +72,14 @@ def run(text: str, read: str | tuple[str, ...], dialect: str = "twincat", calls:
 
 
 def value(expression: str, type_: str, dialect: str = "twincat", before: str = "", **given: tuple[str, Any]) -> Any:
-    """An expression of a type on both machines, with variables given as (type, value)."""
+    """An expression of a type in one copy and in rows, with variables given as (type, value)."""
     inputs = "".join(f"{name} : {kind}; " for name, (kind, _) in given.items())
     text = block(f"zResult := {expression};", f"zResult : {type_};", before, inputs)
     return run(text, "zResult", dialect, **{name: number for name, (_, number) in given.items()})
 
 
 def fault(expression: str, type_: str, dialect: str = "twincat", **given: tuple[str, Any]) -> str:
-    """The kind of the error that an expression gives on both machines."""
+    """The kind of the error that an expression gives in one copy and in rows."""
     with pytest.raises(StRuntimeError) as caught:
         value(expression, type_, dialect, **given)
     return caught.value.kind

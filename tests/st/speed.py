@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from st_codegen.st import LaneMachine, ScalarMachine, parse_project
+from st_codegen.st import Machine, parse_project
 
 FEATURES = ("fSpeed_rpm", "fTorque_Nm", "fTemperature_C")
 
@@ -114,7 +114,7 @@ def measure_forest(models: int, trees: int, depth: int, rows: int, profile: bool
     started = time.perf_counter()
     project = parse_project(texts, dialect="iec")
     parsed = time.perf_counter()
-    machine = LaneMachine(project, rows)
+    machine = Machine(project, rows)
     compiled = time.perf_counter()
     inputs = {name: rng.uniform(-1, 18, rows) for name in FEATURES}
     if profile:
@@ -131,7 +131,7 @@ def measure_forest(models: int, trees: int, depth: int, rows: int, profile: bool
         f"parse {parsed - started:.2f} s, compile {compiled - parsed:.2f} s, "
         f"run {done - compiled:.2f} s = {rows / (done - compiled):.0f} rows/s"
     )
-    scalar = ScalarMachine(project)
+    scalar = Machine(project)
     blocks = [scalar.instance(f"FB_Model{number}") for number in range(models)]
     started = time.perf_counter()
     for row in range(5):
@@ -143,12 +143,12 @@ def measure_forest(models: int, trees: int, depth: int, rows: int, profile: bool
 def measure_kernel(vectors: int, rows: int) -> None:
     rng = np.random.default_rng(2)
     project = parse_project({"kernel.st": kernel_block(rng, vectors)}, dialect="iec")
-    block = LaneMachine(project, rows).instance("FB_Kernel")
+    block = Machine(project, rows).instance("FB_Kernel")
     inputs = {name: rng.normal(size=rows) for name in FEATURES}
     started = time.perf_counter()
     block(**inputs)
     print(f"kernel: {vectors} vectors, {rows} lanes: {rows / (time.perf_counter() - started):.0f} rows/s")
-    single = ScalarMachine(project).instance("FB_Kernel")
+    single = Machine(project).instance("FB_Kernel")
     started = time.perf_counter()
     for row in range(20):
         single(**{name: float(values[row]) for name, values in inputs.items()})

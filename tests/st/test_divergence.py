@@ -1,5 +1,4 @@
-# ruff: noqa: E501 - a case a line
-"""Lanes that take different ways, compared with the same algorithm in plain Python, row by row."""
+"""Rows that take different ways, compared with the same algorithm in plain Python, row by row."""
 
 from __future__ import annotations
 
@@ -8,8 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from st_codegen.st import LaneMachine, StRuntimeError
-from st_codegen.st.run.lanes import evaluate_rows
+from st_codegen.st import Machine, StRuntimeError
 from tests.st.helpers import block, project
 
 ROWS = np.arange(-20, 60)
@@ -169,27 +167,25 @@ VARIABLES = (
     [(COLLATZ, collatz), (NESTED, nested), (COUNTERS, counters), (REPEATS, repeats), (CASES, cases)],
     ids=["collatz", "nested", "counters", "repeats", "cases"],
 )
-def test_lanes_do_what_plain_python_does(body: str, reference: Callable[[int], tuple[int, int]]) -> None:
-    instance = LaneMachine(project(block(body, VARIABLES, inputs="n : DINT;")), len(ROWS)).instance("FB_T")
+def test_rows_do_what_plain_python_does(body: str, reference: Callable[[int], tuple[int, int]]) -> None:
+    instance = Machine(project(block(body, VARIABLES, inputs="n : DINT;")), len(ROWS)).instance("FB_T")
     instance(n=ROWS)
     expected = [reference(int(n)) for n in ROWS]
     assert [(int(a), int(b)) for a, b in zip(instance["nOut"], instance["nOther"], strict=True)] == expected
     assert len(set(expected)) > 10
 
 
-def test_uniform_values_stay_single_and_constant_tables_are_stored_once() -> None:
+def test_constant_tables_are_stored_once() -> None:
     text = block(
         "FOR i := 0 TO 2 DO nOut := nOut + T[i]; END_FOR; f := x;",
         "nOut : DINT; i : DINT; f : LREAL; END_VAR VAR CONSTANT T : ARRAY[0..2] OF DINT := [1, 2, 3];",
         inputs="x : LREAL;",
     )
-    machine = LaneMachine(project(text), 1000)
-    first, second = machine.instance("FB_T"), machine.instance("FB_T")
-    first(x=np.arange(1000.0))
-    memory = first._memory
-    assert (memory.v_NOUT, memory.v_I, memory.v_F.shape) == (6, 3, (1000,))
-    assert memory.v_T is second._memory.v_T
-    assert memory.v_T.data.shape == (3,)
+    machine = Machine(project(text), 1000)
+    instance = machine.instance("FB_T")
+    instance(x=np.arange(1000.0))
+    assert instance["T"].shape == (1000, 3)
+    assert instance._memory.stride == 32  # x, nOut, i, f
 
 
 FAULTY = {
@@ -205,35 +201,33 @@ FAULTY = {
 
 
 @pytest.mark.parametrize("guarded", FAULTY)
-def test_nothing_is_raised_for_lanes_that_a_branch_excludes(guarded: str) -> None:
+def test_nothing_is_raised_for_rows_that_a_branch_excludes(guarded: str) -> None:
     variables = "f : LREAL; t : ARRAY[0..3] OF LREAL; i : DINT; k : INT; b : BOOL;"
     values = np.array([-2, 0, 1, 2, 3, 7], np.int16)
     if "t[n]" not in guarded:
         values = np.array([-2, 0, 1, 2, 3, 7], np.int16)
-    machine = LaneMachine(project(block(guarded, variables, inputs="n : INT;")), len(values))
+    machine = Machine(project(block(guarded, variables, inputs="n : INT;")), len(values))
     machine.instance("FB_T")(n=values)
     with pytest.raises(StRuntimeError):
-        LaneMachine(project(block(FAULTY[guarded], variables, inputs="n : INT;")), len(values)).instance("FB_T")(
-            n=values
-        )
+        Machine(project(block(FAULTY[guarded], variables, inputs="n : INT;")), len(values)).instance("FB_T")(n=values)
 
 
-def test_the_lane_of_an_error_is_its_number_in_the_machine() -> None:
+def test_the_row_of_an_error_is_its_number_in_the_machine() -> None:
     text = block(
         "IF n > 10 THEN\n    IF n MOD 2 = 0 THEN\n        k := 100 / (n - 14);\n    END_IF;\nEND_IF;",
         "k : DINT;",
         inputs="n : DINT;",
     )
     with pytest.raises(StRuntimeError) as caught:
-        LaneMachine(project(text), 20).instance("FB_T")(n=np.arange(20))
-    assert (caught.value.lane, caught.value.operands, caught.value.position.line) == (14, (100, 0), 7)
+        Machine(project(text), 20).instance("FB_T")(n=np.arange(20))
+    assert (caught.value.row, caught.value.operands, caught.value.position.line) == (14, (100, 0), 7)
 
 
-def test_an_index_out_of_range_names_lane_index_bounds_and_position() -> None:
+def test_an_index_out_of_range_names_row_index_bounds_and_position() -> None:
     text = block("f := t[n];", "f : LREAL; t : ARRAY[-1..3] OF LREAL;", inputs="n : DINT;")
     with pytest.raises(StRuntimeError) as caught:
-        LaneMachine(project(text), 3).instance("FB_T")(n=np.array([0, 4, 9]))
-    assert str(caught.value) == "t.st:5:8 (FB_T): index out of range: 4 is outside of -1..3, lane 1"
+        Machine(project(text), 3).instance("FB_T")(n=np.array([0, 4, 9]))
+    assert str(caught.value) == "t.st:5:8 (FB_T): index out of range: 4 is outside of -1..3, row 1"
 
 
 @pytest.mark.parametrize(
@@ -241,26 +235,32 @@ def test_an_index_out_of_range_names_lane_index_bounds_and_position() -> None:
 )
 def test_endless_loops_are_stopped_where_they_stand(body: str) -> None:
     text = block("\n" + body, "u : USINT;", inputs="n : DINT;")
-    machine = LaneMachine(project(text), 4, loop_limit=500)
+    machine = Machine(project(text), 4, loop_limit=500)
     with pytest.raises(StRuntimeError) as caught:
         machine.instance("FB_T")(n=np.array([-1, -2, 3, 4]))
     error = caught.value
     assert (error.kind, error.detail, error.position.line) == ("loop limit", "more than 500 rounds", 6)
-    assert error.lane == (0 if "FOR" in body else 2)
+    assert error.row == (0 if "FOR" in body else 2)
 
 
 def test_loops_up_to_the_limit_are_fine() -> None:
     text = block("FOR i := 1 TO 500 DO k := k + 1; END_FOR;", "i : DINT; k : DINT;")
-    machine = LaneMachine(project(text), 2, loop_limit=500)
+    machine = Machine(project(text), 2, loop_limit=500)
     instance = machine.instance("FB_T")
     instance()
     assert instance["k"].tolist() == [500, 500]
 
 
-def test_rows_are_evaluated_in_chunks() -> None:
-    text = "FUNCTION_BLOCK FB_T VAR_INPUT x : LREAL; n : DINT; END_VAR VAR_OUTPUT y : LREAL; END_VAR y := x * DINT_TO_LREAL(n); END_FUNCTION_BLOCK"
+@pytest.mark.parametrize("workers", [1, 2, 3, 7])
+def test_results_do_not_depend_on_the_number_of_threads(workers: int) -> None:
+    text = block("y := x * DINT_TO_LREAL(n); z := 100 / n;", "y : LREAL; z : DINT;", inputs="x : LREAL; n : DINT;")
     rng = np.random.default_rng(2)
-    x, n = rng.normal(size=1000), rng.integers(-5, 5, 1000)
-    for chunk in (1, 333, 1000, 5000):
-        if chunk > 1:
-            assert evaluate_rows(project(text), "FB_T", {"x": x, "n": n}, chunk=chunk)["y"].tolist() == (x * n).tolist()
+    x, n = rng.normal(size=5000), rng.integers(1, 50, 5000)
+    instance = Machine(project(text), 5000, workers=workers).instance("FB_T")
+    instance(x=x, n=n)
+    assert instance["y"].tolist() == (x * n).tolist()
+    assert instance["z"].tolist() == (100 // n).tolist()
+    n[[700, 3100, 4999]] = 0
+    with pytest.raises(StRuntimeError) as caught:
+        instance(x=x, n=n)
+    assert (caught.value.row, caught.value.operands) == (700, (100, 0))

@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as s
 
 from st_codegen.st import (
-    LaneMachine,
-    ScalarMachine,
+    Machine,
     StCheckError,
     StError,
     StRuntimeError,
@@ -19,6 +18,7 @@ from st_codegen.st import (
     parse_project,
 )
 from st_codegen.st.check.statements import MAX_LOOPS, MAX_NESTED
+from st_codegen.st.run.compiler import program_of
 from st_codegen.st.syntax.parser import STARTS, _lark, parse_segment
 from st_codegen.st.syntax.scan import Segment
 from st_codegen.st.syntax.source import read_texts
@@ -86,7 +86,7 @@ def test_damaged_xml_is_read_or_refused(text: str, rng: random.Random, noise: by
 @settings(max_examples=60, deadline=None)
 @given(programs(), s.randoms(use_true_random=False))
 def test_damaged_programs_are_checked_or_refused(program: str, rng: random.Random) -> None:
-    """One name or literal for another: the checker finds an error or the program still compiles for both machines."""
+    """One name or literal for another: the checker finds an error or the program still compiles."""
     names = ["fX", "nX", "bX", "wX", "eX", "aF", "aN", "stP", "uB", "fbA", "TABLE", "1", "2.5", "TRUE", "zz", "FC_Mix"]
     parts = program.split(" ")
     places = [i for i, part in enumerate(parts) if part in names]
@@ -94,8 +94,9 @@ def test_damaged_programs_are_checked_or_refused(program: str, rng: random.Rando
         parts[i] = rng.choice(names)
     try:
         project = parse_project({"a.st": " ".join(parts)}, rng.choice(["iec", "twincat"]))
-        LaneMachine(project, 2)
-        ScalarMachine(project)
+        program = program_of(project, 100)
+        for pou in project.pous.values():
+            program.code(pou)
     except StError as error:
         assert str(error)
 
@@ -127,11 +128,10 @@ def test_deep_but_allowed_programs_compile() -> None:
     loops = "".join(f"FOR i{k} := 0 TO 1 DO " for k in range(MAX_LOOPS)) + "n := n + 1; " + "END_FOR; " * MAX_LOOPS
     variables = "a : BOOL := TRUE; n : DINT;" + "".join(f"i{k} : DINT;" for k in range(MAX_LOOPS + 1))
     source = "FUNCTION_BLOCK FB_T VAR {} END_VAR {} END_FUNCTION_BLOCK"
-    for machine in (LaneMachine, ScalarMachine):
-        instance = machine(parse_project({"a.st": source.format(variables, text + loops)})).instance("FB_T")
-        instance()
-        instance()
-        assert instance["n"] == 2**MAX_LOOPS
+    instance = Machine(parse_project({"a.st": source.format(variables, text + loops)})).instance("FB_T")
+    instance()
+    instance()
+    assert instance["n"] == 2**MAX_LOOPS
     too_deep = "IF a THEN " * (depth + 1) + "a := FALSE; " + "END_IF; " * (depth + 1)
     too_many = (
         "".join(f"FOR i{k} := 0 TO 1 DO " for k in range(MAX_LOOPS + 1)) + "n := 1; " + "END_FOR; " * (MAX_LOOPS + 1)
@@ -145,16 +145,13 @@ def test_long_chains_compile() -> None:
     for operator, kind in (("+", "LREAL"), ("+", "DINT"), ("AND", "BOOL"), ("-", "LREAL")):
         chain = f" {operator} ".join(["x", *["y"] * 3000])
         source = f"FUNCTION_BLOCK FB_T VAR x : {kind}; y : {kind}; z : {kind}; END_VAR z := {chain}; END_FUNCTION_BLOCK"
-        for machine in (LaneMachine, ScalarMachine):
-            machine(parse_project({"a.st": source})).instance("FB_T")()
+        Machine(parse_project({"a.st": source})).instance("FB_T")()
     chain = " + ".join(["x", *["y"] * 3000])
     source = f"FUNCTION_BLOCK FB_T VAR_INPUT x : LREAL; y : LREAL; END_VAR VAR z : LREAL; END_VAR z := {chain}; END_FUNCTION_BLOCK"
-    for machine in (LaneMachine, ScalarMachine):
-        with pytest.raises(StRuntimeError, match="overflow"):
-            machine(parse_project({"a.st": source})).instance("FB_T")(x=1e308, y=1e307)
+    with pytest.raises(StRuntimeError, match="overflow"):
+        Machine(parse_project({"a.st": source})).instance("FB_T")(x=1e308, y=1e307)
     branches = "".join(f"ELSIF n = {k} OR x > {k}.5 THEN n := {k + 1};\n" for k in range(500))
     source = f"FUNCTION_BLOCK FB_T VAR n : DINT := 7; x : LREAL; END_VAR IF FALSE THEN ; {branches} END_IF; END_FUNCTION_BLOCK"
-    for machine in (LaneMachine, ScalarMachine):
-        instance = machine(parse_project({"a.st": source})).instance("FB_T")
-        instance()
-        assert instance["n"] == 8
+    instance = Machine(parse_project({"a.st": source})).instance("FB_T")
+    instance()
+    assert instance["n"] == 8

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from st_codegen.errors import InputError
-from st_codegen.st import LaneMachine, Library, NativeBlock, NativeCall, ScalarMachine, parse_project
+from st_codegen.st import Library, Machine, NativeBlock, NativeCall, StRuntimeError, parse_project
 from st_codegen.st.run.library import TC2_STANDARD, TCUNIT, TestSuite
 from st_codegen.st.run.natives import Host
 
@@ -20,7 +20,7 @@ class Prediction(NativeBlock):
 
     def Configure(self, call: NativeCall) -> None:  # noqa: N802
         self.files.append(str(call["SFILE"][0]))
-        call["CONFIGURE"] = np.ones(len(call.lanes), bool)
+        call["CONFIGURE"] = np.ones(len(call.rows), bool)
 
     def Predict(self, call: NativeCall) -> None:  # noqa: N802
         given = call["PDATAINP"]
@@ -77,9 +77,9 @@ END_FUNCTION_BLOCK
 """
 
 
-def test_native_blocks_take_addresses_and_references_in_the_active_lanes() -> None:
+def test_native_blocks_take_addresses_and_references_in_the_calling_rows() -> None:
     project = parse_project({"t.st": USER}, "twincat", [LIBRARY])
-    instance = LaneMachine(project, 3, libraries=[LIBRARY]).instance("FB_T")
+    instance = Machine(project, 3, libraries=[LIBRARY]).instance("FB_T")
     instance(f=np.array([1.0, -1.0, 5.0]), n=np.array([7, 8, 9]), bOn=np.array([True, True, False]))
     assert instance["bDone"].tolist() == [True, False, False]
     assert instance["aOut"].tolist() == [[6.0, -6.0], [4.0, -4.0], [0.0, 0.0]]
@@ -88,9 +88,55 @@ def test_native_blocks_take_addresses_and_references_in_the_active_lanes() -> No
     assert instance["fb.eKind"].tolist() == [2, 2, 2]
 
 
-def test_native_blocks_run_on_the_scalar_machine_too() -> None:
+def test_pure_native_code_sees_many_rows_at_once_and_is_asked_again_when_its_input_changes() -> None:
+    calls: list[int] = []
+
+    class Step(NativeBlock):
+        is_pure = True
+
+        def Next(self, call: NativeCall) -> None:  # noqa: N802
+            calls.append(len(call.rows))
+            given = call["PIN"]
+            call["NEXT"] = given.read()[:, 0] * 2 + call["NOFFSET"]
+
+    library = Library(
+        "L",
+        "FUNCTION_BLOCK FB_Step VAR_INPUT nOffset : DINT; END_VAR "
+        "METHOD Next : DINT VAR_INPUT pIn : PVOID; END_VAR END_METHOD END_FUNCTION_BLOCK",
+        blocks={"FB_Step": Step},
+    )
+    text = """FUNCTION_BLOCK FB_T VAR_INPUT n : DINT; END_VAR VAR_OUTPUT nOut : DINT; nCalls : DINT; END_VAR
+    VAR fb : FB_Step; a : ARRAY[0..0] OF DINT; i : DINT; END_VAR
+    fb.nOffset := 1; a[0] := n;
+    FOR i := 1 TO n MOD 7 DO a[0] := fb.Next(ADR(a)); nCalls := nCalls + 1; END_FOR;
+    nOut := 100 / a[0];
+    END_FUNCTION_BLOCK"""
+    project = parse_project({"t.st": text}, "twincat", [library])
+    rows = np.arange(1, 1000)
+    instance = Machine(project, len(rows), libraries=[library]).instance("FB_T")
+    results = []
+    for _ in range(2):
+        instance(n=rows)
+        results.append((instance["nOut"].tolist(), instance["nCalls"].tolist()))
+
+    def expected(n: int) -> int:
+        a = n
+        for _ in range(n % 7):
+            a = 2 * a + 1
+        return 100 // a
+
+    assert [nouts for nouts, _ in results] == [[expected(int(n)) for n in rows]] * 2
+    assert [counts for _, counts in results] == [[int(n % 7) * k for n in rows] for k in (1, 2)]
+    assert len(calls) < 60
+    instance = Machine(project, 3, libraries=[library]).instance("FB_T")
+    with pytest.raises(StRuntimeError) as caught:
+        instance(n=np.array([1, 0, 0]))
+    assert (caught.value.kind, caught.value.row) == ("division by zero", 1)
+
+
+def test_native_blocks_run_in_one_copy_too() -> None:
     project = parse_project({"t.st": USER}, "twincat", [LIBRARY])
-    instance = ScalarMachine(project, libraries=[LIBRARY]).instance("FB_T")
+    instance = Machine(project, libraries=[LIBRARY]).instance("FB_T")
     instance(f=1.0, n=7)
     assert (instance["bDone"], instance["aOut"].tolist(), instance["nCount"]) == (True, [6.0, -6.0], 3)
     assert (instance["nHalf"], instance["nRest"]) == (3, 1)
@@ -98,9 +144,8 @@ def test_native_blocks_run_on_the_scalar_machine_too() -> None:
 
 def test_a_machine_needs_the_libraries_of_its_project() -> None:
     project = parse_project({"t.st": USER}, "twincat", [LIBRARY])
-    for machine in (LaneMachine, ScalarMachine):
-        with pytest.raises(InputError, match="give the machine the libraries"):
-            machine(project)
+    with pytest.raises(InputError, match="give the machine the libraries"):
+        Machine(project)
 
 
 def test_a_library_whose_class_lacks_a_method_is_refused() -> None:
@@ -111,7 +156,7 @@ def test_a_library_whose_class_lacks_a_method_is_refused() -> None:
 
 def test_the_project_can_call_native_code_directly() -> None:
     project = parse_project({"t.st": USER}, "twincat", [LIBRARY])
-    machine = LaneMachine(project, 2, libraries=[LIBRARY])
+    machine = Machine(project, 2, libraries=[LIBRARY])
     half, rest = machine.call("FC_Half", np.array([4, 5]))
     assert (half.tolist(), rest.tolist()) == ([2, 2], [0, 1])
     instance = machine.instance("FB_MllPrediction")
@@ -160,19 +205,19 @@ def test_timers_and_edges(dialect: str) -> None:
     signals = [[bool(int(c)) for c in text] for text in ("0111110000011010", "1101110001111111", "0000000000000000")]
     text = TIMERS if dialect == "twincat" else TIMERS.replace("20ms", "20000us")
     project = parse_project({"t.st": text}, dialect, [TC2_STANDARD])
-    machine = LaneMachine(project, 3, libraries=[TC2_STANDARD])
+    machine = Machine(project, 3, libraries=[TC2_STANDARD])
     instance = machine.instance("FB_T")
     names = {"on": "on.Q", "off": "off.Q", "pulse": "pulse.Q", "rise": "rise.Q", "fall": "fall.Q", "et": "on.ET"}
     found: list[dict[str, list[object]]] = [{name: [] for name in names} for _ in signals]
     for cycle in range(len(signals[0])):
         machine.time_ns = cycle * 10 * MS
         instance(bIn=np.array([signal[cycle] for signal in signals]))
-        for lane in range(3):
+        for row in range(3):
             for name, path in names.items():
-                value = instance[path][lane].item()
-                found[lane][name].append(value // (MS if dialect == "iec" else 1) if name == "et" else value)
-    for lane, signal in enumerate(signals):
-        assert found[lane] == expected(signal)
+                value = instance[path][row].item()
+                found[row][name].append(value // (MS if dialect == "iec" else 1) if name == "et" else value)
+    for row, signal in enumerate(signals):
+        assert found[row] == expected(signal)
 
 
 SUITE = """
@@ -207,12 +252,12 @@ END_PROGRAM
 """
 
 
-@pytest.mark.parametrize("machine_type", [LaneMachine, ScalarMachine])
-def test_tcunit_suites_run(machine_type: type[LaneMachine] | type[ScalarMachine]) -> None:
+@pytest.mark.parametrize("rows", [None, 1])
+def test_tcunit_suites_run(rows: int | None) -> None:
     project = parse_project({"t.st": SUITE}, "twincat", [TCUNIT])
-    machine = machine_type(project, libraries=[TCUNIT])
+    machine = Machine(project, rows, libraries=[TCUNIT])
     machine.program("PRG_TEST")()
-    (suite,) = machine.rt.natives
+    (suite,) = machine.natives
     assert isinstance(suite, TestSuite)
     assert suite.tests == ["sums", "wrong", "open"]
     assert suite.finished == {"sums", "wrong"}
@@ -227,13 +272,13 @@ def test_tcunit_suites_run(machine_type: type[LaneMachine] | type[ScalarMachine]
     assert [f.message for f in instance.native.failures] == ["it runs"]
 
 
-def test_failures_name_their_lane() -> None:
+def test_failures_name_their_row() -> None:
     text = SUITE.replace("VAR nRuns : DINT; END_VAR", "VAR_INPUT x : LREAL; END_VAR VAR nRuns : DINT; END_VAR").replace(
         "AssertEquals_LREAL(1.0, 1.5, 0.1, 'too far');", "AssertEquals_LREAL(1.0, x, 0.1, 'x');"
     )
     project = parse_project({"t.st": text}, "twincat", [TCUNIT])
-    instance = LaneMachine(project, 4, libraries=[TCUNIT]).instance("FB_Add_Test")
+    instance = Machine(project, 4, libraries=[TCUNIT]).instance("FB_Add_Test")
     instance(x=np.array([1.0, 2.0, np.nan, 1.05]))
-    found = [(f.lane, f.actual) for f in instance.native.failures if f.message == "x"]
+    found = [(f.row, f.actual) for f in instance.native.failures if f.message == "x"]
     assert found[0] == (1, 2.0)
-    assert [lane for lane, _ in found] == [1, 2]
+    assert [row for row, _ in found] == [1, 2]

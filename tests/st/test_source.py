@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from st_codegen.errors import InputError
-from st_codegen.st import LaneMachine, StCheckError, StSyntaxError, load_project, parse_project
+from st_codegen.st import Machine, StCheckError, StSyntaxError, load_project, parse_project
 from st_codegen.st.syntax import source as module
 from st_codegen.st.syntax.source import read_paths, read_texts
 
@@ -73,9 +73,9 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_a_twincat_folder_is_loaded_and_runs(tmp_path: Path) -> None:
-    block = LaneMachine(load_project([folder(tmp_path)])).instance("FB_X")
+    block = Machine(load_project([folder(tmp_path)])).instance("FB_X")
     block(fIn=3.0)
-    assert block["fOut"][0] == 6.5
+    assert block["fOut"] == 6.5
 
 
 def test_a_folder_and_single_files_give_the_same(tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 """Sequences of arbitrary inputs for the blocks of the compensation, many at a time, and what must hold in each cycle.
 
-Every lane of the machine is a sequence of its own. In each cycle each input is either sensible or, with a probability
-of the lane, any 64 bits: NaN with any payload, infinities, denormals, huge numbers, -0.0, jumps, times that stand still
+Every row of the machine is a sequence of its own. In each cycle each input is either sensible or, with a probability
+of the row, any 64 bits: NaN with any payload, infinities, denormals, huge numbers, -0.0, jumps, times that stand still
 or run backwards. A floating point exception, an overflow, an index out of range or a loop beyond its bound stops the
 interpreter. Run as `python -m tests.te.hostile` for 100,000 sequences and more.
 """
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from st_codegen.st import LaneMachine
+from st_codegen.st import Machine
 from st_codegen.te.compensation.codes import EXPERIMENT_STATE
 from st_codegen.te.harmonics import Direction
 from tests.te.projects import BOTH, ORDERS, loaded_with
@@ -111,9 +111,9 @@ def finite(block, outputs):
 class Kept:
     """The usable values of parameters, as the description of the inputs says: the last one within its range."""
 
-    def __init__(self, parameters, lanes):
+    def __init__(self, parameters, rows):
         self.parameters = parameters
-        self.value = {name: np.full(lanes, item.default) for name, item in parameters.items()}
+        self.value = {name: np.full(rows, item.default) for name, item in parameters.items()}
 
     def see(self, given):
         for name, item in self.parameters.items():
@@ -130,52 +130,52 @@ class Sequences:
 
     ANYTHING, BAD, GOOD = 40, 40, 20
 
-    def __init__(self, random, lanes, backward_only=False, forward_only=False):
-        self.random, self.lanes = random, lanes
-        self.rate = random.choice([0.0, 0.02, 0.3, 1.0], lanes)
-        self.theta = random.uniform(-10, 10, lanes) * 10.0 ** random.integers(0, 8, lanes)
-        self.speed = random.uniform(-1800, 1800, lanes) * random.choice([0.0, 0.01, 1.0], lanes)
-        self.acceleration = random.normal(0, 300, lanes) * random.choice([0.0, 1.0], lanes)
+    def __init__(self, random, rows, backward_only=False, forward_only=False):
+        self.random, self.rows = random, rows
+        self.rate = random.choice([0.0, 0.02, 0.3, 1.0], rows)
+        self.theta = random.uniform(-10, 10, rows) * 10.0 ** random.integers(0, 8, rows)
+        self.speed = random.uniform(-1800, 1800, rows) * random.choice([0.0, 0.01, 1.0], rows)
+        self.acceleration = random.normal(0, 300, rows) * random.choice([0.0, 1.0], rows)
         self.parameters = {name: self._parameter(name) for name in PARAMETERS}
-        self.bad = random.integers(0, 4, lanes)
+        self.bad = random.integers(0, 4, rows)
         self.sign = -1.0 if backward_only else 1.0 if forward_only else None
 
     def _parameter(self, name):
-        item, random, lanes = PARAMETERS[name], self.random, self.lanes
-        typical = item.default * random.uniform(0.5, 2.0, lanes)
-        return np.where(random.random(lanes) < 0.3, random.uniform(item.lower, item.upper, lanes), typical)
+        item, random, rows = PARAMETERS[name], self.random, self.rows
+        typical = item.default * random.uniform(0.5, 2.0, rows)
+        return np.where(random.random(rows) < 0.3, random.uniform(item.lower, item.upper, rows), typical)
 
     def _mixed(self, value):
-        replaced = self.random.random(self.lanes) < self.rate
-        return np.where(replaced, hostile(self.random, self.lanes), value)
+        replaced = self.random.random(self.rows) < self.rate
+        return np.where(replaced, hostile(self.random, self.rows), value)
 
     def sensible(self):
-        random, lanes = self.random, self.lanes
+        random, rows = self.random, self.rows
         self.speed = self.speed + self.acceleration * 0.01
         self.theta = self.theta + self.speed / 81.0 / 60.0 * 2 * np.pi * 0.0005
         return {
             "fThetaOut_rad": self.theta,
             "fSpeed_rpm": self.speed,
-            "fTorque_Nm": random.uniform(-100, 2000, lanes),
-            "fTemperature_C": random.uniform(20, 40, lanes),
+            "fTorque_Nm": random.uniform(-100, 2000, rows),
+            "fTemperature_C": random.uniform(20, 40, rows),
         }
 
     def anything(self):
         given = {name: self._mixed(value) for name, value in (self.sensible() | self.parameters).items()}
-        given["bEnable"] = self.random.random(self.lanes) < 0.9
-        given["bPublishedLaw"] = self.random.random(self.lanes) < 0.3
+        given["bEnable"] = self.random.random(self.rows) < 0.9
+        given["bPublishedLaw"] = self.random.random(self.rows) < 0.3
         return given
 
     def settled(self):
         """Parameters with which 40 cycles are enough to reach zero: 0.02 s each, 0.4 s of ramp, 0.18 s of slewing."""
         fixed = {"fCycle_s": 0.02, "fCorrectionLimit_deg": 30.0, "fSlewLimit_deg_s": 2000.0, "fRampTime_s": 0.4}
         fixed |= {"fHysteresis_rpm": 2.0, "fBlendTime_s": 0.1, "fLead_s": 0.0}
-        given = self.sensible() | {name: np.full(self.lanes, value) for name, value in fixed.items()}
-        return given | {"bEnable": np.ones(self.lanes, bool), "bPublishedLaw": np.zeros(self.lanes, bool)}
+        given = self.sensible() | {name: np.full(self.rows, value) for name, value in fixed.items()}
+        return given | {"bEnable": np.ones(self.rows, bool), "bPublishedLaw": np.zeros(self.rows, bool)}
 
     def faulty(self):
         given = self.settled()
-        wrong = np.array([np.nan, np.inf, -np.inf, 1e12])[self.random.integers(0, 4, self.lanes)]
+        wrong = np.array([np.nan, np.inf, -np.inf, 1e12])[self.random.integers(0, 4, self.rows)]
         for number, name in enumerate(("fThetaOut_rad", "fSpeed_rpm", "fTorque_Nm", "fTemperature_C")):
             given[name] = np.where(self.bad == number, wrong, given[name])
         return given
@@ -188,23 +188,23 @@ class Sequences:
         return given
 
 
-def run_compensator(target, lanes, seed, *, directions=BOTH, two_tasks=False):
+def run_compensator(target, rows, seed, *, directions=BOTH, two_tasks=False):
     """Sequences through FB_Compensator or the pair of the two-task form; raises AssertionError or StRuntimeError."""
     random = np.random.default_rng(seed)
     one = None if len(directions) == 2 else directions[0]
-    sequences = Sequences(random, lanes, one is Direction.BACKWARD, one is Direction.FORWARD)
-    machine = LaneMachine(loaded_with(target, pair(target), directions=directions), lanes=lanes, loop_limit=LOOPS)
+    sequences = Sequences(random, rows, one is Direction.BACKWARD, one is Direction.FORWARD)
+    machine = Machine(loaded_with(target, pair(target), directions=directions), rows=rows, loop_limit=LOOPS)
     block = machine.instance("FB_Pair" if two_tasks else "FB_Compensator")
     outputs = [port.name for port in block.outputs]
-    kept, before = Kept(PARAMETERS, lanes), np.zeros(lanes)
-    age_limit = Kept({"fAgeLimit_s": Parameter(0.0, 10.0, 0.02)}, lanes)
+    kept, before = Kept(PARAMETERS, rows), np.zeros(rows)
+    age_limit = Kept({"fAgeLimit_s": Parameter(0.0, 10.0, 0.02)}, rows)
     phases = [sequences.anything] * sequences.ANYTHING + [sequences.faulty] * sequences.BAD
     phases += [sequences.good] * sequences.GOOD
     for cycle, phase in enumerate(phases):
         given = phase()
         kept.see(given)
         if two_tasks:
-            _disturb(block, random, lanes, cycle < sequences.ANYTHING)
+            _disturb(block, random, rows, cycle < sequences.ANYTHING)
         block(**given)
         finite(block, outputs)
         correction = block["fCorrection_deg"]
@@ -230,24 +230,24 @@ def run_compensator(target, lanes, seed, *, directions=BOTH, two_tasks=False):
             assert np.all(block["bValid"])
             assert np.all(block["bActive"])
         before = correction.copy()
-    return lanes * len(phases)
+    return rows * len(phases)
 
 
-def _disturb(block, random, lanes, anything):
+def _disturb(block, random, rows, anything):
     """The slow task comes or does not; in the first phase somebody may write anything into the exchange variable."""
-    block["bSlow"] = random.random(lanes) < 0.7 if anything else True
+    block["bSlow"] = random.random(rows) < 0.7 if anything else True
     if not anything:
         block["fAgeLimit_s"] = 0.02
         return
-    block["fAgeLimit_s"] = np.where(random.random(lanes) < 0.1, hostile(random, lanes), 0.02)
+    block["fAgeLimit_s"] = np.where(random.random(rows) < 0.1, hostile(random, rows), 0.02)
     if random.random() < 0.3:
         buffer = random.choice(["stOdd", "stEven"])
         name = random.choice(["aCosineFw", "aSineFw", "aCosineBw", "aSineBw"])
         old = np.asarray(block[f"stExchange.{buffer}.{name}"])
         wrong = hostile(random, old.size).reshape(old.shape)
         block[f"stExchange.{buffer}.{name}"] = np.where(random.random(old.shape) < 0.3, wrong, old)
-        numbers = random.integers(-(2**30), 2**30, lanes) * 2 + (buffer == "stOdd")
-        chosen = random.random(lanes) < 0.3
+        numbers = random.integers(-(2**30), 2**30, rows) * 2 + (buffer == "stOdd")
+        chosen = random.random(rows) < 0.3
         for path in ("stExchange.nSequence", f"stExchange.{buffer}.nNumber"):
             block[path] = np.where(chosen, numbers, np.asarray(block[path])).astype(np.int32)
 
@@ -259,21 +259,21 @@ LOAD_PARAMETERS = {
 }
 
 
-def run_load_torque(target, lanes, seed, cycles=60):
+def run_load_torque(target, rows, seed, cycles=60):
     """Sequences through FB_LoadTorque: anything, then nothing but bad torques until it is at zero."""
     random = np.random.default_rng(seed)
-    block = LaneMachine(loaded_with(target, pair(target)), lanes=lanes, loop_limit=LOOPS).instance("FB_LoadTorque")
-    kept, before = Kept(LOAD_PARAMETERS, lanes), np.zeros(lanes)
-    rate = random.choice([0.0, 0.1, 1.0], lanes)
+    block = Machine(loaded_with(target, pair(target)), rows=rows, loop_limit=LOOPS).instance("FB_LoadTorque")
+    kept, before = Kept(LOAD_PARAMETERS, rows), np.zeros(rows)
+    rate = random.choice([0.0, 0.1, 1.0], rows)
     for cycle in range(cycles):
-        typical = {name: item.default * random.uniform(0.5, 1.0, lanes) for name, item in LOAD_PARAMETERS.items()}
-        typical["fTorque_Nm"] = random.uniform(-2500, 2500, lanes)
-        given = {n: np.where(random.random(lanes) < rate, hostile(random, lanes), v) for n, v in typical.items()}
+        typical = {name: item.default * random.uniform(0.5, 1.0, rows) for name, item in LOAD_PARAMETERS.items()}
+        typical["fTorque_Nm"] = random.uniform(-2500, 2500, rows)
+        given = {n: np.where(random.random(rows) < rate, hostile(random, rows), v) for n, v in typical.items()}
         if cycle >= cycles - 5:
             fixed = {"fCycle_s": 1.0, "fTorqueLimit_Nm": 2000.0, "fRate_Nm_s": 500.0, "fTorque_Nm": np.nan}
-            given = {name: np.full(lanes, value) for name, value in fixed.items()}
+            given = {name: np.full(rows, value) for name, value in fixed.items()}
         kept.see(given)
-        block(bEnable=random.random(lanes) < 0.9, **given)
+        block(bEnable=random.random(rows) < 0.9, **given)
         finite(block, [port.name for port in block.outputs])
         torque = block["fShaftTorque_Nm"]
         step = kept.value["fRate_Nm_s"] * kept.value["fCycle_s"]
@@ -283,40 +283,40 @@ def run_load_torque(target, lanes, seed, cycles=60):
         assert np.all(np.abs(block["fMotorTorque_Nm"] - torque / 156.0) <= UNIT * np.abs(torque))
         before = torque.copy()
     assert not np.any(before), "not at zero"
-    return lanes * cycles
+    return rows * cycles
 
 
-def run_experiment(target, lanes, seed, cycles=60):
+def run_experiment(target, rows, seed, cycles=60):
     """Sequences through FB_Experiment that start in any step; at the end an abort must bring the speed to zero."""
     random = np.random.default_rng(seed)
-    block = LaneMachine(loaded_with(target, pair(target)), lanes=lanes, loop_limit=LOOPS).instance("FB_Experiment")
+    block = Machine(loaded_with(target, pair(target)), rows=rows, loop_limit=LOOPS).instance("FB_Experiment")
     states = {code.name: code.value for code in EXPERIMENT_STATE.all}
     measuring = [states["WAIT_ZERO"], states["MEASURE"]]
-    rate = random.choice([0.0, 0.02, 0.2, 1.0], lanes)
+    rate = random.choice([0.0, 0.02, 0.2, 1.0], rows)
     names = [port.name for port in block.inputs if np.asarray(block[port.name]).dtype.kind == "f"]
     typical = {
         **{name: np.asarray(block[name]) for name in names},
-        "fSpeed_rpm": random.uniform(5, 2000, lanes),
-        "fTorque_Nm": random.uniform(-10, 2200, lanes),
-        "fTemperature_C": random.uniform(20, 40, lanes),
-        "fOil_C": random.uniform(20, 40, lanes),
-        "fCycle_s": 10.0 ** random.uniform(-4, 0, lanes),
+        "fSpeed_rpm": random.uniform(5, 2000, rows),
+        "fTorque_Nm": random.uniform(-10, 2200, rows),
+        "fTemperature_C": random.uniform(20, 40, rows),
+        "fOil_C": random.uniform(20, 40, rows),
+        "fCycle_s": 10.0 ** random.uniform(-4, 0, rows),
     }
-    angle, before = random.uniform(-100, 100, lanes), np.zeros(lanes)
-    kept = Kept({"fCycle_s": Parameter(1e-6, 1.0, 0.0005)}, lanes)
+    angle, before = random.uniform(-100, 100, rows), np.zeros(rows)
+    kept = Kept({"fCycle_s": Parameter(1e-6, 1.0, 0.0005)}, rows)
     end = cycles - 20
     for cycle in range(cycles):
         if cycle == 3:
             # the acceleration of the sequences is known from the check, that of the others is the initial one
-            block["eState"] = random.integers(0, len(states), lanes).astype(np.int32)
+            block["eState"] = random.integers(0, len(states), rows).astype(np.int32)
         angle = angle + block["fMotorSpeed_rpm"] / 60 * 2 * np.pi * np.minimum(typical["fCycle_s"], 0.01)
         typical |= {"fThetaIn_rad": angle, "fThetaOut_rad": angle / 81.0, "fShaftTorque_Nm": block["fLoadTorque_Nm"]}
-        given = {n: np.where(random.random(lanes) < rate, hostile(random, lanes), typical[n]) for n in names}
+        given = {n: np.where(random.random(rows) < rate, hostile(random, rows), typical[n]) for n in names}
         if cycle >= end:
-            given["fCycle_s"] = np.ones(lanes)
+            given["fCycle_s"] = np.ones(rows)
         kept.see(given)
         block(
-            bStart=random.random(lanes) < 0.95, bAbort=cycle >= end, bEncodersReady=random.random(lanes) < 0.99, **given
+            bStart=random.random(rows) < 0.95, bAbort=cycle >= end, bEncodersReady=random.random(rows) < 0.99, **given
         )
         finite(block, [port.name for port in block.outputs])
         speed = block["fMotorSpeed_rpm"]
@@ -332,7 +332,7 @@ def run_experiment(target, lanes, seed, cycles=60):
             assert not np.any(block["fLoadTorque_Nm"])
             assert not np.any(block["bDataValid"])
     assert not np.any(block["bBusy"] & (before == 0.0) & (cycles - end > 2)), "still busy"
-    return lanes * cycles
+    return rows * cycles
 
 
 KINDS = {
@@ -345,15 +345,15 @@ KINDS = {
 }
 
 
-def main(sequences=100_000, lanes=4_000):
+def main(sequences=100_000, rows=4_000):
     """Run at least that many sequences, shared by all kinds and both dialects; prints a closing line."""
     started, calls, done = time.monotonic(), 0, 0
     jobs = [(kind, target) for kind in KINDS for target in ("twincat", "iec")]
-    rounds = -(-sequences // (lanes * len(jobs)))
+    rounds = -(-sequences // (rows * len(jobs)))
     for number in range(rounds):
         for index, (kind, target) in enumerate(jobs):
-            calls += KINDS[kind](target, lanes, 1000 * number + index)
-            done += lanes
+            calls += KINDS[kind](target, rows, 1000 * number + index)
+            done += rows
             print(f"{done:9,} sequences, {time.monotonic() - started:6.1f} s: {kind}, {target}", flush=True)
     print(f"soak: {done:,} sequences, {calls:,} calls of a block with orders {ORDERS}: nothing violated")
 

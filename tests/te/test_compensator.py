@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from st_codegen.errors import InputError
-from st_codegen.st import LaneMachine, ScalarMachine
+from st_codegen.st import Machine
 from st_codegen.te.harmonics import Direction
 from tests.te.projects import BOTH, ORDERS, RATIO, error_codes, loaded, parts
 
@@ -16,7 +16,7 @@ CYCLE, RAMP, BLEND = 0.005, 100, 20
 
 
 def compensator(target, directions=BOTH, **inputs):
-    block = ScalarMachine(loaded(target, directions=directions, slope=0.0)).instance("FB_Compensator")
+    block = Machine(loaded(target, directions=directions, slope=0.0)).instance("FB_Compensator")
     for name, value in {**POINT, "bEnable": True, "fThetaOut_rad": 0.0, "fCycle_s": CYCLE, **inputs}.items():
         block[name] = value
     return block
@@ -117,15 +117,15 @@ BAD_INPUTS = [
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_a_bad_input_says_which_and_fades_out_and_back(target):
-    """One lane for each bad input."""
-    lanes = len(BAD_INPUTS)
-    block = LaneMachine(loaded(target, slope=0.0), lanes=lanes).instance("FB_Compensator")
-    good = {name: np.full(lanes, value) for name, value in POINT.items()}
-    good |= {"fThetaOut_rad": np.zeros(lanes), "fCycle_s": np.full(lanes, CYCLE)}
+    """One row for each bad input."""
+    rows = len(BAD_INPUTS)
+    block = Machine(loaded(target, slope=0.0), rows=rows).instance("FB_Compensator")
+    good = {name: np.full(rows, value) for name, value in POINT.items()}
+    good |= {"fThetaOut_rad": np.zeros(rows), "fCycle_s": np.full(rows, CYCLE)}
     good |= {name: np.asarray(block[name]).copy() for name, *_ in BAD_INPUTS if name not in good}
     bad = {name: value.copy() for name, value in good.items()}
-    for lane, (name, value, _) in enumerate(BAD_INPUTS):
-        bad[name][lane] = value
+    for row, (name, value, _) in enumerate(BAD_INPUTS):
+        bad[name][row] = value
     full = steady(block, **good, bEnable=True).copy()
     assert np.all(full == full[0])
     values = [full]

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from st_codegen.st import ScalarMachine
+from st_codegen.st import Machine
 from st_codegen.te.compensation.codes import EXPERIMENT_ERROR, EXPERIMENT_STATE
 from tests.te.projects import RATIO, loaded
 
@@ -53,7 +53,7 @@ class Rig:
 
 
 def rig(target="iec", **inputs):
-    machine = ScalarMachine(loaded(target))
+    machine = Machine(loaded(target))
     made = Rig(machine.instance("FB_Experiment"), machine.instance("FB_LoadTorque"))
     settings = {"fSpeed_rpm": 900.0, "fTorque_Nm": 300.0, "fTemperature_C": 25.0, "fHomingSpeed_rpm": 200.0}
     for name, value in {**settings, **inputs}.items():
@@ -224,7 +224,7 @@ def test_a_step_that_does_not_end_is_given_up(step, overrides, settings):
 
 @pytest.mark.parametrize("target", ["twincat", "iec"])
 def test_the_load_is_limited_ramped_and_divided_by_its_ratio(target):
-    block = ScalarMachine(loaded(target)).instance("FB_LoadTorque")
+    block = Machine(loaded(target)).instance("FB_LoadTorque")
     values = [0.0]
     for _ in range(1100):
         block(fTorque_Nm=1000.0, bEnable=True, fCycle_s=0.005, fRate_Nm_s=200.0)
@@ -245,7 +245,7 @@ def test_the_load_is_limited_ramped_and_divided_by_its_ratio(target):
 
 @pytest.mark.parametrize("target", ["twincat", "iec"])
 def test_prg_experiment_runs_through_thousands_of_cycles(target):
-    machine = ScalarMachine(loaded(target))
+    machine = Machine(loaded(target))
     program = machine.program("PRG_Experiment")
     holder, path = (machine.globals, "GVL_Experiment.{}") if target == "twincat" else (program, "{}")
     settings = {"fSpeed_rpm": 900.0, "fTorque_Nm": 300.0, "fTemperature_C": 25.0, "fOil_C": 26.0, "bStart": True}

@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from st_codegen.st import LaneMachine
+from st_codegen.st import Machine
 from st_codegen.te.compensation.harmonic_sum import ERROR_PER_ORDER, HALF_PI_LOW, operations
 from tests.te.projects import PAPER_ORDERS, loaded, project, texts
 
@@ -43,7 +43,7 @@ def exact(order, theta):
 @pytest.mark.parametrize("target", ["twincat", "iec"])
 def test_every_order_up_to_240_is_within_its_bound_of_the_cosine(target):
     theta = angles(np.random.default_rng(3), 2_500)
-    block = LaneMachine(loaded(target, PAPER_ORDERS), lanes=len(theta)).instance("FB_HarmonicSum")
+    block = Machine(loaded(target, PAPER_ORDERS), rows=len(theta)).instance("FB_HarmonicSum")
     largest = 0.0
     for index, order in enumerate(PAPER_ORDERS):
         for number in (0, 1):
@@ -61,7 +61,7 @@ def test_every_order_up_to_240_is_within_its_bound_of_the_cosine(target):
 
 def test_the_reduced_angle_is_right_to_half_a_unit():
     theta = angles(np.random.default_rng(4), 400)
-    block = LaneMachine(loaded("iec", PAPER_ORDERS), lanes=len(theta)).instance("FB_HarmonicSum")
+    block = Machine(loaded("iec", PAPER_ORDERS), rows=len(theta)).instance("FB_HarmonicSum")
     block(fTheta_rad=theta)
     rest = block["fRest"]
     assert np.max(np.abs(rest)) <= np.pi / 4 * (1 + 1e-7)
@@ -88,7 +88,7 @@ def test_the_header_states_the_operations_that_the_text_has():
 
 def test_a_long_list_of_orders_still_compiles():
     orders = tuple(range(0, 121, 3))
-    block = LaneMachine(loaded("iec", orders), lanes=3).instance("FB_HarmonicSum")
+    block = Machine(loaded("iec", orders), rows=3).instance("FB_HarmonicSum")
     theta = np.array([0.3, 1e6, -7.0])
     cosine = 1.0 / (1 + np.arange(len(orders)))
     block(fTheta_rad=theta, aCosine=cosine, aSine=-cosine)

@@ -10,7 +10,7 @@ import threading
 import numpy as np
 import pytest
 
-from st_codegen.st import Library, ScalarMachine, parse_project
+from st_codegen.st import Library, Machine, parse_project
 from tests.te.hostile import pair
 from tests.te.projects import (
     ORDERS,
@@ -112,7 +112,7 @@ def run_schedule(stepped, schedule):
     Gives the number of the set in use, all its coefficients, and how many steps each made.
     """
     checked, library, turns = stepped
-    machine = ScalarMachine(checked, libraries=[library])
+    machine = Machine(checked, libraries=[library])
     slow, fast, signals = machine.program("PRG_Slow"), machine.program("PRG_Fast"), machine.globals
     signals["GVL_Machine.fSpeed_rpm"], signals["GVL_Machine.fTemperature_C"] = 500.0, 30.0
 
@@ -234,7 +234,7 @@ def test_without_the_protocol_torn_sets_are_found(change):
 
 @pytest.mark.parametrize("target", ["twincat", "iec"])
 def test_a_slow_task_that_stops_lets_the_correction_fade_and_return(target):
-    block = ScalarMachine(loaded_with(target, pair(target), slope=0.0)).instance("FB_Pair")
+    block = Machine(loaded_with(target, pair(target), slope=0.0)).instance("FB_Pair")
     point = {"fThetaOut_rad": 0.1, "fSpeed_rpm": 500.0, "fTorque_Nm": 10.0, "fTemperature_C": 30.0, "bEnable": True}
     block(**point, bSlow=False)
     assert block["eError"] == CODE["NOT_READY"]
@@ -260,7 +260,7 @@ def test_a_slow_task_that_stops_lets_the_correction_fade_and_return(target):
 
 @pytest.mark.parametrize("target", ["twincat", "iec"])
 def test_an_error_of_the_slow_task_reaches_the_fast_one(target):
-    block = ScalarMachine(loaded_with(target, pair(target), slope=0.0)).instance("FB_Pair")
+    block = Machine(loaded_with(target, pair(target), slope=0.0)).instance("FB_Pair")
     block(bSlow=True, fThetaOut_rad=0.1, fSpeed_rpm=500.0, fTorque_Nm=np.nan, fTemperature_C=30.0)
     assert block["eError"] == CODE["OPERATING_POINT"]
     block(fTorque_Nm=1900.0)
@@ -270,7 +270,7 @@ def test_an_error_of_the_slow_task_reaches_the_fast_one(target):
 
 
 def test_numbers_of_sets_start_again_before_they_overflow():
-    block = ScalarMachine(loaded_with("iec", pair("iec"), slope=0.0)).instance("FB_Pair")
+    block = Machine(loaded_with("iec", pair("iec"), slope=0.0)).instance("FB_Pair")
     block["stExchange.nSequence"] = 999_999_999
     point = {"fThetaOut_rad": 0.1, "fSpeed_rpm": 500.0, "fTorque_Nm": 10.0, "fTemperature_C": 30.0}
     for number in (1_000_000_000, 1, 2, 3):
@@ -295,7 +295,7 @@ def drive(machine, cycles, call):
 
 
 def test_prg_main_runs_through_thousands_of_cycles():
-    machine = ScalarMachine(loaded("twincat", slope=0.0))
+    machine = Machine(loaded("twincat", slope=0.0))
     program = machine.program("PRG_Main")
     values = drive(machine, 6000, lambda cycle: program())
     assert np.isfinite(values).all()
@@ -313,9 +313,9 @@ def test_prg_main_runs_through_thousands_of_cycles():
 
 
 def test_both_programs_of_the_two_tasks_give_what_prg_main_gives():
-    one = ScalarMachine(loaded("twincat", slope=0.0))
+    one = Machine(loaded("twincat", slope=0.0))
     main = one.program("PRG_Main")
-    two = ScalarMachine(loaded("twincat", slope=0.0))
+    two = Machine(loaded("twincat", slope=0.0))
     slow, fast = two.program("PRG_Slow"), two.program("PRG_Fast")
 
     def both(cycle):
@@ -330,7 +330,7 @@ def test_both_programs_of_the_two_tasks_give_what_prg_main_gives():
 
 
 def test_prg_main_of_the_portable_subset_has_ports():
-    machine = ScalarMachine(loaded("iec", slope=0.0))
+    machine = Machine(loaded("iec", slope=0.0))
     program = machine.program("PRG_Main")
     program["bEnable"] = True
     for cycle in range(3000):

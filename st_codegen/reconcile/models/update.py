@@ -181,7 +181,6 @@ def rehearse(result: Result, old: Bundle, new: Bundle, wish: Wish, step: Callabl
     for number, (name, bundle) in enumerate((("old", old), ("new", new))):
         step(5 + number, f"moving with the {name} compensator")
         compensator = EmittedCompensator(bundle, wish.target)
-        compensator.foresee(planned.speed_rpm, planned.wanted_Nm, planned.sensor_C)
         orders = transmission_error(bundle).orders
         outcome = compare(rig, planned, before, compensator, Case(orders, LAW, FORM, lead))
         if not cases:

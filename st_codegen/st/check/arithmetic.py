@@ -11,9 +11,6 @@ import math
 from collections.abc import Callable
 from struct import Struct
 
-import numpy as np
-
-from st_codegen.st.errors import Position
 from st_codegen.st.types import REAL, Elementary
 
 DIVISION = "division by zero"
@@ -26,6 +23,7 @@ INTEGER_OVERFLOW = "integer overflow"
 SHIFT = "shift out of range"
 LOOP = "loop limit"
 STEP = "step of zero"
+REFERENCE = "reference not set"
 
 # The largest LREAL whose EXP is finite
 EXP_LIMIT = 709.782712893384
@@ -34,25 +32,12 @@ _BITS = Struct("<Q")
 _DOUBLE = Struct("<d")
 
 
-class Fault(Exception):  # noqa: N818 - it becomes a StRuntimeError once its position is known
-    """An operation that would stop a controller; `index` counts within the lanes that execute the operation.
+class Fault(Exception):  # noqa: N818 - who catches it knows the position and makes an error of it
+    """An operation that would stop a controller."""
 
-    Without a `position` it is that of the line of generated code.
-    """
-
-    def __init__(
-        self,
-        kind: str,
-        operands: tuple[object, ...],
-        detail: str = "",
-        index: int = 0,
-        position: Position | None = None,
-    ) -> None:
-        self.position = position
+    def __init__(self, kind: str, operands: tuple[object, ...]) -> None:
         self.kind = kind
         self.operands = operands
-        self.detail = detail
-        self.index = index
         super().__init__(kind)
 
 
@@ -239,21 +224,21 @@ def rotate_right(value: int, count: int, bits: int, mask: int) -> int:
 
 
 # --- functions --------------------------------------------------------------------------------------------------------
-# NumPy evaluates them for single values too, so that lanes and single values agree to the last bit.
+# The C library evaluates them here, by Python's own functions, and in compiled code: they agree to the last bit.
 
 
 def exp(x: float) -> float:
     """EXP."""
     if x > EXP_LIMIT and not math.isinf(x):
         raise Fault(OVERFLOW, (x,))
-    return float(np.exp(x))
+    return math.exp(x)
 
 
 def _of_positive(function: Callable[[float], float]) -> Callable[[float], float]:
     def evaluate(x: float) -> float:
         if x <= 0.0:
             raise Fault(INVALID, (x,))
-        return float(function(x))
+        return function(x)
 
     return evaluate
 
@@ -262,7 +247,7 @@ def _of_finite(function: Callable[[float], float]) -> Callable[[float], float]:
     def evaluate(x: float) -> float:
         if math.isinf(x):
             raise Fault(INVALID, (x,))
-        return float(function(x))
+        return function(x)
 
     return evaluate
 
@@ -271,7 +256,7 @@ def _of_unit(function: Callable[[float], float]) -> Callable[[float], float]:
     def evaluate(x: float) -> float:
         if abs(x) > 1.0:
             raise Fault(INVALID, (x,))
-        return float(function(x))
+        return function(x)
 
     return evaluate
 
@@ -289,8 +274,10 @@ def expt(x: float, y: float) -> float:
         raise Fault(DIVISION, (x, y))
     if x < 0.0 and math.isfinite(x) and math.isfinite(y) and y != math.floor(y):
         raise Fault(INVALID, (x, y))
-    with np.errstate(all="ignore"):
-        result = float(np.power(x, y))
+    try:
+        result = math.pow(x, y)
+    except OverflowError:
+        raise Fault(OVERFLOW, (x, y)) from None
     if result - result and not math.isnan(x) and not math.isnan(y):
         return check_float(result, x, y)
     return result
@@ -311,14 +298,14 @@ def _quiet_check(function: Callable[[float], float]) -> Callable[[float], float]
 FUNCTIONS: dict[str, Callable[[float], float]] = {
     "SQRT": _quiet_check(sqrt),
     "EXP": _quiet_check(exp),
-    "LN": _quiet_check(_of_positive(np.log)),
-    "LOG": _quiet_check(_of_positive(np.log10)),
-    "SIN": _quiet_check(_of_finite(np.sin)),
-    "COS": _quiet_check(_of_finite(np.cos)),
-    "TAN": _quiet_check(_of_finite(np.tan)),
-    "ASIN": _quiet_check(_of_unit(np.arcsin)),
-    "ACOS": _quiet_check(_of_unit(np.arccos)),
-    "ATAN": _quiet_check(lambda x: float(np.arctan(x))),
+    "LN": _quiet_check(_of_positive(math.log)),
+    "LOG": _quiet_check(_of_positive(math.log10)),
+    "SIN": _quiet_check(_of_finite(math.sin)),
+    "COS": _quiet_check(_of_finite(math.cos)),
+    "TAN": _quiet_check(_of_finite(math.tan)),
+    "ASIN": _quiet_check(_of_unit(math.asin)),
+    "ACOS": _quiet_check(_of_unit(math.acos)),
+    "ATAN": _quiet_check(math.atan),
 }
 
 
@@ -326,7 +313,7 @@ def atan2(y: float, x: float) -> float:
     """ATAN2."""
     if math.isnan(x) or math.isnan(y):
         return check_float(math.nan, x, y)
-    return float(np.arctan2(y, x))
+    return math.atan2(y, x)
 
 
 def single(function: Callable[..., float]) -> Callable[..., float]:

@@ -35,25 +35,25 @@ END_FUNCTION_BLOCK
 
 
 class Timer(NativeBlock):
-    """Base of the timers: when each lane started to count."""
+    """Base of the timers: when each row started to count."""
 
     def __init__(self, machine: Host) -> None:
         super().__init__(machine)
-        self.start = np.zeros(machine.lanes, np.int64)
-        self.is_counting = np.zeros(machine.lanes, np.bool_)
+        self.start = np.zeros(machine.row_count, np.int64)
+        self.is_counting = np.zeros(machine.row_count, np.bool_)
 
     def elapsed(self, call: NativeCall, begins: NDArray[np.bool_], stops: NDArray[np.bool_]) -> Any:
-        """The time since each lane began, in units of PT and not beyond it; zero where it is not counting."""
-        lanes = call.lanes
+        """The time since each row began, in units of PT and not beyond it; zero where it is not counting."""
+        rows = call.rows
         preset = call["PT"]
         # TIME counts milliseconds in 32 bits or nanoseconds in 64, by the dialect
         unit = 1_000_000 if preset.dtype.itemsize == 4 else 1
         now = self.machine.time_ns // unit
-        self.is_counting[lanes] &= ~stops
-        starts = begins & ~self.is_counting[lanes]
-        self.start[lanes] = np.where(starts, now, self.start[lanes])
-        self.is_counting[lanes] |= starts
-        counted = np.where(self.is_counting[lanes], now - self.start[lanes], 0)
+        self.is_counting[rows] &= ~stops
+        starts = begins & ~self.is_counting[rows]
+        self.start[rows] = np.where(starts, now, self.start[rows])
+        self.is_counting[rows] |= starts
+        counted = np.where(self.is_counting[rows], now - self.start[rows], 0)
         return np.clip(counted, 0, preset.astype(np.int64))
 
 
@@ -73,17 +73,17 @@ class OffDelay(Timer):
 
     def __init__(self, machine: Host) -> None:
         super().__init__(machine)
-        self.was_on = np.zeros(machine.lanes, np.bool_)
+        self.was_on = np.zeros(machine.row_count, np.bool_)
 
     def body(self, call: NativeCall) -> None:
         """A call of the instance."""
         given = call["IN"]
-        self.was_on[call.lanes] |= given
-        elapsed = self.elapsed(call, ~given & self.was_on[call.lanes], given)
+        self.was_on[call.rows] |= given
+        elapsed = self.elapsed(call, ~given & self.was_on[call.rows], given)
         call["ET"] = elapsed
-        is_on = given | (self.is_counting[call.lanes] & (elapsed < call["PT"]))
+        is_on = given | (self.is_counting[call.rows] & (elapsed < call["PT"]))
         call["Q"] = is_on
-        self.was_on[call.lanes] &= is_on | self.is_counting[call.lanes]
+        self.was_on[call.rows] &= is_on | self.is_counting[call.rows]
 
 
 class Pulse(Timer):
@@ -95,7 +95,7 @@ class Pulse(Timer):
         is_over = self.elapsed(call, given, np.zeros_like(given)) >= call["PT"]
         elapsed = self.elapsed(call, given, is_over & ~given)
         call["ET"] = elapsed
-        call["Q"] = self.is_counting[call.lanes] & (elapsed < call["PT"])
+        call["Q"] = self.is_counting[call.rows] & (elapsed < call["PT"])
 
 
 TC2_STANDARD = Library(
@@ -130,7 +130,7 @@ class FailedAssertion:
     """An assertion of a test suite that did not hold."""
 
     test: str
-    lane: int
+    row: int
     expected: object
     actual: object
     message: str
@@ -146,17 +146,17 @@ class TestSuite(NativeBlock):
         self.tests: list[str] = []
         self.finished: set[str] = set()
         self.failures: list[FailedAssertion] = []
-        self._current: NDArray[Any] = np.full(machine.lanes, "", dtype=object)
+        self._current: NDArray[Any] = np.full(machine.row_count, "", dtype=object)
 
     def TEST(self, call: NativeCall) -> None:  # noqa: N802 - the name of the library
         """Begin a test."""
         names = call["TESTNAME"]
-        self._current[call.lanes] = names
+        self._current[call.rows] = names
         self.tests += [name for name in dict.fromkeys(names) if name not in self.tests]
 
     def TEST_FINISHED(self, call: NativeCall) -> None:  # noqa: N802
         """End the current test."""
-        self.finished |= set(self._current[call.lanes])
+        self.finished |= set(self._current[call.rows])
 
     def TEST_FINISHED_NAMED(self, call: NativeCall) -> None:  # noqa: N802
         """End a test by its name."""
@@ -164,9 +164,9 @@ class TestSuite(NativeBlock):
 
     def _note(self, call: NativeCall, holds: Any, expected: Any, actual: Any) -> None:
         for index in np.flatnonzero(~np.asarray(holds, np.bool_)):
-            lane = int(call.lanes[index])
+            row = int(call.rows[index])
             values = (expected[index], actual[index], str(call["MESSAGE"][index]))
-            self.failures.append(FailedAssertion(str(self._current[lane]), lane, *values))
+            self.failures.append(FailedAssertion(str(self._current[row]), row, *values))
 
     def AssertTrue(self, call: NativeCall) -> None:  # noqa: N802
         """Note a condition that does not hold."""
@@ -201,7 +201,8 @@ def _run_suites(call: NativeCall) -> None:
     """RUN: one cycle of all test suites."""
     for native in list(call.machine.natives):
         if isinstance(native, TestSuite):
-            call.machine.run_body(native, call.lanes)
+            for row in call.rows:
+                call.machine.run_body(native, int(row))
 
 
 TCUNIT = Library("TcUnit", _TCUNIT, blocks={"FB_TestSuite": TestSuite}, functions={"RUN": _run_suites})

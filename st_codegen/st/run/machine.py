@@ -1,9 +1,21 @@
-"""What a user sees of a machine, lanes or not: instances, variables by name, calls, errors with positions."""
+"""Runs a checked project, in one copy or in many rows at once.
+
+    project = load_project(["out/iec"], dialect="iec")
+    machine = Machine(project, rows=10_000)
+    block = machine.instance("FB_Forest")
+    block(fSpeed_rpm=speeds, fTorque_Nm=torques)      # arrays of length rows, or single values
+    block["fOut1"]                                    # array of length rows
+
+Without `rows` there is one copy, whose variables are single values.
+"""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable
+import ctypes
+import os
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor, wait
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -11,170 +23,296 @@ from numpy.typing import NDArray
 
 from st_codegen.st import tree as t
 from st_codegen.st.errors import StUsageError
-from st_codegen.st.run.emit import Source, is_inlined
-from st_codegen.st.run.natives import NativeBlock
-from st_codegen.st.run.paths import Port, Step, find_block, find_global, ports, resolve
-from st_codegen.st.run.runtime import Composite, Runtime, Slot
+from st_codegen.st.run.calls import NativeCalls
+from st_codegen.st.run.compiler import Code, program_of
+from st_codegen.st.run.memory import Memory, given, pointers, reader, shown, view
+from st_codegen.st.run.natives import Library, NativeBlock
+from st_codegen.st.run.paths import Place, Port, find_block, find_global, ports, resolve
+from st_codegen.st.run.prelude import CONTEXT
+from st_codegen.st.run.unit import parameters
 from st_codegen.st.tree import PouKind
-from st_codegen.st.types import ArrayType, BlockType, Elementary, EnumType, Type, default_value, storage_type
+from st_codegen.st.types import LREAL, ArrayType, BlockType, default_value
 
 LOOP_LIMIT = 10_000_000
+#: Fewer rows are not worth a thread.
+_ROWS_A_THREAD = 500
+#: Memory for the answers of native code to rows that ask at the same time.
+_ANSWER_BYTES = 64_000_000
 
 
-class Machine(ABC):
-    """A project that runs."""
+class Machine:
+    """A project that runs in `rows` independent copies; variables are read as arrays whose first axis is the rows.
 
-    def __init__(self, project: t.Project, rt: Runtime, source: Source) -> None:
+    `loop_limit` is the number of rounds after which a single run of a loop is an error. `libraries` are those the
+    project was checked with. `workers` are the threads that rows are shared among (None: one for each processor);
+    results do not depend on it. After an error the variables of the machine are of no use.
+    """
+
+    def __init__(
+        self,
+        project: t.Project,
+        rows: int | None = None,
+        *,
+        loop_limit: int = LOOP_LIMIT,
+        libraries: Iterable[Library] = (),
+        workers: int | None = None,
+    ) -> None:
+        if rows is not None and rows < 1:
+            raise StUsageError(f"a machine has at least one row, not {rows}")
         self.project = project
-        self.rt = rt
-        self.source = source
+        self.rows = rows
+        self.time_ns = 0
+        self.natives: list[NativeBlock] = []
+        self.program_code = program_of(project, loop_limit)
+        self.module = self.program_code.module
+        self.layout = self.module.layout
+        self.calls = NativeCalls(self, self.module, libraries)
+        self._workers = workers or _processors()
+        self.memory = Memory(self.row_count, self.layout.once())
+        for variable, offset in self.layout.globals.items():
+            self.calls.attach(self.memory, variable.type, offset)
+        for key, offset in self.layout.programs.items():
+            self.calls.attach(self.memory, BlockType(project.pous[key].name), offset)
+        self._frames = [Memory(self.row_count, bytes(self.module.frame_bytes))]
+        self._context: NDArray[np.int64] | None = None
         self.globals = GlobalVariables(self)
 
     @property
-    def time_ns(self) -> int:
-        """The clock of native timers, in nanoseconds."""
-        return self.rt.time_ns
-
-    @time_ns.setter
-    def time_ns(self, value: int) -> None:
-        self.rt.time_ns = value
+    def row_count(self) -> int:
+        """How many rows there are."""
+        return self.rows or 1
 
     def instance(self, block: str) -> Instance:
         """A new instance of a function block. Raises `StUsageError` when there is no such block."""
         type_ = find_block(self.project, block)
-        return Instance(self, type_, self.rt.make(type_, {}))
+        memory = Memory(self.row_count, self.layout.image(type_, {}))
+        self.calls.attach(memory, type_)
+        return Instance(self, type_, memory, 0)
 
     def program(self, name: str) -> Instance:
         """The instance of a program. Raises `StUsageError` when there is no such program."""
-        found = getattr(self.rt, f"p_{name.upper()}", None)
-        if found is None:
+        if name.upper() not in self.layout.programs:
             raise StUsageError(f"the project has no program '{name}'")
-        return Instance(self, find_block(self.project, name), found)
+        return Instance(self, find_block(self.project, name), self.memory, self.layout.programs[name.upper()])
 
     def call(self, function: str, *arguments: Any, **named: Any) -> Any:
         """Call a function; gives its result, or a tuple of result and outputs when it has outputs."""
         pou = self.project.pous.get(function.upper())
         if pou is None or pou.kind is not PouKind.FUNCTION:
             raise StUsageError(f"the project has no function '{function}'")
-        return self.call_unit(pou, None, self.rt.unit(pou.key), arguments, named)
+        return self.call_unit(pou, self.memory, 0, arguments, named)
 
-    def call_unit(
-        self, pou: t.Pou, receiver: Any, code: Callable[..., Any], arguments: tuple[Any, ...], named: dict[str, Any]
-    ) -> Any:
+    def call_unit(self, pou: t.Pou, memory: Memory, at: int, arguments: tuple[Any, ...], named: dict[str, Any]) -> Any:
         """Call a function or method with values of the user."""
-        parameters = pou.section(t.Section.INPUT, t.Section.IN_OUT)
-        given = dict(zip((parameter.key for parameter in parameters), arguments, strict=False))
-        given |= {name.upper(): value for name, value in named.items()}
-        unknown = sorted(set(given) - {parameter.key for parameter in parameters})
-        if unknown or len(arguments) > len(parameters):
-            raise StUsageError(f"'{pou.name}' takes {len(parameters)} arguments; not known: {', '.join(unknown)}")
-        atoms = []
-        for parameter in parameters:
-            if parameter.section is t.Section.IN_OUT:
-                raise StUsageError(f"'{pou.name}' has a VAR_IN_OUT: call it from Structured Text")
-            if parameter.key not in given and not parameter.has_initial:
-                raise StUsageError(f"the argument '{parameter.name}' of '{pou.name}' is missing")
-            slot = Slot(self.rt.make(parameter.type, parameter.initial))
-            if parameter.key in given:
-                self._set(slot, Step(parameter.type), "v", parameter.name, given[parameter.key])
-            atoms.append(slot.v)
-        result = self.run(code, receiver, *atoms)
-        types = ([pou.result.type] if pou.result is not None else []) + [v.type for v in pou.section(t.Section.OUTPUT)]
-        values = (result,) if len(types) == 1 else result
-        shown = tuple(self.show(value, type_) for value, type_ in zip(values, types, strict=True))
-        return shown[0] if len(shown) == 1 else (shown or None)
+        values = _arguments(pou, arguments, named)
+        offsets, size = self.module.arguments(parameters(pou))
+        record = Memory(self.row_count, bytes(size))
+        for variable in parameters(pou):
+            image = np.frombuffer(self.layout.image(variable.type, variable.initial), np.uint8)
+            record.bytes[:, offsets[variable.key] : offsets[variable.key] + len(image)] = image
+            if variable.key in values:
+                numbers = given(values[variable.key], variable.type, self.rows, variable.name)
+                shape = variable.type.shape if isinstance(variable.type, ArrayType) else ()
+                record.view(offsets[variable.key], numbers.dtype, shape)[...] = numbers
+        if pou.is_native:
+            self._run_native(pou, memory, at, record, offsets)
+        else:
+            self.run(self.program_code.code(pou), memory, at, record)
+        results = [*([pou.result] if pou.result is not None else []), *pou.section(t.Section.OUTPUT)]
+        values_ = tuple(
+            shown(self.layout, record.view, offsets[item.key], item.type, self.rows is None) for item in results
+        )
+        return values_[0] if len(values_) == 1 else (values_ or None)
 
-    # --- what differs ---
+    # --- runs ---
 
-    @abstractmethod
-    def run(self, code: Callable[..., Any], receiver: Any, *atoms: Any) -> Any:
-        """Run a unit. Raises `StRuntimeError` for what would stop a controller."""
+    def run(self, code: Code, memory: Memory, at: int, arguments: Memory | None = None) -> None:
+        """Run a unit in all rows. Raises `StRuntimeError` for the first row in which a controller would stop."""
+        has_natives = bool(self.module.native_sites)
+        if has_natives and self.row_count > 1 and self.calls.are_pure:
+            self._run_with_answers(code, memory, at, arguments)
+        elif has_natives or self._workers < 2 or self.row_count < 2 * _ROWS_A_THREAD:
+            if self._context is None or self.module.frame_bytes > self._frames[-1].stride:
+                self._context = self._new_context()
+            self._run_rows(self._context, code, memory, at, arguments, 0, self.row_count)
+        else:
+            self._run_in_threads(code, memory, at, arguments)
 
-    @abstractmethod
-    def show(self, value: Any, type_: Type) -> Any:
-        """A variable for the user."""
+    def _run_in_threads(self, code: Code, memory: Memory, at: int, arguments: Memory | None) -> None:
+        parts = min(self._workers, self.row_count // _ROWS_A_THREAD)
+        ends = np.linspace(0, self.row_count, parts + 1).astype(int).tolist()
 
-    @abstractmethod
-    def element(self, holder: Any, step: Step) -> Any:
-        """An element of an array or a field of a union."""
+        def part(number: int) -> None:
+            self._run_rows(self._new_context(), code, memory, at, arguments, ends[number], ends[number + 1])
 
-    @abstractmethod
-    def set_element(self, holder: Any, step: Step, value: Any) -> None:
-        """Assign an element of an array or a field of a union."""
+        runs = [_threads().submit(part, number) for number in range(parts)]
+        wait(runs)  # all of them, so that the error is that of the first row, and nobody writes afterwards
+        for run in runs:
+            run.result()
 
-    @abstractmethod
-    def single(self, value: Any, type_: Elementary) -> Any:
-        """A value of the user as an elementary variable. Raises `ValueError`."""
+    def _run_rows(
+        self,
+        context: NDArray[np.int64],
+        code: Code,
+        memory: Memory,
+        at: int,
+        arguments: Memory | None,
+        first: int,
+        last: int,
+    ) -> None:
+        record = (None, 0) if arguments is None else (arguments.address, arguments.stride)
+        stopped = self.program_code.rows(
+            context.ctypes.data,
+            code.address,
+            self.memory.address,
+            self.memory.stride,
+            memory.address + at,
+            memory.stride,
+            *record,
+            first,
+            last,
+        )
+        if self.calls.raised is not None:
+            error, self.calls.raised = self.calls.raised, None
+            raise error
+        if stopped >= 0:
+            kind, site, *operands = (int(value) for value in context[:4])
+            raise self.module.sites[site].error(kind, operands, stopped)
 
-    @abstractmethod
-    def array(self, value: Any, type_: ArrayType) -> Any:
-        """A value of the user as an array of elementary values. Raises `ValueError`."""
+    def _new_context(self) -> NDArray[np.int64]:
+        if self.module.frame_bytes > self._frames[-1].stride:
+            # A block may have kept the address of something in the frames before
+            self._frames.append(Memory(self.row_count, bytes(self.module.frame_bytes)))
+        context = np.zeros(len(CONTEXT), np.int64)
+        entries = {
+            "frames": self._frames[-1].address,
+            "frame_bytes": self._frames[-1].stride,
+            "host": ctypes.cast(self.calls.callback, ctypes.c_void_p).value or 0,
+        }
+        for name, value in entries.items():
+            context[CONTEXT.index(name)] = value
+        return context
 
-    @abstractmethod
-    def reference(self, slot: Slot, type_: Elementary) -> Any:
-        """What a VAR_IN_OUT of an elementary type holds."""
+    # --- native code ---
+
+    def _run_with_answers(self, code: Code, memory: Memory, at: int, arguments: Memory | None) -> None:
+        """Try all rows, answer what they asked native code at once, and try again until nothing new is asked."""
+        size = max(site.size for site in self.module.native_sites)
+        asked = len(self.module.native_sites)
+        part = max(1, min(self.row_count, _ANSWER_BYTES // (2 * size * asked)))
+        for begin in range(0, self.row_count, part):
+            end = min(begin + part, self.row_count)
+            self._answer_rows(code, memory, at, arguments, np.arange(begin, end), (size, asked))
+
+    def _answer_rows(
+        self,
+        code: Code,
+        memory: Memory,
+        at: int,
+        arguments: Memory | None,
+        rows: NDArray[np.int64],
+        sizes: tuple[int, int],
+    ) -> None:
+        size, asked = sizes
+        first, last = int(rows[0]), int(rows[-1]) + 1
+        before = [(item, item.bytes[first:last].copy()) for item in {*self.calls.memories, *filter(None, [arguments])}]
+        answers = np.zeros((len(rows), asked, 2, size), np.uint8)
+        known = np.zeros((len(rows), asked), np.int64)
+        status = np.zeros(len(rows), np.uint8)
+        while True:
+            context = self._new_context()
+            entries = {"is_trial": 1, "answers": answers.ctypes.data, "answer_bytes": size, "answers_a_row": asked}
+            entries |= {"known": known.ctypes.data, "begin": first, "status": status.ctypes.data}
+            for name, value in entries.items():
+                context[CONTEXT.index(name)] = value
+            self._run_rows(context, code, memory, at, arguments, first, last)
+            if not status.any():
+                return
+            if not (known < 0).any():  # there are more calls than room for answers
+                more = np.zeros((len(rows), asked, 2, size), np.uint8)
+                answers, known = np.concatenate([answers, more], 1), np.concatenate([known, np.zeros_like(known)], 1)
+                asked *= 2
+            for number in np.unique(known[known < 0]):
+                where = np.nonzero(known == number)
+                site = self.module.native_sites[-int(number) - 1]
+                frames = answers[where][:, 0, : site.size].copy()
+                self.calls.answer(site, frames, rows[where[0]])
+                answers[where[0], where[1], 1, : site.size] = frames
+                known[where] = -number
+            for item, content in before:
+                item.bytes[first:last] = content
+
+    def run_body(self, native: NativeBlock, row: int) -> None:
+        """Call the body of the instance that a native block belongs to, in one row."""
+        memory, at, block = self.calls.owner(native)
+        code = self.program_code.code(self.project.pous[block.name.upper()])
+        self._run_rows(self._new_context(), code, memory, at, None, row, row + 1)
+
+    def _run_native(
+        self, pou: t.Pou, memory: Memory, at: int, record: Memory | None = None, offsets: dict[str, int] | None = None
+    ) -> None:
+        """Call native code from outside."""
+        site = self.calls.site_of(pou, parameters(pou))
+        frames = np.zeros((self.row_count, site.size), np.uint8)
+        view(frames, 0, np.dtype(np.uint64), ())[...] = memory.addresses() + np.uint64(at)
+        pairs = (
+            [] if record is None else [(record, (offsets or {})[name], site.offsets[name], name) for name in site.types]
+        )
+        parts = [(item, start, place, self.layout.size_of(site.types[name])) for item, start, place, name in pairs]
+        if site.block is not None:
+            parts.append((memory, at, site.block_offset, self.layout.size_of(site.block)))
+        for item, start, place, size in parts:
+            frames[:, place : place + size] = item.bytes[:, start : start + size]
+        self.calls.answer(site, frames, np.arange(self.row_count))
+        for item, start, place, size in parts:
+            item.bytes[:, start : start + size] = frames[:, place : place + size]
+
+    def call_body(self, block: str, memory: Memory, at: int) -> None:
+        """Call an instance of a block once."""
+        pou = self.project.pous[block]
+        if pou.is_native:
+            self._run_native(pou, memory, at)
+        else:
+            self.run(self.program_code.code(pou), memory, at)
 
     # --- variables ---
 
-    def read(self, memory: Any, steps: list[Step]) -> Any:
-        """The variable that steps lead to."""
-        value = memory
-        for step in steps:
-            value = self._follow(value, step)
-        return self.show(value, steps[-1].type)
+    def read(self, memory: Memory, place: Place) -> Any:
+        """A variable for the user."""
+        if place.constant is not None:
+            image = self.layout.image(place.constant.type, place.constant.initial)
+            memory = Memory(self.row_count, image)
+        read, offset = reader(memory, place)
+        return shown(self.layout, read, offset, place.type, self.rows is None)
 
-    def _follow(self, memory: Any, step: Step) -> Any:
-        if step.variable is not None and is_inlined(step.variable):
-            return step.variable.initial
-        if step.number is not None or (step.name is None and not isinstance(memory, list)):
-            return self.element(memory, step)
-        if step.name is None:
-            return memory[step.index]
-        value = getattr(memory, f"v_{step.name}")
-        is_reference = step.variable is not None and step.variable.section is t.Section.IN_OUT
-        if is_reference and value is not None and isinstance(step.type, Elementary | EnumType):
-            return self.element(value, step)
-        return value
-
-    def write(self, memory: Any, steps: list[Step], path: str, value: Any) -> None:
-        """Set the variable that steps lead to. Raises `StUsageError` for a constant or a wrong value."""
-        if any(step.variable is not None and step.variable.is_constant for step in steps):
+    def write(self, memory: Memory, place: Place, path: str, value: Any) -> None:
+        """Set a variable. Raises `StUsageError` for a constant or a wrong value."""
+        if place.constant is not None:
             raise StUsageError(f"'{path}' is a constant")
-        *before, last = steps
-        for step in before:
-            memory = self._follow(memory, step)
-        self._set(memory, last, f"v_{last.name}", path, value)
-
-    def _set(self, holder: Any, step: Step, name: str, path: str, value: Any) -> None:
-        type_ = step.type
-        is_table = isinstance(type_, ArrayType) and isinstance(type_.element, Elementary | EnumType)
-        if not isinstance(type_, Elementary | EnumType) and not (is_table and step.number is None):
-            raise StUsageError(f"'{path}' is {type_}: set its parts one by one")
-        try:
-            if isinstance(type_, ArrayType):
-                setattr(holder, name, self.array(value, type_))
-                return
-            new = self.single(value, storage_type(type_))
-        except (ValueError, OverflowError, TypeError) as error:
-            raise StUsageError(f"'{path}' : {type_}: {error}") from None
-        is_reference = step.variable is not None and step.variable.section is t.Section.IN_OUT
-        if is_reference:
-            self.set_element(getattr(holder, name), step, new)
-        elif step.number is not None or (step.name is None and not isinstance(holder, Slot)):
-            self.set_element(holder, step, new)
-        else:
-            setattr(holder, name, new)
+        numbers = given(value, place.type, self.rows, path)
+        shape = place.type.shape if isinstance(place.type, ArrayType) else ()
+        if len(place.offsets) == 1:
+            memory.view(place.offsets[0], numbers.dtype, shape)[...] = numbers
+            return
+        for address, item in zip(
+            pointers(memory, place), np.broadcast_to(numbers, (self.row_count, *shape)), strict=True
+        ):
+            ctypes.memmove(int(address) + place.offsets[-1], item.tobytes(), item.nbytes)
 
 
 class Instance:
     """An instance of a function block or program: `block["name"]` reads a variable, `block["name"] = value` sets it."""
 
-    def __init__(self, machine: Machine, type_: BlockType, memory: Composite) -> None:
+    def __init__(self, machine: Machine, type_: BlockType, memory: Memory, at: int) -> None:
         self._machine = machine
         self._type = type_
         self._memory = memory
-        self._paths: dict[str, list[Step]] = {}
+        self._at = at
+        self._places: dict[str, Place] = {}
+        self._numbers: dict[str, NDArray[np.float64]] = {}
+        self._bound: list[Memory] = []
         self._references = self._ports(t.Section.IN_OUT)
+        self._is_ready = not self._references
 
     def _ports(self, *sections: t.Section) -> tuple[Port, ...]:
         return ports(self._machine.project, self._type.name, *sections)
@@ -192,7 +330,7 @@ class Instance:
     @property
     def native(self) -> NativeBlock:
         """The Python object behind an instance of a native block, or of a block that extends one."""
-        found: NativeBlock | None = getattr(self._memory, "native", None)
+        found = self._memory.natives.get(self._at)
         if found is None:
             raise StUsageError(f"'{self._type}' is not native")
         return found
@@ -201,39 +339,51 @@ class Instance:
         """Set inputs and call the instance once. Raises `StRuntimeError`, `StUsageError`."""
         for name, value in inputs.items():
             self[name] = value
-        for port in self._references:
-            if getattr(self._memory, f"v_{port.variable.key}") is None:
-                raise StUsageError(f"'{port.name}' of '{self._type}' is VAR_IN_OUT: set it before the first call")
-        self._machine.run(self._memory.units[""], self._memory)
+        if not self._is_ready:
+            for port in self._references:
+                if not self._address_of(port).all():
+                    raise StUsageError(f"'{port.name}' of '{self._type}' is VAR_IN_OUT: set it before the first call")
+            self._is_ready = True
+        self._machine.call_body(self._type.name.upper(), self._memory, self._at)
 
     def method(self, name: str, *arguments: Any, **named: Any) -> Any:
         """Call a method; gives its result, or a tuple of result and outputs. Raises `StRuntimeError`."""
         pou = self._machine.project.find_method(self._type.name, name)
         if pou is None:
             raise StUsageError(f"'{self._type}' has no method '{name}'")
-        return self._machine.call_unit(pou, self._memory, self._memory.units[name.upper()], arguments, named)
+        return self._machine.call_unit(pou, self._memory, self._at, arguments, named)
 
-    def _steps(self, path: str) -> list[Step]:
-        if path not in self._paths:
-            self._paths[path] = resolve(self._machine.project, self._type, path)
-        return self._paths[path]
+    def _place(self, path: str) -> Place:
+        if path not in self._places:
+            found = resolve(self._machine.layout, Place(self._type, (self._at,)), path)
+            self._places[path] = found
+            if found.type is LREAL and found.constant is None and len(found.offsets) == 1:
+                self._numbers[path] = self._memory.view(found.offsets[0], np.dtype(np.float64), ())
+        return self._places[path]
 
     def __getitem__(self, path: str) -> Any:
-        return self._machine.read(self._memory, self._steps(path))
+        return self._machine.read(self._memory, self._place(path))
 
     def __setitem__(self, path: str, value: Any) -> None:
-        steps = self._steps(path)
-        first = steps[0].variable
-        if first is not None and first.section is t.Section.IN_OUT and getattr(self._memory, f"v_{first.key}") is None:
-            self._bind(first)
-        self._machine.write(self._memory, steps, path, value)
+        if type(value) is float and path in self._numbers:  # the usual case in a simulation
+            self._numbers[path][...] = value
+            return
+        place = self._place(path)
+        for port in self._references:
+            if path.upper().startswith(port.variable.key) and not self._address_of(port).all():
+                self._bind(port)
+        self._machine.write(self._memory, place, path, value)
 
-    def _bind(self, variable: t.Variable) -> None:
+    def _address_of(self, port: Port) -> NDArray[Any]:
+        offset = self._machine.layout.record(self._type).members[port.variable.key].offset
+        return self._memory.view(self._at + offset, np.dtype(np.uint64), ())
+
+    def _bind(self, port: Port) -> None:
         """Give a VAR_IN_OUT a variable to refer to."""
-        made = self._machine.rt.make(variable.type, default_value(variable.type))
-        if isinstance(variable.type, Elementary | EnumType):
-            made = self._machine.reference(Slot(made), storage_type(variable.type))
-        setattr(self._memory, f"v_{variable.key}", made)
+        made = Memory(self._machine.row_count, self._machine.layout.image(port.type, default_value(port.type)))
+        self._machine.calls.attach(made, port.type)
+        self._bound.append(made)
+        self._address_of(port)[...] = made.addresses()
 
 
 class GlobalVariables:
@@ -241,42 +391,40 @@ class GlobalVariables:
 
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
-        self._paths: dict[str, list[Step]] = {}
+        self._places: dict[str, Place] = {}
 
-    def _find(self, path: str) -> list[Step]:
-        if path not in self._paths:
-            self._paths[path] = self._resolved(path)
-        return self._paths[path]
-
-    def _resolved(self, path: str) -> list[Step]:
-        variable, rest = find_global(self._machine.project, path)
-        first = Step(variable.type, name=f"{variable.owner}__{variable.key}", variable=variable)
-        return [first, *(resolve(self._machine.project, variable.type, rest) if rest else [])]
+    def _place(self, path: str) -> Place:
+        if path not in self._places:
+            self._places[path] = find_global(self._machine.layout, path)
+        return self._places[path]
 
     def __getitem__(self, path: str) -> Any:
-        return self._machine.read(self._machine.rt.g, self._find(path))
+        return self._machine.read(self._machine.memory, self._place(path))
 
     def __setitem__(self, path: str, value: Any) -> None:
-        self._machine.write(self._machine.rt.g, self._find(path), path, value)
+        self._machine.write(self._machine.memory, self._place(path), path, value)
 
 
-def checked_numbers(value: Any, type_: Elementary) -> NDArray[Any]:
-    """A user's value in the type of a variable; nothing is rounded or wrapped on the way, except to REAL.
+def _arguments(pou: t.Pou, arguments: tuple[Any, ...], named: dict[str, Any]) -> dict[str, Any]:
+    """A user's arguments by upper-case name. Raises `StUsageError`."""
+    wanted = pou.section(t.Section.INPUT, t.Section.IN_OUT)
+    values = dict(zip((item.key for item in wanted), arguments, strict=False))
+    values |= {name.upper(): value for name, value in named.items()}
+    unknown = sorted(set(values) - {item.key for item in wanted})
+    if unknown or len(arguments) > len(wanted):
+        raise StUsageError(f"'{pou.name}' takes {len(wanted)} arguments; not known: {', '.join(unknown)}")
+    for item in wanted:
+        if item.section is t.Section.IN_OUT:
+            raise StUsageError(f"'{pou.name}' has a VAR_IN_OUT: call it from Structured Text")
+        if item.key not in values and not item.has_initial:
+            raise StUsageError(f"the argument '{item.name}' of '{pou.name}' is missing")
+    return values
 
-    Raises `ValueError`.
-    """
-    given = np.asarray(value, dtype=object if type_.dtype == object else None)
-    if type_.dtype == object:
-        if not all(isinstance(text, str) and len(text) <= type_.bits for text in given.flat):
-            raise ValueError(f"text of at most {type_.bits} characters is needed")
-    elif type_.is_integral:
-        is_whole = given.dtype.kind in "iu" or (given.dtype.kind == "O" and all(type(x) is int for x in given.flat))
-        if not is_whole:
-            raise ValueError(f"integers are needed, not {given.dtype}")
-        if given.size and not (type_.holds(int(given.min())) and type_.holds(int(given.max()))):
-            raise ValueError(f"values outside of {type_.lower}..{type_.upper}")
-    elif type_.is_real and given.dtype.kind not in "fiu":
-        raise ValueError(f"numbers are needed, not {given.dtype}")
-    elif not type_.is_real and given.dtype.kind != "b":
-        raise ValueError(f"True or False is needed, not {given.dtype}")
-    return np.array(given, dtype=type_.dtype)
+
+def _processors() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@cache
+def _threads() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(_processors(), "structured-text")

@@ -18,54 +18,61 @@ Values = NDArray[Any]
 
 
 class Host(Protocol):
-    """What native code sees of the machine: the clock, the number of lanes, and all instances of native blocks."""
+    """What native code sees of the machine: the clock, the number of rows, and all instances of native blocks."""
 
     time_ns: int
-    lanes: int
     natives: list[NativeBlock]
 
-    def run_body(self, native: NativeBlock, lanes: NDArray[np.int64]) -> None:
-        """Call the body of the instance that a native block belongs to, in some lanes."""
+    @property
+    def row_count(self) -> int:
+        """How many rows there are."""
+
+    def run_body(self, native: NativeBlock, row: int) -> None:
+        """Call the body of the instance that a native block belongs to, in one row."""
 
 
 class NativePointer(Protocol):
     """What ADR gives to native code: a variable, or an array, of the project."""
 
     def read(self) -> Values:
-        """The variable in the active lanes, shape (lanes,), or the array, shape (lanes, elements)."""
+        """The variable in the calling rows, shape (rows,), or the array, shape (rows, elements)."""
 
     def write(self, values: Any) -> None:
-        """Assign the variable or the array in the active lanes."""
+        """Assign the variable or the array in the calling rows."""
 
 
 @dataclass
 class NativeCall:
-    """One call of native code in the active lanes.
+    """One call of native code, from one row or from several at once.
 
-    `call["IN"]` is an input, in-out or own output as an array with one entry for each active lane (for a pointer a
+    `call["IN"]` is an input, in-out or own output as an array with one entry for each of the `rows` (for a pointer a
     `NativePointer`, None when it is null); `call["Q"] = values` sets an output, in-out or, by the name of the function
-    or method, the result. A method also sees the variables of its block. Names are those of the declaration, in upper
-    case.
+    or method, the result. A method also sees the variables of its block. Names are paths in upper case.
     """
 
     machine: Host
-    lanes: NDArray[np.int64]
-    getters: Mapping[str, Callable[[], Any]]
-    setters: Mapping[str, Callable[[Any], None]]
+    rows: NDArray[np.int64]
+    get: Callable[[str], Any]
+    set: Callable[[str, Any], None]
 
     def __getitem__(self, name: str) -> Any:
-        return self.getters[name]()
+        return self.get(name)
 
     def __setitem__(self, name: str, values: Any) -> None:
-        self.setters[name](values)
+        self.set(name, values)
 
 
 class NativeBlock:
-    """Base of native function blocks; one object for each instance in the project, whatever the number of lanes.
+    """Base of native function blocks; one object for each instance in the project, whatever the number of rows.
 
     A subclass has a method of the same name and spelling for each method it declares, and `body` for a call of the
-    instance itself; each takes a `NativeCall`. State is kept in arrays of length `machine.lanes`.
+    instance itself; each takes a `NativeCall`. State is kept in arrays of length `machine.row_count`.
+
+    Where `is_pure`, what a call gives depends on nothing but its arguments and the variables of the block, and does
+    nothing else: the machine may then make the calls of many rows at once, and more of them than the text makes.
     """
+
+    is_pure = False
 
     def __init__(self, machine: Host) -> None:
         self.machine = machine
@@ -105,8 +112,3 @@ class Library:
                 if missing:
                     raise InputError(f"library {self.name}: the class of {declaration.name} lacks {', '.join(missing)}")
         return native, ordinary
-
-
-def as_lanes(value: Any, count: int, dtype: Any) -> Values:
-    """A value of the active lanes as an array with one entry for each of them."""
-    return np.broadcast_to(np.asarray(value, dtype), (count,)).copy()

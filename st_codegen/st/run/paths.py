@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import cast
 
 from st_codegen.st import tree as t
 from st_codegen.st.errors import StUsageError
+from st_codegen.st.run.layout import Layout
 from st_codegen.st.tree import PouKind
 from st_codegen.st.types import ArrayType, BlockType, StructType, Type
 
@@ -15,17 +16,30 @@ _STEP = re.compile(r"(?:\A|\.)\s*([A-Za-z_][A-Za-z0-9_]*)\s*|\[\s*(-?[0-9]+(?:\s
 
 
 @dataclass(frozen=True)
-class Step:
-    """One step of a path: to a variable or field by upper-case `name`, or to the element `index`, counted from zero.
+class Place:
+    """Where a path leads: a type, and how far on from the start it is.
 
-    `number` is the place of a field in its union, None outside of unions.
+    `offsets` has one more entry for each reference on the way: what is found there is the address to go on from. The
+    last part of the way may be inside of a `constant`; `is_reference` when the path ends at a VAR_IN_OUT.
     """
 
     type: Type
-    name: str | None = None
-    index: int = 0
-    number: int | None = None
-    variable: t.Variable | None = None
+    offsets: tuple[int, ...] = (0,)
+    constant: t.Variable | None = None
+    is_reference: bool = False
+
+    def moved(self, offset: int, type_: Type) -> Place:
+        """Somewhere inside."""
+        return replace(self, type=type_, offsets=(*self.offsets[:-1], self.offsets[-1] + offset), is_reference=False)
+
+    def member(self, offset: int, variable: t.Variable) -> Place:
+        """A variable of an instance or a list of globals."""
+        if variable.is_constant:
+            return Place(variable.type, (0,), variable)
+        found = self.moved(offset, variable.type)
+        if variable.section is t.Section.IN_OUT:
+            return replace(found, offsets=(*found.offsets, 0), is_reference=True)
+        return found
 
 
 @dataclass(frozen=True)
@@ -50,20 +64,19 @@ def split_path(path: str) -> list[str | tuple[int, ...]]:
     return found
 
 
-def resolve(project: t.Project, start: Type, path: str) -> list[Step]:
-    """The steps from an instance to a variable. Raises `StUsageError` for a name or index that does not exist."""
-    steps: list[Step] = []
-    type_ = start
-    for part in split_path(path):
-        step = _element(type_, part, path) if isinstance(part, tuple) else _member(project, type_, part, path)
-        steps.append(step)
-        type_ = step.type
-    if not steps:
+def resolve(layout: Layout, start: Place, path: str) -> Place:
+    """Where a path leads to. Raises `StUsageError` for a name or index that does not exist."""
+    parts = split_path(path)
+    if not parts:
         raise StUsageError("an empty name")
-    return steps
+    place = start
+    for part in parts:
+        place = _element(layout, place, part, path) if isinstance(part, tuple) else _member(layout, place, part, path)
+    return place
 
 
-def _element(type_: Type, indices: tuple[int, ...], path: str) -> Step:
+def _element(layout: Layout, place: Place, indices: tuple[int, ...], path: str) -> Place:
+    type_ = place.type
     if not isinstance(type_, ArrayType) or len(indices) != len(type_.bounds):
         raise StUsageError(f"'{path}': {type_} has no element {list(indices)}")
     flat = 0
@@ -71,18 +84,19 @@ def _element(type_: Type, indices: tuple[int, ...], path: str) -> Step:
         if not low <= index <= high:
             raise StUsageError(f"'{path}': index {index} is outside of {low}..{high}")
         flat = flat * (high - low + 1) + index - low
-    return Step(type_.element, index=flat)
+    return place.moved(flat * layout.stride(type_), type_.element)
 
 
-def _member(project: t.Project, type_: Type, name: str, path: str) -> Step:
-    key = name.upper()
+def _member(layout: Layout, place: Place, name: str, path: str) -> Place:
+    key, type_ = name.upper(), place.type
     if isinstance(type_, StructType) and key in type_.by_key:
-        number = list(type_.by_key).index(key) if type_.is_union else None
-        return Step(type_.by_key[key].type, name=key, number=number)
+        member = layout.record(type_).members[key]
+        return place.moved(member.offset, member.type)
     if isinstance(type_, BlockType):
-        variable = next((item for item in project.block_variables(type_.name) if item.key == key), None)
+        variable = next((item for item in layout.project.block_variables(type_.name) if item.key == key), None)
         if variable is not None:
-            return Step(variable.type, name=key, variable=variable)
+            offset = 0 if variable.is_constant else layout.record(type_).members[key].offset
+            return place.member(offset, variable)
     raise StUsageError(f"'{path}': {type_} has no '{name}'")
 
 
@@ -96,22 +110,24 @@ def find_block(project: t.Project, name: str) -> BlockType:
     """The type of a function block or program. Raises `StUsageError`."""
     pou = project.pous.get(name.upper())
     if pou is None or pou.kind not in (PouKind.FUNCTION_BLOCK, PouKind.PROGRAM):
-        known = sorted(other.name for other in project.pous.values() if other.kind in (PouKind.FUNCTION_BLOCK,))
+        known = sorted(other.name for other in project.pous.values() if other.kind is PouKind.FUNCTION_BLOCK)
         raise StUsageError(f"the project has no function block '{name}'; it has {', '.join(known) or 'none'}")
     return BlockType(pou.name, tuple(base.name for base in list(project.lineage(pou.key))[1:]))
 
 
-def find_global(project: t.Project, path: str) -> tuple[t.Variable, str]:
-    """A global variable, by `LIST.name..` or its plain name, and the rest of the path. Raises `StUsageError`."""
-    parts = split_path(path)
+def find_global(layout: Layout, path: str) -> Place:
+    """A global variable, by `LIST.name..` or its plain name. Raises `StUsageError`."""
+    project, parts = layout.project, split_path(path)
     first = str(parts[0]).upper()
+    match = cast("re.Match[str]", _STEP.match(path))
     if first in project.globals and len(parts) > 1:
         wanted, lists = str(parts[1]).upper(), [project.globals[first]]
-        rest = _STEP.match(path, cast("re.Match[str]", _STEP.match(path)).end())
+        match = cast("re.Match[str]", _STEP.match(path, match.end()))
     else:
         wanted, lists = first, list(project.globals.values())
-        rest = _STEP.match(path)
     found = [variable for variables in lists for variable in variables if variable.key == wanted]
-    if len(found) != 1 or rest is None:
+    if len(found) != 1:
         raise StUsageError(f"the project has {'no' if not found else 'more than one'} global variable '{path}'")
-    return found[0], path[rest.end() :]
+    start = Place(found[0].type).member(layout.globals.get(found[0], 0), found[0])
+    rest = path[match.end() :]
+    return resolve(layout, start, rest) if rest else start

@@ -11,7 +11,7 @@ from st_codegen.emit.blocks.listing import Block, Variable
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import InputError
 from st_codegen.project.bundle import load
-from st_codegen.st import LaneMachine, parse_project
+from st_codegen.st import Machine, parse_project
 from tests.emit.targets.projects import written
 
 PLCOPEN = TARGETS["plcopen"]
@@ -42,12 +42,12 @@ def test_an_application_with_everything_is_valid(schema):
 
 def test_what_is_read_back_runs():
     project = parse_project(written(PLCOPEN), "iec")
-    counter = LaneMachine(project, lanes=1).instance("FB_Counter")
+    counter = Machine(project, rows=1).instance("FB_Counter")
     counter()
     assert counter["fOut1"][0] == -2.0
     assert counter["SMALLEST"] == -2.5e-3
     assert counter["nIgnored"][0] == 3
-    LaneMachine(project, lanes=1).program("PRG_Main")()
+    Machine(project, rows=1).program("PRG_Main")()
 
 
 @pytest.mark.parametrize("name", ["bundle", "lone"])
@@ -79,7 +79,7 @@ def test_what_the_format_cannot_say_is_refused_in_one_message():
 
 def test_tables_globals_and_types_are_read_back_to_the_bit():
     text = written(PLCOPEN)["everything.xml"]
-    machine = LaneMachine(parse_project({"x.xml": text}, "iec"), lanes=1)
+    machine = Machine(parse_project({"x.xml": text}, "iec"), rows=1)
     assert machine.globals["GVL_Plant.RATIO"] == 81.0
     assert [machine.globals[f"GVL_Plant.ORDER[{n}]"].item() for n in range(3)] == [0, 1, 39]
     weights = [machine.instance("FB_Counter")[f"WEIGHT[{n}]"].item() for n in range(5)]

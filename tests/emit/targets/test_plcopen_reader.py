@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import InputError
-from st_codegen.st import LaneMachine, StError, parse_project
+from st_codegen.st import Machine, StError, parse_project
 from st_codegen.st.syntax.source import read_paths, read_texts
 from tests.emit.targets.projects import written
 
@@ -44,7 +44,7 @@ def value(text, repeat=None):
 
 
 def output(text):
-    instance = LaneMachine(parse_project({"x.xml": text}, "iec"), lanes=1).instance("FB_X")
+    instance = Machine(parse_project({"x.xml": text}, "iec"), rows=1).instance("FB_X")
     instance()
     return instance["fY"].item()
 
@@ -130,7 +130,7 @@ def test_types_of_other_tools_are_read():
     )
     body = "IF eMode = E_Mode.Busy THEN fY := stAll.aX; END_IF;"
     text = unit(state, body).replace("<dataTypes/>", f"<dataTypes>{kinds}</dataTypes>")
-    instance = LaneMachine(parse_project({"x.xml": text}, "twincat"), lanes=1).instance("FB_X")
+    instance = Machine(parse_project({"x.xml": text}, "twincat"), rows=1).instance("FB_X")
     instance()
     assert instance["fY"].item() == 2.5
     assert instance["eMode"].item() == 5

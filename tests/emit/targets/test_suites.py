@@ -11,16 +11,16 @@ from st_codegen.errors import TargetError
 from st_codegen.project.bundle import load
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.proof.verify import verify
-from st_codegen.st import ScalarMachine, load_project
+from st_codegen.st import Machine, load_project
 from st_codegen.st.run.library import TCUNIT, TestSuite
 
 
 def suites(folder):
     """The suites of a generated folder after one cycle."""
     project = load_project([folder], "twincat", [TCUNIT])
-    machine = ScalarMachine(project, libraries=[TCUNIT])
+    machine = Machine(project, libraries=[TCUNIT])
     machine.program("PRG_Test")()
-    return [native for native in machine.rt.natives if isinstance(native, TestSuite)]
+    return [native for native in machine.natives if isinstance(native, TestSuite)]
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from st_codegen.emit.blocks.application import Application, Task
 from st_codegen.emit.blocks.listing import Block
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import InputError
-from st_codegen.st import LaneMachine, parse_project
+from st_codegen.st import Machine, parse_project
 from tests.emit.targets.projects import APPLICATION, MAIN, written
 
 TWINCAT = TARGETS["twincat"]
@@ -55,7 +55,7 @@ def test_tasks_have_their_time_priority_and_program(files):
 
 def test_the_files_are_valid_text_and_run(files):
     project = parse_project({name: text for name, text in files.items() if name.endswith(("POU", "GVL", "DUT"))})
-    counter = LaneMachine(project, lanes=1).instance("FB_Counter")
+    counter = Machine(project, rows=1).instance("FB_Counter")
     counter()
     assert counter["fOut1"][0] == -2.0
     assert counter["SMALLEST"] == -2.5e-3

@@ -1,0 +1,148 @@
+"""Compiles units to machine code just in time: each one when it is first called, with the functions that it calls.
+
+Blocks and methods are compiled once in a project and called by their address; functions are compiled together with
+each unit that calls them, so that small ones cost nothing there.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import llvmlite.binding as llvm
+
+from st_codegen.st import tree as t
+from st_codegen.st.run import prelude
+from st_codegen.st.run.module import Module, absolute
+from st_codegen.st.run.unit import Unit, is_body, is_by_value, parameters
+from st_codegen.st.run.writer import stored_type, value_type
+from st_codegen.st.tree import PouKind
+
+_LONG, _POINTER = ctypes.c_int64, ctypes.c_void_p
+#: Runs a unit: context, unit, then the address and the bytes a row of the memory, instances and arguments; the rows.
+_ROWS = ctypes.CFUNCTYPE(_LONG, *(_POINTER, _POINTER), *(_POINTER, _LONG) * 3, *(_LONG, _LONG))
+
+
+@dataclass(frozen=True)
+class Code:
+    """Machine code of a unit: where it begins, where it finds its arguments (by name), and their bytes."""
+
+    address: int
+    arguments: dict[str, int]
+    argument_bytes: int
+
+
+class Program:
+    """The compiled units of a project; machines share it."""
+
+    def __init__(self, project: t.Project, loop_limit: int) -> None:
+        self.rows, functions = _library()
+        self.module = Module(project, loop_limit, functions)
+        self._codes: dict[str, Code] = {}
+        self._units: dict[str, int] = {}
+        self._engines: list[Any] = []
+
+    def code(self, pou: t.Pou) -> Code:
+        """The machine code of a unit that is no native one. Raises `StCheckError` for pointers."""
+        if pou.key not in self._codes:
+            offsets, size = self.module.arguments(parameters(pou))
+            address = self._unit(pou) if is_body(pou) else self._compiled(pou, offsets)
+            self._codes[pou.key] = Code(address, offsets, size)
+        return self._codes[pou.key]
+
+    def _unit(self, pou: t.Pou) -> int:
+        """Where a block or method is."""
+        if pou.key not in self._units:
+            self._units[pou.key] = self._compiled(pou, None)
+        return self._units[pou.key]
+
+    def _compiled(self, pou: t.Pou, offsets: dict[str, int] | None) -> int:
+        """Compile a unit, callees first; with `offsets` a function takes its arguments from a record."""
+        project, parts, inside = self.module.project, [], {pou.key: name_of(pou.key)}
+        pending = [pou]
+        while pending:
+            current = pending.pop()
+
+            def called(key: str) -> str:
+                if project.pous[key].kind is not PouKind.FUNCTION:
+                    return absolute(self._unit(project.pous[key]))
+                if key not in inside:
+                    inside[key] = name_of(key)
+                    pending.append(project.pous[key])
+                return inside[key]
+
+            parts.append(Unit(self.module, current, called).text(is_internal=current is not pou))
+        name = name_of(pou.key)
+        if offsets is not None:
+            parts.append(_entry(pou, offsets))
+            name = "@entry"
+        self._engines.append(_engine("\n".join([prelude.INTRINSICS, *parts])))
+        address: int = self._engines[-1].get_function_address(name.strip('@"'))
+        return address
+
+
+_PROGRAMS: WeakKeyDictionary[t.Project, dict[int, Program]] = WeakKeyDictionary()
+
+
+def program_of(project: t.Project, loop_limit: int) -> Program:
+    """The program of a project, made once for each limit of loops."""
+    programs = _PROGRAMS.setdefault(project, {})
+    if loop_limit not in programs:
+        programs[loop_limit] = Program(project, loop_limit)
+    return programs[loop_limit]
+
+
+def name_of(key: str) -> str:
+    """The name of a unit's function."""
+    return f'@"u.{key}"'
+
+
+def _entry(pou: t.Pou, offsets: dict[str, int]) -> str:
+    lines, given = [], []
+    for number, variable in enumerate(parameters(pou)):
+        lines.append(f"  %p{number} = getelementptr i8, ptr %a, i64 {offsets[variable.key]}")
+        if not is_by_value(variable):
+            given.append(f", ptr %p{number}")
+            continue
+        kind = value_type(variable.type)
+        lines.append(f"  %v{number} = load {stored_type(variable.type)}, ptr %p{number}")
+        if kind == "i1":
+            lines.append(f"  %b{number} = icmp ne i8 %v{number}, 0")
+        given.append(f", {kind} %{'b' if kind == 'i1' else 'v'}{number}")
+    call = f"  %e = call i32 {name_of(pou.key)}(ptr %c, ptr %g, ptr %s{''.join(given)})"
+    return "\n".join(["define i32 @entry(ptr %c, ptr %g, ptr %s, ptr %a) {", *lines, call, "  ret i32 %e", "}"])
+
+
+#: Machine code that lives as long as the process.
+_KEPT: list[Any] = []
+
+
+@cache
+def _library() -> tuple[Any, dict[str, str]]:
+    """The function that runs rows, and what units call: the prelude, and functions of the C library."""
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    engine = _engine(prelude.TEXT)
+    addresses = {name: engine.get_function_address(name) for name in prelude.EXPORTED}
+    library = ctypes.CDLL("ucrtbase") if sys.platform == "win32" else ctypes.CDLL(None)
+    for name, function in prelude.C_FUNCTIONS.items():
+        addresses[name] = ctypes.cast(getattr(library, function), ctypes.c_void_p).value
+    _KEPT.append(engine)
+    return _ROWS(addresses["rows"]), {name: absolute(address) for name, address in addresses.items()}
+
+
+def _engine(text: str) -> Any:
+    features = llvm.get_host_cpu_features().flatten()
+    target = llvm.Target.from_default_triple()
+    # the engine owns its target machine
+    machine = target.create_target_machine(cpu=llvm.get_host_cpu_name(), features=features, opt=2, jit=True)
+    module = llvm.parse_assembly(text)
+    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2))
+    builder.getModulePassManager().run(module, builder)
+    engine = llvm.create_mcjit_compiler(module, machine)
+    engine.finalize_object()
+    return engine

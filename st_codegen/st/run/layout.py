@@ -1,0 +1,241 @@
+"""Where every variable is: offsets in the flat records that instances, programs and global variables are stored in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import cast
+
+import numpy as np
+
+from st_codegen.st import tree as t
+from st_codegen.st.tree import PouKind
+from st_codegen.st.types import (
+    ArrayType,
+    BlockType,
+    Elementary,
+    EnumType,
+    Kind,
+    PointerType,
+    StructType,
+    Type,
+    Value,
+    storage_type,
+)
+
+POINTER_BYTES = 8
+#: Name of the hidden number that says of which block an instance is, where calls of methods depend on it.
+CLASS = ""
+
+
+@dataclass(frozen=True)
+class Member:
+    """A part of a structure or instance: where it begins, its type, and the variable it is (None: a field)."""
+
+    offset: int
+    type: Type
+    variable: t.Variable | None = None
+
+    @property
+    def is_reference(self) -> bool:
+        """Whether only the address of a variable is stored here."""
+        return self.variable is not None and self.variable.section is t.Section.IN_OUT
+
+
+@dataclass(frozen=True)
+class Record:
+    """Members by upper-case name, and the bytes of the whole."""
+
+    members: dict[str, Member]
+    size: int
+
+
+def is_scalar(type_: Type) -> bool:
+    """Whether values of a type live in registers: numbers, BOOL, enumerations, addresses; strings do not."""
+    return isinstance(type_, EnumType | PointerType) or (
+        isinstance(type_, Elementary) and type_.kind is not Kind.STRING
+    )
+
+
+def is_inlined(variable: t.Variable) -> bool:
+    """Whether a variable is a constant that stands in the code itself."""
+    return variable.is_constant and is_scalar(variable.type)
+
+
+def dtype_of(type_: Type) -> np.dtype[np.generic]:
+    """How values of an elementary type or an enumeration are stored."""
+    if isinstance(type_, PointerType):
+        return np.dtype(np.uint64)
+    stored = storage_type(type_)
+    return np.dtype(f"U{max(stored.bits, 1)}") if stored.kind is Kind.STRING else stored.dtype
+
+
+class Layout:
+    """The records of one project.
+
+    `memory` is the record that exists once in a row: global variables, programs and, by `reserve`, what code adds.
+    Constants are not part of any record.
+    """
+
+    def __init__(self, project: t.Project) -> None:
+        self.project = project
+        self.globals: dict[t.Variable, int] = {}
+        self.programs: dict[str, int] = {}
+        self.size = 0
+        self._records: dict[str, Record] = {}
+        self._images: dict[str, bytes] = {}
+        for variables in project.globals.values():
+            for variable in variables:
+                if not variable.is_constant:
+                    self.globals[variable] = self.reserve(variable.type)
+        for key, pou in project.pous.items():
+            if pou.kind is PouKind.PROGRAM:
+                self.programs[key] = self.reserve(BlockType(pou.name))
+
+    def reserve(self, type_: Type) -> int:
+        """Room for one more variable that exists once in a row; its offset."""
+        offset = aligned(self.size, self.alignment(type_))
+        self.size = offset + self.size_of(type_)
+        return offset
+
+    @cached_property
+    def class_numbers(self) -> dict[str, int]:
+        """The number of each block."""
+        return {key: number for number, key in enumerate(self.project.pous)}
+
+    @cached_property
+    def _extended(self) -> set[str]:
+        """Blocks that others extend."""
+        return {pou.base for pou in self.project.pous.values() if pou.base is not None}
+
+    def has_class(self, block: str) -> bool:
+        """Whether instances of a block say of which block they are."""
+        return any(pou.key in self._extended for pou in self.project.lineage(block))
+
+    def size_of(self, type_: Type) -> int:
+        """Bytes of a variable."""
+        if isinstance(type_, ArrayType):
+            return self.stride(type_) * type_.size
+        if isinstance(type_, StructType | BlockType):
+            return self.record(type_).size
+        return dtype_of(type_).itemsize
+
+    def stride(self, type_: ArrayType) -> int:
+        """Bytes from one element of an array to the next."""
+        return aligned(self.size_of(type_.element), self.alignment(type_.element))
+
+    def alignment(self, type_: Type) -> int:
+        """What the address of a variable is a multiple of."""
+        if isinstance(type_, ArrayType):
+            return self.alignment(type_.element)
+        if isinstance(type_, StructType | BlockType):
+            return POINTER_BYTES
+        return 4 if dtype_of(type_).kind == "U" else dtype_of(type_).itemsize
+
+    def record(self, type_: StructType | BlockType) -> Record:
+        """The members of a structure, union or instance."""
+        key = f"{type(type_).__name__} {type_.name.upper()}"
+        if key not in self._records:
+            if isinstance(type_, StructType):
+                made = self._placed(((entry.name.upper(), entry.type, None) for entry in type_.fields), type_.is_union)
+            else:
+                variables = self.project.block_variables(type_.name)
+                stored = [(item.key, item.type, item) for item in variables if not item.is_constant]
+                number = [(CLASS, EnumType("", _CLASS_TYPE, (), 0, False), None)] if self.has_class(type_.name) else []
+                made = self._placed([*number, *stored])
+            self._records[key] = made
+        return self._records[key]
+
+    def parameters(self, variables: Iterable[t.Variable]) -> Record:
+        """A record of parameters, in-outs as addresses."""
+        return self._placed((variable.key, variable.type, variable) for variable in variables)
+
+    def _placed(self, entries: Iterable[tuple[str, Type, t.Variable | None]], is_union: bool = False) -> Record:
+        members: dict[str, Member] = {}
+        size = end = 0
+        for name, type_, variable in entries:
+            is_reference = variable is not None and variable.section is t.Section.IN_OUT
+            offset = aligned(0 if is_union else end, POINTER_BYTES if is_reference else self.alignment(type_))
+            members[name] = Member(offset, type_, variable)
+            end = offset + (POINTER_BYTES if is_reference else self.size_of(type_))
+            size = max(size, end)
+        return Record(members, max(aligned(size, POINTER_BYTES), POINTER_BYTES))
+
+    # --- initial contents ---
+
+    def image(self, type_: Type, value: Value) -> bytes:
+        """A variable with an initial value, as bytes."""
+        if isinstance(type_, BlockType) and not value:
+            return self._block_image(type_)
+        memory = bytearray(self.size_of(type_))
+        self._write(memory, 0, type_, value)
+        return bytes(memory)
+
+    def _block_image(self, type_: BlockType) -> bytes:
+        key = type_.name.upper()
+        if key not in self._images:
+            record = self.record(type_)
+            memory = bytearray(record.size)
+            for member in record.members.values():
+                if member.variable is None:
+                    self._write(memory, member.offset, member.type, self.class_numbers[key])
+                elif not member.is_reference:
+                    self._write(memory, member.offset, member.type, member.variable.initial)
+            self._images[key] = bytes(memory)
+        return self._images[key]
+
+    def _write(self, memory: bytearray, at: int, type_: Type, value: Value) -> None:
+        if isinstance(type_, ArrayType):
+            if isinstance(value, np.ndarray):
+                content = value.astype(dtype_of(type_.element)).tobytes()
+                memory[at : at + len(content)] = content
+            elif isinstance(value, list):
+                for number, item in enumerate(value):
+                    self._write(memory, at + number * self.stride(type_), type_.element, item)
+        elif isinstance(type_, BlockType):
+            memory[at : at + self.size_of(type_)] = self._block_image(type_)
+            self._write_members(memory, at, type_, cast("dict[str, Value]", value))
+        elif isinstance(type_, StructType):
+            self._write_members(memory, at, type_, cast("dict[str, Value]", value))
+        elif not isinstance(type_, PointerType):
+            content = np.array(value, dtype_of(type_)).tobytes()
+            memory[at : at + len(content)] = content
+
+    def _write_members(
+        self, memory: bytearray, at: int, type_: StructType | BlockType, values: dict[str, Value]
+    ) -> None:
+        members = self.record(type_).members
+        for name, value in values.items():
+            if name in members and not members[name].is_reference:
+                self._write(memory, at + members[name].offset, members[name].type, value)
+
+    def once(self) -> bytes:
+        """What exists once in a row, with its initial values."""
+        memory = bytearray(self.size)
+        for variable, offset in self.globals.items():
+            self._write(memory, offset, variable.type, variable.initial)
+        for key, offset in self.programs.items():
+            self._write(memory, offset, BlockType(self.project.pous[key].name), {})
+        return bytes(memory)
+
+    def natives(self, type_: Type, at: int = 0) -> Iterator[tuple[int, BlockType, t.Pou]]:
+        """The instances of native blocks in a variable: their offsets, types, and native units."""
+        if isinstance(type_, ArrayType):
+            if isinstance(type_.element, ArrayType | StructType | BlockType):
+                for number in range(type_.size):
+                    yield from self.natives(type_.element, at + number * self.stride(type_))
+        elif isinstance(type_, StructType | BlockType):
+            if isinstance(type_, BlockType):
+                yield from ((at, type_, pou) for pou in self.project.lineage(type_.name) if pou.is_native)
+            for member in self.record(type_).members.values():
+                if not member.is_reference:
+                    yield from self.natives(member.type, at + member.offset)
+
+
+_CLASS_TYPE = Elementary("class", Kind.SIGNED, 32)
+
+
+def aligned(size: int, alignment: int) -> int:
+    """The next multiple."""
+    return -(-size // alignment) * alignment

@@ -1,0 +1,132 @@
+"""Records of many rows in one piece of memory, and the way of Python values into and out of them."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from st_codegen.st.errors import StUsageError
+from st_codegen.st.run.layout import Layout, aligned, dtype_of
+from st_codegen.st.run.natives import NativeBlock
+from st_codegen.st.run.paths import Place
+from st_codegen.st.types import ArrayType, Elementary, EnumType, Kind, StructType, Type, storage_type
+
+Values = NDArray[Any]
+#: Gives the values at an offset: of a type of NumPy, in a shape, the rows first.
+Reader = Callable[[int, "np.dtype[Any]", tuple[int, ...]], Values]
+
+
+class Memory:
+    """The same record for each row; `natives` are the Python objects of the native blocks in it, by offset."""
+
+    def __init__(self, rows: int, image: bytes) -> None:
+        padded = image + bytes(aligned(max(len(image), 1), 16) - len(image))
+        self.bytes = np.tile(np.frombuffer(padded, np.uint8), (rows, 1))
+        self.address = self.bytes.ctypes.data
+        self.stride = len(padded)
+        self.natives: dict[int, NativeBlock] = {}
+
+    def view(self, offset: int, dtype: np.dtype[Any], shape: tuple[int, ...]) -> Values:
+        """The memory itself, as values."""
+        return view(self.bytes, offset, dtype, shape)
+
+    def addresses(self) -> NDArray[np.uint64]:
+        """Where the record of each row is."""
+        return np.uint64(self.address) + np.arange(len(self.bytes), dtype=np.uint64) * np.uint64(self.stride)
+
+
+def view(rows: NDArray[np.uint8], offset: int, dtype: np.dtype[Any], shape: tuple[int, ...]) -> Values:
+    """Values at an offset of records: the memory itself, rows first."""
+    inner = np.empty(shape, dtype).strides
+    return np.ndarray((len(rows), *shape), dtype, rows, offset, (rows.strides[0], *inner))
+
+
+def reader(memory: Memory, place: Place) -> tuple[Reader, int]:
+    """How to read a place of a record, and the offset to begin at; follows references. Raises `StUsageError`."""
+    if len(place.offsets) == 1:
+        return memory.view, place.offsets[0]
+    addresses = pointers(memory, place)
+
+    def read(offset: int, dtype: np.dtype[Any], shape: tuple[int, ...]) -> Values:
+        size = dtype.itemsize * int(np.prod(shape))
+        content = b"".join(ctypes.string_at(int(address) + offset, size) for address in addresses)
+        return np.frombuffer(content, dtype).reshape(len(addresses), *shape)
+
+    return read, place.offsets[-1]
+
+
+def pointers(memory: Memory, place: Place) -> NDArray[np.uint64]:
+    """The addresses that the last part of a place goes on from. Raises `StUsageError` for a reference to nothing."""
+    addresses = memory.view(place.offsets[0], np.dtype(np.uint64), ())
+    for offset in place.offsets[1:-1]:
+        if not addresses.all():
+            break
+        addresses = np.array([ctypes.c_uint64.from_address(int(x) + offset).value for x in addresses], np.uint64)
+    if not addresses.all():
+        raise StUsageError("a VAR_IN_OUT that has not been set refers to nothing")
+    return addresses
+
+
+def shown(layout: Layout, read: Reader, offset: int, type_: Type, is_plain: bool) -> Any:
+    """A variable for the user: arrays with the rows first (plain: single values), dictionaries for structures."""
+    if isinstance(type_, Elementary | EnumType):
+        values = np.array(read(offset, dtype_of(type_), ()))
+        return values[0].item() if is_plain else values
+    if isinstance(type_, ArrayType):
+        if isinstance(type_.element, Elementary | EnumType):
+            values = np.array(read(offset, dtype_of(type_.element), type_.shape))
+            return values[0] if is_plain else values
+        step = layout.stride(type_)
+        return [shown(layout, read, offset + k * step, type_.element, is_plain) for k in range(type_.size)]
+    if isinstance(type_, StructType):
+        members = layout.record(type_).members
+        return {
+            entry.name: shown(layout, read, offset + members[key].offset, entry.type, is_plain)
+            for key, entry in type_.by_key.items()
+        }
+    raise StUsageError(f"{type_} has no value of its own: name a variable in it")
+
+
+def given(value: Any, type_: Type, rows: int | None, path: str) -> Values:
+    """A user's value for a variable, in a shape that broadcasts to all rows. Raises `StUsageError`."""
+    is_array = isinstance(type_, ArrayType) and isinstance(type_.element, Elementary | EnumType)
+    if not is_array and not isinstance(type_, Elementary | EnumType):
+        raise StUsageError(f"'{path}' is {type_}: set its parts one by one")
+    shape = type_.shape if isinstance(type_, ArrayType) else ()
+    try:
+        numbers = checked_numbers(value, storage_type(type_.element if isinstance(type_, ArrayType) else type_))
+        if numbers.shape in (shape, (rows or 1, *shape)) or (rows is None and not shape and numbers.size == 1):
+            return numbers if numbers.shape != (1,) or shape else numbers.reshape(())
+        expected = str(shape) if rows is None else f"{shape} or {(rows, *shape)}"
+        raise ValueError(f"shape {numbers.shape}, expected {expected}")
+    except (ValueError, OverflowError, TypeError) as error:
+        raise StUsageError(f"'{path}' : {type_}: {error}") from None
+
+
+def checked_numbers(value: Any, type_: Elementary) -> Values:
+    """A user's value in the type of a variable; nothing is rounded or wrapped on the way, except to REAL.
+
+    Raises `ValueError`.
+    """
+    is_text = type_.kind is Kind.STRING
+    numbers = np.asarray(value, dtype=object if is_text else None)
+    if is_text:
+        if not all(isinstance(text, str) and len(text) <= type_.bits for text in numbers.flat):
+            raise ValueError(f"text of at most {type_.bits} characters is needed")
+    elif type_.is_integral:
+        is_whole = numbers.dtype.kind in "iu" or (
+            numbers.dtype.kind == "O" and all(type(x) is int for x in numbers.flat)
+        )
+        if not is_whole:
+            raise ValueError(f"integers are needed, not {numbers.dtype}")
+        if numbers.size and not (type_.holds(int(numbers.min())) and type_.holds(int(numbers.max()))):
+            raise ValueError(f"values outside of {type_.lower}..{type_.upper}")
+    elif type_.is_real and numbers.dtype.kind not in "fiu":
+        raise ValueError(f"numbers are needed, not {numbers.dtype}")
+    elif not type_.is_real and numbers.dtype.kind != "b":
+        raise ValueError(f"True or False is needed, not {numbers.dtype}")
+    return np.array(numbers, dtype=dtype_of(type_))

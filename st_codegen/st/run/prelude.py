@@ -1,0 +1,368 @@
+"""The part of the code that is the same for every project: rare cases of operations, and calls of native code."""
+
+from __future__ import annotations
+
+from st_codegen.st.check import arithmetic as a
+from st_codegen.st.run.writer import INFINITY, KINDS
+
+#: Functions of the C library by the names that code calls them; not the usual names, which optimisers know.
+C_FUNCTIONS = {
+    "EXP": "exp",
+    "LN": "log",
+    "LOG": "log10",
+    "SIN": "sin",
+    "COS": "cos",
+    "TAN": "tan",
+    "ASIN": "asin",
+    "ACOS": "acos",
+    "ATAN": "atan",
+    "ATAN2": "atan2",
+    "EXPT": "pow",
+}
+
+#: Entries of the context, 64 bits each: the fault, where the run is, and how native code is called.
+CONTEXT = (
+    *("kind", "site", "first", "second"),
+    *("row", "frame", "frames", "frame_bytes"),
+    *("host", "is_trial", "calls", "missed", "answers", "answer_bytes", "answers_a_row", "known", "begin", "status"),
+)
+
+
+def context_entry(name: str) -> str:
+    """The address of an entry of the context, as an expression of constants."""
+    return f"getelementptr inbounds i64, ptr %c, i64 {CONTEXT.index(name)}"
+
+
+def _fault(kind: str, x: str = "%x", y: str = "%y") -> str:
+    return f"call void @fault(ptr %c, i64 {KINDS.index(kind)}, i64 %site, i64 {x}, i64 {y})"
+
+
+#: What every module begins with.
+INTRINSICS = """declare double @llvm.fabs.f64(double)
+declare float @llvm.fabs.f32(float)
+declare double @llvm.sqrt.f64(double)
+declare double @llvm.rint.f64(double)
+declare double @llvm.trunc.f64(double)
+declare double @llvm.floor.f64(double)
+declare void @llvm.memmove.p0.p0.i64(ptr, ptr, i64, i1)
+declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)
+attributes #0 = { cold nounwind }
+attributes #1 = { nounwind willreturn memory(none) }
+!0 = !{}
+"""
+#: Functions of the prelude that units call, and the one that runs rows.
+EXPORTED = ("fault", "check.64", "check.32", "check.power", "domain", "compare", "native", "rows")
+
+_HEAD = f"""
+define void @fault(ptr %c, i64 %kind, i64 %site, i64 %x, i64 %y) cold noinline {{
+  store i64 %kind, ptr %c
+  %p1 = {context_entry("site")}
+  store i64 %site, ptr %p1
+  %p2 = {context_entry("first")}
+  store i64 %x, ptr %p2
+  %p3 = {context_entry("second")}
+  store i64 %y, ptr %p3
+  ret void
+}}
+"""
+
+# Of an operation whose result is not finite: whether a processor with its traps on would stop
+_REAL = """
+define i1 @check.{bits}(ptr %c, i64 %site, {T} %r, {T} %a, {T} %b, i1 %division) cold noinline {{
+  %x{n} = bitcast {T} %a to i{bits}
+  %y{n} = bitcast {T} %b to i{bits}
+  {widened}
+  %sx = call i1 @signalling.{bits}({T} %a)
+  %sy = call i1 @signalling.{bits}({T} %b)
+  %s = or i1 %sx, %sy
+  br i1 %s, label %invalid, label %quiet
+quiet:
+  %nan = fcmp uno {T} %a, %b
+  br i1 %nan, label %fine, label %numbers
+numbers:
+  %fa = call {T} @llvm.fabs.f{bits}({T} %a)
+  %fb = call {T} @llvm.fabs.f{bits}({T} %b)
+  %ia = fcmp oeq {T} %fa, {inf}
+  %ib = fcmp oeq {T} %fb, {inf}
+  %zero = fcmp oeq {T} %b, 0.0
+  %by_zero = and i1 %division, %zero
+  br i1 %by_zero, label %divided, label %others
+divided:
+  br i1 %ia, label %fine, label %division.by.zero
+others:
+  %made = fcmp uno {T} %r, %r
+  br i1 %made, label %invalid, label %large
+large:
+  %i = or i1 %ia, %ib
+  br i1 %i, label %fine, label %overflow
+invalid:
+  {invalid}
+  ret i1 true
+division.by.zero:
+  {division}
+  ret i1 true
+overflow:
+  {overflow}
+  ret i1 true
+fine:
+  ret i1 false
+}}
+define internal i1 @signalling.{bits}({T} %a) {{
+  %n = fcmp uno {T} %a, %a
+  %u = bitcast {T} %a to i{bits}
+  %q = and i{bits} %u, {quiet}
+  %z = icmp eq i{bits} %q, 0
+  %r = and i1 %n, %z
+  ret i1 %r
+}}
+"""
+
+
+def _real(bits: int) -> str:
+    widened = "" if bits == 64 else "%x = zext i32 %xn to i64\n  %y = zext i32 %yn to i64"
+    return _REAL.format(
+        bits=bits,
+        T="double" if bits == 64 else "float",
+        n="" if bits == 64 else "n",
+        widened=widened,
+        inf=INFINITY,
+        quiet=1 << (51 if bits == 64 else 22),
+        invalid=_fault(a.INVALID),
+        division=_fault(a.DIVISION),
+        overflow=_fault(a.OVERFLOW),
+    )
+
+
+_FUNCTIONS = f"""
+define i1 @domain(ptr %c, i64 %site, i64 %kind, double %a) cold noinline {{
+  %x = bitcast double %a to i64
+  %nan = fcmp uno double %a, %a
+  br i1 %nan, label %not, label %outside
+not:
+  %s = call i1 @signalling.64(double %a)
+  br i1 %s, label %invalid, label %fine
+outside:
+  call void @fault(ptr %c, i64 %kind, i64 %site, i64 %x, i64 0)
+  ret i1 true
+invalid:
+  {_fault(a.INVALID, y="0")}
+  ret i1 true
+fine:
+  ret i1 false
+}}
+define i1 @check.power(ptr %c, i64 %site, double %r, double %a, double %b) cold noinline {{
+  %x = bitcast double %a to i64
+  %y = bitcast double %b to i64
+  %fa = call double @llvm.fabs.f64(double %a)
+  %fb = call double @llvm.fabs.f64(double %b)
+  %af = fcmp olt double %fa, {INFINITY}
+  %bf = fcmp olt double %fb, {INFINITY}
+  %a0 = fcmp oeq double %a, 0.0
+  %bn = fcmp olt double %b, 0.0
+  %d1 = and i1 %a0, %bn
+  %d = and i1 %d1, %bf
+  br i1 %d, label %division, label %root
+root:
+  %an = fcmp olt double %a, 0.0
+  %whole = call double @llvm.floor.f64(double %b)
+  %broken = fcmp one double %b, %whole
+  %i1 = and i1 %an, %af
+  %i2 = and i1 %i1, %bf
+  %i = and i1 %i2, %broken
+  br i1 %i, label %invalid, label %size
+size:
+  %fr = call double @llvm.fabs.f64(double %r)
+  %rf = fcmp olt double %fr, {INFINITY}
+  %nan = fcmp uno double %a, %b
+  %fine = or i1 %rf, %nan
+  br i1 %fine, label %good, label %look
+look:
+  %stops = call i1 @check.64(ptr %c, i64 %site, double %r, double %a, double %b, i1 false)
+  ret i1 %stops
+division:
+  {_fault(a.DIVISION)}
+  ret i1 true
+invalid:
+  {_fault(a.INVALID)}
+  ret i1 true
+good:
+  ret i1 false
+}}
+define i32 @compare(ptr %p, i64 %n, ptr %q, i64 %m) {{
+start:
+  br label %next
+next:
+  %i = phi i64 [ 0, %start ], [ %j, %same ]
+  %ni = icmp ult i64 %i, %n
+  %mi = icmp ult i64 %i, %m
+  %pa = getelementptr i32, ptr %p, i64 %i
+  %qa = getelementptr i32, ptr %q, i64 %i
+  br i1 %ni, label %left, label %right
+left:
+  %l = load i32, ptr %pa
+  br label %right
+right:
+  %x = phi i32 [ 0, %next ], [ %l, %left ]
+  br i1 %mi, label %other, label %both
+other:
+  %o = load i32, ptr %qa
+  br label %both
+both:
+  %y = phi i32 [ 0, %right ], [ %o, %other ]
+  %less = icmp ult i32 %x, %y
+  br i1 %less, label %below, label %not
+not:
+  %more = icmp ugt i32 %x, %y
+  br i1 %more, label %above, label %equal
+equal:
+  %ended = icmp eq i32 %x, 0
+  br i1 %ended, label %all, label %same
+same:
+  %j = add i64 %i, 1
+  br label %next
+below:
+  ret i32 -1
+above:
+  ret i32 1
+all:
+  ret i32 0
+}}
+"""
+
+# Calls of native code. Ordinary calls go to the host. In a trial, answers that the host gave to the same questions of
+# the row before are taken; a question without an answer is noted, and the run goes on as if nothing were answered.
+_NATIVE = f"""
+define i32 @native(ptr %c, i64 %site, ptr %frame, i64 %size) noinline {{
+  %pt = {context_entry("is_trial")}
+  %trial = load i64, ptr %pt
+  %is = icmp ne i64 %trial, 0
+  br i1 %is, label %tried, label %direct
+direct:
+  %ph = {context_entry("host")}
+  %host = load ptr, ptr %ph
+  %pr = {context_entry("row")}
+  %row = load i64, ptr %pr
+  %status = call i32 %host(i64 %row, i64 %site, ptr %frame)
+  ret i32 %status
+tried:
+  %pc = {context_entry("calls")}
+  %k = load i64, ptr %pc
+  %k1 = add i64 %k, 1
+  store i64 %k1, ptr %pc
+  %pn = {context_entry("answers_a_row")}
+  %n = load i64, ptr %pn
+  %pm = {context_entry("missed")}
+  %room = icmp ult i64 %k, %n
+  br i1 %room, label %look, label %miss
+look:
+  %pr2 = {context_entry("row")}
+  %row2 = load i64, ptr %pr2
+  %pb = {context_entry("begin")}
+  %begin = load i64, ptr %pb
+  %local = sub i64 %row2, %begin
+  %rk = mul i64 %local, %n
+  %at = add i64 %rk, %k
+  %pk = {context_entry("known")}
+  %known = load ptr, ptr %pk
+  %mark = getelementptr i64, ptr %known, i64 %at
+  %pa = {context_entry("answers")}
+  %answers = load ptr, ptr %pa
+  %pf = {context_entry("answer_bytes")}
+  %bytes = load i64, ptr %pf
+  %twice = mul i64 %bytes, 2
+  %where = mul i64 %at, %twice
+  %asked = getelementptr i8, ptr %answers, i64 %where
+  %answer = getelementptr i8, ptr %asked, i64 %bytes
+  %now = load i64, ptr %mark
+  %mine = add i64 %site, 1
+  %same = icmp eq i64 %now, %mine
+  br i1 %same, label %compare, label %ask
+compare:
+  %i = phi i64 [ 0, %look ], [ %j, %equal ]
+  %more = icmp ult i64 %i, %size
+  br i1 %more, label %word, label %hit
+word:
+  %fp = getelementptr i8, ptr %frame, i64 %i
+  %ap = getelementptr i8, ptr %asked, i64 %i
+  %fw = load i64, ptr %fp
+  %aw = load i64, ptr %ap
+  %j = add i64 %i, 8
+  %eq = icmp eq i64 %fw, %aw
+  br i1 %eq, label %equal, label %ask
+equal:
+  br label %compare
+hit:
+  call void @llvm.memmove.p0.p0.i64(ptr %frame, ptr %answer, i64 %size, i1 false)
+  ret i32 0
+ask:
+  call void @llvm.memmove.p0.p0.i64(ptr %asked, ptr %frame, i64 %size, i1 false)
+  %open = sub i64 0, %mine
+  store i64 %open, ptr %mark
+  br label %miss
+miss:
+  store i64 1, ptr %pm
+  ret i32 0
+}}
+"""
+
+# Runs a unit for some rows, up to the first one that is stopped
+_ROWS = f"""
+define i64 @rows(ptr %c, ptr %one, ptr %g, i64 %gs, ptr %s, i64 %ss, ptr %a, i64 %as, i64 %first, i64 %last) {{
+start:
+  %pr = {context_entry("row")}
+  %pf = {context_entry("frame")}
+  %pb = {context_entry("frames")}
+  %pz = {context_entry("frame_bytes")}
+  %frames = load ptr, ptr %pb
+  %fs = load i64, ptr %pz
+  %pt = {context_entry("is_trial")}
+  %trial = load i64, ptr %pt
+  %is = icmp ne i64 %trial, 0
+  %pc = {context_entry("calls")}
+  %pm = {context_entry("missed")}
+  %px = {context_entry("status")}
+  %status = load ptr, ptr %px
+  %pg = {context_entry("begin")}
+  %begin = load i64, ptr %pg
+  br label %next
+next:
+  %r = phi i64 [ %first, %start ], [ %r1, %good ]
+  %more = icmp slt i64 %r, %last
+  br i1 %more, label %run, label %done
+run:
+  store i64 %r, ptr %pr
+  store i64 0, ptr %pc
+  store i64 0, ptr %pm
+  %fo = mul i64 %r, %fs
+  %f = getelementptr i8, ptr %frames, i64 %fo
+  store ptr %f, ptr %pf
+  %go = mul i64 %r, %gs
+  %gr = getelementptr i8, ptr %g, i64 %go
+  %so = mul i64 %r, %ss
+  %sr = getelementptr i8, ptr %s, i64 %so
+  %ao = mul i64 %r, %as
+  %ar = getelementptr i8, ptr %a, i64 %ao
+  %e = call i32 %one(ptr %c, ptr %gr, ptr %sr, ptr %ar)
+  %m = load i64, ptr %pm
+  %missed = icmp ne i64 %m, 0
+  br i1 %is, label %note, label %plain
+note:
+  %here = sub i64 %r, %begin
+  %pw = getelementptr i8, ptr %status, i64 %here
+  %mw = trunc i64 %m to i8
+  store i8 %mw, ptr %pw
+  br i1 %missed, label %good, label %plain
+plain:
+  %bad = icmp ne i32 %e, 0
+  br i1 %bad, label %stopped, label %good
+good:
+  %r1 = add i64 %r, 1
+  br label %next
+stopped:
+  ret i64 %r
+done:
+  ret i64 -1
+}}
+"""
+
+TEXT = INTRINSICS + _HEAD + _real(64) + _real(32) + _FUNCTIONS + _NATIVE + _ROWS
