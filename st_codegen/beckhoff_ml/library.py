@@ -6,7 +6,6 @@ as the reader of such files does (`walkers.beckhoff_ml`).
 
 from __future__ import annotations
 
-from functools import cache
 from pathlib import Path, PureWindowsPath
 
 import numpy as np
@@ -43,13 +42,16 @@ def mll_library(folder: Path) -> Library | None:
     if not any(folder.glob("Models/*/*.xml")):
         return None
 
-    @cache
-    def predictor(path: str) -> Predictor | None:
+    predictors: dict[str, Predictor] = {}
+
+    def read(path: str) -> bool:
+        """Read a file; whether it can be used."""
         parts = PureWindowsPath(path)
         try:
-            return load_file(folder / "Models" / Path(*parts.parts[-2:]), parts.stem).predict
+            predictors[path] = load_file(folder / "Models" / Path(*parts.parts[-2:]), parts.stem).predict
         except (InputError, OSError):
-            return None
+            return False
+        return True
 
     class Prediction(NativeBlock):
         """FB_MllPrediction; what is loaded stands in the variables of the block alone."""
@@ -59,7 +61,8 @@ def mll_library(folder: Path) -> Library | None:
         def Configure(self, call: NativeCall) -> None:  # noqa: N802 - the name of the library
             """Read the files; done in one cycle here."""
             paths = call["STPREDICTIONPARAMETER.MLMODELFILEPATH"]
-            usable = np.array([bool(path) and predictor(str(path)) is not None for path in paths])
+            known = {path: bool(path) and read(path) for path in np.unique(paths).tolist()}
+            usable = np.array([known[path] for path in paths.tolist()])
             call["SLOADED"] = np.where(usable, paths, "")
             _note(call, usable)
             call["CONFIGURE"] = True
@@ -71,11 +74,10 @@ def mll_library(folder: Path) -> Library | None:
             usable = np.zeros(len(loaded), np.bool_)
             if given is not None and results is not None:
                 x, y = np.asarray(given.read(), np.float64), results.read()
-                for path in np.unique(loaded[loaded != ""]):
+                for path in np.unique(loaded[loaded != ""]).tolist():
                     chosen = loaded == path
-                    predict = predictor(str(path))
-                    values = None if predict is None else predict(x[chosen])
-                    if values is not None and values.shape[1] == y.shape[1] == int(call["NDATAOUTDIM"][0]):
+                    values = predictors[path](x[chosen])
+                    if values.shape[1] == y.shape[1] == int(call["NDATAOUTDIM"][0]):
                         with np.errstate(over="ignore"):  # a result beyond a REAL arrives as infinity
                             y[chosen] = values
                         usable |= chosen
