@@ -26,7 +26,8 @@ def write_campaign(folder: Path, runs: int, density: float) -> int:
 
     `density` multiplies these numbers.
     """
-    from st_codegen.campaign.curves import Conditions, Curve, Run, write_run
+    from st_codegen.campaign.conditions import OperatingPoint
+    from st_codegen.campaign.curves import Curve, Run, write_run
     from st_codegen.te.harmonics import Direction
 
     random = np.random.default_rng(0)
@@ -42,7 +43,7 @@ def write_campaign(folder: Path, runs: int, density: float) -> int:
             angle = theta if direction is Direction.FORWARD else 2 * np.pi - theta
             te = (np.exp(1j * np.outer(angle, ORDERS)) @ sizes).real + 1e-4 * random.normal(size=samples)
             curves[direction] = Curve(np.rad2deg(angle), te)
-        conditions = Conditions(speed, 100.0 * (number // 18), 25.0)
+        conditions = OperatingPoint(speed, 100.0 * (number // 18), 25.0)
         write_run(Run(conditions, curves), folder / conditions.rig_path(), digits=9)
         rows += samples
     return rows

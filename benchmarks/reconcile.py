@@ -44,12 +44,12 @@ def timed(results: dict[str, Any], name: str) -> Iterator[None]:
 
 def campaign(folder: Path) -> None:
     """The paper's grid of the example rig, with its noise."""
-    from st_codegen.campaign.curves import Conditions
+    from st_codegen.campaign.conditions import OperatingPoint
     from st_codegen.rig.campaign import Measuring, simulate_campaign
     from st_codegen.rig.model import read_rig
 
     grid = itertools.product(range(100, 1801, 100), range(0, 1801, 100), (25, 30, 35))
-    points = [Conditions(*map(float, point)) for point in grid]
+    points = [OperatingPoint(*map(float, point)) for point in grid]
     simulate_campaign(read_rig(RIG), points, folder, Measuring(samples=4096, seed=1), progress("simulating"))
 
 

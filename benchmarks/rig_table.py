@@ -17,7 +17,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.rig_sizes import RIG, Measured, read_table
-from st_codegen.campaign.curves import Conditions
+from st_codegen.campaign.conditions import OperatingPoint
 from st_codegen.report import Section, Table, figures, page
 from st_codegen.rig.campaign import Measuring, simulate_run
 from st_codegen.rig.model import RigModel, read_rig
@@ -37,7 +37,7 @@ def simulated(measured: Measured, rig: RigModel) -> np.ndarray:
     runs = np.stack([at.speed_rpm, at.torque_Nm, at.temperature_C], axis=1)
     found = np.empty((len(at), len(measured.orders)), np.complex128)
     for number, point in enumerate(np.unique(runs, axis=0)):
-        run = simulate_run(rig, Conditions(*map(float, point)), MEASURING, number)
+        run = simulate_run(rig, OperatingPoint(*map(float, point)), MEASURING, number)
         same = (runs == point).all(axis=1)
         for sign, direction, _ in DIRECTIONS:
             spectrum = np.fft.rfft(run.curves[direction].te_deg) / MEASURING.samples

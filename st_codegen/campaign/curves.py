@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from st_codegen.campaign.conditions import CONDITION_COLUMNS, OperatingPoint
 from st_codegen.errors import InputError, MissingExtraError, Problems
 from st_codegen.files.csv_tables import RowError, read_csv
 from st_codegen.files.number_text import parse_number
@@ -49,24 +50,6 @@ _LEAST_SPAN_DEG = 350.0
 _LEAST_SAMPLES = 100
 
 
-@dataclass(frozen=True, order=True)
-class Conditions:
-    """Operating point of a run: speed of the input shaft (rpm), torque at the output (N m), oil temperature (degC)."""
-
-    speed_rpm: float
-    torque_Nm: float
-    temperature_C: float
-
-    def file_name(self) -> str:
-        """The name that the rig gives a run: `1000.0rpm1100.0Nm25.0deg.csv`."""
-        speed, torque, temperature = map(float, (self.speed_rpm, self.torque_Nm, self.temperature_C))
-        return f"{speed!r}rpm{torque!r}Nm{temperature!r}deg.csv"
-
-    def rig_path(self) -> Path:
-        """Where the rig puts a run below the campaign's folder: `Test_25degree/1000rpm/..`."""
-        return Path(f"Test_{self.temperature_C:g}degree") / f"{self.speed_rpm:g}rpm" / self.file_name()
-
-
 @dataclass(frozen=True)
 class Curve:
     """One revolution in one direction: angle of the output shaft and TE, both deg, float64 (n,), in order of time."""
@@ -79,7 +62,7 @@ class Curve:
 class Run:
     """One file: conditions, and one curve a direction."""
 
-    conditions: Conditions
+    conditions: OperatingPoint
     curves: Mapping[Direction, Curve]
 
 
@@ -88,7 +71,7 @@ class RunFile:
     """A curve file and its conditions."""
 
     path: Path
-    conditions: Conditions
+    conditions: OperatingPoint
 
 
 class BadFileError(InputError):
@@ -102,10 +85,10 @@ class BadFileError(InputError):
         return (type(self), (self.path, self.line, self.reason))
 
 
-def conditions_from_name(path: Path) -> Conditions | None:
+def conditions_from_name(path: Path) -> OperatingPoint | None:
     """The conditions that a file name states, or None."""
     found = _NAME.fullmatch(path.stem)
-    return Conditions(*(float(number.replace(",", ".")) for number in found.groups())) if found else None
+    return OperatingPoint(*(float(number.replace(",", ".")) for number in found.groups())) if found else None
 
 
 def find_runs(folder: Path) -> tuple[RunFile, ...]:
@@ -147,21 +130,20 @@ def scan(folder: Path) -> tuple[tuple[RunFile, ...], tuple[BadFileError, ...]]:
     return tuple(sorted(files, key=lambda file: (file.conditions, file.path))), tuple(bad)
 
 
-def _listed(path: Path) -> tuple[dict[Path, Conditions], list[BadFileError]]:
+def _listed(path: Path) -> tuple[dict[Path, OperatingPoint], list[BadFileError]]:
     """What a `conditions.csv` says of the files beside and below it."""
-    listed: dict[Path, Conditions] = {}
+    listed: dict[Path, OperatingPoint] = {}
     bad: list[BadFileError] = []
     if not path.is_file():
         return listed, bad
-    columns = ("speed_rpm", "torque_Nm", "temperature_C")
     try:
-        table = read_csv(path, ("file", *columns))
+        table = read_csv(path, ("file", *CONDITION_COLUMNS))
     except InputError as error:
         return listed, [BadFileError(path, None, str(error).removeprefix(f"{path}: "))]
     for row in table.rows:
         try:
             name = table.text(row, "file")
-            numbers = [table.number(row, column) for column in columns]
+            numbers = [table.number(row, column) for column in CONDITION_COLUMNS]
         except RowError as error:
             bad.append(BadFileError(path, error.line, error.reason))
             continue
@@ -171,7 +153,7 @@ def _listed(path: Path) -> tuple[dict[Path, Conditions], list[BadFileError]]:
         elif target in listed:
             bad.append(BadFileError(path, row.line, f"the file '{name}' is there twice"))
         else:
-            listed[target] = Conditions(*numbers)
+            listed[target] = OperatingPoint(*numbers)
     return listed, bad
 
 
@@ -185,7 +167,7 @@ class _Layout:
     decimal_comma: bool
 
 
-def read_run(path: Path, conditions: Conditions) -> Run:
+def read_run(path: Path, conditions: OperatingPoint) -> Run:
     """Read one curve file. Memory: the file's numbers, 32 bytes a sample.
 
     Raises BadFileError with the line and the reason: not text, a value that is not a finite number, a missing column,

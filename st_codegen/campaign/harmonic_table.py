@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from st_codegen.campaign.conditions import CONDITION_COLUMNS, Conditions
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import RowError, read_csv
 from st_codegen.files.text import whole_file
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.te.harmonics import Direction
 
-CONDITION_COLUMNS = ("speed_rpm", "torque_Nm", "temperature_C")
 #: column -> what it says; read over, since the signs are already in A0
 _REMARKS = {"A0_sign": "whether the sign of A0 was measured or inferred"}
 _DIRECTIONS = {
@@ -72,6 +72,11 @@ class HarmonicTable:
 
     def __len__(self) -> int:
         return len(self.speed_rpm)
+
+    @property
+    def at(self) -> Conditions:
+        """The directions and operating points of the rows."""
+        return Conditions.of(np.where(self.backward, -1.0, 1.0), self.speed_rpm, self.torque_Nm, self.temperature_C)
 
     @property
     def conditions(self) -> FloatArray:

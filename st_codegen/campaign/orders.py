@@ -115,7 +115,7 @@ def fit_orders(curve: Curve | Sums, orders: Sequence[int]) -> OrderFit:
     spectrum[fitted] = np.abs(coefficients)
     places = np.searchsorted(fitted, wanted)
     chosen = coefficients[places]
-    left = math.sqrt(max(_square_error(sums, np.array(wanted, np.intp), chosen), 0.0) / sums.samples)
+    left = math.sqrt(square_error(sums, wanted, chosen))
     return OrderFit(wanted, chosen, floor[list(wanted)], spectrum, floor, left)
 
 

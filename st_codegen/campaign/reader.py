@@ -12,11 +12,11 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from st_codegen.campaign.curves import BadFileError, Conditions, RunFile, read_run, scan
+from st_codegen.campaign.conditions import Conditions, OperatingPoint
+from st_codegen.campaign.curves import BadFileError, RunFile, read_run, scan
 from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.campaign.orders import BAND, OrderFit, Sums, curve_sums, fit_orders
 from st_codegen.campaign.sums_file import SumsFile
@@ -36,7 +36,7 @@ class MeasuredCurve:
     """One curve of a campaign."""
 
     path: Path
-    conditions: Conditions
+    conditions: OperatingPoint
     direction: Direction
     sums: Sums
 
@@ -53,6 +53,11 @@ class Campaign:
     def samples(self) -> int:
         """Number of samples of all curves."""
         return sum(curve.sums.samples for curve in self.curves)
+
+    @property
+    def at(self) -> Conditions:
+        """The directions and operating points of the curves."""
+        return Conditions.of_runs((curve.direction, curve.conditions) for curve in self.curves)
 
     def fits(self, orders: Sequence[int], progress: Progress | None = None) -> tuple[OrderFit, ...]:
         """The orders of every curve. Raises InputError that names curves with too few samples for an order."""
@@ -72,14 +77,9 @@ class Campaign:
         """The harmonic table of fitted curves."""
         if not fits:
             raise InputError(f"{self.folder}: no curves")
-        return HarmonicTable(
-            np.array([curve.direction is Direction.BACKWARD for curve in self.curves]),
-            np.array([curve.conditions.speed_rpm for curve in self.curves]),
-            np.array([curve.conditions.torque_Nm for curve in self.curves]),
-            np.array([curve.conditions.temperature_C for curve in self.curves]),
-            fits[0].orders,
-            np.stack([fit.coefficients for fit in fits]),
-        )
+        at = self.at
+        coefficients = np.stack([fit.coefficients for fit in fits])
+        return HarmonicTable(at.sign < 0, at.speed_rpm, at.torque_Nm, at.temperature_C, fits[0].orders, coefficients)
 
 
 def read_campaign(
@@ -157,13 +157,3 @@ def _reduced(file: RunFile, band: int) -> dict[Direction, Sums] | BadFileError:
     except BadFileError as error:
         return error
     return {direction: curve_sums(curve, band) for direction, curve in run.curves.items()}
-
-
-def cached_rows(campaign: Campaign) -> dict[str, Any]:
-    """Numbers for a report: files, curves, samples, bad files."""
-    return {
-        "files": len({curve.path for curve in campaign.curves}),
-        "curves": len(campaign.curves),
-        "samples": campaign.samples,
-        "bad": len(campaign.bad),
-    }

@@ -22,7 +22,6 @@ from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.parameters import Piece, piece_of
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import Target, groups_of
-from st_codegen.reconcile.fit.threads import one_thread
 from st_codegen.reconcile.judge.candidates import Candidate
 from st_codegen.reconcile.judge.conclusions import Conclusions, conclude, without_misfits
 from st_codegen.reconcile.judge.evidence import Evidence
@@ -34,6 +33,7 @@ from st_codegen.reconcile.judge.suspects import bad_runs
 from st_codegen.reconcile.judge.unexplained import Signature, Structure, signatures, structure
 from st_codegen.rig.effects import Catalogue, Effect, Stage
 from st_codegen.rig.model import RigModel
+from st_codegen.threads import one_thread
 
 Progress = Callable[[int, int, str], None]
 VERDICTS = ("explained", "partly_explained", "nothing_missing", "unexplained")
@@ -150,7 +150,7 @@ def reconcile_observations(
     rig: RigModel, data: Observations, known: Catalogue, progress: Progress | None = None
 ) -> Result:
     """The statistical core on observations."""
-    with one_thread():
+    with one_thread("scipy.linalg"):
         return _reconcile(rig, data, known, progress)
 
 

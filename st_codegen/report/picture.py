@@ -71,9 +71,18 @@ def figures(panels: Sequence[tuple[str, Draw]], *, columns: int = 2, size_cm: tu
             axes.set_title(title)
             if axes.get_legend() is None and axes.get_legend_handles_labels()[0]:
                 axes.legend()
+            _show_as_they_are(axes)
         text = io.StringIO()
         canvas.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
     return _embeddable(text.getvalue())
+
+
+def _show_as_they_are(axes: Any) -> None:
+    """Titles and labels come from data: dollar signs in them are no formulas."""
+    legend = axes.get_legend()
+    labels = [axes.title, axes.xaxis.label, axes.yaxis.label, *axes.texts]
+    for text in labels + ([] if legend is None else list(legend.get_texts())):
+        text.set_parse_math(False)
 
 
 def _embeddable(svg: str) -> str:

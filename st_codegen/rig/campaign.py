@@ -12,13 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from st_codegen.campaign.curves import CONDITIONS_FILE, Conditions, Curve, Run, write_run
-from st_codegen.campaign.harmonic_table import CONDITION_COLUMNS
+from st_codegen.campaign.conditions import CONDITION_COLUMNS, Conditions, OperatingPoint
+from st_codegen.campaign.curves import CONDITIONS_FILE, Curve, Run, write_run
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import RowError, read_csv
 from st_codegen.files.text import make_folder
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.rig.effects import Conditions as Points
 from st_codegen.rig.model import RigModel
 from st_codegen.te.harmonics import Direction
 
@@ -48,14 +47,14 @@ class Measuring:
         return self.samples or math.ceil(SAMPLING_HZ * 60 * reduction_ratio / speed_rpm)
 
 
-def read_conditions(path: Path) -> tuple[Conditions, ...]:
+def read_conditions(path: Path) -> tuple[OperatingPoint, ...]:
     """Read `speed_rpm,torque_Nm,temperature_C` (other columns are passed over). One InputError lists all problems."""
     problems = Problems(str(path))
     table = read_csv(path, CONDITION_COLUMNS)
     found = []
     for row in table.rows:
         with problems.collect():
-            point = Conditions(*(table.number(row, name) for name in CONDITION_COLUMNS))
+            point = OperatingPoint(*(table.number(row, name) for name in CONDITION_COLUMNS))
             if point.speed_rpm <= 0:
                 raise RowError(row.line, f"speed_rpm: {point.speed_rpm:g} is not positive")
             found.append(point)
@@ -65,10 +64,10 @@ def read_conditions(path: Path) -> tuple[Conditions, ...]:
     return tuple(found)
 
 
-def simulate_run(rig: RigModel, conditions: Conditions, measuring: Measuring, number: int) -> Run:
+def simulate_run(rig: RigModel, conditions: OperatingPoint, measuring: Measuring, number: int) -> Run:
     """One run in both directions. The noise depends on the seed and the run's number alone."""
     count = measuring.count(conditions.speed_rpm, rig.constants.reduction_ratio)
-    at = Points.of([1.0, -1.0], conditions.speed_rpm, conditions.torque_Nm, conditions.temperature_C)
+    at = Conditions.of([1.0, -1.0], conditions.speed_rpm, conditions.torque_Nm, conditions.temperature_C)
     te: FloatArray = rig.curve(at, count)
     angle = np.arange(count, dtype=np.float64) * (360.0 / count)
     white = rig.noise.white_deg if measuring.noise_deg is None else measuring.noise_deg
@@ -85,7 +84,7 @@ def simulate_run(rig: RigModel, conditions: Conditions, measuring: Measuring, nu
 
 def simulate_campaign(
     rig: RigModel,
-    conditions: Sequence[Conditions],
+    conditions: Sequence[OperatingPoint],
     folder: Path,
     measuring: Measuring = Measuring(),
     progress: Progress | None = None,

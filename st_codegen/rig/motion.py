@@ -61,8 +61,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Recording:
-    """A run, one row a tick: angles in deg (fast side and output), what the encoders showed, and what the compensator
-    did."""
+    """A run, one row a tick: angles (deg, fast side and output), what encoders showed and what the compensator said."""
 
     theta_ref_deg: FloatArray
     theta_mot_deg: FloatArray
@@ -70,7 +69,6 @@ class Recording:
     theta_out_deg: FloatArray
     seen_in_deg: FloatArray
     seen_out_deg: FloatArray
-    correction_deg: FloatArray
     weight: FloatArray
     predicted_deg: FloatArray
 
@@ -138,7 +136,7 @@ def run(rig: Rig, plan: Plan, form: Form = Form.ONE, running: RunningCompensator
     )
     plc = Plc(rig.tasks, form, running)
     encoders, ratio = rig.axis.encoders, rig.model.reduction_ratio
-    rows = np.zeros((ticks, 9))
+    rows = np.zeros((ticks, 8))
     orders, parts, load = plan.harmonics.orders, plan.harmonics.parts, plan.load_Nm
     setpoint, radians = float(references[0]), np.pi / 180.0
     for n in range(ticks):
@@ -148,9 +146,8 @@ def run(rig: Rig, plan: Plan, form: Form = Form.ONE, running: RunningCompensator
         if published is not None:
             setpoint = published
         rows[n, :6] = setpoint, axis.theta_mot_deg, axis.theta_in_deg, axis.theta_out_deg, seen_in, seen_out
-        rows[n, 6] = setpoint - references[n - 1] if n else 0.0
         if running is not None:
-            rows[n, 7:] = running.weight, running.te_deg
+            rows[n, 6:] = running.weight, running.te_deg
         axis.advance(setpoint, load[n : n + 2] if n + 1 < ticks else load[[n, n]], orders, parts[n])
     if not np.isfinite(rows).all():
         raise InputError(

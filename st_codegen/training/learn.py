@@ -12,19 +12,19 @@ from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.errors import InputError
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.te.harmonics import Direction
+from st_codegen.threads import one_thread
 from st_codegen.training.choice import Choice, choose
 from st_codegen.training.errors import Errors, errors_of
 from st_codegen.training.export import BundleHead, FittedModel
 from st_codegen.training.families import FAMILIES, Candidate, family_named
 from st_codegen.training.faulty import Faulty, faulty_runs
-from st_codegen.training.search import Backend, Outcome, Progress, Task, one_thread, run_tasks
+from st_codegen.training.search import LEARNERS, Backend, Outcome, Progress, Task, run_tasks
 from st_codegen.training.store import FitStore
 from st_codegen.training.study import Settings, Solution, Study, study
 from st_codegen.training.targets import combined, mean_direction, values
 
 #: fewer rows in a direction cannot be split, cross-validated and learned from
 LEAST_ROWS = 20
-_T_95 = (12.71, 4.30, 3.18, 2.78, 2.57, 2.45, 2.36, 2.31, 2.26, 2.23)
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def fitted(rows: HarmonicTable, direction: Direction, solution: Solution, settin
     column = rows.column(solution.order)
     turn = mean_direction(column) if settings.turned else 0.0
     models = []
-    with one_thread():
+    with one_thread(*LEARNERS):
         for quantity, candidate in zip(solution.kind.quantities(solution.order), solution.candidates, strict=True):
             y = values(column, quantity, solution.order, turn)
             estimator = candidate.fit(rows.conditions, y, settings.seed)
@@ -193,11 +193,13 @@ def _combined(solution: Solution, outcomes: Iterator[Outcome]) -> ComplexArray:
 
 def interval(errors: Sequence[float]) -> Interval:
     """Mean and 95 % confidence interval by Student's t; splits overlap, so that it is a little too narrow."""
+    from scipy import stats
+
     count = len(errors)
     if count < 2:
         return Interval(float(np.mean(errors)), math.inf)
-    t = _T_95[count - 2] if count - 2 < len(_T_95) else 1.96 + 2.4 / (count - 1)
-    return Interval(float(np.mean(errors)), float(t * np.std(errors, ddof=1) / math.sqrt(count)))
+    half_width = stats.t.ppf(0.975, count - 1) * np.std(errors, ddof=1) / math.sqrt(count)
+    return Interval(float(np.mean(errors)), float(half_width))
 
 
 def bundle_head(table: HarmonicTable, name: str, reduction_ratio: float) -> BundleHead:

@@ -20,12 +20,15 @@ import numpy.typing as npt
 
 from st_codegen.errors import InputError, MissingExtraError
 from st_codegen.ir.arrays import FloatArray
+from st_codegen.threads import one_thread
 from st_codegen.training.cost import worst_case_us
 from st_codegen.training.families import Candidate
 from st_codegen.training.store import FitStore
 
 #: Called with (number of tasks done, number of tasks, name of the next one).
 Progress = Callable[[int, int, str], None]
+#: What must be loaded before its threads are limited.
+LEARNERS = ("sklearn.ensemble", "sklearn.svm")
 _LIBRARIES = ("numpy", "scikit-learn", "lightgbm", "xgboost-cpu")
 
 
@@ -78,20 +81,9 @@ def fold_numbers(rows: int, folds: int, seed: int) -> npt.NDArray[np.intp]:
     return np.random.default_rng(seed).permutation(numbers)
 
 
-@contextlib.contextmanager
-def one_thread() -> Iterator[None]:
-    """One thread of every library: sums in one order, and no threads of many processes that wait for each other."""
-    import sklearn.ensemble
-    import sklearn.svm  # noqa: F401 - the limit holds for libraries that are loaded
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(limits=1):
-        yield
-
-
 def run_task(task: Task) -> Outcome:
     """Fit and predict, in one thread of every library."""
-    with one_thread():
+    with one_thread(*LEARNERS):
         folds = np.full(len(task.y), np.nan)
         if task.folds > 1:
             number = fold_numbers(len(task.y), task.folds, task.seed)

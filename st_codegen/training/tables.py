@@ -17,7 +17,6 @@ from st_codegen.ir.arrays import FloatArray
 from st_codegen.report import COLOURS, Section, Table, figures, page
 from st_codegen.training.families import FAMILIES, Candidate
 from st_codegen.training.paper import CHOSEN, QUANTITIES, Comparison, Row
-from st_codegen.training.study import Solution
 
 COLUMNS = ("order", "quantity", "family", "ours_mae", "ours_rmse", "paper_mae", "paper_rmse")
 _UNITS = {"ampl": "deg", "phase": "rad", "complex": "deg"}
@@ -282,8 +281,3 @@ def _markdown(sections: Sequence[Section]) -> str:
             continue
         parts.append(f"## {section.title}\n\n{section.text}\n\n{section.table.markdown()}")
     return "\n".join(parts)
-
-
-def solution_line(solution: Solution) -> str:
-    """One solution in a line, for messages."""
-    return f"order {solution.order}: {solution.name}, {solution.cost_us:.0f} us, {_described(solution.candidates)}"

@@ -78,7 +78,3 @@ class Unit:
     def scaled(self, y: FloatArray) -> FloatArray:
         """In robust units."""
         return (y - self.centre) / self.size
-
-    def restored(self, y: FloatArray) -> FloatArray:
-        """Back in the target's own unit."""
-        return self.centre + self.size * y

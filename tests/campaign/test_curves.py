@@ -7,9 +7,9 @@ import pytest
 
 pytest.importorskip("polars")
 
+from st_codegen.campaign.conditions import OperatingPoint
 from st_codegen.campaign.curves import (
     BadFileError,
-    Conditions,
     Curve,
     Run,
     conditions_from_name,
@@ -21,7 +21,7 @@ from st_codegen.campaign.curves import (
 from st_codegen.errors import InputError
 from st_codegen.te.harmonics import Direction
 
-CONDITIONS = Conditions(1000.0, 1100.0, 25.0)
+CONDITIONS = OperatingPoint(1000.0, 1100.0, 25.0)
 
 
 def a_run(samples=1000, shorter=5):
@@ -149,7 +149,7 @@ def test_radians_are_recognised(tmp_path):
         ("1000.0rpm1100.0Nm25.0deg.csv", CONDITIONS),
         ("1000rpm1100Nm25deg.csv", CONDITIONS),
         ("1000,0rpm1100,0Nm25,0deg.csv", CONDITIONS),
-        ("1000rpm_-50.5Nm_25degC_second.csv", Conditions(1000.0, -50.5, 25.0)),
+        ("1000rpm_-50.5Nm_25degC_second.csv", OperatingPoint(1000.0, -50.5, 25.0)),
         ("run7.csv", None),
     ],
 )
@@ -181,7 +181,7 @@ def test_all_faults_of_a_folder_at_once(tmp_path):
         "file;speed_rpm;torque_Nm;temperature_C\ngood.csv;500,5;0;30\nabsent.csv;1;2;3\ngood.csv;1;2;3\nx.csv;1;2\n"
     )
     files, bad = scan(tmp_path)
-    assert [file.conditions for file in files] == [Conditions(500.5, 0.0, 30.0)]
+    assert [file.conditions for file in files] == [OperatingPoint(500.5, 0.0, 30.0)]
     assert sorted(error.line or 0 for error in bad) == [0, 3, 4, 5]
     with pytest.raises(InputError, match="4 problems") as error:
         find_runs(tmp_path)

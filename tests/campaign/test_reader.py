@@ -9,7 +9,8 @@ pytest.importorskip("polars")
 pytest.importorskip("joblib")
 
 from st_codegen.campaign import reader
-from st_codegen.campaign.curves import Conditions, Curve, Run, write_run
+from st_codegen.campaign.conditions import OperatingPoint
+from st_codegen.campaign.curves import Curve, Run, write_run
 from st_codegen.campaign.reader import read_campaign
 from st_codegen.errors import InputError
 from st_codegen.te.harmonics import Direction
@@ -30,7 +31,7 @@ def folder(tmp_path):
             angle = theta if direction is Direction.FORWARD else 2 * np.pi - theta
             te = (np.exp(1j * np.outer(angle, ORDERS)) @ (VALUES * (1 + number))).real + 1e-6 * random.normal(size=2000)
             curves[direction] = Curve(np.rad2deg(angle), te)
-        conditions = Conditions(100.0 * (number + 1), 100.0, 25.0)
+        conditions = OperatingPoint(100.0 * (number + 1), 100.0, 25.0)
         write_run(Run(conditions, curves), tmp_path / "campaign" / conditions.rig_path(), digits=9)
     return tmp_path / "campaign"
 

@@ -1,10 +1,8 @@
 import dataclasses
 import json
 import os
-import signal
 import subprocess
 import sys
-import time
 
 import pytest
 
@@ -115,24 +113,44 @@ def test_without_an_exchange_of_folders_two_renames_do(lone_folder, tmp_path, mo
 
 
 TREES = Options(Layout.TREES)  # quick to generate
+#: Generates one of two bundles when it is told to, in a child that is killed when it touches the output for the n-th
+#: time; says whether it was killed or had finished before.
 WRITER = """
-import sys
+import os, signal, sys
 from pathlib import Path
-from st_codegen.project.bundle import load
 from st_codegen.driver import generate
-from st_codegen.passes.choose import Layout, Options
 from st_codegen.emit.targets import TARGETS
+from st_codegen.passes.choose import Layout, Options
+from st_codegen.project.bundle import load
 bundles = [load(Path(folder)) for folder in sys.argv[1:3]]
-print("ready", flush=True)
-number = 0
-while True:
-    generate(bundles[number % 2], TARGETS["twincat"], Path(sys.argv[3]), options=Options(Layout.TREES))
-    number += 1
+out = sys.argv[3]
+
+def killed_at(last):
+    count = 0
+    def touched(event, arguments):
+        nonlocal count
+        touches = event.startswith(("os.", "shutil.", "open")) and any(str(a).startswith(out) for a in arguments)
+        if touches or (event == "ctypes.dlsym" and arguments[1] == "renameat2"):
+            count += 1
+            if count == last:
+                os.kill(os.getpid(), signal.SIGKILL)
+    sys.addaudithook(touched)
+
+for line in sys.stdin:
+    number, last = map(int, line.split())
+    child = os.fork()
+    if not child:
+        killed_at(last)
+        generate(bundles[number], TARGETS["twincat"], Path(out), options=Options(Layout.TREES))
+        os._exit(0)
+    status = os.waitpid(child, 0)[1]
+    print("killed" if os.WIFSIGNALED(status) else "finished" if status == 0 else "failed", flush=True)
 """
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
 def test_a_killed_run_leaves_a_whole_project(lone_folder, lightgbm_text, tmp_path):
-    """Two projects overwrite each other; whenever the writer is killed, one of them is there, whole."""
+    """Two projects overwrite each other; wherever the writer is killed, one of them is there, whole."""
     other = tmp_path / "other"
     other.mkdir()
     for name in ("te.txt", "more.txt", "most.txt"):
@@ -142,20 +160,23 @@ def test_a_killed_run_leaves_a_whole_project(lone_folder, lightgbm_text, tmp_pat
         wholes.append(snapshot(generate(load(models), TWINCAT, tmp_path / f"whole{number}", options=TREES).folder))
     out = tmp_path / "out"
     generate(load(lone_folder), TWINCAT, out, options=TREES)
-    seen = set()
-    for attempt in range(60):  # until both were found, on a slow machine too
-        with subprocess.Popen(
-            [sys.executable, "-c", WRITER, str(lone_folder), str(other), str(out)], stdout=subprocess.PIPE, text=True
-        ) as writer:
-            assert writer.stdout.readline() == "ready\n"
-            time.sleep(0.02 + 0.02 * attempt)
-            writer.send_signal(signal.SIGKILL)
-        found = snapshot(out / "twincat")
-        assert found in wholes
-        seen.add(wholes.index(found))
-        if attempt >= 11 and len(seen) == 2:
-            break
-    assert seen == {0, 1}
+    program = [sys.executable, "-c", WRITER, str(lone_folder), str(other), str(out)]
+    present, seen = 0, []
+    with subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as writer:
+        for last in range(1, 1000):
+            print(1 - present, last, file=writer.stdin, flush=True)
+            answer = writer.stdout.readline()
+            found = snapshot(out / "twincat")
+            assert found in wholes
+            seen.append(found == wholes[present])
+            if answer == "finished\n":
+                break
+            assert answer == "killed\n"
+            present = wholes.index(found)
+        writer.stdin.close()
+    # killed while it was written the old project stayed, killed while it tidied up the new one was there
+    assert seen.count(True) > 10
+    assert seen.count(False) > 1
 
 
 def test_check_is_silent_when_the_files_are_up_to_date(lone_folder, tmp_path):

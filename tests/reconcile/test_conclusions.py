@@ -11,7 +11,6 @@ from st_codegen.reconcile.fit.fitting import fit
 from st_codegen.reconcile.fit.parameters import Piece, piece_of
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import Target, groups_of
-from st_codegen.reconcile.fit.threads import one_thread
 from st_codegen.reconcile.judge.candidates import Search, variants
 from st_codegen.reconcile.judge.conclusions import Claim
 from st_codegen.reconcile.judge.peaks import bracket, spread
@@ -19,6 +18,7 @@ from st_codegen.reconcile.judge.retuned import changes
 from st_codegen.reconcile.report.sentences import sentence
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
+from st_codegen.threads import one_thread
 
 from .test_core import KNOWN, RIG, SIGMA, effect, grid, observed
 

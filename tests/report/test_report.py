@@ -1,6 +1,7 @@
 """Pages and pictures: well-formed, escaped, and the same bytes each time."""
 
 import os
+import re
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -89,3 +90,16 @@ def test_page_is_balanced_and_escaped():
 def test_markdown():
     table = Table(("order", "MAE"), [(1, 0.5), (2, "a|b")], strong={(0, 1)})
     assert table.markdown() == "| order | MAE |\n|---|---|\n| 1 | **0.5** |\n| 2 | a\\|b |\n"
+
+
+def test_dollar_signs_in_labels_are_text():
+    odd = r"price $\nothing$ of $x"
+
+    def draw(axes):
+        axes.plot([1, 2], [1, 1e6], label=odd)
+        axes.set_yscale("log")
+        axes.text(1, 1, odd)
+
+    picture = re.sub("<!--.*?-->", "", figure(draw, xlabel=odd, ylabel=odd, title=odd), flags=re.DOTALL)
+    assert picture.count(odd) == 5
+    assert "mathdefault" not in picture  # the exponents of the scale are still formulas

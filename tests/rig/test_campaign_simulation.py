@@ -1,16 +1,17 @@
 """Simulated campaigns: what is written is what the campaign's reader reads, and the rig's coefficients come back."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from st_codegen.campaign.curves import Conditions, find_runs, read_run
+from st_codegen.campaign.conditions import Conditions, OperatingPoint
+from st_codegen.campaign.curves import find_runs, read_run
 from st_codegen.cli.main import cli, main
 from st_codegen.errors import InputError
 from st_codegen.rig.campaign import Measuring, read_conditions, simulate_campaign, simulate_run
-from st_codegen.rig.effects import Conditions as Points
 from st_codegen.rig.model import read_rig
 from st_codegen.te.harmonics import Direction
 
@@ -26,13 +27,13 @@ def test_written_curves_hold_the_coefficients(tmp_path):
     )  # fmt: skip
     assert result.exit_code == 0, result.output
     files = find_runs(tmp_path / "out")
-    assert [file.conditions for file in files] == [Conditions(1000, 900, 30), Conditions(1800, 0, 25.5)]
+    assert [file.conditions for file in files] == [OperatingPoint(1000, 900, 30), OperatingPoint(1800, 0, 25.5)]
     assert files[0].path == tmp_path / "out" / "Test_30degree" / "1000rpm" / "1000.0rpm900.0Nm30.0deg.csv"
     for file in files:
         run = read_run(file.path, file.conditions)
         for direction, sign in ((Direction.FORWARD, 1), (Direction.BACKWARD, -1)):
             curve = run.curves[direction]
-            at = Points.of(sign, *[getattr(file.conditions, n) for n in ("speed_rpm", "torque_Nm", "temperature_C")])
+            at = Conditions.of(sign, *dataclasses.astuple(file.conditions))
             for order, expected in zip((1, 39, 240), rig.coefficients(at, [1, 39, 240])[0], strict=True):
                 found = 2 * np.mean(curve.te_deg * np.exp(-1j * order * np.deg2rad(curve.angle_deg)))
                 assert found == pytest.approx(expected, abs=1e-11)  # twelve digits are written
@@ -40,7 +41,7 @@ def test_written_curves_hold_the_coefficients(tmp_path):
 
 def test_noise_depends_on_seed_and_run_and_has_the_size_asked_for():
     rig = read_rig(RIG)
-    point = Conditions(1000, 900, 30)
+    point = OperatingPoint(1000, 900, 30)
     quiet = simulate_run(rig, point, Measuring(4096, 0.0, 1), 0).curves[Direction.FORWARD].te_deg
     loud = [simulate_run(rig, point, Measuring(4096, 0.01, seed), run).curves[Direction.FORWARD].te_deg
             for seed, run in ((1, 0), (1, 0), (2, 0), (1, 1))]  # fmt: skip
@@ -57,7 +58,7 @@ def test_full_size_is_that_of_the_rig():
 
 def test_repeated_runs_are_numbered(tmp_path):
     rig = read_rig(RIG)
-    point = Conditions(1000, 900, 30)
+    point = OperatingPoint(1000, 900, 30)
     simulate_campaign(rig, [point, point], tmp_path / "out", Measuring(600))
     files = find_runs(tmp_path / "out")
     assert [file.path.name for file in files] == ["run_00001.csv", "run_00002.csv"]
@@ -67,12 +68,12 @@ def test_repeated_runs_are_numbered(tmp_path):
 def test_refusals_leave_nothing_behind(tmp_path, capsys):
     rig = read_rig(RIG)
     with pytest.raises(InputError, match="too few: this rig needs 487"):
-        simulate_campaign(rig, [Conditions(1000, 900, 30)], tmp_path / "out", Measuring(486))
+        simulate_campaign(rig, [OperatingPoint(1000, 900, 30)], tmp_path / "out", Measuring(486))
     assert not (tmp_path / "out").exists()
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "mine.txt").write_text("mine")
     with pytest.raises(InputError, match="not empty"):
-        simulate_campaign(rig, [Conditions(1000, 900, 30)], tmp_path / "full", Measuring(600))
+        simulate_campaign(rig, [OperatingPoint(1000, 900, 30)], tmp_path / "full", Measuring(600))
     (tmp_path / "C.csv").write_text("speed_rpm,torque_Nm,temperature_C\n0,900,30\nx,1,2\n")
     with pytest.raises(InputError, match="2 problems"):
         read_conditions(tmp_path / "C.csv")

@@ -8,7 +8,8 @@ pytest.importorskip("polars")
 pytest.importorskip("lightgbm")
 pytest.importorskip("xgboost")
 
-from st_codegen.campaign.curves import Conditions, Curve, Run, write_run
+from st_codegen.campaign.conditions import OperatingPoint
+from st_codegen.campaign.curves import Curve, Run, write_run
 from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.te.harmonics import Direction
 from st_codegen.training.search import one_thread
@@ -58,7 +59,7 @@ def write_campaign(folder, tables, samples=1600, noise=1e-6):
             direction = Direction.BACKWARD if one.backward[row] else Direction.FORWARD
             angle = theta if direction is Direction.FORWARD else 2 * np.pi - theta
             te = one.rows([row]).curves(angle)[0] + noise * random.normal(size=samples)
-            key = Conditions(*one.conditions[row])
+            key = OperatingPoint(*one.conditions[row])
             curves.setdefault(key, {})[direction] = Curve(np.rad2deg(angle), te)
     for conditions, own in curves.items():
         write_run(Run(conditions, own), folder / conditions.rig_path())

@@ -82,9 +82,7 @@ class Observations:
 
 def from_table(table: HarmonicTable) -> Observations:
     """The rows of a harmonic table."""
-    at = Conditions(
-        np.where(table.backward, -1.0, 1.0), table.speed_rpm.copy(), table.torque_Nm.copy(), table.temperature_C.copy()
-    )
+    at = table.at
     values = np.array(table.coefficients)
     return Observations(at, labels(at), np.array(table.orders, np.int64), values, run=order_of_runs(at))
 

@@ -16,7 +16,6 @@ from st_codegen.errors import InputError, Problems
 from st_codegen.ir.arrays import BoolArray, IntArray
 from st_codegen.reconcile.data.observations import Observations, from_table, labels, order_of_runs
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
 
 Progress = Callable[[int, int, str], None]
@@ -47,17 +46,11 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None) -> Observa
     band = min(*(curve.sums.band for curve in campaign.curves), BAND)
     wanted = [order for order in rig.orders() if order <= band]
     first = campaign.fits(wanted, progress)
-    signs = np.array([1.0 if curve.direction.value == "forward" else -1.0 for curve in campaign.curves])
     spectra = np.stack([fit.spectrum[: band + 1] for fit in first])
     floors = np.stack([fit.spectrum_floor[: band + 1] for fit in first])
     orders = sorted({0, *wanted, *np.flatnonzero(_loud(spectra, floors)).tolist()})
     fits = campaign.fits(orders, progress)
-    at = Conditions(
-        signs,
-        np.array([curve.conditions.speed_rpm for curve in campaign.curves]),
-        np.array([curve.conditions.torque_Nm for curve in campaign.curves]),
-        np.array([curve.conditions.temperature_C for curve in campaign.curves]),
-    )
+    at = campaign.at
     values = np.stack([fit.coefficients for fit in fits])
     files = [curve.path.relative_to(folder).as_posix() for curve in campaign.curves]
     # an amplitude has the variance of two components; the floor of the mean is that of one number already

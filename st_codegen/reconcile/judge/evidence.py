@@ -148,11 +148,9 @@ def f_tail(x: float, count: int, rest: int) -> float:
 
 def false_discoveries(p: FloatArray, rate: float) -> BoolArray:
     """Which of several tests stand at a false discovery rate (Benjamini and Hochberg)."""
-    ranked = np.argsort(p)
-    passed = np.flatnonzero(p[ranked] <= rate * np.arange(1, len(p) + 1) / len(p))
-    found = np.zeros(len(p), bool)
-    if len(passed):
-        found[ranked[: passed[-1] + 1]] = True
+    from scipy.stats import false_discovery_control
+
+    found: BoolArray = false_discovery_control(p) <= rate if len(p) else np.zeros(0, bool)
     return found
 
 

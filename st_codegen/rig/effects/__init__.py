@@ -12,9 +12,9 @@ from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Any
 
+from st_codegen.campaign.conditions import Conditions
 from st_codegen.errors import InputError
 from st_codegen.rig.effects.base import (
-    Conditions,
     Constants,
     Effect,
     Form,

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from st_codegen.campaign.conditions import Conditions
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.rig.effects.base import Conditions, Effect, Form, Scalar, Stage
+from st_codegen.rig.effects.base import Effect, Form, Scalar, Stage
 
 
 class ControlLag(Effect):

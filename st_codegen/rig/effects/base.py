@@ -17,11 +17,11 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
+from st_codegen.campaign.conditions import Conditions
 from st_codegen.errors import Problems
 from st_codegen.files.toml_tables import Table
-from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
+from st_codegen.ir.arrays import ComplexArray, IntArray
 
 BACKWARD = "backward_"
 ARCMIN = 1.0 / 60.0
@@ -53,40 +53,6 @@ class Constants:
         """Whole multiples of the reduction ratio, up to the 4th."""
         multiples = (self.reduction_ratio * m for m in range(1, 5))
         return tuple(round(order) for order in multiples if abs(order - round(order)) < 1e-9)
-
-
-@dataclass(frozen=True)
-class Conditions:
-    """Operating points, one array entry each, float64 (n,).
-
-    sign: +1 forward, -1 backward; speed_rpm of the input shaft, positive; torque_Nm at the output, positive against
-    the motion; temperature_C of the oil.
-    """
-
-    sign: FloatArray
-    speed_rpm: FloatArray
-    torque_Nm: FloatArray
-    temperature_C: FloatArray
-
-    @classmethod
-    def of(
-        cls, sign: npt.ArrayLike, speed_rpm: npt.ArrayLike, torque_Nm: npt.ArrayLike, temperature_C: npt.ArrayLike
-    ) -> Conditions:
-        """Broadcast scalars and arrays to one shape (n,)."""
-        parts = [np.atleast_1d(np.asarray(part, np.float64)) for part in (sign, speed_rpm, torque_Nm, temperature_C)]
-        return cls(*(np.array(part) for part in np.broadcast_arrays(*parts)))
-
-    def __len__(self) -> int:
-        return len(self.sign)
-
-    def rows(self, choice: Any) -> Conditions:
-        """The operating points that a mask or an index array chooses."""
-        return Conditions(self.sign[choice], self.speed_rpm[choice], self.torque_Nm[choice], self.temperature_C[choice])
-
-    def output_rad_s(self, constants: Constants) -> FloatArray:
-        """Speed of the output, rad/s, with the sign of the direction."""
-        speed: FloatArray = self.sign * self.speed_rpm * (2 * np.pi / 60 / constants.reduction_ratio)
-        return speed
 
 
 class Form(Enum):

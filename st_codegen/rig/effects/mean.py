@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from st_codegen.campaign.conditions import Conditions
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.rig.effects.base import ARCMIN, Conditions, Effect, Form, Scalar
+from st_codegen.rig.effects.base import ARCMIN, Effect, Form, Scalar
 
 
 class _MeanEffect(Effect):

@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
+from st_codegen.campaign.conditions import Conditions
 from st_codegen.ir.arrays import ComplexArray, IntArray
-from st_codegen.rig.effects.base import Conditions, Effect, Form, Scalar, Stage
+from st_codegen.rig.effects.base import Effect, Form, Scalar, Stage
 
 
 class MeasurementDelay(Effect):
@@ -26,7 +27,7 @@ class MeasurementDelay(Effect):
 
     def contribution(self, at: Conditions, orders: IntArray) -> ComplexArray:
         found = np.zeros((len(at), len(orders)), np.complex128)
-        skew = -np.rad2deg(at.output_rad_s(self.constants)) * self.scalar("skew_us") * 1e-6
+        skew = -np.rad2deg(at.output_rad_s(self.constants.reduction_ratio)) * self.scalar("skew_us") * 1e-6
         found[:, orders == 0] = skew[:, None]
         return found
 
@@ -40,5 +41,7 @@ class MeasurementDelay(Effect):
         turned: ComplexArray = change.copy()
         # most changes touch few orders
         touched = np.flatnonzero(change.any(axis=0))
-        turned[:, touched] *= np.exp(-1j * delay * np.outer(at.output_rad_s(self.constants), orders[touched]))
+        turned[:, touched] *= np.exp(
+            -1j * delay * np.outer(at.output_rad_s(self.constants.reduction_ratio), orders[touched])
+        )
         return turned

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from st_codegen.campaign.conditions import Conditions
 from st_codegen.ir.arrays import ComplexArray
-from st_codegen.rig.effects.base import Conditions, Constants, Effect, Phasor
+from st_codegen.rig.effects.base import Constants, Effect, Phasor
 
 
 class _MeshError(Effect):

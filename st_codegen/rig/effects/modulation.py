@@ -6,8 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from st_codegen.campaign.conditions import Conditions
 from st_codegen.ir.arrays import ComplexArray, IntArray
-from st_codegen.rig.effects.base import Conditions, Constants, Effect, Phasor, Stage
+from st_codegen.rig.effects.base import Constants, Effect, Phasor, Stage
 
 
 class CarrierModulation(Effect):

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from st_codegen.campaign.conditions import Conditions
 from st_codegen.ir.arrays import ComplexArray, IntArray
-from st_codegen.rig.effects.base import Conditions, Effect, Form, Phasor, Scalar, Stage
+from st_codegen.rig.effects.base import Effect, Form, Phasor, Scalar, Stage
 
 
 class StructuralResonance(Effect):

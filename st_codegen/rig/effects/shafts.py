@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from st_codegen.campaign.conditions import Conditions
 from st_codegen.ir.arrays import ComplexArray
-from st_codegen.rig.effects.base import Conditions, Effect, Form, Phasor, Scalar
+from st_codegen.rig.effects.base import Effect, Form, Phasor, Scalar
 
 
 class _Wave(Effect):

@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
+from st_codegen.campaign.conditions import Conditions
 from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
-from st_codegen.rig.effects.base import ARCMIN, Conditions, Effect, Form, Scalar
+from st_codegen.rig.effects.base import ARCMIN, Effect, Form, Scalar
 
 
 def bessel_ratios(kappa: float, count: int) -> FloatArray:
