@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from st_codegen.campaign.conditions import Conditions
 from st_codegen.campaign.curves import CONDITIONS_FILE
 from st_codegen.campaign.harmonic_table import read_table
 from st_codegen.campaign.orders import BAND
@@ -78,9 +79,8 @@ def _listed_runs(folder: Path, campaign: Campaign) -> IntArray | None:
     run = np.array([number[curve.path] for curve in campaign.curves], np.int64)
     place = np.argsort(run, kind="stable")
     chosen = [campaign.curves[i] for i in place]
-    points = np.array([[c.conditions.speed_rpm, c.conditions.torque_Nm, c.conditions.temperature_C] for c in chosen])
-    signs = np.array([1.0 if c.direction.value == "forward" else -1.0 for c in chosen])
-    return None if order_of_runs(Conditions(signs, *points.T)) is None else run
+    at = Conditions.of_runs((curve.direction, curve.conditions) for curve in chosen)
+    return None if order_of_runs(at) is None else run
 
 
 def _loud(spectra: np.ndarray, floors: np.ndarray) -> BoolArray:

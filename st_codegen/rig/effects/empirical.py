@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from st_codegen.rig.effects.base import Conditions, Effect, Phasor
+from st_codegen.campaign.conditions import Conditions
+from st_codegen.rig.effects.base import Effect, Phasor
 
 #: term -> powers of speed (1000 rpm), torque (kNm) and temperature (10 K above T_ref), and what it does in words
 TERMS: dict[str, tuple[tuple[int, int, int], str]] = {
