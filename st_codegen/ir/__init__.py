@@ -13,6 +13,7 @@ from st_codegen.ir.base import (
     CEILING,
     FLOAT32_OVERFLOW,
     Aggregate,
+    ColumnFunction,
     Comparison,
     Elementwise,
     Function,
@@ -22,6 +23,7 @@ from st_codegen.ir.base import (
     Operation,
     Operator,
     Precision,
+    Quotient,
     SummationOrder,
 )
 from st_codegen.ir.cells import (
@@ -64,6 +66,7 @@ __all__ = [
     "BoolArray",
     "CellTable",
     "Clip",
+    "ColumnFunction",
     "Combine",
     "Comparison",
     "ComplexArray",
@@ -87,6 +90,7 @@ __all__ = [
     "Operation",
     "Operator",
     "Precision",
+    "Quotient",
     "Rank",
     "RankColumn",
     "Round",

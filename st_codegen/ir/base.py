@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from enum import StrEnum
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
 from st_codegen.errors import InputError
-from st_codegen.ir.arrays import AnyArray
+from st_codegen.ir.arrays import AnyArray, FloatArray
 
 #: Values of this magnitude and above become infinite when rounded to float32 (the tie to even above FLT_MAX).
 FLOAT32_OVERFLOW = 3.4028235677973366e38
@@ -155,6 +155,35 @@ class Elementwise:
 
     def check_operands(self, total: int) -> None:
         """Nothing beyond the width."""
+
+
+class ColumnFunction(Elementwise):
+    """Base of operations that apply one exact function to each number of a value, known by three facts of it.
+
+    The reference, the bounds and the search for overflow need nothing else of such an operation. `computes` says
+    whether it makes new numbers, which are rounded and may overflow, or only picks among given ones.
+    """
+
+    inputs: tuple[int, ...]
+    exact: ClassVar[bool] = True
+    computes: ClassVar[bool] = True
+
+    if TYPE_CHECKING:  # a field or a property of each class
+
+        @property
+        def width(self) -> int: ...
+
+    def value(self, x: FloatArray) -> FloatArray:
+        """The function of numbers `x` (rows, width), as the library computes it; NaN where there is none."""
+        raise NotImplementedError(type(self).__name__)
+
+    def slope(self, x: FloatArray, difference: FloatArray) -> FloatArray | float:
+        """The largest slope of the function within `difference` of `x`, both (rows, width)."""
+        raise NotImplementedError(type(self).__name__)
+
+    def largest(self, magnitude: FloatArray) -> FloatArray:
+        """The largest magnitude of results for numbers up to the given magnitudes, both (width,)."""
+        raise NotImplementedError(type(self).__name__)
 
 
 class Quotient(Elementwise):

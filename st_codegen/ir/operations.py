@@ -11,6 +11,7 @@ import numpy as np
 from st_codegen.errors import InputError
 from st_codegen.ir.arrays import FloatArray, Int32Array
 from st_codegen.ir.base import (
+    ColumnFunction,
     Elementwise,
     Function,
     Kernel,
@@ -96,28 +97,38 @@ class Round(Elementwise):
 
 
 @dataclass(frozen=True)
-class FillMissing(Elementwise):
+class FillMissing(ColumnFunction):
     """NaN, and every number equal to `sentinel` where there is one, replaced by `fill` (XGBoost gblinear)."""
 
     inputs: tuple[int, ...]
     width: int
     fill: float = 0.0
     sentinel: float | None = None
-    exact: ClassVar[bool] = True
+    computes: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         if not math.isfinite(self.fill) or not (self.sentinel is None or math.isfinite(self.sentinel)):
             raise InputError(f"FillMissing: fill {self.fill} or sentinel {self.sentinel} is not finite")
 
+    def value(self, x: FloatArray) -> FloatArray:
+        missing = np.isnan(x) if self.sentinel is None else np.isnan(x) | (x == self.sentinel)
+        return np.where(missing, self.fill, x)
+
+    def slope(self, x: FloatArray, difference: FloatArray) -> float:
+        return 1.0
+
+    def largest(self, magnitude: FloatArray) -> FloatArray:
+        return np.maximum(magnitude, abs(self.fill))
+
 
 @dataclass(frozen=True)
-class Clip(Elementwise):
+class Clip(ColumnFunction):
     """Each column limited to [lower, upper] (MinMaxScaler(clip=True), ONNX Clip)."""
 
     inputs: tuple[int, ...]
     lower: FloatArray
     upper: FloatArray
-    exact: ClassVar[bool] = True
+    computes: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         freeze(self, "lower", np.float64, (None,))
@@ -127,6 +138,15 @@ class Clip(Elementwise):
     @property
     def width(self) -> int:
         return len(self.lower)
+
+    def value(self, x: FloatArray) -> FloatArray:
+        return np.clip(x, self.lower, self.upper)
+
+    def slope(self, x: FloatArray, difference: FloatArray) -> float:
+        return 1.0
+
+    def largest(self, magnitude: FloatArray) -> FloatArray:
+        return np.minimum(magnitude, np.maximum(np.abs(self.lower), np.abs(self.upper)))
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,11 @@ from st_codegen.ir import (
     Activation,
     Aggregate,
     CellTable,
-    Clip,
+    ColumnFunction,
     Combine,
     Comparison,
     Elementwise,
     FactoredKernel,
-    FillMissing,
     Function,
     Kernel,
     KernelSum,
@@ -146,15 +145,8 @@ def _(_: Round, operands: list[FloatArray]) -> FloatArray:
 
 
 @apply.register
-def _(op: FillMissing, operands: list[FloatArray]) -> FloatArray:
-    x = operands[0]
-    missing = np.isnan(x) if op.sentinel is None else np.isnan(x) | (x == op.sentinel)
-    return np.where(missing, op.fill, x)
-
-
-@apply.register
-def _(op: Clip, operands: list[FloatArray]) -> FloatArray:
-    return np.clip(operands[0], op.lower, op.upper)
+def _(op: ColumnFunction, operands: list[FloatArray]) -> FloatArray:
+    return op.value(operands[0])
 
 
 @apply.register

@@ -18,10 +18,9 @@ from st_codegen.ir import (
     FLOAT32_OVERFLOW,
     Activation,
     CellTable,
-    Clip,
+    ColumnFunction,
     Combine,
     FactoredKernel,
-    FillMissing,
     FloatArray,
     Function,
     Kernel,
@@ -33,6 +32,7 @@ from st_codegen.ir import (
     Operation,
     Operator,
     Precision,
+    Quotient,
     Rank,
     Round,
     Scale,
@@ -78,8 +78,8 @@ def _limited(op: Operation, attempt: int) -> Operation:
     """An exponential or a quotient with the limit of an attempt; any other operation as it is."""
     if isinstance(op, Activation) and op.function in (Function.EXP, Function.EXPM1):
         return dataclasses.replace(op, limit=_EXP_LIMITS[op.precision][attempt])
-    if isinstance(op, Scale | Combine | Normalize):
-        return dataclasses.replace(op, limit=_QUOTIENT_LIMITS[op.precision][attempt])
+    if isinstance(op, Quotient):  # all of them are dataclasses
+        return dataclasses.replace(op, limit=_QUOTIENT_LIMITS[op.precision][attempt])  # type: ignore[type-var]
     return op
 
 
@@ -97,7 +97,7 @@ def _is_safe(model: ModelIR, limit: float) -> bool:
     with np.errstate(all="ignore"):
         for op in model.ops:
             operands = [bounds[value] for value in op.inputs]
-            peak, bound = _bound(op, operands)
+            peak, bound = magnitudes(op, operands)
             if op.inputs != (0,) and _refuses_overflow(op, operands):
                 return False
             ceiling = CEILING[getattr(op, "precision", Precision.FLOAT64)]
@@ -117,7 +117,7 @@ def _refuses_overflow(op: Operation, operands: list[FloatArray]) -> bool:
 
 
 @singledispatch
-def _bound(op: Operation, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+def magnitudes(op: Operation, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     """Largest magnitude of any intermediate result, and bounds on the magnitude of each output column."""
     raise NotImplementedError(type(op).__name__)
 
@@ -126,12 +126,12 @@ def _peak(bound: FloatArray) -> tuple[float, FloatArray]:
     return float(np.max(bound)), bound
 
 
-@_bound.register
+@magnitudes.register
 def _(op: Select, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     return 0.0, np.concatenate(operands)[op.columns]
 
 
-@_bound.register
+@magnitudes.register
 def _(op: Scale, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     constant = np.abs(op.constant)
     if op.operator in (Operator.ADD, Operator.SUBTRACT):
@@ -142,7 +142,7 @@ def _(op: Scale, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     return _peak(np.full(len(constant), op.ceiling) if op.reverse else operands[0] / constant)
 
 
-@_bound.register
+@magnitudes.register
 def _(op: Combine, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     if op.operator in (Operator.ADD, Operator.SUBTRACT):
         return _peak(operands[0] + operands[1])
@@ -151,28 +151,24 @@ def _(op: Combine, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     return _peak(np.full(op.width, op.ceiling))
 
 
-@_bound.register
+@magnitudes.register
 def _(_: Round, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     largest = float(np.max(operands[0]))
     return (largest if largest < FLOAT32_OVERFLOW else math.inf), operands[0]
 
 
-@_bound.register
-def _(op: FillMissing, operands: list[FloatArray]) -> tuple[float, FloatArray]:
-    return 0.0, np.maximum(operands[0], abs(op.fill))
+@magnitudes.register
+def _(op: ColumnFunction, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    bound = op.largest(operands[0])
+    return _peak(bound) if op.computes else (0.0, bound)
 
 
-@_bound.register
-def _(op: Clip, operands: list[FloatArray]) -> tuple[float, FloatArray]:
-    return 0.0, np.minimum(operands[0], np.maximum(np.abs(op.lower), np.abs(op.upper)))
-
-
-@_bound.register
+@magnitudes.register
 def _(op: Linear, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     return _peak(np.abs(op.weights) @ operands[0] + np.abs(op.bias))
 
 
-@_bound.register
+@magnitudes.register
 def _(op: Activation, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     x = operands[0]
     if op.function in (Function.TANH, Function.LOGISTIC):
@@ -186,13 +182,13 @@ def _(op: Activation, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     return _peak((1.0 + abs(op.parameter)) * x + 1.0)
 
 
-@_bound.register
+@magnitudes.register
 def _(op: Normalize, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     peak = float(np.sum(operands[0] * operands[0]) + np.sum(operands[0]))
     return peak, np.full(op.width, op.ceiling if op.norm is Norm.MAX else 2.0)
 
 
-@_bound.register
+@magnitudes.register
 def _(op: KernelSum, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     vectors = np.abs(op.support_vectors)
     weights = np.sum(np.abs(op.coefficients), axis=1)
@@ -208,7 +204,7 @@ def _(op: KernelSum, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     return max(float(np.max(argument)), float(np.max(kernel)), float(np.max(total))), total
 
 
-@_bound.register
+@magnitudes.register
 def _(op: TreeEnsemble, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     value = np.max(np.abs(op.leaf_value), axis=0)
     if op.linear is not None:
@@ -224,12 +220,12 @@ def _(op: TreeEnsemble, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     return (float(np.max(total)) if np.max(total) <= ceiling else math.inf), np.broadcast_to(bound, (op.width,))
 
 
-@_bound.register
+@magnitudes.register
 def _(op: Rank, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     return 0.0, np.array([float(max(column.highest, abs(column.missing))) for column in op.columns])
 
 
-@_bound.register
+@magnitudes.register
 def _(op: CellTable, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     bound = np.abs(op.constant)
     kept = np.flatnonzero(op.stored >= 0)
@@ -237,7 +233,7 @@ def _(op: CellTable, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     return 0.0, bound
 
 
-@_bound.register
+@magnitudes.register
 def _(op: FactoredKernel, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     distance = max(
         float(np.max((operands[0][column] + np.abs(axis)) ** 2))

@@ -18,11 +18,10 @@ from st_codegen.ir import (
     Activation,
     BoolArray,
     CellTable,
-    Clip,
+    ColumnFunction,
     Combine,
     Comparison,
     FactoredKernel,
-    FillMissing,
     FloatArray,
     Function,
     Kernel,
@@ -126,10 +125,10 @@ def _(op: Round, operands: list[FloatArray], given: list[FloatArray], result: Fl
     return np.where(given[0] > 0, given[0] + 2 * unit * (np.abs(operands[0]) + given[0]), 0.0)
 
 
-@step.register(Clip)
-@step.register(FillMissing)
-def _(op: Operation, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
-    return given[0]
+@step.register
+def _(op: ColumnFunction, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    moved = op.slope(operands[0], given[0]) * given[0]
+    return _rounding(op, result, moved) if op.computes else moved
 
 
 @step.register

@@ -1,0 +1,59 @@
+"""Every operation is known to every stage, and what it says of itself is true."""
+
+import dataclasses
+import inspect
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import st_codegen.emit.blocks.model  # noqa: F401 - all code of operations is registered with it
+from st_codegen import ir
+from st_codegen.emit.blocks.operations import lay_out
+from st_codegen.ir import CellTable, ColumnFunction, FactoredKernel, Rank, TreeEnsemble, reference
+from st_codegen.passes import domain
+from st_codegen.proof import bounds
+from tests.models import SMALL_MODELS
+
+OPERATIONS = [
+    value
+    for value in vars(ir).values()
+    if inspect.isclass(value) and dataclasses.is_dataclass(value) and hasattr(value, "operand_width")
+]
+#: What each stage has to know of an operation.
+CONCERNS = {
+    "the reference (ir/reference.py)": reference.apply,
+    "bounds on differences (proof/bounds.py)": bounds.step,
+    "the search for overflow (passes/domain.py)": domain.magnitudes,
+    "its code (emit/blocks)": lay_out,
+}
+#: Operations that tests make at random, beside the small models.
+AT_RANDOM = {CellTable, FactoredKernel, Rank, TreeEnsemble}
+FUNCTIONS = {type(op): op for model in SMALL_MODELS.values() for op in model.ops if isinstance(op, ColumnFunction)}
+
+
+@pytest.mark.parametrize("concern", CONCERNS)
+def test_every_operation_is_known_to(concern):
+    function = CONCERNS[concern]
+    unknown = [op.__name__ for op in OPERATIONS if function.dispatch(op) is function.dispatch(object)]
+    assert not unknown
+
+
+def test_every_operation_is_tried_by_a_small_model():
+    tried = {type(op) for model in SMALL_MODELS.values() for op in model.ops}
+    assert {op.__name__ for op in set(OPERATIONS) - tried - AT_RANDOM} == set()
+
+
+@pytest.mark.parametrize("op", FUNCTIONS.values(), ids=lambda op: type(op).__name__)
+@given(data=st.data())
+def test_slope_and_magnitude_of_a_function_hold(op, data):
+    numbers = st.lists(st.floats(-1e6, 1e6), min_size=op.width, max_size=op.width)
+    x, y = (np.array([data.draw(numbers)]) for _ in range(2))
+    if getattr(op, "sentinel", None) is not None:  # a number that counts as missing is a jump
+        y = x
+    difference = np.abs(x - y)
+    values = [op.value(z) for z in (x, y)]
+    rounding = 1e-15 * (np.abs(x) + np.abs(y))
+    assert np.all(np.abs(values[0] - values[1]) <= op.slope(x, difference) * difference + rounding)
+    assert np.all(np.abs(values[0]) <= op.largest(np.abs(x[0])))
