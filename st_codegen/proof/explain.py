@@ -13,9 +13,7 @@ from st_codegen.ir import ModelIR
 from st_codegen.passes.choose import CallCost
 from st_codegen.passes.pipeline import Compiled
 from st_codegen.st import parse_project
-
-#: Files that hold Structured Text; others are projects and tasks
-_TEXTS = (".st", ".TcPOU", ".TcGVL", ".TcDUT", ".xml")
+from st_codegen.st.syntax.source import SUFFIXES
 
 
 @dataclass(frozen=True)
@@ -53,7 +51,7 @@ class Pricing:
     def block(self, model: ModelIR) -> BlockCost:
         """The worst case of the block of one model."""
         files = render(Contents((model,)), self.target, self.limits)
-        texts = {file.path: "".join(file.pieces) for file in files if file.path.endswith(_TEXTS)}
+        texts = {file.path: "".join(file.pieces) for file in files if file.path.lower().endswith(SUFFIXES)}
         project = parse_project(texts, self.target.dialect)
         name = block_name(model.name)
         return project_cost(project, self.profile, [name]).blocks[name]

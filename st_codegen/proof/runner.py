@@ -14,6 +14,7 @@ from st_codegen.ir import BoolArray, FloatArray
 from st_codegen.proof.arithmetic import libraries_of
 from st_codegen.st import Machine, Project, StError, StRuntimeError, load_project
 from st_codegen.st.run.machine import Instance
+from st_codegen.st.syntax.source import PLAIN
 from st_codegen.st.tree import Pou
 from st_codegen.st.types import ArrayType, Elementary, Type
 
@@ -22,7 +23,7 @@ _BATCH = 4_000
 
 #: Where a block begins and ends in files that hold several.
 _PART_OF_FILE = {
-    ".st": r"^FUNCTION_BLOCK {}$.*?^END_FUNCTION_BLOCK",
+    **dict.fromkeys(PLAIN, r"^FUNCTION_BLOCK {}$.*?^END_FUNCTION_BLOCK"),
     ".xml": r'^ *<pou name="{}" .*?</pou>',
 }
 

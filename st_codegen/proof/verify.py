@@ -142,10 +142,26 @@ def verify(
     budget: Budget | None = None,
     progress: Progress | None = None,
 ) -> VerifyReport:
-    """Compare the library, the reference and every generated target below `generated` on about `rows` rows a model.
+    """Compare the library, the reference and every generated target below `generated`, row by row.
 
-    With a `budget` the worst case of each target is computed and compared with it. Raises GeneratedCodeError where
-    there is nothing to verify, or the text cannot be read or would stop a controller.
+    `bundle` must be what the targets were generated from: a model that has changed since is an error or a difference.
+
+    `generated` is the folder that `generate` wrote to, or that of one target. Every target in it is parsed, checked and
+    run; each costs as much as the first.
+
+    `rows` is how many rows are tried for each model. Special values and all thresholds with their neighbours come
+    first, even where they are more than that; the rest are drawn at random from the trained range, one in ten up to
+    half its width outside. The result says something of these rows. More rows cost time in proportion; batches bound
+    the memory.
+
+    `seed` chooses the random rows. The same seed tries the same rows on every machine; another one tries others.
+
+    `budget` asks for the worst case of one cycle as well, from the emitted text, on the controller of a profile
+    (`Budget`). It costs a walk over all paths of the text, seconds for a bundle; what does not fit fails the report.
+
+    `progress` is told of each model before it is tried.
+
+    Raises GeneratedCodeError where there is nothing to verify, or the text cannot be read or would stop a controller.
     """
     targets = {
         folder.name: GeneratedCode(folder, TARGETS[folder.name].dialect) for folder in target_folders(Path(generated))

@@ -17,7 +17,9 @@ from st_codegen.st.syntax.twincat_xml import read_xml
 MAX_BYTES = 1 << 30
 _BEGINNING = 1 << 12
 _XML = {".tcpou": read_xml, ".tcgvl": read_xml, ".tcdut": read_xml, ".xml": read_plcopen}
-_SUFFIXES = {".st", *_XML}
+#: Suffixes of files that are plain Structured Text, and of all files that are read.
+PLAIN = (".st",)
+SUFFIXES = (*PLAIN, *_XML)
 _EXPECTED = ".st, .TcPOU, .TcGVL, .TcDUT or PLCopen's .xml"
 
 
@@ -55,7 +57,7 @@ def _files(paths: Iterable[Path | str]) -> Iterator[Path]:
             yield from found
         elif not path.is_file():
             raise InputError(f"{path}: no such file or folder")
-        elif path.suffix.lower() not in _SUFFIXES:
+        elif path.suffix.lower() not in SUFFIXES:
             raise InputError(f"{path}: not Structured Text: {_EXPECTED} is expected")
         else:
             yield path
@@ -64,7 +66,7 @@ def _files(paths: Iterable[Path | str]) -> Iterator[Path]:
 def _is_structured_text(path: Path) -> bool:
     """By the suffix; other XML files may stand in the same folder, so these are looked into."""
     suffix = path.suffix.lower()
-    if suffix not in _SUFFIXES or not path.is_file():
+    if suffix not in SUFFIXES or not path.is_file():
         return False
     if suffix != ".xml":
         return True
