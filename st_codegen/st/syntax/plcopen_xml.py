@@ -1,25 +1,23 @@
 """PLCopen XML (TC6, version 2.0 and 2.01): from elements to declarations.
 
-The files come from outside, so nothing in them is trusted: no document type, no entities, no network, bounded depth.
 Arrays of numbers are turned into tables while the file is parsed, so that the elements of a large table never exist
 all at once.
 """
 
 from __future__ import annotations
 
-import io
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 from lxml import etree
 
 from st_codegen.st import tree as t
 from st_codegen.st.errors import Position, StSyntaxError
 from st_codegen.st.syntax import declarations as d
-from st_codegen.st.syntax.parser import parse_scanned
-from st_codegen.st.syntax.scan import Scanned, Segment, scan
+from st_codegen.st.syntax.parser import parse_scanned, parse_segment
+from st_codegen.st.syntax.scan import Scanned, Segment
 from st_codegen.st.syntax.tables import parse_table
-from st_codegen.st.syntax.xml_file import XmlFile, checked_text, line_of, not_well_formed
+from st_codegen.st.syntax.xml_file import XmlFile, line_of, open_xml, tag_of
 from st_codegen.st.tree import PouKind
 
 NAMESPACES = ("http://www.plcopen.org/xml/tc6_0200", "http://www.plcopen.org/xml/tc6_0201")
@@ -52,39 +50,20 @@ def read_plcopen(name: str, content: bytes) -> tuple[list[d.Declaration], list[S
 
     Raises `StSyntaxError` for anything that is no such file, and for what is not supported in it.
     """
-    reader = _open(name, content)
-    return list(reader.declarations()), reader.file.scans
-
-
-def _open(name: str, content: bytes) -> _Reader:
-    text = checked_text(name, content)
     tables: dict[etree._Element, d.Table] = {}
-    events = etree.iterparse(
-        io.BytesIO(content),
-        events=("end",),
-        encoding="utf-8",  # the text is what was checked, whatever the file says
-        resolve_entities=False,
-        no_network=True,
-        load_dtd=False,
-        dtd_validation=False,
-        remove_comments=True,
-        remove_pis=True,
-    )
-    try:
-        for _, element in events:
-            if etree.QName(element).localname == "arrayValue":
-                table = _plain_table(element, name)
-                if table is not None:
-                    tables[element] = table
-                    element.clear()
-    except (etree.XMLSyntaxError, ValueError) as error:
-        raise not_well_formed(name, error) from None
-    root = events.root
-    namespace = etree.QName(root).namespace
-    reader = _Reader(XmlFile(name, text, root), tables, f"{{{namespace}}}")
-    if namespace not in NAMESPACES or etree.QName(root).localname != "project":
-        raise reader.file.error(root, f"the root element is '{root.tag}', not the 'project' of PLCopen XML")
-    return reader
+
+    def shrink(element: etree._Element) -> None:
+        table = _plain_table(element, name) if tag_of(element) == "arrayValue" else None
+        if table is not None:
+            tables[element] = table
+            element.clear()
+
+    file = open_xml(name, content, shrink)
+    namespace = etree.QName(file.root).namespace
+    if namespace not in NAMESPACES or tag_of(file.root) != "project":
+        raise file.error(file.root, f"the root element is '{file.root.tag}', not the 'project' of PLCopen XML")
+    reader = _PlcopenReader(file, tables, f"{{{namespace}}}")
+    return list(reader.declarations()), file.scans
 
 
 def _plain_table(element: etree._Element, file: str) -> d.Table | None:
@@ -92,7 +71,7 @@ def _plain_table(element: etree._Element, file: str) -> d.Table | None:
     cells = []
     for value in element:
         simple = value[0] if len(value) == 1 else None
-        if simple is None or etree.QName(simple).localname != "simpleValue" or value.get("repetitionValue", "1") != "1":
+        if simple is None or tag_of(simple) != "simpleValue" or value.get("repetitionValue", "1") != "1":
             return None
         cells.append(simple.get("value", ""))
     if not cells or any("," in cell for cell in cells):
@@ -105,22 +84,12 @@ def _plain_table(element: etree._Element, file: str) -> d.Table | None:
 
 
 @dataclass
-class _Reader:
+class _PlcopenReader:
     file: XmlFile
     tables: dict[etree._Element, d.Table]
     namespace: str
-    _readers: dict[str, Callable[[etree._Element, str], d.TypeSpec]] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self._readers = {
-            "array": self._array,
-            "derived": lambda element, pou: d.NamedType(self._get(element, "name"), position=self._at(element, pou)),
-            "string": self._string,
-            "wstring": self._string,
-            "pointer": lambda element, pou: d.PointerSpec(self._base(element, pou), position=self._at(element, pou)),
-            "subrangeSigned": self._subrange,
-            "subrangeUnsigned": self._subrange,
-        }
+    #: The unit that is being read.
+    pou: str = ""
 
     # --- elements ---
 
@@ -131,18 +100,18 @@ class _Reader:
     def _one(self, parent: etree._Element, tag: str) -> etree._Element:
         found = parent.findall(f"{self.namespace}{tag}")
         if len(found) != 1:
-            where = parent.get("name") or etree.QName(parent).localname
+            where = parent.get("name") or tag_of(parent)
             raise self.file.error(parent, f"'{where}' needs exactly one <{tag}>, it has {len(found)}")
         return found[0]
 
     def _get(self, element: etree._Element, name: str) -> str:
         value = element.get(name)
         if value is None:
-            raise self.file.error(element, f"<{etree.QName(element).localname}> has no attribute '{name}'")
+            raise self.file.error(element, f"<{tag_of(element)}> has no attribute '{name}'")
         return value
 
-    def _at(self, element: etree._Element, pou: str) -> Position:
-        return self.file.position(element, pou)
+    def _at(self, element: etree._Element) -> Position:
+        return self.file.position(element, self.pou)
 
     # --- declarations ---
 
@@ -168,25 +137,24 @@ class _Reader:
                 raise self.file.error(data, f"additional data '{kind}' is not supported: plain PLCopen XML is expected")
 
     def _data_type(self, element: etree._Element) -> d.TypeDeclaration:
-        name, where = self._get(element, "name"), self._at(element, "")
+        name, where = self._get(element, "name"), self._at(element)
         base = self._one(element, "baseType")
-        inner = base[0] if len(base) == 1 else None
-        kind = etree.QName(inner).localname if inner is not None else ""
-        initial = self._initial(element, "")
-        if kind == "struct" and inner is not None:
-            return d.StructDeclaration(name, None, self._variables(inner, ""), position=where)
-        if kind == "enum" and inner is not None:
+        inner = base[0] if len(base) == 1 else base
+        initial = self._initial(element)
+        if tag_of(inner) == "struct":
+            return d.StructDeclaration(name, None, self._variables(inner), position=where)
+        if tag_of(inner) == "enum":
             values = tuple(self._enum_value(value) for value in self._all(inner, "values", "value"))
-            bases = [etree.QName(spec).localname for spec in self._all(inner, "baseType", "*")]
+            bases = [tag_of(spec) for spec in self._all(inner, "baseType", "*")]
             if initial is not None and not isinstance(initial, t.Identifier):
                 raise self.file.error(element, f"the initial value of '{name}' is no name")
             return d.EnumDeclaration(name, values, bases[0] if bases else None, initial, position=where)
-        return d.AliasDeclaration(name, self._type(base, ""), initial, position=where)
+        return d.AliasDeclaration(name, self._type(base), initial, position=where)
 
     def _enum_value(self, element: etree._Element) -> d.EnumValue:
         value = element.get("value")
-        expression = None if value is None else self._expression(value, element, "")
-        return d.EnumValue(self._get(element, "name"), expression, position=self._at(element, ""))
+        expression = None if value is None else self._expression(value, element)
+        return d.EnumValue(self._get(element, "name"), expression, position=self._at(element))
 
     def _pou(self, element: etree._Element) -> d.PouDeclaration:
         name = self._get(element, "name")
@@ -196,138 +164,136 @@ class _Reader:
         for tag in ("actions", "transitions"):
             if len(element.findall(f"{self.namespace}{tag}/*")):
                 raise self.file.error(element, f"'{name}' has {tag}, which are not supported")
-        interface = self._one(element, "interface")
-        results = [self._type(found, name) for found in self._all(interface, "returnType")]
-        return d.PouDeclaration(
+        interface, self.pou = self._one(element, "interface"), name
+        results = [self._type(found) for found in self._all(interface, "returnType")]
+        made = d.PouDeclaration(
             kind=kind,
             name=name,
-            blocks=tuple(self._blocks(interface, name)),
-            body=self._body(element, name),
+            blocks=tuple(self._blocks(interface)),
+            body=self._body(element),
             return_type=results[0] if results else None,
-            position=self._at(element, name),
+            position=self._at(element),
         )
+        self.pou = ""
+        return made
 
-    def _blocks(self, interface: etree._Element, pou: str) -> Iterator[d.VariableBlock]:
+    def _blocks(self, interface: etree._Element) -> Iterator[d.VariableBlock]:
         for child in interface:
-            tag = etree.QName(child).localname
+            tag = tag_of(child)
             if tag in _SECTIONS:
-                yield self._block(child, _SECTIONS[tag], pou)
+                yield self._block(child, _SECTIONS[tag])
             elif tag not in ("returnType", "documentation", "addData"):
-                raise self.file.error(child, f"'{pou}': <{tag}> is not supported")
+                raise self.file.error(child, f"'{self.pou}': <{tag}> is not supported")
 
-    def _body(self, element: etree._Element, pou: str) -> tuple[t.Statement, ...]:
+    def _body(self, element: etree._Element) -> tuple[t.Statement, ...]:
         body = self._one(element, "body")
-        languages = [etree.QName(child).localname for child in body]
+        languages = [tag_of(child) for child in body]
         if languages[:1] != ["ST"]:
-            raise self.file.error(
-                body, f"'{pou}' is implemented in {', '.join(languages) or 'nothing'}; only ST is read"
-            )
-        statements: tuple[t.Statement, ...] = parse_scanned(self.file.scan(body[0], pou), "body")
+            found = ", ".join(languages) or "nothing"
+            raise self.file.error(body, f"'{self.pou}' is implemented in {found}; only ST is read")
+        statements: tuple[t.Statement, ...] = parse_scanned(self.file.scan(body[0], self.pou), "body")
         return statements
 
     def _globals(self, element: etree._Element) -> d.GlobalList:
-        block = self._block(element, t.Section.GLOBAL, "")
-        return d.GlobalList(element.get("name", ""), (block,), position=self._at(element, ""))
+        block = self._block(element, t.Section.GLOBAL)
+        return d.GlobalList(element.get("name", ""), (block,), position=self._at(element))
 
-    def _block(self, element: etree._Element, section: t.Section, pou: str) -> d.VariableBlock:
+    def _block(self, element: etree._Element, section: t.Section) -> d.VariableBlock:
         qualifiers = frozenset(word for name, word in _QUALIFIERS.items() if element.get(name) in ("true", "1"))
-        return d.VariableBlock(section, qualifiers, self._variables(element, pou), position=self._at(element, pou))
+        return d.VariableBlock(section, qualifiers, self._variables(element), position=self._at(element))
 
-    def _variables(self, parent: etree._Element, pou: str) -> tuple[d.VariableDeclaration, ...]:
+    def _variables(self, parent: etree._Element) -> tuple[d.VariableDeclaration, ...]:
         return tuple(
             d.VariableDeclaration(
                 self._get(element, "name"),
-                self._type(self._one(element, "type"), pou),
-                self._initial(element, pou),
+                self._type(self._one(element, "type")),
+                self._initial(element),
                 element.get("address"),
-                position=self._at(element, pou),
+                position=self._at(element),
             )
             for element in self._all(parent, "variable")
         )
 
     # --- types ---
 
-    def _type(self, parent: etree._Element, pou: str) -> d.TypeSpec:
+    def _type(self, parent: etree._Element) -> d.TypeSpec:
         """The type that is the only child of an element."""
         if len(parent) != 1:
             raise self.file.error(parent, f"a type is one element, here are {len(parent)}")
-        element = parent[0]
-        tag = etree.QName(element).localname
-        if tag in self._readers:
-            return self._readers[tag](element, pou)
-        if tag in ("struct", "enum") or len(element):
-            raise self.file.error(element, f"a <{tag}> needs a name of its own: declare it as a data type")
-        return d.NamedType(tag, position=self._at(element, pou))
+        element, tag, where = parent[0], tag_of(parent[0]), self._at(parent[0])
+        match tag:
+            case "derived":
+                return d.NamedType(self._get(element, "name"), position=where)
+            case "array":
+                ranges = tuple(self._range(found) for found in self._all(element, "dimension"))
+                if not ranges:
+                    raise self.file.error(element, "an array without a dimension")
+                return d.ArraySpec(ranges, self._base(element), position=where)
+            case "string" | "wstring":
+                length = element.get("length")
+                size = None if length is None else self._expression(length, element)
+                return d.StringSpec(size, tag == "wstring", position=where)
+            case "pointer":
+                return d.PointerSpec(self._base(element), position=where)
+            case "subrangeSigned" | "subrangeUnsigned":
+                base = self._base(element)
+                if not isinstance(base, d.NamedType):
+                    raise self.file.error(element, "a subrange of something that is no integer type")
+                return d.SubrangeSpec(base.name, self._range(self._one(element, "range")), position=where)
+            case _ if tag in ("struct", "enum") or len(element):
+                raise self.file.error(element, f"a <{tag}> needs a name of its own: declare it as a data type")
+            case _:
+                return d.NamedType(tag, position=where)
 
-    def _base(self, element: etree._Element, pou: str) -> d.TypeSpec:
-        return self._type(self._one(element, "baseType"), pou)
+    def _base(self, element: etree._Element) -> d.TypeSpec:
+        return self._type(self._one(element, "baseType"))
 
-    def _array(self, element: etree._Element, pou: str) -> d.TypeSpec:
-        ranges = tuple(self._range(found, pou) for found in self._all(element, "dimension"))
-        if not ranges:
-            raise self.file.error(element, "an array without a dimension")
-        return d.ArraySpec(ranges, self._base(element, pou), position=self._at(element, pou))
-
-    def _range(self, element: etree._Element, pou: str) -> t.Range:
-        lower, upper = (self._expression(self._get(element, end), element, pou) for end in ("lower", "upper"))
-        return t.Range(lower, upper, position=self._at(element, pou))
-
-    def _string(self, element: etree._Element, pou: str) -> d.TypeSpec:
-        length = element.get("length")
-        size = None if length is None else self._expression(length, element, pou)
-        wide = etree.QName(element).localname == "wstring"
-        return d.StringSpec(size, wide, position=self._at(element, pou))
-
-    def _subrange(self, element: etree._Element, pou: str) -> d.TypeSpec:
-        base = self._base(element, pou)
-        if not isinstance(base, d.NamedType):
-            raise self.file.error(element, "a subrange of something that is no integer type")
-        return d.SubrangeSpec(base.name, self._range(self._one(element, "range"), pou), position=self._at(element, pou))
+    def _range(self, element: etree._Element) -> t.Range:
+        lower, upper = (self._expression(self._get(element, end), element) for end in ("lower", "upper"))
+        return t.Range(lower, upper, position=self._at(element))
 
     # --- values ---
 
-    def _initial(self, element: etree._Element, pou: str) -> d.Initial | None:
+    def _initial(self, element: etree._Element) -> d.Initial | None:
         found = list(self._all(element, "initialValue"))
-        return self._value(found[0], pou) if found else None
+        return self._value(found[0]) if found else None
 
-    def _value(self, parent: etree._Element, pou: str) -> d.Initial:
+    def _value(self, parent: etree._Element) -> d.Initial:
         if len(parent) != 1:
             raise self.file.error(parent, f"a value is one element, here are {len(parent)}")
         element = parent[0]
-        match etree.QName(element).localname:
+        match tag_of(element):
             case "simpleValue":
-                return self._expression(self._get(element, "value"), element, pou)
+                return self._expression(self._get(element, "value"), element)
             case "arrayValue":
-                return self.tables.get(element) or self._array_value(element, pou)
+                return self.tables.get(element) or self._array_value(element)
             case "structValue":
                 members = tuple(
-                    d.MemberInitial(self._get(value, "member"), self._value(value, pou), position=self._at(value, pou))
+                    d.MemberInitial(self._get(value, "member"), self._value(value), position=self._at(value))
                     for value in self._all(element, "value")
                 )
-                return d.StructInitial(members, position=self._at(element, pou))
+                return d.StructInitial(members, position=self._at(element))
             case tag:
                 raise self.file.error(element, f"<{tag}> is no value")
 
-    def _array_value(self, element: etree._Element, pou: str) -> d.Initial:
+    def _array_value(self, element: etree._Element) -> d.Initial:
         items: list[d.Initial | d.Repeated] = []
         for value in self._all(element, "value"):
             text = value.get("repetitionValue", "1")
             if not (text.isascii() and text.isdigit()) or len(text) > 9:
                 raise self.file.error(value, f"repetitionValue '{text[:40]}' is no count")
-            inner = self._value(value, pou)
-            items.append(inner if text == "1" else d.Repeated(int(text), inner, position=self._at(value, pou)))
-        return d.ArrayInitial(tuple(items), position=self._at(element, pou))
+            inner = self._value(value)
+            items.append(inner if text == "1" else d.Repeated(int(text), inner, position=self._at(value)))
+        return d.ArrayInitial(tuple(items), position=self._at(element))
 
-    def _expression(self, text: str, element: etree._Element, pou: str) -> t.Expression:
+    def _expression(self, text: str, element: etree._Element) -> t.Expression:
         """An expression in an attribute."""
-        line = line_of(element)
+        segment = Segment(f"x := {text};", self.file.name, line_of(element), pou=self.pou)
         try:
-            parsed: Iterable[t.Statement] = parse_scanned(
-                scan(Segment(f"x := {text};", self.file.name, line, 1, pou)), "body"
-            )
+            parsed: tuple[t.Statement, ...] = parse_segment(segment, "body")
         except StSyntaxError:
             parsed = ()
-        match tuple(parsed):
+        match parsed:
             case (t.Assign(target=t.Identifier(), value=value),):
                 return value
             case _:

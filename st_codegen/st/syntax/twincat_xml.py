@@ -1,7 +1,4 @@
-"""TwinCAT's XML files (.TcPOU, .TcGVL, .TcDUT): from bytes to pieces of Structured Text with their places.
-
-The files come from outside, so nothing in them is trusted: no document type, no entities, no network, bounded size.
-"""
+"""TwinCAT's XML files (.TcPOU, .TcGVL, .TcDUT): from bytes to declarations."""
 
 from __future__ import annotations
 
@@ -10,11 +7,10 @@ from dataclasses import replace
 
 from lxml import etree
 
-from st_codegen.st.errors import Position, Problem, StSyntaxError
 from st_codegen.st.syntax import declarations as d
 from st_codegen.st.syntax.parser import parse_scanned
 from st_codegen.st.syntax.scan import Scanned
-from st_codegen.st.syntax.xml_file import XmlFile, checked_text, not_well_formed
+from st_codegen.st.syntax.xml_file import XmlFile, open_xml
 
 _REFUSED = {
     "Property": "properties are not supported: use a method",
@@ -29,10 +25,11 @@ def read_xml(name: str, content: bytes) -> tuple[list[d.Declaration], list[Scann
 
     Raises `StSyntaxError` for anything that is not such a file, and for what is not supported in it.
     """
-    file = _open(name, content)
-    objects = [child for child in file.root if isinstance(child.tag, str)]
+    file = open_xml(name, content, is_huge=True)
+    if file.root.tag != "TcPlcObject":
+        raise file.error(file.root, f"the root element is '{file.root.tag}', not 'TcPlcObject'")
     declarations: list[d.Declaration] = []
-    for element in objects:
+    for element in file.root:
         match element.tag:
             case "POU":
                 declarations.append(_pou(file, element))
@@ -49,28 +46,6 @@ def read_xml(name: str, content: bytes) -> tuple[list[d.Declaration], list[Scann
     if not declarations:
         raise file.error(file.root, "the file holds no POU, GVL or DUT")
     return declarations, file.scans
-
-
-def _open(name: str, content: bytes) -> XmlFile:
-    text = checked_text(name, content)
-    # the text is what was checked: UTF-8, whatever the file says
-    parser = etree.XMLParser(
-        encoding="utf-8",
-        resolve_entities=False,
-        no_network=True,
-        load_dtd=False,
-        dtd_validation=False,
-        huge_tree=True,
-        remove_comments=True,
-    )
-    try:
-        root = etree.fromstring(content, parser)
-    except (etree.XMLSyntaxError, ValueError) as error:
-        raise not_well_formed(name, error) from None
-    if root.tag != "TcPlcObject":
-        where = Position(name, 1, 1)
-        raise StSyntaxError([Problem(where, f"the root element is '{root.tag}', not 'TcPlcObject'")])
-    return XmlFile(name, text, root)
 
 
 def _only(file: XmlFile, parent: etree._Element, tag: str) -> etree._Element:

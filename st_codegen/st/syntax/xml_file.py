@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,6 +13,7 @@ from lxml import etree
 from st_codegen.st.errors import Position, Problem, StSyntaxError
 from st_codegen.st.syntax.scan import Scanned, Segment, scan
 
+OnEnd = Callable[[etree._Element], None]
 _DECLARED = re.compile(r"<!\[CDATA\[.*?\]\]>|<!--.*?-->|(<![A-Za-z]+)", re.DOTALL)
 
 
@@ -64,10 +67,38 @@ def checked_text(name: str, content: bytes) -> str:
     return text
 
 
-def not_well_formed(name: str, error: Exception) -> StSyntaxError:
-    """What the XML parser found, at its line."""
-    line = getattr(error, "lineno", None) or 1
-    return StSyntaxError([Problem(Position(name, line, 1), f"not well-formed XML: {error}")])
+def open_xml(name: str, content: bytes, on_end: OnEnd | None = None, is_huge: bool = False) -> XmlFile:
+    """Parse an XML file without document type, entities and network; `on_end` sees each element when it is complete.
+
+    `is_huge` takes away the limits on the length of texts, and on the depth of elements.
+    """
+    text = checked_text(name, content)
+    events = etree.iterparse(
+        io.BytesIO(content),
+        events=("end",),
+        encoding="utf-8",  # the text is what was checked, whatever the file says
+        resolve_entities=False,
+        no_network=True,
+        load_dtd=False,
+        dtd_validation=False,
+        huge_tree=is_huge,
+        remove_comments=True,
+        remove_pis=True,
+    )
+    try:
+        for _, element in events:
+            if on_end is not None:
+                on_end(element)
+    except (etree.XMLSyntaxError, ValueError) as error:
+        # what the parser found, at its line
+        where = Position(name, getattr(error, "lineno", None) or 1, 1)
+        raise StSyntaxError([Problem(where, f"not well-formed XML: {error}")]) from None
+    return XmlFile(name, text, events.root)
+
+
+def tag_of(element: etree._Element) -> str:
+    """The tag of an element without its namespace."""
+    return etree.QName(element).localname
 
 
 def line_of(element: etree._Element) -> int:
