@@ -12,7 +12,7 @@ MAX_LISTED = 50
 
 @dataclass(frozen=True, slots=True, order=True)
 class Position:
-    """A place in a source file: line and column count from 1, `pou` is empty outside of program organisation units."""
+    """A position in a source file: line and column count from 1, `pou` is empty outside of units of code."""
 
     file: str
     line: int
@@ -26,7 +26,7 @@ class Position:
 
 @dataclass(frozen=True, slots=True, order=True)
 class Problem:
-    """One message about one place."""
+    """A message about one position in the text."""
 
     position: Position
     message: str
@@ -36,7 +36,7 @@ class Problem:
 
 
 class StError(InputError):
-    """Structured Text that cannot be used; `problems` has every place, in order."""
+    """Structured Text that cannot be used; `problems` has all that is wrong, in the order of the text."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems: tuple[Problem, ...] = tuple(sorted(set(problems)))
@@ -47,11 +47,11 @@ class StError(InputError):
 
 
 class StSyntaxError(StError):
-    """The text does not follow the grammar."""
+    """Text that does not follow the grammar."""
 
 
 class StCheckError(StError):
-    """The text parses, but its names, types or rules are wrong."""
+    """Text that parses, but whose names, types or rules are wrong."""
 
 
 class StRuntimeError(StCodegenError):

@@ -79,13 +79,10 @@ class Variable:
     position: Position
     is_constant: bool = False
     has_initial: bool = False
-    qualifiers: frozenset[str] = frozenset()
-    address: str | None = None
-    attributes: tuple[str, ...] = ()
 
     @property
     def key(self) -> str:
-        """The name in upper case."""
+        """The name of the variable in upper case."""
         return self.name.upper()
 
     def __repr__(self) -> str:
@@ -96,7 +93,7 @@ class Variable:
 
 
 class LiteralKind(Enum):
-    """What a literal looks like."""
+    """How a literal is written."""
 
     INTEGER = "integer"
     REAL = "real"
@@ -118,7 +115,7 @@ class Literal(Expression):
 
 @dataclass(frozen=True)
 class EnumLiteral(Expression):
-    """`E_Mode#Idle`."""
+    """A value of an enumeration, written `E_Mode#Idle`."""
 
     type_name: str
     name: str
@@ -126,14 +123,14 @@ class EnumLiteral(Expression):
 
 @dataclass(frozen=True)
 class Identifier(Expression):
-    """A plain name."""
+    """A plain name, of whatever it will be."""
 
     name: str
 
 
 @dataclass(frozen=True)
 class Member(Expression):
-    """`base.name`."""
+    """A name behind a dot, `base.name`."""
 
     base: Expression
     name: str
@@ -141,7 +138,7 @@ class Member(Expression):
 
 @dataclass(frozen=True)
 class Super(Expression):
-    """`SUPER^`."""
+    """The block that this one extends, written `SUPER^`."""
 
 
 @dataclass(frozen=True)
@@ -209,7 +206,7 @@ class PointerTarget(Expression):
 
 @dataclass(frozen=True)
 class AddressOf(Expression):
-    """`ADR(target)`."""
+    """The address of a variable, written `ADR(target)`."""
 
     target: Expression
 
@@ -286,7 +283,7 @@ class StandardCall(Expression):
 
 
 class Passing(Enum):
-    """How an argument travels."""
+    """Which way the value of an argument goes."""
 
     INPUT = "input"
     OUTPUT = "output"
@@ -363,7 +360,7 @@ class If(Statement):
 
 @dataclass(frozen=True)
 class Range(Node):
-    """`lower..upper`."""
+    """A range `lower..upper`; a single value is a range of one."""
 
     lower: Expression
     upper: Expression
@@ -402,7 +399,7 @@ class For(Statement):
 
     @property
     def variable(self) -> Variable:
-        """The counter of a checked loop."""
+        """The variable that counts, known once the loop is checked."""
         assert isinstance(self.counter, VariableRef)
         return self.counter.variable
 
@@ -425,24 +422,24 @@ class Repeat(Statement):
 
 @dataclass(frozen=True)
 class Exit(Statement):
-    """The end of the innermost loop."""
+    """EXIT, which leaves the innermost loop."""
 
 
 @dataclass(frozen=True)
 class Continue(Statement):
-    """The next round of the innermost loop."""
+    """CONTINUE, which goes to the next round of the innermost loop."""
 
 
 @dataclass(frozen=True)
 class Return(Statement):
-    """The end of the unit."""
+    """RETURN, which leaves the unit."""
 
 
 # --- the checked project ----------------------------------------------------------------------------------------------
 
 
 class PouKind(Enum):
-    """The four kinds of code."""
+    """The kinds of units of code."""
 
     FUNCTION = "FUNCTION"
     FUNCTION_BLOCK = "FUNCTION_BLOCK"
@@ -468,17 +465,16 @@ class Pou:
     base: str | None = None
     methods: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     modifiers: frozenset[str] = frozenset()
-    attributes: tuple[str, ...] = ()
     is_native: bool = False
 
     def section(self, *sections: Section) -> tuple[Variable, ...]:
-        """The variables of some kinds, in order."""
+        """The variables of some kinds of VAR blocks, in order."""
         return tuple(variable for variable in self.variables if variable.section in sections)
 
 
 @dataclass(frozen=True, eq=False)
 class Project:
-    """A checked project."""
+    """All that a checked project declares, by upper-case names."""
 
     pous: Mapping[str, Pou]
     types: Mapping[str, Type]

@@ -18,7 +18,7 @@ Value = Scalar | NDArray[np.generic] | list["Value"] | dict[str, "Value"]
 
 
 class Kind(Enum):
-    """Groups of elementary types."""
+    """The groups that elementary types belong to."""
 
     BOOL = "BOOL"
     BITS = "ANY_BIT"
@@ -40,22 +40,22 @@ class AnyType:
 
     @property
     def is_integer(self) -> bool:
-        """SINT to ULINT, bit strings not included."""
+        """Whether it is one of SINT to ULINT; bit strings are not."""
         return self.kind in (Kind.SIGNED, Kind.UNSIGNED)
 
     @property
     def is_integral(self) -> bool:
-        """All that is an integer in memory: integers, bit strings and durations."""
+        """Whether it is an integer in memory: integers, bit strings and durations are."""
         return self.kind in (Kind.SIGNED, Kind.UNSIGNED, Kind.BITS, Kind.TIME)
 
     @property
     def is_real(self) -> bool:
-        """REAL or LREAL."""
+        """Whether it is REAL or LREAL."""
         return self.kind is Kind.REAL
 
     @property
     def is_untyped(self) -> bool:
-        """The type of a literal that takes on the type its context asks for."""
+        """Whether it is the type of a literal that takes on the type its context asks for."""
         return self.kind in (Kind.UNTYPED_INTEGER, Kind.UNTYPED_REAL)
 
 
@@ -87,7 +87,7 @@ class Elementary(AnyType):
 
     @cached_property
     def dtype(self) -> np.dtype[np.generic]:
-        """How lanes store it."""
+        """The NumPy type that stores its values."""
         if self.kind is Kind.STRING:
             return np.dtype(object)
         if self.kind is Kind.BOOL:
@@ -135,7 +135,7 @@ DEFAULT_STRING_LENGTH = 80
 
 
 def string_type(length: int, wide: bool = False) -> Elementary:
-    """STRING(length) or WSTRING(length)."""
+    """The type STRING(length) or WSTRING(length)."""
     return Elementary(f"{'WSTRING' if wide else 'STRING'}({length})", Kind.STRING, length)
 
 
@@ -159,7 +159,7 @@ class EnumType(AnyType):
 
     @cached_property
     def by_key(self) -> dict[str, int]:
-        """Numbers by upper-case name."""
+        """The numbers of the values by upper-case name."""
         return {name.upper(): number for name, number in self.values}
 
 
@@ -176,12 +176,12 @@ class ArrayType(AnyType):
 
     @cached_property
     def shape(self) -> tuple[int, ...]:
-        """Elements in each dimension."""
+        """The number of elements in each dimension."""
         return tuple(high - low + 1 for low, high in self.bounds)
 
     @cached_property
     def size(self) -> int:
-        """Elements in all."""
+        """The number of elements in all dimensions together."""
         return prod(self.shape)
 
 
@@ -207,7 +207,7 @@ class StructType(AnyType):
 
     @cached_property
     def by_key(self) -> dict[str, Field]:
-        """Fields by upper-case name."""
+        """The fields by upper-case name."""
         return {entry.name.upper(): entry for entry in self.fields}
 
 
@@ -264,7 +264,7 @@ def storage_type(type_: Type) -> Elementary:
 
 
 def filled_array(type_: ArrayType, value: Value) -> NDArray[np.generic]:
-    """A flat array of one elementary value."""
+    """The value of an array whose elements are all the same."""
     table = np.full(type_.size, value, dtype=storage_type(type_.element).dtype)
     table.flags.writeable = False
     return table

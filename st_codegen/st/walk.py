@@ -85,19 +85,19 @@ def statements(body: Iterable[t.Statement]) -> Iterator[t.Statement]:
 
 
 def all_expressions(body: Iterable[t.Statement]) -> Iterator[t.Expression]:
-    """All expressions of a body."""
+    """All expressions of a body, those of inner statements included."""
     for statement in statements(body):
         for root in own_expressions(statement):
             yield from expressions(root)
 
 
 def calls(body: Iterable[t.Statement]) -> Iterator[t.Call]:
-    """All calls of a body, standard functions excepted."""
+    """All calls of units in a body; standard functions are none."""
     return (expression for expression in all_expressions(body) if isinstance(expression, t.Call))
 
 
 def assigned_places(body: Iterable[t.Statement]) -> Iterator[t.Expression]:
-    """All that a body assigns: targets, counters, outputs and in-outs of calls."""
+    """Everything that a body assigns: targets, counters, outputs and in-outs of calls."""
     for statement in statements(body):
         if isinstance(statement, t.Assign):
             yield statement.target

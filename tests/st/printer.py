@@ -114,7 +114,7 @@ def _(node: t.Infix) -> str:
 
 
 @show.register
-def _(node: d.Table) -> str:
+def _(node: d.NumberTable) -> str:
     if node.kind is d.TableKind.BOOL:
         return f"[{', '.join(str(bool(value)).upper() for value in node.values)}]"
     cells = [repr(value).upper() for value in node.values.tolist()]

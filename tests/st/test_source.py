@@ -85,8 +85,8 @@ def test_a_folder_and_single_files_give_the_same(tmp_path: Path) -> None:
 
 
 def test_attributes_of_lists_are_kept(tmp_path: Path) -> None:
-    project = load_project([folder(tmp_path)])
-    assert project.pous["FB_X"].attributes == ("hide",)
+    block = next(item for item in read_paths([folder(tmp_path)]).declarations if item.name == "FB_X")
+    assert block.attributes == ("hide",)
     with pytest.raises(StCheckError, match="unknown name 'OFFSET'"):
         parse_project({"GVL_X.TcGVL": GVL, "FB_X.TcPOU": POU.replace("GVL_X.OFFSET", "OFFSET")})
 

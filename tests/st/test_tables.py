@@ -10,7 +10,7 @@ from hypothesis import strategies as s
 
 from st_codegen.st import StSyntaxError
 from st_codegen.st.syntax import tables as module
-from st_codegen.st.syntax.declarations import Table, TableKind
+from st_codegen.st.syntax.declarations import NumberTable, TableKind
 from st_codegen.st.syntax.parser import parse_segment
 from st_codegen.st.syntax.scan import Segment
 from st_codegen.st.syntax.tables import parse_table
@@ -94,10 +94,10 @@ def test_chunks_of_different_kinds_become_one_table(monkeypatch: pytest.MonkeyPa
 
 def test_plain_numbers_are_one_token_and_anything_else_goes_through_the_grammar() -> None:
     table = initial_of("[(* tree 0 *) 0.5, 1.0E-3, // nodes\n -2.5]")
-    assert isinstance(table, Table)
+    assert isinstance(table, NumberTable)
     assert table.values.tolist() == [0.5, 1e-3, -2.5]
     for text in ("[1.0, PI]", "[2(0.0)]", "[E1, 1.0]", "[TRUE_VALUE]", "[DINT#5]", "[A]"):
-        assert not isinstance(initial_of(text), Table), text
+        assert not isinstance(initial_of(text), NumberTable), text
 
 
 def test_wrong_table_is_an_error_at_its_bracket() -> None:

@@ -9,7 +9,7 @@ from st_codegen.st import tree as t
 from st_codegen.st.check.coercion import coerce
 from st_codegen.st.check.names import Scope, suggestion
 from st_codegen.st.check.standard import Check, check_standard_call
-from st_codegen.st.check.symbols import Unit, failure
+from st_codegen.st.check.symbols import DeclaredUnit, failure
 from st_codegen.st.tree import PouKind
 from st_codegen.st.types import BOOL, BlockType, Type
 
@@ -57,14 +57,14 @@ def _call_by_name(scope: Scope, name: t.Identifier, node: t.Call, check: Check) 
     raise failure(name, f"unknown function '{name.name}'{suggestion(name.name, known)}")
 
 
-def _base_unit(scope: Scope, node: t.Node) -> Unit:
+def _base_unit(scope: Scope, node: t.Node) -> DeclaredUnit:
     lineage = list(scope.symbols.lineage(scope.block))
     if len(lineage) < 2:
         raise failure(node, f"'{scope.block.name}' extends nothing, so there is no SUPER^")
     return lineage[1]
 
 
-def _find_method(scope: Scope, function: t.Member, check: Check) -> tuple[Unit, t.Expression] | None:
+def _find_method(scope: Scope, function: t.Member, check: Check) -> tuple[DeclaredUnit, t.Expression] | None:
     """The method that `base.name` is, and its receiver; None when it is no method."""
     base, key = function.base, function.name.upper()
     if isinstance(base, t.Super):
@@ -99,7 +99,12 @@ def _call_instance(scope: Scope, receiver: t.Expression, node: t.Call, check: Ch
 
 
 def _user_call(
-    scope: Scope, unit: Unit, receiver: t.Expression | None, node: t.Call, check: Check, is_virtual: bool = False
+    scope: Scope,
+    unit: DeclaredUnit,
+    receiver: t.Expression | None,
+    node: t.Call,
+    check: Check,
+    is_virtual: bool = False,
 ) -> t.Call:
     result = scope.declared.result(unit)
     return replace(
@@ -113,7 +118,7 @@ def _user_call(
     )
 
 
-def _parameters(scope: Scope, unit: Unit) -> dict[str, t.Variable]:
+def _parameters(scope: Scope, unit: DeclaredUnit) -> dict[str, t.Variable]:
     """Inputs, outputs and in-outs, inherited ones of a block first."""
     owners = [unit] if unit.kind is not PouKind.FUNCTION_BLOCK else list(scope.symbols.lineage(unit))[::-1]
     return {
@@ -124,7 +129,7 @@ def _parameters(scope: Scope, unit: Unit) -> dict[str, t.Variable]:
     }
 
 
-def _check_arguments(scope: Scope, unit: Unit, node: t.Call, check: Check) -> list[t.Argument]:
+def _check_arguments(scope: Scope, unit: DeclaredUnit, node: t.Call, check: Check) -> list[t.Argument]:
     parameters = _parameters(scope, unit)
     positional = [p for p in parameters.values() if p.section is not t.Section.OUTPUT]
     made: dict[str, t.Argument] = {}
@@ -151,7 +156,9 @@ def _check_arguments(scope: Scope, unit: Unit, node: t.Call, check: Check) -> li
     return list(made.values())
 
 
-def _check_argument(scope: Scope, unit: Unit, parameter: t.Variable, argument: t.Argument, check: Check) -> t.Argument:
+def _check_argument(
+    scope: Scope, unit: DeclaredUnit, parameter: t.Variable, argument: t.Argument, check: Check
+) -> t.Argument:
     is_output = parameter.section is t.Section.OUTPUT
     if is_output != (argument.passing is t.Passing.OUTPUT):
         arrow = "=>" if is_output else ":="

@@ -9,7 +9,7 @@ from st_codegen.st import tree as t
 from st_codegen.st.check.declare import Declarations
 from st_codegen.st.check.flow import check_flow
 from st_codegen.st.check.statements import Statements
-from st_codegen.st.check.symbols import Symbols, Unit, failure
+from st_codegen.st.check.symbols import DeclaredUnit, Symbols, failure
 from st_codegen.st.dialects import Dialect
 from st_codegen.st.errors import Problem, StCheckError
 from st_codegen.st.syntax import declarations as d
@@ -55,7 +55,7 @@ def _types(symbols: Symbols, declarations: Declarations, problems: list[Problem]
     return types
 
 
-def _declare(declarations: Declarations, unit: Unit, problems: list[Problem]) -> None:
+def _declare(declarations: Declarations, unit: DeclaredUnit, problems: list[Problem]) -> None:
     try:
         _check_lineage(declarations, unit)
         declarations.result(unit)
@@ -68,7 +68,7 @@ def _declare(declarations: Declarations, unit: Unit, problems: list[Problem]) ->
             problems += error.problems
 
 
-def _check_lineage(declarations: Declarations, unit: Unit) -> None:
+def _check_lineage(declarations: Declarations, unit: DeclaredUnit) -> None:
     if unit.kind is not PouKind.FUNCTION_BLOCK:
         return
     for base in list(declarations.symbols.lineage(unit))[1:]:
@@ -80,10 +80,10 @@ def _check_lineage(declarations: Declarations, unit: Unit) -> None:
                 _check_override(declarations, method, base.methods[name])
 
 
-def _check_override(declarations: Declarations, method: Unit, base: Unit) -> None:
+def _check_override(declarations: Declarations, method: DeclaredUnit, base: DeclaredUnit) -> None:
     """An overriding method is called through the one it overrides, so both must look the same."""
 
-    def interface(unit: Unit) -> list[object]:
+    def interface(unit: DeclaredUnit) -> list[object]:
         result = declarations.result(unit)
         sections = (t.Section.INPUT, t.Section.OUTPUT, t.Section.IN_OUT)
         entries = [entry for entry in unit.entries.values() if entry.section in sections]
@@ -96,11 +96,11 @@ def _check_override(declarations: Declarations, method: Unit, base: Unit) -> Non
         )
 
 
-def _variables(declarations: Declarations, unit: Unit) -> tuple[t.Variable, ...]:
+def _variables(declarations: Declarations, unit: DeclaredUnit) -> tuple[t.Variable, ...]:
     return tuple(declarations.variable(unit, entry) for entry in unit.entries.values())
 
 
-def _pou(declarations: Declarations, unit: Unit, problems: list[Problem]) -> t.Pou | None:
+def _pou(declarations: Declarations, unit: DeclaredUnit, problems: list[Problem]) -> t.Pou | None:
     """The typed unit; None when a declaration in it is wrong, which was reported before."""
     declaration = unit.declaration
     if declaration is None or unit.kind is None:
@@ -120,7 +120,6 @@ def _pou(declarations: Declarations, unit: Unit, problems: list[Problem]) -> t.P
             base=None if base is None else base.upper().rpartition(".")[2],
             methods=MappingProxyType({name: method.key for name, method in unit.methods.items()}),
             modifiers=declaration.modifiers,
-            attributes=declaration.attributes,
             is_native=unit.is_native,
         )
     except StCheckError as error:

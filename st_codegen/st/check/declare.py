@@ -8,7 +8,7 @@ from st_codegen.st import tree as t
 from st_codegen.st.check.expressions import Expressions
 from st_codegen.st.check.initial import InitialValues
 from st_codegen.st.check.names import Scope
-from st_codegen.st.check.symbols import Entry, Symbols, Unit, failure
+from st_codegen.st.check.symbols import DeclaredUnit, Entry, Symbols, failure
 from st_codegen.st.errors import StCheckError
 from st_codegen.st.syntax import declarations as d
 from st_codegen.st.tree import PouKind, Section, Variable
@@ -34,7 +34,7 @@ _OVERLAID = (Kind.BITS, Kind.SIGNED, Kind.UNSIGNED, Kind.REAL)
 
 
 class Declarations:
-    """Everything that is declared in a project. Methods raise `StCheckError`."""
+    """Knows everything that is declared in a project; methods raise `StCheckError`."""
 
     def __init__(self, symbols: Symbols) -> None:
         self.symbols = symbols
@@ -42,7 +42,7 @@ class Declarations:
         self._in_progress: set[str] = set()
         self._defaults: dict[str, Value] = {}
         # Types and globals have no unit around them: only constants and enumerations are visible
-        self._outside = Unit("", "", t.Node().position, {})
+        self._outside = DeclaredUnit("", "", t.Node().position, {})
 
     # --- types ---
 
@@ -62,12 +62,12 @@ class Declarations:
             return self.block_type(unit)
         return None
 
-    def block_type(self, unit: Unit) -> BlockType:
+    def block_type(self, unit: DeclaredUnit) -> BlockType:
         """The type of the instances of a block or program."""
         ancestors = tuple(base.name for base in list(self.symbols.lineage(unit))[1:])
         return BlockType(unit.name, ancestors)
 
-    def resolve(self, spec: d.TypeSpec, unit: Unit) -> Type:
+    def resolve(self, spec: d.TypeSpec, unit: DeclaredUnit) -> Type:
         """The type that a declaration in a unit asks for."""
         match spec:
             case d.NamedType():
@@ -100,11 +100,13 @@ class Declarations:
             case d.PointerSpec():
                 return PointerType(self.resolve(spec.target, unit), spec.is_reference)
 
-    def expressions(self, unit: Unit) -> Expressions:
-        """Checks expressions as seen from a unit."""
+    def expressions(self, unit: DeclaredUnit) -> Expressions:
+        """What checks expressions as seen from a unit."""
         return Expressions(Scope(self, unit))
 
-    def _initial(self, unit: Unit, type_: Type, declaration: d.VariableDeclaration | d.AliasDeclaration) -> Value:
+    def _initial(
+        self, unit: DeclaredUnit, type_: Type, declaration: d.VariableDeclaration | d.AliasDeclaration
+    ) -> Value:
         """The initial value of a declaration; without one that of its type, an alias included."""
         if declaration.initial is not None:
             return InitialValues(self.expressions(unit)).value(type_, declaration.initial)
@@ -192,8 +194,8 @@ class Declarations:
 
     # --- variables ---
 
-    def variable(self, unit: Unit, entry: Entry) -> Variable:
-        """The variable of an entry of a unit."""
+    def variable(self, unit: DeclaredUnit, entry: Entry) -> Variable:
+        """The variable that a declaration in a unit makes."""
         declaration = entry.declaration
         if entry.variable is not None:
             return entry.variable
@@ -212,7 +214,7 @@ class Declarations:
             entry.is_in_progress = False
         return entry.variable
 
-    def _make_variable(self, unit: Unit, entry: Entry) -> Variable:
+    def _make_variable(self, unit: DeclaredUnit, entry: Entry) -> Variable:
         declaration, section = entry.declaration, entry.section
         type_ = self.resolve(declaration.type, unit)
         if section is Section.IN_OUT and declaration.initial is not None:
@@ -230,19 +232,18 @@ class Declarations:
             declaration.position,
             is_constant=entry.is_constant,
             has_initial=declaration.initial is not None,
-            qualifiers=entry.block.qualifiers,
-            address=declaration.address,
-            attributes=declaration.attributes,
         )
 
-    def _check_instance(self, unit: Unit, section: Section, declaration: d.VariableDeclaration, type_: Type) -> None:
+    def _check_instance(
+        self, unit: DeclaredUnit, section: Section, declaration: d.VariableDeclaration, type_: Type
+    ) -> None:
         while isinstance(type_, ArrayType):
             type_ = type_.element
         is_lasting = unit.kind is None or (unit.has_instance and section is not Section.TEMP)
         if isinstance(type_, BlockType) and not is_lasting and section is not Section.IN_OUT:
             raise failure(declaration, f"'{declaration.name}': an instance of '{type_}' would not outlive the call")
 
-    def result(self, unit: Unit) -> Variable | None:
+    def result(self, unit: DeclaredUnit) -> Variable | None:
         """The result of a function or method, as a variable of its name."""
         declaration = unit.declaration
         if unit.result is not None or declaration is None or declaration.return_type is None:

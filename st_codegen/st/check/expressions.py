@@ -39,22 +39,22 @@ class Expressions:
     # --- entry points ---
 
     def value(self, node: t.Expression) -> t.Expression:
-        """An expression with a type of its own."""
+        """Check an expression; a literal gets the type it has by itself."""
         return settle(self.check(node))
 
     def as_type(self, node: t.Expression, target: Type, is_stored: bool = False) -> t.Expression:
-        """An expression as a value of a type."""
+        """Check an expression that must be, or become, a value of a type."""
         return coerce(self.check(node), target, self.rules, is_stored)
 
     def condition(self, node: t.Expression) -> t.Expression:
-        """A BOOL expression."""
+        """Check an expression that must be BOOL."""
         expression = self.value(node)
         if expression.type != BOOL:
             raise failure(node, f"a condition is BOOL, not {expression.type}")
         return expression
 
     def constant(self, node: t.Expression, target: Type) -> t.Constant:
-        """A constant of a type."""
+        """Check and compute an expression that must be a constant of a type."""
         expression = self.as_type(node, target, is_stored=True)
         try:
             value = evaluate(expression)
@@ -65,14 +65,14 @@ class Expressions:
         return t.Constant(value, type=target, position=node.position)
 
     def number(self, node: t.Expression) -> int:
-        """An integer constant of any type."""
+        """Check and compute an integer constant of any type."""
         type_ = self.value(node).type
         if not type_.is_integer:
             raise failure(node, f"an integer constant is needed, not {type_}")
         return cast(int, self.constant(node, type_).value)
 
     def check(self, node: t.Expression) -> t.Expression:  # noqa: PLR0911, PLR0912 - one return a case
-        """Any expression; literals without a type stay so."""
+        """Check any expression; literals without a type stay so."""
         match node:
             case t.Literal():
                 return self._literal(node)
@@ -103,11 +103,11 @@ class Expressions:
                 raise TypeError(node)
 
     def call(self, node: t.Call) -> t.Expression:
-        """A call, with a result or without."""
+        """Check a call, with a result or without."""
         return check_call(self.scope, node, self.check)
 
     def _chain(self, node: t.Infix) -> t.Expression:
-        """A chain of operators of any length, from left to right."""
+        """Check a chain of operators of any length, from left to right."""
         pending: list[t.Infix] = []
         current: t.Expression = node
         while isinstance(current, t.Infix):

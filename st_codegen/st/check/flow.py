@@ -12,7 +12,7 @@ from st_codegen.st.types import ArrayType, BlockType, StructType, Type
 
 
 def check_flow(project: t.Project) -> list[Problem]:
-    """All violations."""
+    """All violations of these rules in a checked project."""
     return [
         *_check_circles(project.pous, lambda key: reachable_units(project, key), project, "calls itself"),
         *_check_circles(project.pous, lambda key: _contained(project, key), project, "contains itself"),

@@ -37,14 +37,14 @@ class InitialValues:
         self._rules = expressions.rules
 
     def value(self, type_: Type, node: d.Initial) -> Value:
-        """An initial value of a type."""
+        """The value that an initialiser gives to a variable of a type."""
         if isinstance(type_, ArrayType):
             return self._array(type_, node)
         if isinstance(type_, StructType | BlockType):
             if not isinstance(node, d.StructInitial):
                 return self._copied(type_, node)
             return self._struct(type_, node) if isinstance(type_, StructType) else self._block(type_, node)
-        if isinstance(node, d.Table | d.ArrayInitial | d.StructInitial):
+        if isinstance(node, d.NumberTable | d.ArrayInitial | d.StructInitial):
             raise failure(node, f"{type_} has a single value")
         if isinstance(type_, PointerType):
             raise failure(node, "pointers and references have no initial value here: assign them")
@@ -60,7 +60,7 @@ class InitialValues:
         raise failure(node, f"this is no initial value of {type_}")
 
     def _array(self, type_: ArrayType, node: d.Initial) -> Value:
-        if isinstance(node, d.Table):
+        if isinstance(node, d.NumberTable):
             return self._table(type_, node)
         if not isinstance(node, d.ArrayInitial):
             return self._copied(type_, node)
@@ -84,7 +84,7 @@ class InitialValues:
         if not self._rules.has_partial_initialisers and count < type_.size:
             raise failure(node, f"{type_} has {type_.size} elements, and only {count} initial values")
 
-    def _table(self, type_: ArrayType, node: d.Table) -> Value:
+    def _table(self, type_: ArrayType, node: d.NumberTable) -> Value:
         count = node.values.size
         if count > type_.size:
             raise failure(node, f"{type_} has {type_.size} elements; this initialiser has {count}")
@@ -101,7 +101,7 @@ class InitialValues:
         table.flags.writeable = False
         return table
 
-    def _converted(self, element: Elementary, node: d.Table) -> NDArray[np.generic]:
+    def _converted(self, element: Elementary, node: d.NumberTable) -> NDArray[np.generic]:
         """The numbers of a table in the type of the array, by the rules for single literals."""
         kind, values = node.kind, node.values
         is_loose = self._rules.has_loose_literals

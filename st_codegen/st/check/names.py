@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from typing import Protocol
 
 from st_codegen.st import tree as t
-from st_codegen.st.check.symbols import Entry, Symbols, Unit, failure
+from st_codegen.st.check.symbols import DeclaredUnit, Entry, Symbols, failure
 from st_codegen.st.tree import PouKind
 from st_codegen.st.types import BlockType, EnumType, PointerType, Type
 
@@ -20,23 +20,23 @@ class Declared(Protocol):
     def find_type(self, name: str) -> Type | None:
         """The type of a name, None when there is none of that name."""
 
-    def block_type(self, unit: Unit) -> BlockType:
+    def block_type(self, unit: DeclaredUnit) -> BlockType:
         """The type of the instances of a block or program."""
 
     def find_enum_value(self, key: str) -> tuple[EnumType, int] | None:
         """An enumeration value by its plain name; None also when two enumerations have it."""
 
-    def variable(self, unit: Unit, entry: Entry) -> t.Variable:
-        """The variable of an entry of a unit."""
+    def variable(self, unit: DeclaredUnit, entry: Entry) -> t.Variable:
+        """The variable that a declaration in a unit makes."""
 
-    def result(self, unit: Unit) -> t.Variable | None:
+    def result(self, unit: DeclaredUnit) -> t.Variable | None:
         """The result of a function or method, as a variable of its name."""
 
 
 class Scope:
     """The names that the text of one unit can use; methods raise `StCheckError` at the first error."""
 
-    def __init__(self, declared: Declared, unit: Unit) -> None:
+    def __init__(self, declared: Declared, unit: DeclaredUnit) -> None:
         self.declared = declared
         self.symbols = declared.symbols
         self.rules = declared.symbols.dialect
@@ -73,20 +73,20 @@ class Scope:
         return t.Constant(value[1], type=value[0], position=node.position)
 
     def this(self, node: t.Node) -> t.ThisRef:
-        """THIS^ inside a block or its methods."""
+        """The instance that a body or method runs on."""
         if self.block.kind is not PouKind.FUNCTION_BLOCK:
             raise failure(node, "THIS^ and SUPER^ exist only in function blocks and their methods")
         return t.ThisRef(type=self.declared.block_type(self.block), position=node.position)
 
     def find_program(self, node: t.Identifier) -> t.ProgramRef | None:
-        """The program of a name."""
+        """The program of a name, None when there is none of that name."""
         unit = self.symbols.units.get(node.name.upper())
         if unit is None or unit.kind is not PouKind.PROGRAM:
             return None
         return t.ProgramRef(type=self.declared.block_type(unit), position=node.position)
 
     def enum_value(self, type_: EnumType, name: str, node: t.Node) -> t.Constant:
-        """A value of an enumeration."""
+        """A value of an enumeration by its name."""
         if name.upper() not in type_.by_key:
             hint = suggestion(name, (known for known, _ in type_.values))
             raise failure(node, f"'{type_.name}' has no value '{name}'{hint}")
@@ -123,12 +123,12 @@ class Scope:
 
 
 def reference(variable: t.Variable, node: t.Node) -> t.Expression:
-    """A variable where a node names it."""
+    """An expression for a variable, at the position of the node that names it."""
     return through(t.VariableRef(variable, type=variable.type, position=node.position))
 
 
 def through(expression: t.Expression) -> t.Expression:
-    """A REFERENCE TO stands for what it refers to."""
+    """What an expression stands for: a REFERENCE TO stands for what it refers to."""
     type_ = expression.type
     if isinstance(type_, PointerType) and type_.is_reference and type_.target is not None:
         return t.PointerTarget(expression, type=type_.target, position=expression.position)

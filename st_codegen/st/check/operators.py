@@ -37,7 +37,7 @@ def is_bits(type_: AnyType, rules: Dialect) -> bool:
 
 
 def unary(rules: Dialect, node: t.Unary, operand: t.Expression) -> t.Expression:
-    """NOT or a sign."""
+    """Apply NOT or a sign to a checked operand."""
     type_ = operand.type
     if not isinstance(type_, Elementary):
         raise failure(node, f"no {_SIGNS[node.operator]} of {type_}")
@@ -55,7 +55,7 @@ def unary(rules: Dialect, node: t.Unary, operand: t.Expression) -> t.Expression:
 
 
 def combine(rules: Dialect, operator: str, left: t.Expression, right: t.Expression, where: Position) -> t.Expression:
-    """`left operator right`."""
+    """Apply an operator to two checked operands."""
     if operator in ARITHMETIC or operator == "MOD":
         return _arithmetic(rules, operator, left, right, where)
     if operator in COMPARISONS:

@@ -36,7 +36,7 @@ class Text:
 
     @cached_property
     def nodes(self) -> list[t.Node]:
-        """All nodes of the tree as written."""
+        """All nodes of the declarations as they are written."""
         found: list[t.Node] = []
         stack: list[object] = list(self.source.declarations)
         while stack:
@@ -45,13 +45,13 @@ class Text:
                 stack.extend(item)
             elif isinstance(item, t.Node):
                 found.append(item)
-                if not isinstance(item, d.Table):
+                if not isinstance(item, d.NumberTable):
                     stack.extend(getattr(item, entry.name) for entry in fields(item))
         return found
 
     @cached_property
     def expressions(self) -> list[t.Expression]:
-        """All expressions of the checked tree."""
+        """All expressions of the checked project."""
         return [part for pou in self.project.pous.values() for part in walk.all_expressions(pou.body)]
 
     @cached_property
@@ -62,7 +62,7 @@ class Text:
 
     @cached_property
     def declared(self) -> dict[t.Variable, d.VariableDeclaration]:
-        """The declaration of each variable."""
+        """The declaration that made each variable."""
         by_position = {item.position: item for item in self.nodes if isinstance(item, d.VariableDeclaration)}
         variables = (variable for pou in self.project.pous.values() for variable in pou.variables)
         return {variable: by_position[variable.position] for variable in variables}
@@ -101,8 +101,8 @@ def _problem(node: t.Node, message: str) -> Problem:
     return Problem(node.position, message)
 
 
-def wording(text: Text) -> Iterator[Problem]:
-    """Comments, pragmas and words."""
+def pieces_of_text(text: Text) -> Iterator[Problem]:
+    """Refuses comments, pragmas and pieces of text that the table of the dialect refuses."""
     for scanned in text.source.scans:
         for comment in scanned.comments:
             if comment.kind not in IEC.comments:
@@ -120,7 +120,7 @@ def _at(scanned: Scanned, offset: int, message: str) -> Problem:
 
 
 def literals(text: Text) -> Iterator[Problem]:
-    """Scalar literals that some compilers read as REAL first."""
+    """Refuses scalar literals that some compilers read as REAL first."""
     for node in text.nodes:
         if isinstance(node, t.Literal) and node.kind is t.LiteralKind.REAL and isinstance(node.value, float):
             size = abs(node.value)
@@ -129,7 +129,7 @@ def literals(text: Text) -> Iterator[Problem]:
 
 
 def initial_values(text: Text) -> Iterator[Problem]:
-    """Repeat counts, and structures whose fields are not all given."""
+    """Refuses repeat counts, and structures whose fields are not all given."""
     for node in text.nodes:
         if isinstance(node, d.Repeated):
             yield _problem(node, f"the initialiser {node.count}(..) is not portable: write all values")
@@ -141,7 +141,7 @@ def initial_values(text: Text) -> Iterator[Problem]:
 
 
 def arrays(text: Text) -> Iterator[Problem]:
-    """Bounds that are no numbers, arrays of arrays, arrays of structures with initial values."""
+    """Refuses bounds that are no numbers, arrays of arrays, arrays of structures with initial values."""
     for node in text.nodes:
         if isinstance(node, d.ArraySpec):
             for bounds in node.ranges:
@@ -167,7 +167,7 @@ def _is_number(node: t.Expression) -> bool:
 
 
 def array_types(text: Text) -> Iterator[Problem]:
-    """Arrays that are passed need a type with a name; others need none."""
+    """Refuses arrays that are passed without a named type, and named types that no array needs."""
     needed: set[str] = set()
     for variable, where in text.passed_arrays:
         spec = text.declared[variable].type
@@ -184,8 +184,8 @@ def array_types(text: Text) -> Iterator[Problem]:
             yield _problem(node, f"the type '{node.name}' says only what a plain array says, and is not passed")
 
 
-def places_of_tables(text: Text) -> Iterator[Problem]:
-    """Globals, and tables outside of the VAR CONSTANT of a block."""
+def tables(text: Text) -> Iterator[Problem]:
+    """Refuses globals, and tables outside of the VAR CONSTANT of a block."""
     for node in text.source.declarations:
         if isinstance(node, d.GlobalList):
             yield _problem(node, "VAR_GLOBAL outside of a CONFIGURATION")
@@ -200,18 +200,18 @@ def places_of_tables(text: Text) -> Iterator[Problem]:
 
 def _is_uniform(initial: d.Initial) -> bool:
     """Whether an initialiser only presets an array with one value."""
-    return isinstance(initial, d.Table) and bool((initial.values == initial.values[0]).all())
+    return isinstance(initial, d.NumberTable) and bool((initial.values == initial.values[0]).all())
 
 
 def methods(text: Text) -> Iterator[Problem]:
-    """Methods."""
+    """Refuses methods."""
     for node in text.nodes:
         if isinstance(node, d.PouDeclaration) and node.kind is t.PouKind.METHOD:
             yield _problem(node, f"the method '{node.name}' is not portable")
 
 
 def arithmetic(text: Text) -> Iterator[Problem]:
-    """Integers narrower than DINT and REAL in arithmetic."""
+    """Refuses integers narrower than DINT and REAL in arithmetic."""
     for expression in text.expressions:
         if isinstance(expression, t.Unary | t.Binary) and expression.operator not in ("NOT", "AND", "OR", "XOR"):
             problem = _narrow(expression.type)
@@ -236,7 +236,7 @@ def _narrow(type_: Type) -> str | None:
 
 
 def rounding(text: Text) -> Iterator[Problem]:
-    """Conversions from real numbers to integers."""
+    """Refuses conversions from real numbers to integers that round."""
     for expression in text.expressions:
         if isinstance(expression, t.Conversion):
             source, target = expression.operand.type, expression.type
@@ -251,12 +251,12 @@ def rounding(text: Text) -> Iterator[Problem]:
 
 Rule = Callable[[Text], Iterator[Problem]]
 RULES: tuple[Rule, ...] = (
-    wording,
+    pieces_of_text,
     literals,
     initial_values,
     arrays,
     array_types,
-    places_of_tables,
+    tables,
     methods,
     arithmetic,
     rounding,

@@ -115,7 +115,7 @@ def _address(argument: t.Expression, node: t.Call) -> t.Expression:
 
 
 def _unified(rules: Dialect, arguments: list[t.Expression]) -> list[t.Expression]:
-    """All arguments in their common type."""
+    """The arguments of a function, all in their common type."""
     common = arguments[0]
     for argument in arguments[1:]:
         common, _, _ = unify(common, argument, rules)

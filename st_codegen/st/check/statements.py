@@ -10,7 +10,7 @@ from st_codegen.st import tree as t
 from st_codegen.st import walk
 from st_codegen.st.check.calls import check_assignable
 from st_codegen.st.check.declare import Declarations
-from st_codegen.st.check.symbols import Unit, failure
+from st_codegen.st.check.symbols import DeclaredUnit, failure
 from st_codegen.st.errors import Problem, StCheckError
 from st_codegen.st.types import ArrayType, BlockType, EnumType, Type
 
@@ -22,7 +22,7 @@ MAX_LOOPS = 12
 class Statements:
     """Checks the body of one unit; an error in a statement does not hide those of the next."""
 
-    def __init__(self, declarations: Declarations, unit: Unit, problems: list[Problem]) -> None:
+    def __init__(self, declarations: Declarations, unit: DeclaredUnit, problems: list[Problem]) -> None:
         self._expressions = declarations.expressions(unit)
         self._scope = self._expressions.scope
         self._problems = problems
@@ -30,7 +30,7 @@ class Statements:
         self._depth = 0
 
     def body(self, nodes: Iterable[t.Statement]) -> tuple[t.Statement, ...]:
-        """All statements that are free of errors."""
+        """Check statements; those that are free of errors."""
         self._depth += 1
         try:
             return self._body(nodes)

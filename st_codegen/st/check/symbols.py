@@ -16,7 +16,7 @@ from st_codegen.st.types import UNSUPPORTED
 
 
 def failure(node: t.Node | Position, message: str) -> StCheckError:
-    """An error about a node."""
+    """An error at a node or position."""
     return StCheckError([Problem(node if isinstance(node, Position) else node.position, message)])
 
 
@@ -32,17 +32,17 @@ class Entry:
 
     @property
     def section(self) -> Section:
-        """The kind of VAR block."""
+        """The kind of VAR block that it is declared in."""
         return self.block.section
 
     @property
     def is_constant(self) -> bool:
-        """Whether it stands in a CONSTANT block."""
+        """Whether it is declared in a CONSTANT block."""
         return "CONSTANT" in self.block.qualifiers
 
 
 @dataclass
-class Unit:
+class DeclaredUnit:
     """A program organisation unit, method or list of globals while it is being checked."""
 
     name: str
@@ -51,20 +51,20 @@ class Unit:
     entries: dict[str, Entry]
     kind: PouKind | None = None
     declaration: d.PouDeclaration | None = None
-    block: Unit | None = None
-    methods: dict[str, Unit] = field(default_factory=dict)
+    block: DeclaredUnit | None = None
+    methods: dict[str, DeclaredUnit] = field(default_factory=dict)
     result: Variable | None = None
     attributes: tuple[str, ...] = ()
     is_native: bool = False
 
     @property
     def names(self) -> list[str]:
-        """The names that it declares, as written."""
+        """The names that the unit declares, as written."""
         return [entry.declaration.name for entry in self.entries.values()]
 
     @property
     def has_instance(self) -> bool:
-        """Whether its variables live on."""
+        """Whether the variables of the unit live on after a call."""
         return self.kind in (PouKind.FUNCTION_BLOCK, PouKind.PROGRAM)
 
     @property
@@ -92,8 +92,8 @@ class Symbols:
         self.dialect = dialect
         self.namespaces = frozenset(name.upper() for name in namespaces)
         self.problems: list[Problem] = []
-        self.units: dict[str, Unit] = {}
-        self.lists: dict[str, Unit] = {}
+        self.units: dict[str, DeclaredUnit] = {}
+        self.lists: dict[str, DeclaredUnit] = {}
         self.types: dict[str, d.TypeDeclaration] = {}
         self._taken: dict[str, Position] = {}
         for declaration in native:
@@ -115,7 +115,7 @@ class Symbols:
         self._taken[key] = where
         if isinstance(declaration, d.GlobalList):
             known = self.lists.get(key)
-            unit = Unit(declaration.name, key, where, {}, attributes=declaration.attributes)
+            unit = DeclaredUnit(declaration.name, key, where, {}, attributes=declaration.attributes)
             self.lists[key] = known or unit
             self._add_entries(self.lists[key], declaration.blocks)
         elif isinstance(declaration, d.PouDeclaration):
@@ -123,10 +123,8 @@ class Symbols:
         else:
             self.types[key] = declaration
 
-    def _unit(self, pou: d.PouDeclaration, key: str, block: Unit | None, is_native: bool) -> Unit:
-        unit = Unit(
-            pou.name, key, pou.position, {}, pou.kind, pou, block, attributes=pou.attributes, is_native=is_native
-        )
+    def _unit(self, pou: d.PouDeclaration, key: str, block: DeclaredUnit | None, is_native: bool) -> DeclaredUnit:
+        unit = DeclaredUnit(pou.name, key, pou.position, {}, pou.kind, pou, block, is_native=is_native)
         self._add_entries(unit, pou.blocks)
         for method in pou.methods:
             self._check_name(method.name, method.position, is_method=True)
@@ -138,7 +136,7 @@ class Symbols:
             self.units[made.key] = made
         return unit
 
-    def _add_entries(self, unit: Unit, blocks: Iterable[d.VariableBlock]) -> None:
+    def _add_entries(self, unit: DeclaredUnit, blocks: Iterable[d.VariableBlock]) -> None:
         for block in blocks:
             if (block.section is Section.GLOBAL) != (unit.kind is None):
                 self._problem(block.position, f"{block.section.value} cannot stand in '{unit.name}'")
@@ -157,10 +155,10 @@ class Symbols:
 
     # --- looking up ---
 
-    def lineage(self, unit: Unit) -> Iterator[Unit]:
+    def lineage(self, unit: DeclaredUnit) -> Iterator[DeclaredUnit]:
         """A block and what it extends, nearest first. Raises for an unknown base and for a circle."""
         seen: set[str] = set()
-        current: Unit | None = unit
+        current: DeclaredUnit | None = unit
         while current is not None:
             if current.key in seen:
                 raise failure(current.position, f"'{current.name}' extends itself")
@@ -174,7 +172,7 @@ class Symbols:
                 raise failure(current.position, f"'{current.name}' extends '{base}', which is no known function block")
             current = found
 
-    def find_entry(self, unit: Unit, key: str) -> tuple[Unit, Entry] | None:
+    def find_entry(self, unit: DeclaredUnit, key: str) -> tuple[DeclaredUnit, Entry] | None:
         """What a plain name means inside a unit, as far as it is a variable."""
         if key in unit.entries:
             return unit, unit.entries[key]
@@ -186,26 +184,26 @@ class Symbols:
                     return owner, entry
         return self.find_global(key)
 
-    def find_global(self, key: str) -> tuple[Unit, Entry] | None:
+    def find_global(self, key: str) -> tuple[DeclaredUnit, Entry] | None:
         """A global variable by its plain name; None also when two lists have it."""
         found = [unit for unit in self.lists.values() if key in unit.entries and not unit.is_qualified_only]
         return (found[0], found[0].entries[key]) if len(found) == 1 else None
 
-    def find_member(self, block: str, key: str) -> tuple[Unit, Entry] | None:
-        """A variable of an instance of a block."""
+    def find_member(self, block: str, key: str) -> tuple[DeclaredUnit, Entry] | None:
+        """A variable of an instance of a block by its upper-case name."""
         for owner in self.lineage(self.units[block.upper()]):
             if key in owner.entries:
                 return owner, owner.entries[key]
         return None
 
-    def find_method(self, block: str, key: str) -> Unit | None:
+    def find_method(self, block: str, key: str) -> DeclaredUnit | None:
         """A method of a block, inherited ones included."""
         for owner in self.lineage(self.units[block.upper()]):
             if key in owner.methods:
                 return owner.methods[key]
         return None
 
-    def known_names(self, unit: Unit) -> set[str]:
+    def known_names(self, unit: DeclaredUnit) -> set[str]:
         """Every variable name that a unit could use: to suggest one for a name that is not known."""
         is_inside = unit.block is not None or unit.kind is PouKind.FUNCTION_BLOCK
         blocks = self.lineage(unit.block or unit) if is_inside else ()

@@ -258,9 +258,9 @@ class Builder(Transformer[Token, Any]):
 
     member_initial = _node(d.MemberInitial)
 
-    def table(self, children: Children) -> d.Table:
+    def table(self, children: Children) -> d.NumberTable:
         values, kind = self._valued(children[0], parse_table)
-        return d.Table(values, kind, position=self._at(children[0]))
+        return d.NumberTable(values, kind, position=self._at(children[0]))
 
     def array_initial(self, children: Children) -> d.ArrayInitial:
         return d.ArrayInitial(tuple(_nodes(children)), position=self._at(children[0]))

@@ -23,14 +23,14 @@ class TableKind(Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class Table(Node):
+class NumberTable(Node):
     """An array initialiser of plain numbers, read as one token; `values` is int64, uint64, float64 or bool."""
 
     values: NDArray[np.generic]
     kind: TableKind
 
     def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Table):
+        if not isinstance(other, NumberTable):
             return NotImplemented
         same_type = self.kind is other.kind and self.values.dtype == other.values.dtype
         return same_type and self.values.tobytes() == other.values.tobytes()
@@ -41,7 +41,7 @@ class Table(Node):
 
 @dataclass(frozen=True)
 class Repeated(Node):
-    """`50(0.0)` in an array initialiser."""
+    """A value that is repeated in an array initialiser, written `50(0.0)`."""
 
     count: int
     value: Initial | None
@@ -49,14 +49,14 @@ class Repeated(Node):
 
 @dataclass(frozen=True)
 class ArrayInitial(Node):
-    """`[..]` with anything but plain numbers in it."""
+    """The initialiser of an array with anything but plain numbers in it."""
 
     items: tuple[Initial | Repeated, ...]
 
 
 @dataclass(frozen=True)
 class MemberInitial(Node):
-    """`name := value` in a structure initialiser."""
+    """One field in the initialiser of a structure, written `name := value`."""
 
     name: str
     value: Initial
@@ -64,12 +64,12 @@ class MemberInitial(Node):
 
 @dataclass(frozen=True)
 class StructInitial(Node):
-    """`(a := 1, b := 2)`."""
+    """The initialiser of a structure, written `(a := 1, b := 2)`."""
 
     members: tuple[MemberInitial, ...]
 
 
-Initial = Expression | Table | ArrayInitial | StructInitial
+Initial = Expression | NumberTable | ArrayInitial | StructInitial
 
 
 # --- types ------------------------------------------------------------------------------------------------------------
@@ -84,7 +84,7 @@ class NamedType(Node):
 
 @dataclass(frozen=True)
 class StringSpec(Node):
-    """`STRING(80)`; without a length 80 characters."""
+    """A string type, written `STRING(80)`; without a length it holds 80 characters."""
 
     length: Expression | None
     wide: bool = False
@@ -92,7 +92,7 @@ class StringSpec(Node):
 
 @dataclass(frozen=True)
 class ArraySpec(Node):
-    """`ARRAY[0..1, 1..3] OF element`."""
+    """An array type, written `ARRAY[0..1, 1..3] OF element`."""
 
     ranges: tuple[Range, ...]
     element: TypeSpec
@@ -100,7 +100,7 @@ class ArraySpec(Node):
 
 @dataclass(frozen=True)
 class SubrangeSpec(Node):
-    """`DINT(0..10)`."""
+    """A subrange type, written `DINT(0..10)`."""
 
     base: str
     range: Range
@@ -108,7 +108,7 @@ class SubrangeSpec(Node):
 
 @dataclass(frozen=True)
 class PointerSpec(Node):
-    """`POINTER TO target` or `REFERENCE TO target`."""
+    """A type that points at another, written `POINTER TO target` or `REFERENCE TO target`."""
 
     target: TypeSpec
     is_reference: bool = False
@@ -133,7 +133,7 @@ class VariableDeclaration(Node):
 
 @dataclass(frozen=True)
 class VariableBlock(Node):
-    """VAR .. END_VAR; the qualifiers are CONSTANT, RETAIN, PERSISTENT."""
+    """The variables from VAR to END_VAR; the qualifiers are CONSTANT, RETAIN, PERSISTENT."""
 
     section: Section
     qualifiers: frozenset[str]
@@ -142,7 +142,7 @@ class VariableBlock(Node):
 
 @dataclass(frozen=True)
 class StructDeclaration(Node):
-    """STRUCT or, with `is_union`, UNION."""
+    """A structure or, with `is_union`, a union."""
 
     name: str
     base: str | None
@@ -153,7 +153,7 @@ class StructDeclaration(Node):
 
 @dataclass(frozen=True)
 class EnumValue(Node):
-    """One value of an enumeration."""
+    """One value of an enumeration with its number, if that is written."""
 
     name: str
     value: Expression | None
@@ -161,7 +161,7 @@ class EnumValue(Node):
 
 @dataclass(frozen=True)
 class EnumDeclaration(Node):
-    """`(A, B := 5) UINT := B`."""
+    """An enumeration, written `(A, B := 5) UINT := B`."""
 
     name: str
     values: tuple[EnumValue, ...]
@@ -172,7 +172,7 @@ class EnumDeclaration(Node):
 
 @dataclass(frozen=True)
 class AliasDeclaration(Node):
-    """`T : ARRAY[0..3] OF LREAL := [..]`."""
+    """A name for a type, written `T : ARRAY[0..3] OF LREAL := [..]`."""
 
     name: str
     type: TypeSpec

@@ -22,7 +22,7 @@ _ESCAPE = re.compile(r"\$(.?)([0-9A-Fa-f]*)", re.DOTALL)
 
 
 def parse_integer(text: str) -> int:
-    """`12`, `1_000`, `16#FF_FF`, `-5`."""
+    """The value of an integer such as `12`, `1_000`, `16#FF_FF` or `-5`."""
     digits = text.replace("_", "")
     if len(digits) > MAX_DIGITS:
         raise ValueError(f"an integer of {len(digits)} digits fits no type")
@@ -40,7 +40,7 @@ def parse_integer(text: str) -> int:
 
 
 def parse_real(text: str) -> float:
-    """`1.5`, `1.0E-3`; beyond the largest LREAL is an error, below the smallest is zero."""
+    """The value of a real number such as `1.0E-3`; one beyond the largest LREAL is refused."""
     value = float(text.replace("_", ""))
     if math.isinf(value):
         raise ValueError(f"'{text[:40]}' is larger than the largest LREAL")
@@ -48,7 +48,7 @@ def parse_real(text: str) -> float:
 
 
 def parse_duration(text: str) -> int:
-    """`1d2h3.5s`, `250us`, `-5ms` in nanoseconds.
+    """The nanoseconds of a duration such as `1d2h3.5s`, `250us` or `-5ms`.
 
     Units go from large to small, each once, and only the last may have a fraction, which must be whole nanoseconds.
     """

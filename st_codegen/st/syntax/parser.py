@@ -50,7 +50,7 @@ class _Reserved:
     always_accept: tuple[str, ...] = ()
 
     def process(self, stream: Iterator[Token]) -> Iterator[Token]:
-        """Pass the tokens on."""
+        """Pass the tokens on unchanged, which is what lark asks of this method."""
         return stream
 
 
@@ -148,7 +148,7 @@ def _check_depth(root: object) -> None:
         item, depth = stack.pop()
         if isinstance(item, tuple | list):
             stack.extend((part, depth) for part in item)
-        elif isinstance(item, t.Node) and not isinstance(item, d.Table):
+        elif isinstance(item, t.Node) and not isinstance(item, d.NumberTable):
             if depth > MAX_DEPTH:
                 raise StSyntaxError([Problem(item.position, f"more than {MAX_DEPTH} levels of nesting")])
             chain = item.left if isinstance(item, t.Infix) else None

@@ -50,7 +50,7 @@ def read_plcopen(name: str, content: bytes) -> tuple[list[d.Declaration], list[S
 
     Raises `StSyntaxError` for anything that is no such file, and for what is not supported in it.
     """
-    tables: dict[etree._Element, d.Table] = {}
+    tables: dict[etree._Element, d.NumberTable] = {}
 
     def shrink(element: etree._Element) -> None:
         table = _plain_table(element, name) if tag_of(element) == "arrayValue" else None
@@ -66,7 +66,7 @@ def read_plcopen(name: str, content: bytes) -> tuple[list[d.Declaration], list[S
     return list(reader.declarations()), file.scans
 
 
-def _plain_table(element: etree._Element, file: str) -> d.Table | None:
+def _plain_table(element: etree._Element, file: str) -> d.NumberTable | None:
     """The numbers of an arrayValue; None where it holds anything else."""
     cells = []
     for value in element:
@@ -80,13 +80,13 @@ def _plain_table(element: etree._Element, file: str) -> d.Table | None:
         values, kind = parse_table(f"[{','.join(cells)}]")
     except ValueError:
         return None
-    return d.Table(values, kind, position=Position(file, line_of(element), 1))
+    return d.NumberTable(values, kind, position=Position(file, line_of(element), 1))
 
 
 @dataclass
 class _PlcopenReader:
     file: XmlFile
-    tables: dict[etree._Element, d.Table]
+    tables: dict[etree._Element, d.NumberTable]
     namespace: str
     #: The unit that is being read.
     pou: str = ""
@@ -94,7 +94,7 @@ class _PlcopenReader:
     # --- elements ---
 
     def _all(self, parent: etree._Element, *tags: str) -> Iterator[etree._Element]:
-        """Descendants along a path of tags."""
+        """The descendants of an element along a path of tags."""
         yield from parent.findall("/".join(f"{self.namespace}{tag}" for tag in tags))
 
     def _one(self, parent: etree._Element, tag: str) -> etree._Element:
@@ -287,7 +287,7 @@ class _PlcopenReader:
         return d.ArrayInitial(tuple(items), position=self._at(element))
 
     def _expression(self, text: str, element: etree._Element) -> t.Expression:
-        """An expression in an attribute."""
+        """The expression that stands in an attribute of an element."""
         segment = Segment(f"x := {text};", self.file.name, line_of(element), pou=self.pou)
         try:
             parsed: tuple[t.Statement, ...] = parse_segment(segment, "body")

@@ -28,7 +28,7 @@ _POU_START = re.compile(
 
 
 class CommentKind(Enum):
-    """How a comment is written."""
+    """The ways in which a comment is written."""
 
     BLOCK = "(* *)"
     NESTED = "(* (* *) *)"
@@ -37,7 +37,7 @@ class CommentKind(Enum):
 
 @dataclass(frozen=True)
 class Comment:
-    """A comment in `text[start:end]`."""
+    """A comment, which is `text[start:end]`."""
 
     kind: CommentKind
     start: int
@@ -91,7 +91,7 @@ class Segment:
         return offsets, names
 
     def position(self, offset: int) -> Position:
-        """The place of a character."""
+        """The position of a character."""
         row = bisect_right(self._line_starts, offset) - 1
         column = offset - self._line_starts[row] + 1
         offsets, names = self._pou_starts

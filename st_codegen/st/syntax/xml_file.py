@@ -32,7 +32,7 @@ class XmlFile:
         return StSyntaxError([Problem(self.position(element), message)])
 
     def position(self, element: etree._Element | None, pou: str = "") -> Position:
-        """The line of an element."""
+        """The position of an element, which is the start of its line."""
         return Position(self.name, line_of(element) if element is not None else 1, 1, pou)
 
     def segment(self, element: etree._Element, pou: str) -> Segment:
@@ -46,7 +46,7 @@ class XmlFile:
         return Segment(text, self.name, self.text.count("\n", 0, at) + 1, at - self.text.rfind("\n", 0, at), pou)
 
     def scan(self, element: etree._Element, pou: str) -> Scanned:
-        """Scan the text of an element."""
+        """Scan the text of an element, and remember it."""
         scanned = scan(self.segment(element, pou))
         self.scans.append(scanned)
         return scanned
