@@ -23,6 +23,7 @@ _COMMANDS = {
     "tables": Lazy("st_codegen.cli.tables", "Write the paper's tables 2 to 6 with our errors beside the authors'."),
     "generate": Lazy("st_codegen.cli.generate", "Compile a folder of models (or one file) to Structured Text."),
     "verify": Lazy("st_codegen.cli.verify", "Compare the generated text with the models' libraries; check its time."),
+    "prove": Lazy("st_codegen.cli.prove", "Prove that the generated text equals its models for every input."),
     "predict": Lazy("st_codegen.cli.predict", "Predict the rows of a table by text, reference or library."),
     "diff": Lazy("st_codegen.cli.diff", "Say what changed between two generated folders."),
     "latency": Lazy("st_codegen.cli.latency", "Tell the age of an angle when the correction made from it arrives."),

@@ -1,0 +1,87 @@
+"""`st-codegen prove`: the emitted text equals the model for every input."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import click
+from rich.table import Table
+
+from st_codegen.cli.console import console, models_argument, progress_bar, quiet_option, trust_option
+from st_codegen.files.text import write_text
+from st_codegen.project.bundle import load
+from st_codegen.proof.prove.certificate import certificate
+from st_codegen.proof.prove.prove import ProveReport, Result, Verdict, prove
+
+
+@click.command(
+    "prove",
+    epilog="""\b
+Examples:
+  st-codegen prove models/ --generated generated
+  st-codegen prove models/ --generated generated --certificate certificate.json
+  python checker/check_certificate.py certificate.json models/ generated/""",
+)
+@models_argument
+@click.option(
+    "-g",
+    "--generated",
+    type=click.Path(path_type=Path),
+    default=Path("generated"),
+    show_default=True,
+    help="Folder that `generate` wrote; every target in it is proved.",
+)
+@click.option(
+    "--certificate",
+    "certificate_file",
+    type=click.Path(path_type=Path),
+    help="Write what was proved to this file, for checker/check_certificate.py.",
+)
+@trust_option
+@quiet_option
+def command(models: Path, generated: Path, certificate_file: Path | None, trust_pickle: bool, quiet: bool) -> None:
+    """Prove that the generated text gives the bits that MODELS demand, for every float64 input.
+
+    The text is executed on intervals and boxes of inputs, which together are all inputs: NaN, infinities, denormals and
+    both zeros included. docs/proof.md says what is proved, what is assumed and what is not covered. Exit code 0 when
+    every model is proved, 1 when one is refuted (an input is named for which the executed text differs) or not covered.
+    """
+    with progress_bar("loading", quiet=quiet) as progress:
+        bundle = load(models, trust_pickle=trust_pickle, progress=progress)
+    with progress_bar("proving", quiet=quiet) as progress:
+        report = prove(bundle, generated, progress=progress)
+    if certificate_file is not None:
+        content = certificate(bundle, models, generated, report)
+        write_text(certificate_file, json.dumps(content, indent=1, sort_keys=True) + "\n")
+    if not quiet:
+        console.print(_table(report))
+    for result in report.results:
+        if result.verdict is not Verdict.PROVED:
+            console.print(_sentence(result), highlight=False, soft_wrap=True, markup=False)
+    sys.exit(0 if report.proved else 1)
+
+
+def _table(report: ProveReport) -> Table:
+    table = Table(title="the generated text for all inputs", title_justify="left")
+    for name in ("model", "target", "verdict", "how", "trees", "boxes"):
+        table.add_column(name, justify="right" if name in ("trees", "boxes") else "left")
+    colours = {Verdict.PROVED: "green", Verdict.REFUTED: "bold red", Verdict.NOT_PROVED: "yellow"}
+    for result in report.results:
+        colour = colours[result.verdict]
+        counts = (f"{result.trees:,}", f"{result.boxes:,}") if result.verdict is Verdict.PROVED else ("", "")
+        table.add_row(result.model, result.target, f"[{colour}]{result.verdict.value}[/]", result.method, *counts)
+    return table
+
+
+def _sentence(result: Result) -> str:
+    text = f"{result.model}, {result.target}: {result.verdict.value}: {result.reason}"
+    found = result.counterexample
+    if found is None:
+        return text
+    if found.stops:
+        return f"{text}\n  at {list(found.input)} {found.stops}"
+    expected = "no answer" if found.expected is None else list(found.expected)
+    got = "bValid = FALSE" if found.got is None else list(found.got)
+    return f"{text}\n  at {list(found.input)}: the model demands {expected}, the executed text gives {got}"

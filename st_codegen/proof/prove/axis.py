@@ -1,0 +1,266 @@
+"""The float64 numbers of one input, cut into intervals, and values that depend on that input alone.
+
+An axis is the whole line of one input: -infinity, all numbers, +infinity, with -0.0 and 0.0 as two points, cut into
+intervals ("lanes"), and NaN as a lane of its own. A value of the text that depends on one input is a constant in each
+lane, or a chain of monotone operations on the input: rounding to nearest is monotone, so the values of a chain at both
+ends of a lane enclose its values in between, and a comparison with a constant changes over in one place at most, which
+bisection over the representable numbers finds. Cutting the lane there makes the comparison constant in each lane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray, IntArray
+
+_SIGN = np.int64(-(2**63))
+
+
+class NotProvedError(Exception):
+    """The text holds something that the prover cannot follow, or that would stop a controller."""
+
+    def __init__(self, reason: str, place: object = None) -> None:
+        super().__init__(reason if place is None else f"{place}: {reason}")
+        self.reason, self.place = reason, place
+
+    def at(self, place: object) -> NotProvedError:
+        """The same with a place in the text, where it has none."""
+        return self if self.place is not None else NotProvedError(self.reason, place)
+
+
+def to_keys(x: FloatArray) -> IntArray:
+    """Integers in the order of float64 numbers, one apart for neighbours; -0.0 comes right before 0.0."""
+    bits = np.ascontiguousarray(x, np.float64).view(np.int64)
+    return np.where(bits < 0, ~(bits ^ _SIGN), bits)
+
+
+def from_keys(keys: IntArray) -> FloatArray:
+    """The float64 numbers of some keys."""
+    keys = np.ascontiguousarray(keys, np.int64)
+    return np.where(keys < 0, ~keys ^ _SIGN, keys).view(np.float64)
+
+
+LOWEST = int(to_keys(np.array([-np.inf]))[0])
+HIGHEST = int(to_keys(np.array([np.inf]))[0])
+
+#: One step of a chain: the name of an operation and its constant (0.0 where there is none).
+Link = tuple[str, float]
+
+_OPERATIONS: dict[str, Callable[[FloatArray, float], FloatArray]] = {
+    "add": lambda x, c: x + c,
+    "sub": lambda x, c: x - c,
+    "rsub": lambda x, c: c - x,
+    "mul": lambda x, c: x * c,
+    "div": lambda x, c: x / c,
+    "min": np.minimum,
+    "max": np.maximum,
+    "neg": lambda x, _: -x,
+    "abs": lambda x, _: np.abs(x),
+    "single": lambda x, _: x.astype(np.float32).astype(np.float64),
+}
+
+
+def run_chain(chain: tuple[Link, ...], x: FloatArray) -> FloatArray:
+    """The value of a chain for numbers `x` of its input."""
+    with np.errstate(all="ignore"):
+        for name, constant in chain:
+            x = _OPERATIONS[name](x, constant)
+    return x
+
+
+def bisected(decide: Callable[[FloatArray], BoolArray], low: IntArray, high: IntArray) -> IntArray:
+    """The last key of each interval that is decided as its low end; the decision must change over once inside."""
+    low, high = low.copy(), high.copy()
+    first = decide(from_keys(low))
+    while np.any(high - 1 > low):
+        middle = (low & high) + ((low ^ high) >> 1)
+        same = decide(from_keys(middle)) == first
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    return low
+
+
+class Axis:
+    """The line of input `feature`. `ends` are the keys of the last number of each lane; the NaN lane follows them.
+
+    `first` to `last` are the keys of the numbers that the model takes, `nan` says whether it takes NaN. What a block
+    does for the others is followed as far as it depends on this input alone; from there on they must count as 0.0 does
+    (`held_alike`), so that boxes of several inputs need not hold them.
+    """
+
+    def __init__(self, feature: int, first: int = LOWEST, last: int = HIGHEST, *, nan: bool = True) -> None:
+        self.feature, self.first, self.last, self.nan = feature, first, last, nan
+        self.ends: IntArray = np.array([LOWEST, HIGHEST - 1, HIGHEST], np.int64)
+        self.parents: list[IntArray] = []
+        self._measure()
+        self.cut(np.array([first - 1, last]))
+        if first > LOWEST or last < HIGHEST or not nan:
+            self.cut(np.array([-1, 0]))
+
+    def _measure(self) -> None:
+        self.starts = np.append(LOWEST, self.ends[:-1] + 1)
+        self.low = np.append(from_keys(self.starts), np.nan)
+        self.high = np.append(from_keys(self.ends), np.nan)
+
+    @property
+    def lanes(self) -> int:
+        """Lanes of numbers and the lane of NaN."""
+        return len(self.ends) + 1
+
+    @property
+    def taken(self) -> BoolArray:
+        """The lanes that the model takes."""
+        return np.append((self.starts >= self.first) & (self.ends <= self.last), self.nan)
+
+    def cut(self, ends: IntArray) -> None:
+        """End lanes at these keys too."""
+        new = np.union1d(self.ends, ends[(ends >= LOWEST) & (ends < HIGHEST)])
+        if len(new) == len(self.ends):
+            return
+        parent = np.searchsorted(self.ends, new)
+        self.parents.append(np.append(parent, len(self.ends)))
+        self.ends = new
+        self._measure()
+
+    def cut_below(self, numbers: FloatArray) -> None:
+        """Make lanes begin at these numbers."""
+        self.cut(to_keys(numbers) - 1)
+
+
+@dataclass
+class AxisValue:
+    """A value that depends on one input: in each lane `constant`, or chain number `chain[lane] - 1` where that is > 0.
+
+    `known` marks the lanes in which it has a value at all (None: all).
+    """
+
+    axis: Axis
+    constant: AnyArray
+    chain: IntArray | None = None
+    chains: tuple[tuple[Link, ...], ...] = ()
+    known: BoolArray | None = None
+    version: int = -1
+
+    def __post_init__(self) -> None:
+        if self.version < 0:
+            self.version = len(self.axis.parents)
+
+    def lift(self) -> AxisValue:
+        """Bring the arrays up to the lanes that the axis has now."""
+        for parent in self.axis.parents[self.version :]:
+            self.constant = self.constant[parent]
+            self.chain = None if self.chain is None else self.chain[parent]
+            self.known = None if self.known is None else self.known[parent]
+        self.version = len(self.axis.parents)
+        return self
+
+    @property
+    def is_float(self) -> bool:
+        return self.constant.dtype == np.float64
+
+    def ends(self) -> tuple[AnyArray, AnyArray]:
+        """The values at the first and the last number of each lane (and for NaN)."""
+        self.lift()
+        if self.chain is None:
+            return self.constant, self.constant
+        first, last = self.constant.copy(), self.constant.copy()
+        for number, chain in enumerate(self.chains, 1):
+            at = np.flatnonzero(self.chain == number)
+            first[at] = run_chain(chain, self.axis.low[at])
+            last[at] = run_chain(chain, self.axis.high[at])
+        return first, last
+
+    def at(self, x: FloatArray) -> AnyArray:
+        """The value for numbers of the input (NaN too), one number for each row."""
+        self.lift()
+        lane = np.searchsorted(self.axis.ends, to_keys(x))
+        lane = np.where(np.isnan(x), len(self.axis.ends), lane)
+        result = self.constant[lane].copy()
+        if self.chain is not None:
+            for number, chain in enumerate(self.chains, 1):
+                rows = np.flatnonzero(self.chain[lane] == number)
+                result[rows] = run_chain(chain, x[rows])
+        return result
+
+    def held_alike(self) -> None:
+        """Raise NotProvedError unless the value is the same for all inputs that the model refuses, and for 0.0."""
+        taken = self.axis.taken
+        if np.all(taken):
+            return
+        first, last = self.ends()
+        zero = np.searchsorted(self.axis.ends, 0)
+        for side in (first, last):
+            if np.any(_bits(side[~taken]) != _bits(first[zero : zero + 1])):
+                raise NotProvedError("an input that the model refuses changes more than bValid")
+
+    def with_links(self, name: str, constants: FloatArray, result: AnyArray, active: BoolArray) -> AxisValue:
+        """The value behind one more link: `result` has the constant lanes, `constants` those of the chains.
+
+        Raises NotProvedError where an active lane of a chain overflows, meets NaN, or is not monotone.
+        """
+        self.lift()
+        if self.chain is None:
+            return AxisValue(self.axis, result, known=self.known)
+        chain = np.zeros(len(self.chain), np.int64)
+        chains: list[tuple[Link, ...]] = []
+        varying = np.flatnonzero(self.chain > 0)
+        pairs, kind = np.unique(
+            np.column_stack([self.chain[varying], to_keys(np.asarray(constants, np.float64)[varying])]),
+            axis=0,
+            return_inverse=True,
+        )
+        if len(pairs) > 64:
+            raise NotProvedError("one operation on an input with many different constants")
+        for number, (old, key) in enumerate(pairs.tolist(), 1):
+            chains.append((*self.chains[old - 1], (name, float(from_keys(np.array([key]))[0]))))
+            chain[varying[np.ravel(kind) == number - 1]] = number
+        value = AxisValue(self.axis, result, chain, tuple(chains), self.known)
+        before, after = self.ends(), value.ends()
+        lanes = varying[np.asarray(active)[varying]]
+        for given, got in zip(before, after, strict=True):
+            if np.any(np.isfinite(given[lanes]) & ~np.isfinite(got[lanes])) or np.any(np.isnan(got[lanes])):
+                raise NotProvedError(f"the operation {name} can overflow or meet NaN")
+        if name == "abs" and np.any((before[0][lanes] < 0) & (before[1][lanes] > 0)):
+            raise NotProvedError("ABS of a lane on both sides of zero")
+        return value
+
+    def cut_where(self, holds: Callable[[FloatArray, IntArray], BoolArray], lanes: IntArray) -> bool:
+        """Cut the lanes (of chains) in which a monotone decision is not the same at both ends; whether any was.
+
+        `holds` decides for values in lanes.
+        """
+        self.lift()
+        if self.chain is None:
+            return False
+        lanes = lanes[(self.chain[lanes] > 0) & (lanes < len(self.axis.ends))]
+        first, last = self.ends()
+        open_ = lanes[holds(first[lanes], lanes) != holds(last[lanes], lanes)]
+        if not open_.size:
+            return False
+        cuts = []
+        for number, chain in enumerate(self.chains, 1):
+            at = open_[self.chain[open_] == number]
+            if at.size:
+                cuts.append(
+                    bisected(
+                        lambda x, chain=chain, at=at: holds(run_chain(chain, x), at),  # type: ignore[misc]
+                        self.axis.starts[at],
+                        self.axis.ends[at],
+                    )
+                )
+        self.axis.cut(np.concatenate(cuts))
+        return True
+
+
+def _bits(values: AnyArray) -> IntArray:
+    is_float = values.dtype == np.float64
+    return np.ascontiguousarray(values).view(np.int64) if is_float else values.astype(np.int64)
+
+
+def input_value(axis: Axis) -> AxisValue:
+    """The input itself."""
+    chain = np.ones(axis.lanes, np.int64)
+    chain[-1] = 0
+    return AxisValue(axis, np.full(axis.lanes, np.nan), chain, ((),))

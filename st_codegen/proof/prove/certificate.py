@@ -1,0 +1,75 @@
+"""The certificate: what was proved, of which files, under which assumptions; the same bytes for the same files."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+from st_codegen.ir import ModelIR
+from st_codegen.project.bundle import Bundle
+from st_codegen.proof.prove.prove import ProveReport, Result, Verdict
+from st_codegen.proof.verify import target_folders
+
+FORMAT = "st-codegen certificate 1"
+
+STATEMENT = (
+    "For every proved entry and every float64 input (both zeros, denormals, infinities and NaN included) one call of "
+    "the block sets bValid to TRUE exactly where the model has an answer, and then the outputs have the bits that the "
+    "model file demands; where bValid is FALSE the outputs keep their last values."
+)
+ASSUMPTIONS = (
+    "LREAL and REAL are IEEE 754 binary64 and binary32, rounded to nearest, ties to even, with denormals",
+    "the compiler keeps the order and the roundings of the text: no extended precision, no fused multiply-add",
+    "integers, comparisons, arrays and conversions are those of IEC 61131-3",
+    "variables start with the initial values of the text, and nothing but the block writes to its instance",
+    "the rules of the library are those that docs/proof.md lists",
+)
+#: Files that hold Structured Text.
+TEXTS = (".st", ".TcPOU", ".TcDUT", ".TcGVL", ".xml")
+
+
+def certificate(bundle: Bundle, models: Path, generated: Path, report: ProveReport) -> dict[str, Any]:
+    """The content of a certificate for what `prove` found of a folder of models (or one file) and generated targets."""
+    folder = models if models.is_dir() else models.parent
+    files = {loaded.ir.name: loaded.ir.source.file for loaded in bundle.models}
+    named = sorted({*files.values(), *(["bundle.toml"] if (folder / "bundle.toml").is_file() else [])})
+    return {
+        "format": FORMAT,
+        "statement": STATEMENT,
+        "assumptions": list(ASSUMPTIONS),
+        "models": {name: _sha256(folder / name) for name in named},
+        "texts": {
+            target.name: {
+                path.relative_to(target).as_posix(): _sha256(path)
+                for path in sorted(target.rglob("*"))
+                if path.suffix in TEXTS
+            }
+            for target in target_folders(generated)
+        },
+        "proofs": [
+            _entry(result, next(loaded.ir for loaded in bundle.models if loaded.ir.name == result.model))
+            for result in report.results
+        ],
+    }
+
+
+def _entry(result: Result, model: ModelIR) -> dict[str, Any]:
+    entry: dict[str, Any] = {
+        "model": result.model,
+        "file": model.source.file,
+        "target": result.target,
+        "block": result.block,
+        "outputs": [f"fOut{number + 1}" for number in result.outputs],
+        "inputs": [feature.name for feature in model.features],
+        "verdict": result.verdict.value,
+    }
+    if result.verdict is Verdict.PROVED:
+        entry |= {"method": result.method, "trees": result.trees}
+    else:
+        entry["reason"] = result.reason
+    return entry
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

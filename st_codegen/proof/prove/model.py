@@ -1,0 +1,379 @@
+"""What a model demands, from its intermediate representation: decisions on boxes of inputs, and sums of trees.
+
+The rules of the library (comparison, rounding of inputs, missing values, categories, order and precision of the sum)
+are data of the representation. None of the passes and layouts of the compiler is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from st_codegen.ir import (
+    Aggregate,
+    Clip,
+    Comparison,
+    FillMissing,
+    ModelIR,
+    NanRule,
+    Operation,
+    Operator,
+    Precision,
+    Round,
+    Scale,
+    Select,
+    TreeEnsemble,
+    reference,
+)
+from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
+from st_codegen.proof.prove.axis import (
+    HIGHEST,
+    LOWEST,
+    Axis,
+    AxisValue,
+    NotProvedError,
+    bisected,
+    from_keys,
+    to_keys,
+)
+from st_codegen.proof.prove.boxes import Lanes, Space
+from st_codegen.proof.prove.expressions import Node, Pool
+
+#: A monotone column: the input it depends on and its value for numbers of that input.
+Column = tuple[int, Callable[[FloatArray], FloatArray]]
+
+
+@dataclass(frozen=True)
+class Domain:
+    """The inputs for which a model has an answer: keys from `low` to `high` of each input, and NaN where it may be."""
+
+    low: IntArray
+    high: IntArray
+    nan: bool
+
+
+def domain_of(model: ModelIR) -> Domain:
+    """The domain of a model: inputs are limited to the declared ranges first, and refused from a magnitude on."""
+    low, high = [], []
+    for feature, limit in zip(model.features, model.magnitude_limits, strict=True):
+        ends = [-np.inf, np.inf]
+        if limit is not None:
+            if feature.lower is None or feature.lower <= -limit:
+                ends[0] = float(np.nextafter(-limit, 0.0))
+            if feature.upper is None or feature.upper >= limit:
+                ends[1] = float(np.nextafter(limit, 0.0))
+        keys = to_keys(np.array(ends))
+        low.append(int(keys[0]))
+        high.append(int(keys[1]))
+    return Domain(np.array(low), np.array(high), model.accepts_nan)
+
+
+class ModelSide:
+    """The columns of all values of a model, as far as they depend on one input each, and its ensembles."""
+
+    def __init__(self, model: ModelIR) -> None:
+        self.model = model
+        self.domain = domain_of(model)
+        columns: list[list[Column | None]] = [[(f, self._limited(f)) for f in range(len(model.features))]]
+        self.ensembles: dict[int, Ensemble] = {}
+        for number, op in enumerate(model.ops, 1):
+            given = [column for value in op.inputs for column in columns[value]]
+            columns.append(_columns_after(op, given))
+            if isinstance(op, TreeEnsemble):
+                self.ensembles[number] = Ensemble(op, given, self.domain)
+
+    def _limited(self, feature: int) -> Callable[[FloatArray], FloatArray]:
+        declared = self.model.features[feature]
+        low = -np.inf if declared.lower is None else declared.lower
+        high = np.inf if declared.upper is None else declared.upper
+        return lambda x: np.clip(x, low, high)
+
+    def cuts(self, feature: int) -> IntArray:
+        """All keys of an input behind which a decision of the model may change."""
+        found = [ensemble.cuts(feature) for ensemble in self.ensembles.values()]
+        return np.unique(np.concatenate([*found, np.zeros(0, np.int64)]))
+
+    def outputs(self, pool: Pool, fixed: dict[tuple[int, int, int], float]) -> list[Node]:
+        """The expression of each output; `fixed` are trees that are constant on the domain.
+
+        Raises NotProvedError for operations that are not followed.
+        """
+        values: list[list[Node | None]] = [[None] * len(self.model.features)]
+        for number, op in enumerate(self.model.ops, 1):
+            given = [column for value in op.inputs for column in values[value]]
+            if isinstance(op, TreeEnsemble):
+                values.append(list(_sums(pool, op, number, fixed)))
+            elif isinstance(op, Select):
+                values.append([given[column] for column in op.columns])
+            elif isinstance(op, Scale) and all(node is not None for node in given):
+                values.append(
+                    [
+                        _scaled(pool, op, node, float(op.constant[at]))
+                        for at, node in enumerate(given)
+                        if node is not None
+                    ]
+                )
+            elif all(node is None for node in given):
+                values.append([None] * op.width)
+            else:
+                raise NotProvedError(f"the operation {type(op).__name__} behind trees is not followed")
+        return [node for node in values[-1] if node is not None]
+
+
+def _scaled(pool: Pool, op: Scale, node: Node, constant: float) -> Node:
+    names = {Operator.ADD: "add", Operator.SUBTRACT: "sub", Operator.MULTIPLY: "mul", Operator.DIVIDE: "div"}
+    pair = (node, pool.constant(constant))
+    result = pool.make(names[op.operator], *(pair[::-1] if op.reverse else pair))
+    return pool.make("single", result) if op.precision is Precision.FLOAT32 else result
+
+
+def _sums(pool: Pool, op: TreeEnsemble, number: int, fixed: dict[tuple[int, int, int], float]) -> list[Node]:
+    """The sums of an ensemble, every addition in the library's order."""
+    single = op.sum_precision is Precision.FLOAT32
+    name = {Aggregate.SUM: "add", Aggregate.MINIMUM: "min", Aggregate.MAXIMUM: "max"}[op.aggregate]
+
+    def rounded(node: Node) -> Node:
+        return pool.make("single", node) if single else node
+
+    results = []
+    for output in range(op.width):
+        later = op.base_last or op.aggregate is not Aggregate.SUM
+        start = {"add": 0.0, "min": np.finfo(np.float64).max, "max": -np.finfo(np.float64).max}[name]
+        total = pool.constant(float(start if later else op.base[output]))
+        for tree in range(op.n_trees):
+            if op.leaf_value.shape[1] == 1 and op.width > 1 and op.tree_output[tree] != output:
+                continue
+            key = (number, tree, output)
+            constant = fixed.get(key)
+            term = tree_leaf(pool, op, key) if constant is None else pool.constant(constant)
+            total = rounded(pool.make(name, total, term))
+        if op.divisor != 1.0:
+            total = rounded(pool.make("div", total, pool.constant(op.divisor)))
+        if later:
+            total = rounded(pool.make("add", total, pool.constant(float(op.base[output]))))
+        results.append(total)
+    return results
+
+
+def tree_leaf(pool: Pool, op: TreeEnsemble, key: tuple[int, int, int]) -> Node:
+    """What a tree gives to an output, as a term of a sum."""
+    values = op.leaf_value
+    minus_zero = bool(np.any((values == 0) & np.signbit(values)))
+    return pool.leaf("tree", *key, minus_zero=minus_zero, single=op.sum_precision is Precision.FLOAT32)
+
+
+def _columns_after(op: Operation, given: list[Column | None]) -> list[Column | None]:
+    """The columns of a result; None for what depends on several inputs or through comparisons."""
+    if isinstance(op, Select):
+        return [given[column] for column in op.columns]
+    result: list[Column | None] = []
+    for number in range(op.width):
+        step = _step(op, number)
+        column = given[number] if step is not None and number < len(given) else None
+        result.append(None if step is None or column is None else (column[0], _after(column[1], step)))
+    return result
+
+
+def _step(op: Operation, number: int) -> Operation | None:
+    """One column of an operation that is monotone in each of its columns."""
+    if isinstance(op, Scale) and not (op.reverse and op.operator is Operator.DIVIDE):
+        return Scale((0,), op.operator, op.constant[number : number + 1], op.precision, op.reverse)
+    if isinstance(op, Round):
+        return Round((0,), 1)
+    if isinstance(op, Clip):
+        return Clip((0,), op.lower[number : number + 1], op.upper[number : number + 1])
+    if isinstance(op, FillMissing) and op.sentinel is None:
+        return FillMissing((0,), 1, op.fill)
+    return None
+
+
+def _after(before: Callable[[FloatArray], FloatArray], step: Operation) -> Callable[[FloatArray], FloatArray]:
+    def value(x: FloatArray) -> FloatArray:
+        with np.errstate(all="ignore"):
+            return reference.apply(step, [before(x)[:, None]])[:, 0]
+
+    return value
+
+
+class Ensemble:
+    """Decisions of an ensemble on its model's inputs: for each node the last key of one side, and what NaN does."""
+
+    def __init__(self, op: TreeEnsemble, given: list[Column | None], domain: Domain) -> None:
+        self.op = op
+        self.domain = domain
+        if op.linear is not None:
+            raise NotProvedError("linear models in leaves are not followed")
+        nodes = op.n_nodes
+        self.feature = np.zeros(nodes, np.int64)
+        self.last = np.full(nodes, HIGHEST, np.int64)
+        self.below = np.ones(nodes, np.bool_)
+        self.nan = np.zeros(nodes, np.bool_)
+        self.gap: dict[int, tuple[int, int]] = {}
+        self.codes: dict[int, AxisValue] = {}
+        for number in range(len(op.columns)):
+            at = np.flatnonzero(op.split == number)
+            if at.size:
+                column = given[op.columns[number].column]
+                if column is None:
+                    raise NotProvedError("a tree behind operations that are not monotone, or that are inexact")
+                self._read(number, column, at)
+
+    def _value(self, column: Column, x: FloatArray) -> FloatArray:
+        with np.errstate(over="ignore"):
+            return reference.rounded(column[1](x), self.op.input_precision)
+
+    def _ends(self, feature: int) -> tuple[int, int]:
+        return int(self.domain.low[feature]), int(self.domain.high[feature])
+
+    def _read(self, number: int, column: Column, at: IntArray) -> None:
+        op, rule = self.op, self.op.columns[number]
+        self.feature[at] = column[0]
+        if rule.categorical:
+            self.codes[number] = self._category(number, column)
+            return
+        thresholds, back = np.unique(op.threshold[at], return_inverse=True)
+        last, below = self._changes(column, thresholds, strict=op.comparison is Comparison.LESS)
+        self.last[at], self.below[at] = last[back], below[back]
+        missing = op.missing_left[at]
+        zero = self._decision(np.zeros(len(at)), op.threshold[at])
+        if rule.missing_interval is not None:
+            low, high = rule.missing_interval
+            ends = [
+                self._changes(column, np.array([end]), strict=strict) for end, strict in ((low, True), (high, False))
+            ]
+            if not ends[0][1][0] or not ends[1][1][0]:
+                raise NotProvedError("an interval of missing values behind operations that are not followed")
+            self.gap[number] = int(ends[0][0][0]) + 1, int(ends[1][0][0])
+            zero = np.where((low <= 0) & (high >= 0), missing, zero)
+        self.nan[at] = missing if rule.nan is NanRule.MISSING else zero
+
+    def _decision(self, value: FloatArray, threshold: FloatArray) -> BoolArray:
+        left = value < threshold if self.op.comparison is Comparison.LESS else value <= threshold
+        return np.asarray(left | (threshold == np.inf), np.bool_)
+
+    def _changes(self, column: Column, thresholds: FloatArray, *, strict: bool) -> tuple[IntArray, BoolArray]:
+        """The last key up to which a comparison with each threshold is as for the smallest number, and what it is."""
+
+        def decide(x: FloatArray, chosen: IntArray) -> BoolArray:
+            value = self._value(column, x)
+            limit = thresholds[chosen]
+            return np.asarray((value < limit if strict else value <= limit) | (limit == np.inf), np.bool_)
+
+        low, high = (np.full(len(thresholds), end, np.int64) for end in self._ends(column[0]))
+        everything = np.arange(len(thresholds))
+        first = decide(from_keys(low), everything)
+        changes = np.flatnonzero(decide(from_keys(high), everything) != first)
+        last = np.full(len(thresholds), HIGHEST, np.int64)
+        last[changes] = bisected(lambda x: decide(x, changes), low[changes], high[changes])
+        return last, first
+
+    def _category(self, number: int, column: Column) -> AxisValue:
+        """The code of a category column on an axis that is cut where it changes."""
+        rule = self.op.columns[number]
+        axis = Axis(column[0])
+        if rule.categories is not None:
+            points = np.array(sorted(set(rule.categories)))
+        else:
+            points = np.arange(-1.0, rule.n_categories + 1)
+        if np.any(np.abs(points) >= 2.0**40):
+            raise NotProvedError("category numbers of 2**40 and more")
+        gap = rule.missing_interval
+        points = points if gap is None else np.append(points, gap)
+        for strict in (True, False):
+            axis.cut(self._changes(column, points, strict=strict)[0])
+        value = self._value(column, axis.low)
+        missing = np.isnan(value) & (rule.nan is NanRule.MISSING)
+        value = np.where(np.isnan(value), 0.0, value)
+        if gap is not None:
+            missing |= (value >= gap[0]) & (value <= gap[1])
+        with np.errstate(invalid="ignore"):
+            inside = np.clip(value, -(2.0**40), 2.0**40)
+        codes = np.where(missing, rule.n_categories + 1, reference.category_code(rule, inside))
+        return AxisValue(axis, codes.astype(np.int64))
+
+    def cuts(self, feature: int) -> IntArray:
+        """IntArray of an input behind which a decision may change."""
+        found = [self.last[(self.feature == feature) & (self.op.split >= 0)]]
+        for number, (low, high) in self.gap.items():
+            if np.any(self.feature[self.op.split == number] == feature):
+                found.append(np.array([low - 1, high]))
+        found += [value.axis.ends for value in self.codes.values() if value.axis.feature == feature]
+        keys = np.unique(np.concatenate(found))
+        return keys[(keys >= LOWEST) & (keys < HIGHEST)]
+
+    def leaves(self, space: Space, tree: int) -> Lanes:
+        """The leaf of a tree that each box reaches; the space is split where a split divides a box."""
+        op = self.op
+        node = Lanes(space, np.full(space.lanes, op.roots[tree], np.int64))
+        while True:
+            here = node.lift().value
+            inner = op.split[here] >= 0
+            if not np.any(inner):
+                return Lanes(space, op.leaf[here].astype(np.int64))
+            missing = self._missing(space, node)
+            here = node.lift().value
+            inner = op.split[here] >= 0
+            categories = self._category_decisions(space, node)
+            here = node.lift().value
+            inner = op.split[here] >= 0
+            left = Lanes(
+                space,
+                space.decide(
+                    self.feature[here], self.last[here], self.below[here], self.nan[here], inner & ~categories[1]
+                ),
+            )
+            here = node.lift().value
+            inner = op.split[here] >= 0
+            goes = left.value
+            if missing is not None:
+                goes = np.where(missing.lift().value.astype(np.bool_), op.missing_left[here], goes)
+            if categories[0] is not None:
+                codes = categories[0].lift()
+                known = codes.known
+                assert known is not None
+                row = op.category_row[here] + codes.value
+                chosen = op.category_left[np.where(known, row, 0)]
+                goes = np.where(known, chosen, goes)
+            node = Lanes(space, np.where(inner, np.where(goes, op.left[here], op.right[here]), here).astype(np.int64))
+
+    def _missing(self, space: Space, node: Lanes) -> Lanes | None:
+        """Where the number of a column lies in the interval that counts as missing."""
+        result: Lanes | None = None
+        for number, (low, high) in self.gap.items():
+            inside = Lanes(space, self.op.split[node.lift().value] == number)
+            # NaN keeps the way that `nan` has for it
+            for last, below in ((high, True), (low - 1, False)):
+                active = inside.lift().value.astype(np.bool_)
+                lanes = space.lanes
+                holds = space.decide(
+                    self.feature[node.lift().value],
+                    np.full(lanes, last),
+                    np.full(lanes, below),
+                    np.zeros(lanes, np.bool_),
+                    active,
+                )
+                inside = Lanes(space, holds)
+            result = inside if result is None else Lanes(space, inside.value | result.lift().value)
+        return result
+
+    def _category_decisions(self, space: Space, node: Lanes) -> tuple[Lanes | None, BoolArray]:
+        """The category codes of boxes at category splits, and which boxes these are."""
+        result: Lanes | None = None
+        for number, codes in self.codes.items():
+            at = self.op.split[node.lift().value] == number
+            if not np.any(at):
+                continue
+            value, _ = space.resolve(codes, at)
+            at = self.op.split[node.lift().value] == number
+            if result is None:
+                result = Lanes(space, np.where(at, value, 0), at)
+            else:
+                result.lift()
+                assert result.known is not None
+                result = Lanes(space, np.where(at, value, result.value), result.known | at)
+        if result is None:
+            return None, np.zeros(space.lanes, np.bool_)
+        assert result.known is not None
+        return result, result.known

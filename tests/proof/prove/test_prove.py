@@ -1,0 +1,100 @@
+"""The proof for all inputs: golden projects in every dialect and layout, and texts that were changed by hand."""
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from st_codegen.cli.main import main
+from st_codegen.driver import generate
+from st_codegen.passes.choose import Layout, Options
+from st_codegen.project.bundle import load
+from st_codegen.proof.prove.prove import Verdict, prove
+
+GOLDEN = Path(__file__).resolve().parents[3] / "golden"
+#: Golden models that `prove` does not cover, and why it says so.
+NOT_COVERED = {
+    "a model without trees": {
+        *("elastic_net", "lasso", "linear_regression", "linear_svr", "mlp_logistic", "mlp_relu", "mlp_tanh", "nu_svr"),
+        *("onnx_network", "onnx_svm", "ridge", "svr", "svr_polynomial", "xgboost_gblinear"),
+    },
+    "linear models in leaves": {"lightgbm_linear"},
+}
+
+
+def expected_reason(name):
+    return next((reason for reason, names in NOT_COVERED.items() if name in names), None)
+
+
+@pytest.mark.parametrize("target", ["iec", "twincat"])
+def test_golden_tree_models_are_proved_and_what_is_not_covered_is_named(target):
+    report = prove(load(GOLDEN / "lone" / "models"), GOLDEN / "lone" / "generated" / target)
+    for result in report.results:
+        reason = expected_reason(result.model)
+        if reason is None:
+            assert result.verdict is Verdict.PROVED, result
+        else:
+            assert result.verdict is Verdict.NOT_PROVED, result
+            assert reason in result.reason
+
+
+@pytest.mark.parametrize("ranks", [True, False])
+def test_trees_are_proved_tree_by_tree(ranks, tmp_path):
+    bundle = load(GOLDEN / "lone" / "models")
+    generate(bundle, "iec", tmp_path, options=Options(layout=Layout.TREES, ranks=ranks))
+    for result in prove(bundle, tmp_path).results:
+        if expected_reason(result.model) is None and result.model != "xgboost_poisson":
+            assert (result.verdict, result.method) == (Verdict.PROVED, "sums of trees, tree by tree"), result
+
+
+def test_tables_that_models_share_are_proved():
+    report = prove(load(GOLDEN / "bundle" / "models"), GOLDEN / "bundle" / "generated" / "iec")
+    assert {result.model for result in report.results if result.verdict is not Verdict.PROVED} == {
+        "A0_backward",
+        "A0_forward",
+    }
+
+
+def copied(tmp_path, name="random_forest"):
+    folder = tmp_path / "out" / "iec"
+    shutil.copytree(GOLDEN / "lone" / "generated" / "iec", folder)
+    models = tmp_path / "models"
+    models.mkdir()
+    source = next((GOLDEN / "lone" / "models").glob(f"{name}.*"))
+    shutil.copy(source, models)
+    return models, folder / f"FB_{name.capitalize()}.st"
+
+
+def test_a_constant_changed_by_hand_is_refuted_with_an_input(tmp_path, capsys):
+    models, text = copied(tmp_path)
+    number = re.search(r"EDGE_1_0 : .*\n\s+([0-9.]+)", text.read_text())[1]
+    changed = float(np.nextafter(float(number), np.inf))
+    text.write_text(text.read_text().replace(number, repr(changed), 1))
+    with pytest.raises(SystemExit) as end:
+        main(["prove", str(models), "--generated", str(tmp_path / "out"), "--quiet"])
+    assert end.value.code == 1
+    said = capsys.readouterr().err
+    assert "refuted" in said
+    # the only number that the two thresholds tell apart
+    assert repr(changed) in said
+
+
+def test_an_unknown_statement_is_never_proved(tmp_path):
+    models, text = copied(tmp_path)
+    text.write_text(text.read_text().replace("bValid := bUsable;", "bValid := bUsable;\nWHILE FALSE DO\n;\nEND_WHILE;"))
+    (result,) = prove(load(models), tmp_path / "out").results
+    assert result.verdict is Verdict.NOT_PROVED
+    assert "While" in result.reason
+
+
+def test_the_command_proves_and_writes_the_same_certificate_twice(tmp_path):
+    models, _ = copied(tmp_path)
+    contents = []
+    for name in ("one.json", "two.json"):
+        with pytest.raises(SystemExit) as end:
+            main(["prove", str(models), "-g", str(tmp_path / "out"), "--certificate", str(tmp_path / name)])
+        assert end.value.code == 0
+        contents.append((tmp_path / name).read_bytes())
+    assert contents[0] == contents[1]
