@@ -7,6 +7,8 @@ within a few units of the last place.
 
 from __future__ import annotations
 
+from functools import singledispatch
+
 import numpy as np
 
 from st_codegen.beckhoff_ml.blocks import engine_limits
@@ -28,9 +30,6 @@ from st_codegen.ir import (
 )
 from st_codegen.proof import bounds
 
-_UNIT = {Precision.FLOAT64: 2.0**-53, Precision.FLOAT32: 2.0**-24}
-#: A sigmoid, TANH, EXP or the like of the engine: relative error in units of roundoff, as in `bounds`.
-_FUNCTION_ROUNDINGS = 12
 #: Roundings of `scaling * x + offset` and of its two numbers.
 _AFFINE_ROUNDINGS = 8
 #: What float32 loses below its smallest normal number, many times over.
@@ -43,7 +42,7 @@ def engine_bound(model: ModelIR, x: FloatArray) -> FloatArray:
     0 where every step is exact, infinite where rounding may send a row through other leaves of a tree without bound.
     """
     engine = engines_of(model)[0]
-    unit = max((_UNIT[op.precision] for op in model.ops if isinstance(op, Scale)), default=0.0)
+    unit = max((bounds.UNIT[op.precision] for op in model.ops if isinstance(op, Scale)), default=0.0)
     values = reference.trace(model, x)
     differences = [np.zeros_like(values[0])]
     with np.errstate(all="ignore"):
@@ -56,14 +55,16 @@ def engine_bound(model: ModelIR, x: FloatArray) -> FloatArray:
             if engine.first <= number <= engine.last:
                 difference = difference + _own_error(op, engine, operands[0], given[0], values[number])
             elif isinstance(op, Round):
-                difference = difference + _UNIT[Precision.FLOAT32] * np.abs(operands[0])  # the engine does not round
+                difference = difference + bounds.UNIT[Precision.FLOAT32] * np.abs(
+                    operands[0]
+                )  # the engine does not round
             differences.append(np.where(np.isnan(difference), np.inf, difference))
         core = values[engine.last]
         difference = differences[-1] + _affine_error(
             output_of(model, engine.last), core, differences[engine.last], unit
         )
     if _answers_in_single(engine):
-        difference = difference + _UNIT[Precision.FLOAT32] * np.abs(values[-1])
+        difference = difference + bounds.UNIT[Precision.FLOAT32] * np.abs(values[-1])
         # beyond REAL, on the way or at the end, the engine has no answer and the block flags the row
         largest = np.max(np.abs(np.hstack(values)), axis=1, keepdims=True)
         difference = np.where(largest < CEILING[Precision.FLOAT32], difference, np.inf)
@@ -85,7 +86,7 @@ def _input_error(engine: Engine, x: FloatArray, operand: FloatArray, unit: float
         error = error + np.max(whole, axis=1, keepdims=True)
     if engine.rounds or engine.precision is Precision.FLOAT32:
         # the input itself is handed over as REAL, and what is computed from it is rounded again
-        single = _UNIT[Precision.FLOAT32]
+        single = bounds.UNIT[Precision.FLOAT32]
         handed = np.max(np.abs(engine.input.scaling * x), axis=1, keepdims=True)
         error = error + 2 * single * (size + handed + error)
     return error
@@ -99,21 +100,35 @@ def _affine_error(affine: Affine, x: FloatArray, difference: FloatArray, unit: f
     return _AFFINE_ROUNDINGS * unit * size
 
 
+@singledispatch
 def _own_error(op: Operation, engine: Engine, operand: FloatArray, given: FloatArray, result: FloatArray) -> FloatArray:
-    """What the engine's own numbers and arithmetic add to the difference."""
-    unit = _UNIT[engine.precision]
-    if isinstance(op, Linear):
-        weights = np.abs(op.weights)
-        size = (np.abs(operand) + given) @ weights.T + np.abs(op.bias)
-        # one rounding of each weight, one of each product, and the sum; the weights' own error grows the sum a little
-        return bounds.gamma(op.operand_width + 4, engine.precision) * (1 + unit) * size + _TINY
-    if isinstance(op, Activation):
-        return np.where(op.exact, 1.0, _FUNCTION_ROUNDINGS) * unit * (np.abs(result) + given + 1.0) + _TINY
-    if isinstance(op, KernelSum):
-        return np.zeros_like(result)  # `bounds` allows for two evaluations in float64
-    if isinstance(op, TreeEnsemble):
-        return _tree_error(op, result)
-    return unit * np.abs(result)
+    """What the engine's own numbers and arithmetic add to the difference: one rounding, unless registered otherwise."""
+    return bounds.UNIT[engine.precision] * np.abs(result)
+
+
+@_own_error.register
+def _(op: Linear, engine: Engine, operand: FloatArray, given: FloatArray, result: FloatArray) -> FloatArray:
+    weights = np.abs(op.weights)
+    size = (np.abs(operand) + given) @ weights.T + np.abs(op.bias)
+    # one rounding of each weight, one of each product, and the sum; the weights' own error grows the sum a little
+    terms = bounds.gamma(op.operand_width + 4, engine.precision)
+    return terms * (1 + bounds.UNIT[engine.precision]) * size + _TINY
+
+
+@_own_error.register
+def _(op: Activation, engine: Engine, operand: FloatArray, given: FloatArray, result: FloatArray) -> FloatArray:
+    roundings = np.where(op.exact, 1.0, bounds.FUNCTION_ROUNDINGS)
+    return roundings * bounds.UNIT[engine.precision] * (np.abs(result) + given + 1.0) + _TINY
+
+
+@_own_error.register
+def _(op: KernelSum, engine: Engine, operand: FloatArray, given: FloatArray, result: FloatArray) -> FloatArray:
+    return np.zeros_like(result)  # `proof.bounds` allows for two evaluations in float64
+
+
+@_own_error.register
+def _(op: TreeEnsemble, engine: Engine, operand: FloatArray, given: FloatArray, result: FloatArray) -> FloatArray:
+    return _tree_error(op, result)
 
 
 def _tree_error(op: TreeEnsemble, result: FloatArray) -> FloatArray:

@@ -13,6 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from st_codegen.beckhoff_ml.file import ACTIVATIONS, KERNELS
 from st_codegen.errors import UnsupportedModelError, errors_name
 from st_codegen.ir import (
     FLOAT32_OVERFLOW,
@@ -36,20 +37,8 @@ from st_codegen.ir import (
     TreeEnsemble,
 )
 
-ACTIVATIONS = {
-    Function.LOGISTIC: "ACT_FN_SIGMOID",
-    Function.EXP: "ACT_FN_EXP",
-    Function.TANH: "ACT_FN_TANH",
-    Function.RELU: "ACT_FN_RELU",
-    Function.SOFTPLUS: "ACT_FN_SOFTPLUS",
-    Function.IDENTITY: "ACT_FN_IDENTITY",
-}
-KERNELS = {
-    Kernel.LINEAR: "KERNEL_FN_LINEAR",
-    Kernel.POLYNOMIAL: "KERNEL_FN_POLYNOMIAL",
-    Kernel.RBF: "KERNEL_FN_RBF",
-    Kernel.SIGMOID: "KERNEL_FN_SIGMOID",
-}
+_ACTIVATION_NAMES = {function: f"ACT_FN_{name}" for name, function in ACTIVATIONS.items()}
+_KERNEL_NAMES = {kernel: f"KERNEL_FN_{name}" for name, kernel in KERNELS.items()}
 
 
 @dataclass(frozen=True)
@@ -83,7 +72,7 @@ class Affine:
         return Affine(a / c, b / c, t / np.abs(c))
 
     def of(self, columns: Int32Array) -> Affine:
-        """Some of the columns."""
+        """The transformation of some of the columns."""
         return Affine(self.scaling[columns], self.offset[columns], self.terms[columns])
 
     def placed(self, positions: Int32Array, width: int) -> Affine:
@@ -190,7 +179,7 @@ class SvmEngine(Engine):
 
     @property
     def kernel_name(self) -> str:
-        return KERNELS[self.kernel]
+        return _KERNEL_NAMES[self.kernel]
 
     @property
     def vectors_per_class(self) -> tuple[int, int]:
@@ -377,14 +366,14 @@ def _(op: Linear, front: _Front) -> tuple[Engine, ...]:
         elif not isinstance(current, Round):
             break
         last = at
-    unknown = sorted({function.value for _, function in layers if function not in ACTIVATIONS})
+    unknown = sorted({function.value for _, function in layers if function not in _ACTIVATION_NAMES})
     if unknown:
         raise UnsupportedModelError(f"no engine has the activation function {', '.join(unknown)}")
     first = np.zeros((op.width, len(model.features)))
     first[:, front.columns] = op.weights
     weights = [first, *(layer.weights for layer, _ in layers[1:])]
     built = tuple(
-        Layer(ACTIVATIONS[function], _single(np.column_stack([matrix, layer.bias])))
+        Layer(_ACTIVATION_NAMES[function], _single(np.column_stack([matrix, layer.bias])))
         for matrix, (layer, function) in zip(weights, layers, strict=True)
     )
     return (

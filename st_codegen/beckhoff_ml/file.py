@@ -13,8 +13,23 @@ import numpy as np
 from lxml import etree
 
 from st_codegen.errors import InputError
-from st_codegen.ir import FloatArray, IntArray
+from st_codegen.ir import FloatArray, Function, IntArray, Kernel
 
+#: Activation functions and kernels by the vendor's names, which carry the prefixes ACT_FN_ and KERNEL_FN_ in a file.
+ACTIVATIONS = {
+    "SIGMOID": Function.LOGISTIC,
+    "EXP": Function.EXP,
+    "TANH": Function.TANH,
+    "RELU": Function.RELU,
+    "SOFTPLUS": Function.SOFTPLUS,
+    "IDENTITY": Function.IDENTITY,
+}
+KERNELS = {
+    "LINEAR": Kernel.LINEAR,
+    "POLYNOMIAL": Kernel.POLYNOMIAL,
+    "RBF": Kernel.RBF,
+    "SIGMOID": Kernel.SIGMOID,
+}
 MAX_BYTES = 1 << 30
 MAX_INPUTS = 1 << 16
 #: So much of a text from outside is shown in a message.
@@ -80,7 +95,7 @@ class XmlElement:
         return [XmlElement(child, self.file) for child in found]
 
     def text(self, name: str) -> str:
-        """A text attribute."""
+        """The text of an attribute. Raises InputError where there is none."""
         value = self.element.get(name)
         if value is None:
             raise self.error(f"no attribute '{name}'")
@@ -101,18 +116,18 @@ class XmlElement:
         return int(text)
 
     def double(self, name: str) -> float:
-        """One float64 number."""
+        """The only float64 number of an attribute."""
         values = self.doubles(name)
         if len(values) != 1:
             raise self.error(f"{name} has {len(values)} numbers, one is expected")
         return float(values[0])
 
     def doubles(self, name: str) -> FloatArray:
-        """float64 numbers."""
+        """The float64 numbers of an attribute."""
         return self._numbers(name, self._value(name, "arrfp64", "fp64", "arrfp32", "fp32"))
 
     def singles(self, name: str) -> FloatArray:
-        """float32 numbers, widened."""
+        """The float32 numbers of an attribute, as float64."""
         values = self._numbers(name, self._value(name, "arrfp32", "fp32"))
         with np.errstate(over="ignore"):
             rounded = values.astype(np.float32).astype(np.float64)
@@ -121,7 +136,7 @@ class XmlElement:
         return rounded
 
     def integers(self, name: str) -> IntArray:
-        """Whole numbers."""
+        """The whole numbers of an attribute."""
         values = self._numbers(name, self._value(name, "arrint64", "int64", "arrint32", "int32"))
         if np.any(values != np.rint(values)) or np.any(np.abs(values) > 2**31):
             raise self.error(f"{name} has a number that is no whole number of 32 bits")

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.beckhoff_ml.file import MAX_BYTES, MAX_INPUTS, SHOWN, XmlElement, parse
+from st_codegen.beckhoff_ml.file import ACTIVATIONS, KERNELS, MAX_BYTES, MAX_INPUTS, SHOWN, XmlElement, parse
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import (
     FLOAT32_OVERFLOW,
@@ -39,14 +39,6 @@ from st_codegen.ir import (
 from st_codegen.ir.preorder import preorder
 from st_codegen.walkers.base import GraphBuilder, LoadedModel, Predictor
 
-_ACTIVATIONS = {
-    "SIGMOID": Function.LOGISTIC,
-    "EXP": Function.EXP,
-    "TANH": Function.TANH,
-    "RELU": Function.RELU,
-    "SOFTPLUS": Function.SOFTPLUS,
-    "IDENTITY": Function.IDENTITY,
-}
 _FUNCTIONS: dict[Function, Callable[[Any], Any]] = {
     Function.LOGISTIC: lambda x: 1 / (1 + np.exp(-x)),
     Function.EXP: np.exp,
@@ -54,12 +46,6 @@ _FUNCTIONS: dict[Function, Callable[[Any], Any]] = {
     Function.RELU: lambda x: np.maximum(x, 0),
     Function.SOFTPLUS: lambda x: np.logaddexp(0, x),
     Function.IDENTITY: lambda x: x,
-}
-_KERNELS = {
-    "LINEAR": Kernel.LINEAR,
-    "POLYNOMIAL": Kernel.POLYNOMIAL,
-    "RBF": Kernel.RBF,
-    "SIGMOID": Kernel.SIGMOID,
 }
 
 
@@ -96,7 +82,7 @@ class _Transformation:
         return self.scaling * x + self.offset
 
     def add(self, builder: GraphBuilder, value: int) -> int:
-        """As two operations."""
+        """Add the transformation to a model as two operations."""
         value = builder.add(Scale((value,), Operator.MULTIPLY, self.scaling))
         return builder.add(Scale((value,), Operator.ADD, self.offset))
 
@@ -292,17 +278,17 @@ class _Network(_File):
             if layer.text("str_type").upper() != "DENSE":
                 raise UnsupportedModelError(f"{layer.file}: a layer '{layer.text('str_type')[:SHOWN]}' is not read")
             name = layer.text("str_activationFunction").removeprefix("ACT_FN_")
-            if name not in _ACTIVATIONS:
+            if name not in ACTIVATIONS:
                 raise UnsupportedModelError(
                     f"{layer.file}: the activation function '{name[:SHOWN]}' is not read; known are "
-                    f"{', '.join(_ACTIVATIONS)}"
+                    f"{', '.join(ACTIVATIONS)}"
                 )
             matrix = layer.only("WeightMatrix").matrix(XmlElement.singles)
             neurons = described.count("numNeurons", MAX_INPUTS)
             if matrix.shape != (neurons, width + bias):
                 raise layer.error(f"weights of shape {matrix.shape}, expected is {(neurons, width + bias)}")
             weights, constant = (matrix[:, :-1], matrix[:, -1]) if bias else (matrix, np.zeros(neurons))
-            self.layers.append((weights, constant, _ACTIVATIONS[name]))
+            self.layers.append((weights, constant, ACTIVATIONS[name]))
             width = neurons
         if not self.layers:
             raise self.configuration.error("a network without layers")
@@ -332,11 +318,11 @@ class _SupportVectors(_File):
         if kind not in ("EPSILON_REGRESSION", "NU_REGRESSION"):
             raise UnsupportedModelError(f"{self.model.file}: support vectors for '{kind[:SHOWN]}' are not read")
         name = self.configuration.text("str_kernelFunction").removeprefix("KERNEL_FN_")
-        if name not in _KERNELS:
+        if name not in KERNELS:
             raise UnsupportedModelError(
-                f"{self.model.file}: the kernel '{name[:SHOWN]}' is not read; known are {', '.join(_KERNELS)}"
+                f"{self.model.file}: the kernel '{name[:SHOWN]}' is not read; known are {', '.join(KERNELS)}"
             )
-        self.kernel = _KERNELS[name]
+        self.kernel = KERNELS[name]
         self.gamma = 1.0 if self.kernel is Kernel.LINEAR else self.configuration.double("gamma")
         shifted = self.kernel in (Kernel.POLYNOMIAL, Kernel.SIGMOID)
         self.coef0 = self.configuration.double("coef0") if shifted else 0.0

@@ -87,7 +87,7 @@ def singles(values: Iterable[float]) -> str:
 
 
 def integers(values: Iterable[int]) -> str:
-    """Whole numbers."""
+    """Whole numbers as text."""
     return ",".join(str(value) for value in np.asarray(values, np.int64).tolist())
 
 

@@ -50,7 +50,7 @@ class NanRule(StrEnum):
 
 
 class Operator(StrEnum):
-    """Arithmetic of two numbers."""
+    """An arithmetic operator between two numbers."""
 
     ADD = "+"
     SUBTRACT = "-"
@@ -154,7 +154,7 @@ class Elementwise:
         return self.width
 
     def check_operands(self, total: int) -> None:
-        """Nothing beyond the width."""
+        """Accept any inputs: beyond their width nothing is asked of them."""
 
 
 class ColumnFunction(Elementwise):

@@ -169,7 +169,7 @@ class Linear:
         return int(self.weights.shape[1])
 
     def check_operands(self, total: int) -> None:
-        """Nothing beyond the width."""
+        """Accept any input: beyond its width nothing is asked of it."""
 
     @property
     def width(self) -> int:
@@ -260,7 +260,7 @@ class KernelSum:
         return int(self.support_vectors.shape[1])
 
     def check_operands(self, total: int) -> None:
-        """Nothing beyond the width."""
+        """Accept any input: beyond its width nothing is asked of it."""
 
     @property
     def width(self) -> int:

@@ -42,11 +42,12 @@ from st_codegen.ir import (
 )
 from st_codegen.passes.kernels import grid_of
 
-_UNIT = {Precision.FLOAT64: 2.0**-53, Precision.FLOAT32: 2.0**-24}
+#: Unit roundoff of each precision.
+UNIT = {Precision.FLOAT64: 2.0**-53, Precision.FLOAT32: 2.0**-24}
 
 #: Relative error of one transcendental function, in units of roundoff: libraries document up to 4 ulp (8 u) for their
 #: vectorised versions; the generated formulas have at most 8 roundings besides one EXP, LN or quotient of 2 ulp.
-_FUNCTION_ROUNDINGS = 12
+FUNCTION_ROUNDINGS = 12
 
 #: What is lost by taking 0 for exponentials below exp(-708).
 _TINY = 1e-307
@@ -73,13 +74,13 @@ def difference_bound(model: ModelIR, x: FloatArray) -> FloatArray:
 
 def gamma(terms: int, precision: Precision) -> float:
     """Relative error of a sum of so many terms, in any order."""
-    unit = _UNIT[precision]
+    unit = UNIT[precision]
     return terms * unit / (1.0 - terms * unit)
 
 
 def _rounding(op: Operation, result: FloatArray, difference: FloatArray) -> FloatArray:
     """Rounding after one exact elementwise operation: equal inputs round to equal results, others add an error each."""
-    unit = _UNIT[getattr(op, "precision", Precision.FLOAT64)]
+    unit = UNIT[getattr(op, "precision", Precision.FLOAT64)]
     return np.where(difference > 0, difference * (1 + unit) + 2 * unit * (np.abs(result) + difference), 0.0)
 
 
@@ -121,7 +122,7 @@ def _arithmetic(operator: Operator, operands: list[FloatArray], given: list[Floa
 
 @step.register
 def _(op: Round, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
-    unit = _UNIT[Precision.FLOAT32]
+    unit = UNIT[Precision.FLOAT32]
     return np.where(given[0] > 0, given[0] + 2 * unit * (np.abs(operands[0]) + given[0]), 0.0)
 
 
@@ -145,7 +146,7 @@ def _sum_rounding(terms: int, size: FloatArray, result: FloatArray, precision: P
     """The library adds in its precision, the generated code in LREAL with one rounding at the end."""
     library = gamma(terms, precision) * size
     generated = gamma(terms, Precision.FLOAT64) * size
-    last = _UNIT[precision] * np.abs(result) if precision is Precision.FLOAT32 else 0.0
+    last = UNIT[precision] * np.abs(result) if precision is Precision.FLOAT32 else 0.0
     return library + generated + last
 
 
@@ -155,7 +156,7 @@ def _(op: Activation, operands: list[FloatArray], given: list[FloatArray], resul
     moved = _slope(op, x, difference) * difference
     if op.exact:
         return _rounding(op, result, moved)
-    roundings = _FUNCTION_ROUNDINGS * (_UNIT[op.precision] + _UNIT[Precision.FLOAT64])
+    roundings = FUNCTION_ROUNDINGS * (UNIT[op.precision] + UNIT[Precision.FLOAT64])
     # libraries lose digits where they take 1 - y or exp(x) - 1 instead of the accurate form (onnxruntime's Sigmoid and
     # Elu), and softplus adds a part of up to log(2): the error is then one of a number of this size
     size = np.abs(result) + moved
@@ -226,13 +227,13 @@ def _kernel_difference(
     """
     terms = len(vector)
     both = gamma(terms + 4, op.precision) + gamma(terms + 4, Precision.FLOAT64)
-    function = _FUNCTION_ROUNDINGS * (_UNIT[op.precision] + _UNIT[Precision.FLOAT64])
+    function = FUNCTION_ROUNDINGS * (UNIT[op.precision] + UNIT[Precision.FLOAT64])
     kernel = reference.kernel_value(op, x, vector)
     if op.kernel is Kernel.RBF:
         delta = np.abs(x - vector)
         distance = np.sum(delta**2, axis=1)
         argument = op.gamma * (both * distance + np.sum(2 * delta * moved + moved**2, axis=1))
-        function += (factors - 1) * (_FUNCTION_ROUNDINGS + 1) * _UNIT[Precision.FLOAT64]
+        function += (factors - 1) * (FUNCTION_ROUNDINGS + 1) * UNIT[Precision.FLOAT64]
         return kernel, kernel * (np.expm1(argument) + function) + factors * _TINY
     size = np.sum(np.abs(x * vector), axis=1)
     change = both * size + np.sum(np.abs(vector) * moved, axis=1)
@@ -252,7 +253,7 @@ def _(op: FactoredKernel, operands: list[FloatArray], given: list[FloatArray], r
 
 
 def _unfactored(op: FactoredKernel) -> KernelSum:
-    """The same sum over all points of the grid."""
+    """The kernel sum over all points of the grid that a factored kernel stands for."""
     columns = np.argsort(op.columns)
     points = np.stack(np.meshgrid(*op.axes, indexing="ij"), -1).reshape(-1, len(op.axes))[:, columns]
     return KernelSum(

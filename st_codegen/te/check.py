@@ -10,7 +10,7 @@ import numpy as np
 
 from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.output import read_manifest
-from st_codegen.ir import FloatArray, ModelIR, reference
+from st_codegen.ir import FloatArray, ModelIR, Precision, reference
 from st_codegen.project.purpose import BlockCheck, DifferenceBound, RunsBlocks
 from st_codegen.proof import bounds
 from st_codegen.te.compensation.harmonic_sum import ERROR_PER_ORDER
@@ -21,7 +21,7 @@ from st_codegen.te.harmonics import Direction, Quantity, TransmissionError
 _ROUNDINGS = 16
 #: Operating points on which FB_TEPredict and FB_Compensator are tried; their models are verified by themselves.
 _ROWS = 2_000
-_UNIT = 2.0**-53
+_UNIT = bounds.UNIT[Precision.FLOAT64]
 
 
 @dataclass(frozen=True)

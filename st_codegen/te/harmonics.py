@@ -11,7 +11,7 @@ from st_codegen.ir import Feature
 
 
 class Direction(StrEnum):
-    """Direction of rotation."""
+    """The direction in which the output shaft rotates."""
 
     FORWARD = "forward"
     BACKWARD = "backward"

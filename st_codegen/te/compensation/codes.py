@@ -31,12 +31,12 @@ class Codes:
 
     @property
     def all(self) -> tuple[Code, ...]:
-        """All values in order."""
+        """All codes of the enumeration, in the order of their numbers."""
         return tuple(self._codes.values())
 
     @property
     def enumeration(self) -> Enumeration:
-        """The type."""
+        """The enumeration as a type of the generated project."""
         return Enumeration(
             self.type, self.comment, tuple(EnumValue(code.name, code.value, code.comment) for code in self.all)
         )

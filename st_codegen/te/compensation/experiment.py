@@ -17,7 +17,7 @@ _SMALLEST_SPEED = 10.0
 
 
 def inputs() -> tuple[Variable, ...]:
-    """Commands, settings, sensors."""
+    """The inputs of the measurement: commands, settings and sensors."""
     return (
         boolean("bStart", "TRUE starts a measurement; FALSE after its end makes ready for the next"),
         boolean("bAbort", "TRUE ends it: torque and speed go down to zero"),

@@ -57,17 +57,17 @@ def same(names: Iterable[str]) -> list[CallArgument]:
 
 
 def lreal(name: str, comment: str, initial: str = "") -> Variable:
-    """A LREAL variable."""
+    """Declare a LREAL variable."""
     return Variable(name, "LREAL", initial=initial, comment=comment)
 
 
 def boolean(name: str, comment: str, initial: str = "") -> Variable:
-    """A BOOL variable."""
+    """Declare a BOOL variable."""
     return Variable(name, "BOOL", initial=initial, comment=comment)
 
 
 def dint(name: str, comment: str, initial: str = "") -> Variable:
-    """A DINT variable."""
+    """Declare a DINT variable."""
     return Variable(name, "DINT", initial=initial, comment=comment)
 
 

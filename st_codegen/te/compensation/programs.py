@@ -118,7 +118,7 @@ def main_program(te: TransmissionError) -> Block:
 
 
 def slow_program(te: TransmissionError) -> Block:
-    """PRG_Slow: the models."""
+    """PRG_Slow, which runs the models in the slow task."""
     arguments = [*_given(_names(input_variables(te.features))), *_given([EXCHANGE.name])]
     return block(
         "PRG_Slow",

@@ -50,7 +50,7 @@ def set_structure(te: TransmissionError) -> Structure:
 
 
 def exchange_structure() -> Structure:
-    """The double buffer."""
+    """The double buffer through which the slow task hands sets of coefficients to the fast one."""
     return Structure(
         EXCHANGE_TYPE,
         ("What slow and fast task share: two buffers, and the number of the newest whole set.",),

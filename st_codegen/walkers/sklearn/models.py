@@ -67,7 +67,7 @@ def walk_svr(estimator: Any, builder: GraphBuilder, value: int) -> int:
     ),
 )
 def walk_mlp(estimator: Any, builder: GraphBuilder, value: int) -> int:
-    """Dense layers (`_multilayer_perceptron.py: _forward_pass_fast`)."""
+    """Add the dense layers of a network, each with its function (`_multilayer_perceptron.py: _forward_pass_fast`)."""
     require_fitted(estimator, "coefs_")
     _refuse_nan_and_infinity(builder)
     last = len(estimator.coefs_) - 1
