@@ -13,6 +13,7 @@ import click
 from st_codegen.cli.console import Number, console, progress_bar, quiet_option, trust_option
 from st_codegen.errors import InputError
 from st_codegen.files.text import make_folder
+from st_codegen.reconcile.judge.measurement import NAMES as MISTAKES
 from st_codegen.reconcile.judge.spectrum import (
     SpectrumResult,
     is_spectrum,
@@ -51,6 +52,12 @@ Examples:
 )
 @click.option("--effects", type=click.Path(path_type=Path), multiple=True, help="Python file with effects of your own.")
 @click.option("--scale", type=Number(), help="Factor on the measured TE; 1 to accept it as it is.")
+@click.option(
+    "--accept",
+    multiple=True,
+    type=click.Choice([*MISTAKES, "all"]),
+    help="Correct a mistake of measuring that was asked about, and go on.",
+)
 @click.option("--models", type=click.Path(path_type=Path), help="Bundle of models that --update-models starts from.")
 @click.option(
     "--update-models",
@@ -74,6 +81,7 @@ def command(
     out: Path,
     effects: tuple[Path, ...],
     scale: float | None,
+    accept: tuple[str, ...],
     models: Path | None,
     update: bool,
     target: str,
@@ -98,7 +106,7 @@ def command(
         content, text = spectrum_report(found), spectrum_summary(found)
     else:
         with progress_bar("reconciling", quiet=quiet) as progress:
-            result = reconcile_files(model, measured, known, scale=scale, progress=progress)
+            result = reconcile_files(model, measured, known, scale=scale, accept=accept, progress=progress)
         changes = _written(result, wish, out, quiet)
         content, text = report(result, changes), summary(result)
         text += "" if changes is None else "\n" + update_summary(changes)

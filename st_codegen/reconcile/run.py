@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from st_codegen.errors import Problems
 from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.data.observations import Observations, rms_deg
 from st_codegen.reconcile.data.reading import check, read_measured
@@ -28,6 +29,7 @@ from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.held_out import held_out_rms
 from st_codegen.reconcile.judge.lines import lines_in_samples
 from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unmeasured_links
+from st_codegen.reconcile.judge.measurement import Examined, Mistake, examine
 from st_codegen.reconcile.judge.selection import search, with_noise_of
 from st_codegen.reconcile.judge.suspects import bad_runs
 from st_codegen.reconcile.judge.unexplained import Signature, Structure, signatures, structure
@@ -75,6 +77,7 @@ class Result:
     fitted: Gap
     held_out: Gap
     orders: tuple[OrderGap, ...]
+    mistakes: tuple[Mistake, ...] = ()
 
     @property
     def verdict(self) -> str:
@@ -86,7 +89,13 @@ class Result:
 
 
 def reconcile_files(
-    rig: RigModel, measured: Path, known: Catalogue, *, scale: float | None = None, progress: Progress | None = None
+    rig: RigModel,
+    measured: Path,
+    known: Catalogue,
+    *,
+    scale: float | None = None,
+    accept: Collection[str] = (),
+    progress: Progress | None = None,
 ) -> Result:
     """Read measured data and reconcile. Raises InputError for data that cannot be compared with the rig."""
     files = recordings_in(measured)
@@ -95,8 +104,13 @@ def reconcile_files(
     data = read_measured(measured, rig, progress)
     if scale is not None:
         data = data.scaled(scale)
-    check(data, rig, measured, units=scale is None)
-    return reconcile_observations(rig, data, known, progress)
+    problems, examined = Problems(str(measured)), Examined(data)
+    with problems.collect():
+        check(data, rig, measured, units=False)
+    with problems.collect():
+        examined = examine(data, rig, measured, scale=scale, accept=accept)
+    problems.raise_if_any()
+    return reconcile_observations(rig, examined.data, known, progress, examined)
 
 
 def recordings_in(path: Path) -> list[Path]:
@@ -147,15 +161,23 @@ def reconcile_recordings(
 
 
 def reconcile_observations(
-    rig: RigModel, data: Observations, known: Catalogue, progress: Progress | None = None
+    rig: RigModel,
+    data: Observations,
+    known: Catalogue,
+    progress: Progress | None = None,
+    examined: Examined | None = None,
 ) -> Result:
-    """The statistical core on observations."""
+    """The statistical core on observations; `examined`: what is known of mistakes of measuring in them."""
     with one_thread("scipy.linalg"):
-        return _reconcile(rig, data, known, progress)
+        return _reconcile(rig, known, progress, examined or Examined(data))
 
 
-def _reconcile(rig: RigModel, data: Observations, known: Catalogue, progress: Progress | None) -> Result:
+def _reconcile(rig: RigModel, known: Catalogue, progress: Progress | None, examined: Examined) -> Result:
+    data = examined.data
     model = data.observed(rig.coefficients(data.at, data.model_orders()))
+    bad = np.zeros(len(data), bool)
+    bad[list(examined.left_out)] = True
+    data = replace(data, left_out=bad) if bad.any() else data
     noise = estimate(data, data.values - model)
     target = Target(data, noise.sigma, noise.good, groups_of(data.at), *_of(rig))
     state = State(rig, rig.zero_offset_deg, tuple(map(_own, (e for e in rig.effects if e.stage is not Stage.AXIS))))
@@ -190,7 +212,21 @@ def _reconcile(rig: RigModel, data: Observations, known: Catalogue, progress: Pr
         for k, order in enumerate(data.orders)
     )
     new_rig = _new_rig(rig, final, conclusions)
-    return Result(rig, new_rig, data, target, noise, conclusions, tuple(judged), found, left, gaps, held, per_order)
+    return Result(
+        rig,
+        new_rig,
+        data,
+        target,
+        noise,
+        conclusions,
+        tuple(judged),
+        found,
+        left,
+        gaps,
+        held,
+        per_order,
+        examined.mistakes,
+    )
 
 
 def _with_suspects(data: Observations, final: Fit, noise: Noise) -> Noise:

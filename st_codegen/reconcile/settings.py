@@ -21,6 +21,34 @@ class Settings:
     most_samples: int = 6000
     least_samples: int = 200
 
+    # --- mistakes of measuring ---
+    #: a ramp over the turn must be so many standard deviations of the slopes of single orders
+    ramp: float = 4.0
+    #: orders of curves at which it is looked for: above those of shafts, where there are samples enough
+    ramp_orders: tuple[int, int] = (5, 60)
+    #: an order has a vote where the rig's power is so many times the noise's; fewer votes say nothing
+    loud_order: float = 4.0
+    least_votes: int = 4
+    #: noise is at most this share of what is measured, where too few runs tell it
+    most_noise: float = 0.02
+    #: the mean of many runs tells a gap of this part of the noise's power
+    noise_share: float = 10.0
+    #: an order votes for a mistake when its gap falls to half (a logarithm)
+    vote: float = 0.7
+    #: an angle of home below this is the rounding of the grid; a factor between columns below this may be the rig's own
+    least_home_deg: float = 0.5
+    column_factor: float = 1.1
+    #: a run has a factor of its own from here on; so many runs make a block, and more than that share is none
+    block_factor: float = 1.3
+    least_block: int = 3
+    most_of_block: float = 0.45
+    #: an order judges labels where the rig is right for most runs (noises); a run is wrong there when its loss is so
+    #: many times the usual, and another label must leave this share of it; more runs than that are something else
+    sure_order: float = 3.0
+    label_loss: float = 8.0
+    label_gain: float = 0.2
+    most_labels: float = 0.2
+
     # --- noise ---
     #: runs that predict each other by a local plane: four unknowns, and enough left over for a median
     neighbours: int = 10

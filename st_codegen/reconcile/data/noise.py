@@ -49,6 +49,8 @@ def estimate(data: Observations, residual: ComplexArray, known_bad: BoolArray | 
     if data.angle_rad is not None:
         return _of_samples(data, residual)
     good = np.ones(len(data), bool) if known_bad is None else ~known_bad
+    if data.left_out is not None:
+        good &= ~data.left_out
     suspects: dict[int, float] = {}
     for _ in range(6):
         local = contrasts(data.at, good)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.campaign.harmonic_table import HarmonicTable
-from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.rig.effects import Conditions
 
 
@@ -36,6 +36,7 @@ class Observations:
     inside: tuple[int, ...] = ()
     run: IntArray | None = None
     spectral_deg: FloatArray | None = None
+    left_out: BoolArray | None = None
 
     def model_orders(self) -> tuple[int, ...]:
         """The orders whose coefficients a model must give."""
@@ -68,6 +69,7 @@ class Observations:
             angle_rad=None if self.angle_rad is None else self.angle_rad[index],
             run=None if self.run is None else self.run[index],
             spectral_deg=None if self.spectral_deg is None else self.spectral_deg[index],
+            left_out=None if self.left_out is None else self.left_out[index],
         )
 
     def both_directions(self) -> bool:

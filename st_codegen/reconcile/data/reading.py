@@ -14,7 +14,7 @@ from st_codegen.campaign.harmonic_table import read_table
 from st_codegen.campaign.orders import BAND
 from st_codegen.campaign.reader import Campaign, read_campaign
 from st_codegen.errors import InputError, Problems
-from st_codegen.ir.arrays import BoolArray, IntArray
+from st_codegen.ir.arrays import BoolArray, ComplexArray, IntArray
 from st_codegen.reconcile.data.observations import Observations, from_table, labels, order_of_runs
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.model import RigModel
@@ -44,6 +44,7 @@ def columns_of(path: Path) -> list[str]:
 
 def _campaign(folder: Path, rig: RigModel, progress: Progress | None) -> Observations:
     campaign = read_campaign(folder, progress=progress)
+    _check_ratio(campaign, rig)
     band = min(*(curve.sums.band for curve in campaign.curves), BAND)
     wanted = [order for order in rig.orders() if order <= band]
     first = campaign.fits(wanted, progress)
@@ -64,6 +65,35 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None) -> Observa
         run=_listed_runs(folder, campaign),
         spectral_deg=spectral,
     )
+
+
+def _check_ratio(campaign: Campaign, rig: RigModel) -> None:
+    """Refuse curves that all rise over the turn: then every order is loud, and none of them says anything."""
+    low, high = SETTINGS.ramp_orders
+    band = min(curve.sums.band for curve in campaign.curves)
+    if band < 2 * low:
+        return
+    orders = np.arange(low, min(band, high) + 1)
+    waves = np.stack([curve.sums.te[orders] * (2.0 / curve.sums.samples) for curve in campaign.curves])
+    size, scatter = ramp_deg(orders, waves)
+    if abs(size) > SETTINGS.ramp * scatter:
+        ratio = rig.constants.reduction_ratio
+        raise InputError(
+            f"{campaign.folder}: TE rises by {size:.3g} deg over a turn in every curve, as if computed "
+            f"with a reduction ratio of {ratio / (1 - size / 360.0):.6g}, not {ratio:g}. Compute TE with the ratio of "
+            "the rig, or correct reduction_ratio in the rig file"
+        )
+
+
+def ramp_deg(orders: IntArray, coefficients: ComplexArray) -> tuple[float, float]:
+    """The ramp over a turn (deg) that all orders share, and the scatter of single ones; a ramp s is c_k = i s / (pi k).
+
+    coefficients: complex (.., K) of orders (K,). Single waves have any phase: only a ramp has one slope at all orders.
+    """
+    chosen = orders > 0
+    slopes = (coefficients[..., chosen].imag * np.pi * orders[chosen]).ravel()
+    size = float(np.median(slopes)) if slopes.size else 0.0
+    return size, float(np.median(np.abs(slopes - size))) / 0.6745 if slopes.size else np.inf
 
 
 def _listed_runs(folder: Path, campaign: Campaign) -> IntArray | None:
@@ -132,19 +162,26 @@ def check_units(data: Observations, rig: RigModel, path: Path) -> None:
     measured, simulated = (np.median(np.abs(values[:, orders]), axis=0) for values in (data.values, model))
     sizes = np.log(np.maximum(measured, 1e-12) / np.maximum(simulated, 1e-12))
     factor = float(np.exp(_weighted_median(sizes, norms[orders])))
-    ratio = rig.constants.reduction_ratio
+    if choices := unit_choices(factor, rig.constants.reduction_ratio):
+        raise InputError(f"{path}: {choices}")
+
+
+def unit_choices(factor: float, ratio: float) -> str:
+    """What to ask about data that are `factor` times as large as a rig: nothing, or which unit they may have."""
     known = {
         1 / _DEGREES: "in rad instead of deg (a factor of 57.3)",
         _DEGREES: "multiplied by 57.3, as if it had been in rad",
+        60.0: "in arcmin instead of deg (a factor of 60)",
+        3600.0: "in arcsec instead of deg (a factor of 3600)",
         ratio: f"that of the motor side (a factor of {ratio:g})",
         1 / ratio: f"divided by the reduction ratio (a factor of {ratio:g})",
     }
     near = sorted((f for f in known if abs(np.log(f / factor)) < 0.9), key=lambda f: abs(np.log(f / factor)))
     if not near:
-        return
+        return ""
     choices = "; or ".join(f"{known[f]}: then give --scale {1 / f:.8g}" for f in near)
-    raise InputError(
-        f"{path}: the measured TE is {factor:.3g} times the rig's. Is it {choices}? "
+    return (
+        f"the measured TE is {factor:.3g} times the rig's: another unit? Is it {choices}? "
         "If the machine really is that different, give --scale 1"
     )
 

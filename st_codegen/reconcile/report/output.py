@@ -39,7 +39,12 @@ def report(result: Result, update: Update | None = None) -> dict[str, Any]:
         "gap": {"fitted": _gap(result.fitted), "held_out": _gap(result.held_out)},
         "gap_by_order": [asdict(gap) for gap in result.orders],
         "suspect_runs": [f"{result.data.labels[row]}: {times:.1f} times the usual distance from what is expected"
-                         for row, times in result.noise.suspects],
+                         for row, times in result.noise.suspects]
+        + [f"{result.data.labels[row]}: {mistake.name}" for mistake in result.mistakes for row in mistake.rows],
+        "measurement": {
+            "mistakes": [{"name": m.name, "text": m.text, "runs": [result.data.labels[row] for row in m.rows]}
+                         for m in result.mistakes],
+        },
         "zero_offset_deg": {
             "rig": result.rig.zero_offset_deg,
             "new": result.new_rig.zero_offset_deg,

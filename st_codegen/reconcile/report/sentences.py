@@ -55,6 +55,7 @@ def floor_text(result: Result) -> str:
 def summary(result: Result) -> str:
     """The findings as a few lines."""
     lines = [VERDICT_TEXT[result.verdict]]
+    lines += [f"- the measurement: {mistake.text}" for mistake in result.mistakes]
     lines += [f"- {sentence(claim, result)}" for claim in result.conclusions.claims]
     lines += [
         f"- {plain(entry.after, result)}: its parameters in the rig do not fit the data"

@@ -1,0 +1,387 @@
+"""Mistakes of measuring, looked for before any effect: each has one parameter for all orders.
+
+Unit, sign, exchanged directions, a factor on one column, another zero of the angle, another reduction ratio, a block of
+runs with a factor of its own, wrong labels. A missing effect changes its own orders; a mistake changes all of them
+alike, so that every order has one vote.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from st_codegen.errors import Problems
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.reconcile.data.noise import estimate
+from st_codegen.reconcile.data.observations import Observations
+from st_codegen.reconcile.data.reading import check_units, ramp_deg, unit_choices
+from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects import Conditions
+from st_codegen.rig.model import RigModel
+
+#: what `--accept` takes
+NAMES = ("sign", "direction", "home_offset", "column_scale", "ratio", "block", "labels")
+_ROWS = (("forward", 1.0), ("backward", -1.0))
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """A mistake of measuring: its name for `--accept`, a sentence, what corrects the data, and rows to leave out."""
+
+    name: str
+    text: str
+    corrected: Callable[[Observations], Observations] | None = None
+    rows: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Examined:
+    """Data as they are compared with the rig: corrected, with the mistakes found, and rows that are left out."""
+
+    data: Observations
+    mistakes: tuple[Mistake, ...] = ()
+    left_out: tuple[int, ...] = ()
+
+
+def examine(
+    data: Observations, rig: RigModel, path: Path, *, scale: float | None = None, accept: Collection[str] = ()
+) -> Examined:
+    """Data without the mistakes that `accept` names. Raises one InputError that asks about all others.
+
+    Wrong labels and a scaled block touch single runs: those are left out without being asked about.
+    """
+    if data.angle_rad is not None or not np.isfinite(data.values).all():
+        return Examined(data)
+    problems, found = Problems(str(path)), []
+    for mistake in (*_ratio(data, rig), *_common(data, rig, scale)):
+        if mistake.corrected is not None:
+            data = mistake.corrected(data)
+            found.append(mistake)
+        if mistake.name == "unit" or (mistake.name not in accept and "all" not in accept):
+            problems.add(mistake.text)
+    if scale is None and not _can_vote(data, _loud(data, rig)):
+        with problems.collect():
+            check_units(data, rig, path)
+    runs = _of_runs(data, rig)
+    if problems.errors:
+        # what concerns single runs is told in the same message
+        for mistake in runs:
+            problems.add(f"{mistake.text} (they will be left out)")
+    problems.raise_if_any()
+    left_out = tuple(sorted({row for mistake in runs for row in mistake.rows}))
+    return Examined(data, (*found, *runs), left_out)
+
+
+# --- another ratio
+
+
+def _ratio(data: Observations, rig: RigModel) -> list[Mistake]:
+    size, scatter = ramp_deg(data.orders, data.values)
+    # single waves have any phase: only a ramp has one slope at all orders
+    if (data.orders > 0).sum() < SETTINGS.least_votes or abs(size) < SETTINGS.ramp * scatter:
+        return []
+    ratio = rig.constants.reduction_ratio
+    used = ratio / (1 - size / 360.0)
+
+    def corrected(given: Observations) -> Observations:
+        order = given.orders
+        ramp = np.where(order == 0, size / 2, 1j * size / (np.pi * np.maximum(order, 1)))
+        return replace(given, values=given.values - ramp)
+
+    text = (
+        f"TE rises by {size:.3g} deg over a turn at every run, as if it had been computed with a reduction ratio of "
+        f"{used:.5g} instead of {ratio:g}: give --accept ratio to take the ramp out"
+    )
+    return [Mistake("ratio", text, corrected)]
+
+
+# --- what all runs have in common
+
+
+@dataclass(frozen=True)
+class _Sums:
+    """Mean powers by direction and order: of what is measured, of the model, and their product; noise power."""
+
+    measured: FloatArray
+    model: FloatArray
+    product: ComplexArray
+    noise: FloatArray
+    orders: IntArray
+
+    def gap(self, scale: FloatArray, turn: ComplexArray) -> FloatArray:
+        """What is left beyond noise with a factor a direction and a turn an order, (2, K)."""
+        return self.beyond_noise(self.measured + scale**2 * self.model - 2 * scale * (self.product * turn.conj()).real)
+
+    def beyond_noise(self, left: FloatArray) -> FloatArray:
+        """What of a power is more than noise; never less than the mean of many runs can tell."""
+        found: FloatArray = np.maximum(left - self.noise, 0.0) + self.noise / SETTINGS.noise_share
+        return found
+
+
+def _loud(data: Observations, rig: RigModel) -> BoolArray:
+    """Orders in which the rig is loud in both directions, bool (K,): those have a vote."""
+    model, noise = rig.coefficients(data.at, data.orders.tolist()), _noise_power(data)
+    found = np.ones(len(data.orders), bool)
+    for _, sign in _ROWS:
+        rows = data.at.sign == sign
+        if not rows.any():
+            return np.zeros(len(data.orders), bool)
+        power, measured = ((np.abs(part[rows]) ** 2).mean(axis=0) for part in (model, data.values))
+        both = (power > 0) & (measured > 0)
+        # in the unit of the data, whatever it is
+        unit = float(np.median(measured[both] / power[both])) if both.any() else 1.0
+        found &= unit * power > SETTINGS.loud_order * noise[rows].mean(axis=0)
+    return found
+
+
+def _can_vote(data: Observations, loud: BoolArray) -> bool:
+    """Whether there are orders enough to tell a mistake from an effect."""
+    return data.both_directions() and int((loud & (data.orders > 0)).sum()) >= SETTINGS.least_votes
+
+
+def _noise_power(data: Observations) -> FloatArray:
+    """Power of the noise of each coefficient, (n, K), by its neighbours; at most a part of all that is there."""
+    sigma = estimate(data, data.values).sigma
+    parts = np.where(data.orders == 0, 1, 2)
+    found: FloatArray = parts * np.minimum(sigma**2, SETTINGS.most_noise * np.abs(data.values) ** 2)
+    return found
+
+
+def _sums(data: Observations, rig: RigModel, loud: BoolArray, swapped: bool) -> _Sums:
+    """The sums of loud orders, with the rig moving in the same or in the other direction."""
+    at = data.at
+    seen = Conditions(-at.sign, at.speed_rpm, at.torque_Nm, at.temperature_C) if swapped else at
+    model, noise = rig.coefficients(seen, data.orders.tolist()), _noise_power(data)
+    tables = []
+    for _, sign in _ROWS:
+        m, s, n = (part[at.sign == sign][:, loud] for part in (data.values, model, noise))
+        powers = ((np.abs(m) ** 2).mean(axis=0), (np.abs(s) ** 2).mean(axis=0))
+        tables.append((*powers, (m * s.conj()).mean(axis=0), n.mean(axis=0)))
+    measured, power, product, noise_power = (np.array(column) for column in zip(*tables, strict=True))
+    return _Sums(measured, power, product, noise_power, data.orders[loud])
+
+
+@dataclass(frozen=True)
+class _Common:
+    """What all orders of the runs may have in common: sign, angle of home (rad), a factor a direction (2, 1)."""
+
+    sums: _Sums
+    sign: float
+    angle: float
+    factors: FloatArray
+
+    @property
+    def gap(self) -> FloatArray:
+        """The gap with all of it taken into account, (2, K)."""
+        return self.left(self.sign * self.factors, self.angle)
+
+    def left(self, scale: FloatArray, angle: float) -> FloatArray:
+        """The gap with other factors or another angle, (2, K)."""
+        return self.sums.gap(scale, np.exp(-1j * angle * self.sums.orders))
+
+
+def _best(sums: _Sums) -> _Common:
+    """Sign, angle and factors that leave least, one vote an order however large it is."""
+    ratio = np.abs(sums.product) / np.maximum(sums.model, 1e-300)
+    factors = np.exp(np.median(np.log(np.maximum(ratio, 1e-12)), axis=1))[:, None]
+    grid = np.arange(0.0, 2 * np.pi, 2 * np.pi / (8 * max(int(sums.orders.max()), 1)))
+    turns = np.exp(-1j * np.outer(grid, sums.orders))
+    trials = []
+    for sign in (1.0, -1.0):
+        products = (sums.product[None] * turns.conj()[:, None, :]).real
+        left = sums.measured + factors**2 * sums.model - 2 * sign * factors * products
+        scores = np.log(sums.beyond_noise(left)).mean(axis=(1, 2))
+        place = int(np.argmin(scores))
+        # no turn and no sign where they gain nothing
+        place = 0 if scores[0] < scores[place] + 1e-6 else place
+        trials.append((float(scores[place]), sign, float(grid[place])))
+    _, sign, angle = min(trials, key=lambda trial: trial[0] + 1e-6 * (trial[1] < 0))
+    return _Common(sums, sign, angle, factors)
+
+
+def _common(data: Observations, rig: RigModel, scale: float | None) -> list[Mistake]:
+    """Unit, sign, directions, zero of the angle and factors of columns, all at once: they hide each other."""
+    loud = _loud(data, rig)
+    if not _can_vote(data, loud):
+        return []
+    same, other = (_best(_sums(data, rig, loud, swapped)) for swapped in (False, True))
+    swapped = _better(same.gap, other.gap)
+    found = other if swapped else same
+    ones = np.ones((2, 1))
+    if not _better(same.left(ones, 0.0), found.gap):
+        return []
+    mistakes = [Mistake("direction", _DIRECTION, _swapped)] if swapped else []
+    offset = float(np.rad2deg(np.angle(np.exp(1j * found.angle))))
+    if abs(offset) > SETTINGS.least_home_deg and _better(found.left(found.sign * found.factors, 0.0), found.gap):
+        mistakes.append(Mistake("home_offset", _HOME.format(offset), _turned(found.angle)))
+    if found.sign < 0 and _better(found.left(found.factors, found.angle), found.gap):
+        mistakes.append(Mistake("sign", _SIGN, _times(-1.0, -1.0)))
+    forward, backward = (float(x) for x in found.factors[:, 0])
+    both = float(np.sqrt(forward * backward))
+    apart = abs(np.log(forward / backward)) > np.log(SETTINGS.column_factor)
+    if apart and _better(found.left(found.sign * both * ones, found.angle), found.gap):
+        louder = abs(np.log(forward)) > abs(np.log(backward))
+        which, factor, both = ("forward", forward / backward, backward) if louder else (
+            "backward", backward / forward, forward)  # fmt: skip
+        wrong = (factor, 1.0) if which == "forward" else (1.0, factor)
+        mistakes.append(Mistake("column_scale", _COLUMN.format(which, factor), _times(*wrong)))
+    choices = unit_choices(both, rig.constants.reduction_ratio) if scale is None else ""
+    return [*mistakes, Mistake("unit", choices)] if choices else mistakes
+
+
+def _better(left: FloatArray, right: FloatArray) -> bool:
+    """Whether in a direction most orders have a clearly smaller gap on the right, and in none a clearly larger one."""
+    gain = np.log(left / right)
+    votes = np.minimum(np.median(gain, axis=1), gain.mean(axis=1))
+    return bool(votes.max() > SETTINGS.vote and votes.min() > -SETTINGS.vote)
+
+
+_DIRECTION = (
+    "forward and backward seem to be exchanged: each direction of the data agrees with the other one of the rig; give "
+    "--accept direction to swap them back"
+)
+_HOME = (
+    "the zero of the angle (home) seems to be another: every order k is turned by k times {:.2f} deg, which no effect "
+    "does; give --accept home_offset to turn all orders back"
+)
+_SIGN = "TE has the opposite sign of the rig's in all orders; give --accept sign to turn it"
+_COLUMN = "the {} column is {:.3g} times what the other one lets expect, in all orders; give --accept column_scale"
+
+
+def _swapped(data: Observations) -> Observations:
+    at = data.at
+    return replace(data, at=Conditions(-at.sign, at.speed_rpm, at.torque_Nm, at.temperature_C))
+
+
+def _turned(angle: float) -> Callable[[Observations], Observations]:
+    return lambda data: replace(data, values=data.values * np.exp(1j * angle * data.orders))
+
+
+def _times(forward: float, backward: float) -> Callable[[Observations], Observations]:
+    """Data divided by a factor for each direction."""
+
+    def corrected(data: Observations) -> Observations:
+        factor = np.where(data.at.sign > 0, 1 / forward, 1 / backward)[:, None]
+        spectral = None if data.spectral_deg is None else data.spectral_deg * np.abs(factor)
+        return replace(data, values=data.values * factor, spectral_deg=spectral)
+
+    return corrected
+
+
+# --- single runs
+
+
+def _of_runs(data: Observations, rig: RigModel) -> list[Mistake]:
+    """A block of runs with a factor of its own, and runs that agree with the rig under another label than theirs."""
+    model = rig.coefficients(data.at, data.orders.tolist())
+    sigma = estimate(data, data.values - model).sigma
+    z = np.abs(data.values - model) / sigma
+    usual = np.median(z, axis=0)
+    power = np.median(np.abs(model), axis=0)
+    # orders in which the rig is right for most runs, and loud
+    sure = (usual < SETTINGS.sure_order) & (power > 3 * np.median(sigma, axis=0))
+    if sure.sum() < SETTINGS.least_votes:
+        return []
+    values, known, weight = data.values[:, sure], model[:, sure], 1 / sigma[:, sure] ** 2
+    blocks = _block(data, values, known, weight)
+    out = {row for mistake in blocks for row in mistake.rows}
+    rest = np.array([row not in out for row in range(len(data))])
+    return [*blocks, *_labels(data, values, known, weight, rest)]
+
+
+def _runs(data: Observations) -> list[IntArray]:
+    """The rows of each run: both directions of one file, or of one row number in a table."""
+    number = data.run if data.run is not None else _by_point(data)
+    return [np.flatnonzero(number == n) for n in np.unique(number)]
+
+
+def _by_point(data: Observations) -> IntArray:
+    """Runs by their place among the rows of each direction, as tables and campaigns list them."""
+    at = data.at
+    found = np.zeros(len(at), np.int64)
+    points = np.stack([at.speed_rpm, at.torque_Nm, at.temperature_C])
+    _, group = np.unique(points, axis=1, return_inverse=True)
+    seen: dict[tuple[int, float], int] = {}
+    for row, (point, sign) in enumerate(zip(group.ravel().tolist(), at.sign.tolist(), strict=True)):
+        count = seen[point, sign] = seen.get((point, sign), -1) + 1
+        found[row] = point * len(at) + count
+    return found
+
+
+def _block(data: Observations, values: ComplexArray, known: ComplexArray, weight: FloatArray) -> list[Mistake]:
+    factor = []
+    runs = _runs(data)
+    for rows in runs:
+        products = (values[rows] * known[rows].conj()).real / np.maximum(np.abs(known[rows]) ** 2, 1e-300)
+        worth = weight[rows] * np.abs(known[rows]) ** 2
+        loud = worth > SETTINGS.loud_order
+        factor.append(float(np.median(products[loud])) if loud.sum() >= SETTINGS.least_votes else np.nan)
+    size = np.array(factor)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        off = np.abs(np.log(np.maximum(size, 1e-6))) > np.log(SETTINGS.block_factor)
+    off &= np.isfinite(size)
+    if off.sum() < SETTINGS.least_block or off.mean() > SETTINGS.most_of_block:
+        return []
+    common = float(np.median(size[off]))
+    near = off & (np.abs(np.log(np.maximum(size, 1e-6) / common)) < np.log(SETTINGS.block_factor))
+    if near.sum() < SETTINGS.least_block:
+        return []
+    rows = np.concatenate([runs[i] for i in np.flatnonzero(near)])
+    where = ""
+    if data.run is not None:
+        first, last = int(np.flatnonzero(near)[0]), int(np.flatnonzero(near)[-1])
+        if last - first + 1 > 1.5 * near.sum():
+            return []
+        where = f", run {first + 1} to run {last + 1} in their order"
+    text = f"a block of {int(near.sum())} runs is {common:.3g} times as large as the rig in all orders{where}"
+    return [Mistake("block", text, rows=tuple(map(int, rows)))]
+
+
+def _labels(
+    data: Observations, values: ComplexArray, known: ComplexArray, weight: FloatArray, rest: BoolArray
+) -> list[Mistake]:
+    """Runs that the rig explains well under the label of another run, and badly under their own."""
+    loss = (weight * np.abs(values - known) ** 2).sum(axis=1)
+    usual = float(np.median(loss[rest])) if rest.any() else 0.0
+    limit = SETTINGS.label_loss * max(usual, 2.0 * values.shape[1])
+    wrong: list[int] = []
+    texts = []
+    runs = _runs(data)
+    for rows in runs:
+        if not rest[rows].all() or loss[rows].min() < limit:
+            continue
+        other = _other_label(data, values, known, weight, rows)
+        if other is None or other[0] > SETTINGS.label_gain * float(loss[rows].sum()):
+            continue
+        wrong += map(int, rows)
+        at, row = data.at, other[1]
+        texts.append(
+            f"{data.labels[rows[0]]} agrees with {at.speed_rpm[row]:g} rpm, {at.torque_Nm[row]:g} N m, "
+            f"{at.temperature_C[row]:g} degC"
+        )
+    if not wrong or len(texts) > SETTINGS.most_labels * len(runs):
+        return []
+    shown = "; ".join(texts[:6]) + ("; .." if len(texts) > 6 else "")
+    return [Mistake("labels", f"{len(texts)} runs seem to carry the label of another run: {shown}", rows=tuple(wrong))]
+
+
+def _other_label(
+    data: Observations, values: ComplexArray, known: ComplexArray, weight: FloatArray, rows: IntArray
+) -> tuple[float, int] | None:
+    """The least loss of a run under any label of the campaign, and a row that carries it."""
+    total: dict[tuple[float, float, float], tuple[float, int]] = {}
+    at = data.at
+    for row in rows:
+        same = np.flatnonzero(at.sign == at.sign[row])
+        losses = (weight[row] * np.abs(values[row] - known[same]) ** 2).sum(axis=1)
+        for other, value in zip(same, losses, strict=True):
+            point = (float(at.speed_rpm[other]), float(at.torque_Nm[other]), float(at.temperature_C[other]))
+            before = total.get(point, (0.0, int(other)))[0]
+            if point not in total or row == rows[0]:
+                total[point] = (float(value), int(other))
+            else:
+                total[point] = (before + float(value), int(other))
+    return min(total.values()) if total else None

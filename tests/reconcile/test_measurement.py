@@ -1,0 +1,131 @@
+"""Mistakes of measuring are named before any effect is looked for, and corrected when that is accepted."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from st_codegen.errors import InputError
+from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
+from st_codegen.reconcile.judge.measurement import examine
+from st_codegen.rig.effects import Conditions, catalogue
+from st_codegen.rig.model import read_rig
+
+KNOWN = catalogue()
+RIG = read_rig(Path(__file__).resolve().parents[2] / "examples" / "rv160n" / "rig.toml", KNOWN)
+ORDERS = np.array(RIG.orders())
+PATH = Path("measured")
+RUNS = 210
+
+
+def measured(sigma=3e-5, seed=0):
+    """A campaign in any order: 10 speeds, 7 torques, 3 temperatures, both directions of a run at the same place."""
+    random = np.random.default_rng(seed)
+    axes = np.meshgrid(np.linspace(100, 1800, 10), np.linspace(0, 1800, 7), [25.0, 30.0, 35.0])
+    points = random.permutation(np.stack([axis.ravel() for axis in axes], axis=1))
+    at = Conditions.of(np.repeat([1.0, -1.0], RUNS), *np.tile(points, (2, 1)).T)
+    values = RIG.coefficients(at, ORDERS.tolist())
+    noise = sigma * (random.standard_normal(values.shape) + 1j * random.standard_normal(values.shape))
+    return Observations(
+        at, labels(at), ORDERS, values + np.where(ORDERS == 0, noise.real, noise), run=order_of_runs(at)
+    )
+
+
+def turned(data, degrees):
+    return replace(data, values=data.values * np.exp(-1j * np.deg2rad(degrees) * ORDERS))
+
+
+def exchanged(data):
+    at = data.at
+    return replace(data, at=Conditions(-at.sign, at.speed_rpm, at.torque_Nm, at.temperature_C))
+
+
+def column(data, factor):
+    return replace(data, values=data.values * np.where(data.at.sign > 0, factor, 1.0)[:, None])
+
+
+def ramp(data, used):
+    size = 360 * (1 - 81 / used)
+    return replace(
+        data, values=data.values + np.where(ORDERS == 0, size / 2, 1j * size / (np.pi * np.maximum(ORDERS, 1)))
+    )
+
+
+MADE = {
+    "home_offset": lambda data: turned(data, 17.2),
+    "sign": lambda data: data.scaled(-1.0),
+    "direction": exchanged,
+    "column_scale": lambda data: column(data, 0.8),
+    "ratio": lambda data: ramp(data, 82),
+}
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_a_mistake_is_asked_about_and_corrected(name):
+    made = MADE[name](measured())
+    with pytest.raises(InputError, match=f"--accept {name}") as asked:
+        examine(made, RIG, PATH)
+    assert "problems" not in str(asked.value), "one mistake is one question"
+    examined = examine(made, RIG, PATH, accept=[name])
+    assert [mistake.name for mistake in examined.mistakes] == [name]
+    # half a step of the grid of angles at order 240 is 0.1 deg of home
+    left, wrong = (
+        np.abs(one.values - RIG.coefficients(one.at, ORDERS.tolist())).mean(axis=0) for one in (examined.data, made)
+    )
+    assert left.sum() < 0.3 * wrong.sum()
+
+
+@pytest.mark.parametrize(("factor", "word"), [(60.0, "arcmin"), (3600.0, "arcsec"), (np.pi / 180, "in rad")])
+def test_units_are_asked_about_with_the_factor_that_undoes_them(factor, word):
+    with pytest.raises(InputError, match=word) as asked:
+        examine(measured().scaled(factor), RIG, PATH)
+    assert f"--scale {1 / factor:.8g}" in str(asked.value)
+
+
+def test_two_mistakes_at_once_are_two_questions():
+    for made, words in (
+        (turned(measured().scaled(-1.0), -33.0), ("home_offset", "sign")),
+        (exchanged(measured()).scaled(3600.0), ("direction", "arcsec")),
+    ):
+        with pytest.raises(InputError, match="2 problems") as asked:
+            examine(made, RIG, PATH)
+        assert all(word in str(asked.value) for word in words)
+
+
+def test_wrong_labels_are_left_out_and_named():
+    data, random = measured(), np.random.default_rng(4)
+    chosen = random.choice(RUNS, 17, replace=False)
+    order = np.arange(RUNS)
+    order[chosen] = np.roll(chosen, 1)
+    at = data.at.rows(np.concatenate([order, order + RUNS]))
+    at = replace(at, sign=data.at.sign)
+    examined = examine(replace(data, at=at, labels=labels(at)), RIG, PATH)
+    (mistake,) = examined.mistakes
+    assert mistake.name == "labels"
+    found = {row % RUNS for row in examined.left_out}
+    assert found <= set(chosen.tolist()), "no run with its own label is called wrong"
+    # a label of nearly the same conditions makes no difference
+    assert len(found) >= 14
+
+
+def test_a_block_of_runs_with_a_factor_is_left_out():
+    data = measured()
+    factor = np.ones(RUNS)
+    factor[50:90] = 0.5
+    examined = examine(replace(data, values=data.values * np.tile(factor, 2)[:, None]), RIG, PATH)
+    assert {row % RUNS for row in examined.left_out} == set(range(50, 90))
+    assert "block of 40 runs is 0.5 times" in examined.mistakes[0].text
+
+
+@pytest.mark.parametrize("gone", sorted({effect.name for effect in RIG.effects}))
+@pytest.mark.parametrize("sigma", [3e-5, 3e-4])
+def test_a_missing_effect_is_no_mistake_of_measuring(gone, sigma):
+    rig = RIG.with_effects(effect for effect in RIG.effects if effect.name != gone)
+    assert examine(measured(sigma), rig, PATH).mistakes == ()
+
+
+def test_a_missing_effect_does_not_hide_a_mistake():
+    rig = RIG.with_effects(effect for effect in RIG.effects if effect.name != "torsional_compliance")
+    with pytest.raises(InputError, match="--accept direction"):
+        examine(exchanged(measured()), rig, PATH)
