@@ -79,6 +79,8 @@ class Settings:
     #: steps of a fit that only compares candidates, and how exact it is (loss)
     quick_steps: int = 6
     quick_tolerance: float = 0.5
+    #: steps of a fit that others are compared with: what it has not reached yet would count as theirs
+    long_steps: int = 50
     #: loss that an order must save to be taken into a resonance: four parameters do so once in 20,000 by chance
     order_gain: float = 25.0
     #: frequencies at which a resonance is started, and how far apart (relative) two of the same orders must lie

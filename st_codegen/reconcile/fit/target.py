@@ -9,6 +9,7 @@ import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.levels import speed_levels
+from st_codegen.reconcile.data.noise import sigma_of
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
@@ -63,7 +64,11 @@ def _folds(values: FloatArray, count: int) -> IntArray:
 
 @dataclass(frozen=True)
 class Target:
-    """What is fitted: data, their noise (n, K), the rows that count (n,), and how the rows are grouped."""
+    """What is fitted: data, their noise sigma (n, K), the rows that count (n,), and how the rows are grouped.
+
+    wide: (n, K), how far coefficients scatter about the model, never less than the noise: the fit weighs by it, since
+    a model whose form is not quite right must not be bent by the last digit of a clean order.
+    """
 
     data: Observations
     sigma: FloatArray
@@ -71,8 +76,23 @@ class Target:
     groups: Groups
     reduction_ratio: float = 81.0
     reference_temperature_C: float = 30.0
+    wide: FloatArray | None = None
     cache: dict[object, tuple[Column, ...]] = field(default_factory=dict, compare=False)
     responses: dict[object, ComplexArray] = field(default_factory=dict, compare=False)
+
+    @property
+    def spread(self) -> FloatArray:
+        """What residuals are weighed by, float64 (n, K): `wide` where it is known, else the noise."""
+        return self.sigma if self.wide is None else self.wide
+
+    def about(self, residual: ComplexArray) -> Target:
+        """This target, weighed by how far its good rows scatter in `residual`, by direction and order."""
+        wide = self.sigma.copy()
+        for sign in np.unique(self.data.at.sign):
+            rows = self.data.at.sign == sign
+            if (rows & self.good).any():
+                wide[rows] = np.maximum(wide[rows], sigma_of(residual[rows & self.good], self.data.orders))
+        return replace(self, wide=wide)
 
     def subset(self, rows: BoolArray) -> Target:
         """This target, of which only good rows inside `rows` count."""
@@ -86,15 +106,15 @@ class Target:
     def losses(self, residual: ComplexArray, rows: BoolArray | None = None) -> FloatArray:
         """Twice Huber's loss of each row (of the chosen rows) and order, float64 (n, K): small ones like chi-square."""
         chosen = slice(None) if rows is None else rows
-        z = np.abs(np.where(self.data.orders == 0, residual.real, residual)) / self.sigma[chosen]
+        z = np.abs(np.where(self.data.orders == 0, residual.real, residual)) / self.spread[chosen]
         z = z * self.good[chosen, None]
         found: FloatArray = np.where(z <= SETTINGS.huber, z**2, 2 * SETTINGS.huber * z - SETTINGS.huber**2)
         return found
 
     def weights(self, residual: ComplexArray) -> FloatArray:
         """Weights of least squares that equal Huber's loss at these residuals, by row and order, in 1/deg^2."""
-        z = np.abs(np.where(self.data.orders == 0, residual.real, residual)) / self.sigma
+        z = np.abs(np.where(self.data.orders == 0, residual.real, residual)) / self.spread
         found: FloatArray = (
-            self.good[:, None] * np.minimum(1.0, SETTINGS.huber / np.maximum(z, SETTINGS.huber)) / self.sigma**2
+            self.good[:, None] * np.minimum(1.0, SETTINGS.huber / np.maximum(z, SETTINGS.huber)) / self.spread**2
         )
         return found

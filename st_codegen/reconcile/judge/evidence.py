@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,14 +54,16 @@ def judge(without: Fit, with_it: Fit, places: list[int], number: int, seed: int 
     saved = without.loss - with_it.loss
     count = len(places)
     held, votes = held_out(without, with_it)
+    # errors are those of the larger model: how far coefficients scatter about it, not about what lacks the effect
+    own = replace(with_it, target=with_it.target.about(with_it.residual))
     return Evidence(
         loss_saved=saved,
         parameters=count,
         p_chance=chi_square_tail(saved, count),
-        p_clusters=p_of_clusters(with_it, places, with_it.state.vector()[places]),
+        p_clusters=p_of_clusters(own, places, with_it.state.vector()[places]),
         held_out=held,
         votes=votes,
-        stability=stability(with_it, places, seed),
+        stability=stability(own, places, seed),
         size_in_noise=size_in_noise(with_it, places, number),
     )
 

@@ -27,6 +27,7 @@ def search(
 ) -> tuple[Fit, list[tuple[Candidate, Evidence]]]:
     """Add effects until nothing passes. Returns the last fit, and everything that was judged, in order."""
     current = fit(target, state)
+    current = fit(target.about(current.residual), current.state, steps=SETTINGS.long_steps)
     judged: list[tuple[Candidate, Evidence]] = []
     refused: dict[object, float] = {}
     for number in range(SETTINGS.most_effects):
@@ -37,7 +38,7 @@ def search(
             break
         current = _pruned(found, refused)
         # on coarse grids a missing effect passes for noise until it is named
-        current = fit(with_noise_of(current)[0], current.state)
+        current = fit(with_noise_of(current)[0], current.state, steps=SETTINGS.long_steps)
     return current, judged
 
 
@@ -166,4 +167,5 @@ def _pruned(current: Fit, refused: dict[object, float]) -> Fit:
 def with_noise_of(current: Fit) -> tuple[Target, Noise]:
     """The target with the noise estimated from what the present fit leaves."""
     noise = estimate(current.target.data, current.residual)
-    return replace(current.target, sigma=noise.sigma, good=noise.good), noise
+    target = replace(current.target, sigma=noise.sigma, good=noise.good)
+    return target.about(current.residual), noise
