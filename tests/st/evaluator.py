@@ -70,9 +70,6 @@ class UnionArray(list[Any]):
         self.owner.bytes[index * len(content) : (index + 1) * len(content)] = content
 
 
-REAL_OPERATORS = {"ADD": a.real_add, "SUB": a.real_sub, "MUL": a.real_mul, "DIV": a.real_div}
-
-
 class Instance(dict[str, Any]):
     """Variables of a block by upper-case name."""
 
@@ -218,7 +215,7 @@ class _Unit:
             case t.Binary(operator=operator):
                 left, right = self.value(node.left), self.value(node.right)
                 if node.type is REAL:
-                    return self.at(at, a.single(REAL_OPERATORS[operator]), left, right)
+                    return self.at(at, a.single(a.REAL_OPERATORS[operator]), left, right)
                 return self.at(at, constants.binary, operator, storage_type(node.type), node.overflow, left, right)
             case t.ShortCircuit(operator=operator):
                 left = self.value(node.left)

@@ -8,10 +8,14 @@ REAL values are Python floats that a float32 holds exactly.
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable
 from struct import Struct
 
 from st_codegen.st.types import REAL, Elementary
+
+RealFunction = Callable[[float], float]
+RealOperator = Callable[[float, float], float]
 
 DIVISION = "division by zero"
 INVALID = "invalid operation"
@@ -59,26 +63,18 @@ def check_float(result: float, *operands: float) -> float:
     return result
 
 
-def real_add(a: float, b: float) -> float:
-    """LREAL addition."""
-    result = a + b
-    return check_float(result, a, b) if result - result else result
+def _finite(compute: RealOperator) -> RealOperator:
+    """An operation on LREAL values whose result is looked at where it is not finite."""
 
+    def evaluate(a: float, b: float) -> float:
+        result = compute(a, b)
+        return check_float(result, a, b) if result - result else result
 
-def real_sub(a: float, b: float) -> float:
-    """LREAL subtraction."""
-    result = a - b
-    return check_float(result, a, b) if result - result else result
-
-
-def real_mul(a: float, b: float) -> float:
-    """LREAL multiplication."""
-    result = a * b
-    return check_float(result, a, b) if result - result else result
+    return evaluate
 
 
 def real_div(a: float, b: float) -> float:
-    """LREAL division."""
+    """Division of LREAL values."""
     if b == 0.0:
         if math.isnan(a):
             return check_float(a, a, b)
@@ -87,6 +83,14 @@ def real_div(a: float, b: float) -> float:
         raise Fault(DIVISION, (a, b))
     result = a / b
     return check_float(result, a, b) if result - result else result
+
+
+REAL_OPERATORS: dict[str, RealOperator] = {
+    "ADD": _finite(operator.add),
+    "SUB": _finite(operator.sub),
+    "MUL": _finite(operator.mul),
+    "DIV": real_div,
+}
 
 
 def round_single(value: float, *operands: float) -> float:
@@ -103,34 +107,26 @@ def round_single(value: float, *operands: float) -> float:
 
 
 def to_single(value: float) -> float:
-    """LREAL_TO_REAL."""
-    if value - value:
-        raise Fault(CONVERSION, (value,))
+    """LREAL_TO_REAL; what is not finite stops a controller here."""
     try:
-        result: float = _SINGLE.unpack(_SINGLE.pack(value))[0]
+        result: float = math.nan if value - value else _SINGLE.unpack(_SINGLE.pack(value))[0]
     except OverflowError:
-        raise Fault(CONVERSION, (value,)) from None
+        result = math.nan
+    if math.isnan(result):
+        raise Fault(CONVERSION, (value,))
     return result
 
 
-def to_integer(value: float, lower: int, upper: int) -> int:
+def to_integer(value: float, lower: int, upper: int, to_whole: Callable[[float], int] = round) -> int:
     """A real number to the nearest integer, ties to even."""
-    if value - value:
-        raise Fault(CONVERSION, (value,))
-    result = round(value)
-    if not lower <= result <= upper:
+    if value - value or not lower <= (result := to_whole(value)) <= upper:
         raise Fault(CONVERSION, (value,))
     return result
 
 
 def truncate(value: float, lower: int, upper: int) -> int:
     """A real number to the next integer towards zero."""
-    if value - value:
-        raise Fault(CONVERSION, (value,))
-    result = int(value)
-    if not lower <= result <= upper:
-        raise Fault(CONVERSION, (value,))
-    return result
+    return to_integer(value, lower, upper, int)
 
 
 def wrap(value: int, lower: int, upper: int) -> int:
@@ -174,42 +170,15 @@ def compared(a: float, b: float) -> bool:
     return False
 
 
-def less(a: float, b: float) -> bool:
-    """`a < b` of real numbers."""
-    return a < b or compared(a, b)
-
-
-def minimum(a: float, b: float) -> float:
-    """MIN of real numbers; the first one when they are equal."""
-    return b if less(b, a) else a
-
-
-def maximum(a: float, b: float) -> float:
-    """MAX of real numbers; the first one when they are equal."""
-    return b if less(a, b) else a
-
-
-def limit(low: float, value: float, high: float) -> float:
-    """LIMIT of real numbers."""
-    return minimum(maximum(value, low), high)
-
-
 def shift_left(value: int, count: int, bits: int, mask: int) -> int:
-    """SHL of an unsigned value."""
+    """SHL of a value that is not negative."""
     if not 0 <= count < bits:
         raise Fault(SHIFT, (value, count))
     return (value << count) & mask
 
 
-def shift_right(value: int, count: int, bits: int, _mask: int) -> int:
-    """SHR; of a signed value the sign is kept."""
-    if not 0 <= count < bits:
-        raise Fault(SHIFT, (value, count))
-    return value >> count
-
-
 def rotate_left(value: int, count: int, bits: int, mask: int) -> int:
-    """ROL."""
+    """ROL of a value that is not negative."""
     if count < 0:
         raise Fault(SHIFT, (value, count))
     turn = count % bits
@@ -217,7 +186,7 @@ def rotate_left(value: int, count: int, bits: int, mask: int) -> int:
 
 
 def rotate_right(value: int, count: int, bits: int, mask: int) -> int:
-    """ROR."""
+    """ROR of a value that is not negative."""
     if count < 0:
         raise Fault(SHIFT, (value, count))
     return rotate_left(value, bits - count % bits, bits, mask)
@@ -227,49 +196,8 @@ def rotate_right(value: int, count: int, bits: int, mask: int) -> int:
 # The C library evaluates them here, by Python's own functions, and in compiled code: they agree to the last bit.
 
 
-def exp(x: float) -> float:
-    """EXP."""
-    if x > EXP_LIMIT and not math.isinf(x):
-        raise Fault(OVERFLOW, (x,))
-    return math.exp(x)
-
-
-def _of_positive(function: Callable[[float], float]) -> Callable[[float], float]:
-    def evaluate(x: float) -> float:
-        if x <= 0.0:
-            raise Fault(INVALID, (x,))
-        return function(x)
-
-    return evaluate
-
-
-def _of_finite(function: Callable[[float], float]) -> Callable[[float], float]:
-    def evaluate(x: float) -> float:
-        if math.isinf(x):
-            raise Fault(INVALID, (x,))
-        return function(x)
-
-    return evaluate
-
-
-def _of_unit(function: Callable[[float], float]) -> Callable[[float], float]:
-    def evaluate(x: float) -> float:
-        if abs(x) > 1.0:
-            raise Fault(INVALID, (x,))
-        return function(x)
-
-    return evaluate
-
-
-def sqrt(x: float) -> float:
-    """SQRT; of the negative zero it is the negative zero."""
-    if x < 0.0:
-        raise Fault(INVALID, (x,))
-    return math.sqrt(x)
-
-
 def expt(x: float, y: float) -> float:
-    """EXPT and `**`."""
+    """EXPT, also written `**`."""
     if x == 0.0 and y < 0.0 and not math.isinf(y):
         raise Fault(DIVISION, (x, y))
     if x < 0.0 and math.isfinite(x) and math.isfinite(y) and y != math.floor(y):
@@ -283,34 +211,38 @@ def expt(x: float, y: float) -> float:
     return result
 
 
-def _quiet_check(function: Callable[[float], float]) -> Callable[[float], float]:
-    """The function without exceptions for NaN, which passes through, but not for a signalling one."""
+def _guarded(compute: RealFunction, is_outside: Callable[[float], bool], kind: str = INVALID) -> RealFunction:
+    """A function of one LREAL that stops a controller outside of its domain.
+
+    A NaN passes through without an exception, but not a signalling one.
+    """
 
     def evaluate(x: float) -> float:
         if math.isnan(x):
             return check_float(x, x)
-        return function(x)
+        if is_outside(x):
+            raise Fault(kind, (x,))
+        return compute(x)
 
-    evaluate.__doc__ = function.__doc__
     return evaluate
 
 
-FUNCTIONS: dict[str, Callable[[float], float]] = {
-    "SQRT": _quiet_check(sqrt),
-    "EXP": _quiet_check(exp),
-    "LN": _quiet_check(_of_positive(math.log)),
-    "LOG": _quiet_check(_of_positive(math.log10)),
-    "SIN": _quiet_check(_of_finite(math.sin)),
-    "COS": _quiet_check(_of_finite(math.cos)),
-    "TAN": _quiet_check(_of_finite(math.tan)),
-    "ASIN": _quiet_check(_of_unit(math.asin)),
-    "ACOS": _quiet_check(_of_unit(math.acos)),
-    "ATAN": _quiet_check(math.atan),
+FUNCTIONS: dict[str, RealFunction] = {
+    "SQRT": _guarded(math.sqrt, lambda x: x < 0.0),
+    "EXP": _guarded(math.exp, lambda x: EXP_LIMIT < x < math.inf, OVERFLOW),
+    "LN": _guarded(math.log, lambda x: x <= 0.0),
+    "LOG": _guarded(math.log10, lambda x: x <= 0.0),
+    "SIN": _guarded(math.sin, math.isinf),
+    "COS": _guarded(math.cos, math.isinf),
+    "TAN": _guarded(math.tan, math.isinf),
+    "ASIN": _guarded(math.asin, lambda x: abs(x) > 1.0),
+    "ACOS": _guarded(math.acos, lambda x: abs(x) > 1.0),
+    "ATAN": _guarded(math.atan, lambda _: False),
 }
 
 
 def atan2(y: float, x: float) -> float:
-    """ATAN2."""
+    """ATAN2 of two LREAL values."""
     if math.isnan(x) or math.isnan(y):
         return check_float(math.nan, x, y)
     return math.atan2(y, x)

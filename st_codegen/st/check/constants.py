@@ -87,13 +87,10 @@ def _fit(value: int, type_: Elementary, overflow: t.Overflow, operands: tuple[in
     return a.exact(value, type_.lower, type_.upper, *operands)
 
 
-_REAL = {"ADD": a.real_add, "SUB": a.real_sub, "MUL": a.real_mul, "DIV": a.real_div}
-
-
 def binary(operator: str, type_: Elementary, overflow: t.Overflow, left: Scalar, right: Scalar) -> Scalar:  # noqa: PLR0911 - one return a case
     """An arithmetic or logical operator. Raises `Fault`."""
     if type_.is_real:
-        return a.stored(_REAL[operator](cast(float, left), cast(float, right)), type_)
+        return a.stored(a.REAL_OPERATORS[operator](cast(float, left), cast(float, right)), type_)
     x, y = cast(int, left), cast(int, right)
     match operator:
         case "ADD":
