@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from st_codegen.reconcile.run import Result
     from st_codegen.rig.motion_files import Study
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 __all__ = ["diff", "generate", "load", "reconcile", "simulate", "verify"]
 
 #: Public functions that are the same in their room, which is imported when they are first used.
