@@ -20,7 +20,7 @@ import numpy as np
 
 from st_codegen.campaign.harmonic_table import HarmonicTable, read_table
 from st_codegen.te.harmonics import Direction
-from st_codegen.training.families import Candidate
+from st_codegen.training.families import Learner
 from st_codegen.training.search import fold_numbers
 
 RATIO, RESONANCE_HZ, DAMPING = 81.0, 54.0, 0.05
@@ -28,8 +28,8 @@ ORDERS = (156, 162, 240)
 FOLDS = 10
 #: what learns: lengths of the SVM are in standard deviations here, since features differ in unit
 LEARNERS = {
-    "ERT": Candidate("ERT", {"n_estimators": 60, "max_depth": 15, "min_samples_split": 3}),
-    "GBM": Candidate("GBM", {"learning_rate": 0.07, "max_depth": 6, "n_estimators": 150, "subsample": 0.5}),
+    "ERT": Learner("ERT", {"n_estimators": 60, "max_depth": 15, "min_samples_split": 3}),
+    "GBM": Learner("GBM", {"learning_rate": 0.07, "max_depth": 6, "n_estimators": 150, "subsample": 0.5}),
 }
 
 
@@ -66,12 +66,12 @@ def oscillator(table: HarmonicTable, order: int) -> Any:
     return 1.0 / (1.0 - r**2 + 2j * DAMPING * r)
 
 
-def predicted(learner: Candidate, x: Any, y: Any, at: Any) -> Any:
+def predicted(learner: Learner, x: Any, y: Any, at: Any) -> Any:
     """Complex coefficients at `at` from those at x."""
     return learner.fit(x, y.real, 0).predict(at) + 1j * learner.fit(x, y.imag, 0).predict(at)
 
 
-def errors(learner: Candidate, features: Callable[[HarmonicTable, int], Any], order: int, tables: Any) -> Any:
+def errors(learner: Learner, features: Callable[[HarmonicTable, int], Any], order: int, tables: Any) -> Any:
     """Mean absolute complex errors: by cross-validation, at the test points."""
     train, test = tables
     x, y = features(train, order), train.column(order)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from st_codegen.proof.review import diff
     from st_codegen.proof.verify import verify
     from st_codegen.reconcile.run import Result
-    from st_codegen.rig.motion_files import Study
+    from st_codegen.rig.motion_files import MotionStudy
 
 __version__ = "0.2.0"
 __all__ = ["diff", "generate", "load", "reconcile", "simulate", "verify"]
@@ -49,7 +49,7 @@ def __getattr__(name: str) -> Any:
     return getattr(importlib.import_module(_HOMES[name]), name)
 
 
-def simulate(bundle: Bundle, rig: Path | str, profile: str = "cycloidal", *, seed: int = 0) -> Study:
+def simulate(bundle: Bundle, rig: Path | str, profile: str = "cycloidal", *, seed: int = 0) -> MotionStudy:
     """Move the axis of a rig.toml with the bundle's generated text in its loop, and once without.
 
     `profile`: `cycloidal`, `robot` or a CSV file. Each law and each form of the tasks with all orders; for fewer, or
@@ -57,11 +57,11 @@ def simulate(bundle: Bundle, rig: Path | str, profile: str = "cycloidal", *, see
     """
     from st_codegen.rig.effects import catalogue
     from st_codegen.rig.machine import read_machine
-    from st_codegen.rig.study import Wish, parse_orders
+    from st_codegen.rig.study import MotionWish, parse_orders
     from st_codegen.rig.study import simulate as simulate_machine
 
     _, machine = read_machine(Path(rig), catalogue(()))
-    return simulate_machine(machine, bundle, profile, Wish(parse_orders((), bundle)), seed=seed)
+    return simulate_machine(machine, bundle, profile, MotionWish(parse_orders((), bundle)), seed=seed)
 
 
 def reconcile(rig: Path | str, measured: Path | str) -> Result:

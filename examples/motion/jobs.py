@@ -18,7 +18,7 @@ from st_codegen.rig.effects import catalogue
 from st_codegen.rig.machine import another_specimen, machine_of
 from st_codegen.rig.model import read_rig
 from st_codegen.rig.motion import Rig
-from st_codegen.rig.study import Wish, simulate, with_oil
+from st_codegen.rig.study import MotionWish, simulate, with_oil
 
 RIG = Path(__file__).resolve().parent.parent / "rv160n" / "rig.toml"
 
@@ -56,7 +56,7 @@ class Job:
     name: str
     profile: str
     machine: Machine
-    wish: Wish
+    wish: MotionWish
     seed: int = 5
 
 

@@ -22,8 +22,8 @@ from jobs import RIG, Job, Machine, digest, run_job, write
 
 from st_codegen.cli.main import main as st_codegen
 from st_codegen.report import Section, Table, page
-from st_codegen.rig.study import AUTO, Wish
-from st_codegen.rig.tasks import Form
+from st_codegen.rig.study import AUTO, MotionWish
+from st_codegen.rig.tasks import TaskForm
 
 STAGES = ("campaign", "train", "compile", "motion", "limits")
 
@@ -80,7 +80,7 @@ def tuning_jobs() -> list[Job]:
             f"tuning/{inputs}",
             "tuning.csv",
             Machine(),
-            Wish(((0, 1),), ("full",), (Form.SPLIT,), AUTO, inputs=inputs),
+            MotionWish(((0, 1),), ("full",), (TaskForm.SPLIT,), AUTO, inputs=inputs),
             3,
         )
         for inputs in settings
@@ -92,18 +92,18 @@ def motion_jobs(scale: Scale) -> list[Job]:
     jobs = []
     for profile, orders in itertools.product(scale.profiles, dict.fromkeys((scale.few, scale.orders))):
         name = f"{Path(profile).stem}_{len(orders)}_orders"
-        plain = Wish((orders,), ("published", "continuous"), (Form.TWO, Form.ONE))
-        ahead = Wish((orders,), ("full",), (Form.SPLIT,), AUTO, inputs=TUNED)
+        plain = MotionWish((orders,), ("published", "continuous"), (TaskForm.TWO, TaskForm.ONE))
+        ahead = MotionWish((orders,), ("full",), (TaskForm.SPLIT,), AUTO, inputs=TUNED)
         jobs += [Job(name, profile, ANOTHER, plain), Job(f"{name}_split_lead", profile, ANOTHER, ahead)]
     return jobs
 
 
 def limit_jobs(scale: Scale) -> list[Job]:
     """The best case, then one thing worse at a time."""
-    best = Wish((scale.orders,), ("full",), (Form.SPLIT,), AUTO, inputs=TUNED)
+    best = MotionWish((scale.orders,), ("full",), (TaskForm.SPLIT,), AUTO, inputs=TUNED)
     trained = Machine()
 
-    def worse(**values: Any) -> Wish:
+    def worse(**values: Any) -> MotionWish:
         return dataclasses.replace(best, **values)
 
     def other(path: str, value: float) -> Machine:
@@ -113,7 +113,7 @@ def limit_jobs(scale: Scale) -> list[Job]:
     cases = {
         "best case: the trained rig, all orders, full law, lead": (trained, best),
         "no lead (575 us)": (trained, worse(lead=0.0)),
-        "no lead, all in the slow task (1325 us)": (trained, worse(lead=0.0, forms=(Form.TWO,))),
+        "no lead, all in the slow task (1325 us)": (trained, worse(lead=0.0, forms=(TaskForm.TWO,))),
         "encoder noise of 1 arcsec": (Machine(values=noise), best),
         "sampling jitter of 25 us": (other("tasks.jitter_us", 25.0), best),
         "load ripple of 10 N m": (other("axis.load.torque_ripple_Nm", 10.0), best),

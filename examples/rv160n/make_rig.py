@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from st_codegen.rig.effects import Constants, Effect, catalogue
-from st_codegen.rig.model import Noise, RigModel
+from st_codegen.rig.model import MeasuringNoise, RigModel
 
 # effect, order, forward (deg, rad), backward (deg, rad) or None for the same; from `benchmarks/rig_sizes.py`
 MESH: list[tuple[str, int, tuple[float, float], tuple[float, float] | None]] = [
@@ -85,7 +85,7 @@ def rig() -> RigModel:
         if backward is not None:
             values |= {f"backward_{key}": backward[0], "backward_phase_rad": backward[1]}
         effects.append(known[name](values, constants))
-    noise = Noise(white_deg=0.0005, run_offset_deg=0.001)
+    noise = MeasuringNoise(white_deg=0.0005, run_offset_deg=0.001)
     return RigModel("rv160n", constants, -0.0174, noise, tuple(effects))
 
 

@@ -17,7 +17,7 @@ class OrderReason:
 
     above_noise: number of curves in which it stands above the noise, of `curves`; rms_deg: root mean square of its
     amplitude over all curves; noise_deg: median noise floor; share: its part of the mean square of the TE without its
-    mean; reason: the decision in words.
+    mean; reason: the decision as a sentence.
     """
 
     order: int

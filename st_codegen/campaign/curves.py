@@ -41,7 +41,7 @@ RIG_HEADER = (
 CONDITIONS_FILE = "conditions.csv"
 #: suffixes of a direction's two columns
 _SUFFIXES = {Direction.FORWARD: "fw", Direction.BACKWARD: "bw"}
-#: column as it is compared (lower case) -> place; the last is the corrected header
+#: name of a column as it is compared (lower case) -> its number; the last is the corrected header
 _COLUMNS = {name.lower(): place for place, name in enumerate(RIG_HEADER)} | {"position_output_reducer_fw": 0}
 _NUMBER = r"(-?\d+(?:[.,]\d+)?)"
 _NAME = re.compile(rf"{_NUMBER}rpm_?{_NUMBER}Nm_?{_NUMBER}deg(?:C|ree)?.*", re.IGNORECASE)
@@ -159,7 +159,7 @@ def _listed(path: Path) -> tuple[dict[Path, OperatingPoint], list[BadFileError]]
 
 @dataclass(frozen=True)
 class _Layout:
-    """How a curve file is written: places of the four columns, lines above the first row, separators."""
+    """How a curve file is written: numbers of the four columns, lines above the first row, separators."""
 
     columns: tuple[int | None, ...]
     skip: int
@@ -211,17 +211,17 @@ def _cells(line: str, separator: str) -> list[str]:
 
 
 def _header_columns(path: Path, names: Sequence[str]) -> tuple[int | None, ...]:
-    places: list[int | None] = [None] * 4
+    found: list[int | None] = [None] * 4
     for column, name in enumerate(names):
         if name not in _COLUMNS:
             raise BadFileError(path, 1, f"unknown column '{name}'; the header is {','.join(RIG_HEADER)}")
-        if places[_COLUMNS[name]] is not None:
+        if found[_COLUMNS[name]] is not None:
             raise BadFileError(path, 1, f"the column '{name}' is there twice")
-        places[_COLUMNS[name]] = column
+        found[_COLUMNS[name]] = column
     for number in (0, 2):
-        if (places[number] is None) != (places[number + 1] is None):
+        if (found[number] is None) != (found[number + 1] is None):
             raise BadFileError(path, 1, f"only one of {RIG_HEADER[number]} and {RIG_HEADER[number + 1]} is there")
-    return tuple(places)
+    return tuple(found)
 
 
 def _plain_columns(path: Path, names: Sequence[str]) -> tuple[int | None, ...]:
@@ -239,7 +239,7 @@ def _is_number(text: str) -> bool:
 
 
 def _table(path: Path, layout: _Layout) -> polars.DataFrame | list[Any]:
-    """The columns of a file, by place; empty cells are null."""
+    """The columns of a file, by number; empty cells are null."""
     pl = _polars()
     width = sum(column is not None for column in layout.columns)
     try:

@@ -105,7 +105,7 @@ class HarmonicTable:
         )
 
     def direction(self, direction: Direction) -> HarmonicTable:
-        """The rows of one direction."""
+        """The rows of a table that were measured in one direction."""
         return self.rows(self.backward == (direction is Direction.BACKWARD))
 
     def only(self, orders: Sequence[int]) -> HarmonicTable:

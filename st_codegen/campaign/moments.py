@@ -26,9 +26,9 @@ def moments(theta_rad: FloatArray, weights: FloatArray, highest: int) -> Complex
     binned = np.zeros((len(weights), terms, size))
     for start in range(0, len(theta_rad), _CHUNK):
         part = slice(start, start + _CHUNK)
-        place = theta_rad[part] * (size / (2.0 * math.pi))
-        nearest = np.rint(place)
-        rest = (place - nearest) * (2.0 * math.pi / size)
+        position = theta_rad[part] * (size / (2.0 * math.pi))
+        nearest = np.rint(position)
+        rest = (position - nearest) * (2.0 * math.pi / size)
         index = nearest.astype(np.intp) & (size - 1)
         for row, weight in enumerate(weights):
             value = weight[part]

@@ -47,7 +47,7 @@ class Sums:
 
     @property
     def band(self) -> int:
-        """The highest order."""
+        """The highest order that the sums of a curve hold."""
         return len(self.te) - 1
 
 
@@ -113,8 +113,8 @@ def fit_orders(curve: Curve | Sums, orders: Sequence[int]) -> OrderFit:
         floor = _noise_floor(residual, fitted)
     spectrum = residual.copy()
     spectrum[fitted] = np.abs(coefficients)
-    places = np.searchsorted(fitted, wanted)
-    chosen = coefficients[places]
+    columns = np.searchsorted(fitted, wanted)
+    chosen = coefficients[columns]
     left = math.sqrt(square_error(sums, wanted, chosen))
     return OrderFit(wanted, chosen, floor[list(wanted)], spectrum, floor, left)
 

@@ -58,7 +58,7 @@ class SumsFile:
         return known, new
 
     def add(self, path: Path, curves: dict[Direction, Sums]) -> None:
-        """Note what a file holds."""
+        """Keep the sums of the curves that a file holds."""
         size, changed = _stamp(path)
         name = self._name(path)
         head = {"version": _VERSION, "band": self.band, "file": name, "size": size, "changed_ns": changed}

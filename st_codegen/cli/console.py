@@ -43,24 +43,24 @@ class Whole(click.IntRange):
 
 
 def models_argument(function: Command) -> Command:
-    """The argument MODELS."""
+    """Add the argument MODELS to a command."""
     return click.argument("models", type=click.Path(path_type=Path))(function)
 
 
 def trust_option(function: Command) -> Command:
-    """The option --trust-pickle."""
+    """Add the option --trust-pickle to a command."""
     return click.option(
         "--trust-pickle", is_flag=True, help="Load .joblib and .pkl files. A pickle can run code: only your own files."
     )(function)
 
 
 def quiet_option(function: Command) -> Command:
-    """The option --quiet."""
+    """Add the option --quiet to a command."""
     return click.option("-q", "--quiet", is_flag=True, help="No progress, no summary: errors only.")(function)
 
 
 def array_option(function: Command) -> Command:
-    """The option --max-array."""
+    """Add the option --max-array to a command."""
     return click.option(
         "--max-array",
         type=Whole(min=1),
@@ -70,7 +70,7 @@ def array_option(function: Command) -> Command:
 
 
 def bytes_option(function: Command) -> Command:
-    """The option --max-bytes."""
+    """Add the option --max-bytes to a command."""
     defaults = ", ".join(f"{name} {target.limits.data_bytes // 2**20}" for name, target in TARGETS.items())
     return click.option(
         "--max-bytes",
@@ -81,7 +81,7 @@ def bytes_option(function: Command) -> Command:
 
 
 def layout_options(function: Command) -> Command:
-    """The options --layout, --table-limit and --outputs-per-cycle."""
+    """Add to a command the options --layout, --table-limit and --outputs-per-cycle."""
     layout = click.option(
         "--layout",
         type=click.Choice([layout.value for layout in Layout]),

@@ -17,7 +17,7 @@ _SMALL = 0.002
 
 
 def cycle_option(function: Command) -> Command:
-    """The option --cycle-us."""
+    """Add the option --cycle-us to a command."""
     return click.option(
         "--cycle-us",
         type=Number(min=0.0, min_open=True),
@@ -26,7 +26,7 @@ def cycle_option(function: Command) -> Command:
 
 
 def profile_option(function: Command) -> Command:
-    """The option --profile."""
+    """Add the option --profile to a command."""
     return click.option(
         "--profile",
         default=DEFAULT,
@@ -37,7 +37,7 @@ def profile_option(function: Command) -> Command:
 
 
 def entry_option(function: Command) -> Command:
-    """The option --entry."""
+    """Add the option --entry to a command."""
     return click.option(
         "--entry",
         "entries",

@@ -57,9 +57,9 @@ def _lines(found: Review) -> list[str]:
         return ["no difference"]
     lines = [f"model added: {name}" for name in found.added]
     lines += [f"model removed: {name}" for name in found.removed]
-    lines += [_words("", change) for change in found.project]
+    lines += [_sentence("", change) for change in found.project]
     for model in found.models:
-        lines += [_words(f"{model.name}: ", change) for change in model.facts]
+        lines += [_sentence(f"{model.name}: ", change) for change in model.facts]
         if model.rows_lost or model.rows_gained:
             lines.append(
                 f"{model.name}: of {model.rows:,} operating points, {model.rows_lost:,} lost their answer, "
@@ -72,7 +72,7 @@ def _lines(found: Review) -> list[str]:
     return [*lines, f"files: {', '.join(files)}"] if files else lines
 
 
-def _words(prefix: str, change: Change) -> str:
+def _sentence(prefix: str, change: Change) -> str:
     if isinstance(change.before, int) and isinstance(change.after, int) and not isinstance(change.before, bool):
         return f"{prefix}{change.what}: {change.before:,} -> {change.after:,}"
     return f"{prefix}{change.what}: {_text(change.before)} -> {_text(change.after)}"

@@ -125,9 +125,9 @@ def _wish(models: Path | None, update: bool, target: str, profile: str, trust_pi
     if not (models / BUNDLE_FILE).is_file():
         raise InputError(f"{models}: no bundle; --models wants a folder with {BUNDLE_FILE}")
     for name, holds in ((MODELS, BUNDLE_FILE), (CODE, "")):
-        place = out / name
-        if place.exists() and (place.resolve() == models.resolve() or not (place / holds).exists()):
-            raise InputError(f"{place} exists and would be replaced: name another --out")
+        replaced = out / name
+        if replaced.exists() and (replaced.resolve() == models.resolve() or not (replaced / holds).exists()):
+            raise InputError(f"{replaced} exists and would be replaced: name another --out")
     return Wish(models, target, "" if profile == "none" else profile, trust_pickle=trust_pickle)
 
 
@@ -160,7 +160,7 @@ def _spectrum_texts(found: SpectrumResult) -> dict[str, str]:
 
 
 def _write(texts: Mapping[str, str], folders: Mapping[str, Path], out: Path) -> None:
-    """All files or none: written beside their places first."""
+    """Write all files or none: each is complete beside the others before the first is moved to where it belongs."""
     make_folder(out.parent)
     with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=out.parent) as name:
         for file, text in texts.items():

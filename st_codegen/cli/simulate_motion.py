@@ -11,7 +11,7 @@ from rich.table import Table
 from st_codegen.cli.console import Number, Whole, console, progress_bar, quiet_option, trust_option
 from st_codegen.project.bundle import load
 from st_codegen.rig.effects import catalogue
-from st_codegen.rig.tasks import Form
+from st_codegen.rig.tasks import TaskForm
 
 
 @click.command(
@@ -46,7 +46,7 @@ Examples:
 )
 @click.option(
     "--tasks",
-    type=click.Choice([str(form) for form in Form]),
+    type=click.Choice([str(form) for form in TaskForm]),
     multiple=True,
     help="one: blocks in the main task; two: in the slow task, as published. May be repeated. Default: two and one.",
 )
@@ -107,10 +107,10 @@ def command(
     machine = study.with_oil(machine, temperature, drift)
     with progress_bar("loading", quiet=quiet) as progress:
         bundle = load(models, trust_pickle=trust_pickle, progress=progress)
-    wish = study.Wish(
+    wish = study.MotionWish(
         orders=study.parse_orders(orders, bundle),
         laws=("published", "continuous") if law == "both" else (law,),
-        forms=tuple(Form(name) for name in tasks) or (Form.TWO, Form.ONE),
+        forms=tuple(TaskForm(name) for name in tasks) or (TaskForm.TWO, TaskForm.ONE),
         lead=study.parse_lead(lead),
         target=target,
         inputs=study.parse_inputs(inputs),

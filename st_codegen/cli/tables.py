@@ -10,7 +10,7 @@ from st_codegen.campaign.harmonic_table import read_table
 from st_codegen.cli.console import Whole, console, progress_bar, quiet_option
 from st_codegen.cli.training import backend_of, search_options, settings_of
 from st_codegen.errors import InputError
-from st_codegen.training.learn import Plan
+from st_codegen.training.learn import LearningPlan
 from st_codegen.training.paper import compare, read_paper
 from st_codegen.training.store import FitStore
 from st_codegen.training.tables import write_tables
@@ -67,7 +67,7 @@ def command(
             f"{data}: {', '.join(missing)} not found. The measured tables are not part of this project: get them and "
             "name their folder (make tables DATA=FOLDER)"
         )
-    plan = Plan(settings_of(families, folds, seed), repeats=repeats)
+    plan = LearningPlan(settings_of(families, folds, seed), repeats=repeats)
     where = backend_of(backend, scheduler, jobs)
     table, paper = read_table(data / TABLE), read_paper(data / ERRORS, data / PREDICTIONS)
     with FitStore(work) as store, progress_bar("fits", quiet=quiet) as progress:

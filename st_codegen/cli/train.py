@@ -18,7 +18,7 @@ from st_codegen.files.number_text import parse_whole
 from st_codegen.files.text import write_text
 from st_codegen.te.harmonics import Direction
 from st_codegen.training.export import FORMATS, write_bundle
-from st_codegen.training.learn import Lesson, Plan, bundle_head, learn, only_exportable
+from st_codegen.training.learn import LearningPlan, Lesson, bundle_head, learn, only_exportable
 from st_codegen.training.measured import Measured, measured_table
 from st_codegen.training.page import training_page
 from st_codegen.training.store import FitStore
@@ -111,7 +111,7 @@ def command(
     """
     settings = settings_of(families, folds, seed)
     settings = only_exportable(settings, form)
-    plan = Plan(settings, test_share, None, math.inf if limit_us is None else limit_us, repeats, keep_faulty)
+    plan = LearningPlan(settings, test_share, None, math.inf if limit_us is None else limit_us, repeats, keep_faulty)
     where = backend_of(backend, scheduler, jobs)
     wanted = _orders(orders)
     with progress_bar("reading", quiet=quiet) as progress:
@@ -160,7 +160,7 @@ def _chosen(table: HarmonicTable, orders: tuple[int, ...] | None) -> HarmonicTab
 
 
 def _say_bad(measured: Measured, quiet: bool) -> None:
-    """What was left out with --skip-bad."""
+    """Print which curve files were left out with --skip-bad."""
     if quiet:
         return
     for error in measured.bad:

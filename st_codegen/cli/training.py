@@ -12,7 +12,7 @@ from st_codegen.cli.console import Whole
 from st_codegen.errors import InputError
 from st_codegen.training.families import FAMILIES, candidates
 from st_codegen.training.search import Backend
-from st_codegen.training.study import Settings
+from st_codegen.training.study import SearchSettings
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -52,12 +52,12 @@ def search_options(function: Command) -> Command:
     return function
 
 
-def settings_of(families: str, folds: int, seed: int) -> Settings:
+def settings_of(families: str, folds: int, seed: int) -> SearchSettings:
     """The settings of a search. Raises InputError for an unknown family."""
     names = [name.strip() for name in families.split(",") if name.strip()]
     if not names:
         raise InputError(f"--families is empty; known are {', '.join(FAMILIES)}")
-    return Settings(candidates(names), folds, seed)
+    return SearchSettings(candidates(names), folds, seed)
 
 
 def backend_of(backend: str, scheduler: str | None, jobs: int | None) -> Backend:

@@ -11,7 +11,7 @@ from types import MappingProxyType
 from st_codegen.cost.operations import Operation
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.text import read_text
-from st_codegen.files.toml_tables import Table, parse_toml, shown
+from st_codegen.files.toml_tables import TomlTable, parse_toml, shown
 
 #: Profile that is used where none is named.
 DEFAULT = "cx5140"
@@ -88,13 +88,13 @@ def load_profile(name: str | Path = DEFAULT) -> Profile:
             )
     text = read_text(path)
     problems = Problems(str(path))
-    with Table(parse_toml(text, str(path)), "", problems) as file:
+    with TomlTable(parse_toml(text, str(path)), "", problems) as file:
         profile = _profile(file, path.stem, text)
     problems.raise_if_any()
     return profile
 
 
-def _profile(file: Table, name: str, text: str) -> Profile:
+def _profile(file: TomlTable, name: str, text: str) -> Profile:
     """A profile from its file; `name` is taken where the file gives none."""
     sources: dict[str, str] = {}
     with file.table("profile") as head:
@@ -118,7 +118,7 @@ def _profile(file: Table, name: str, text: str) -> Profile:
     )
 
 
-def _sourced(table: Table, key: str, low: float, high: float, sources: dict[str, str]) -> float:
+def _sourced(table: TomlTable, key: str, low: float, high: float, sources: dict[str, str]) -> float:
     """A number written as `{ value = .., source = ".." }`, for a number without a source has no worth."""
     if key in table and not isinstance(table.values[key], dict):
         table.declare(key)

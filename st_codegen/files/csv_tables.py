@@ -29,7 +29,7 @@ class RowError(InputError):
 
 
 @dataclass(frozen=True)
-class Row:
+class CsvRow:
     """A row of a table: its last line in the file, and its cells."""
 
     line: int
@@ -41,16 +41,16 @@ class CsvTable:
     """The rows below a header. A row with more or fewer cells than the header is refused where it is asked for one."""
 
     names: tuple[str, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[CsvRow, ...]
     decimal_comma: bool
 
-    def text(self, row: Row, name: str) -> str:
+    def text(self, row: CsvRow, name: str) -> str:
         """A cell, without the blanks around it. Raises RowError."""
         if len(row.cells) != len(self.names):
             raise RowError(row.line, f"{len(row.cells)} values, the header has {len(self.names)}")
         return row.cells[self.names.index(name)].strip()
 
-    def number(self, row: Row, name: str, *, is_finite: bool = True) -> float:
+    def number(self, row: CsvRow, name: str, *, is_finite: bool = True) -> float:
         """A cell as a number. Raises RowError."""
         cell = self.text(row, name)
         try:
@@ -77,7 +77,7 @@ def read_csv(path: Path, wanted: Sequence[str] = ()) -> CsvTable:
     separator = separator_of(text)
     lines = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
     try:
-        rows = [Row(lines.line_num, tuple(row)) for row in lines if any(cell.strip() for cell in row)]
+        rows = [CsvRow(lines.line_num, tuple(row)) for row in lines if any(cell.strip() for cell in row)]
     except csv.Error as error:  # above all a field of more than 131,072 characters
         raise InputError(f"{path}, line {lines.line_num}: not readable as a table ({error})") from None
     if not rows:

@@ -62,7 +62,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
     return f"did you mean '{found}'? K{listed}"
 
 
-class Table:
+class TomlTable:
     """One table of a TOML file, read key by key; as a context it refuses the keys that nobody asked for at its end.
 
     values: what `tomllib` made of the table; where: how messages name it, as in `[axis.motor]` (empty for the file as
@@ -76,7 +76,7 @@ class Table:
         self._asked: list[str] = []
         self._noted_before = len(problems.errors)
 
-    def __enter__(self) -> Table:
+    def __enter__(self) -> TomlTable:
         self._noted_before = len(self.problems.errors)
         return self
 
@@ -93,7 +93,7 @@ class Table:
         return key in self.values
 
     def note(self, message: str) -> None:
-        """Note a problem of this table."""
+        """Note a problem, with the name of this table in front."""
         self.problems.add(f"{self.where}: {message}" if self.where else message)
 
     def collect(self) -> AbstractContextManager[None, bool]:
@@ -199,18 +199,18 @@ class Table:
 
     # -- tables inside
 
-    def table(self, key: str, *, required: bool = False) -> Table:
+    def table(self, key: str, *, required: bool = False) -> TomlTable:
         """The table of a key; an empty one where it is missing or is no table."""
         found = self._get(key, None, "") if required else self._asked_for(key)
         if isinstance(found, Mapping):
-            return Table(found, self._name_of(key), self.problems)
+            return TomlTable(found, self._name_of(key), self.problems)
         if isinstance(found, Sequence) and found and all(isinstance(entry, Mapping) for entry in found):
             self.note(f"[[{key}]]: one table is wanted, not a list of tables; write [{key}]")
         elif found is not None:
             self.note(f"{key} = {shown(found)} is not a table; write [{self._inner(key)}]")
-        return Table({}, self._name_of(key), self.problems)
+        return TomlTable({}, self._name_of(key), self.problems)
 
-    def tables(self, key: str, *, required: bool = False) -> tuple[Table, ...]:
+    def tables(self, key: str, *, required: bool = False) -> tuple[TomlTable, ...]:
         """The tables `[[key]]`, in the order of the file."""
         found = self._get(key, None, "") if required else self._asked_for(key)
         if found is None:
@@ -223,7 +223,7 @@ class Table:
             return ()
         if required and not found:
             self.note(f"{key} is empty: one table [[{key}]] for each is wanted")
-        return tuple(Table(entry, f"[[{key}]] {number}", self.problems) for number, entry in enumerate(found, 1))
+        return tuple(TomlTable(entry, f"[[{key}]] {number}", self.problems) for number, entry in enumerate(found, 1))
 
     def declare(self, *keys: str) -> None:
         """Keys that are known, though nobody reads them here."""

@@ -13,7 +13,7 @@ from st_codegen.emit.render import render_report
 class Table:
     """A table: names of the columns, and rows of text, numbers or truth values.
 
-    strong: places (row, column) in bold. Numbers stand right; floats are shown with four digits: hand over text where
+    strong: cells (row, column) in bold. Numbers stand right; floats are shown with four digits: hand over text where
     that is not right.
     """
 
@@ -22,7 +22,7 @@ class Table:
     strong: Collection[tuple[int, int]] = ()
 
     def markdown(self) -> str:
-        """The same table as Markdown."""
+        """This table as Markdown."""
         lines = ["| " + " | ".join(self.columns) + " |", "|" + "---|" * len(self.columns)]
         for row, cells in enumerate(self._cells()):
             texts = [f"**{text}**" if (row, column) in self.strong else text for column, (text, _) in enumerate(cells)]
@@ -34,7 +34,7 @@ class Table:
         return [[(_shown(cell), isinstance(cell, int | float)) for cell in row] for row in self.rows]
 
     def values(self) -> dict[str, Any]:
-        """What the template needs."""
+        """The columns and cells of this table as the page's template takes them."""
         rows = [
             [(text, number, (row, column) in self.strong) for column, (text, number) in enumerate(cells)]
             for row, cells in enumerate(self._cells())

@@ -62,11 +62,11 @@ def figures(panels: Sequence[tuple[str, Draw]], *, columns: int = 2, size_cm: tu
         canvas = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasSVG(canvas)
         grid = canvas.subplots(rows, columns, squeeze=False)
-        for place, axes in enumerate(grid.flat):
-            if place >= len(panels):
+        for number, axes in enumerate(grid.flat):
+            if number >= len(panels):
                 axes.set_axis_off()
                 continue
-            title, draw = panels[place]
+            title, draw = panels[number]
             draw(axes)
             axes.set_title(title)
             if axes.get_legend() is None and axes.get_legend_handles_labels()[0]:

@@ -48,7 +48,7 @@ class Harmonics:
     def along(
         cls, model: ErrorModel, speed_rpm: FloatArray, load_Nm: FloatArray, temperature_C: FloatArray
     ) -> Harmonics:
-        """Of a model at operating points, one a cycle. `load_Nm` is the torque against positive motion.
+        """The harmonics of a rig model at operating points, one a cycle; `load_Nm` opposes positive motion.
 
         It opposes forward motion and drives backward motion: while it turns over at a reversal, each direction has its
         own sign of it, and what depends on the load alone (compliance, seating) is the same in both.
@@ -62,7 +62,7 @@ class Harmonics:
 
     @classmethod
     def none(cls, cycles: int) -> Harmonics:
-        """A perfect reducer."""
+        """The harmonics of a perfect reducer, which has no transmission error."""
         return cls(np.zeros(0), np.zeros((cycles, 4, 0)))
 
 
@@ -134,8 +134,8 @@ class Axis:
             k.ENCODER_STEP: 2.0 * math.pi / p.encoders.motor_steps_per_rev,
             k.LOOPS: float(loops),
         }
-        for place, value in values.items():
-            packed[place] = value
+        for entry, value in values.items():
+            packed[entry] = value
         return packed
 
     # --- stability ---
@@ -171,14 +171,14 @@ class Axis:
         """
         k = self._kernel
         linear = self.packed.copy()
-        for place in (k.HALF_PLAY, k.MOT_COULOMB, k.RED_COULOMB, k.LOAD_FRICTION, k.ENCODER_STEP):
-            linear[place] = 0.0
+        for entry in (k.HALF_PLAY, k.MOT_COULOMB, k.RED_COULOMB, k.LOAD_FRICTION, k.ENCODER_STEP):
+            linear[entry] = 0.0
         linear[k.TORQUE_LIMIT] = math.inf
         free = [k.TH_MOT, k.W_MOT, k.TH_IN, k.W_IN, k.TORQUE, k.INTEGRAL, k.SETPOINT, k.SEEN]
         image = np.zeros((len(free), len(free)))
-        for column, place in enumerate(free):
+        for column, entry in enumerate(free):
             state = np.zeros(k.STATES)
-            state[place] = 1.0
+            state[entry] = 1.0
             k.advance(state, linear, np.zeros(0), np.zeros((4, 0)), np.zeros(2), 0.0, self._counts)
             image[:, column] = state[free]
         if not np.isfinite(image).all():
@@ -194,11 +194,11 @@ class Axis:
         k, angle = self._kernel, theta_mot_deg * _DEG
         self.state[:] = 0.0
         torque = load_Nm / self.ratio
-        for place in (k.TORQUE, k.INTEGRAL, k.SETPOINT):
-            self.state[place] = torque
+        for entry in (k.TORQUE, k.INTEGRAL, k.SETPOINT):
+            self.state[entry] = torque
         wound = torque / self.packed[k.STIFFNESS] + math.copysign(self.packed[k.HALF_PLAY], torque)
-        for place in (k.TH_MOT, k.TH_IN, k.SEEN, k.REF_FROM, k.REF_TO):
-            self.state[place] = angle
+        for entry in (k.TH_MOT, k.TH_IN, k.SEEN, k.REF_FROM, k.REF_TO):
+            self.state[entry] = angle
         self.state[k.TH_IN] -= wound
         self.state[k.SIDE] = -1.0 if backward else 1.0
         for _ in range(8):  # each round leaves about TE'**2 = 1e-5 of the error
@@ -287,7 +287,7 @@ def controlled_torque(wanted_Nm: FloatArray, load: Load, cycle_s: float, random:
 
 
 def _matrix_exponential(matrix: FloatArray) -> FloatArray:
-    """By scaling and a Taylor series; norms here are well below 1e3."""
+    """The exponential of a matrix by scaling and a Taylor series, for norms well below 1e3."""
     squarings = max(0, math.ceil(math.log2(max(float(np.abs(matrix).sum(axis=1).max()), 1e-300))) + 4)
     small = matrix / 2.0**squarings
     result, term = np.eye(len(matrix)), np.eye(len(matrix))

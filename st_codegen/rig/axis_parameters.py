@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from st_codegen.files.toml_tables import Table
+from st_codegen.files.toml_tables import TomlTable
 
 
 def parameter(default: float, low: float, high: float, source: str) -> Any:
@@ -125,7 +125,7 @@ class AxisParameters:
 _T = TypeVar("_T")
 
 
-def read_parameters(kind: type[_T], table: Table) -> _T:
+def read_parameters(kind: type[_T], table: TomlTable) -> _T:
     """An object of a class whose fields are made by `parameter`, from a table of a rig file.
 
     Everything that is wrong with the table is noted in it; what `kind` itself refuses is raised as InputError.
@@ -141,6 +141,6 @@ def read_parameters(kind: type[_T], table: Table) -> _T:
     return kind(**values)
 
 
-def read_axis(table: Table) -> AxisParameters:
+def read_axis(table: TomlTable) -> AxisParameters:
     """The axis of a rig file from its table `[axis]` (an empty one gives the defaults)."""
     return read_parameters(AxisParameters, table)

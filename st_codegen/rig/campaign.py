@@ -43,7 +43,7 @@ class Measuring:
     seed: int = 0
 
     def count(self, speed_rpm: float, reduction_ratio: float) -> int:
-        """Samples of a revolution of the output."""
+        """The number of samples of a revolution of the output."""
         return self.samples or math.ceil(SAMPLING_HZ * 60 * reduction_ratio / speed_rpm)
 
 

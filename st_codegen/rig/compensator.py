@@ -15,7 +15,7 @@ from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.targets import target_named
 from st_codegen.errors import GeneratedCodeError, InputError
 from st_codegen.project.bundle import Bundle
-from st_codegen.rig.tasks import Form, Inputs, TaskSettings
+from st_codegen.rig.tasks import TaskForm, TaskInputs, TaskSettings
 from st_codegen.st import Machine, StError, StRuntimeError, load_project
 from st_codegen.st.tree import Project
 from st_codegen.te.harmonics import TransmissionError
@@ -106,7 +106,7 @@ class EmittedCompensator:
 
     def start(
         self,
-        form: Form,
+        form: TaskForm,
         law: str,
         tasks: TaskSettings,
         lead_s: float = 0.0,
@@ -121,11 +121,11 @@ class EmittedCompensator:
         if not 0.0 <= lead_s <= _LONGEST_LEAD_S:
             raise InputError(f"a lead of {lead_s * 1e6:g} us: the compensator takes 0 .. {_LONGEST_LEAD_S * 1e6:g} us")
         settings = {"bEnable": True, "fLead_s": lead_s, **LAWS[law], **self._checked(inputs)}
-        if form is not Form.SPLIT:
+        if form is not TaskForm.SPLIT:
             block = self._machine.instance(_COMPENSATE)
             for name, value in settings.items():
                 block[name] = value
-            block["fCycle_s"] = (tasks.slow_us if form is Form.TWO else tasks.main_us) * 1e-6
+            block["fCycle_s"] = (tasks.slow_us if form is TaskForm.TWO else tasks.main_us) * 1e-6
             return RunningCompensator(block, block, None, self.roles)
         if PRG_FAST not in self.project.pous:
             raise InputError("two tasks that share the work exchange global variables: choose the target twincat")
@@ -172,7 +172,7 @@ class RunningCompensator:
         self._slow = slow
         self._roles = roles
 
-    def correct(self, inputs: Inputs) -> float:
+    def correct(self, inputs: TaskInputs) -> float:
         """The correction of the motor's reference, deg. Raises GeneratedCodeError where the controller would stop."""
         self._ports["fThetaOut_rad"] = inputs.theta_rad
         self._ports[self._roles.speed] = inputs.speed_rpm
@@ -181,13 +181,13 @@ class RunningCompensator:
         _guarded(self._fast)
         return float(self._ports["fCorrection_deg"])
 
-    def prepare(self, inputs: Inputs) -> None:
+    def prepare(self, inputs: TaskInputs) -> None:
         """The slow task of the split form: new coefficients."""
         self._ports[self._roles.speed] = inputs.speed_rpm
         self._operating_point(inputs)
         _guarded(self._slow)
 
-    def _operating_point(self, inputs: Inputs) -> None:
+    def _operating_point(self, inputs: TaskInputs) -> None:
         if self._roles.torque:
             self._ports[self._roles.torque] = inputs.torque_Nm
         if self._roles.temperature:

@@ -99,7 +99,7 @@ def transmission(x: FloatArray, p: FloatArray, orders: FloatArray, c: FloatArray
 
 @njit(cache=True)
 def accelerations(x: FloatArray, p: FloatArray, load: float) -> tuple[float, float]:
-    """Of motor and fast shaft, rad/s2; `load` is the torque at the output against positive motion."""
+    """The accelerations of motor and fast shaft, rad/s2; `load` is the torque at the output against positive motion."""
     twist, rate = x[TH_MOT] - x[TH_IN], x[W_MOT] - x[W_IN]
     carried = 0.0
     if twist > p[HALF_PLAY]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import Problems
-from st_codegen.files.toml_tables import Table
+from st_codegen.files.toml_tables import TomlTable
 from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.rig.axis_parameters import AxisParameters, Coupling, Drive, read_axis
 from st_codegen.rig.effects import Catalogue, Conditions, Effect, Stage
@@ -51,8 +51,8 @@ def machine_of(model: RigModel, subject: str = "rig.toml") -> Rig:
     """The machine of a rig. Raises InputError for unknown keys and values out of bounds in [axis] and [tasks]."""
     problems = Problems(subject)
     table = model.other.get("axis", {})
-    axis = read_axis(Table(table, "[axis]", problems))
-    tasks = read_tasks(Table(model.other.get("tasks", {}), "[tasks]", problems))
+    axis = read_axis(TomlTable(table, "[axis]", problems))
+    tasks = read_tasks(TomlTable(model.other.get("tasks", {}), "[tasks]", problems))
     problems.raise_if_any()
     for effect in model.effects:
         axis = _with_effect(axis, effect, table)

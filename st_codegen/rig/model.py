@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from st_codegen.errors import Problems
 from st_codegen.files.text import read_text, write_text
-from st_codegen.files.toml_tables import Table, nearest, parse_toml
+from st_codegen.files.toml_tables import TomlTable, nearest, parse_toml
 from st_codegen.files.toml_text import table_lines
 from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
 from st_codegen.rig.axis_parameters import read_axis
@@ -25,7 +25,7 @@ from st_codegen.rig.tasks import read_tasks
 
 
 @dataclass(frozen=True)
-class Noise:
+class MeasuringNoise:
     """Noise of simulated measurements: standard deviation of a sample, and of the mean from run to run, deg."""
 
     white_deg: float = 0.0
@@ -39,7 +39,7 @@ class RigModel:
     name: str = "rig"
     constants: Constants = field(default_factory=Constants)
     zero_offset_deg: float = 0.0
-    noise: Noise = field(default_factory=Noise)
+    noise: MeasuringNoise = field(default_factory=MeasuringNoise)
     effects: tuple[Effect, ...] = ()
     other: Mapping[str, Any] = field(default_factory=dict)
 
@@ -52,7 +52,7 @@ class RigModel:
         return tuple(effect for effect in self.effects if effect.stage is stage)
 
     def with_effects(self, effects: Iterable[Effect]) -> RigModel:
-        """The same rig with other effects."""
+        """This rig with other effects in place of its own."""
         return replace(self, effects=tuple(effects))
 
     def closure(self, orders: Sequence[int]) -> IntArray:
@@ -69,8 +69,8 @@ class RigModel:
         """c_k at operating points, complex128 (len(at), len(orders)), deg; column j belongs to orders[j]."""
         wanted = self.closure(orders)
         total = self._through(at, wanted)
-        places = np.searchsorted(wanted, np.asarray(orders, np.int64))
-        found: ComplexArray = total[:, places]
+        columns = np.searchsorted(wanted, np.asarray(orders, np.int64))
+        found: ComplexArray = total[:, columns]
         return found
 
     def _through(self, at: Conditions, orders: IntArray) -> ComplexArray:
@@ -116,7 +116,7 @@ class RigModel:
         """The rig as TOML: the same rig always gives the same bytes."""
         head = {"name": self.name} | {f.name: getattr(self.constants, f.name) for f in fields(Constants)}
         lines = table_lines("[rig]", head | {"zero_offset_deg": self.zero_offset_deg})
-        noise = {f.name: getattr(self.noise, f.name) for f in fields(Noise) if getattr(self.noise, f.name)}
+        noise = {f.name: getattr(self.noise, f.name) for f in fields(MeasuringNoise) if getattr(self.noise, f.name)}
         if noise:
             lines += ["", *table_lines("[noise]", noise)]
         for key in sorted(self.other):
@@ -139,13 +139,13 @@ def parse_rig(text: str, subject: str = "rig.toml", known: Catalogue | None = No
     """A rig from TOML text; `subject` names it in messages. Raises one InputError that lists every problem."""
     problems = Problems(subject)
     content = parse_toml(text, subject)
-    with Table(content, "", problems) as file:
+    with TomlTable(content, "", problems) as file:
         with file.table("rig", required=True) as head:
             name = head.text("name", "rig")
             offset = head.number("zero_offset_deg", 0.0, low=-1e3, high=1e3, unit="deg")
             constants = _constants(head)
         with file.table("noise") as table:
-            noise = Noise(
+            noise = MeasuringNoise(
                 table.number("white_deg", 0.0, low=0.0, high=1e3, unit="deg"),
                 table.number("run_offset_deg", 0.0, low=0.0, high=1e3, unit="deg"),
             )
@@ -158,7 +158,7 @@ def parse_rig(text: str, subject: str = "rig.toml", known: Catalogue | None = No
     return RigModel(name, constants, offset, noise, effects, other)
 
 
-def _constants(head: Table) -> Constants:
+def _constants(head: TomlTable) -> Constants:
     whole = {key: head.whole(key, getattr(Constants, key), low=1, high=10_000) for key in ("cycloid_teeth", "pins")}
     return Constants(
         head.number("reduction_ratio", low=1.0, high=1e5),
@@ -170,7 +170,9 @@ def _constants(head: Table) -> Constants:
     )
 
 
-def _effects(tables: Sequence[Table], constants: Constants, known: Catalogue, problems: Problems) -> tuple[Effect, ...]:
+def _effects(
+    tables: Sequence[TomlTable], constants: Constants, known: Catalogue, problems: Problems
+) -> tuple[Effect, ...]:
     found: list[Effect] = []
     for table in tables:
         name = table.text("name")

@@ -13,8 +13,8 @@ from st_codegen.ir.arrays import FloatArray
 from st_codegen.rig.axis import Axis, ErrorModel, Harmonics, controlled_torque
 from st_codegen.rig.axis_parameters import AxisParameters, Encoders, Thermal
 from st_codegen.rig.compensator import EmittedCompensator, RunningCompensator
-from st_codegen.rig.profiles import Profile
-from st_codegen.rig.tasks import Form, Inputs, Plc, TaskSettings
+from st_codegen.rig.profiles import MotionProfile
+from st_codegen.rig.tasks import Plc, TaskForm, TaskInputs, TaskSettings
 
 #: Standstill before the profile starts: the compensator's ramp has its 0.5 s, the loops settle.
 LEAD_IN_S = 1.0
@@ -31,14 +31,14 @@ class Rig:
 
 
 @dataclass(frozen=True)
-class Plan:
+class MotionPlan:
     """A profile on the PLC's ticks, with the operating points on the way. All arrays (ticks,).
 
     `torque_Nm` opposes the motion; `wanted_Nm` is the profile's, which the PLC knows; `sensor_C` is what the oil's
     sensor says.
     """
 
-    profile: Profile
+    profile: MotionProfile
     cycle_s: float
     first: int
     angle_deg: FloatArray
@@ -60,7 +60,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Recording:
+class MotionRecord:
     """A run, one row a tick: angles (deg, fast side and output), what encoders showed and what the compensator said."""
 
     theta_ref_deg: FloatArray
@@ -73,7 +73,7 @@ class Recording:
     predicted_deg: FloatArray
 
 
-def plan(rig: Rig, profile: Profile, *, seed: int = 0) -> Plan:
+def plan(rig: Rig, profile: MotionProfile, *, seed: int = 0) -> MotionPlan:
     """Everything about a motion that does not depend on the loop. The same seed gives the same noise, run after run."""
     cycle = rig.tasks.main_us * 1e-6
     before = round(LEAD_IN_S / cycle)
@@ -91,7 +91,7 @@ def plan(rig: Rig, profile: Profile, *, seed: int = 0) -> Plan:
     time = (np.arange(len(speed)) - before) * cycle
     temperature = rig.axis.thermal.start_C + rig.axis.thermal.drift_K_per_min / 60.0 * np.maximum(time, 0.0)
     encoders = rig.axis.encoders
-    return Plan(
+    return MotionPlan(
         profile=profile,
         cycle_s=cycle,
         first=before,
@@ -122,7 +122,9 @@ def _sensed(temperature_C: FloatArray, thermal: Thermal, cycle_s: float) -> Floa
     return result
 
 
-def run(rig: Rig, plan: Plan, form: Form = Form.ONE, running: RunningCompensator | None = None) -> Recording:
+def run(
+    rig: Rig, plan: MotionPlan, form: TaskForm = TaskForm.ONE, running: RunningCompensator | None = None
+) -> MotionRecord:
     """Move once, with the compensator `running` in the loop or without."""
     ticks = len(plan.angle_deg)
     axis = Axis(rig.axis, rig.model.reduction_ratio, cycle_s=plan.cycle_s)
@@ -141,7 +143,9 @@ def run(rig: Rig, plan: Plan, form: Form = Form.ONE, running: RunningCompensator
     setpoint, radians = float(references[0]), np.pi / 180.0
     for n in range(ticks):
         seen_in, seen_out = _latch(axis, plan, n, encoders, ratio)
-        sample = Inputs(seen_out * radians, float(plan.speed_rpm[n]), float(plan.wanted_Nm[n]), float(plan.sensor_C[n]))
+        sample = TaskInputs(
+            seen_out * radians, float(plan.speed_rpm[n]), float(plan.wanted_Nm[n]), float(plan.sensor_C[n])
+        )
         published = plc.tick(n, sample, float(references[n]))
         if published is not None:
             setpoint = published
@@ -153,10 +157,10 @@ def run(rig: Rig, plan: Plan, form: Form = Form.ONE, running: RunningCompensator
         raise InputError(
             "the simulation left all bounds; the parameters of [axis] do not describe a machine that can move like this"
         )
-    return Recording(*rows.T)
+    return MotionRecord(*rows.T)
 
 
-def _latch(axis: Axis, plan: Plan, n: int, encoders: Encoders, ratio: float) -> tuple[float, float]:
+def _latch(axis: Axis, plan: MotionPlan, n: int, encoders: Encoders, ratio: float) -> tuple[float, float]:
     """Readings of both encoders: their age (a delay, the jitter of the instant), noise, steps."""
     age = encoders.delay_s - plan.jitter_s[n]
     speed = axis.speed_in_deg_s
@@ -178,23 +182,23 @@ class Size:
 
     @classmethod
     def of(cls, values: FloatArray) -> Size:
-        """Of an error over time."""
+        """The root mean square and the largest magnitude of an error over time, deg."""
         return cls(float(np.sqrt(np.mean(values**2))), float(np.abs(values).max())) if len(values) else cls(0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class Case:
+class CompensationCase:
     """One way to compensate; `inputs`: other inputs of the block, by name."""
 
     orders: tuple[int, ...]
     law: str
-    form: Form
+    form: TaskForm
     lead_s: float = 0.0
     inputs: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
-class Outcome:
+class MotionOutcome:
     """One case on one profile. `before`, `after`: the whole motion; `full_..`: where the law's weight is 1.
 
     The error after is theta_out with compensation against theta_in / ratio of the same motion without it: what is left
@@ -202,7 +206,7 @@ class Outcome:
     drive included.
     """
 
-    case: Case
+    case: CompensationCase
     before: Size
     after: Size
     full_before: Size
@@ -219,7 +223,9 @@ class Outcome:
         return 1.0 - self.after.rms / self.before.rms, 1.0 - self.after.maximum / self.before.maximum
 
 
-def compare(rig: Rig, plan: Plan, before: Recording, compensator: EmittedCompensator, case: Case) -> Outcome:
+def compare(
+    rig: Rig, plan: MotionPlan, before: MotionRecord, compensator: EmittedCompensator, case: CompensationCase
+) -> MotionOutcome:
     """Move with the compensator and compare with the same motion without it."""
     running = compensator.start(case.form, case.law, rig.tasks, case.lead_s, case.inputs)
     after = run(rig, plan, case.form, running)
@@ -228,7 +234,7 @@ def compare(rig: Rig, plan: Plan, before: Recording, compensator: EmittedCompens
     new = (after.seen_out_deg - before.seen_in_deg / ratio)[moving]
     full = after.weight[moving] >= 1.0
     wanted = plan.angle_deg[moving]
-    return Outcome(
+    return MotionOutcome(
         case=case,
         before=Size.of(old),
         after=Size.of(new),
@@ -242,7 +248,7 @@ def compare(rig: Rig, plan: Plan, before: Recording, compensator: EmittedCompens
     )
 
 
-def lead_time_s(rig: Rig, form: Form) -> float:
+def lead_time_s(rig: Rig, form: TaskForm) -> float:
     """All delays between a latched angle and the motor's answer that are known: tasks, transfer, hold, the drive's
     interpolation and lag.
 

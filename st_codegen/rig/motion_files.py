@@ -13,13 +13,13 @@ import numpy as np
 from st_codegen.files.text import write_texts
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.report import Section, Table, figure, figures, page
-from st_codegen.rig.motion import Outcome, Plan, Recording, Rig
-from st_codegen.rig.tasks import Form
+from st_codegen.rig.motion import MotionOutcome, MotionPlan, MotionRecord, Rig
+from st_codegen.rig.tasks import TaskForm
 
 #: Columns of recordings in time (docs/effects.md): s, deg of the fast side, deg of the output, rpm, N m, degC.
 RECORDING = "t,theta_ref,theta_mot,theta_in,theta_out,speed_rpm,torque_Nm,temperature_C"
 _POINTS = 1500
-#: What the error after compensation is, in the words of the page.
+#: What the error after compensation is, as the page says it.
 _MEANING = (
     "Error before: theta_out - theta_in / ratio of the motion without compensation, as the encoders show it (Eq. 1). "
     "Error after: theta_out of "
@@ -30,16 +30,16 @@ _MEANING = (
 
 
 @dataclass(frozen=True)
-class Study:
-    """All cases on one profile."""
+class MotionStudy:
+    """The motion of a profile without compensation, and all cases with it."""
 
     rig: Rig
-    plan: Plan
-    before: Recording
-    outcomes: tuple[Outcome, ...]
+    plan: MotionPlan
+    before: MotionRecord
+    outcomes: tuple[MotionOutcome, ...]
 
 
-def row(study: Study, outcome: Outcome) -> dict[str, Any]:
+def row(study: MotionStudy, outcome: MotionOutcome) -> dict[str, Any]:
     """One case as numbers: deg, us, Hz."""
     case, tasks = outcome.case, study.rig.tasks
     highest = max(case.orders)
@@ -68,15 +68,15 @@ def row(study: Study, outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def label(outcome: Outcome) -> str:
-    """A case in a few words."""
+def label(outcome: MotionOutcome) -> str:
+    """The orders, the law, the tasks and the lead of a case, as a label of a curve."""
     case = outcome.case
     orders = f"{len(case.orders)} orders" if len(case.orders) > 4 else "orders " + " ".join(map(str, case.orders))
     lead = f", lead {case.lead_s * 1e6:.0f} us" if case.lead_s else ""
     return f"{orders}, {case.law}, {case.form}{lead}"
 
 
-def write(study: Study, out: Path, *, recording: bool = False) -> None:
+def write(study: MotionStudy, out: Path, *, recording: bool = False) -> None:
     """Write motion.json, motion.csv, curves.csv and report.html to a folder; each file appears complete or not at
     all."""
     rows = [row(study, outcome) for outcome in study.outcomes]
@@ -102,8 +102,8 @@ def _csv(rows: Sequence[dict[str, Any]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _curves(study: Study) -> str:
-    """Errors over time, a row a millisecond."""
+def _curves(study: MotionStudy) -> str:
+    """The errors of all cases over time as CSV, a row a millisecond."""
     plan, moving = study.plan, slice(study.plan.first, None)
     every = max(round(1e-3 / plan.cycle_s), 1)
     columns = [
@@ -123,7 +123,7 @@ def _curves(study: Study) -> str:
     return ",".join(names) + "\n" + "\n".join(",".join(f"{value:.9g}" for value in line) for line in table) + "\n"
 
 
-def recording_text(plan: Plan, recording: Recording) -> str:
+def recording_text(plan: MotionPlan, recording: MotionRecord) -> str:
     """A motion as `reconcile` reads it: what drive and encoders show, a row a PLC cycle."""
     columns = (
         plan.time_s,
@@ -142,7 +142,7 @@ def recording_text(plan: Plan, recording: Recording) -> str:
 # --- the page ---
 
 
-def html(study: Study) -> str:
+def html(study: MotionStudy) -> str:
     """The page: table of cases, curves, profile, timing."""
     profile = study.plan.profile
     sections = [
@@ -171,7 +171,7 @@ def _percent(before: float, after: float) -> str:
     return f"{100.0 * (1.0 - after / before):.1f} %" if before > 0.0 else "-"
 
 
-def _table(study: Study) -> Table:
+def _table(study: MotionStudy) -> Table:
     columns = (
         "case",
         "RMS before",
@@ -201,16 +201,16 @@ def _table(study: Study) -> Table:
     return Table(columns, rows)
 
 
-def _facts(study: Study) -> Table:
+def _facts(study: MotionStudy) -> Table:
     facts = study.plan.profile.facts(study.rig.model.reduction_ratio)
     return Table(tuple(facts), [tuple(f"{value:.4g}" for value in facts.values())])
 
 
-def _timing(study: Study) -> Table:
+def _timing(study: MotionStudy) -> Table:
     tasks = study.rig.tasks
     top = max((order for outcome in study.outcomes for order in outcome.case.orders), default=0)
     rows = []
-    for form in Form:
+    for form in TaskForm:
         timing = tasks.latency(form)
         times = (timing.best_us, timing.mean_us)
         speed = f"{timing.output_speed_rpm(top):.1f} rpm" if top else "-"
@@ -222,7 +222,7 @@ def _thin(count: int) -> slice:
     return slice(None, None, max(count // _POINTS, 1))
 
 
-def _error_picture(study: Study) -> str:
+def _error_picture(study: MotionStudy) -> str:
     time = study.plan.time_s[study.plan.first :]
     thin = _thin(len(time))
 
@@ -242,7 +242,7 @@ def _error_picture(study: Study) -> str:
     return figure(draw, xlabel="time in s", ylabel="error of the output in deg", size_cm=(18, 9))
 
 
-def _prediction_picture(study: Study) -> str:
+def _prediction_picture(study: MotionStudy) -> str:
     angle = study.plan.angle_deg[study.plan.first :]
     thin = _thin(len(angle))
 
@@ -255,7 +255,7 @@ def _prediction_picture(study: Study) -> str:
     return figure(draw, xlabel="angle of the output in deg", ylabel="TE in deg", size_cm=(18, 7))
 
 
-def _profile_picture(study: Study) -> str:
+def _profile_picture(study: MotionStudy) -> str:
     profile = study.plan.profile
     thin = _thin(len(profile.time_s))
     panels = (

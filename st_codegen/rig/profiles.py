@@ -26,7 +26,7 @@ _LONGEST_S = 1800.0
 
 
 @dataclass(frozen=True)
-class Profile:
+class MotionProfile:
     """A motion of the output: `time_s` (n,) from 0, evenly spaced; angle deg, speed deg/s, torque against the motion N
     m, all (n,)."""
 
@@ -72,12 +72,12 @@ def _times(count: int, cycle_s: float) -> FloatArray:
 
 def cycloidal(
     cycle_s: float, *, period_s: float = 20.0, height_deg: float = 360.0, torque_Nm: float = 370.0
-) -> Profile:
+) -> MotionProfile:
     """Eq. 7: theta = h (t/T - sin(2 pi t/T) / (2 pi)), the load likewise up to its maximum."""
     time = _times(round(period_s / cycle_s) + 1, cycle_s)
     phase = 2.0 * np.pi * time / period_s
     rise = time / period_s - np.sin(phase) / (2.0 * np.pi)
-    return Profile(
+    return MotionProfile(
         "cycloidal", time, height_deg * rise, height_deg / period_s * (1.0 - np.cos(phase)), torque_Nm * rise
     )
 
@@ -91,7 +91,7 @@ _MOVES = (
 )
 
 
-def robot(cycle_s: float) -> Profile:
+def robot(cycle_s: float) -> MotionProfile:
     """Pick and place: each move is a polynomial of fifth order (jerk without jumps), the load swells and fades with it.
 
     Largest speed 19.6 rpm at the output (1590 rpm at the motor), acceleration up to 173 deg/s2, two reversals, four
@@ -109,7 +109,7 @@ def robot(cycle_s: float) -> Profile:
         parts.append(np.stack([np.full(rest, angle), np.zeros(rest), np.full(rest, 0.1 * load)]))
     angles, speeds, torques = np.concatenate(parts, axis=1)
     time = _times(len(angles), cycle_s)
-    return Profile("robot", time, angles, speeds, _smooth(torques, round(0.05 / cycle_s)))
+    return MotionProfile("robot", time, angles, speeds, _smooth(torques, round(0.05 / cycle_s)))
 
 
 def _smooth(values: FloatArray, width: int) -> FloatArray:
@@ -121,10 +121,10 @@ def _smooth(values: FloatArray, width: int) -> FloatArray:
 
 
 #: Profiles by name.
-PROFILES: dict[str, Callable[[float], Profile]] = {"cycloidal": cycloidal, "robot": robot}
+PROFILES: dict[str, Callable[[float], MotionProfile]] = {"cycloidal": cycloidal, "robot": robot}
 
 
-def profile_named(name: str, cycle_s: float, limits: tuple[float, float] = (22.2, 2000.0)) -> Profile:
+def profile_named(name: str, cycle_s: float, limits: tuple[float, float] = (22.2, 2000.0)) -> MotionProfile:
     """A profile by name, or from a CSV file. `limits`: speed of the output in rpm and its torque in N m.
 
     Raises InputError for an unknown name, and lists what is wrong with a file.
@@ -138,7 +138,7 @@ def profile_named(name: str, cycle_s: float, limits: tuple[float, float] = (22.2
     return read_profile(path, cycle_s, limits)
 
 
-def read_profile(path: Path, cycle_s: float, limits: tuple[float, float] = (22.2, 2000.0)) -> Profile:
+def read_profile(path: Path, cycle_s: float, limits: tuple[float, float] = (22.2, 2000.0)) -> MotionProfile:
     """A profile from a CSV, on the PLC's cycles: piecewise cubic through the angles (no overshoot), linear for the
     torque."""
     from scipy.interpolate import PchipInterpolator
@@ -150,7 +150,9 @@ def read_profile(path: Path, cycle_s: float, limits: tuple[float, float] = (22.2
     problems.raise_if_any()
     grid = np.arange(math.floor((time[-1] - time[0]) / cycle_s + 1e-9) + 1) * cycle_s
     curve = PchipInterpolator(time - time[0], angle)
-    return Profile(path.stem, grid, curve(grid), curve.derivative()(grid), np.interp(grid, time - time[0], torque))
+    return MotionProfile(
+        path.stem, grid, curve(grid), curve.derivative()(grid), np.interp(grid, time - time[0], torque)
+    )
 
 
 def _check(

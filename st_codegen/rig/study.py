@@ -10,10 +10,10 @@ from st_codegen.errors import InputError
 from st_codegen.files.number_text import parse_number, parse_whole
 from st_codegen.project.bundle import Bundle
 from st_codegen.rig.compensator import EmittedCompensator, restricted
-from st_codegen.rig.motion import Case, Progress, Rig, compare, lead_time_s, plan, run
-from st_codegen.rig.motion_files import Study
-from st_codegen.rig.profiles import Profile, profile_named
-from st_codegen.rig.tasks import Form
+from st_codegen.rig.motion import CompensationCase, Progress, Rig, compare, lead_time_s, plan, run
+from st_codegen.rig.motion_files import MotionStudy
+from st_codegen.rig.profiles import MotionProfile, profile_named
+from st_codegen.rig.tasks import TaskForm
 from st_codegen.te.purpose import transmission_error
 
 #: `--lead auto`
@@ -22,12 +22,12 @@ _LONGEST_LEAD_US = 1e6
 
 
 @dataclass(frozen=True)
-class Wish:
+class MotionWish:
     """What is asked for: sets of orders, laws, forms; `lead_s`, AUTO for all known delays."""
 
     orders: tuple[tuple[int, ...], ...]
     laws: tuple[str, ...] = ("published", "continuous")
-    forms: tuple[Form, ...] = (Form.TWO, Form.ONE)
+    forms: tuple[TaskForm, ...] = (TaskForm.TWO, TaskForm.ONE)
     lead: float = 0.0
     target: str = "twincat"
     inputs: Mapping[str, float] = field(default_factory=dict)
@@ -86,13 +86,13 @@ def with_oil(rig: Rig, temperature_C: float | None, drift_K_per_min: float | Non
 def simulate(
     rig: Rig,
     bundle: Bundle,
-    profile: str | Profile,
-    wish: Wish,
+    profile: str | MotionProfile,
+    wish: MotionWish,
     *,
     seed: int = 0,
     progress: Progress | None = None,
     compensators: MutableMapping[tuple[int, ...], EmittedCompensator] | None = None,
-) -> Study:
+) -> MotionStudy:
     """Move without compensation, then once for each set of orders, law and form.
 
     `compensators`: the generated code by its orders, kept from study to study with the same bundle and target. Raises
@@ -120,10 +120,12 @@ def simulate(
             for form in wish.forms:
                 lead = lead_time_s(rig, form) if wish.lead == AUTO else wish.lead
                 next_is(f"{len(orders)} orders, {law}, {form}")
-                outcomes.append(compare(rig, planned, before, compensator, Case(orders, law, form, lead, wish.inputs)))
+                outcomes.append(
+                    compare(rig, planned, before, compensator, CompensationCase(orders, law, form, lead, wish.inputs))
+                )
                 done += 1
     next_is("")
-    return Study(rig, planned, before, tuple(outcomes))
+    return MotionStudy(rig, planned, before, tuple(outcomes))
 
 
 def _check_ratio(rig: Rig, bundle: Bundle) -> None:

@@ -13,13 +13,13 @@ from enum import StrEnum
 from typing import NamedTuple, Protocol
 
 from st_codegen.errors import InputError
-from st_codegen.files.toml_tables import Table
+from st_codegen.files.toml_tables import TomlTable
 from st_codegen.rig.axis_parameters import parameter, read_parameters
 from st_codegen.te.latency import PAPER_OUTPUT_US, Latency, TaskTiming, latency
 
 
-class Form(StrEnum):
-    """Where the blocks run."""
+class TaskForm(StrEnum):
+    """In which of the PLC's tasks the blocks of the compensation run."""
 
     ONE = "one"  # all of it in the main task
     TWO = "two"  # all of it in the slow task, as published
@@ -43,24 +43,24 @@ class TaskSettings:
 
     @property
     def ratio(self) -> int:
-        """Main cycles in a slow one."""
+        """The number of main cycles in a slow one."""
         return round(self.slow_us / self.main_us)
 
-    def latency(self, form: Form) -> Latency:
+    def latency(self, form: TaskForm) -> Latency:
         """Age of an angle when its correction gets to the drive, by the form's chain of bus and tasks."""
         bus, main = TaskTiming("bus", self.main_us), TaskTiming("main", self.main_us)
-        chain = [bus, main, TaskTiming("slow", self.slow_us), main] if form is Form.TWO else [bus, main]
+        chain = [bus, main, TaskTiming("slow", self.slow_us), main] if form is TaskForm.TWO else [bus, main]
         return latency(chain, output_us=self.transfer_us)
 
 
-def read_tasks(table: Table) -> TaskSettings:
+def read_tasks(table: TomlTable) -> TaskSettings:
     """The tasks of a rig file from its table `[tasks]`; everything that is wrong is noted."""
     with table.collect():
         return read_parameters(TaskSettings, table)
     return TaskSettings()
 
 
-class Inputs(NamedTuple):
+class TaskInputs(NamedTuple):
     """What the blocks are given: angle of the output from its encoder (rad), the rest from the motion profile and the
     oil's sensor."""
 
@@ -70,13 +70,13 @@ class Inputs(NamedTuple):
     temperature_C: float
 
 
-class Application(Protocol):
+class TaskedCompensator(Protocol):
     """The compensator as the tasks call it."""
 
-    def correct(self, inputs: Inputs) -> float:
+    def correct(self, inputs: TaskInputs) -> float:
         """The correction of the motor's reference, deg."""
 
-    def prepare(self, inputs: Inputs) -> None:
+    def prepare(self, inputs: TaskInputs) -> None:
         """The slow part of the split form, which leaves its result to the fast one."""
 
 
@@ -85,18 +85,18 @@ class Plc:
     """The tasks, tick by tick; without an application the motor's reference goes out as it is."""
 
     settings: TaskSettings
-    form: Form
-    application: Application | None
-    _latched: Inputs | None = None
-    _main_inputs: Inputs | None = None
+    form: TaskForm
+    application: TaskedCompensator | None
+    _latched: TaskInputs | None = None
+    _main_inputs: TaskInputs | None = None
     _setpoint: float | None = None
     _from_slow: float = 0.0
     _slow_result: float = 0.0
 
-    def tick(self, number: int, sample: Inputs, reference_deg: float) -> float | None:
+    def tick(self, number: int, sample: TaskInputs, reference_deg: float) -> float | None:
         """One main cycle: `sample` is latched now; returns the set-point published now, deg; None in the first
         cycle."""
-        slow_starts = self.form is not Form.ONE and number % self.settings.ratio == 0
+        slow_starts = self.form is not TaskForm.ONE and number % self.settings.ratio == 0
         # all tasks that start publish what their last cycle computed
         published, to_slow = self._setpoint, self._main_inputs
         if slow_starts:
@@ -106,14 +106,14 @@ class Plc:
         self._main_inputs = inputs
         self._setpoint = reference_deg + self._main(inputs)
         if slow_starts and to_slow is not None and self.application is not None:
-            if self.form is Form.SPLIT:
+            if self.form is TaskForm.SPLIT:
                 # the blocks hand their sets on in shared memory themselves
                 self.application.prepare(to_slow)
             else:
                 self._slow_result = self.application.correct(to_slow)
         return published
 
-    def _main(self, inputs: Inputs) -> float:
+    def _main(self, inputs: TaskInputs) -> float:
         if self.application is None:
             return 0.0
-        return self._from_slow if self.form is Form.TWO else self.application.correct(inputs)
+        return self._from_slow if self.form is TaskForm.TWO else self.application.correct(inputs)

@@ -41,7 +41,7 @@ from pathlib import Path
 
 from st_codegen.emit.literals import identifier
 from st_codegen.errors import InputError, Problems
-from st_codegen.files.toml_tables import Table, read_toml, shown
+from st_codegen.files.toml_tables import TomlTable, read_toml, shown
 from st_codegen.ir import Feature
 from st_codegen.te.harmonics import Direction, Quantity
 
@@ -77,13 +77,13 @@ class Description:
 def read_description(path: Path) -> Description:
     """Read a `bundle.toml`. Raises one InputError that lists every problem."""
     problems = Problems(str(path))
-    with Table(read_toml(path), "", problems) as file:
+    with TomlTable(read_toml(path), "", problems) as file:
         description = _description(file)
     problems.raise_if_any()
     return description
 
 
-def _description(file: Table) -> Description:
+def _description(file: TomlTable) -> Description:
     with file.table("bundle", required=True) as bundle:
         name = bundle.text("name")
         bundle.text("description", "")
@@ -100,7 +100,7 @@ def _description(file: Table) -> Description:
     directions = tuple(dict.fromkeys(directions))
     features = _features(file)
     # a feature with another fault still counts as named
-    named = [str(table.values.get("name", "")) for table in Table(file.values, "", Problems("")).tables("feature")]
+    named = [str(table.values.get("name", "")) for table in TomlTable(file.values, "", Problems("")).tables("feature")]
     if speed and speed not in named:
         bundle.note(f"speed_feature = '{speed}' is none of the features ({', '.join(named)})")
     references = _harmonics(file, orders, directions) + _terms(file, orders, directions)
@@ -109,7 +109,7 @@ def _description(file: Table) -> Description:
     return Description(name, ratio, number, directions, orders, features, references, tasks)
 
 
-def _features(file: Table) -> tuple[Feature, ...]:
+def _features(file: TomlTable) -> tuple[Feature, ...]:
     features: dict[str, Feature] = {}
     for table in file.tables("feature", required=True):
         with table:
@@ -125,7 +125,7 @@ def _features(file: Table) -> tuple[Feature, ...]:
     return tuple(features.values())
 
 
-def _harmonics(file: Table, orders: Sequence[int], directions: Sequence[Direction]) -> tuple[OutputReference, ...]:
+def _harmonics(file: TomlTable, orders: Sequence[int], directions: Sequence[Direction]) -> tuple[OutputReference, ...]:
     """The references of all [[harmonic]] tables, in the order of directions and orders; each must be complete."""
     found: dict[tuple[Direction, int], tuple[OutputReference, ...]] = {}
     for table in file.tables("harmonic", required=True):
@@ -144,7 +144,7 @@ def _harmonics(file: Table, orders: Sequence[int], directions: Sequence[Directio
     return tuple(reference for d in directions for o in orders for reference in found.get((d, o), ()))
 
 
-def _terms(file: Table, orders: Sequence[int], directions: Sequence[Direction]) -> tuple[OutputReference, ...]:
+def _terms(file: TomlTable, orders: Sequence[int], directions: Sequence[Direction]) -> tuple[OutputReference, ...]:
     """The references of all [[term]] tables, in the order of the file."""
     found: tuple[OutputReference, ...] = ()
     for table in file.tables("term"):
@@ -157,13 +157,13 @@ def _terms(file: Table, orders: Sequence[int], directions: Sequence[Direction]) 
     return found
 
 
-def _direction_and_order(table: Table) -> tuple[Direction, int]:
+def _direction_and_order(table: TomlTable) -> tuple[Direction, int]:
     """What a table is about; forward and order 0 stand in for what is missing or wrong."""
     return table.choice("direction", Direction) or Direction.FORWARD, table.whole("order")
 
 
 def _references(
-    table: Table,
+    table: TomlTable,
     direction: Direction,
     order: int,
     known: Sequence[Quantity],
@@ -183,7 +183,7 @@ def _references(
     )
 
 
-def _file(table: Table, quantity: Quantity) -> tuple[str, int]:
+def _file(table: TomlTable, quantity: Quantity) -> tuple[str, int]:
     """The file and the output of a quantity, written as a file name or as `{file = .., output = ..}`."""
     value = table.values[quantity]
     if isinstance(value, str):

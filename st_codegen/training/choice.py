@@ -45,10 +45,10 @@ def choose(study: Study, *, limit_us: float = math.inf) -> Choice:
             f"the cheapest models of the {len(orders)} orders take {cheapest:.1f} us in the worst case, and "
             f"{limit_us:.1f} us are allowed: model fewer orders, try cheaper families (DT, ET, MLP), or allow more"
         )
-    place = [0] * len(orders)
-    while sum(choices[at].cost_us for choices, at in zip(options, place, strict=True)) > limit_us:
-        place = _exchanged(options, place)
-    return Choice(tuple(choices[at] for choices, at in zip(options, place, strict=True)), limit_us)
+    taken = [0] * len(orders)
+    while sum(choices[at].cost_us for choices, at in zip(options, taken, strict=True)) > limit_us:
+        taken = _exchanged(options, taken)
+    return Choice(tuple(choices[at] for choices, at in zip(options, taken, strict=True)), limit_us)
 
 
 def loss(solution: Solution) -> float:
@@ -65,10 +65,10 @@ def _worthwhile(solutions: Sequence[Solution]) -> list[Solution]:
     return kept
 
 
-def _exchanged(options: Sequence[Sequence[Solution]], place: Sequence[int]) -> list[int]:
+def _exchanged(options: Sequence[Sequence[Solution]], taken: Sequence[int]) -> list[int]:
     """One order on a cheaper solution: the one that loses least for each microsecond saved."""
     best: tuple[float, int, int] | None = None
-    for order, (choices, at) in enumerate(zip(options, place, strict=True)):
+    for order, (choices, at) in enumerate(zip(options, taken, strict=True)):
         for cheaper in range(at + 1, len(choices)):
             saved = choices[at].cost_us - choices[cheaper].cost_us
             price = (loss(choices[cheaper]) - loss(choices[at])) / saved
@@ -76,6 +76,6 @@ def _exchanged(options: Sequence[Sequence[Solution]], place: Sequence[int]) -> l
                 best = (price, order, cheaper)
     if best is None:
         raise InputError("no cheaper models are left")  # not reached: the cheapest fit
-    exchanged = list(place)
+    exchanged = list(taken)
     exchanged[best[1]] = best[2]
     return exchanged

@@ -26,11 +26,11 @@ class Errors:
     bare_phase_mae: float
 
     def mae(self, quantity: str) -> float:
-        """By the name in errors.csv: ampl, phase, complex."""
+        """The mean absolute error of a quantity by its name in errors.csv: ampl, phase, complex."""
         return {"ampl": self.amplitude_mae, "phase": self.phase_mae, "complex": self.complex_mae}[quantity]
 
     def rmse(self, quantity: str) -> float:
-        """By the name in errors.csv."""
+        """The root mean square error of a quantity by its name in errors.csv: ampl, phase, complex."""
         return {"ampl": self.amplitude_rmse, "phase": self.phase_rmse, "complex": self.complex_rmse}[quantity]
 
 

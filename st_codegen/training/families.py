@@ -17,7 +17,7 @@ import numpy as np
 
 from st_codegen.errors import InputError, MissingExtraError
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.training.targets import Unit
+from st_codegen.training.targets import RobustUnit
 
 Params = Mapping[str, Any]
 #: (parameters, x (n, features), y (n,), seed) -> fitted estimator
@@ -168,7 +168,7 @@ def _elm(params: Params, x: FloatArray, y: FloatArray, seed: int) -> Any:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class Learner:
     """A family with parameters. `by_authors`: fitted on bare targets, as the paper did."""
 
     family: str
@@ -185,16 +185,16 @@ class Candidate:
         family = family_named(self.family)
         if self.by_authors or not family.robust_units:
             return family.fit(self.params, x, y, seed)
-        unit = Unit.of(y)
+        unit = RobustUnit.of(y)
         return _in_units(family.fit(self.params, x, unit.scaled(y), seed), unit)
 
 
-def candidates(names: Sequence[str]) -> tuple[Candidate, ...]:
+def candidates(names: Sequence[str]) -> tuple[Learner, ...]:
     """All that our search tries of these families. Raises InputError for an unknown one."""
-    return tuple(Candidate(family.name, params) for family in map(family_named, names) for params in family.grid)
+    return tuple(Learner(family.name, params) for family in map(family_named, names) for params in family.grid)
 
 
-def _in_units(estimator: Any, unit: Unit) -> Any:
+def _in_units(estimator: Any, unit: RobustUnit) -> Any:
     """An estimator of scaled values as one of values: put together by hand, since it is fitted already."""
     from sklearn.compose import TransformedTargetRegressor
     from sklearn.preprocessing import StandardScaler

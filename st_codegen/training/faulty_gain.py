@@ -18,7 +18,7 @@ from st_codegen.training.faulty import Faulty
 from st_codegen.training.learn import predictions
 from st_codegen.training.search import Backend, fold_numbers
 from st_codegen.training.store import FitStore
-from st_codegen.training.study import Settings, Solution
+from st_codegen.training.study import SearchSettings, Solution
 
 _FOLDS = 5
 
@@ -40,7 +40,7 @@ def gains(
     train: HarmonicTable,
     faulty: Faulty,
     solutions: Sequence[Solution],
-    settings: Settings,
+    settings: SearchSettings,
     store: FitStore,
     backend: Backend,
 ) -> dict[int, Gain]:
@@ -52,11 +52,11 @@ def gains(
     for number in range(_FOLDS):
         asked = (fold == number) & ~faulty.rows
         truth = train.rows(asked)
-        for place, left_out in enumerate((np.zeros_like(faulty.rows), faulty.rows)):
+        for row, left_out in enumerate((np.zeros_like(faulty.rows), faulty.rows)):
             learn_from = train.rows((fold != number) & ~left_out)
             found = predictions(learn_from, truth.conditions, solutions, settings, store, backend)
             for order, predicted in found.items():
-                error[order][place, asked] = np.abs(predicted - truth.column(order))
+                error[order][row, asked] = np.abs(predicted - truth.column(order))
     near = near_to(train, faulty.rows) & ~faulty.rows
     return {
         order: Gain(*(float(rows[~faulty.rows].mean()) for rows in both), *(_mean(rows[near]) for rows in both))
@@ -67,8 +67,8 @@ def gains(
 def near_to(table: HarmonicTable, rows: BoolArray) -> BoolArray:
     """Rows within one step of the table's own levels of each condition of one of these rows (themselves included)."""
     levels = [np.unique(column, return_inverse=True)[1] for column in table.conditions.T]
-    place = np.stack([np.ravel(level) for level in levels], axis=1)
-    away = np.abs(place[:, None] - place[rows][None]).max(axis=-1)
+    steps = np.stack([np.ravel(level) for level in levels], axis=1)
+    away = np.abs(steps[:, None] - steps[rows][None]).max(axis=-1)
     near: BoolArray = (away <= 1).any(axis=1)
     return near
 

@@ -16,11 +16,11 @@ from st_codegen.threads import one_thread
 from st_codegen.training.choice import Choice, choose
 from st_codegen.training.errors import Errors, errors_of
 from st_codegen.training.export import BundleHead, FittedModel
-from st_codegen.training.families import FAMILIES, Candidate, family_named
+from st_codegen.training.families import FAMILIES, Learner, family_named
 from st_codegen.training.faulty import Faulty, faulty_runs
-from st_codegen.training.search import LEARNERS, Backend, Outcome, Progress, Task, run_tasks
+from st_codegen.training.search import LEARNERS, Backend, FitOutcome, FitTask, Progress, run_tasks
 from st_codegen.training.store import FitStore
-from st_codegen.training.study import Settings, Solution, Study, study
+from st_codegen.training.study import SearchSettings, Solution, Study, study
 from st_codegen.training.targets import combined, mean_direction, values
 
 #: fewer rows in a direction cannot be split, cross-validated and learned from
@@ -28,7 +28,7 @@ LEAST_ROWS = 20
 
 
 @dataclass(frozen=True)
-class Plan:
+class LearningPlan:
     """What is to be done beside the search itself.
 
     test_share: part of the operating points kept apart; test_points: these instead, float64 (points, 3); limit_us:
@@ -36,7 +36,7 @@ class Plan:
     learn from faulty runs too.
     """
 
-    settings: Settings
+    settings: SearchSettings
     test_share: float = 0.2
     test_points: FloatArray | None = None
     limit_us: float = math.inf
@@ -45,7 +45,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Interval:
+class ConfidenceInterval:
     """Mean of an error over repeated splits, and half the width of its 95 % confidence interval."""
 
     mean: float
@@ -66,10 +66,10 @@ class Lesson:
     choice: Choice
     test_errors: Mapping[int, Errors]
     models: tuple[FittedModel, ...]
-    intervals: Mapping[int, Interval] = field(default_factory=dict)
+    intervals: Mapping[int, ConfidenceInterval] = field(default_factory=dict)
 
 
-def split_rows(table: HarmonicTable, plan: Plan) -> BoolArray:
+def split_rows(table: HarmonicTable, plan: LearningPlan) -> BoolArray:
     """Which rows of one direction are test rows, bool (n,): the points of the plan, or a random share.
 
     Raises InputError where a test point is not in the table, or too few rows are left.
@@ -93,7 +93,7 @@ def split_rows(table: HarmonicTable, plan: Plan) -> BoolArray:
 def learn(
     table: HarmonicTable,
     direction: Direction,
-    plan: Plan,
+    plan: LearningPlan,
     store: FitStore,
     backend: Backend,
     progress: Progress | None = None,
@@ -113,7 +113,9 @@ def learn(
     return Lesson(direction, faulty, train, searched, choice, errors, models, intervals)
 
 
-def fitted(rows: HarmonicTable, direction: Direction, solution: Solution, settings: Settings) -> list[FittedModel]:
+def fitted(
+    rows: HarmonicTable, direction: Direction, solution: Solution, settings: SearchSettings
+) -> list[FittedModel]:
     """The models of a solution, fitted on all rows."""
     column = rows.column(solution.order)
     turn = mean_direction(column) if settings.turned else 0.0
@@ -129,16 +131,16 @@ def fitted(rows: HarmonicTable, direction: Direction, solution: Solution, settin
 def repeated(
     rows: HarmonicTable,
     choice: Choice,
-    plan: Plan,
+    plan: LearningPlan,
     store: FitStore,
     backend: Backend,
     progress: Progress | None = None,
-) -> dict[int, Interval]:
+) -> dict[int, ConfidenceInterval]:
     """Complex MAE of the chosen solutions over random splits, faulty runs found anew in each training part."""
     tests, tasks = [], []
     for repeat in range(plan.repeats):
         settings = replace(plan.settings, seed=plan.settings.seed + 1 + repeat)
-        is_test = split_rows(rows, Plan(settings, plan.test_share))
+        is_test = split_rows(rows, LearningPlan(settings, plan.test_share))
         train, test = rows.rows(~is_test), rows.rows(is_test)
         good = train if plan.keep_faulty else train.rows(~faulty_runs(train).rows)
         tests.append(test)
@@ -157,7 +159,7 @@ def predictions(
     learn_from: HarmonicTable,
     x: FloatArray,
     solutions: Sequence[Solution],
-    settings: Settings,
+    settings: SearchSettings,
     store: FitStore,
     backend: Backend,
 ) -> dict[int, ComplexArray]:
@@ -167,12 +169,12 @@ def predictions(
     return {solution.order: _combined(solution, outcomes) for solution in solutions}
 
 
-def _tasks(learn_from: HarmonicTable, x: FloatArray, solution: Solution, settings: Settings) -> list[Task]:
+def _tasks(learn_from: HarmonicTable, x: FloatArray, solution: Solution, settings: SearchSettings) -> list[FitTask]:
     """One fit for each quantity of a solution."""
     order, column = solution.order, learn_from.column(solution.order)
     turn = mean_direction(column) if settings.turned else 0.0
     return [
-        Task(
+        FitTask(
             candidate,
             learn_from.conditions,
             values(column, quantity, order, turn),
@@ -185,21 +187,21 @@ def _tasks(learn_from: HarmonicTable, x: FloatArray, solution: Solution, setting
     ]
 
 
-def _combined(solution: Solution, outcomes: Iterator[Outcome]) -> ComplexArray:
+def _combined(solution: Solution, outcomes: Iterator[FitOutcome]) -> ComplexArray:
     """The coefficients of a solution from the next outcomes."""
     parts = tuple(next(outcomes).test for _ in solution.candidates)
     return combined(solution.order, solution.kind, parts)
 
 
-def interval(errors: Sequence[float]) -> Interval:
+def interval(errors: Sequence[float]) -> ConfidenceInterval:
     """Mean and 95 % confidence interval by Student's t; splits overlap, so that it is a little too narrow."""
     from scipy import stats
 
     count = len(errors)
     if count < 2:
-        return Interval(float(np.mean(errors)), math.inf)
+        return ConfidenceInterval(float(np.mean(errors)), math.inf)
     half_width = stats.t.ppf(0.975, count - 1) * np.std(errors, ddof=1) / math.sqrt(count)
-    return Interval(float(np.mean(errors)), float(half_width))
+    return ConfidenceInterval(float(np.mean(errors)), float(half_width))
 
 
 def bundle_head(table: HarmonicTable, name: str, reduction_ratio: float) -> BundleHead:
@@ -207,7 +209,7 @@ def bundle_head(table: HarmonicTable, name: str, reduction_ratio: float) -> Bund
     return BundleHead(name, reduction_ratio, np.stack([table.conditions.min(axis=0), table.conditions.max(axis=0)], 1))
 
 
-def only_exportable(settings: Settings, form: str) -> Settings:
+def only_exportable(settings: SearchSettings, form: str) -> SearchSettings:
     """The settings without the families that cannot be saved in a form. Raises InputError where none is left."""
     kept = tuple(c for c in settings.candidates if form in family_named(c.family).forms)
     if not kept:
@@ -216,6 +218,6 @@ def only_exportable(settings: Settings, form: str) -> Settings:
     return replace(settings, candidates=kept)
 
 
-def authors_candidates(names: Sequence[str]) -> tuple[Candidate, ...]:
+def authors_candidates(names: Sequence[str]) -> tuple[Learner, ...]:
     """The families as the paper's authors tuned them."""
-    return tuple(Candidate(family.name, family.authors, True) for family in map(family_named, names))
+    return tuple(Learner(family.name, family.authors, True) for family in map(family_named, names))

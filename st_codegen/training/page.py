@@ -15,7 +15,7 @@ from st_codegen.training.study import Solution
 
 
 def training_page(name: str, measured: Measured, lessons: Sequence[Lesson]) -> str:
-    """The page as HTML."""
+    """The HTML page about what was learned from a harmonic table."""
     sections = []
     if measured.reasons:
         sections.append(_orders_section(measured))

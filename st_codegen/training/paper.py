@@ -2,7 +2,8 @@
 
 Reads the authors' errors of all families (`method,quantity,harmonic,MAE,RMSE`) and their predictions at the test points
 (a harmonic table, which also says which points these are). Their best family is the one with the least error *on the
-test points*, cell by cell; `Comparison.best` is ours by the same rule, `chosen` is chosen by cross-validation alone.
+test points*, cell by cell; `PaperComparison.best` is ours by the same rule, `chosen` is what cross-validation alone
+chooses.
 """
 
 from __future__ import annotations
@@ -25,11 +26,18 @@ from st_codegen.training.errors import Errors, errors_of
 from st_codegen.training.families import FAMILIES
 from st_codegen.training.faulty import Faulty, faulty_runs
 from st_codegen.training.faulty_gain import Gain, gains
-from st_codegen.training.learn import Interval, Plan, authors_candidates, predictions, repeated, split_rows
+from st_codegen.training.learn import (
+    ConfidenceInterval,
+    LearningPlan,
+    authors_candidates,
+    predictions,
+    repeated,
+    split_rows,
+)
 from st_codegen.training.search import Backend, Progress
 from st_codegen.training.store import FitStore
-from st_codegen.training.study import Settings, Study, study
-from st_codegen.training.targets import Kind
+from st_codegen.training.study import SearchSettings, Study, study
+from st_codegen.training.targets import Coordinates
 
 QUANTITIES = ("ampl", "phase", "complex")
 #: the row of errors.csv that holds what cross-validation chooses among all families
@@ -69,8 +77,8 @@ def read_paper(errors: Path, predicted: Path) -> PaperErrors:
 
 
 @dataclass(frozen=True)
-class Row:
-    """One line of errors.csv."""
+class ErrorRow:
+    """One line of errors.csv: an error of ours and the authors', by order, quantity and family."""
 
     order: int
     quantity: str
@@ -82,11 +90,11 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """All that the tables show."""
+class PaperComparison:
+    """Our results on the paper's training and test points beside the authors', for all tables."""
 
-    rows: tuple[Row, ...]
-    authors: tuple[Row, ...]
+    rows: tuple[ErrorRow, ...]
+    authors: tuple[ErrorRow, ...]
     paper: PaperErrors
     train_rows: int
     faulty: Faulty
@@ -97,17 +105,17 @@ class Comparison:
     paper_complex: Mapping[int, Errors]
     with_faulty: Mapping[int, Errors]
     gains: Mapping[int, Gain]
-    intervals: Mapping[int, Interval]
+    intervals: Mapping[int, ConfidenceInterval]
     reconstruction: Mapping[str, tuple[float, float, float]]
 
-    def cell(self, order: int, quantity: str, family: str) -> Row | None:
-        """A line by its keys."""
+    def cell(self, order: int, quantity: str, family: str) -> ErrorRow | None:
+        """The errors of a family for an order and a quantity, or None."""
         for row in self.rows:
             if (row.order, row.quantity, row.family) == (order, quantity, family):
                 return row
         return None
 
-    def best(self, order: int, quantity: str) -> Row:
+    def best(self, order: int, quantity: str) -> ErrorRow:
         """Our family with the least MAE on the test points, as the authors chose theirs."""
         rows = [row for row in self.rows if (row.order, row.quantity) == (order, quantity) and row.family != CHOSEN]
         return min(rows, key=lambda row: row.ours_mae)
@@ -116,11 +124,11 @@ class Comparison:
 def compare(
     table: HarmonicTable,
     paper: PaperErrors,
-    plan: Plan,
+    plan: LearningPlan,
     store: FitStore,
     backend: Backend,
     progress: Progress | None = None,
-) -> Comparison:
+) -> PaperComparison:
     """Search on the paper's training points, predict its test points, and set the authors' errors beside.
 
     The test points of the plan are replaced by the authors' own. Raises InputError where these are not in the table.
@@ -134,14 +142,14 @@ def compare(
     faulty = faulty_runs(train)
     good = train.rows(~faulty.rows)
     searched = study(good, test, settings, store, backend, progress=progress)
-    bare = Settings(authors_candidates(names), 0, settings.seed, (Kind.POLAR,), turned=False)
+    bare = SearchSettings(authors_candidates(names), 0, settings.seed, (Coordinates.POLAR,), turned=False)
     theirs = study(train, test, bare, store, backend, progress=progress)
     choice = choose(searched)
     again = predictions(train, test.conditions, choice.solutions, settings, store, backend)
     with_faulty = {order: errors_of(order, predicted, test.column(order)) for order, predicted in again.items()}
     order_of_test = _same_points(paper.predictions, test)
     theirs_at_test = paper.predictions.rows(order_of_test)
-    return Comparison(
+    return PaperComparison(
         tuple(_rows(searched, paper, theirs_at_test)),
         tuple(_authors_rows(theirs, paper)),
         paper,
@@ -161,11 +169,11 @@ def compare(
 
 def _same_points(table: HarmonicTable, wanted: HarmonicTable) -> npt.NDArray[np.intp]:
     """Rows of a table in the order of another one's operating points."""
-    place = {tuple(row): number for number, row in enumerate(table.conditions.tolist())}
-    return np.array([place[tuple(row)] for row in wanted.conditions.tolist()])
+    row_of = {tuple(row): number for number, row in enumerate(table.conditions.tolist())}
+    return np.array([row_of[tuple(row)] for row in wanted.conditions.tolist()])
 
 
-def _rows(searched: Study, paper: PaperErrors, theirs: HarmonicTable) -> Iterator[Row]:
+def _rows(searched: Study, paper: PaperErrors, theirs: HarmonicTable) -> Iterator[ErrorRow]:
     """Every family's errors, its parameters and way of learning chosen by cross-validation for each quantity."""
     for order in searched.learn.orders:
         truth = searched.test.column(order)
@@ -179,7 +187,7 @@ def _rows(searched: Study, paper: PaperErrors, theirs: HarmonicTable) -> Iterato
                 if not own:
                     continue
                 ours = errors_of(order, min(own, key=lambda s: s.errors.mae(quantity)).test, truth)
-                yield Row(
+                yield ErrorRow(
                     order, quantity, family, ours.mae(quantity), ours.rmse(quantity),
                     *_paper_cell(paper, quantity, order, family, hgbm),
                 )  # fmt: skip
@@ -194,7 +202,7 @@ def _paper_cell(paper: PaperErrors, quantity: str, order: int, family: str, hgbm
     return paper.mae.get(key, math.nan), paper.rmse.get(key, math.nan)
 
 
-def _authors_rows(theirs: Study, paper: PaperErrors) -> Iterator[Row]:
+def _authors_rows(theirs: Study, paper: PaperErrors) -> Iterator[ErrorRow]:
     """The families with the authors' parameters, fitted here as they did: bare phases, bare units, all runs."""
     for order in theirs.learn.orders:
         truth = theirs.test.column(order)
@@ -204,7 +212,7 @@ def _authors_rows(theirs: Study, paper: PaperErrors) -> Iterator[Row]:
             for quantity in ("ampl", "phase") if order else ("ampl",):
                 key = (family, quantity, order)
                 mae = ours.bare_phase_mae if quantity == "phase" else ours.amplitude_mae
-                yield Row(
+                yield ErrorRow(
                     order, quantity, family, mae, ours.rmse(quantity), paper.mae.get(key, math.nan),
                     paper.rmse.get(key, math.nan),
                 )  # fmt: skip
@@ -230,8 +238,8 @@ def reconstruction(table: HarmonicTable, orders: Sequence[int], predicted: Compl
     square of a curve is that of its mean plus half that of its amplitudes.
     """
     missing = np.zeros_like(table.coefficients)
-    for place, order in enumerate(orders):
-        missing[:, table.orders.index(order)] = predicted[:, place]
+    for column, order in enumerate(orders):
+        missing[:, table.orders.index(order)] = predicted[:, column]
     weight = np.where(np.array(table.orders) == 0, 1.0, 0.5)
     error = np.sqrt((np.abs(missing - table.coefficients) ** 2) @ weight)
     size = np.sqrt((np.abs(table.coefficients) ** 2) @ weight)

@@ -22,7 +22,7 @@ from st_codegen.errors import InputError, MissingExtraError
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.threads import one_thread
 from st_codegen.training.cost import worst_case_us
-from st_codegen.training.families import Candidate
+from st_codegen.training.families import Learner
 from st_codegen.training.store import FitStore
 
 #: Called with (number of tasks done, number of tasks, name of the next one).
@@ -33,10 +33,10 @@ _LIBRARIES = ("numpy", "scikit-learn", "lightgbm", "xgboost-cpu")
 
 
 @dataclass(frozen=True)
-class Task:
+class FitTask:
     """A candidate on one target: rows to learn from, rows to predict. `folds` of 1 or less: no cross-validation."""
 
-    candidate: Candidate
+    candidate: Learner
     x: FloatArray
     y: FloatArray
     x_test: FloatArray
@@ -55,7 +55,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class FitOutcome:
     """Predictions of a task: of each row by the model that did not see it (n,), and of the test points.
 
     cost_us: worst case of one evaluation (see `cost`), infinite for what cannot be compiled.
@@ -81,7 +81,7 @@ def fold_numbers(rows: int, folds: int, seed: int) -> npt.NDArray[np.intp]:
     return np.random.default_rng(seed).permutation(numbers)
 
 
-def run_task(task: Task) -> Outcome:
+def run_task(task: FitTask) -> FitOutcome:
     """Fit and predict, in one thread of every library."""
     with one_thread(*LEARNERS):
         folds = np.full(len(task.y), np.nan)
@@ -97,7 +97,7 @@ def run_task(task: Task) -> Outcome:
         cost = worst_case_us(model)
     except InputError:
         cost = np.inf
-    return Outcome(folds, np.asarray(test, np.float64), cost)
+    return FitOutcome(folds, np.asarray(test, np.float64), cost)
 
 
 @dataclass(frozen=True)
@@ -131,16 +131,16 @@ class Backend:
 
 
 def run_tasks(
-    tasks: Sequence[Task], store: FitStore, backend: Backend, progress: Progress | None = None
-) -> tuple[Outcome, ...]:
+    tasks: Sequence[FitTask], store: FitStore, backend: Backend, progress: Progress | None = None
+) -> tuple[FitOutcome, ...]:
     """The outcomes of all tasks, in their order; what the store has is not run again, what is finished goes into it."""
     keys = [task.key for task in tasks]
-    outcomes: dict[str, Outcome] = {}
-    missing: dict[str, Task] = {}
+    outcomes: dict[str, FitOutcome] = {}
+    missing: dict[str, FitTask] = {}
     for key, task in zip(keys, tasks, strict=True):
         known = store.get(key)
         if known is not None:
-            outcomes[key] = Outcome(*known)
+            outcomes[key] = FitOutcome(*known)
         else:
             missing.setdefault(key, task)
     done = len(tasks) - len(missing)
@@ -153,8 +153,8 @@ def run_tasks(
     return tuple(outcomes[key] for key in keys)
 
 
-def _run(tasks: Mapping[str, Task], backend: Backend) -> Iterator[tuple[str, Outcome]]:
-    """Outcomes as they come in."""
+def _run(tasks: Mapping[str, FitTask], backend: Backend) -> Iterator[tuple[str, FitOutcome]]:
+    """Run tasks and give each outcome with its key as soon as it is there."""
     if not tasks:
         return
     with backend.configured():
@@ -164,5 +164,5 @@ def _run(tasks: Mapping[str, Task], backend: Backend) -> Iterator[tuple[str, Out
         yield from parallel(joblib.delayed(_keyed)(key, task) for key, task in tasks.items())
 
 
-def _keyed(key: str, task: Task) -> tuple[str, Outcome]:
+def _keyed(key: str, task: FitTask) -> tuple[str, FitOutcome]:
     return key, run_task(task)

@@ -8,20 +8,20 @@ from dataclasses import dataclass
 from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.ir.arrays import ComplexArray
 from st_codegen.training.errors import Errors, errors_of
-from st_codegen.training.families import Candidate
-from st_codegen.training.search import Backend, Outcome, Progress, Task, run_tasks
+from st_codegen.training.families import Learner
+from st_codegen.training.search import Backend, FitOutcome, FitTask, Progress, run_tasks
 from st_codegen.training.store import FitStore
-from st_codegen.training.targets import Kind, combined, kinds, mean_direction, values
+from st_codegen.training.targets import Coordinates, combined, kinds, mean_direction, values
 
 
 @dataclass(frozen=True)
-class Settings:
+class SearchSettings:
     """How a search is made: candidates, folds of the cross-validation, seed, and the ways to learn a harmonic."""
 
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[Learner, ...]
     folds: int = 10
     seed: int = 0
-    kinds: tuple[Kind, ...] = tuple(Kind)
+    kinds: tuple[Coordinates, ...] = tuple(Coordinates)
     turned: bool = True
 
 
@@ -33,8 +33,8 @@ class Solution:
     """
 
     order: int
-    kind: Kind
-    candidates: tuple[Candidate, ...]
+    kind: Coordinates
+    candidates: tuple[Learner, ...]
     left_out: ComplexArray
     test: ComplexArray
     cost_us: float
@@ -42,7 +42,7 @@ class Solution:
 
     @property
     def name(self) -> str:
-        """Families and kind, for a table."""
+        """The families of the models and what they predict, for a column of a table."""
         families = list(dict.fromkeys(candidate.family for candidate in self.candidates))
         return "+".join(families) + ("" if self.order == 0 else f" ({self.kind})")
 
@@ -53,8 +53,8 @@ class Study:
 
     learn: HarmonicTable
     test: HarmonicTable
-    settings: Settings
-    outcomes: dict[tuple[int, Kind], tuple[tuple[Outcome, ...], ...]]
+    settings: SearchSettings
+    outcomes: dict[tuple[int, Coordinates], tuple[tuple[FitOutcome, ...], ...]]
 
     def solutions(self, order: int, *, mixed: bool = True) -> Iterator[Solution]:
         """All pairs of candidates for an order; `mixed`: also of two different ones."""
@@ -65,7 +65,7 @@ class Study:
                 continue
             quantities = self.outcomes[order, kind]
             for pair in _pairs(len(candidates), len(quantities), mixed):
-                chosen = [quantities[place][number] for place, number in enumerate(pair)]
+                chosen = [quantities[quantity][number] for quantity, number in enumerate(pair)]
                 left_out = combined(order, kind, tuple(outcome.folds for outcome in chosen))
                 yield Solution(
                     order,
@@ -86,8 +86,8 @@ def _pairs(candidates: int, quantities: int, mixed: bool) -> Iterator[tuple[int,
 
 
 def tasks_of(
-    learn: HarmonicTable, test: HarmonicTable, settings: Settings, orders: Sequence[int]
-) -> tuple[list[tuple[int, Kind]], list[Task]]:
+    learn: HarmonicTable, test: HarmonicTable, settings: SearchSettings, orders: Sequence[int]
+) -> tuple[list[tuple[int, Coordinates]], list[FitTask]]:
     """The tasks of a search, and the order and kind of each group of them: quantities by candidates."""
     groups, tasks = [], []
     for order in orders:
@@ -100,7 +100,7 @@ def tasks_of(
             for quantity in kind.quantities(order):
                 y = values(column, quantity, order, turn)
                 tasks += [
-                    Task(
+                    FitTask(
                         candidate,
                         learn.conditions,
                         y,
@@ -117,7 +117,7 @@ def tasks_of(
 def study(
     learn: HarmonicTable,
     test: HarmonicTable,
-    settings: Settings,
+    settings: SearchSettings,
     store: FitStore,
     backend: Backend,
     *,
@@ -131,7 +131,7 @@ def study(
     for order, kind in groups:
         quantities = len(kind.quantities(order))
         outcomes[order, kind] = tuple(
-            done[start + place * width : start + (place + 1) * width] for place in range(quantities)
+            done[start + part * width : start + (part + 1) * width] for part in range(quantities)
         )
         start += quantities * width
     return Study(learn, test, settings, outcomes)

@@ -15,8 +15,8 @@ import numpy as np
 from st_codegen.files.text import write_texts
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.report import COLOURS, Section, Table, figures, page
-from st_codegen.training.families import FAMILIES, Candidate
-from st_codegen.training.paper import CHOSEN, QUANTITIES, Comparison, Row
+from st_codegen.training.families import FAMILIES, Learner
+from st_codegen.training.paper import CHOSEN, QUANTITIES, ErrorRow, PaperComparison
 
 COLUMNS = ("order", "quantity", "family", "ours_mae", "ours_rmse", "paper_mae", "paper_rmse")
 _UNITS = {"ampl": "deg", "phase": "rad", "complex": "deg"}
@@ -29,7 +29,7 @@ _PAPER_TABLES = (
 )
 
 
-def errors_csv(rows: Sequence[Row]) -> str:
+def errors_csv(rows: Sequence[ErrorRow]) -> str:
     """The lines of errors.csv; a number that is not known is empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -40,7 +40,7 @@ def errors_csv(rows: Sequence[Row]) -> str:
     return text.getvalue()
 
 
-def write_tables(comparison: Comparison, folder: Path) -> list[Path]:
+def write_tables(comparison: PaperComparison, folder: Path) -> list[Path]:
     """Write errors.csv, authors.csv, tables.md and tables.html; returns their paths."""
     sections = report_sections(comparison)
     texts = {
@@ -53,7 +53,7 @@ def write_tables(comparison: Comparison, folder: Path) -> list[Path]:
     return [folder / name for name in texts]
 
 
-def _summary(comparison: Comparison) -> str:
+def _summary(comparison: PaperComparison) -> str:
     cells = [(k, q) for k in comparison.test.orders for q in ("ampl", "phase") if k or q == "ampl"]
     ahead = sum(comparison.best(k, q).ours_mae <= comparison.paper.best(q, k)[1] for k, q in cells)
     chosen = sum(_chosen_ahead(comparison, k, q) for k, q in cells)
@@ -64,12 +64,12 @@ def _summary(comparison: Comparison) -> str:
     )
 
 
-def _chosen_ahead(comparison: Comparison, order: int, quantity: str) -> bool:
+def _chosen_ahead(comparison: PaperComparison, order: int, quantity: str) -> bool:
     row = comparison.cell(order, quantity, CHOSEN)
     return row is not None and row.ours_mae <= row.paper_mae
 
 
-def report_sections(comparison: Comparison) -> list[Section]:
+def report_sections(comparison: PaperComparison) -> list[Section]:
     """The sections of the page, in the order of the paper's tables."""
     sections = [_best_section(comparison)]
     sections += [_paper_table(comparison, *table) for table in _PAPER_TABLES]
@@ -89,7 +89,7 @@ def _number(value: float) -> str:
     return "" if math.isnan(value) else f"{value:.3g}"
 
 
-def _best_section(comparison: Comparison) -> Section:
+def _best_section(comparison: PaperComparison) -> Section:
     rows: list[list[Any]] = []
     strong: set[tuple[int, int]] = set()
     for order in comparison.test.orders:
@@ -113,7 +113,7 @@ def _best_section(comparison: Comparison) -> Section:
     return Section("Best against best", text, Table(columns, rows, strong))
 
 
-def _paper_table(comparison: Comparison, title: str, quantity: str, error: str) -> Section:
+def _paper_table(comparison: PaperComparison, title: str, quantity: str, error: str) -> Section:
     orders = [order for order in comparison.test.orders if order or quantity == "ampl"]
     rows: list[list[Any]] = []
     strong: set[tuple[int, int]] = set()
@@ -133,7 +133,7 @@ def _paper_table(comparison: Comparison, title: str, quantity: str, error: str) 
     return Section(title, "Ours (the authors').", Table(("family", *map(str, orders)), rows, strong))
 
 
-def _described(candidates: Sequence[Candidate]) -> str:
+def _described(candidates: Sequence[Learner]) -> str:
     parts = []
     for candidate in dict.fromkeys(candidate.key for candidate in candidates):
         own = next(c for c in candidates if c.key == candidate)
@@ -141,7 +141,7 @@ def _described(candidates: Sequence[Candidate]) -> str:
     return "; ".join(parts)
 
 
-def _table_6(comparison: Comparison) -> Section:
+def _table_6(comparison: PaperComparison) -> Section:
     rows = []
     for solution in comparison.choice.solutions:
         order = solution.order
@@ -154,7 +154,7 @@ def _table_6(comparison: Comparison) -> Section:
     return Section("Table 6: the chosen models", text, Table(columns, rows))
 
 
-def _complex_section(comparison: Comparison) -> Section:
+def _complex_section(comparison: PaperComparison) -> Section:
     rows: list[list[Any]] = []
     strong: set[tuple[int, int]] = set()
     for solution in comparison.choice.solutions:
@@ -188,7 +188,7 @@ def _worst_tenth(error: FloatArray) -> float:
     return float(np.sort(error)[-count:].sum() / (error.sum() or 1.0))
 
 
-def _reconstruction_section(comparison: Comparison) -> Section:
+def _reconstruction_section(comparison: PaperComparison) -> Section:
     rows = [
         [name, f"{deg:.3g}", f"{median:.2f}", f"{high:.2f}"]
         for name, (deg, median, high) in comparison.reconstruction.items()
@@ -201,7 +201,7 @@ def _reconstruction_section(comparison: Comparison) -> Section:
     return Section("Reconstructed TE", text, Table(columns, rows))
 
 
-def _faulty_section(comparison: Comparison) -> Section:
+def _faulty_section(comparison: PaperComparison) -> Section:
     found = np.flatnonzero(comparison.faulty.rows)
     runs = [
         [
@@ -219,15 +219,13 @@ def _faulty_section(comparison: Comparison) -> Section:
     return Section(f"Faulty runs left out: {len(found)}", text, Table(columns, runs))
 
 
-def _gain_section(comparison: Comparison) -> Section:
+def _gain_section(comparison: PaperComparison) -> Section:
     rows: list[list[Any]] = []
     strong: set[tuple[int, int]] = set()
     for order, gain in comparison.gains.items():
         at_test = comparison.with_faulty[order].complex_mae, comparison.chosen_errors[order].complex_mae
         pairs = ((gain.near_with, gain.near_without), (gain.sound_with, gain.sound_without), at_test)
-        strong |= {
-            (len(rows), 2 * place + 2) for place, (with_them, without) in enumerate(pairs) if without < with_them
-        }
+        strong |= {(len(rows), 2 * pair + 2) for pair, (with_them, without) in enumerate(pairs) if without < with_them}
         rows.append([order, *(_number(value) for pair in pairs for value in pair)])
     columns = ("order", "near, with them", "without", "sound, with them", "without", "test, with them", "without")
     text = (
@@ -238,7 +236,7 @@ def _gain_section(comparison: Comparison) -> Section:
     return Section("What leaving them out gains", text, Table(columns, rows, strong))
 
 
-def _authors_section(comparison: Comparison) -> Section:
+def _authors_section(comparison: PaperComparison) -> Section:
     ratios: dict[tuple[str, str], list[float]] = {}
     for row in comparison.authors:
         if not math.isnan(row.paper_mae):
@@ -255,7 +253,7 @@ def _authors_section(comparison: Comparison) -> Section:
     return Section("Their models again", text, Table(columns, rows))
 
 
-def _picture_section(comparison: Comparison, order: int) -> Section:
+def _picture_section(comparison: PaperComparison, order: int) -> Section:
     quantities = [quantity for quantity in QUANTITIES if order or quantity == "ampl"]
     panels: list[tuple[str, Callable[[Any], object]]] = [
         (f"order {order}, {quantity}", partial(_bars, comparison, order, quantity)) for quantity in quantities
@@ -263,14 +261,14 @@ def _picture_section(comparison: Comparison, order: int) -> Section:
     return Section(f"Order {order}", figures=(figures(panels, columns=len(panels), size_cm=(9, 6)),))
 
 
-def _bars(comparison: Comparison, order: int, quantity: str, axes: Any) -> None:
+def _bars(comparison: PaperComparison, order: int, quantity: str, axes: Any) -> None:
     """MAE of every family, ours and the authors'."""
     rows = [row for family in FAMILIES if (row := comparison.cell(order, quantity, family))]
-    place = np.arange(len(rows))
-    axes.bar(place - 0.2, [row.ours_mae for row in rows], 0.4, label="ours", color=COLOURS[0])
-    axes.bar(place + 0.2, [row.paper_mae for row in rows], 0.4, label="authors", color=COLOURS[1])
+    position = np.arange(len(rows))
+    axes.bar(position - 0.2, [row.ours_mae for row in rows], 0.4, label="ours", color=COLOURS[0])
+    axes.bar(position + 0.2, [row.paper_mae for row in rows], 0.4, label="authors", color=COLOURS[1])
     axes.set_yscale("log")
-    axes.set_xticks(place, [row.family for row in rows], rotation=60)
+    axes.set_xticks(position, [row.family for row in rows], rotation=60)
     axes.set_ylabel(f"MAE, {_UNITS[quantity]}")
 
 

@@ -16,7 +16,7 @@ from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.te.harmonics import Quantity
 
 
-class Kind(StrEnum):
+class Coordinates(StrEnum):
     """The pair of quantities that describes a harmonic."""
 
     POLAR = "amplitude and phase"
@@ -26,12 +26,12 @@ class Kind(StrEnum):
         """The quantities in the order of their targets; the mean has only its (signed) amplitude."""
         if order == 0:
             return (Quantity.AMPLITUDE,)
-        return (Quantity.AMPLITUDE, Quantity.PHASE) if self is Kind.POLAR else (Quantity.COSINE, Quantity.SINE)
+        return (Quantity.AMPLITUDE, Quantity.PHASE) if self is Coordinates.POLAR else (Quantity.COSINE, Quantity.SINE)
 
 
-def kinds(order: int) -> tuple[Kind, ...]:
-    """The ways to learn an order."""
-    return (Kind.POLAR, Kind.PARTS) if order else (Kind.POLAR,)
+def kinds(order: int) -> tuple[Coordinates, ...]:
+    """The ways to learn an order: the mean has one, all others two."""
+    return (Coordinates.POLAR, Coordinates.PARTS) if order else (Coordinates.POLAR,)
 
 
 def values(coefficients: ComplexArray, quantity: Quantity, order: int, turn: float = 0.0) -> FloatArray:
@@ -51,30 +51,30 @@ def mean_direction(coefficients: ComplexArray) -> float:
     return float(np.angle((coefficients / np.where(size > 0, size, 1.0)).sum()))
 
 
-def combined(order: int, kind: Kind, parts: tuple[FloatArray, ...]) -> ComplexArray:
+def combined(order: int, kind: Coordinates, parts: tuple[FloatArray, ...]) -> ComplexArray:
     """Coefficients (n,) from the values of the kind's quantities."""
     if order == 0:
         return parts[0].astype(np.complex128)
     first, second = parts
-    if kind is Kind.PARTS:
+    if kind is Coordinates.PARTS:
         return np.asarray(first + 1j * second, np.complex128)
     return np.asarray(first * np.exp(1j * second), np.complex128)
 
 
 @dataclass(frozen=True)
-class Unit:
+class RobustUnit:
     """Robust units of a target: value = centre + size * scaled."""
 
     centre: float
     size: float
 
     @classmethod
-    def of(cls, y: FloatArray) -> Unit:
+    def of(cls, y: FloatArray) -> RobustUnit:
         """Median, and the standard deviation that the quartiles of normal numbers have; 1 where all are equal."""
         low, centre, high = (float(q) for q in np.percentile(y, [25, 50, 75]))
         size = (high - low) / 1.349 or float(np.std(y)) or 1.0
         return cls(centre, size)
 
     def scaled(self, y: FloatArray) -> FloatArray:
-        """In robust units."""
+        """Values of the target in robust units."""
         return (y - self.centre) / self.size

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.text import read_text
-from st_codegen.files.toml_tables import Table, nearest, parse_toml, read_toml, shown
+from st_codegen.files.toml_tables import TomlTable, nearest, parse_toml, read_toml, shown
 from st_codegen.files.toml_text import table_lines, toml_value
 
 
@@ -28,7 +28,7 @@ VALUES = st.recursive(
 def read(values):
     """Everything that a reader can ask a table for, and the problems."""
     problems = Problems("file.toml")
-    with Table(values, "[part]", problems) as table:
+    with TomlTable(values, "[part]", problems) as table:
         found = {
             "number": table.number("number", 1.0, low=-2.0, high=2.0),
             "whole": table.whole("whole", 3, low=1, high=5),

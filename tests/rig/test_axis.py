@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("numba")
 
 from st_codegen.errors import InputError, Problems
-from st_codegen.files.toml_tables import Table
+from st_codegen.files.toml_tables import TomlTable
 from st_codegen.rig import kernel
 from st_codegen.rig.axis import Axis, Harmonics, controlled_torque
 from st_codegen.rig.axis_parameters import AxisParameters, Coupling, Drive, Encoders, Load, Motor, Reducer, read_axis
@@ -211,7 +211,7 @@ def test_the_default_loops_are_stable_with_and_without_feedforward():
 def test_all_faults_of_a_table_in_one_message():
     problems = Problems("rig.toml")
     values = {"stepp_s": 1.0, "motor": {"inertia_kgm2": -1.0}, "drive": 3, "load": {"inertia_kgm2": "x"}}
-    read_axis(Table(values, "[axis]", problems))
+    read_axis(TomlTable(values, "[axis]", problems))
     with pytest.raises(InputError) as caught:
         problems.raise_if_any()
     text = str(caught.value)

@@ -12,10 +12,10 @@ from st_codegen.rig.compensator import LAWS, EmittedCompensator, restricted, rol
 from st_codegen.rig.effects import catalogue
 from st_codegen.rig.machine import another_specimen, machine_of
 from st_codegen.rig.model import parse_rig
-from st_codegen.rig.motion import Case, compare, lead_time_s, plan, run
-from st_codegen.rig.profiles import Profile
-from st_codegen.rig.study import AUTO, Wish, parse_inputs, parse_lead, parse_orders, simulate, with_oil
-from st_codegen.rig.tasks import Form, Inputs, TaskSettings
+from st_codegen.rig.motion import CompensationCase, compare, lead_time_s, plan, run
+from st_codegen.rig.profiles import MotionProfile
+from st_codegen.rig.study import AUTO, MotionWish, parse_inputs, parse_lead, parse_orders, simulate, with_oil
+from st_codegen.rig.tasks import TaskForm, TaskInputs, TaskSettings
 from st_codegen.st import Machine
 from tests.rig.conftest import LINEAR_RIG, ORDERS, write_bundle
 
@@ -25,7 +25,7 @@ def turn(cycle=250e-6, speed=60.0, duration=0.6, torque=200.0):
     time = np.arange(round(duration / cycle) + 1) * cycle
     rate = speed * (1 - np.cos(2 * np.pi * time / duration)) / 2
     angle = speed / 2 * (time - duration / (2 * np.pi) * np.sin(2 * np.pi * time / duration))
-    return Profile("turn", time, angle, rate, np.full_like(time, torque))
+    return MotionProfile("turn", time, angle, rate, np.full_like(time, torque))
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def moved(linear_rig, compensator):
 def test_the_prediction_is_the_rigs_own_error(linear_rig, compensator, moved):
     """Models that are exact leave only the age of the angle: |TE'| * speed * age, and the blend of the start."""
     planned, before = moved
-    outcome = compare(linear_rig, planned, before, compensator, Case(ORDERS, "full", Form.ONE))
+    outcome = compare(linear_rig, planned, before, compensator, CompensationCase(ORDERS, "full", TaskForm.ONE))
     slope = 0.0172 + 39 * (0.0007 + 0.0007 * 0.2)  # deg of TE a rad of the output
     age = (linear_rig.tasks.main_us * 1e-6) * 1.0  # a prediction belongs to the angle latched a cycle before
     moving = slice(planned.first, None)
@@ -52,8 +52,8 @@ def test_the_prediction_is_the_rigs_own_error(linear_rig, compensator, moved):
 
 def test_what_is_left_is_bounded_by_the_known_delays(linear_rig, compensator, moved):
     planned, before = moved
-    outcome = compare(linear_rig, planned, before, compensator, Case(ORDERS, "full", Form.ONE))
-    delay = lead_time_s(linear_rig, Form.ONE)
+    outcome = compare(linear_rig, planned, before, compensator, CompensationCase(ORDERS, "full", TaskForm.ONE))
+    delay = lead_time_s(linear_rig, TaskForm.ONE)
     slope = 0.0172 + 39 * (0.0007 + 0.0007 * 0.2)
     # the correction itself moves the output by less than 0.05 deg / 81; the loops' own lag is below a millisecond
     assert outcome.after.maximum < slope * np.radians(60.0) * (delay + 1e-3) + 1e-5
@@ -62,7 +62,10 @@ def test_what_is_left_is_bounded_by_the_known_delays(linear_rig, compensator, mo
 
 def test_a_lead_removes_what_latency_leaves(linear_rig, compensator, moved):
     planned, before = moved
-    cases = [Case(ORDERS, "full", Form.TWO), Case(ORDERS, "full", Form.TWO, lead_time_s(linear_rig, Form.TWO))]
+    cases = [
+        CompensationCase(ORDERS, "full", TaskForm.TWO),
+        CompensationCase(ORDERS, "full", TaskForm.TWO, lead_time_s(linear_rig, TaskForm.TWO)),
+    ]
     late, ahead = (compare(linear_rig, planned, before, compensator, case).after.rms for case in cases)
     assert ahead < 0.5 * late
 
@@ -70,7 +73,7 @@ def test_a_lead_removes_what_latency_leaves(linear_rig, compensator, moved):
 def test_orders_left_out_stay(linear_rig, linear_bundle, moved):
     planned, before = moved
     some = EmittedCompensator(restricted(linear_bundle, (0, 1)))
-    outcome = compare(linear_rig, planned, before, some, Case((0, 1), "full", Form.ONE))
+    outcome = compare(linear_rig, planned, before, some, CompensationCase((0, 1), "full", TaskForm.ONE))
     theta = np.radians(before.theta_out_deg[planned.first :])
     left = ((0.0007 * np.exp(-1.7j) + 0.00014 * np.exp(0.5j)) * np.exp(39j * theta)).real
     assert outcome.after.rms == pytest.approx(float(np.sqrt(np.mean(left**2))), rel=0.05)
@@ -80,21 +83,24 @@ def test_the_forms_agree_where_they_must(linear_rig, compensator, moved):
     """Coefficients that hardly change make the split form the single one."""
     planned, before = moved
     one, split = (
-        compare(linear_rig, planned, before, compensator, Case(ORDERS, "continuous", form))
-        for form in (Form.ONE, Form.SPLIT)
+        compare(linear_rig, planned, before, compensator, CompensationCase(ORDERS, "continuous", form))
+        for form in (TaskForm.ONE, TaskForm.SPLIT)
     )
     assert split.after.rms == pytest.approx(one.after.rms, rel=0.05)
 
 
 def test_laws(linear_rig, compensator, moved):
     planned, before = moved
-    by_law = {law: compare(linear_rig, planned, before, compensator, Case(ORDERS, law, Form.ONE)) for law in LAWS}
+    by_law = {
+        law: compare(linear_rig, planned, before, compensator, CompensationCase(ORDERS, law, TaskForm.ONE))
+        for law in LAWS
+    }
     assert by_law["full"].after.rms < by_law["continuous"].after.rms < by_law["published"].after.rms
     # where the weight is 1 they are the same
     assert by_law["full"].full_before.rms == by_law["full"].before.rms
     # at 100 rpm the published law steps by a third: that fades with the position loop's time constant, after the delays
     drive, full = linear_rig.axis.drive, (np.abs(planned.speed_rpm) >= 100.0).sum() * planned.cycle_s
-    fading = 0.5 / drive.position_gain_per_s + lead_time_s(linear_rig, Form.ONE)
+    fading = 0.5 / drive.position_gain_per_s + lead_time_s(linear_rig, TaskForm.ONE)
     published = by_law["published"]
     assert published.full_after.rms < published.before.maximum / 3 * np.sqrt(fading / full)
 
@@ -120,7 +126,9 @@ def test_a_compensator_that_predicts_nothing_changes_nothing(linear_rig, tmp_pat
     nothing = parse_rig("[rig]\nreduction_ratio = 81.0\n")
     bundle = load(write_bundle(nothing, tmp_path / "zero", (0, 1)))
     planned, before = moved
-    outcome = compare(linear_rig, planned, before, EmittedCompensator(bundle), Case((0, 1), "full", Form.ONE))
+    outcome = compare(
+        linear_rig, planned, before, EmittedCompensator(bundle), CompensationCase((0, 1), "full", TaskForm.ONE)
+    )
     assert outcome.error_after_deg.tobytes() == outcome.error_before_deg.tobytes()
 
 
@@ -132,8 +140,8 @@ def test_the_code_in_the_loop_gives_the_bits_of_the_block_run_for_all_rows(compe
     block["bEnable"] = True
     block(fThetaOut_rad=theta, fSpeed_rpm=rows[:, 0], fTorque_Nm=rows[:, 1], fTemperature_C=rows[:, 2], fCycle_s=250e-6)
     for number, point in enumerate(rows.tolist()):
-        running = compensator.start(Form.ONE, "continuous", TaskSettings())
-        running.correct(Inputs(theta[number], *point))
+        running = compensator.start(TaskForm.ONE, "continuous", TaskSettings())
+        running.correct(TaskInputs(theta[number], *point))
         assert running.te_deg.hex() == block["fTE_deg"][number].item().hex()
         assert running.weight.hex() == block["fWeight"][number].item().hex()
 
@@ -151,7 +159,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_one_does_not():
 def test_the_mean_does_not_jump_while_the_load_turns_over(linear_rig):
     """Compliance follows the load, not the sign of the speed: it is the same in both directions."""
     there = turn(duration=0.3)
-    back = Profile(
+    back = MotionProfile(
         "there and back",
         np.arange(2 * len(there.time_s)) * 250e-6,
         np.concatenate([there.angle_deg, there.angle_deg[::-1]]),
@@ -196,7 +204,9 @@ def test_effects_of_recordings_set_the_axis():
 
 
 def test_a_study_runs_all_cases(linear_rig, linear_bundle):
-    wish = Wish(((0, 1), ORDERS), ("published",), (Form.TWO, Form.SPLIT), AUTO, inputs={"fBlendTime_s": 0.02})
+    wish = MotionWish(
+        ((0, 1), ORDERS), ("published",), (TaskForm.TWO, TaskForm.SPLIT), AUTO, inputs={"fBlendTime_s": 0.02}
+    )
     seen = []
     study = simulate(linear_rig, linear_bundle, turn(duration=0.2), wish, progress=lambda *state: seen.append(state))
     assert [(len(o.case.orders), o.case.form) for o in study.outcomes] == [
@@ -207,7 +217,7 @@ def test_a_study_runs_all_cases(linear_rig, linear_bundle):
     ]
     assert seen[0][0] == 0
     assert seen[-1][:2] == (5, 5)
-    assert all(o.case.lead_s > 1e-3 for o in study.outcomes if o.case.form is Form.TWO)
+    assert all(o.case.lead_s > 1e-3 for o in study.outcomes if o.case.form is TaskForm.TWO)
 
 
 @pytest.mark.parametrize(
@@ -218,10 +228,10 @@ def test_a_study_runs_all_cases(linear_rig, linear_bundle):
         (lambda b, c: parse_lead("soon"), "microseconds"),
         (lambda b, c: parse_lead("-3"), "microseconds"),
         (lambda b, c: parse_inputs(("fBlendTime_s",)), "fBlendTime_s=0.05"),
-        (lambda b, c: c.start(Form.ONE, "full", TaskSettings(), 0.2), "lead"),
-        (lambda b, c: c.start(Form.ONE, "full", TaskSettings(), 0.0, {"fWrong": 1.0}), "fWrong"),
-        (lambda b, c: EmittedCompensator(b, "iec").start(Form.SPLIT, "full", TaskSettings()), "twincat"),
-        (lambda b, c: c.start(Form.SPLIT, "full", TaskSettings(500.0, 500.0)), "main_us"),
+        (lambda b, c: c.start(TaskForm.ONE, "full", TaskSettings(), 0.2), "lead"),
+        (lambda b, c: c.start(TaskForm.ONE, "full", TaskSettings(), 0.0, {"fWrong": 1.0}), "fWrong"),
+        (lambda b, c: EmittedCompensator(b, "iec").start(TaskForm.SPLIT, "full", TaskSettings()), "twincat"),
+        (lambda b, c: c.start(TaskForm.SPLIT, "full", TaskSettings(500.0, 500.0)), "main_us"),
     ],
 )
 def test_wishes_that_cannot_be_met(linear_bundle, compensator, call, part):
@@ -232,7 +242,7 @@ def test_wishes_that_cannot_be_met(linear_bundle, compensator, call, part):
 def test_the_bundle_must_fit_the_rig(linear_bundle):
     rig = machine_of(parse_rig("[rig]\nreduction_ratio = 100.0\n"))
     with pytest.raises(InputError, match="reduction ratio 81"):
-        simulate(rig, linear_bundle, turn(), Wish((ORDERS,)))
+        simulate(rig, linear_bundle, turn(), MotionWish((ORDERS,)))
 
 
 def test_features_the_rig_does_not_know(linear_bundle):

@@ -5,8 +5,8 @@ import math
 import pytest
 
 from st_codegen.errors import InputError, Problems
-from st_codegen.files.toml_tables import Table
-from st_codegen.rig.tasks import Form, Inputs, Plc, TaskSettings, read_tasks
+from st_codegen.files.toml_tables import TomlTable
+from st_codegen.rig.tasks import Plc, TaskForm, TaskInputs, TaskSettings, read_tasks
 from st_codegen.te.latency import paper_latency
 
 
@@ -29,14 +29,14 @@ def ages(form, settings, ticks=60):
     """Ticks between the latching of an angle and the set-point that carries it, in each cycle after the start."""
     plc, echo = Plc(settings, form, Echo()), []
     for n in range(ticks):
-        published = plc.tick(n, Inputs(float(n), 0.0, 0.0, 0.0), 0.0)
+        published = plc.tick(n, TaskInputs(float(n), 0.0, 0.0, 0.0), 0.0)
         if published is not None and n > 20:
             echo.append(n - published)
     return echo
 
 
 def test_the_papers_timing():
-    timing = TaskSettings().latency(Form.TWO)
+    timing = TaskSettings().latency(TaskForm.TWO)
     assert timing == paper_latency()
     assert timing.best_us == pytest.approx(1325.3)
     assert timing.frequency_hz == pytest.approx(754.5, abs=0.05)
@@ -45,9 +45,9 @@ def test_the_papers_timing():
 
 
 def test_one_task_answers_in_less_than_half_the_time():
-    timing = TaskSettings().latency(Form.ONE)
+    timing = TaskSettings().latency(TaskForm.ONE)
     assert timing.best_us == timing.worst_us == pytest.approx(575.3)
-    assert TaskSettings().latency(Form.SPLIT) == timing
+    assert TaskSettings().latency(TaskForm.SPLIT) == timing
     assert timing.frequency_hz == pytest.approx(1738.2, abs=0.05)
 
 
@@ -55,33 +55,33 @@ def test_one_task_answers_in_less_than_half_the_time():
 def test_the_simulated_exchange_has_the_stated_latency(slow_us):
     settings = TaskSettings(slow_us=slow_us)
     # whole slow cycles, so that the mean is one
-    seen = [age * settings.main_us + settings.transfer_us for age in ages(Form.TWO, settings, ticks=121)[-80:]]
-    stated = settings.latency(Form.TWO)
+    seen = [age * settings.main_us + settings.transfer_us for age in ages(TaskForm.TWO, settings, ticks=121)[-80:]]
+    stated = settings.latency(TaskForm.TWO)
     assert (min(seen), max(seen)) == pytest.approx((stated.best_us, stated.worst_us))
     assert sum(seen) / len(seen) == pytest.approx(stated.mean_us)
 
 
-@pytest.mark.parametrize("form", [Form.ONE, Form.SPLIT])
+@pytest.mark.parametrize("form", [TaskForm.ONE, TaskForm.SPLIT])
 def test_the_main_task_carries_the_angle_of_two_cycles_ago(form):
     assert set(ages(form, TaskSettings())) == {2}
 
 
 def test_the_slow_part_runs_in_the_slow_task():
-    plc, echo = Plc(TaskSettings(), Form.SPLIT, Echo()), None
+    plc, echo = Plc(TaskSettings(), TaskForm.SPLIT, Echo()), None
     echo = plc.application
     for n in range(40):
-        plc.tick(n, Inputs(float(n), 0.0, 0.0, 0.0), 0.0)
+        plc.tick(n, TaskInputs(float(n), 0.0, 0.0, 0.0), 0.0)
     assert echo.calls == 40
     assert len(echo.prepared) in (19, 20)
-    two = Plc(TaskSettings(), Form.TWO, Echo())
+    two = Plc(TaskSettings(), TaskForm.TWO, Echo())
     for n in range(40):
-        two.tick(n, Inputs(float(n), 0.0, 0.0, 0.0), 0.0)
+        two.tick(n, TaskInputs(float(n), 0.0, 0.0, 0.0), 0.0)
     assert two.application.calls in (19, 20)
 
 
 def test_without_a_compensator_the_reference_goes_out():
-    plc = Plc(TaskSettings(), Form.ONE, None)
-    sent = [plc.tick(n, Inputs(0.0, 0.0, 0.0, 0.0), 10.0 * n) for n in range(4)]
+    plc = Plc(TaskSettings(), TaskForm.ONE, None)
+    sent = [plc.tick(n, TaskInputs(0.0, 0.0, 0.0, 0.0), 10.0 * n) for n in range(4)]
     assert sent == [None, 0.0, 10.0, 20.0]
 
 
@@ -98,6 +98,6 @@ def test_without_a_compensator_the_reference_goes_out():
 )
 def test_faulty_tasks_are_refused(table, part):
     problems = Problems("rig.toml")
-    read_tasks(Table(table, "[tasks]", problems))
+    read_tasks(TomlTable(table, "[tasks]", problems))
     with pytest.raises(InputError, match=rf"(?s)\[tasks\].*{part}"):
         problems.raise_if_any()

@@ -15,24 +15,24 @@ from st_codegen.te.harmonics import Direction, Quantity
 from st_codegen.training.choice import choose, loss
 from st_codegen.training.errors import errors_of
 from st_codegen.training.export import write_bundle
-from st_codegen.training.families import Candidate
+from st_codegen.training.families import Learner
 from st_codegen.training.faulty import Faulty, faulty_runs
 from st_codegen.training.faulty_gain import gains, near_to
-from st_codegen.training.learn import Plan, bundle_head, interval, learn, only_exportable, split_rows
+from st_codegen.training.learn import LearningPlan, bundle_head, interval, learn, only_exportable, split_rows
 from st_codegen.training.paper import reconstruction
 from st_codegen.training.search import Backend
 from st_codegen.training.store import FitStore
-from st_codegen.training.study import Settings, Solution, study
-from st_codegen.training.targets import Kind, Unit, combined, kinds, mean_direction, values
+from st_codegen.training.study import SearchSettings, Solution, study
+from st_codegen.training.targets import Coordinates, RobustUnit, combined, kinds, mean_direction, values
 from st_codegen.walkers.objects import from_estimator
 from tests.training.conftest import ORDERS, a_table
 
 FEW = (
-    Candidate("SVM", {"C": 10.0, "epsilon": 0.05, "lengths": (200.0, 500.0, 8.0)}),
-    Candidate("DT", {"min_samples_leaf": 2}),
-    Candidate("ERT", {"n_estimators": 8}),
+    Learner("SVM", {"C": 10.0, "epsilon": 0.05, "lengths": (200.0, 500.0, 8.0)}),
+    Learner("DT", {"min_samples_leaf": 2}),
+    Learner("ERT", {"n_estimators": 8}),
 )
-SETTINGS = Settings(FEW, folds=3)
+SETTINGS = SearchSettings(FEW, folds=3)
 
 
 def changed(table, rows, change):
@@ -47,7 +47,9 @@ def changed(table, rows, change):
 def lessons():
     both = joined([a_table(noise=1e-6), a_table(backward=True, noise=1e-6)])
     with FitStore(None) as store:
-        return both, [learn(both, direction, Plan(SETTINGS, repeats=2), store, Backend(1)) for direction in Direction]
+        return both, [
+            learn(both, direction, LearningPlan(SETTINGS, repeats=2), store, Backend(1)) for direction in Direction
+        ]
 
 
 @pytest.mark.parametrize("order", ORDERS)
@@ -68,11 +70,11 @@ def test_phases_are_turned_so_that_they_do_not_jump():
 
 def test_units_are_robust():
     y = np.concatenate([np.random.default_rng(0).normal(3.0, 2.0, 1000), [1e6]])
-    unit = Unit.of(y)
+    unit = RobustUnit.of(y)
     assert unit.centre == pytest.approx(3.0, abs=0.3)
     assert unit.size == pytest.approx(2.0, rel=0.15)
     assert np.allclose(unit.centre + unit.size * unit.scaled(y), y, rtol=1e-12)
-    assert Unit.of(np.ones(5)).size == 1.0
+    assert RobustUnit.of(np.ones(5)).size == 1.0
 
 
 def test_errors_go_around_the_circle():
@@ -110,7 +112,7 @@ def test_the_gain_of_leaving_faulty_runs_out(table):
     bad = changed(table, np.array([60]), lambda c: table.coefficients[[110]])
     rows = np.arange(len(table)) == 60
     solution = Solution(
-        156, Kind.PARTS, (Candidate("DT", {"min_samples_leaf": 1}),) * 2, np.empty(0), np.empty(0), 1.0,
+        156, Coordinates.PARTS, (Learner("DT", {"min_samples_leaf": 1}),) * 2, np.empty(0), np.empty(0), 1.0,
         errors_of(156, bad.column(156), bad.column(156)),
     )  # fmt: skip
     faulty = Faulty(rows, np.zeros(len(bad)), ((),) * len(bad))
@@ -132,7 +134,7 @@ def test_near_rows_are_one_step_away(table):
 
 
 def test_copies_of_the_speed_are_one_input_of_the_compiled_model(table):
-    candidate = Candidate("ERT", {"n_estimators": 5, "speed_copies": 3})
+    candidate = Learner("ERT", {"n_estimators": 5, "speed_copies": 3})
     y = np.abs(table.column(156))
     model = candidate.fit(table.conditions, y, 0)
     assert model.named_steps["trees"].n_features_in_ == table.conditions.shape[1] + 2
@@ -142,15 +144,15 @@ def test_copies_of_the_speed_are_one_input_of_the_compiled_model(table):
 
 
 def test_splits(table):
-    mask = split_rows(table, Plan(SETTINGS))
+    mask = split_rows(table, LearningPlan(SETTINGS))
     assert mask.sum() == round(0.2 * len(table))
-    assert np.array_equal(mask, split_rows(table, Plan(SETTINGS)))
+    assert np.array_equal(mask, split_rows(table, LearningPlan(SETTINGS)))
     points = table.conditions[[3, 9]]
-    assert np.flatnonzero(split_rows(table, Plan(SETTINGS, test_points=points))).tolist() == [3, 9]
+    assert np.flatnonzero(split_rows(table, LearningPlan(SETTINGS, test_points=points))).tolist() == [3, 9]
     with pytest.raises(InputError, match="1 of 3 test points are not in"):
-        split_rows(table, Plan(SETTINGS, test_points=np.vstack([points, [[1, 2, 3]]])))
+        split_rows(table, LearningPlan(SETTINGS, test_points=np.vstack([points, [[1, 2, 3]]])))
     with pytest.raises(InputError, match="at least 20 are needed"):
-        split_rows(table.rows(np.arange(5)), Plan(SETTINGS))
+        split_rows(table.rows(np.arange(5)), LearningPlan(SETTINGS))
 
 
 def test_learned_models_predict_points_kept_apart(lessons):
@@ -170,10 +172,10 @@ def test_parts_are_chosen_where_phases_wrap():
     coefficients[:, 2] = 1e-3 * np.exp(1j * table.torque_Nm / 200)
     turning = replace(table, coefficients=coefficients).only([39])
     with FitStore(None) as store:
-        searched = study(turning, turning, Settings(FEW[:1], 3), store, Backend(1))
+        searched = study(turning, turning, SearchSettings(FEW[:1], 3), store, Backend(1))
     (solution,) = choose(searched).solutions
-    polar = next(s for s in searched.solutions(39) if s.kind is Kind.POLAR)
-    assert solution.kind is Kind.PARTS
+    polar = next(s for s in searched.solutions(39) if s.kind is Coordinates.POLAR)
+    assert solution.kind is Coordinates.PARTS
     assert solution.errors.complex_mae < 0.5 * polar.errors.complex_mae
 
 
@@ -193,7 +195,7 @@ def test_the_choice_keeps_the_cost_limit(lessons):
 
 def test_what_cannot_be_compiled_is_not_chosen(table):
     with FitStore(None) as store:
-        searched = study(table, table, Settings((Candidate("ELM", {"neurons": 20}),), 3), store, Backend(1))
+        searched = study(table, table, SearchSettings((Learner("ELM", {"neurons": 20}),), 3), store, Backend(1))
     with pytest.raises(InputError, match="none of the families that were tried can be compiled"):
         choose(searched)
 
@@ -240,9 +242,9 @@ def test_a_bundle_replaces_only_a_bundle(lessons, tmp_path):
 def test_onnx(table, tmp_path, family, params):
     pytest.importorskip("skl2onnx")
     params = params or {"scaled": True, "hidden_layer_sizes": (6,), "solver": "lbfgs", "max_iter": 50}
-    settings = Settings((Candidate(family, params),), folds=2)
+    settings = SearchSettings((Learner(family, params),), folds=2)
     with FitStore(None) as store:
-        lesson = learn(table.only([0, 39]), Direction.FORWARD, Plan(settings), store, Backend(1))
+        lesson = learn(table.only([0, 39]), Direction.FORWARD, LearningPlan(settings), store, Backend(1))
     write_bundle(tmp_path / "models", bundle_head(table, "small", 81.0), lesson.models, "onnx")
     bundle = load(tmp_path / "models")
     for model, loaded in zip(sorted(lesson.models, key=lambda m: m.stem), bundle.models, strict=True):
@@ -253,10 +255,10 @@ def test_onnx(table, tmp_path, family, params):
 
 
 def test_only_families_that_fit_the_form():
-    kept = only_exportable(Settings((*FEW, Candidate("LGBM", {}), Candidate("ELM", {}))), "onnx")
+    kept = only_exportable(SearchSettings((*FEW, Learner("LGBM", {}), Learner("ELM", {}))), "onnx")
     assert [candidate.family for candidate in kept.candidates] == ["SVM", "DT", "ERT"]
     with pytest.raises(InputError, match="none of these families can be saved as onnx: SVM, MLP, RF"):
-        only_exportable(Settings((Candidate("LGBM", {}),)), "onnx")
+        only_exportable(SearchSettings((Learner("LGBM", {}),)), "onnx")
 
 
 def test_reconstruction_is_parsevals(table):

@@ -10,16 +10,16 @@ import pytest
 
 from st_codegen.errors import InputError
 from st_codegen.training.cost import worst_case_us
-from st_codegen.training.families import FAMILIES, Candidate, candidates, family_named
-from st_codegen.training.search import Backend, Task, fold_numbers, run_task, run_tasks
+from st_codegen.training.families import FAMILIES, Learner, candidates, family_named
+from st_codegen.training.search import Backend, FitTask, fold_numbers, run_task, run_tasks
 from st_codegen.training.store import FitStore
 from st_codegen.walkers.objects import from_estimator
 from tests.training.conftest import a_table
 
 SMALL = (
-    Candidate("SVM", {"C": 10.0, "epsilon": 0.05, "lengths": (300.0, 500.0, 8.0)}),
-    Candidate("ERT", {"n_estimators": 5}),
-    Candidate("LGBM", {"n_estimators": 10}),
+    Learner("SVM", {"C": 10.0, "epsilon": 0.05, "lengths": (300.0, 500.0, 8.0)}),
+    Learner("ERT", {"n_estimators": 5}),
+    Learner("LGBM", {"n_estimators": 10}),
 )
 
 
@@ -27,7 +27,7 @@ def the_tasks(chosen=SMALL, folds=3):
     table = a_table()
     y = np.abs(table.column(39))
     train, test = table.conditions[::2], table.conditions[1::2]
-    return [Task(candidate, train, y[::2], test, folds, 7, candidate.family) for candidate in chosen]
+    return [FitTask(candidate, train, y[::2], test, folds, 7, candidate.family) for candidate in chosen]
 
 
 def same(one, other):
@@ -43,7 +43,7 @@ def test_every_family_learns_and_repeats_to_the_bit(name, table):
     x, y = table.conditions, np.abs(table.column(39))
     for params, by_authors in ((family.grid[0], False), (family.authors, True)):
         small = {key: min(value, 20) if key in ("n_estimators", "max_iter") else value for key, value in params.items()}
-        candidate = Candidate(name, small, by_authors)
+        candidate = Learner(name, small, by_authors)
         one, other = candidate.fit(x, y, 3), candidate.fit(x, y, 3)
         values = one.predict(x)
         assert values.shape == y.shape
@@ -66,8 +66,8 @@ def test_unknown_family():
 
 def test_cost_counts_levels_and_vectors(table):
     x, y = table.conditions, np.abs(table.column(39))
-    flat, deep = (worst_case_us(Candidate("DT", {"max_depth": d}).fit(x, y, 0)) for d in (1, 3))
-    ten, one = (worst_case_us(Candidate("RF", {"max_depth": 3, "n_estimators": n}).fit(x, y, 0)) for n in (10, 1))
+    flat, deep = (worst_case_us(Learner("DT", {"max_depth": d}).fit(x, y, 0)) for d in (1, 3))
+    ten, one = (worst_case_us(Learner("RF", {"max_depth": 3, "n_estimators": n}).fit(x, y, 0)) for n in (10, 1))
     # a call is c, a tree levels * a + b: two levels more, nine trees more
     level, trees = (deep - flat) / 2, (ten - one) / 9
     assert 0.0 < level < flat
@@ -85,7 +85,7 @@ def test_folds_are_of_one_size_and_cover_all():
 
 
 def test_out_of_fold_predictions_never_saw_their_row():
-    task = the_tasks((Candidate("DT", {}),))[0]
+    task = the_tasks((Learner("DT", {}),))[0]
     outcome = run_task(task)
     number = fold_numbers(len(task.y), task.folds, task.seed)
     for fold in range(task.folds):
@@ -115,12 +115,12 @@ def test_finished_fits_are_not_fitted_again(tmp_path, monkeypatch):
 def test_what_decides_a_result_is_in_its_key():
     task = the_tasks()[0]
     others = [
-        Task(SMALL[1], task.x, task.y, task.x_test, task.folds, task.seed),
-        Task(task.candidate, task.x, task.y + 1e-12, task.x_test, task.folds, task.seed),
-        Task(task.candidate, task.x[1:], task.y[1:], task.x_test, task.folds, task.seed),
-        Task(task.candidate, task.x, task.y, task.x_test[1:], task.folds, task.seed),
-        Task(task.candidate, task.x, task.y, task.x_test, 4, task.seed),
-        Task(task.candidate, task.x, task.y, task.x_test, task.folds, 8),
+        FitTask(SMALL[1], task.x, task.y, task.x_test, task.folds, task.seed),
+        FitTask(task.candidate, task.x, task.y + 1e-12, task.x_test, task.folds, task.seed),
+        FitTask(task.candidate, task.x[1:], task.y[1:], task.x_test, task.folds, task.seed),
+        FitTask(task.candidate, task.x, task.y, task.x_test[1:], task.folds, task.seed),
+        FitTask(task.candidate, task.x, task.y, task.x_test, 4, task.seed),
+        FitTask(task.candidate, task.x, task.y, task.x_test, task.folds, 8),
     ]
     assert len({task.key, *(other.key for other in others)}) == len(others) + 1
 
@@ -177,7 +177,7 @@ def test_no_scheduler_answers():
 def test_a_dask_worker_is_killed_and_nothing_is_lost():
     """Two worker processes, one of which is killed while it works: all results are there, and the same bits."""
     distributed = pytest.importorskip("distributed")
-    tasks = the_tasks(tuple(Candidate("ERT", {"n_estimators": n}) for n in range(40, 64)))
+    tasks = the_tasks(tuple(Learner("ERT", {"n_estimators": n}) for n in range(40, 64)))
     with FitStore(None) as store:
         alone = run_tasks(tasks, store, Backend(1))
     killed = []

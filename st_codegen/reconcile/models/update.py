@@ -19,16 +19,16 @@ from st_codegen.reconcile.run import Result
 from st_codegen.rig.compensator import EmittedCompensator
 from st_codegen.rig.machine import machine_of
 from st_codegen.rig.model import RigModel
-from st_codegen.rig.motion import Case, Size, compare, lead_time_s, plan, run
+from st_codegen.rig.motion import CompensationCase, Size, compare, lead_time_s, plan, run
 from st_codegen.rig.profiles import profile_named
-from st_codegen.rig.tasks import Form
+from st_codegen.rig.tasks import TaskForm
 from st_codegen.te.bundle_file import BUNDLE_FILE, read_description
 from st_codegen.te.purpose import transmission_error
 
 Progress = Callable[[int, int, str], None]
 #: folders below the output
 MODELS, CODE = "models", "plc"
-LAW, FORM = "continuous", Form.SPLIT
+LAW, FORM = "continuous", TaskForm.SPLIT
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ def rehearse(result: Result, old: Bundle, new: Bundle, wish: Wish, step: Callabl
         step(5 + number, f"moving with the {name} compensator")
         compensator = EmittedCompensator(bundle, wish.target)
         orders = transmission_error(bundle).orders
-        outcome = compare(rig, planned, before, compensator, Case(orders, LAW, FORM, lead))
+        outcome = compare(rig, planned, before, compensator, CompensationCase(orders, LAW, FORM, lead))
         if not cases:
             cases.append(Moved("none", (), outcome.before, outcome.full_before, outcome.error_before_deg))
         cases.append(Moved(name, orders, outcome.after, outcome.full_after, outcome.error_after_deg))

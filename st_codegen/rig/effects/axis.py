@@ -29,8 +29,8 @@ class ControlLag(Effect):
         slope = np.diff(reference_deg) / step
         decay = np.exp(-step / lag)
         behind = np.zeros(len(time_s))
-        for place in range(len(step)):
-            behind[place + 1] = behind[place] * decay[place] + slope[place] * lag * (1 - decay[place])
+        for row in range(len(step)):
+            behind[row + 1] = behind[row] * decay[row] + slope[row] * lag * (1 - decay[row])
         found: FloatArray = reference_deg - behind
         return found
 

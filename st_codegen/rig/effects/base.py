@@ -20,7 +20,7 @@ import numpy as np
 
 from st_codegen.campaign.conditions import Conditions
 from st_codegen.errors import Problems
-from st_codegen.files.toml_tables import Table
+from st_codegen.files.toml_tables import TomlTable
 from st_codegen.ir.arrays import ComplexArray, IntArray
 
 BACKWARD = "backward_"
@@ -142,7 +142,7 @@ class Effect(ABC):
         self.constants = constants
         if check:
             problems = Problems(self.name)
-            self.check(Table(values, self.name, problems))
+            self.check(TomlTable(values, self.name, problems))
             problems.raise_if_any()
 
     # -- what a subclass gives
@@ -173,9 +173,9 @@ class Effect(ABC):
         found = np.zeros((len(at), len(orders)), np.complex128)
         if type(self).coefficient is not Effect.coefficient:
             touched = set(self.touched_orders())
-            for place, order in enumerate(orders.tolist()):
+            for index, order in enumerate(orders.tolist()):
                 if order in touched:
-                    found[:, place] = self.coefficient(at, order)
+                    found[:, index] = self.coefficient(at, order)
         return found
 
     def transfer(self, order: int) -> Mapping[int, complex] | None:
@@ -207,19 +207,19 @@ class Effect(ABC):
         default = next(scalar.default for scalar in self.scalars if scalar.key == key)
         return 0.0 if default is None else default
 
-    def complex_value(self, key: str, backward: bool = False, place: int = 0) -> complex:
+    def complex_value(self, key: str, backward: bool = False, index: int = 0) -> complex:
         """A phasor as a complex number, for one direction, and one order of a list."""
         phasor = next(phasor for phasor in self.phasors if phasor.key == key)
         keys = phasor.keys(backward and phasor.own_flanks)
         if backward and keys[0] not in self.values:
             keys = phasor.keys(False)
-        amplitude, phase = (_entry(self.values.get(name, 0.0), place) for name in keys)
+        amplitude, phase = (_entry(self.values.get(name, 0.0), index) for name in keys)
         return complex(amplitude * math.cos(phase), amplitude * math.sin(phase))
 
-    def complex_at(self, key: str, at: Conditions, place: int = 0) -> ComplexArray:
+    def complex_at(self, key: str, at: Conditions, index: int = 0) -> ComplexArray:
         """A phasor at operating points, complex128 (n,)."""
         found: ComplexArray = np.where(
-            at.sign > 0, self.complex_value(key, False, place), self.complex_value(key, True, place)
+            at.sign > 0, self.complex_value(key, False, index), self.complex_value(key, True, index)
         )
         return found
 
@@ -248,7 +248,7 @@ class Effect(ABC):
             keys += [*phasor.keys(False), *(phasor.keys(True) if phasor.own_flanks else ())]
         return keys
 
-    def check(self, table: Table) -> None:
+    def check(self, table: TomlTable) -> None:
         """Note whatever is wrong with the values that this effect was made of: unknown keys, types, bounds, orders."""
         with table:
             count = self._check_orders(table)
@@ -264,7 +264,7 @@ class Effect(ABC):
             for phasor in self.phasors:
                 self._check_phasor(phasor, count, table)
 
-    def _check_orders(self, table: Table) -> int:
+    def _check_orders(self, table: TomlTable) -> int:
         """The number of orders that the table names."""
         key = self.orders_key
         if key is None:
@@ -286,7 +286,7 @@ class Effect(ABC):
             table.note(f"{key}: an order stands there twice")
         return len(orders)
 
-    def _check_phasor(self, phasor: Phasor, count: int, table: Table) -> None:
+    def _check_phasor(self, phasor: Phasor, count: int, table: TomlTable) -> None:
         for backward in (False, True) if phasor.own_flanks else (False,):
             amplitude, phase = phasor.keys(backward)
             table.declare(amplitude, phase)
@@ -301,7 +301,7 @@ class Effect(ABC):
                 self._check_numbers(phase, count, table)
 
     def _check_numbers(
-        self, key: str, count: int, table: Table, low: float = -math.inf, high: float = math.inf, unit: str = ""
+        self, key: str, count: int, table: TomlTable, low: float = -math.inf, high: float = math.inf, unit: str = ""
     ) -> None:
         """A number, or a list of `count` numbers where the effect has a list of orders."""
         if self.orders_key != "orders":
@@ -330,5 +330,5 @@ def _float(value: Any) -> Any:
         return math.inf
 
 
-def _entry(value: Value, place: int) -> float:
-    return value[place] if isinstance(value, tuple) else value
+def _entry(value: Value, index: int) -> float:
+    return value[index] if isinstance(value, tuple) else value

@@ -42,8 +42,8 @@ class StructuralResonance(Effect):
         found = np.zeros((len(at), len(orders)), np.complex128)
         wanted = set(orders.tolist())
         heights = {
-            order: [self.complex_value("amplitude_deg", side, place) for side in (False, True)]
-            for place, order in enumerate(self.orders)
+            order: [self.complex_value("amplitude_deg", side, index) for side in (False, True)]
+            for index, order in enumerate(self.orders)
             if order in wanted
         }
         acting = {order: sides for order, sides in heights.items() if any(sides)}
