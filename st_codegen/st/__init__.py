@@ -18,7 +18,7 @@ from st_codegen.st.errors import (
 )
 from st_codegen.st.run.machine import Machine
 from st_codegen.st.run.natives import Library, NativeBlock, NativeCall
-from st_codegen.st.syntax.source import Source, read_paths, read_texts
+from st_codegen.st.syntax.source import ParsedFiles, read_paths, read_texts
 from st_codegen.st.tree import Project
 
 __all__ = [
@@ -59,12 +59,12 @@ def parse_project(
     return _checked(read_texts(texts), dialect, libraries)
 
 
-def _checked(source: Source, dialect: Dialect | str, libraries: Iterable[Library]) -> Project:
+def _checked(source: ParsedFiles, dialect: Dialect | str, libraries: Iterable[Library]) -> Project:
     native, ordinary = [], []
     libraries = tuple(libraries)
     for library in libraries:
         parts = library.declarations()
         native += parts[0]
         ordinary += parts[1]
-    together = Source((*ordinary, *source.declarations), source.scans)
+    together = ParsedFiles((*ordinary, *source.declarations), source.scans)
     return check(together, find_dialect(dialect), native, (library.name for library in libraries))

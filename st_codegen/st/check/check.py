@@ -13,13 +13,13 @@ from st_codegen.st.check.symbols import DeclaredUnit, Symbols, failure
 from st_codegen.st.dialects import Dialect
 from st_codegen.st.errors import Problem, StCheckError
 from st_codegen.st.syntax import declarations as d
-from st_codegen.st.syntax.source import Source
+from st_codegen.st.syntax.source import ParsedFiles
 from st_codegen.st.tree import PouKind
 from st_codegen.st.types import Type
 
 
 def check(
-    source: Source, dialect: Dialect, native: Iterable[d.Declaration] = (), namespaces: Iterable[str] = ()
+    source: ParsedFiles, dialect: Dialect, native: Iterable[d.Declaration] = (), namespaces: Iterable[str] = ()
 ) -> t.Project:
     """Check a project; `native` are declarations of blocks and functions that Python executes.
 

@@ -17,7 +17,7 @@ from st_codegen.st.dialects import IEC
 from st_codegen.st.errors import Problem
 from st_codegen.st.syntax import declarations as d
 from st_codegen.st.syntax.scan import Scanned
-from st_codegen.st.syntax.source import Source
+from st_codegen.st.syntax.source import ParsedFiles
 from st_codegen.st.types import REAL, ArrayType, Elementary, EnumType, StructType, Type
 
 SMALLEST_REAL, LARGEST_REAL = 1e-37, 1e37
@@ -31,7 +31,7 @@ _REFUSED = tuple((re.compile(pattern, _FLAGS), reason) for pattern, reason in IE
 class Text:
     """What the rules look at: the source and the checked project it gives."""
 
-    source: Source
+    source: ParsedFiles
     project: t.Project
 
     @cached_property
@@ -88,7 +88,7 @@ class Text:
         return found
 
 
-def violations(source: Source) -> tuple[Problem, ...]:
+def violations(source: ParsedFiles) -> tuple[Problem, ...]:
     """What in a source is not portable, in the order of the text.
 
     Raises `StCheckError` when it does not even pass the checker for the `iec` dialect.

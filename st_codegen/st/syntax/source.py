@@ -24,14 +24,14 @@ _EXPECTED = ".st, .TcPOU, .TcGVL, .TcDUT or PLCopen's .xml"
 
 
 @dataclass(frozen=True)
-class Source:
+class ParsedFiles:
     """All declarations of a project, in the order of the files, and the texts they came from."""
 
     declarations: tuple[d.Declaration, ...]
     scans: tuple[Scanned, ...]
 
 
-def read_texts(texts: Mapping[str, str]) -> Source:
+def read_texts(texts: Mapping[str, str]) -> ParsedFiles:
     """Parse texts given by name; .TcPOU, .TcGVL and .TcDUT are TwinCAT's XML, .xml is PLCopen's.
 
     Raises `StSyntaxError` with the first error of every text.
@@ -39,7 +39,7 @@ def read_texts(texts: Mapping[str, str]) -> Source:
     return _read((name, text.encode("utf-8", "surrogatepass")) for name, text in texts.items())
 
 
-def read_paths(paths: Iterable[Path | str]) -> Source:
+def read_paths(paths: Iterable[Path | str]) -> ParsedFiles:
     """Parse files and folders; of folders all `.st`, `.TcPOU`, `.TcGVL`, `.TcDUT` and PLCopen `.xml` files by name.
 
     Raises `StSyntaxError` with the first error of every file, `InputError` for a path that does not exist, a file that
@@ -81,7 +81,7 @@ def _content(path: Path) -> bytes:
     return path.read_bytes()
 
 
-def _read(files: Iterable[tuple[str, bytes]]) -> Source:
+def _read(files: Iterable[tuple[str, bytes]]) -> ParsedFiles:
     declarations: list[d.Declaration] = []
     scans: list[Scanned] = []
     problems: list[Problem] = []
@@ -95,7 +95,7 @@ def _read(files: Iterable[tuple[str, bytes]]) -> Source:
             scans += scanned
     if problems:
         raise StSyntaxError(problems)
-    return Source(tuple(declarations), tuple(scans))
+    return ParsedFiles(tuple(declarations), tuple(scans))
 
 
 def _read_one(name: str, content: bytes) -> tuple[list[d.Declaration], list[Scanned]]:
