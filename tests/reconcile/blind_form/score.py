@@ -162,6 +162,12 @@ def _verdict(truth: Truth, report: Report, rig: NewRig, is_measured_right: bool)
     strongest = max(truth.strength, default=0.0)
     if left > floor and strongest >= STRONG:
         return [Statement("verdict", f"says {report.verdict}: {left:.2g} deg are left, {left / floor:.1f} floors")]
+    # one order may be far above its own floor and below that of all orders together
+    ratios = remaining(truth, rig)[orders] / np.maximum(truth.noise_by_order[orders], 1e-12)
+    worst = int(np.argmax(ratios))
+    if ratios[worst] > max(1.0, STRONG / np.sqrt(4 * len(truth.points))):
+        text = f"order {orders[worst]} has {ratios[worst]:.1f} of its own floors left"
+        return [Statement("verdict", f"says {report.verdict}: {text}")]
     return []
 
 

@@ -94,6 +94,14 @@ def test_silence_is_false_where_something_is_left():
     assert marks.missing
 
 
+def test_one_order_above_its_own_floor_is_not_explained():
+    """The floor of 40 orders together is 6 times that of one."""
+    part = mesh.wave_part("a wave", ("pin_error",), 53, mesh.one(), 4 * NOISE * np.sqrt(2))
+    orders = tuple(range(30, 70))
+    assert "verdict" in kinds(judged(truth_of(part), report_of(orders=orders), found=False))
+    assert "verdict" not in kinds(judged(truth_of(part), report_of(orders=orders)))
+
+
 def test_silence_is_right_where_nothing_is_missing():
     marks = judged(truth_of(kind="nothing"), report_of("nothing_missing"))
     assert marks.silent
