@@ -58,6 +58,7 @@ Examples:
     type=click.Choice([*MISTAKES, "all"]),
     help="Correct a mistake of measuring that was asked about, and go on.",
 )
+@click.option("--skip-bad", is_flag=True, help="Leave out files that cannot be read, and say which.")
 @click.option("--models", type=click.Path(path_type=Path), help="Bundle of models that --update-models starts from.")
 @click.option(
     "--update-models",
@@ -82,6 +83,7 @@ def command(
     effects: tuple[Path, ...],
     scale: float | None,
     accept: tuple[str, ...],
+    skip_bad: bool,
     models: Path | None,
     update: bool,
     target: str,
@@ -106,7 +108,9 @@ def command(
         content, text = spectrum_report(found), spectrum_summary(found)
     else:
         with progress_bar("reconciling", quiet=quiet) as progress:
-            result = reconcile_files(model, measured, known, scale=scale, accept=accept, progress=progress)
+            result = reconcile_files(
+                model, measured, known, scale=scale, accept=accept, skip_bad=skip_bad, progress=progress
+            )
         changes = _written(result, wish, out, quiet)
         content, text = report(result, changes), summary(result)
         text += "" if changes is None else "\n" + update_summary(changes)

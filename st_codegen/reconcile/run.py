@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from st_codegen.errors import Problems
+from st_codegen.ir.arrays import BoolArray
 from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.data.observations import Observations, rms_deg
 from st_codegen.reconcile.data.reading import check, read_measured
@@ -19,12 +20,12 @@ from st_codegen.reconcile.data.recordings import (
     observations,
     read_recordings,
 )
-from st_codegen.reconcile.fit.fitting import Fit
+from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.parameters import Piece, piece_of
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import Target, groups_of
 from st_codegen.reconcile.judge.candidates import Candidate
-from st_codegen.reconcile.judge.conclusions import Conclusions, conclude, without_misfits
+from st_codegen.reconcile.judge.conclusions import Conclusions, conclude, unchanged, without_misfits
 from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.held_out import held_out_rms
 from st_codegen.reconcile.judge.lines import lines_in_samples
@@ -32,7 +33,8 @@ from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unm
 from st_codegen.reconcile.judge.measurement import Examined, Mistake, examine
 from st_codegen.reconcile.judge.selection import search, with_noise_of
 from st_codegen.reconcile.judge.suspects import bad_runs
-from st_codegen.reconcile.judge.unexplained import Signature, Structure, signatures, structure
+from st_codegen.reconcile.judge.unexplained import Signature, signatures
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Effect, Stage
 from st_codegen.rig.model import RigModel
 from st_codegen.threads import one_thread
@@ -62,8 +64,17 @@ class OrderGap:
 
 
 @dataclass(frozen=True)
+class TakenBack:
+    """Effects that explained the runs that were fitted and predicted others worse: gap (deg) before and with them."""
+
+    names: tuple[str, ...]
+    before: float
+    after: float
+
+
+@dataclass(frozen=True)
 class Result:
-    """All that a report needs."""
+    """All that a report needs. unseen_curves: from how many that no search saw the held-out gap comes (0: none)."""
 
     rig: RigModel
     new_rig: RigModel
@@ -72,12 +83,13 @@ class Result:
     noise: Noise
     conclusions: Conclusions
     judged: tuple[tuple[Candidate, Evidence], ...]
-    significant: Structure
     unexplained: tuple[Signature, ...]
     fitted: Gap
     held_out: Gap
     orders: tuple[OrderGap, ...]
     mistakes: tuple[Mistake, ...] = ()
+    unseen_curves: int = 0
+    taken_back: TakenBack | None = None
 
     @property
     def verdict(self) -> str:
@@ -95,13 +107,14 @@ def reconcile_files(
     *,
     scale: float | None = None,
     accept: Collection[str] = (),
+    skip_bad: bool = False,
     progress: Progress | None = None,
 ) -> Result:
     """Read measured data and reconcile. Raises InputError for data that cannot be compared with the rig."""
     files = recordings_in(measured)
     if files:
         return reconcile_recordings(rig, read_recordings(files), known, progress)
-    data = read_measured(measured, rig, progress)
+    data = read_measured(measured, rig, progress, skip_bad=skip_bad)
     if scale is not None:
         data = data.scaled(scale)
     problems, examined = Problems(str(measured)), Examined(data)
@@ -178,54 +191,91 @@ def _reconcile(rig: RigModel, known: Catalogue, progress: Progress | None, exami
     bad = np.zeros(len(data), bool)
     bad[list(examined.left_out)] = True
     data = replace(data, left_out=bad) if bad.any() else data
-    noise = estimate(data, data.values - model)
-    target = Target(data, noise.sigma, noise.good, groups_of(data.at), *_of(rig))
+    apart = _apart(data)
+    shown = data if not apart.any() else replace(data, left_out=apart | bad)
+    noise = estimate(shown, data.values - model)
+    target = Target(shown, noise.sigma, noise.good, groups_of(data.at), *_of(rig))
     state = State(rig, rig.zero_offset_deg, tuple(map(_own, (e for e in rig.effects if e.stage is not Stage.AXIS))))
     last, judged = search(target, state, known, progress)
     last, _ = without_misfits(last)
+    # which effects there are is decided; how large they are all runs may say
+    last = fit(with_noise_of(replace(last, target=replace(target, data=data)))[0], last.state)
     conclusions = conclude(rig, last, known)
+    result = _result(rig, data, conclusions, tuple(judged), examined.mistakes, apart)
+    worse = result.held_out.after > SETTINGS.worse * result.held_out.before
+    if worse and result.new_rig is not rig:
+        nothing = replace(conclusions, final=unchanged(last), claims=(), retuned=(), offset_changed=False)
+        names = tuple(dict.fromkeys(claim.piece.effect.name for claim in conclusions.claims))
+        gap = (result.held_out.before, result.held_out.after)
+        result = _result(rig, data, nothing, tuple(judged), examined.mistakes, apart)
+        result = replace(result, taken_back=TakenBack(names, *gap))
+    return result
+
+
+def _apart(data: Observations) -> BoolArray:
+    """Rows of operating points that the search does not see, bool (n,): none where there are few points."""
+    points = np.stack([data.at.speed_rpm, data.at.torque_Nm, data.at.temperature_C])
+    kinds, number = np.unique(points, axis=1, return_inverse=True)
+    count = kinds.shape[1]
+    if data.angle_rad is not None or count < SETTINGS.least_points_apart:
+        return np.zeros(len(data), bool)
+    chosen = np.random.default_rng(0).permutation(count)[: count // SETTINGS.one_apart_in]
+    found: BoolArray = np.isin(number.ravel(), chosen)
+    return found
+
+
+def _result(
+    rig: RigModel,
+    data: Observations,
+    conclusions: Conclusions,
+    judged: tuple[tuple[Candidate, Evidence], ...],
+    mistakes: tuple[Mistake, ...],
+    apart: BoolArray,
+) -> Result:
+    """Gaps, and what is left, of a fit."""
     final = conclusions.final
     target, noise = with_noise_of(final)
     noise = _with_suspects(data, final, noise)
     target = replace(target, good=noise.good)
-    final_residual = final.residual
-    before = target.residual(rig)
+    before, after, good = target.residual(rig), final.residual, noise.good
     weight = np.where(data.orders == 0, 1.0, 0.5)
-    found = structure(target, final_residual)
-    gap_power = float((weight * (np.abs(before[target.good]) ** 2).mean(axis=0)).sum())
+    gap_power = float((weight * (np.abs(before[good]) ** 2).mean(axis=0)).sum())
     describe = signatures if data.angle_rad is None else lines_in_samples
-    left = tuple(describe(target, final_residual, gap_power))
+    left = tuple(describe(target, after, gap_power))
     floor_power = weight * np.where(data.orders == 0, 1, 2) * noise.floor_rms**2
     floor = float(np.sqrt(floor_power.sum()))
-    good = target.good
-    gaps = Gap(rms_deg(before[good], data.orders), rms_deg(final_residual[good], data.orders), floor)
-    held_out = held_out_rms(replace(final, target=target))
-    held = Gap(gaps.before, float(np.sqrt((held_out**2).sum())), floor)
+    kept = apart & good
+    if kept.any():
+        trained = fit(target.subset(~apart), final.state).state.model()
+        unseen = target.residual(trained, kept)
+        held_out = np.sqrt(weight * (np.abs(unseen) ** 2).mean(axis=0))
+        first = rms_deg(before[kept], data.orders)
+    else:
+        held_out, first = held_out_rms(replace(final, target=target)), rms_deg(before[good], data.orders)
     per_order = tuple(
         OrderGap(
             int(order),
             rms_deg(before[good][:, [k]], data.orders[[k]]),
-            rms_deg(final_residual[good][:, [k]], data.orders[[k]]),
+            rms_deg(after[good][:, [k]], data.orders[[k]]),
             float(np.sqrt(floor_power[k])),
             float(held_out[k]),
         )
         for k, order in enumerate(data.orders)
     )
-    new_rig = _new_rig(rig, final, conclusions)
     return Result(
-        rig,
-        new_rig,
-        data,
-        target,
-        noise,
-        conclusions,
-        tuple(judged),
-        found,
-        left,
-        gaps,
-        held,
-        per_order,
-        examined.mistakes,
+        rig=rig,
+        new_rig=_new_rig(rig, final, conclusions),
+        data=data,
+        target=target,
+        noise=noise,
+        conclusions=conclusions,
+        judged=judged,
+        unexplained=left,
+        fitted=Gap(rms_deg(before[good], data.orders), rms_deg(after[good], data.orders), floor),
+        held_out=Gap(first, float(np.sqrt((held_out**2).sum())), floor),
+        orders=per_order,
+        mistakes=mistakes,
+        unseen_curves=int(kept.sum()),
     )
 
 

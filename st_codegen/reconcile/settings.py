@@ -108,6 +108,12 @@ class Settings:
     #: share of what all runs know of a combination of parameters that the others must keep when a fold is left out:
     #: below it their error grows more than fivefold, and what they say of the fold is no prediction
     kept_knowledge: float = 0.04
+    #: from so many operating points on one in so many is kept from the search: the reported held-out gap comes from
+    #: there; fewer points are needed for the search itself, and levels are left out of the fit in turn
+    least_points_apart: int = 60
+    one_apart_in: int = 8
+    #: a held-out gap that rises by more than its own scatter from run to run: the rig stays as it is
+    worse: float = 1.02
     #: resampled data sets, and the share of them in which an effect must keep its size
     resamplings: int = 60
     stable: float = 0.9
@@ -168,6 +174,9 @@ class Settings:
     #: waves that are told of samples over time
     most_lines: int = 8
 
+    #: torque (N m) below which a run tells backlash from dry friction: the least that seats the flanks
+    near_no_load_Nm: float = 30.0
+
     # --- suspects ---
     #: an order of a run is off from here on (noises). On development seeds of the blind suite one of 2200 good runs is
     #: above it in both directions at once; bad runs that show at all begin at 4.8
@@ -178,6 +187,9 @@ class Settings:
     alike: int = 2
     near: int = 4
     similar: float = 0.5
+    #: a deviation that a run at another temperature has as well, so coherent and so large, is no bad run
+    coherent: float = 0.7
+    comparable: float = 0.5
     #: a step across an axis counts as so many along it
     across: float = 4.0
     #: more suspects than this share are no bad runs, but something else

@@ -129,3 +129,25 @@ def neighbours(at: Conditions, good: BoolArray) -> Iterator[tuple[str, IntArray]
     local = contrasts(at, good)
     rows = np.flatnonzero(good & local.usable)
     yield "nearest", np.stack([rows, local.index[rows, 0]], axis=1)
+
+
+def repeats(at: Conditions, deviation: ComplexArray, row: int) -> bool:
+    """Whether runs at other temperatures (all else the same) deviate as this one does: then it is no bad run.
+
+    deviation: (n, K) in noises.
+    """
+    others = np.flatnonzero(
+        (at.sign == at.sign[row])
+        & (at.speed_rpm == at.speed_rpm[row])
+        & (at.torque_Nm == at.torque_Nm[row])
+        & (at.temperature_C != at.temperature_C[row])
+    )
+    if not len(others):
+        return False
+    own, size = deviation[row], float(np.linalg.norm(deviation[row]))
+    alike = 0
+    for other in others:
+        length = float(np.linalg.norm(deviation[other]))
+        product = float((own * deviation[other].conj()).real.sum())
+        alike += product > SETTINGS.coherent * size * length and length > SETTINGS.comparable * size
+    return 2 * alike >= len(others)

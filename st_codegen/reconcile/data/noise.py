@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from st_codegen.reconcile.data.contrasts import along_axes, contrasts
+from st_codegen.reconcile.data.contrasts import along_axes, contrasts, repeats
 from st_codegen.reconcile.data.levels import speed_levels
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
@@ -48,6 +48,9 @@ def estimate(data: Observations, residual: ComplexArray, known_bad: BoolArray | 
     """Noise from the contrasts of residuals (n, K); bad runs are found one after the other and left out."""
     if data.angle_rad is not None:
         return _of_samples(data, residual)
+    if data.seen is not None:
+        # an order that was not measured has no deviation: the median of those that were stands for it
+        residual = np.where(data.seen, residual, np.median(np.where(data.seen, residual, 0), axis=0))
     good = np.ones(len(data), bool) if known_bad is None else ~known_bad
     if data.left_out is not None:
         good &= ~data.left_out
@@ -65,6 +68,8 @@ def estimate(data: Observations, residual: ComplexArray, known_bad: BoolArray | 
         worst = [
             row for row in found if distance[row] >= max(distance[[*local.index[row][local.weight[row] != 0], row]])
         ]
+        deviation = e / sigma
+        worst = [row for row in worst if not repeats(data.at, deviation, int(row))]
         if not worst or (~good).sum() + len(worst) > 0.1 * len(data):
             break
         for row in map(int, worst):

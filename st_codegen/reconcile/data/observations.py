@@ -37,6 +37,8 @@ class Observations:
     run: IntArray | None = None
     spectral_deg: FloatArray | None = None
     left_out: BoolArray | None = None
+    seen: BoolArray | None = None
+    not_looked_at: tuple[str, ...] = ()
 
     def model_orders(self) -> tuple[int, ...]:
         """The orders whose coefficients a model must give."""
@@ -70,6 +72,7 @@ class Observations:
             run=None if self.run is None else self.run[index],
             spectral_deg=None if self.spectral_deg is None else self.spectral_deg[index],
             left_out=None if self.left_out is None else self.left_out[index],
+            seen=None if self.seen is None else self.seen[index],
         )
 
     def both_directions(self) -> bool:

@@ -11,10 +11,10 @@ import numpy as np
 from st_codegen.campaign.conditions import Conditions
 from st_codegen.campaign.curves import CONDITIONS_FILE
 from st_codegen.campaign.harmonic_table import read_table
-from st_codegen.campaign.orders import BAND
+from st_codegen.campaign.orders import BAND, OrderFit, fit_orders
 from st_codegen.campaign.reader import Campaign, read_campaign
 from st_codegen.errors import InputError, Problems
-from st_codegen.ir.arrays import BoolArray, ComplexArray, IntArray
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.observations import Observations, from_table, labels, order_of_runs
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.model import RigModel
@@ -23,10 +23,15 @@ Progress = Callable[[int, int, str], None]
 _DEGREES = 57.29577951308232
 
 
-def read_measured(path: Path, rig: RigModel, progress: Progress | None = None) -> Observations:
-    """Read a campaign folder or a harmonic table. Raises InputError for what cannot be read."""
+def read_measured(
+    path: Path, rig: RigModel, progress: Progress | None = None, *, skip_bad: bool = False
+) -> Observations:
+    """Read a campaign folder or a harmonic table; `skip_bad`: leave out files that cannot be read, and say so.
+
+    Raises InputError for what cannot be read.
+    """
     if path.is_dir():
-        return _campaign(path, rig, progress)
+        return _campaign(path, rig, progress, skip_bad)
     if not path.is_file():
         raise InputError(f"{path}: no such file or folder")
     return from_table(read_table(path))
@@ -42,29 +47,64 @@ def columns_of(path: Path) -> list[str]:
     return [cell.strip() for cell in next(csv.reader([line], delimiter=";" if ";" in line else ","), [])]
 
 
-def _campaign(folder: Path, rig: RigModel, progress: Progress | None) -> Observations:
-    campaign = read_campaign(folder, progress=progress)
+def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: bool) -> Observations:
+    campaign = read_campaign(folder, skip_bad=skip_bad, progress=progress)
     _check_ratio(campaign, rig)
-    band = min(*(curve.sums.band for curve in campaign.curves), BAND)
-    wanted = [order for order in rig.orders() if order <= band]
-    first = campaign.fits(wanted, progress)
-    spectra = np.stack([fit.spectrum[: band + 1] for fit in first])
-    floors = np.stack([fit.spectrum_floor[: band + 1] for fit in first])
-    orders = sorted({0, *wanted, *np.flatnonzero(_loud(spectra, floors)).tolist()})
-    fits = campaign.fits(orders, progress)
-    at = campaign.at
-    values = np.stack([fit.coefficients for fit in fits])
-    files = [curve.path.relative_to(folder).as_posix() for curve in campaign.curves]
+    bands = np.array([min(curve.sums.band, BAND) for curve in campaign.curves])
+    band = int(bands.max())
+    first = _fits(campaign, list(rig.orders()), bands, progress)
+    power = np.full((len(first), band + 1), np.nan)
+    for row, fit in enumerate(first):
+        power[row, : bands[row] + 1] = (fit.spectrum / np.maximum(fit.spectrum_floor, 1e-30))[: bands[row] + 1] ** 2
+    orders = sorted({0, *(k for k in rig.orders() if k <= band), *np.flatnonzero(_loud(power)).tolist()})
+    fits = _fits(campaign, orders, bands, progress)
+    values = np.zeros((len(fits), len(orders)), np.complex128)
     # an amplitude has the variance of two components; the floor of the mean is that of one number already
-    spectral = np.stack([fit.noise_floor for fit in fits]) / np.where(np.array(orders) == 0, 1.0, np.sqrt(2.0))
+    spectral = np.zeros(values.shape)
+    seen = np.array(orders)[None, :] <= bands[:, None]
+    for row, fit in enumerate(fits):
+        values[row, seen[row]] = fit.coefficients
+        spectral[row, seen[row]] = fit.noise_floor
+    spectral /= np.where(np.array(orders) == 0, 1.0, np.sqrt(2.0))
+    files = [curve.path.relative_to(folder).as_posix() for curve in campaign.curves]
     return Observations(
-        at,
-        labels(at, files),
+        campaign.at,
+        labels(campaign.at, files),
         np.array(orders, np.int64),
         values,
         run=_listed_runs(folder, campaign),
         spectral_deg=spectral,
+        seen=None if seen.all() else seen,
+        not_looked_at=_not_looked_at(folder, campaign, rig, bands, files),
     )
+
+
+def _fits(campaign: Campaign, orders: list[int], bands: IntArray, progress: Progress | None) -> list[OrderFit]:
+    """The orders of every curve as far as its own samples tell them."""
+    found = []
+    for number, (curve, band) in enumerate(zip(campaign.curves, bands.tolist(), strict=True)):
+        if progress is not None:
+            progress(number, len(campaign.curves), curve.path.name)
+        found.append(fit_orders(curve.sums, [order for order in orders if order <= band]))
+    return found
+
+
+def _not_looked_at(
+    folder: Path, campaign: Campaign, rig: RigModel, bands: IntArray, files: list[str]
+) -> tuple[str, ...]:
+    """Files that were left out, orders above what curves can tell."""
+    found = [f"{error.path.relative_to(folder).as_posix()} was left out: {error}" for error in campaign.bad]
+    least = int(bands.min())
+    if least < bands.max():
+        coarse = sorted({file for file, band in zip(files, bands, strict=True) if band < bands.max()})
+        shown = ", ".join(coarse[:5]) + (", .." if len(coarse) > 5 else "")
+        found.append(f"orders above {least} of {len(coarse)} files with few samples: {shown}")
+    above = [order for order in rig.orders() if order > bands.max()]
+    if above:
+        found.append(f"orders {_listed(above)} of the rig: a quarter of the samples of a turn is {int(bands.max())}")
+    else:
+        found.append(f"orders above {int(bands.max())}")
+    return tuple(found)
 
 
 def _check_ratio(campaign: Campaign, rig: RigModel) -> None:
@@ -113,13 +153,16 @@ def _listed_runs(folder: Path, campaign: Campaign) -> IntArray | None:
     return None if order_of_runs(at) is None else run
 
 
-def _loud(spectra: np.ndarray, floors: np.ndarray) -> BoolArray:
-    """Orders that hold more than noise in the mean of all runs, or much more in a few."""
-    power = (spectra / np.maximum(floors, 1e-30)) ** 2
-    runs = len(power)
+def _loud(power: FloatArray) -> BoolArray:
+    """Orders that hold more than noise in the mean of all runs, or much more in a few; power over noise, (n, K).
+
+    What a curve does not tell is nan.
+    """
+    runs = np.maximum(np.isfinite(power).sum(axis=0), 1)
+    power = np.where(np.isfinite(power), power, 0.0) * (len(power) / runs)
     # the power of noise is exponential with mean 1: the mean of n has the standard deviation 1/sqrt(n)
     mean = np.minimum(power, 30.0).mean(axis=0) > 1 + 6 / np.sqrt(runs)
-    few = (power > 30.0).mean(axis=0) > max(0.01, 2.5 / runs)
+    few = (power > 30.0).mean(axis=0) > np.maximum(0.01, 2.5 / runs)
     loud: BoolArray = mean | few
     return loud
 

@@ -85,6 +85,12 @@ class Target:
         """What residuals are weighed by, float64 (n, K): `wide` where it is known, else the noise."""
         return self.sigma if self.wide is None else self.wide
 
+    @property
+    def counts(self) -> BoolArray:
+        """Which coefficients count, bool (n, K): those of good rows that were measured."""
+        good = np.broadcast_to(self.good[:, None], self.data.values.shape)
+        return good if self.data.seen is None else good & self.data.seen
+
     def about(self, residual: ComplexArray) -> Target:
         """This target, weighed by how far its good rows scatter in `residual`, by direction and order."""
         wide = self.sigma.copy()
@@ -101,13 +107,14 @@ class Target:
     def residual(self, model: RigModel, rows: BoolArray | None = None) -> ComplexArray:
         """measured - model, complex128 (n, K), deg; of the chosen rows alone where `rows` is given."""
         data = self.data if rows is None else self.data.rows(rows)
-        return data.values - data.observed(model.coefficients(data.at, data.model_orders()))
+        found = data.values - data.observed(model.coefficients(data.at, data.model_orders()))
+        return found if data.seen is None else found * data.seen
 
     def losses(self, residual: ComplexArray, rows: BoolArray | None = None) -> FloatArray:
         """Twice Huber's loss of each row (of the chosen rows) and order, float64 (n, K): small ones like chi-square."""
         chosen = slice(None) if rows is None else rows
         z = np.abs(np.where(self.data.orders == 0, residual.real, residual)) / self.spread[chosen]
-        z = z * self.good[chosen, None]
+        z = z * self.counts[chosen]
         found: FloatArray = np.where(z <= SETTINGS.huber, z**2, 2 * SETTINGS.huber * z - SETTINGS.huber**2)
         return found
 
@@ -115,6 +122,6 @@ class Target:
         """Weights of least squares that equal Huber's loss at these residuals, by row and order, in 1/deg^2."""
         z = np.abs(np.where(self.data.orders == 0, residual.real, residual)) / self.spread
         found: FloatArray = (
-            self.good[:, None] * np.minimum(1.0, SETTINGS.huber / np.maximum(z, SETTINGS.huber)) / self.spread**2
+            self.counts * np.minimum(1.0, SETTINGS.huber / np.maximum(z, SETTINGS.huber)) / self.spread**2
         )
         return found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -193,6 +193,12 @@ def _origin(piece: Piece) -> Effect:
     return piece.origin or piece.effect
 
 
+def unchanged(joint: Fit) -> Fit:
+    """The fit of the rig as it is: nothing added, nothing changed."""
+    kept = tuple(piece for piece in joint.state.pieces if not piece.added)
+    return fit(joint.target, _held(replace(joint, state=replace(joint.state, pieces=kept)), {}, offset_changed=False))
+
+
 def _held(joint: Fit, changed: dict[int, float], offset_changed: bool) -> State:
     """The state with what did not change at the rig's own values, and not free."""
     pieces = [
@@ -232,13 +238,15 @@ def _is_inverse(c: Coordinate) -> bool:
 
 
 def _share(rig: RigModel, final: Fit, piece: Piece) -> float:
-    """Share of the gap (power above what is left at the end) that a piece explains."""
+    """Share of the whole gap (power, noise and all else included) that lies along what a piece contributes.
+
+    Shares of pieces that cancel each other do not add up to more than there is.
+    """
     good, orders = final.target.good, final.target.data.orders
-    first = final.target.residual(rig)[good]
-    before = rms_deg(first, orders) ** 2
-    without = rms_deg(final.residual[good] + explained(final, piece)[good], orders) ** 2
-    after = rms_deg(final.residual[good], orders) ** 2
-    return float(np.clip((without - after) / max(before - after, 1e-300), 0.0, 1.0))
+    gap, own = final.target.residual(rig)[good], explained(final, piece)[good]
+    weight = np.where(orders == 0, 1.0, 0.5)
+    along = float((weight * (gap * own.conj()).real).sum())
+    return float(np.clip(along / max(float((weight * np.abs(gap) ** 2).sum()), 1e-300), 0.0, 1.0))
 
 
 def _own_gap(rig: RigModel, final: Fit, piece: Piece) -> tuple[float, float]:

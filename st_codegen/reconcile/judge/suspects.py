@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
+from st_codegen.reconcile.data.contrasts import repeats
 from st_codegen.reconcile.data.levels import in_steps
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
@@ -21,16 +22,26 @@ def bad_runs(data: Observations, residual: ComplexArray, sigma: FloatArray) -> d
         return {}
     size = _scaled(data, residual, sigma)
     size = np.where(_like_neighbours(data, residual), 0.0, size)
+    deviation = residual / sigma
     found: dict[int, float] = {}
     for rows in _runs(data):
+        off = {row: _alone(size[row]) for row in rows}
         if len({data.at.sign[row] for row in rows}) == 2:
-            score = float(size[rows].min(axis=0).max())
+            both = float(size[rows].min(axis=0).max())
+            # one direction by itself must be off in several orders
+            scores = dict.fromkeys(rows, both) if both > SETTINGS.off else off
         else:
-            largest = np.sort(size[rows].max(axis=0))
-            score = float(largest[-SETTINGS.orders_alone]) if len(largest) >= SETTINGS.orders_alone else 0.0
-        if score > SETTINGS.off:
-            found |= dict.fromkeys(rows, score)
+            scores = off
+        found |= {
+            row: score for row, score in scores.items() if score > SETTINGS.off and not repeats(data.at, deviation, row)
+        }
     return found if len(found) <= SETTINGS.most_suspects * len(data) else {}
+
+
+def _alone(size: FloatArray) -> float:
+    """How far off a single row is: the size that several of its orders reach."""
+    largest = np.sort(size)
+    return float(largest[-SETTINGS.orders_alone]) if len(largest) >= SETTINGS.orders_alone else 0.0
 
 
 def _runs(data: Observations) -> list[list[int]]:

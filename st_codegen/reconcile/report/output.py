@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from st_codegen.reconcile.judge.conclusions import Claim, Retuned
 from st_codegen.reconcile.judge.evidence import Evidence, digits
+from st_codegen.reconcile.judge.unseen import cannot_show
 from st_codegen.reconcile.run import Gap, Result
 from st_codegen.rig.effects import Effect
 
@@ -41,6 +42,10 @@ def report(result: Result, update: Update | None = None) -> dict[str, Any]:
         "suspect_runs": [f"{result.data.labels[row]}: {times:.1f} times the usual distance from what is expected"
                          for row, times in result.noise.suspects]
         + [f"{result.data.labels[row]}: {mistake.name}" for mistake in result.mistakes for row in mistake.rows],
+        "held_out_curves_unseen": result.unseen_curves,
+        "taken_back": None if result.taken_back is None else asdict(result.taken_back),
+        "cannot_show": list(cannot_show(result.data)),
+        "not_looked_at": list(result.data.not_looked_at),
         "measurement": {
             "mistakes": [{"name": m.name, "text": m.text, "runs": [result.data.labels[row] for row in m.rows]}
                          for m in result.mistakes],
@@ -88,7 +93,7 @@ def _group(group: list[Claim]) -> dict[str, Any]:
             for claim in group
             for e in claim.experiments
         ],
-        "share_of_gap": sum(claim.share for claim in group),
+        "share_of_gap": min(1.0, sum(claim.share for claim in group)),
         "remarks": sorted({text for claim in group for text in claim.extrapolates}),
     }
 

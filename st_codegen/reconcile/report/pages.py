@@ -11,9 +11,10 @@ from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.judge.conclusions import Claim
 from st_codegen.reconcile.judge.evidence import digits
 from st_codegen.reconcile.judge.spectrum import SpectrumResult, sizes, spectrum_report, spectrum_summary
+from st_codegen.reconcile.judge.unseen import cannot_show
 from st_codegen.reconcile.report.maps import map_sections
 from st_codegen.reconcile.report.output import parameters_of, rig_diff
-from st_codegen.reconcile.report.sentences import VERDICT_TEXT, plain, sentence
+from st_codegen.reconcile.report.sentences import VERDICT_TEXT, floor_text, plain, sentence
 from st_codegen.reconcile.run import OrderGap, Result
 from st_codegen.report.html import Section, Table, page
 from st_codegen.report.picture import Draw, figure, figures
@@ -31,7 +32,7 @@ def report_page(result: Result, update: Update | None = None) -> str:
     """The report as one HTML page. Raises MissingExtraError without Matplotlib."""
     sections = [_findings(result), _gap(result), _by_order(result), _claims(result), _unexplained(result)]
     sections += map_sections(result)
-    sections += [_curves(result), _ranking(result), _runs(result), _rig(result)]
+    sections += [_curves(result), _ranking(result), _runs(result), _limits(result), _rig(result)]
     if update is not None:
         sections += [_models(update), _motion(update)]
     return page(
@@ -85,10 +86,13 @@ def _gap(result: Result) -> Section:
         times = gap.after / gap.noise_floor if gap.noise_floor else None
         rows.append([name, gap.before, gap.after, gap.noise_floor, times])
     table = Table(["RMS in deg", "before", "after", "noise floor", "after / floor"], rows)
-    text = (
-        "The gap is the RMS difference between model and measurement over the angle and all good runs. Held out: every "
-        "speed, torque and temperature was predicted once by parameters fitted without it."
+    how = (
+        f"Held out: {result.unseen_curves} curves that neither the search nor the fit has seen."
+        if result.unseen_curves
+        else "Held out: every speed, torque and temperature was predicted once by parameters fitted without it; which "
+        "effects there are was decided with all of them."
     )
+    text = "The gap is the RMS difference between model and measurement over the angle and all good runs. " + how
     return Section("The gap", text, table, [_bars(result)])
 
 
@@ -235,6 +239,14 @@ def _runs(result: Result) -> Section | None:
         "unexplained."
     )
     return Section("Suspected bad runs", text, Table(["run", "times the usual distance"], rows))
+
+
+def _limits(result: Result) -> Section:
+    """What the verdict does not cover."""
+    rows = [["cannot be shown", text] for text in cannot_show(result.data)]
+    rows += [["not looked at", text] for text in result.data.not_looked_at]
+    rows.append(["noise floor", floor_text(result)])
+    return Section("What these data cannot show", "", Table(["", ""], rows))
 
 
 def _rig(result: Result) -> Section:

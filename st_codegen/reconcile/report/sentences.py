@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from st_codegen.reconcile.judge.conclusions import Claim
-from st_codegen.reconcile.run import Result
+from st_codegen.reconcile.judge.unseen import cannot_show
+from st_codegen.reconcile.run import Result, TakenBack
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect
 from st_codegen.rig.effects.base import ARCMIN
@@ -66,15 +67,27 @@ def summary(result: Result) -> str:
     lines += [f"- unexplained: {signature.text}" for signature in result.unexplained[:8]]
     if len(result.unexplained) > 8:
         lines.append(f"- and {len(result.unexplained) - 8} more unexplained orders")
+    if result.taken_back is not None:
+        lines.append(f"- {taken_back_text(result.taken_back)}")
     gap = result.held_out
     lines.append(
         f"Gap on held-out runs: {gap.before:.3g} -> {gap.after:.3g} deg RMS, noise floor {gap.noise_floor:.3g} deg"
     )
     lines.append(floor_text(result))
+    lines += [f"Cannot be shown: {text}" for text in cannot_show(result.data)]
+    lines += [f"Not looked at: {text}" for text in result.data.not_looked_at]
     if result.noise.suspects:
         worst = result.data.labels[result.noise.suspects[0][0]]
         lines.append(f"Suspected bad runs: {len(result.noise.suspects)}, the worst {worst}")
     return "\n".join(lines)
+
+
+def taken_back_text(back: TakenBack) -> str:
+    """Why the rig stays as it is."""
+    return (
+        f"taken back: {', '.join(back.names) or 'changed parameters'} explained the runs that were fitted, and others "
+        f"worse than before ({back.before:.3g} -> {back.after:.3g} deg); the rig stays as it is"
+    )
 
 
 def update_summary(update: Update) -> str:

@@ -1,0 +1,37 @@
+"""What data cannot show, whatever the rig lacks: conditions that never varied, directions and repeats not there.
+
+A verdict holds for what was measured; this list is its other half.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from st_codegen.reconcile.data.observations import Observations
+from st_codegen.reconcile.settings import SETTINGS
+
+
+def cannot_show(data: Observations) -> tuple[str, ...]:
+    """Sentences on what these data cannot show."""
+    at, found = data.at, []
+    axes = (
+        ("speed", at.speed_rpm, "rpm", "resonances, delays, skew and friction that changes with speed"),
+        ("torque", at.torque_Nm, "N m", "compliance, backlash and all that grows with the load"),
+        ("temperature", at.temperature_C, "degC", "thermal drift and friction that fades as the oil warms"),
+    )
+    for name, values, unit, effects in axes:
+        levels = np.unique(values)
+        if len(levels) == 1:
+            found.append(f"the {name} never varied ({levels[0]:g} {unit}): {effects} cannot be seen")
+        elif len(levels) == 2:
+            found.append(f"the {name} had two values only: no law of it can be told from another")
+    if not data.both_directions():
+        found.append("one direction only: what changes its sign with the direction cannot be told from a constant")
+    if len(np.unique(at.torque_Nm)) > 1 and float(np.abs(at.torque_Nm).min()) > SETTINGS.near_no_load_Nm:
+        found.append("no run near 0 N m: backlash cannot be told from dry friction")
+    if data.angle_rad is None and data.run is None:
+        found.append("the order in which the runs were made is not known: steps and drifts in time cannot be seen")
+    points = np.stack([at.sign, at.speed_rpm, at.torque_Nm, at.temperature_C])
+    if data.angle_rad is None and len(np.unique(points, axis=1).T) == len(data):
+        found.append("no run was repeated: what changes from run to run cannot be told from sharp structure")
+    return tuple(found)
