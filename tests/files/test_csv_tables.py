@@ -85,17 +85,18 @@ def test_what_is_no_table(tmp_path, text, reason):
 
 def test_all_bad_cells_are_in_one_message_and_long_ones_are_cut(tmp_path):
     problems = Problems("t.csv")
-    table(tmp_path, f"a,b\n1,x\n1\n{'y' * 1000},nan\n1,inf\n").numbers(("a", "b"), problems)
+    table(tmp_path, f"a,b\n1,x\n1\n{'y' * 1000},nan\n1,inf\n1,2,3\n").numbers(("a", "b"), problems)
     with pytest.raises(InputError) as caught:
         problems.raise_if_any()
     message = str(caught.value)
     for part in (
-        "5 problems",
+        "6 problems",
         "line 2: b: 'x' is not a number",
         "line 3: 1 values, the header has 2",
         "line 4: a: 'yyy",
         "line 4: b: 'nan' is not finite",
         "line 5: b: 'inf' is not finite",
+        "line 6: 3 values, the header has 2",
     ):
         assert part in message
     assert len(message) < 500
@@ -107,3 +108,13 @@ def test_a_file_with_many_faults_is_described_by_the_first(tmp_path):
     with pytest.raises(InputError, match=r"1000 problems(?s:.*)and 950 more$") as caught:
         problems.raise_if_any()
     assert str(caught.value).count("\n") == 51
+
+
+@pytest.mark.parametrize(("faults", "more"), [(50, False), (51, True)])
+def test_as_many_faults_as_are_shown_are_all_shown(tmp_path, faults, more):
+    problems = Problems("t.csv")
+    table(tmp_path, "a\n" + "x\n" * faults).numbers(("a",), problems)
+    with pytest.raises(InputError, match=f"{faults} problems") as caught:
+        problems.raise_if_any()
+    assert ("and 1 more" in str(caught.value)) == more
+    assert str(caught.value).count("is not a number") == 50

@@ -181,3 +181,14 @@ def test_the_nearest_name_is_found_in_any_case():
 
 def test_text_with_control_characters_is_written_as_toml():
     assert parse_toml(f"a = {toml_value(chr(127) + chr(1) + chr(34) + chr(92))}", "f") == {"a": '\x7f\x01"\\'}
+
+
+@pytest.mark.parametrize(
+    "values", [{"whole": 1}, {"whole": 5}, {"whole": 5.0}, {"number": -2}, {"number": 2.0}, {"list": [0, 10**6]}]
+)
+def test_values_at_their_bounds_are_taken(values):
+    given = {"choice": "red", "list": [1]} | values
+    found, problems = read(given)
+    problems.raise_if_any()
+    ((key, value),) = values.items()
+    assert found[key] == (tuple(value) if key == "list" else value)

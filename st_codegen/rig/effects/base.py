@@ -322,7 +322,7 @@ def _plain(values: Mapping[str, Any]) -> dict[str, Value]:
 
 
 def _float(value: Any) -> Any:
-    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+    if not isinstance(value, numbers.Real):
         return value
     try:
         return float(value)
