@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import json
 import shutil
 import tempfile
 import zipfile
@@ -14,6 +13,7 @@ from typing import Any
 
 from st_codegen.errors import InputError, MissingExtraError
 from st_codegen.files.text import make_folder
+from st_codegen.files.toml_text import table_lines
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.te.bundle_file import BUNDLE_FILE
 from st_codegen.te.harmonics import Direction, Quantity
@@ -74,25 +74,26 @@ def bundle_text(head: BundleHead, models: Sequence[FittedModel], files: Mapping[
     """The text of `bundle.toml`; `files` gives the file of each stem."""
     directions = list(dict.fromkeys(model.direction for model in models))
     orders = sorted({model.order for model in models})
-    lines = [
-        "[bundle]",
-        f"name = {json.dumps(head.name)}",
-        f"reduction_ratio = {float(head.reduction_ratio)!r}",
-        f'speed_feature = "{FEATURES[0][0]}"',
-        f"directions = {json.dumps([direction.value for direction in directions])}",
-        f"orders = {orders}",
-        "",
+    tables = [
+        table_lines(
+            "[bundle]",
+            {
+                "name": head.name,
+                "reduction_ratio": float(head.reduction_ratio),
+                "speed_feature": FEATURES[0][0],
+                "directions": [direction.value for direction in directions],
+                "orders": orders,
+            },
+        )
     ]
     for (name, unit), (low, high) in zip(FEATURES, head.ranges, strict=True):
-        lines += ["[[feature]]", f'name = "{name}"', f'unit = "{unit}"']
-        lines += [f"min = {float(low)!r}", f"max = {float(high)!r}", ""]
+        tables.append(table_lines("[[feature]]", {"name": name, "unit": unit, "min": float(low), "max": float(high)}))
     for direction in directions:
         for order in orders:
             own = [model for model in models if (model.direction, model.order) == (direction, order)]
-            lines += ["[[harmonic]]", f'direction = "{direction}"', f"order = {order}"]
-            lines += [f'{model.quantity} = "{files[model.stem]}"' for model in own]
-            lines.append("")
-    return "\n".join(lines[:-1]) + "\n"
+            named = {model.quantity.value: files[model.stem] for model in own}
+            tables.append(table_lines("[[harmonic]]", {"direction": direction.value, "order": order, **named}))
+    return "\n\n".join("\n".join(lines) for lines in tables) + "\n"
 
 
 def save_model(estimator: Any, folder: Path, stem: str, form: str) -> str:
