@@ -24,6 +24,7 @@ from st_codegen.passes.pipeline import Compiled, compile_models, unchanged
 from st_codegen.project.bundle import Bundle, load
 from st_codegen.project.purpose import Purpose
 from st_codegen.proof import predict as predictions
+from st_codegen.proof.emitted import check_emitted
 from st_codegen.proof.probes import trained_range
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.proof.vectors import reference_vectors
@@ -79,7 +80,11 @@ def generate(
     `proof.explain.Pricing` prints, reads and counts every candidate for a real controller, which takes many times as
     long as all the rest.
 
+    The text is read back and checked before it replaces anything: valid in the target's dialect, of the portable subset
+    where the target says so, no loop of one round. That takes about as long as printing.
+
     Raises InputError or TargetError, with nothing written, for what cannot be loaded or what the target cannot express.
+    Raises DefectError, with nothing written, where the text is wrong, which is a defect of st-codegen.
     Files in the folder that were not generated stay; generated files of an earlier run that are no longer needed are
     removed.
     """
@@ -186,6 +191,7 @@ def _staged(models: Bundle | Path | str, target: Target, out: Path, settings: Co
     files = print_plans(target, plans)
     known = facts(bundle, compiled, purpose, plans)
     with output.staged(out, files, known) as stage:
+        check_emitted(stage, target.dialect, portable=target.is_portable)
         yield _Staged(stage, compiled, purpose, known)
 
 

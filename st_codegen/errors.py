@@ -46,6 +46,10 @@ class GeneratedCodeError(StCodegenError):
     """Generated files are missing, changed by hand, or left by an interrupted run."""
 
 
+class DefectError(Exception):
+    """What st-codegen made is wrong: nothing that a user did. The command line ends with exit code 70."""
+
+
 class Problems:
     """Collects input errors and raises them as one.
 

@@ -73,7 +73,8 @@ def _block(model: ModelIR, engines: tuple[Engine, ...], listing: Listing) -> Blo
     kind = "REAL" if single else "LREAL"
     data = listing.local("aEngineInput", kind, len(inputs)) if single else "aInput"
     result = listing.local("aEngineOutput", kind, engine.n_outputs)
-    listing.locals("DINT", "nOutput", "nLoaded")
+    listing.loop("nOutput", len(model.outputs))
+    listing.local("nLoaded", "DINT")
     listing.local("aResult", "LREAL", len(model.outputs))
     calls = []
     for number, name in enumerate(engine_names(model, engines)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
@@ -51,6 +52,7 @@ def environment(target: Target) -> jinja2.Environment:
     """
     templates = _environment(autoescape=False)
     templates.filters["xml"] = _as_xml_text
+    templates.filters["single_round"] = _single_round
 
     def code(block: Block, section: CodeSection) -> str:
         template = templates.get_template(f"common/operations/{section.template}.st.j2")
@@ -66,6 +68,11 @@ def environment(target: Target) -> jinja2.Environment:
 def _as_xml_text(text: str) -> str:
     """Text between tags or in double quotes."""
     return escape(str(text), {'"': "&quot;"})
+
+
+def _single_round(body: str, variable: str, value: int) -> str:
+    """The body of a loop that has one round, to stand without the loop."""
+    return re.sub(rf"\b{variable}\b", str(value), re.sub(r"^ {4}", "", body, flags=re.MULTILINE))
 
 
 def render(contents: Contents, target: Target, limits: Limits | None = None) -> Iterator[RenderedFile]:

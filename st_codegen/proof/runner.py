@@ -12,7 +12,7 @@ import numpy as np
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import BoolArray, FloatArray
 from st_codegen.proof.arithmetic import libraries_of
-from st_codegen.st import Machine, Project, StError, StRuntimeError, load_project
+from st_codegen.st import Machine, Project, StError, StRuntimeError, check_source, read_paths
 from st_codegen.st.run.machine import Instance
 from st_codegen.st.syntax.source import PLAIN
 from st_codegen.st.tree import Pou
@@ -49,7 +49,8 @@ class GeneratedCode:
         self.folder = folder
         self.libraries = libraries_of(folder)
         try:
-            self.project: Project = load_project([folder], dialect, self.libraries)
+            self.source = read_paths([folder])
+            self.project: Project = check_source(self.source, dialect, self.libraries)
         except StError as error:
             raise GeneratedCodeError(f"{folder}: the text is not valid Structured Text\n{error}") from error
 

@@ -36,8 +36,10 @@ __all__ = [
     "StRuntimeError",
     "StSyntaxError",
     "StUsageError",
+    "check_source",
     "load_project",
     "parse_project",
+    "read_paths",
 ]
 
 
@@ -49,17 +51,18 @@ def load_project(
     Folders are searched for `.st`, `.TcPOU`, `.TcGVL`, `.TcDUT` and PLCopen's `.xml` files. Raises `StSyntaxError` or
     `StCheckError` with all problems, `InputError` for paths that cannot be read.
     """
-    return _checked(read_paths(paths), dialect, libraries)
+    return check_source(read_paths(paths), dialect, libraries)
 
 
 def parse_project(
     texts: Mapping[str, str], dialect: Dialect | str = TWINCAT, libraries: Iterable[Library] = ()
 ) -> Project:
     """Check texts given by file name. Raises `StSyntaxError` or `StCheckError` with all problems."""
-    return _checked(read_texts(texts), dialect, libraries)
+    return check_source(read_texts(texts), dialect, libraries)
 
 
-def _checked(source: ParsedFiles, dialect: Dialect | str, libraries: Iterable[Library]) -> Project:
+def check_source(source: ParsedFiles, dialect: Dialect | str, libraries: Iterable[Library]) -> Project:
+    """Check what was read (`read_paths`). Raises `StCheckError` with all problems."""
     native, ordinary = [], []
     libraries = tuple(libraries)
     for library in libraries:

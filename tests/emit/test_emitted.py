@@ -14,6 +14,7 @@ from st_codegen.passes.domain import limit_inputs
 from st_codegen.proof import bounds
 from st_codegen.proof.probes import probe_rows
 from st_codegen.proof.runner import GeneratedCode
+from st_codegen.st.check.generated import single_rounds, unused_variables
 from tests.models import SMALL_MODELS, tree_models
 
 
@@ -23,9 +24,9 @@ def run(model, target, folder, x, limits=None):
         path = folder / target / file.path
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("".join(file.pieces), encoding="utf-8")
-    result = GeneratedCode(folder / target, TARGETS[target].dialect).run_model(
-        block_name(model.name), x, len(model.outputs)
-    )
+    code = GeneratedCode(folder / target, TARGETS[target].dialect)
+    assert (*single_rounds(code.project), *unused_variables(code.project)) == ()
+    result = code.run_model(block_name(model.name), x, len(model.outputs))
     return np.where(result.valid[:, None], result.values, np.nan)
 
 

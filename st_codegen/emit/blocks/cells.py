@@ -97,7 +97,7 @@ def _joined_tables(searches: list[_RankSearch], step: Step, listing: Listing) ->
     at least 2^k, so that the last 2^k ranks are left, otherwise the first 2^k are. From there on all searches of the
     same k take the same steps: halves of powers of two.
     """
-    listing.locals("DINT", "nColumn", "nBase")
+    listing.local("nBase", "DINT")
     counts = [search.first.highest for search in searches]
     parts = []
     runs = listing.chunks(counts, "column")
@@ -109,9 +109,10 @@ def _joined_tables(searches: list[_RankSearch], step: Step, listing: Listing) ->
         edges = np.concatenate([search.first.edges for search in run])
         table = listing.table(step.table(f"EDGE{suffix}"), "LREAL", edges if len(edges) else np.zeros(1), groups)
         jumps = [count + 1 - (1 << (count.bit_length() - 1)) if count else 0 for count in counts[first:stop]]
+        loops = _runs_of_bits(counts[first:stop])
+        listing.loop("nColumn", *(high - low for _, low, high in loops))
         parts.append(
             {
-                "first": first,
                 "column": listing.table(
                     step.table(f"EDGE_COLUMN{suffix}"), "DINT", [search.first.column for search in run]
                 ),
@@ -119,8 +120,14 @@ def _joined_tables(searches: list[_RankSearch], step: Step, listing: Listing) ->
                 "jump": listing.table(step.table(f"EDGE_JUMP{suffix}"), "DINT", jumps),
                 "table": table,
                 "loops": [
-                    {"first": first + low, "last": first + high - 1, "steps": _power_steps(bits)}
-                    for bits, low, high in _runs_of_bits(counts[first:stop])
+                    {
+                        "first": first + low,
+                        "last": first + high - 1,
+                        "before": first,
+                        "low": low,
+                        "steps": _power_steps(bits),
+                    }
+                    for bits, low, high in loops
                 ],
             }
         )

@@ -202,6 +202,11 @@ class Listing:
         for name in names:
             self.local(name, kind)
 
+    def loop(self, name: str, *rounds: int) -> None:
+        """Declare the variable of loops of so many rounds; those of one round are written without it."""
+        if max(rounds, default=0) > 1:
+            self.local(name, "DINT")
+
     def number(self, name: str, kind: str, value: str) -> str:
         """Declare a constant that is an integer or a bit string, as it is written; returns its name."""
         self.constants.append(Variable(name, kind, initial=value, comment=meaning(name)))

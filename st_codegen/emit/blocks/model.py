@@ -163,7 +163,7 @@ def header_lines(lines: Iterable[str]) -> tuple[str, ...]:
 def check_inputs(model: ModelIR, inputs: tuple[Variable, ...], listing: Listing) -> None:
     """Copying and checking the inputs: NaN by its bits, the trained range, the largest magnitude."""
     listing.local("aInput", "LREAL", len(inputs))
-    listing.locals("DINT", "nColumn")
+    listing.loop("nColumn", len(inputs))
     listing.locals("BOOL", "bUsable", *(["bInside"] if is_ranged(model) else []))
     if model.accepts_nan:
         listing.local("abMissing", "BOOL", len(inputs))

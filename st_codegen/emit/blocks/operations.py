@@ -34,6 +34,16 @@ from st_codegen.ir import (
 #: Below minus this argument EXP gives a denormal number or zero; 0.0 is taken instead, at most 3.4E-308 away.
 EXP_REACH = 708.0
 
+#: Functions whose code keeps an exponential, or one plus a small number, beside the result.
+_WITH_AN_EXPONENTIAL_BESIDE = (
+    Function.TANH,
+    Function.LOGISTIC,
+    Function.SOFTPLUS,
+    Function.ELU,
+    Function.EXPM1,
+    Function.LOG1P,
+)
+
 
 @dataclass(frozen=True)
 class Step:
@@ -83,7 +93,7 @@ def _(op: Select, step: Step, listing: Listing) -> None:
 @lay_out.register
 def _(op: Scale, step: Step, listing: Listing) -> None:
     _declare_result(op, step, listing)
-    listing.locals("DINT", "nColumn")
+    listing.loop("nColumn", op.width)
     constant = listing.table(step.table("OPERAND"), "LREAL", op.constant)
     least = None
     if op.reverse and op.operator is Operator.DIVIDE:
@@ -104,7 +114,7 @@ def _(op: Scale, step: Step, listing: Listing) -> None:
 @lay_out.register
 def _(op: Combine, step: Step, listing: Listing) -> None:
     _declare_result(op, step, listing)
-    listing.locals("DINT", "nColumn")
+    listing.loop("nColumn", op.width)
     least = None
     if op.operator is Operator.DIVIDE:
         least = listing.table(step.table("LEAST"), "LREAL", [1.0 / op.ceiling])
@@ -122,14 +132,14 @@ def _(op: Combine, step: Step, listing: Listing) -> None:
 @lay_out.register
 def _(op: Round, step: Step, listing: Listing) -> None:
     _declare_result(op, step, listing)
-    listing.locals("DINT", "nColumn")
+    listing.loop("nColumn", op.width)
     listing.section("rounded to REAL, as the library computes", "round", step=step, last=op.width - 1)
 
 
 @lay_out.register
 def _(op: FillMissing, step: Step, listing: Listing) -> None:
     _declare_result(op, step, listing)
-    listing.locals("DINT", "nColumn")
+    listing.loop("nColumn", op.width)
     listing.locals("LREAL", "fX")
     listing.section(
         "missing values filled in",
@@ -145,7 +155,7 @@ def _(op: FillMissing, step: Step, listing: Listing) -> None:
 @lay_out.register
 def _(op: Clip, step: Step, listing: Listing) -> None:
     _declare_result(op, step, listing)
-    listing.locals("DINT", "nColumn")
+    listing.loop("nColumn", op.width)
     listing.section(
         "limited",
         "clip",
@@ -171,7 +181,7 @@ def lay_out_layer(op: Linear, activation: Activation, step: Step, listing: Listi
 
 def _lay_out_sums(op: Linear, step: Step, listing: Listing, title: str, function: dict[str, object]) -> None:
     _declare_result(op, step, listing)
-    listing.locals("DINT", "nRow", "nColumn", "nBase")
+    listing.local("nBase", "DINT")
     listing.locals("LREAL", "fSum")
     sequential_single = op.order is SummationOrder.SEQUENTIAL and op.precision is Precision.FLOAT32
     if sequential_single:
@@ -179,6 +189,8 @@ def _lay_out_sums(op: Linear, step: Step, listing: Listing, title: str, function
     outputs, columns = op.weights.shape
     bias = listing.table(step.table("BIAS"), "LREAL", op.bias)
     runs = listing.chunks(np.full(outputs, columns), "neuron")
+    listing.loop("nRow", *(stop - first for first, stop in runs))
+    listing.loop("nColumn", columns)
     parts = []
     for number, (first, stop) in enumerate(runs):
         stem = "WEIGHT" if len(runs) == 1 else f"WEIGHT_{number}"
@@ -204,7 +216,7 @@ def _lay_out_sums(op: Linear, step: Step, listing: Listing, title: str, function
 @lay_out.register
 def _(op: Activation, step: Step, listing: Listing) -> None:
     _declare_result(op, step, listing)
-    listing.locals("DINT", "nColumn")
+    listing.loop("nColumn", op.width)
     values = _function_values(op, step, listing)
     listing.section(f"{op.function.value} of each column", "activation", step=step, last=op.width - 1, **values)
 
@@ -212,7 +224,7 @@ def _(op: Activation, step: Step, listing: Listing) -> None:
 def _function_values(op: Activation, step: Step, listing: Listing) -> dict[str, object]:
     """What `activated` needs to compute fY from fX."""
     listing.locals("LREAL", "fX", "fY")
-    if op.function not in (Function.IDENTITY, Function.RELU, Function.LEAKY_RELU, Function.SIGNED_SQUARE):
+    if op.function in _WITH_AN_EXPONENTIAL_BESIDE:
         listing.locals("LREAL", "fExp")
     if op.function is Function.TANH:
         listing.locals("LREAL", "fSquare")
@@ -233,7 +245,7 @@ def _function_values(op: Activation, step: Step, listing: Listing) -> dict[str, 
 @lay_out.register
 def _(op: Normalize, step: Step, listing: Listing) -> None:
     _declare_result(op, step, listing)
-    listing.locals("DINT", "nColumn")
+    listing.loop("nColumn", op.width)
     listing.locals("LREAL", "fX", "fY", "fSum")
     least = listing.table(step.table("LEAST"), "LREAL", [1.0 / op.ceiling]) if op.norm is Norm.MAX else None
     listing.section(
@@ -250,22 +262,25 @@ def _(op: Normalize, step: Step, listing: Listing) -> None:
 @lay_out.register
 def _(op: KernelSum, step: Step, listing: Listing) -> None:
     _declare_result(op, step, listing)
-    listing.locals("DINT", "nVector", "nColumn", "nBase", "nRow")
-    listing.locals("LREAL", "fKernel", "fSum")
     vectors, columns = op.support_vectors.shape
+    runs = listing.chunks(np.full(vectors, max(columns, op.width)), "support vector")
+    listing.loop("nVector", *(stop - first for first, stop in runs))
+    listing.loop("nColumn", columns)
+    listing.local("nBase", "DINT")
+    listing.loop("nRow", op.width)
+    listing.locals("LREAL", "fKernel", "fSum")
     if op.kernel is Kernel.RBF:
         listing.locals("LREAL", "fDelta")
     if op.kernel is Kernel.SIGMOID:
         listing.locals("LREAL", "fX", "fY", "fExp", "fSquare")
     if op.kernel is Kernel.POLYNOMIAL:
         listing.locals("LREAL", "fPower")
-        listing.locals("DINT", "nPower")
+        listing.loop("nPower", op.degree)
     intercept = listing.table(step.table("INTERCEPT"), "LREAL", op.intercept)
     gamma = listing.constant(step.table("GAMMA"), op.gamma) if op.kernel is not Kernel.LINEAR else None
     coef0 = (
         listing.constant(step.table("COEF0"), op.coef0) if op.kernel in (Kernel.POLYNOMIAL, Kernel.SIGMOID) else None
     )
-    runs = listing.chunks(np.full(vectors, max(columns, op.width)), "support vector")
     parts = []
     for number, (first, stop) in enumerate(runs):
         suffix = "" if len(runs) == 1 else f"_{number}"
@@ -300,9 +315,11 @@ def _(op: KernelSum, step: Step, listing: Listing) -> None:
 @lay_out.register
 def _(op: FactoredKernel, step: Step, listing: Listing) -> None:
     _declare_result(op, step, listing)
-    listing.locals("DINT", "nRow", "nTerm", "nColumn")
-    listing.locals("LREAL", "fSum", "fDelta")
     lengths = [len(axis) for axis in op.axes]
+    listing.loop("nRow", sum(lengths), op.coefficients.size // lengths[-1])
+    listing.local("nTerm", "DINT")
+    listing.loop("nColumn", *lengths)
+    listing.locals("LREAL", "fSum", "fDelta")
     ends = np.cumsum(lengths)
     groups = [Group(f"column {column}", end - n, end) for column, end, n in zip(op.columns, ends, lengths, strict=True)]
     points = op.coefficients.shape[1]

@@ -63,7 +63,7 @@ def _start(op: TreeEnsemble, *, base_last: bool) -> FloatArray:
 def lay_out_ranked(op: TreeEnsemble, step: Step, listing: Listing) -> None:
     """Append the code of an ensemble whose splits compare ranks (`passes.ranks`)."""
     listing.local(step.result, "LREAL", op.width)
-    listing.locals("DINT", "nTree", "nLevel", "nKey", "nSlot")
+    listing.locals("DINT", "nKey", "nSlot")
     listing.locals("LREAL", "fX")
     narrow = op.leaf_value.shape[1] == 1
     if op.width > 1:
@@ -130,8 +130,10 @@ def _parts(op: TreeEnsemble, step: Step, listing: Listing, keys: _Keys) -> list[
 def _sorted_part(classes: DepthClasses, first: int, suffix: str, step: Step, listing: Listing) -> dict[str, object]:
     """The order of visits where it is not that of the sum, and the variable that keeps the leaf of each tree."""
     trees = len(classes.order)
+    listing.loop("nLevel", *(depth for _, _, depth in classes.runs))
     values: dict[str, object] = {"first": first, "last": first + trees - 1, "order": None}
     if classes.is_sorted:
+        listing.loop("nTree", trees)
         values["order"] = listing.table(step.table(f"TREE_ORDER{suffix}"), "DINT", classes.order)
         values["reached"] = listing.local(f"anLeaf{step.number}{suffix}", "DINT", trees)
     return values
@@ -144,6 +146,7 @@ def _tree_runs(run: tuple[int, int], offset: int, listing: Listing) -> list[dict
     """
     runs: list[dict[str, object]] = []
     done, trees = run
+    listing.loop("nTree", (trees - done) // ABREAST)
     while done < trees:
         abreast = min(ABREAST, trees - done)
         count = (trees - done) // abreast * abreast

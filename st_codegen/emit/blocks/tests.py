@@ -72,7 +72,7 @@ def _suite(vectors: ReferenceVectors, inputs: list[str]) -> Block:
         header += ["Expected values: made of the predictions of the libraries"]
     variables = [
         Variable("fbBlock", vectors.block, comment="what is tested"),
-        Variable("nRow", "DINT", comment="row"),
+        *([Variable("nRow", "DINT", comment="row")] if rows > 1 else []),
     ]
     if vectors.refuses_nan:
         variables.append(Variable("uNan", "U_LrealBits", comment="not a number"))

@@ -42,7 +42,8 @@ def _(op: TreeEnsemble, step: Step, listing: Listing) -> None:
         lay_out_ranked(op, step, listing)
         return
     listing.local(step.result, "LREAL", op.width)
-    listing.locals("DINT", "nTree", "nNode", "nRoot", "nLevel")
+    listing.locals("DINT", "nNode", "nRoot")
+    listing.loop("nLevel", depth_of(op))
     listing.locals("LREAL", "fX")
     if op.width > 1:
         listing.local("nOutput", "DINT")
@@ -50,7 +51,7 @@ def _(op: TreeEnsemble, step: Step, listing: Listing) -> None:
     values: dict[str, object] = {"step": step, "depth": depth_of(op)}
     values["single"] = op.input_precision is Precision.FLOAT32
     values["real_limit"] = None
-    if op.input_precision is Precision.FLOAT32 and not step.fits_real:
+    if op.input_precision is Precision.FLOAT32 and not step.fits_real and np.any(op.split >= 0):
         values["real_limit"] = listing.table(step.table("REAL_LIMIT"), "LREAL", [FLOAT32_OVERFLOW])
     values |= _slot_values(op, step, listing, slots)
     values |= _category_values(op, step, listing, slots)
@@ -83,7 +84,7 @@ def _slot_values(op: TreeEnsemble, step: Step, listing: Listing, slots: _Slots) 
         raise InputError(f"a threshold of {largest:g} leaves no room for missing values")
     if not len(slots.column):
         return {"slots": None}
-    listing.locals("DINT", "nSlot")
+    listing.loop("nSlot", len(slots.column))
     used = [op.columns[number] for number in slots.column]
     columns = [column.column for column in used]
     values: dict[str, object] = {
@@ -121,6 +122,8 @@ def _category_values(op: TreeEnsemble, step: Step, listing: Listing, slots: _Slo
     if not numbers or not len(op.category_left):
         return {"categories": None}
     listing.locals("DINT", "nCode", "nSlot")
+    bits = {number: max((op.columns[number].n_categories - 1).bit_length(), 1) for number in numbers}
+    listing.loop("nLevel", *(bits[number] for number in numbers if op.columns[number].categories is None))
     listing.locals("BOOL", "bLeft")
     if any(op.columns[number].categories is None for number in numbers):
         listing.local("nBit", "DINT")
@@ -138,8 +141,8 @@ def _category_values(op: TreeEnsemble, step: Step, listing: Listing, slots: _Slo
                 "column": column.column,
                 "table": table,
                 "last": column.n_categories - 1,
-                "bits": max((column.n_categories - 1).bit_length(), 1),
-                "highest_bit": 1 << max((column.n_categories - 1).bit_length() - 1, 0),
+                "bits": bits[number],
+                "highest_bit": 1 << (bits[number] - 1),
                 "other": column.n_categories,
                 "missing": column.n_categories + 1,
                 "negative_fraction_is_zero": column.negative_fraction_is_zero,
@@ -205,10 +208,12 @@ def _node_tables(op: TreeEnsemble, step: Step, listing: Listing, slots: _Slots) 
     narrow = op.leaf_value.shape[1] == 1
     value[~inner] = op.leaf_value[row[~inner], 0] if narrow else 0.0
     jump = np.where(inner, op.right - nodes, (0 if narrow and op.linear is None else row * op.leaf_value.shape[1]))
+    compares = bool(np.any(slots.of_node >= 0))
     parts: list[dict[str, object]] = []
     runs = listing.chunks(sizes, "tree")
     for number, (first, stop) in enumerate(runs):
         suffix = "" if len(runs) == 1 else f"_{number}"
+        listing.loop("nTree", stop - first)
         begin, end = int(op.roots[first]), int(stops[stop - 1])
         groups = [Group(f"tree {t}", int(op.roots[t]) - begin, int(stops[t]) - begin) for t in range(first, stop)]
         parts.append(
@@ -216,12 +221,18 @@ def _node_tables(op: TreeEnsemble, step: Step, listing: Listing, slots: _Slots) 
                 "first": first,
                 "last": stop - first - 1,
                 "size": listing.table(step.table(f"TREE_SIZE{suffix}"), "DINT", sizes[first:stop]),
-                "split": listing.table(step.table(f"SPLIT{suffix}"), "DINT", split[begin:end], groups),
-                "row": listing.table(step.table(f"ROW{suffix}"), "DINT", op.category_row[begin:end], groups)
-                if op.has_categories
+                "split": listing.table(step.table(f"SPLIT{suffix}"), "DINT", split[begin:end], groups)
+                if np.any(inner)
                 else None,
-                "value": listing.table(step.table(f"THRESHOLD{suffix}"), "LREAL", value[begin:end], groups),
-                "jump": listing.table(step.table(f"RIGHT{suffix}"), "DINT", jump[begin:end], groups),
+                "row": listing.table(step.table(f"ROW{suffix}"), "DINT", op.category_row[begin:end], groups)
+                if op.has_categories and len(op.category_left)
+                else None,
+                "value": listing.table(step.table(f"THRESHOLD{suffix}"), "LREAL", value[begin:end], groups)
+                if compares or (narrow and op.linear is None) or (op.linear is not None and step.missing is not None)
+                else None,
+                "jump": listing.table(step.table(f"RIGHT{suffix}"), "DINT", jump[begin:end], groups)
+                if np.any(inner) or not narrow or op.linear is not None
+                else None,
             }
         )
     return parts

@@ -40,7 +40,8 @@ class Target(ABC):
 
     `dialect` names the rules by which the text is checked and executed. `templates` is the folder of templates whose
     `dialect.st.j2` says how the dialect writes what differs. `compiles` says whether the passes rewrite the models
-    first; a target that hands the models themselves on has False. `has_tests` says whether test suites can be written.
+    first; a target that hands the models themselves on has False. `has_tests` says whether test suites can be written,
+    `is_portable` whether all of the text is of the subset that strict compilers of other vendors accept.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Target(ABC):
     limits: Limits
     compiles: bool = True
     has_tests: bool = False
+    is_portable: bool = False
 
     def plan(self, contents: Contents, limits: Limits, vectors: Sequence[ReferenceVectors] = ()) -> Iterable[FilePlan]:
         """The files of a project, in a fixed order, with test suites for `vectors`.

@@ -19,6 +19,7 @@ class IecTarget(Target):
     name = "iec"
     summary = "portable Structured Text (.st)"
     dialect = "iec"
+    is_portable = True
     templates = "iec"
     limits = Limits(max_array=65_536, real_range=(1e-37, 1e37), data_bytes=16 * 1024 * 1024)
 

@@ -93,7 +93,12 @@ def violations(source: ParsedFiles) -> tuple[Problem, ...]:
 
     Raises `StCheckError` when it does not even pass the checker for the `iec` dialect.
     """
-    text = Text(source, check(source, IEC))
+    return violations_in(source, check(source, IEC))
+
+
+def violations_in(source: ParsedFiles, project: t.Project) -> tuple[Problem, ...]:
+    """What in a source is not portable that the checker has accepted as `project`, in the order of the text."""
+    text = Text(source, project)
     return tuple(sorted({problem for rule in RULES for problem in rule(text)}))
 
 

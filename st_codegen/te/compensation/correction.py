@@ -14,9 +14,9 @@ from st_codegen.te.compensation.parts import (
     block,
     boolean,
     check,
-    dint,
     error_output,
     lreal,
+    order_index,
     set_variables,
 )
 from st_codegen.te.harmonics import TransmissionError
@@ -92,7 +92,7 @@ def correction_block(te: TransmissionError) -> Block:
         outputs=results(),
         variables=(
             Variable("fbSum", "FB_HarmonicSum", comment="sum of Eq. 2"),
-            *(_set_locals() if both else ()),
+            *(_set_locals(te) if both else ()),
             boolean("bStarted", "the direction is known"),
             boolean("bBackward", "direction of rotation"),
             boolean("bFading", "after an error, until the correction has faded out"),
@@ -130,11 +130,11 @@ def correction_block(te: TransmissionError) -> Block:
     )
 
 
-def _set_locals() -> tuple[Variable, ...]:
+def _set_locals(te: TransmissionError) -> tuple[Variable, ...]:
     return (
         Variable("aCosine", HARMONICS_TYPE, comment="blended A_k * cos(phi_k), deg"),
         Variable("aSine", HARMONICS_TYPE, comment="blended A_k * sin(phi_k), deg"),
-        dint("nOrder", "number of the harmonic"),
+        *order_index(te),
     )
 
 

@@ -51,6 +51,11 @@ class CallArgument:
     list: str = ""
 
 
+def order_index(te: TransmissionError) -> tuple[Variable, ...]:
+    """The variable of loops over the harmonics; none for one harmonic, since loops of one round are not written."""
+    return (dint("nOrder", "number of the harmonic"),) if len(te.orders) > 1 else ()
+
+
 def same(names: Iterable[str]) -> list[CallArgument]:
     """Arguments that are called as the variables that are passed."""
     return [CallArgument(name, name) for name in names]

@@ -21,6 +21,7 @@ from st_codegen.te.compensation.parts import (
     check,
     dint,
     lreal,
+    order_index,
     same,
     set_parts,
     set_variables,
@@ -85,7 +86,7 @@ def slow_block(te: TransmissionError) -> Block:
             Variable("fbPredict", "FB_TEPredict", comment="harmonics at the operating point"),
             Variable("eSet", TE_ERROR.type, comment="whether the set may be used"),
             dint("nNumber", "number of the new set"),
-            dint("nOrder", "number of the harmonic"),
+            *order_index(te),
         ),
         constants=(dint("LAST_NUMBER", "numbers start again at 1 behind it; even", "1000000000"),),
         sections=(
@@ -127,7 +128,6 @@ def fast_block(te: TransmissionError) -> Block:
         "age": check("fAgeLimit_s", 0.0, 10.0, TE_ERROR["PARAMETER"], "fAgeLimit"),
         "cycle": check("fCycle_s", 1e-6, 1.0, TE_ERROR["CYCLE_TIME"], "fCycle"),
         "limit": real(_LARGEST_PART),
-        "no_error": TE_ERROR["NONE"],
         **{name.lower(): TE_ERROR[name] for name in ("NOT_READY", "STALE", "PARAMETER", "NO_PREDICTION")},
     }
     return block(
@@ -154,7 +154,7 @@ def fast_block(te: TransmissionError) -> Block:
             Variable("stUsed", SET_TYPE, comment="the newest whole set"),
             Variable("eSet", TE_ERROR.type, comment="whether the set may be used"),
             dint("nNewest", "number of the newest set"),
-            dint("nOrder", "number of the harmonic"),
+            *order_index(te),
             boolean("bArrived", "a whole set came with this call"),
             boolean("bSound", "all coefficients in use are numbers"),
             lreal("fCycle", "last usable cycle time, s", "0.00025"),
@@ -166,5 +166,5 @@ def fast_block(te: TransmissionError) -> Block:
             CodeSection("correction", "te_call", {"instance": "fbCorrection", "arguments": arguments}),
             outputs_section("fbCorrection"),
         ),
-        codes=TE_ERROR.some("NONE", "PARAMETER", "NO_PREDICTION", "NOT_READY", "STALE"),
+        codes=TE_ERROR.some("PARAMETER", "NO_PREDICTION", "NOT_READY", "STALE"),
     )
