@@ -130,7 +130,8 @@ def _measurement(report: Mapping[str, Any]) -> tuple[str, ...]:
     for key, value in report.items():
         if not key.startswith(_MEASUREMENT_KEYS) or not value:
             continue
-        entries = value if isinstance(value, list) else [value]
+        listed = value["mistakes"] if isinstance(value, Mapping) and "mistakes" in value else value
+        entries = listed if isinstance(listed, list) else [listed]
         for entry in entries:
             is_table = isinstance(entry, Mapping)
             if is_table and any(entry.get(mark) is False for mark in _FOUND_KEYS):

@@ -163,6 +163,7 @@ def test_a_mistake_is_named_or_absorbed():
     said = {"name": "home_offset", "deg": 12.0}
     assert judged(truth, report_of("nothing_missing", measurement=[said])).right
     assert not judged(truth, report_of("nothing_missing", measurement=[said | {"found": False}])).right
+    assert judged(truth, report_of("nothing_missing", measurement={"mistakes": [said]})).right
     more = [said, {"name": "sign"}]
     assert kinds(judged(truth, report_of("nothing_missing", measurement=more))) == {"measurement"}
     assert refused(truth, "Error: the home position seems to have moved by 12 deg", "").right
