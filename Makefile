@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 RACE := .venv-race
 INSTALLED := $(VENV)/.installed
 
-.PHONY: run test real blark soak lint bench clean tables train-long blind blind-form mutate example race
+.PHONY: run test real blark soak lint sizes nightly bench clean tables train-long blind blind-form mutate example race
 
 run: $(INSTALLED)  ## compile the example bundle, verify the result
 	$(BIN)/st-codegen examples/rv160n/models/ --target twincat --out build/rv160n
@@ -30,6 +30,12 @@ tables: $(INSTALLED)  ## tables 2 to 6 of the paper, ours beside theirs; some 25
 
 train-long: $(INSTALLED)  ## the search on a Dask cluster of which a worker is killed
 	$(BIN)/python -m pytest -q -m slow tests/training
+
+sizes: $(INSTALLED)  ## files and tables of millions of numbers
+	$(BIN)/python -m pytest -q -m slow tests/walkers tests/st
+
+nightly: $(INSTALLED)  ## the property tests with twenty times as many examples, new ones each time
+	HYPOTHESIS_PROFILE=nightly $(BIN)/python -m pytest -n 2 -q
 
 lint: $(INSTALLED)  ## style and types
 	$(BIN)/ruff check .

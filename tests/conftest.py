@@ -1,15 +1,11 @@
 """Fixtures that many tests share, and the option that updates golden files."""
 
-import os
-
 import numpy as np
 import pytest
-from hypothesis import settings
 
-# the same examples every time, so that a red run means a changed program; HYPOTHESIS_PROFILE=explore looks for new ones
-settings.register_profile("repeat", derandomize=True, deadline=None)
-settings.register_profile("explore", deadline=None, print_blob=True)
-settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeat"))
+from tests.examples import register
+
+register()
 
 
 def pytest_addoption(parser):

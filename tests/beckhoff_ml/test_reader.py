@@ -6,7 +6,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from st_codegen.beckhoff_ml.model import read_model
@@ -14,6 +14,7 @@ from st_codegen.cli.main import main
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.walkers.files import load_model
 from tests.beckhoff_ml.test_target import MODELS, only_file
+from tests.examples import examples
 
 TREES = only_file(MODELS["scaled trees"])
 NETWORK = only_file(MODELS["scaled network"])
@@ -142,7 +143,7 @@ def test_every_cut_of_a_file_is_an_error(name):
             read(text[:at])
 
 
-@settings(max_examples=300, deadline=None)
+@examples()
 @given(name=st.sampled_from(sorted(FILES)), seed=st.integers(0, 2**32))
 def test_a_damaged_file_is_read_or_refused_in_bounded_memory(name, seed):
     chance = random.Random(seed)

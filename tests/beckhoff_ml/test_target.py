@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree
 
@@ -37,6 +37,7 @@ from st_codegen.passes.domain import limit_inputs
 from st_codegen.project.bundle import load
 from st_codegen.proof.probes import probe_rows
 from st_codegen.proof.runner import GeneratedCode
+from tests.examples import examples
 from tests.models import VECTORS, W, model, random_trees
 
 TARGET = TARGETS["beckhoff-ml"]
@@ -203,7 +204,7 @@ def test_a_file_that_cannot_be_read_leaves_the_block_invalid(damage, tmp_path):
     assert not np.any(result["fOut1"])
 
 
-@settings(max_examples=300, deadline=None)
+@examples()
 @given(
     threshold=st.floats(-3e38, 3e38) | st.floats(-1e-37, 1e-37) | st.floats(width=32, allow_nan=False),
     steps=st.integers(-3, 3),

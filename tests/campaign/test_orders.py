@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+
+from tests.examples import examples
 
 pytest.importorskip("polars")
 
@@ -39,7 +41,7 @@ def a_curve(values, samples=10_800, noise=0.0, backward=False, seed=1, extra=())
     return Curve(np.rad2deg(theta), te + noise * np.random.default_rng(seed).normal(size=samples))
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(st.integers(1, 4000), st.integers(1, 600), st.integers(0, 10**6))
 def test_moments_are_the_direct_sums(samples, highest, seed):
     random = np.random.default_rng(seed)

@@ -7,12 +7,13 @@ import shutil
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from st_codegen.cli.main import main
 from st_codegen.errors import InputError
 from tests.cli.helpers import run, snapshot
+from tests.examples import examples
 
 pytest.importorskip("polars")
 pytest.importorskip("scipy")
@@ -306,7 +307,7 @@ EDITS = st.lists(
 
 
 @pytest.mark.parametrize("kind", MUTATED)
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@examples(25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(edits=EDITS)
 def test_damaged_files_never_end_in_a_traceback(kind, place, capsys, edits):
     arguments, path = MUTATED[kind](place)

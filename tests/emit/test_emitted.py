@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from st_codegen.emit.blocks.model import block_name
@@ -15,6 +15,7 @@ from st_codegen.proof import bounds
 from st_codegen.proof.probes import probe_rows
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.st.check.generated import single_rounds, unused_variables
+from tests.examples import examples
 from tests.models import SMALL_MODELS, tree_models
 
 
@@ -50,7 +51,7 @@ def test_each_operation_computes_what_the_reference_computes(name, target, tmp_p
     assert np.isfinite(expected).all(axis=1).mean() > 0.3
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+@examples(suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 @given(model=tree_models(), target=st.sampled_from(["iec", "twincat", "plcopen"]), seed=st.integers(0, 2**31))
 def test_any_tree_ensemble_is_equal_to_the_bit(model, target, seed, tmp_path_factory):
     assert_same(limit_inputs(model), target, tmp_path_factory.mktemp("trees"), rows=300, seed=seed)

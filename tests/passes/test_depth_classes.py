@@ -5,7 +5,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from st_codegen.emit.blocks import ranked_trees as emitted
@@ -17,11 +17,12 @@ from st_codegen.passes.prune import pruned
 from st_codegen.passes.ranks import ranked
 from st_codegen.proof.probes import probe_rows
 from tests.emit.test_emitted import run
+from tests.examples import examples
 from tests.models import model, random_trees
 from tests.passes.test_tables import SLOW
 
 
-@settings(max_examples=60, deadline=None)
+@examples()
 @given(
     depths=st.lists(st.integers(0, 9), min_size=1, max_size=24),
     abreast=st.integers(2, 5),
@@ -59,7 +60,7 @@ def test_a_second_loop_is_written_where_it_spares_more_nodes_than_it_costs():
     assert parted.order.tolist() == [*range(1, 16, 2), *range(0, 16, 2)]
 
 
-@settings(max_examples=12, deadline=None, suppress_health_check=SLOW)
+@examples(12, suppress_health_check=SLOW)
 @given(
     seed=st.integers(0, 2**31),
     precision=st.sampled_from(Precision),
@@ -104,7 +105,7 @@ def test_vectors_in_leaves_and_several_outputs(outputs, tmp_path, monkeypatch):
         assert np.array_equal(reference.evaluate(made, x), got, equal_nan=True)
 
 
-@settings(max_examples=15, deadline=None, suppress_health_check=SLOW)
+@examples(15, suppress_health_check=SLOW)
 @given(
     counts=st.lists(st.integers(0, 20) | st.sampled_from([31, 32, 33, 63, 64]), min_size=9, max_size=14),
     seed=st.integers(0, 2**31),

@@ -2,7 +2,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from st_codegen.errors import InputError
@@ -22,6 +22,7 @@ from st_codegen.ir import (
     reference,
 )
 from st_codegen.passes.domain import limit_inputs
+from tests.examples import examples
 
 SOURCE = Source("test", "1", "test")
 
@@ -31,7 +32,7 @@ def model(*ops, n=2):
     return ModelIR("m", tuple(Feature(f"f{i}") for i in range(n)), ops, outputs, SOURCE)
 
 
-@settings(max_examples=200, deadline=None)
+@examples()
 @given(
     st.lists(st.floats(-1e20, 1e20), min_size=4, max_size=4),
     st.sampled_from(list(Function)),

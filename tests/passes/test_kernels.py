@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from st_codegen.ir import FactoredKernel, Kernel, KernelSum, Operator, Precision, Round, Scale, reference
@@ -11,6 +11,7 @@ from st_codegen.passes.kernels import factored, grid_of
 from st_codegen.proof import bounds
 from st_codegen.proof.probes import probe_rows
 from tests.emit.test_emitted import run
+from tests.examples import examples
 from tests.models import model
 from tests.passes.test_tables import SLOW
 
@@ -32,7 +33,7 @@ def kernel_on_grid(random, shape, outputs=1, kept=1.0, gamma=0.4, **options):
     )
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=SLOW)
+@examples(suppress_health_check=SLOW)
 @given(
     seed=st.integers(0, 2**31),
     gamma=st.sampled_from([1e-6, 0.4, 30.0]),

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from st_codegen.emit.blocks.model import Limits, block_name
@@ -17,11 +17,12 @@ from st_codegen.passes.prune import pruned
 from st_codegen.passes.ranks import ranked
 from st_codegen.proof.probes import probe_rows
 from tests.emit.test_emitted import run
+from tests.examples import examples
 from tests.models import SMALL_MODELS, model, random_trees, tree_models
 from tests.passes.test_tables import SLOW, assert_same_bits, ranged
 
 
-@settings(max_examples=200, deadline=None, suppress_health_check=SLOW)
+@examples(suppress_health_check=SLOW)
 @given(model=ranged(tree_models(thresholds_only=True)), seed=st.integers(0, 2**31))
 def test_ranks_and_pruning_keep_every_bit(model, seed):
     model = limit_inputs(model)
@@ -34,7 +35,7 @@ def test_ranks_and_pruning_keep_every_bit(model, seed):
     assert_same_bits(expected, reference.evaluate(pruned(small), x))
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=SLOW)
+@examples(40, suppress_health_check=SLOW)
 @given(
     model=ranged(tree_models(thresholds_only=True)),
     seed=st.integers(0, 2**31),
@@ -49,7 +50,7 @@ def test_the_emitted_trees_keep_every_bit(model, seed, target, prune, tmp_path_f
     assert np.array_equal(reference.evaluate(model, x), got, equal_nan=True)
 
 
-@settings(max_examples=50, deadline=None, suppress_health_check=SLOW)
+@examples(suppress_health_check=SLOW)
 @given(model=tree_models())
 def test_ensembles_have_ranks_unless_something_else_than_a_threshold_decides(model):
     (trees,) = (op for op in model.ops if isinstance(op, TreeEnsemble))
@@ -59,7 +60,7 @@ def test_ensembles_have_ranks_unless_something_else_than_a_threshold_decides(mod
     assert (ranked(model) is None) == special
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=SLOW)
+@examples(suppress_health_check=SLOW)
 @given(
     seed=st.integers(0, 2**31),
     factor=st.sampled_from([0.3, -2.0, 1e-3, -1 / 3]),

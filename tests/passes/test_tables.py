@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import HealthCheck, assume, given
 from hypothesis import strategies as st
 
 from st_codegen.emit.blocks.model import Limits
@@ -28,6 +28,7 @@ from st_codegen.proof.probes import probe_rows
 from st_codegen.te.harmonics import Direction, HarmonicOutput, Quantity, TransmissionError
 from st_codegen.te.purpose import Compensation
 from tests.emit.test_emitted import run
+from tests.examples import examples
 from tests.models import SMALL_MODELS, model, random_trees, tree_models
 
 SLOW = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much]
@@ -49,7 +50,7 @@ def ranged(draw, models):
     return dataclasses.replace(made, features=tuple(features))
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=SLOW)
+@examples(suppress_health_check=SLOW)
 @given(model=ranged(tree_models(thresholds_only=True)), seed=st.integers(0, 2**31))
 def test_a_table_answers_as_the_trees_do(model, seed):
     model = limit_inputs(model)
@@ -60,7 +61,7 @@ def test_a_table_answers_as_the_trees_do(model, seed):
     assert_same_bits(reference.evaluate(model, x), reference.evaluate(table, x))
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=SLOW)
+@examples(25, suppress_health_check=SLOW)
 @given(
     model=ranged(tree_models(thresholds_only=True)),
     target=st.sampled_from(["iec", "twincat"]),
@@ -75,7 +76,7 @@ def test_the_emitted_table_answers_as_the_trees_do(model, target, seed, tmp_path
     assert np.array_equal(reference.evaluate(model, x), got, equal_nan=True)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=SLOW)
+@examples(suppress_health_check=SLOW)
 @given(
     seed=st.integers(0, 2**31),
     factor=st.sampled_from([0.3, -2.0, 1e-3, 7.0, -1 / 3]),
@@ -109,7 +110,7 @@ def test_scalers_in_front_of_trees_are_folded_into_exact_thresholds(seed, factor
     assert_same_bits(reference.evaluate(scaled, x), reference.evaluate(table, x))
 
 
-@settings(max_examples=300, deadline=None)
+@examples()
 @given(
     st.floats(allow_nan=False, allow_infinity=False),
     st.sampled_from(Comparison),
@@ -185,7 +186,7 @@ def test_equal_slices_and_constant_outputs_take_no_room():
         assert len(np.unique(slices, axis=0)) == edges or not np.any(np.all(slices[1:] == slices[:-1], axis=1))
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=SLOW)
+@examples(40, suppress_health_check=SLOW)
 @given(seed=st.integers(0, 2**31), accepts_nan=st.booleans(), target=st.sampled_from(["iec", "twincat"]))
 def test_one_search_serves_several_models(seed, accepts_nan, target, tmp_path_factory):
     random = np.random.default_rng(seed)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from st_codegen.reconcile.data.observations import Observations, labels
@@ -12,6 +12,7 @@ from st_codegen.reconcile.judge.held_out import folds_of
 from st_codegen.reconcile.run import reconcile_observations
 from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import read_rig
+from tests.examples import examples
 
 KNOWN = catalogue()
 RIG = read_rig(Path(__file__).resolve().parents[2] / "examples" / "rv160n" / "rig.toml", KNOWN)
@@ -58,7 +59,7 @@ def test_large_effects_are_named_in_clean_data(name, noise):
     assert result.held_out.after < 1.2 * result.held_out.noise_floor
 
 
-@settings(max_examples=5, deadline=None)
+@examples(5)
 @given(st.sampled_from(sorted(HIDDEN)), st.floats(-5, -3.5), st.integers(0, 1000))
 def test_what_is_found_in_noise_is_found_in_less_of_it(name, digits, seed):
     coarse = reconciled(name, 10**digits, seed)

@@ -6,11 +6,12 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as s
 
 from st_codegen.st import StRuntimeError
 from st_codegen.st.check import arithmetic
+from tests.examples import examples
 from tests.st.helpers import bits, block, fault, run, value
 
 C_TYPES = {
@@ -32,7 +33,7 @@ BITS = [name for name in C_TYPES if not name.endswith("INT")]
 SIZES = {name: 8 * ctypes.sizeof(c_type) for name, c_type in C_TYPES.items()}
 INF, NAN = math.inf, math.nan
 SIGNALLING = struct.unpack("<d", struct.pack("<Q", 0x7FF0000000000001))[0]
-EXAMPLES = settings(max_examples=25, deadline=None)
+EXAMPLES = examples(25)
 
 
 def bounds(name: str) -> tuple[int, int]:
@@ -210,7 +211,7 @@ def test_lreal_to_real_rounds_to_nearest(a: float) -> None:
 INTEGER_NAMES = s.sampled_from([*C_TYPES])
 
 
-@settings(max_examples=100, deadline=None)
+@examples()
 @given(
     s.one_of(s.floats(), s.integers(-(2**65), 2**65).map(float), s.integers(-300, 300).map(lambda i: i / 2)),
     INTEGER_NAMES,

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import HealthCheck, assume, given
 from hypothesis import strategies as s
 
 from st_codegen.st import Machine, StCheckError, StRuntimeError, parse_project
 from st_codegen.st.types import BlockType
+from tests.examples import examples
 from tests.st.evaluator import Evaluator, Instance, StoppedError, bits
 from tests.st.programs import programs
 
@@ -60,7 +61,7 @@ def at(instance: Instance, path: str) -> Any:
     return value
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@examples(suppress_health_check=list(HealthCheck))
 @given(programs(), INPUTS, INPUTS)
 def test_the_engine_does_what_the_tree_says(program: str, first: list[Any], second: list[Any]) -> None:
     """Rows and one copy, against a walk through the tree: state, faults, their places and operands."""

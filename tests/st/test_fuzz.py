@@ -6,7 +6,7 @@ from __future__ import annotations
 import random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as s
 
 from st_codegen.st import (
@@ -22,6 +22,7 @@ from st_codegen.st.run.compiler import program_of
 from st_codegen.st.syntax.parser import STARTS, _lark, parse_segment
 from st_codegen.st.syntax.scan import Segment
 from st_codegen.st.syntax.source import read_texts
+from tests.examples import examples
 from tests.st.examples import PLAIN
 from tests.st.programs import programs
 from tests.st.test_source import DUT, GVL, POU
@@ -50,7 +51,7 @@ WORDS += [
 SOUP = s.lists(s.sampled_from(WORDS), max_size=60).map(" ".join)
 
 
-@settings(max_examples=300, deadline=None)
+@examples()
 @given(s.one_of(SOUP, s.text(max_size=200)), s.sampled_from(STARTS))
 def test_any_text_parses_or_is_a_syntax_error(text: str, start: str) -> None:
     try:
@@ -59,7 +60,7 @@ def test_any_text_parses_or_is_a_syntax_error(text: str, start: str) -> None:
         assert str(error)
 
 
-@settings(max_examples=150, deadline=None)
+@examples()
 @given(s.sampled_from(sorted(PLAIN.values())), s.randoms(use_true_random=False))
 def test_damaged_texts_parse_or_are_syntax_errors(text: str, rng: random.Random) -> None:
     for _ in range(rng.randint(1, 4)):
@@ -71,7 +72,7 @@ def test_damaged_texts_parse_or_are_syntax_errors(text: str, rng: random.Random)
         assert str(error)
 
 
-@settings(max_examples=100, deadline=None)
+@examples()
 @given(s.sampled_from([POU, GVL, DUT]), s.randoms(use_true_random=False), s.binary(max_size=3))
 def test_damaged_xml_is_read_or_refused(text: str, rng: random.Random, noise: bytes) -> None:
     content = text.encode()
@@ -83,7 +84,7 @@ def test_damaged_xml_is_read_or_refused(text: str, rng: random.Random, noise: by
         assert str(error)
 
 
-@settings(max_examples=60, deadline=None)
+@examples()
 @given(programs(), s.randoms(use_true_random=False))
 def test_damaged_programs_are_checked_or_refused(program: str, rng: random.Random) -> None:
     """One name or literal for another: the checker finds an error or the program still compiles."""

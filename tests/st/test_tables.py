@@ -123,6 +123,7 @@ def _seconds(count: int) -> float:
     return seconds
 
 
+@pytest.mark.slow
 def test_five_million_numbers_are_read_in_linear_time() -> None:
     small = min(_seconds(500_000) for _ in range(2))
     large = _seconds(5_000_000)

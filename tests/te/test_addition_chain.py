@@ -3,10 +3,11 @@
 import itertools
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from st_codegen.te.compensation.addition_chain import addition_chain
+from tests.examples import examples
 from tests.te.projects import PAPER_ORDERS
 
 #: Lengths of shortest chains to a single number (OEIS A003313).
@@ -41,7 +42,7 @@ def assert_chain(links, targets):
     assert len(known) == len(links) + 1
 
 
-@settings(max_examples=12, deadline=None)
+@examples(12)
 @given(st.sets(st.integers(1, 400), min_size=1, max_size=6))
 def test_every_set_of_orders_has_a_chain(targets):
     links = addition_chain(targets)
@@ -76,7 +77,7 @@ def shortest(targets, limit):
     raise AssertionError
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(st.sets(st.integers(2, 26), min_size=1, max_size=4))
 def test_small_sets_have_the_shortest_chain(targets):
     assert len(addition_chain(targets)) == shortest(targets, max(targets))

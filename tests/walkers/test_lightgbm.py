@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from st_codegen.errors import InputError, MissingExtraError
 from st_codegen.ir import Activation, Function, Operator, Scale, TreeEnsemble, reference
 from st_codegen.walkers.base import GraphBuilder, LoadedModel, walk_estimator
 from st_codegen.walkers.lightgbm import model as walker
+from tests.examples import examples
 
 lgb = pytest.importorskip("lightgbm")
 
@@ -338,7 +339,7 @@ def test_no_rows_give_no_predictions(tmp_path: Path) -> None:
     assert saved(train({}, lgb.Dataset(x, y)), tmp_path).predict(np.zeros((0, 3))).shape == (0, 1)
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@examples()
 @given(
     seed=st.integers(0, 10**6),
     columns=st.integers(1, 4),

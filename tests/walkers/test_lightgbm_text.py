@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import reference
 from st_codegen.walkers.forest import MAX_CATEGORY_ANSWERS
 from st_codegen.walkers.lightgbm import model as walker
+from tests.examples import examples
 
 DATA = Path(__file__).parent / "data"
 
@@ -89,7 +90,7 @@ def test_hand_made_models_equal_the_library(tree: str, load: Any, assert_same: A
     assert_same(load(text_of(tree)))
 
 
-@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@examples(40, suppress_health_check=list(HealthCheck))
 @given(
     numbers=st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=20, max_size=60),
     style=st.sampled_from(["%r", "%.17g", "%.16e", "%.25e", "%+.19g", "%.40g"]),
@@ -297,7 +298,7 @@ def test_library_errors_name_the_file(load: Any) -> None:
 
 
 @pytest.mark.parametrize("path", sorted(DATA.glob("lightgbm-*.txt")), ids=lambda path: path.stem)
-@settings(max_examples=150, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@examples(suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_damaged_files_load_or_are_refused(path: Path, data: Any, mutated: Any, tmp_path: Path) -> None:
     damaged = tmp_path / "damaged.txt"

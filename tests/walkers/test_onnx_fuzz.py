@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import onnx
 from google.protobuf.message import Message
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from onnx import helper
 
 from st_codegen.errors import InputError
 from st_codegen.ir import reference
+from tests.examples import examples
 from tests.walkers import onnx_builders as build
 from tests.walkers.onnx_builders import Branch, constant, graph_model, info, leaf, ml
 
@@ -83,7 +84,7 @@ def damage(model, pick):
         return
 
 
-@settings(max_examples=1500, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@examples(suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_models_with_changed_fields_load_or_are_refused(tmp_path_factory, data):
     """Attributes, names, dimensions and numbers replaced: an InputError, or a model that onnxruntime agrees with."""
@@ -104,7 +105,7 @@ def test_models_with_changed_fields_load_or_are_refused(tmp_path_factory, data):
         np.testing.assert_allclose(ours[finite], library[finite], rtol=1e-5, atol=1e-6)
 
 
-@settings(max_examples=1000, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@examples(suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_mutated_files_load_or_are_refused(tmp_path_factory, data):
     """Bytes replaced, dropped, repeated: an InputError or a model, never another exception or a crash."""

@@ -320,6 +320,7 @@ def test_weights_of_inner_nodes_are_ignored(tmp_path):
     assert assert_equal_bits(build.load(model, tmp_path), [[0.0], [1.0]]).tolist() == [[1.0], [2.0]]
 
 
+@pytest.mark.slow
 def test_million_nodes(tmp_path):
     """Complete trees of 2047 nodes; every level doubles."""
     n_trees, depth = 489, 11

@@ -5,7 +5,7 @@ import pytest
 
 sklearn = pytest.importorskip("sklearn")
 
-from hypothesis import HealthCheck, given, settings  # noqa: E402
+from hypothesis import HealthCheck, given  # noqa: E402
 from hypothesis import strategies as st  # noqa: E402
 from sklearn.base import BaseEstimator  # noqa: E402
 from sklearn.compose import ColumnTransformer, TransformedTargetRegressor  # noqa: E402
@@ -35,6 +35,7 @@ from st_codegen.passes.domain import limit_inputs  # noqa: E402
 from st_codegen.proof import bounds  # noqa: E402
 from st_codegen.proof.probes import probe_rows  # noqa: E402
 from st_codegen.walkers.objects import from_estimator  # noqa: E402
+from tests.examples import examples  # noqa: E402
 
 RANDOM = np.random.default_rng(7)
 X = np.abs(RANDOM.normal(size=(240, 3))) * [500.0, 900.0, 10.0]
@@ -202,7 +203,7 @@ def test_categories(values):
     assert np.array_equal(library, ours)
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@examples(25, suppress_health_check=[HealthCheck.too_slow])
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6), st.integers(2, 40))
 def test_random_small_models(seed, features, leaves):
     random = np.random.default_rng(seed)

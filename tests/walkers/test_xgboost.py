@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from st_codegen.errors import InputError, MissingExtraError, UnsupportedModelError
@@ -17,6 +17,7 @@ from st_codegen.ir import FLOAT32_OVERFLOW, Activation, FillMissing, Function, O
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.walkers.base import GraphBuilder, LoadedModel, walk_estimator
 from st_codegen.walkers.xgboost import model as walker
+from tests.examples import examples
 
 xgb = pytest.importorskip("xgboost")
 
@@ -421,7 +422,7 @@ def test_fill_of_missing_values_must_be_finite(field: str) -> None:
         FillMissing((0,), 1, **{field: np.inf})
 
 
-@settings(max_examples=120, deadline=None, derandomize=True)
+@examples()
 @given(
     seed=st.integers(0, 10**6),
     columns=st.integers(1, 4),

@@ -12,16 +12,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import reference
 from st_codegen.walkers.xgboost import model as walker
+from tests.examples import examples
 
 DATA = Path(__file__).parent / "data"
 
-FUZZ = settings(max_examples=80, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+FUZZ = examples(suppress_health_check=list(HealthCheck))
 
 FILES = sorted(DATA.glob("xgboost-*"))
 
@@ -156,7 +157,7 @@ def test_one_base_score_serves_all_outputs_of_older_files(load: Any, assert_same
     assert model.ir.ops[0].base.tolist() == [0.5, 0.5]
 
 
-@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@examples(40, suppress_health_check=list(HealthCheck))
 @given(
     numbers=st.lists(st.floats(width=32, allow_nan=False, allow_infinity=False), min_size=3, max_size=3),
     style=st.sampled_from(["%.9g", "%.8E", "%.17e", "%.30e"]),

@@ -4,7 +4,7 @@
 import random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from st_codegen.emit.targets import TARGETS
@@ -12,6 +12,7 @@ from st_codegen.errors import InputError
 from st_codegen.st import Machine, StError, parse_project
 from st_codegen.st.syntax.source import read_paths, read_texts
 from tests.emit.targets.projects import written
+from tests.examples import examples
 
 WHOLE = written(TARGETS["plcopen"])["everything.xml"]
 HEAD = '<project xmlns="http://www.plcopen.org/xml/tc6_0200"><types><dataTypes/><pous>'
@@ -154,7 +155,7 @@ def test_every_cut_of_a_file_is_an_error_with_its_place():
             parse_project({"x.xml": WHOLE[:at]}, "iec")
 
 
-@settings(max_examples=150, deadline=None)
+@examples()
 @given(seed=st.integers(0, 2**32))
 def test_a_damaged_file_is_read_or_refused(seed):
     chance = random.Random(seed)
