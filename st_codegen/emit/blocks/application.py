@@ -6,10 +6,12 @@ here and appears in every target, with its file, its entry in the project file a
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
 from st_codegen.emit.blocks.listing import Block, Table, Variable
+from st_codegen.emit.foreign_names import is_foreign
 from st_codegen.errors import InputError
 
 
@@ -130,11 +132,29 @@ class Application:
             if item.name.lower() in taken:
                 raise InputError(f"two objects of the project would be called {item.name}: rename one of the models")
             taken[item.name.lower()] = item.name
+        for owner, name in self._names():
+            if is_foreign(name):
+                raise InputError(
+                    f"{owner}: {name} is a name of C, C++, SCL or CODESYS to some compilers: rename the model"
+                )
         programs = {block.name for block in (*self.blocks, *self.tests) if block.kind == "PROGRAM"}
         for task in self.tasks:
             missing = [name for name in task.programs if name not in programs]
             if missing:
                 raise InputError(f"task {task.name}: no program {', '.join(missing)} in the project")
+
+    def _names(self) -> Iterator[tuple[str, str]]:
+        """The names of all variables, with the object that declares each."""
+        for block in (*self.blocks, *self.tests):
+            ports = (*block.inputs, *block.outputs, *block.in_outs)
+            yield from ((block.name, variable.name) for variable in (*ports, *block.variables, *block.constants))
+            yield from ((block.name, table.name) for table in block.tables)
+            yield from ((block.name, code.constant) for code in block.codes)
+        for owner in self.globals:
+            yield from ((owner.name, variable.name) for variable in owner.variables)
+            yield from ((owner.name, table.name) for table in owner.tables)
+        for type_ in self.types:
+            yield from ((type_.name, variable.name) for variable in type_.fields)
 
     @property
     def own_tasks(self) -> tuple[Task, ...]:

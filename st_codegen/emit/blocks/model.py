@@ -12,6 +12,7 @@ import numpy as np
 from st_codegen.emit.blocks import cells, trees  # noqa: F401 - these register the code of their operations
 from st_codegen.emit.blocks.listing import LINE_LENGTH, ArrayElement, Block, Listing, Variable
 from st_codegen.emit.blocks.operations import Step, lay_out, lay_out_layer
+from st_codegen.emit.foreign_names import is_foreign
 from st_codegen.emit.literals import capitalised, check_text, identifier, real, unit_text
 from st_codegen.errors import InputError, errors_name
 from st_codegen.ir import (
@@ -116,7 +117,8 @@ def input_variables(features: tuple[Feature, ...]) -> tuple[Variable, ...]:
             raise InputError(
                 f"feature '{feature.name}': its input would be called {name}, as that of another feature: rename one"
             )
-        variables[name.lower()] = Variable(name, "LREAL", comment=feature_text(feature))
+        variable = Variable(name, "LREAL", comment=feature_text(feature))
+        variables[name.lower()] = _renamed(variable) if is_foreign(name) else variable
     return tuple(variables.values())
 
 

@@ -62,7 +62,7 @@ def with_bit_test(application: Application) -> Application:
         variables=(Variable("uBits", "U_LrealBits"),),
         constants=(
             Variable("MAGNITUDE", "LWORD", initial="16#7FFFFFFFFFFFFFFF", comment="all bits but the sign"),
-            Variable("INFINITY", "LWORD", initial="16#7FF0000000000000", comment="bits of +infinity"),
+            Variable("INFINITY_BITS", "LWORD", initial="16#7FF0000000000000", comment="bits of +infinity"),
         ),
         sections=(CodeSection("above infinity lie the numbers that are none", "is_nan", {}),),
     )

@@ -138,7 +138,7 @@ def _locals() -> tuple[Variable, ...]:
     state, error = EXPERIMENT_STATE.type, EXPERIMENT_ERROR.type
     return (
         Variable("eNext", state, comment="next step"),
-        Variable("eFault", error, comment="what is wrong in this cycle"),
+        Variable("eReason", error, comment="what is wrong in this cycle"),
         boolean("bUsable", "both angles are usable"),
         boolean("bSeen", "an angle has been seen before"),
         lreal("fIn", "last usable angle of the input shaft, rad"),

@@ -1,0 +1,79 @@
+"""Names of other languages: recognised in any case, and kept out of generated text."""
+
+import re
+import shutil
+import subprocess
+
+import pytest
+
+from st_codegen.emit.blocks.application import Application
+from st_codegen.emit.blocks.listing import Block, Variable
+from st_codegen.emit.blocks.model import Limits, input_variables, model_block
+from st_codegen.emit.foreign_names import is_foreign
+from st_codegen.errors import InputError
+from st_codegen.ir import Feature
+from tests.models import SMALL_MODELS
+
+HEADERS = ("errno.h", "math.h", "limits.h", "float.h", "stdint.h", "signal.h", "complex.h")
+
+
+@pytest.mark.parametrize(
+    "name", ["eFault", "EFAULT", "efault", "fLt_max", "nan", "Infinity", "sIgabrt", "fLoat", "goto"]
+)
+def test_names_are_recognised_in_any_case(name):
+    assert is_foreign(name)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "eReason",
+        "fOut1",
+        "bValid",
+        "nColumn",
+        "fSpeed_rpm",
+        "EDGE_1_0",
+        "fSpeed_max",
+        "fP_bar",
+        "sA_forward",
+        "LOWER_2",
+        "fMaximum",
+    ],
+)
+def test_ordinary_names_are_not(name):
+    assert not is_foreign(name)
+
+
+@pytest.mark.parametrize("header", HEADERS)
+def test_every_macro_of_the_headers_is_recognised(header):
+    """What the compiler of this machine knows; names that start with an underscore are no names of ours."""
+    compiler = shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("no gcc to ask")
+    text = subprocess.run(
+        [compiler, "-std=c11", "-dM", "-E", "-"],
+        input=f"#include <{header}>",
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    names = re.findall(r"^#define ([A-Za-z]\w*)", text, re.MULTILINE)
+    lower = re.compile("sa_|si_|sigev_|math_errhandling")  # fields, which nobody else names
+    assert [name for name in names if not is_foreign(name) and not lower.match(name)] == []
+
+
+def test_inputs_of_such_names_are_renamed():
+    names = [variable.name for variable in input_variables((Feature("lt_max"), Feature("p_nan"), Feature("speed")))]
+    assert names == ["fInput_Lt_max", "fInput_P_nan", "fSpeed"]
+
+
+def test_other_variables_of_such_names_are_refused():
+    block = Block("FB_A", ("x",), variables=(Variable("eFault", "DINT"),))
+    with pytest.raises(InputError, match="FB_A: eFault"):
+        Application("a", blocks=(block,))
+
+
+def test_no_block_of_any_operation_has_one():
+    blocks = tuple(model_block(model, Limits(10_000)) for model in SMALL_MODELS.values())
+    for block in blocks:
+        Application("a", blocks=(block,))
