@@ -27,7 +27,6 @@ INTEGER_OVERFLOW = "integer overflow"
 SHIFT = "shift out of range"
 LOOP = "loop limit"
 STEP = "step of zero"
-REFERENCE = "reference not set"
 
 # The largest LREAL whose EXP is finite
 EXP_LIMIT = 709.782712893384

@@ -87,6 +87,11 @@ class NativeCalls:
         return self._owners[id(native)]
 
     @property
+    def may_run_bodies(self) -> bool:
+        """Whether native code of the libraries may call bodies of instances that no code refers to."""
+        return bool(self._functions) or any(not block.is_pure for block in self._blocks.values())
+
+    @property
     def are_pure(self) -> bool:
         """Whether all native code that compiled units call may be called more often than they say."""
         sites = self._module.native_sites

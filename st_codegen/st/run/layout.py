@@ -74,30 +74,34 @@ def dtype_of(type_: Type) -> np.dtype[np.generic]:
 class Layout:
     """The records of one project.
 
-    `memory` is the record that exists once in a row: global variables, programs and, by `reserve`, what code adds.
-    Constants are not part of any record.
+    Two records exist once in a row: the global variables, and the programs. Constants are not part of any record.
     """
 
     def __init__(self, project: t.Project) -> None:
         self.project = project
         self.globals: dict[t.Variable, int] = {}
         self.programs: dict[str, int] = {}
-        self.size = 0
+        self._variables: dict[str, dict[str, t.Variable]] = {}
         self._records: dict[str, Record] = {}
         self._images: dict[str, bytes] = {}
-        for variables in project.globals.values():
-            for variable in variables:
-                if not variable.is_constant:
-                    self.globals[variable] = self.reserve(variable.type)
+        end = 0
+        for variable in (item for variables in project.globals.values() for item in variables):
+            if not variable.is_constant:
+                self.globals[variable] = aligned(end, self.alignment(variable.type))
+                end = self.globals[variable] + self.size_of(variable.type)
+        self.global_bytes, end = end, 0
         for key, pou in project.pous.items():
             if pou.kind is PouKind.PROGRAM:
-                self.programs[key] = self.reserve(BlockType(pou.name))
+                self.programs[key] = end
+                end += self.size_of(BlockType(pou.name))
+        self.program_bytes = end
+        self.has_natives = any(pou.is_native for pou in project.pous.values())
 
-    def reserve(self, type_: Type) -> int:
-        """Room for one more variable that exists once in a row; its offset."""
-        offset = aligned(self.size, self.alignment(type_))
-        self.size = offset + self.size_of(type_)
-        return offset
+    def variable(self, block: str, key: str) -> t.Variable | None:
+        """A variable of a block by its upper-case name."""
+        if block not in self._variables:
+            self._variables[block] = {item.key: item for item in self.project.block_variables(block)}
+        return self._variables[block].get(key)
 
     @cached_property
     def class_numbers(self) -> dict[str, int]:
@@ -210,17 +214,21 @@ class Layout:
             if name in members and not members[name].is_reference:
                 self._write(memory, at + members[name].offset, members[name].type, value)
 
-    def once(self) -> bytes:
-        """What exists once in a row, with its initial values."""
-        memory = bytearray(self.size)
+    def global_image(self) -> bytes:
+        """All global variables with their initial values."""
+        memory = bytearray(self.global_bytes)
         for variable, offset in self.globals.items():
             self._write(memory, offset, variable.type, variable.initial)
-        for key, offset in self.programs.items():
-            self._write(memory, offset, BlockType(self.project.pous[key].name), {})
         return bytes(memory)
+
+    def program_image(self) -> bytes:
+        """All programs with their initial values."""
+        return b"".join(self._block_image(BlockType(self.project.pous[key].name)) for key in self.programs)
 
     def natives(self, type_: Type, at: int = 0) -> Iterator[tuple[int, BlockType, t.Pou]]:
         """The instances of native blocks in a variable: their offsets, types, and native units."""
+        if not self.has_natives:
+            return
         if isinstance(type_, ArrayType):
             if isinstance(type_.element, ArrayType | StructType | BlockType):
                 for number in range(type_.size):

@@ -25,19 +25,34 @@ from st_codegen.st import tree as t
 from st_codegen.st.errors import StUsageError
 from st_codegen.st.run.calls import NativeCalls
 from st_codegen.st.run.compiler import Code, program_of
+from st_codegen.st.run.layout import dtype_of, is_scalar
 from st_codegen.st.run.memory import Memory, given, pointers, reader, shown, view
 from st_codegen.st.run.natives import Library, NativeBlock
-from st_codegen.st.run.paths import Place, Port, find_block, find_global, ports, resolve
+from st_codegen.st.run.paths import Place, Port, find_block, find_global, ports, resolve, split_path
 from st_codegen.st.run.prelude import CONTEXT
 from st_codegen.st.run.unit import parameters
 from st_codegen.st.tree import PouKind
-from st_codegen.st.types import LREAL, ArrayType, BlockType, default_value
+from st_codegen.st.types import ArrayType, BlockType, PointerType, default_value
 
 LOOP_LIMIT = 10_000_000
 #: Fewer rows are not worth a thread.
 _ROWS_A_THREAD = 500
 #: Memory for the answers of native code to rows that ask at the same time.
 _ANSWER_BYTES = 64_000_000
+
+
+class _Context:
+    """What compiled code is told besides variables, and where it notes a fault; see `prelude.CONTEXT`."""
+
+    def __init__(self, entries: dict[str, int]) -> None:
+        self.entries = np.zeros(len(CONTEXT), np.int64)
+        self.address = self.entries.ctypes.data
+        self.set(entries)
+
+    def set(self, entries: dict[str, int]) -> None:
+        """Set some entries."""
+        for name, value in entries.items():
+            self.entries[CONTEXT.index(name)] = value
 
 
 class Machine:
@@ -68,14 +83,15 @@ class Machine:
         self.layout = self.module.layout
         self.calls = NativeCalls(self, self.module, libraries)
         self._workers = workers or _processors()
-        self.memory = Memory(self.row_count, self.layout.once())
+        self.memory = Memory(self.row_count, self.layout.global_image())
         for variable, offset in self.layout.globals.items():
             self.calls.attach(self.memory, variable.type, offset)
-        for key, offset in self.layout.programs.items():
-            self.calls.attach(self.memory, BlockType(project.pous[key].name), offset)
+        self._programs: Memory | None = None
         self._frames = [Memory(self.row_count, bytes(self.module.frame_bytes))]
-        self._context: NDArray[np.int64] | None = None
+        self._context: _Context | None = None
         self.globals = GlobalVariables(self)
+        if self.calls.may_run_bodies:
+            self._program_memory()
 
     @property
     def row_count(self) -> int:
@@ -93,7 +109,8 @@ class Machine:
         """The instance of a program. Raises `StUsageError` when there is no such program."""
         if name.upper() not in self.layout.programs:
             raise StUsageError(f"the project has no program '{name}'")
-        return Instance(self, find_block(self.project, name), self.memory, self.layout.programs[name.upper()])
+        memory, at = self._program_memory(), self.layout.programs[name.upper()]
+        return Instance(self, find_block(self.project, name), memory, at)
 
     def call(self, function: str, *arguments: Any, **named: Any) -> Any:
         """Call a function; gives its result, or a tuple of result and outputs when it has outputs."""
@@ -124,6 +141,15 @@ class Machine:
         )
         return values_[0] if len(values_) == 1 else (values_ or None)
 
+    def _program_memory(self) -> Memory:
+        """The programs, made when they are first needed."""
+        if self._programs is None:
+            self._programs = Memory(self.row_count, self.layout.program_image())
+            for key, offset in self.layout.programs.items():
+                self.calls.attach(self._programs, BlockType(self.project.pous[key].name), offset)
+            self._context = None
+        return self._programs
+
     # --- runs ---
 
     def run(self, code: Code, memory: Memory, at: int, arguments: Memory | None = None) -> None:
@@ -132,7 +158,11 @@ class Machine:
         if has_natives and self.row_count > 1 and self.calls.are_pure:
             self._run_with_answers(code, memory, at, arguments)
         elif has_natives or self._workers < 2 or self.row_count < 2 * _ROWS_A_THREAD:
-            if self._context is None or self.module.frame_bytes > self._frames[-1].stride:
+            if (
+                self._context is None
+                or self.module.frame_bytes > self._frames[-1].stride
+                or (self.module.uses_programs and self._programs is None)
+            ):
                 self._context = self._new_context()
             self._run_rows(self._context, code, memory, at, arguments, 0, self.row_count)
         else:
@@ -152,7 +182,7 @@ class Machine:
 
     def _run_rows(
         self,
-        context: NDArray[np.int64],
+        context: _Context,
         code: Code,
         memory: Memory,
         at: int,
@@ -162,7 +192,7 @@ class Machine:
     ) -> None:
         record = (None, 0) if arguments is None else (arguments.address, arguments.stride)
         stopped = self.program_code.rows(
-            context.ctypes.data,
+            context.address,
             code.address,
             self.memory.address,
             self.memory.stride,
@@ -176,22 +206,22 @@ class Machine:
             error, self.calls.raised = self.calls.raised, None
             raise error
         if stopped >= 0:
-            kind, site, *operands = (int(value) for value in context[:4])
+            kind, site, *operands = (int(value) for value in context.entries[:4])
             raise self.module.sites[site].error(kind, operands, stopped)
 
-    def _new_context(self) -> NDArray[np.int64]:
+    def _new_context(self) -> _Context:
         if self.module.frame_bytes > self._frames[-1].stride:
             # A block may have kept the address of something in the frames before
             self._frames.append(Memory(self.row_count, bytes(self.module.frame_bytes)))
-        context = np.zeros(len(CONTEXT), np.int64)
         entries = {
             "frames": self._frames[-1].address,
             "frame_bytes": self._frames[-1].stride,
             "host": ctypes.cast(self.calls.callback, ctypes.c_void_p).value or 0,
         }
-        for name, value in entries.items():
-            context[CONTEXT.index(name)] = value
-        return context
+        if self.module.uses_programs:
+            programs = self._program_memory()
+            entries |= {"programs": programs.address, "program_bytes": programs.stride}
+        return _Context(entries)
 
     # --- native code ---
 
@@ -223,8 +253,7 @@ class Machine:
             context = self._new_context()
             entries = {"is_trial": 1, "answers": answers.ctypes.data, "answer_bytes": size, "answers_a_row": asked}
             entries |= {"known": known.ctypes.data, "begin": first, "status": status.ctypes.data}
-            for name, value in entries.items():
-                context[CONTEXT.index(name)] = value
+            context.set(entries)
             self._run_rows(context, code, memory, at, arguments, first, last)
             if not status.any():
                 return
@@ -300,16 +329,50 @@ class Machine:
             ctypes.memmove(int(address) + place.offsets[-1], item.tobytes(), item.nbytes)
 
 
-class Instance:
+class _Named:
+    """Variables by their paths, read and set."""
+
+    def __init__(self, machine: Machine) -> None:
+        self._machine = machine
+        self._places: dict[str, tuple[Memory, Place]] = {}
+        self._numbers: dict[str, NDArray[Any]] = {}
+
+    def _find(self, path: str) -> tuple[Memory, Place]:
+        """Where a path leads. Raises `StUsageError`."""
+        raise NotImplementedError
+
+    def _place(self, path: str) -> tuple[Memory, Place]:
+        if path not in self._places:
+            memory, found = self._places[path] = self._find(path)
+            is_number = is_scalar(found.type) and not isinstance(found.type, PointerType)
+            if is_number and self._machine.rows is None and found.constant is None and len(found.offsets) == 1:
+                self._numbers[path] = memory.view(found.offsets[0], dtype_of(found.type), ())
+        return self._places[path]
+
+    def __getitem__(self, path: str) -> Any:
+        if path in self._numbers:  # the usual case in a simulation
+            return self._numbers[path].item()
+        return self._machine.read(*self._place(path))
+
+    def __setitem__(self, path: str, value: Any) -> None:
+        number = self._numbers.get(path) if type(value) is float else None
+        if number is not None and number.dtype == np.float64:
+            number[...] = value
+        else:
+            self._set(path, value)
+
+    def _set(self, path: str, value: Any) -> None:
+        self._machine.write(*self._place(path), path, value)
+
+
+class Instance(_Named):
     """An instance of a function block or program: `block["name"]` reads a variable, `block["name"] = value` sets it."""
 
     def __init__(self, machine: Machine, type_: BlockType, memory: Memory, at: int) -> None:
-        self._machine = machine
+        super().__init__(machine)
         self._type = type_
         self._memory = memory
         self._at = at
-        self._places: dict[str, Place] = {}
-        self._numbers: dict[str, NDArray[np.float64]] = {}
         self._bound: list[Memory] = []
         self._references = self._ports(t.Section.IN_OUT)
         self._is_ready = not self._references
@@ -353,26 +416,14 @@ class Instance:
             raise StUsageError(f"'{self._type}' has no method '{name}'")
         return self._machine.call_unit(pou, self._memory, self._at, arguments, named)
 
-    def _place(self, path: str) -> Place:
-        if path not in self._places:
-            found = resolve(self._machine.layout, Place(self._type, (self._at,)), path)
-            self._places[path] = found
-            if found.type is LREAL and found.constant is None and len(found.offsets) == 1:
-                self._numbers[path] = self._memory.view(found.offsets[0], np.dtype(np.float64), ())
-        return self._places[path]
+    def _find(self, path: str) -> tuple[Memory, Place]:
+        return self._memory, resolve(self._machine.layout, Place(self._type, (self._at,)), path)
 
-    def __getitem__(self, path: str) -> Any:
-        return self._machine.read(self._memory, self._place(path))
-
-    def __setitem__(self, path: str, value: Any) -> None:
-        if type(value) is float and path in self._numbers:  # the usual case in a simulation
-            self._numbers[path][...] = value
-            return
-        place = self._place(path)
+    def _set(self, path: str, value: Any) -> None:
         for port in self._references:
-            if path.upper().startswith(port.variable.key) and not self._address_of(port).all():
+            if str(split_path(path)[0]).upper() == port.variable.key and not self._address_of(port).all():
                 self._bind(port)
-        self._machine.write(self._memory, place, path, value)
+        super()._set(path, value)
 
     def _address_of(self, port: Port) -> NDArray[Any]:
         offset = self._machine.layout.record(self._type).members[port.variable.key].offset
@@ -386,23 +437,11 @@ class Instance:
         self._address_of(port)[...] = made.addresses()
 
 
-class GlobalVariables:
+class GlobalVariables(_Named):
     """Global variables by `LIST.name` or plain name, read and set like those of an instance."""
 
-    def __init__(self, machine: Machine) -> None:
-        self._machine = machine
-        self._places: dict[str, Place] = {}
-
-    def _place(self, path: str) -> Place:
-        if path not in self._places:
-            self._places[path] = find_global(self._machine.layout, path)
-        return self._places[path]
-
-    def __getitem__(self, path: str) -> Any:
-        return self._machine.read(self._machine.memory, self._place(path))
-
-    def __setitem__(self, path: str, value: Any) -> None:
-        self._machine.write(self._machine.memory, self._place(path), path, value)
+    def _find(self, path: str) -> tuple[Memory, Place]:
+        return self._machine.memory, find_global(self._machine.layout, path)
 
 
 def _arguments(pou: t.Pou, arguments: tuple[Any, ...], named: dict[str, Any]) -> dict[str, Any]:

@@ -46,6 +46,7 @@ class Module:
         self.sites: list[Site] = []
         self.native_sites: list[NativeSite] = []
         self.frame_bytes = 16
+        self.uses_programs = False
         self._kept: list[NDArray[Any]] = []
         self._tables: dict[t.Variable, str] = {}
         self._data: dict[bytes, str] = {}

@@ -93,7 +93,7 @@ def _member(layout: Layout, place: Place, name: str, path: str) -> Place:
         member = layout.record(type_).members[key]
         return place.moved(member.offset, member.type)
     if isinstance(type_, BlockType):
-        variable = next((item for item in layout.project.block_variables(type_.name) if item.key == key), None)
+        variable = layout.variable(type_.name, key)
         if variable is not None:
             offset = 0 if variable.is_constant else layout.record(type_).members[key].offset
             return place.member(offset, variable)

@@ -23,7 +23,7 @@ C_FUNCTIONS = {
 #: Entries of the context, 64 bits each: the fault, where the run is, and how native code is called.
 CONTEXT = (
     *("kind", "site", "first", "second"),
-    *("row", "frame", "frames", "frame_bytes"),
+    *("row", "frame", "frames", "frame_bytes", "program", "programs", "program_bytes"),
     *("host", "is_trial", "calls", "missed", "answers", "answer_bytes", "answers_a_row", "known", "begin", "status"),
 )
 
@@ -315,6 +315,11 @@ start:
   %pz = {context_entry("frame_bytes")}
   %frames = load ptr, ptr %pb
   %fs = load i64, ptr %pz
+  %pp = {context_entry("program")}
+  %pq = {context_entry("programs")}
+  %programs = load ptr, ptr %pq
+  %pu = {context_entry("program_bytes")}
+  %ps = load i64, ptr %pu
   %pt = {context_entry("is_trial")}
   %trial = load i64, ptr %pt
   %is = icmp ne i64 %trial, 0
@@ -336,6 +341,9 @@ run:
   %fo = mul i64 %r, %fs
   %f = getelementptr i8, ptr %frames, i64 %fo
   store ptr %f, ptr %pf
+  %po = mul i64 %r, %ps
+  %p = getelementptr i8, ptr %programs, i64 %po
+  store ptr %p, ptr %pp
   %go = mul i64 %r, %gs
   %gr = getelementptr i8, ptr %g, i64 %go
   %so = mul i64 %r, %ss

@@ -1,6 +1,6 @@
 """Code of one unit: a function, a method, or the body of a block or program.
 
-The code is an LLVM function `i32 unit(ptr c, ptr g, ptr s, ..)`: the context, the record that exists once in a row,
+The code is an LLVM function `i32 unit(ptr c, ptr g, ptr s, ..)`: the context, the global variables,
 the instance, then inputs (numbers as values, all else by address), in-outs, the result and outputs by address. It gives
 0, or 1 when the context holds a fault.
 """
@@ -139,13 +139,15 @@ class Unit:
             case t.ThisRef():
                 return "%s"
             case t.ProgramRef():
-                return self.w.offset("%g", self.module.layout.programs[str(place.type).upper()])
+                self.module.uses_programs = True
+                programs = self.w.value(f"load ptr, ptr {self.w.value(context_entry('program'))}")
+                return self.w.offset(programs, self.module.layout.programs[str(place.type).upper()])
             case t.InstanceVariable():
                 if place.variable.is_constant:
                     return self.module.table(place.variable)
-                return self._member(self.address(place.base), place.base.type, place.variable.key, place.position)
+                return self._member(self.address(place.base), place.base.type, place.variable.key)
             case t.FieldRef():
-                return self._member(self.address(place.base), place.base.type, place.name, place.position)
+                return self._member(self.address(place.base), place.base.type, place.name)
             case t.ElementRef():
                 return self._element(place)
             case t.Constant() if not is_scalar(place.type):
@@ -163,16 +165,13 @@ class Unit:
             return self.w.offset("%g", self.module.layout.globals[variable])
         if variable.storage is t.Storage.LOCAL:
             return self._addresses[variable]
-        return self._member("%s", self.module.instance_type(self.pou), variable.key, place.position)
+        return self._member("%s", self.module.instance_type(self.pou), variable.key)
 
-    def _member(self, base: str, owner: Type, name: str, at: Position) -> str:
+    def _member(self, base: str, owner: Type, name: str) -> str:
+        """A variable of an instance, or a field; a VAR_IN_OUT is read where it is set, in the body, only."""
         member = self.module.layout.record(cast(StructType, owner)).members[name]
         address = self.w.offset(base, member.offset)
-        if not member.is_reference:
-            return address
-        target = self.w.value(f"load ptr, ptr {address}")
-        self.w.trap(self.w.value(f"icmp eq ptr {target}, null"), a.REFERENCE, at, (), f"{name} refers to nothing")
-        return target
+        return self.w.value(f"load ptr, ptr {address}") if member.is_reference else address
 
     def _element(self, place: t.ElementRef) -> str:
         type_ = cast(ArrayType, place.base.type)

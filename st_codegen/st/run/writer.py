@@ -23,7 +23,6 @@ KINDS = (
     a.SHIFT,
     a.LOOP,
     a.STEP,
-    a.REFERENCE,
 )
 INFINITY = "0x7FF0000000000000"
 
