@@ -44,6 +44,7 @@ lint: $(INSTALLED)  ## style and types
 
 bench: $(INSTALLED)  ## times and memory of the compiler and the interpreter
 	$(BIN)/python benchmarks/compiler.py
+	$(BIN)/python benchmarks/interpreter.py
 	$(BIN)/python benchmarks/campaign.py
 
 soak: $(INSTALLED)  ## 100,000 hostile sequences through the blocks of the compensation, about 5 minutes

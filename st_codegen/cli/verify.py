@@ -38,6 +38,9 @@ Examples:
 )
 @click.option("-n", "--rows", type=Whole(min=1), default=10_000, show_default=True, help="Rows a model.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of the random rows.")
+@click.option(
+    "-j", "--jobs", type=Whole(min=1), default=None, help="Models at the same time (default: one a processor)."
+)
 @cycle_option
 @profile_option
 @entry_option
@@ -51,6 +54,7 @@ def command(
     generated: Path,
     rows: int,
     seed: int,
+    jobs: int | None,
     cycle_us: float | None,
     profile: str,
     entries: tuple[str, ...],
@@ -68,7 +72,7 @@ def command(
     with progress_bar("loading", quiet=quiet) as progress:
         bundle = load(models, trust_pickle=trust_pickle, progress=progress)
     with progress_bar("verifying", quiet=quiet) as progress:
-        report = verify(bundle, generated, rows=rows, seed=seed, budget=budget, progress=progress)
+        report = verify(bundle, generated, rows=rows, seed=seed, budget=budget, progress=progress, jobs=jobs)
     if json_file is not None:
         write_text(json_file, json.dumps(report.as_json(), indent=1) + "\n")
     if not quiet:

@@ -7,7 +7,9 @@ the bound that `bounds` derives for the very row. Rows that the library refuses 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -25,6 +27,7 @@ from st_codegen.proof import bounds
 from st_codegen.proof.arithmetic import arithmetic_of
 from st_codegen.proof.probes import probe_rows, trained_range
 from st_codegen.proof.runner import GeneratedCode
+from st_codegen.st.run.machine import processors
 from st_codegen.walkers.base import LoadedModel
 
 #: Called with (number done, total, what is next).
@@ -141,6 +144,7 @@ def verify(
     seed: int = 0,
     budget: Budget | None = None,
     progress: Progress | None = None,
+    jobs: int | None = None,
 ) -> VerifyReport:
     """Compare the library, the reference and every generated target below `generated`, row by row.
 
@@ -159,19 +163,18 @@ def verify(
     `budget` asks for the worst case of one cycle as well, from the emitted text, on the controller of a profile
     (`Budget`). It costs a walk over all paths of the text, seconds for a bundle; what does not fit fails the report.
 
-    `progress` is told of each model before it is tried.
+    `progress` is told of each model before its result is waited for.
+
+    `jobs` is how many models are tried at the same time, in threads (None: one a processor). The report does not depend
+    on it; each model that is tried takes memory for its rows.
 
     Raises GeneratedCodeError where there is nothing to verify, or the text cannot be read or would stop a controller.
     """
     targets = {
         folder.name: GeneratedCode(folder, TARGETS[folder.name].dialect) for folder in target_folders(Path(generated))
     }
-    reports = []
+    reports = _model_reports(bundle.models, targets, rows, seed, progress, jobs)
     total = len(bundle.models)
-    for number, model in enumerate(bundle.models):
-        if progress is not None:
-            progress(number, total, model.ir.name)
-        reports.append(_verify_model(model, targets, rows, seed))
     if bundle.purpose is not None:
         for name, code in targets.items():
             checks = bundle.purpose.checks(bundle.irs, code, seed, arithmetic_of(name).bound)
@@ -207,6 +210,30 @@ def target_folders(generated: Path) -> list[Path]:
     if not folders:
         raise GeneratedCodeError(f"{generated}: no generated files; run st-codegen generate MODELS --out {generated}")
     return folders
+
+
+def _model_reports(
+    models: Sequence[LoadedModel],
+    targets: dict[str, GeneratedCode],
+    rows: int,
+    seed: int,
+    progress: Progress | None,
+    jobs: int | None,
+) -> list[ModelReport]:
+    """The report of each model, in their order."""
+    reports = []
+    # Predictors silence their warnings one by one, which is not safe in threads; here all are silent together
+    with warnings.catch_warnings(), ThreadPoolExecutor(jobs or processors()) as pool:
+        warnings.simplefilter("ignore")
+        runs = [pool.submit(_verify_model, model, targets, rows, seed) for model in models]
+        try:
+            for number, (model, run) in enumerate(zip(models, runs, strict=True)):
+                if progress is not None:
+                    progress(number, len(models), model.ir.name)
+                reports.append(run.result())
+        finally:
+            pool.shutdown(cancel_futures=True)
+    return reports
 
 
 def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: int, seed: int) -> ModelReport:

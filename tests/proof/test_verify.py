@@ -138,6 +138,19 @@ def test_a_bundle_is_verified_with_its_two_blocks(bundle_folder, tmp_path):
     assert [model.name for model in report.models if not model.passed] == ["FB_Compensator"]
 
 
+def test_the_report_does_not_depend_on_the_number_of_jobs(lone_folder, generated):
+    bundle = load(lone_folder)
+    told = []
+    reports = [
+        verify(bundle, generated, rows=50, jobs=jobs, progress=lambda *step: told.append(step)).as_json()
+        for jobs in (1, 2, 5)
+    ]
+    assert reports[0] == reports[1] == reports[2]
+    third = len(told) // 3
+    assert told[:third] == told[third : 2 * third] == told[2 * third :]
+    assert [name for _, _, name in told[:third]][:-1] == [model.ir.name for model in bundle.models]
+
+
 def test_ulps():
     one = np.array([1.0, 0.0, -0.0, 5e-324, -1.0, 1e308])
     other = np.array([np.nextafter(1.0, 2.0), -0.0, 5e-324, -5e-324, -1.0, -1e308])

@@ -10,6 +10,7 @@ import ctypes
 import sys
 from dataclasses import dataclass
 from functools import cache
+from threading import RLock
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -45,14 +46,16 @@ class Program:
         self._codes: dict[str, Code] = {}
         self._units: dict[str, int] = {}
         self._engines: list[Any] = []
+        self._lock = RLock()
 
     def code(self, pou: t.Pou) -> Code:
         """The machine code of a unit that is no native one. Raises `StCheckError` for pointers."""
-        if pou.key not in self._codes:
-            offsets, size = self.module.arguments(parameters(pou))
-            address = self._unit(pou) if is_body(pou) else self._compiled(pou, offsets)
-            self._codes[pou.key] = Code(address, offsets, size)
-        return self._codes[pou.key]
+        with self._lock:
+            if pou.key not in self._codes:
+                offsets, size = self.module.arguments(parameters(pou))
+                address = self._unit(pou) if is_body(pou) else self._compiled(pou, offsets)
+                self._codes[pou.key] = Code(address, offsets, size)
+            return self._codes[pou.key]
 
     def _unit(self, pou: t.Pou) -> int:
         """Where a block or method is."""
@@ -85,15 +88,17 @@ class Program:
         return address
 
 
+_LOCK = RLock()
 _PROGRAMS: WeakKeyDictionary[t.Project, dict[int, Program]] = WeakKeyDictionary()
 
 
 def program_of(project: t.Project, loop_limit: int) -> Program:
     """The program of a project, made once for each limit of loops."""
-    programs = _PROGRAMS.setdefault(project, {})
-    if loop_limit not in programs:
-        programs[loop_limit] = Program(project, loop_limit)
-    return programs[loop_limit]
+    with _LOCK:
+        programs = _PROGRAMS.setdefault(project, {})
+        if loop_limit not in programs:
+            programs[loop_limit] = Program(project, loop_limit)
+        return programs[loop_limit]
 
 
 def name_of(key: str) -> str:

@@ -82,7 +82,7 @@ class Machine:
         self.module = self.program_code.module
         self.layout = self.module.layout
         self.calls = NativeCalls(self, self.module, libraries)
-        self._workers = workers or _processors()
+        self._workers = workers or processors()
         self.memory = Memory(self.row_count, self.layout.global_image())
         for variable, offset in self.layout.globals.items():
             self.calls.attach(self.memory, variable.type, offset)
@@ -460,10 +460,11 @@ def _arguments(pou: t.Pou, arguments: tuple[Any, ...], named: dict[str, Any]) ->
     return values
 
 
-def _processors() -> int:
+def processors() -> int:
+    """How many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @cache
 def _threads() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(_processors(), "structured-text")
+    return ThreadPoolExecutor(processors(), "structured-text")
