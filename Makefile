@@ -82,4 +82,6 @@ $(INSTALLED): requirements.lock pyproject.toml
 $(RACE)/.installed: benchmarks/requirements-race.txt
 	$(PYTHON) -m venv $(RACE)
 	$(RACE)/bin/python -m pip install --quiet --disable-pip-version-check --requirement benchmarks/requirements-race.txt
+	# fails with llvmlite 0.44 and above: module 'llvmlite.binding' has no attribute 'PassManagerBuilder'
+	$(RACE)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --target $(RACE)/lleaves lleaves==1.3.0 llvmlite==0.43.0
 	touch $@

@@ -54,7 +54,7 @@ def motion(checkout: Path, folder: Path) -> tuple[float, float]:
 def small_predict(checkout: Path, folder: Path) -> tuple[float, float]:
     """Two rows through one model: mostly what it takes to start."""
     rows = folder / "rows.csv"
-    rows.write_text("speed_rpm,torque_Nm,temperature_C\n500.0,100.0,30.0\n1500.0,900.0,27.5\n")
+    rows.write_text("f0,f1,f2\n500.0,100.0,30.0\n1500.0,900.0,27.5\n")
     model = folder / "te.skops"
     shutil.copy(EXAMPLE / "models" / "A0_forward.skops", model)
     return command(checkout, "predict", model, "--input", rows, "--output", folder / "y.csv", "--engine", "st")
@@ -90,7 +90,7 @@ def main() -> None:
         for checkout in checkouts:
             with tempfile.TemporaryDirectory() as folder:
                 clock, processors = work(checkout, Path(folder))
-            print(f"{label:28} {checkout.name:20} {clock:7.1f} s, {processors:7.1f} s of processors", flush=True)
+            print(f"{label:28} {checkout.name:12} {clock:7.1f} s, {processors:7.1f} s of processors", flush=True)
 
 
 if __name__ == "__main__":

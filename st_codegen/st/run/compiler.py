@@ -131,7 +131,7 @@ def _library() -> tuple[Any, dict[str, str]]:
     """The function that runs rows, and what units call: the prelude, and functions of the C library."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    engine = _engine(prelude.TEXT)
+    engine = _engine(prelude.TEXT, level=0)
     addresses = {name: engine.get_function_address(name) for name in prelude.EXPORTED}
     library = ctypes.CDLL("ucrtbase") if sys.platform == "win32" else ctypes.CDLL(None)
     for name, function in prelude.C_FUNCTIONS.items():
@@ -140,14 +140,16 @@ def _library() -> tuple[Any, dict[str, str]]:
     return _ROWS(addresses["rows"]), {name: absolute(address) for name, address in addresses.items()}
 
 
-def _engine(text: str) -> Any:
+def _engine(text: str, level: int = 2) -> Any:
+    """Machine code of a module; nothing is added, contracted or reordered that changes a bit of a result."""
     features = llvm.get_host_cpu_features().flatten()
     target = llvm.Target.from_default_triple()
     # the engine owns its target machine
-    machine = target.create_target_machine(cpu=llvm.get_host_cpu_name(), features=features, opt=2, jit=True)
+    machine = target.create_target_machine(cpu=llvm.get_host_cpu_name(), features=features, opt=level, jit=True)
     module = llvm.parse_assembly(text)
-    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2))
-    builder.getModulePassManager().run(module, builder)
+    if level:
+        builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=level))
+        builder.getModulePassManager().run(module, builder)
     engine = llvm.create_mcjit_compiler(module, machine)
     engine.finalize_object()
     return engine

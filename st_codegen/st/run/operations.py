@@ -31,19 +31,16 @@ def binary(
 def _real(w: Writer, operator: str, type_: Elementary, x: Operand, y: Operand, at: Position) -> str:
     kind = value_type(type_)
     result = w.value(f"{_REAL_WORDS[operator]} {kind} {x.code}, {y.code}")
-    if w.is_checked:
-        is_division = "true" if operator == "DIV" else "false"
-        site = w.site(at, (x, y))
-        arguments = f"{kind} {result}, {kind} {x.code}, {kind} {y.code}, i1 {is_division}"
-        w.trap_if_called(
-            _not(w, _is_finite(w, kind, result)), f"check.{type_.bits}", f"ptr %c, i64 {site}, {arguments}"
-        )
+    is_division = "true" if operator == "DIV" else "false"
+    site = w.site(at, (x, y))
+    arguments = f"{kind} {result}, {kind} {x.code}, {kind} {y.code}, i1 {is_division}"
+    w.trap_if_called(_is_not_finite(w, kind, result), f"check.{type_.bits}", f"ptr %c, i64 {site}, {arguments}")
     return result
 
 
-def _is_finite(w: Writer, kind: str, value: str) -> str:
+def _is_not_finite(w: Writer, kind: str, value: str) -> str:
     size = w.value(f"call {kind} @llvm.fabs.f{64 if kind == 'double' else 32}({kind} {value})")
-    return w.value(f"fcmp olt {kind} {size}, {INFINITY}")
+    return w.value(f"fcmp uge {kind} {size}, {INFINITY}")
 
 
 def _not(w: Writer, condition: str) -> str:
@@ -123,7 +120,7 @@ def conversion(w: Writer, x: Operand, target: Elementary, at: Position) -> str: 
             return _widened(w, x)
         if target is REAL:
             narrow = w.value(f"fptrunc double {x.code} to float")
-            w.trap(_not(w, _is_finite(w, "float", narrow)), a.CONVERSION, at, (x,))
+            w.trap(_is_not_finite(w, "float", narrow), a.CONVERSION, at, (x,))
             return narrow
         return _to_integer(w, "rint", x, target, at)
     if target.is_real:
@@ -232,15 +229,15 @@ def _real_function(w: Writer, name: str, type_: Elementary, arguments: Sequence[
     """A function of real numbers: of REAL values evaluated as LREAL, then rounded."""
     values = [_widened(w, argument) for argument in arguments]
     listed = ", ".join(f"double {value}" for value in values)
-    if w.is_checked and len(values) == 1:
+    if len(values) == 1:
         _check_domain(w, name, values[0], w.site(at, (Operand(values[0], LREAL),)))
     called = "@llvm.sqrt.f64" if name == "SQRT" else w.functions[name]
     result = w.value(f"call double {called}({listed}) #1")
-    if w.is_checked and len(values) == 2:
+    if len(values) == 2:
         site = w.site(at, [Operand(value, LREAL) for value in values])
         if name == "EXPT":
             low = w.value(f"fcmp ole double {values[0]}, 0.0")
-            rare = w.value(f"or i1 {low}, {_not(w, _is_finite(w, 'double', result))}")
+            rare = w.value(f"or i1 {low}, {_is_not_finite(w, 'double', result)}")
             w.trap_if_called(rare, "check.power", f"ptr %c, i64 {site}, double {result}, {listed}")
         else:
             rare = w.value(f"fcmp uno double {values[0]}, {values[1]}")
@@ -248,13 +245,8 @@ def _real_function(w: Writer, name: str, type_: Elementary, arguments: Sequence[
     if type_ is not REAL:
         return result
     narrow = w.value(f"fptrunc double {result} to float")
-    large = _not(w, _is_finite(w, "float", narrow))
-    w.trap(
-        w.value(f"and i1 {large}, {_is_finite(w, 'double', result)}"),
-        a.OVERFLOW,
-        at,
-        [Operand(value, LREAL) for value in values],
-    )
+    lost = w.value(f"xor i1 {_is_not_finite(w, 'float', narrow)}, {_is_not_finite(w, 'double', result)}")
+    w.trap(lost, a.OVERFLOW, at, [Operand(value, LREAL) for value in values])
     return narrow
 
 
@@ -275,5 +267,5 @@ def _check_domain(w: Writer, name: str, x: str, site: int) -> None:
         case "ATAN":
             inside = w.value(f"fcmp ord double {x}, {x}")
         case _:
-            inside = _is_finite(w, "double", x)
+            inside = _not(w, _is_not_finite(w, "double", x))
     w.trap_if_called(_not(w, inside), "domain", f"ptr %c, i64 {site}, i64 {KINDS.index(kind)}, double {x}")

@@ -177,17 +177,24 @@ class Unit:
         type_ = cast(ArrayType, place.base.type)
         base, flat = self.address(place.base), "0"
         for item, (low, high) in zip(place.indices, type_.bounds, strict=True):
-            index = Operand(self.expression(item), storage_type(item.type))
-            part = self.w.wide(index) if not index.code.lstrip("-").isdecimal() else index.code
-            if low:
-                part = self.w.value(f"sub i64 {part}, {low}")
-            outside = self.w.value(f"icmp uge i64 {part}, {high - low + 1}")
-            self.w.trap(outside, a.INDEX, item.position, (index,), f"{{0}} is outside of {low}..{high}")
+            part = self._index(item, low, high)
             if flat != "0":
                 part = self.w.value(f"add i64 {self.w.value(f'mul i64 {flat}, {high - low + 1}')}, {part}")
             flat = part
         stride = self.module.layout.stride(type_)
         return self.w.value(f"getelementptr inbounds [{stride} x i8], ptr {base}, i64 {flat}")
+
+    def _index(self, item: t.Expression, low: int, high: int) -> str:
+        """A checked index, counted from zero."""
+        if isinstance(item, t.Constant) and low <= cast(int, item.value) <= high:
+            return str(cast(int, item.value) - low)
+        index = self.operand(item)
+        part = self.w.wide(index)
+        if low:
+            part = self.w.value(f"sub i64 {part}, {low}")
+        outside = self.w.value(f"icmp uge i64 {part}, {high - low + 1}")
+        self.w.trap(outside, a.INDEX, item.position, (index,), f"{{0}} is outside of {low}..{high}")
+        return part
 
     # --- expressions ---
 

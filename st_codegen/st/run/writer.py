@@ -98,10 +98,9 @@ def literal(value: Scalar, type_: Type) -> str:
 class Writer:
     """Writes the body of one function; `functions` are the others that it may call, by name."""
 
-    def __init__(self, sites: list[Site], functions: Mapping[str, str], is_checked: bool = True) -> None:
+    def __init__(self, sites: list[Site], functions: Mapping[str, str]) -> None:
         self.sites = sites
         self.functions = functions
-        self.is_checked = is_checked
         self.entry: list[str] = []
         self.lines: list[str] = []
         self._cold: list[str] = []
@@ -187,22 +186,15 @@ class Writer:
         self, condition: str, kind: str, position: Position, operands: Sequence[Operand], detail: str = ""
     ) -> None:
         """Stop the run where a condition holds."""
-        if not self.is_checked or condition == "false":
-            return
-        self._guard(condition, [*self._raised(kind, position, operands, detail), "  br label %fail"])
-
-    def _guard(self, condition: str, lines: list[str]) -> None:
         bad, good = self.label(), self.label()
         self.branch(condition, bad, good)
         self.begin(good)
-        self._cold += [f"{bad}:", *lines]
-
-    def _raised(self, kind: str, position: Position, operands: Sequence[Operand], detail: str) -> list[str]:
         lines: list[str] = []
         bits = [self._bits(operand, lines) for operand in operands] + ["0", "0"]
         site = self.site(position, operands, detail)
         arguments = f"ptr %c, i64 {KINDS.index(kind)}, i64 {site}, i64 {bits[0]}, i64 {bits[1]}"
-        return [*lines, f"  call void {self.functions['fault']}({arguments}) #0"]
+        fault = f"  call void {self.functions['fault']}({arguments}) #0"
+        self._cold += [f"{bad}:", *lines, fault, "  br label %fail"]
 
     def site(self, position: Position, operands: Sequence[Operand], detail: str = "") -> int:
         """The number of a place that can stop a run."""
@@ -223,8 +215,6 @@ class Writer:
 
     def trap_if_called(self, condition: str, function: str, arguments: str) -> None:
         """Where a condition holds, call a function of the prelude that knows whether this stops the run."""
-        if not self.is_checked:
-            return
         bad, good = self.label(), self.label()
         self.branch(condition, bad, good)
         self.begin(good)
