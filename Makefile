@@ -42,7 +42,7 @@ lint: $(INSTALLED)  ## style and types
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-bench: $(INSTALLED)  ## times and memory of the compiler and the interpreter
+bench: $(INSTALLED)  ## times and memory of the compiler and of the engine for Structured Text
 	$(BIN)/python benchmarks/compiler.py
 	$(BIN)/python benchmarks/interpreter.py
 	$(BIN)/python benchmarks/campaign.py

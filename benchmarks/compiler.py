@@ -82,7 +82,7 @@ def generate_forest(trees: int, nodes: int) -> str:
 
 
 def run_forest(trees: int, nodes: int, rows: int) -> str:
-    """Rows a second of the interpreter on a generated forest."""
+    """Rows a second of the engine on a generated forest."""
     from st_codegen.driver import generate
     from st_codegen.emit.targets import TARGETS
     from st_codegen.proof.runner import GeneratedCode

@@ -44,7 +44,7 @@ OURS = "st-codegen"
 LIMIT = 600.0
 #: Rows on which contenders that are called from Python are compared with the library
 PYTHON_ROWS = 300
-#: Rows on which the translation is compared with the interpreter
+#: Rows on which the translation is compared with the engine
 CHECKED = 4_000
 
 
@@ -84,7 +84,7 @@ def measured(
 
 
 def check_translation(case: Case, built: Built, harness: Harness, folder: Path) -> None:
-    """The translated C against the interpreter: thresholds, their neighbours, NaN, infinities, random rows.
+    """The translated C against the engine: thresholds, their neighbours, NaN, infinities, random rows.
 
     Bit for bit for models of trees; the others call EXP, whose last bit is the library's own, so that only two units
     in the last place of the largest result may differ.

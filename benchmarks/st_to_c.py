@@ -2,7 +2,7 @@
 
 It translates what st-codegen emits and refuses the rest. A block becomes a structure and a function, tables become
 `static const` arrays; nothing is optimised here that gcc is not told, too. `race.py` checks the result against the
-interpreter before it takes a single time.
+engine before it takes a single time.
 """
 
 from __future__ import annotations

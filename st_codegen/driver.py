@@ -126,7 +126,7 @@ def check(
 class Evaluator(StrEnum):
     """Who computes predictions."""
 
-    ST = "st"  # the emitted text, in the interpreter
+    ST = "st"  # the emitted text, run by the engine of `st`
     REFERENCE = "reference"  # the intermediate representation, in NumPy
     SOURCE = "source"  # the source library
 

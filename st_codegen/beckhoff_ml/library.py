@@ -1,4 +1,4 @@
-"""The part of TwinCAT's library Tc3_MLL that generated text uses, for the interpreter.
+"""The part of TwinCAT's library Tc3_MLL that generated text uses, for the engine that runs it.
 
 FB_MllPrediction is not the vendor's runtime: it evaluates the model file by the arithmetic that the format prescribes,
 as the reader of such files does (`walkers.beckhoff_ml`).

@@ -42,7 +42,7 @@ Examples:
     type=click.Choice([engine.value for engine in Evaluator]),
     default=Evaluator.ST.value,
     show_default=True,
-    help="Who computes: the generated text in the interpreter, the reference in NumPy, or the source library.",
+    help="Who computes: the generated text as machine code, the reference in NumPy, or the source library.",
 )
 @trust_option
 @quiet_option

@@ -1,7 +1,7 @@
 """What a reviewer wants to know before reading a diff of generated code: what changed, in the engineer's words.
 
 Sizes and ranges come from the manifests that `generate` writes; the changes of the outputs are found by running both
-emitted texts through the interpreter on the same operating points.
+emitted texts, run on the same operating points.
 """
 
 from __future__ import annotations

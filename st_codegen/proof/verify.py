@@ -1,8 +1,8 @@
 """The proof: source library = reference = emitted text, on rows chosen to make them differ.
 
 For each model three answers are computed: by the source library alone, by the reference evaluation of the intermediate
-representation, and by the emitted text in the interpreter. An exact model must agree in every bit; another one within
-the bound that `bounds` derives for the very row. Rows that the library refuses must be flagged by the block.
+representation, and by the emitted text, which the engine of `st` runs. An exact model must agree in every bit; another
+one within the bound that `bounds` derives for the very row. Rows that the library refuses must be flagged by the block.
 """
 
 from __future__ import annotations
