@@ -25,7 +25,7 @@ from st_codegen.reconcile.judge.spectrum import (
 from st_codegen.reconcile.models.update import CODE, MODELS, Update, Wish, check_models, update_models
 from st_codegen.reconcile.report.output import report, report_text, rig_diff
 from st_codegen.reconcile.report.sentences import summary, update_summary
-from st_codegen.reconcile.run import Result, reconcile_files
+from st_codegen.reconcile.run import Result, reconcile_files, with_empirical
 from st_codegen.rig.effects import catalogue
 from st_codegen.rig.model import read_rig
 from st_codegen.te.bundle_file import BUNDLE_FILE
@@ -58,6 +58,7 @@ Examples:
     type=click.Choice([*MISTAKES, "all"]),
     help="Correct a mistake of measuring that was asked about, and go on.",
 )
+@click.option("--empirical", is_flag=True, help="Add what has a formula but no name to the rig, as it is.")
 @click.option("--skip-bad", is_flag=True, help="Leave out files that cannot be read, and say which.")
 @click.option("--models", type=click.Path(path_type=Path), help="Bundle of models that --update-models starts from.")
 @click.option(
@@ -83,6 +84,7 @@ def command(
     effects: tuple[Path, ...],
     scale: float | None,
     accept: tuple[str, ...],
+    empirical: bool,
     skip_bad: bool,
     models: Path | None,
     update: bool,
@@ -111,6 +113,7 @@ def command(
             result = reconcile_files(
                 model, measured, known, scale=scale, accept=accept, skip_bad=skip_bad, progress=progress
             )
+        result = with_empirical(result, known) if empirical else result
         changes = _written(result, wish, out, quiet)
         content, text = report(result, changes), summary(result)
         text += "" if changes is None else "\n" + update_summary(changes)

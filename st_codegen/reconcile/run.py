@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from st_codegen.errors import Problems
-from st_codegen.ir.arrays import BoolArray
+from st_codegen.ir.arrays import BoolArray, FloatArray
 from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.data.observations import Observations, rms_deg
 from st_codegen.reconcile.data.reading import check, read_measured
@@ -33,9 +33,11 @@ from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unm
 from st_codegen.reconcile.judge.measurement import Examined, Mistake, examine
 from st_codegen.reconcile.judge.selection import search, with_noise_of
 from st_codegen.reconcile.judge.suspects import bad_runs
-from st_codegen.reconcile.judge.unexplained import Signature, signatures
+from st_codegen.reconcile.judge.unexplained import Signature, scatter_at_lowest, signatures
+from st_codegen.reconcile.judge.unseen import cannot_show
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Effect, Stage
+from st_codegen.rig.effects.base import BACKWARD
 from st_codegen.rig.model import RigModel
 from st_codegen.threads import one_thread
 
@@ -88,6 +90,7 @@ class Result:
     held_out: Gap
     orders: tuple[OrderGap, ...]
     mistakes: tuple[Mistake, ...] = ()
+    cannot_show: tuple[str, ...] = ()
     unseen_curves: int = 0
     taken_back: TakenBack | None = None
 
@@ -242,7 +245,7 @@ def _result(
     gap_power = float((weight * (np.abs(before[good]) ** 2).mean(axis=0)).sum())
     describe = signatures if data.angle_rad is None else lines_in_samples
     left = tuple(describe(target, after, gap_power))
-    floor_power = weight * np.where(data.orders == 0, 1, 2) * noise.floor_rms**2
+    floor_power = weight * np.where(data.orders == 0, 1, 2) * _floor_rms(target, noise) ** 2
     floor = float(np.sqrt(floor_power.sum()))
     kept = apart & good
     if kept.any():
@@ -275,8 +278,23 @@ def _result(
         held_out=Gap(first, float(np.sqrt((held_out**2).sum())), floor),
         orders=per_order,
         mistakes=mistakes,
+        cannot_show=(*cannot_show(data), *scatter_at_lowest(target, after)),
         unseen_curves=int(kept.sum()),
     )
+
+
+def _floor_rms(target: Target, noise: Noise) -> FloatArray:
+    """RMS of one component of the noise by order, (K,): for curves that between the orders.
+
+    At the lowest orders noise may last over a turn, within a limit.
+    """
+    spectral = target.data.spectral_deg
+    if spectral is None or not target.good.any():
+        return noise.floor_rms
+    own = np.sqrt((spectral[target.good] ** 2).mean(axis=0))
+    lasts = (target.data.orders <= SETTINGS.wander_orders) & (noise.floor_rms < SETTINGS.beyond_lowest * own)
+    found: FloatArray = np.where(lasts, noise.floor_rms, own)
+    return found
 
 
 def _with_suspects(data: Observations, final: Fit, noise: Noise) -> Noise:
@@ -297,6 +315,20 @@ def _of(rig: RigModel) -> tuple[float, float]:
 
 def _own(effect: Effect) -> Piece:
     return piece_of(effect, added=False, origin=effect)
+
+
+def with_empirical(result: Result, known: Catalogue) -> Result:
+    """The result with what has a formula and no name in the new rig, as effects `empirical`."""
+    added = []
+    for signature in result.unexplained:
+        if signature.formula is None:
+            continue
+        values: dict[str, float] = {"order": signature.order}
+        for name, sides in signature.formula.terms.items():
+            for front, side in zip(("", BACKWARD), sides, strict=True):
+                values |= {f"{front}{name}_deg": abs(side), f"{front}{name}_phase_rad": float(np.angle(side))}
+        added.append(known["empirical"](values, result.rig.constants))
+    return replace(result, new_rig=replace(result.new_rig, effects=(*result.new_rig.effects, *added)))
 
 
 def _new_rig(rig: RigModel, final: Fit, conclusions: Conclusions) -> RigModel:

@@ -157,6 +157,8 @@ class Settings:
     #: orders, where a slow wander within one turn shows
     beyond_spectral: float = 2.0
     wander_orders: int = 5
+    #: there it counts from so many times on: a level that differs from run to run by a part of a sample's noise
+    beyond_lowest: float = 20.0
     #: runs in a known order that are needed to look for steps and trends, and how much of what it
     #: leaves it must explain: a wander as large as the noise passes for noise that lasts
     least_in_time: int = 24

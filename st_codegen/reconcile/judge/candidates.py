@@ -133,6 +133,8 @@ class Search:
             if effect.stage not in self.stages or not effect.searched:
                 continue
             if effect.orders_key == "orders":
+                if any(s.unit == "Hz" for s in effect.scalars):
+                    yield from self._moving(effect)
                 # lists of orders are searched where a frequency says which belong together
                 if self.data.angle_rad is None and any(s.unit == "Hz" for s in effect.scalars):
                     yield from self._many_orders(effect)
@@ -204,12 +206,27 @@ class Search:
         points = [point for point in points if not _is_known(point[1][frequency.key], point[2], frequency.key, named)]
         points.sort(key=lambda point: -point[0])
         for _, fixed, chosen in _apart(points, frequency.key):
-            for optional in ({}, *({s.key: s.starts[1]} for s in effect.scalars if s.default == 0.0)):
+            # a frequency that moves comes on top of one that is there
+            growing = [s for s in effect.scalars if s.default == 0.0 and s.lower == 0.0]
+            for optional in ({}, *({s.key: s.starts[1]} for s in growing)):
                 keys = set(fixed) | set(optional)
                 for phasor in effect.phasors:
                     for backward in (False, True)[: 1 + self.data.both_directions()]:
                         keys |= set(phasor.keys(backward))
                 yield Candidate(_started(effect, frozenset(keys), fixed | optional, tuple(chosen), self.constants))
+
+    def _moving(self, effect: type[Effect]) -> Iterator[Candidate]:
+        """A frequency (or size) of a piece that is there and may move with a condition, from where it does not."""
+        shapes = [s for s in effect.scalars if s.default == 0.0 and s.form is Form.SHAPE]
+        for number, piece in enumerate(self.fit.state.pieces):
+            if piece.effect.name != effect.name:
+                continue
+            for s in shapes:
+                if s.key not in piece.effect.values:
+                    still = piece.effect.with_values(dict(piece.effect.values) | {s.key: 0.0})
+                    yield Candidate(
+                        Piece(still, piece.free | {s.key}, piece.added, piece.origin), number, frozenset({s.key})
+                    )
 
     def _scan(
         self, effect: type[Effect], key: str, fixed: dict[str, float], orders: list[int], step: float

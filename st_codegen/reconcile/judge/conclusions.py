@@ -112,17 +112,21 @@ def explained(current: Fit, piece: Piece) -> ComplexArray:
 
 
 def _misfit(current: Fit, piece: Piece) -> float:
-    """Loss left where a piece acts, beyond what noise costs, over the loss that it saves there."""
+    """Power left where a piece acts, beyond the noise, over the power that it takes off there."""
     target = current.target
     own = explained(current, piece)
     size = np.abs(own)
-    acts = (size > SETTINGS.acts * size.max(axis=0)) & target.good[:, None]
-    with_it = (target.losses(current.residual) * acts).sum(axis=0)
-    without = (target.losses(current.residual + own) * acts).sum(axis=0)
-    noise = SETTINGS.tails * acts.sum(axis=0) * np.where(target.data.orders == 0, 1, 2)
-    left, saved = np.maximum(with_it - noise, 0.0), without - with_it
+    # a peak says nothing of what lies far from it; all else must hold where it is small too
+    least = SETTINGS.acts if has_a_frequency(piece.effect) else 0.0
+    acts = (size > least * size.max(axis=0)) & target.counts
+    # one scale an order: a direction that fits badly must not weigh less for it
+    scale = (target.spread**2).mean(axis=0)
+    left, before = (np.abs(part) ** 2 * acts / scale for part in (current.residual, current.residual + own))
+    noise = SETTINGS.tails * np.where(target.data.orders == 0, 1, 2) * target.sigma**2 * acts / scale
+    saved = (before - left).sum(axis=0)
+    beyond = np.maximum((left - noise).sum(axis=0), 0.0)
     mine = saved > 0.05 * saved.sum()
-    return float(left[mine].sum() / max(saved[mine].sum(), 1e-300))
+    return float(beyond[mine].sum() / max(saved[mine].sum(), 1e-300))
 
 
 def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
@@ -154,11 +158,14 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
                 piece=piece,
                 stderr=stderr,
                 evidence=evidence,
-                alternatives=tuple(sorted({other.name for other, _ in others} - {piece.effect.name})),
+                alternatives=(
+                    *sorted({other.name for other, _ in others} - {piece.effect.name}),
+                    *((SOMETHING_ELSE,) if _by_order_alone(final, i) else ()),
+                ),
                 experiments=tuple(_experiment(joint, fitted, i, other) for other, fitted in others),
                 share=_share(rig, final, piece),
                 own_gap=_own_gap(rig, final, piece),
-                extrapolates=(*_extrapolates(joint, piece), *_of_its_shape(piece, peaks)),
+                extrapolates=(*_extrapolates(joint, piece), *_of_its_shape(piece, peaks), *_of_its_order(final, i)),
                 peaks=peaks,
             )
         )
@@ -186,6 +193,37 @@ def _of_its_shape(piece: Piece, peaks: tuple[float, float] | None) -> tuple[str,
     return (
         f"the peaks are not those of one oscillator; the speeds at which they stand put it between {peaks[0]:.1f} "
         f"and {peaks[1]:.1f} Hz, height and damping are uncertain",
+    )
+
+
+#: the alternative to a name that only an order gives
+SOMETHING_ELSE = "something_else"
+
+
+def _by_order_alone(final: Fit, number: int) -> bool:
+    """Whether nothing but its order ties a constant wave to the part that it is named after.
+
+    Growth with the load or sidebands of the carrier on the same order do; an error of a shaft has no such company.
+    """
+    piece = final.state.pieces[number]
+    if piece.effect.orders_key != "order" or piece.effect.stage is not Stage.ADDITIVE:
+        return False
+    depends = piece.effect.name == "load_dependent_mesh"
+    company = any(
+        other.effect.name in ("load_dependent_mesh", "carrier_modulation")
+        and other.effect.orders == piece.effect.orders
+        for other in final.state.pieces
+    )
+    return not depends and not company
+
+
+def _of_its_order(final: Fit, number: int) -> tuple[str, ...]:
+    """What is said beside a name that only an order gives."""
+    if not _by_order_alone(final, number):
+        return ()
+    order = final.state.pieces[number].effect.orders[0]
+    return (
+        f"order {order} is one that this part makes; a constant wave of that order from elsewhere would look the same",
     )
 
 

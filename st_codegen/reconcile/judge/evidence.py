@@ -73,8 +73,10 @@ def size_in_noise(fit: Fit, places: list[int], number: int) -> float:
     piece, place = fit.state.pieces[number], fit.state.slices()[number]
     vector = piece.vector()
     without = vector.copy()
+    defaults = {scalar.key: scalar.default for scalar in piece.effect.scalars}
     for i, c in enumerate(piece.coordinates()):
-        if place.start + i in places and c.linear:
+        neutral = c.linear or defaults.get(c.key) == 0.0
+        if place.start + i in places and neutral:
             without[i] = c.lower if c.form is Form.INVERSE else 0.0
     propagation = fit.propagation
     changes = [propagation.change(p.effect) for p in (piece, piece.with_vector(without))]

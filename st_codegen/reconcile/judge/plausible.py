@@ -10,7 +10,7 @@ from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.judge.peaks import has_a_frequency
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Form
+from st_codegen.rig.effects import Form, Scalar
 
 
 def bounds_met(piece: Piece) -> list[Coordinate]:
@@ -35,20 +35,23 @@ def inside_bounds(fitted: Fit, number: int) -> Fit | None:
         return fitted
     if any(c.linear for c in met):
         return None
-    starts = {scalar.key: scalar.starts for scalar in piece.effect.scalars}
+    scalars = {scalar.key: scalar for scalar in piece.effect.scalars}
     free = piece.free - {c.key for c in met}
     trials = []
-    for values in itertools.product(*(_inner(starts[c.key], c) for c in met)):
-        held = dict(piece.effect.values) | {c.key: value for c, value in zip(met, values, strict=True)}
+    for values in itertools.product(*(_inner(scalars[c.key], c) for c in met)):
+        held = {key: value for key, value in piece.effect.values.items() if key not in {c.key for c in met}}
+        held |= {c.key: value for c, value in zip(met, values, strict=True) if value is not None}
         inside = Piece(piece.effect.with_values(held), free, piece.added, piece.origin)
         trials.append(fit(fitted.target, fitted.state.replaced(number, inside), steps=SETTINGS.quick_steps))
     best = min(trials, key=lambda trial: trial.loss)
     return best if best.loss - fitted.loss < SETTINGS.as_good else None
 
 
-def _inner(starts: tuple[float, ...], c: Coordinate) -> list[float]:
-    """The starts of a shape that lie inside its bounds, or their middle."""
-    return [float(x) for x in starts if c.lower < x < c.upper] or [(c.lower + c.upper) / 2]
+def _inner(scalar: Scalar, c: Coordinate) -> list[float | None]:
+    """Where a shape is held: left out where the catalogue has a value for it, else its starts inside the bounds."""
+    if scalar.default is not None:
+        return [None]
+    return [float(x) for x in scalar.starts if c.lower < x < c.upper] or [(c.lower + c.upper) / 2]
 
 
 def at_nobodys_expense(without: Fit, with_it: Fit) -> bool:
@@ -75,7 +78,12 @@ def at_two_frequencies(without: Fit, with_it: Fit, number: int) -> bool:
                 if saved[data.at.speed_rpm == speed, column].sum() > SETTINGS.point_gain:
                     points.add(round(order * speed / 10))
     frequency = effect.scalar("frequency_Hz")
-    others = [piece.effect for piece in without.state.pieces if piece.effect.name == effect.name]
+    grown = len(without.state.pieces) == len(with_it.state.pieces)
+    others = [
+        piece.effect
+        for i, piece in enumerate(without.state.pieces)
+        if piece.effect.name == effect.name and not (grown and i == number)
+    ]
     # what is left of a resonance that is not quite an oscillator's is not a second one
     apart = all(
         abs(frequency / other.scalar("frequency_Hz") - 1) > SETTINGS.same_resonance

@@ -45,7 +45,7 @@ def change_after_all(joint: Fit, final: Fit, changed: dict[int, float]) -> dict[
         if i not in changed and loud & set(joint.state.pieces[i].effect.touched_orders()):
             chances[i] = _p_alone(joint, *_difference(joint, i))
     best = min(chances, key=lambda i: chances[i], default=None)
-    return {} if best is None else {best: chances[best]}
+    return {} if best is None or chances[best] > SETTINGS.discovery_rate else {best: chances[best]}
 
 
 def _own_pieces(joint: Fit) -> list[int]:

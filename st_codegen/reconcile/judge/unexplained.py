@@ -155,7 +155,9 @@ def signatures(target: Target, residual: ComplexArray, gap_power: float) -> list
     found = structure(target, residual)
     out = [_signature(target, residual, found, int(k), gap_power) for k in np.flatnonzero(found.significant)]
     out += [
-        _scattered(target, residual, int(k), gap_power) for k in scatter(target, residual) if not found.significant[k]
+        _scattered(target, residual, int(k), gap_power)
+        for k in scatter(target, residual)
+        if not found.significant[k] and found.orders[k] > SETTINGS.wander_orders
     ]
     return sorted(out, key=lambda signature: -signature.rms_deg)
 
@@ -163,31 +165,47 @@ def signatures(target: Target, residual: ComplexArray, gap_power: float) -> list
 def scatter(target: Target, residual: ComplexArray) -> IntArray:
     """Columns of orders whose residual is larger than the noise within the curves, whatever its pattern.
 
-    The lowest orders are left out: a slow wander within one turn shows there and not between the orders.
+    The lowest orders may be many times as large: a slow wander within one turn shows there, not between the orders.
     """
     data, good = target.data, target.good
     if data.spectral_deg is None or not good.any():
         return np.zeros(0, np.int64)
-    left = (np.abs(residual[good]) ** 2).mean(axis=0) / 2
+    left = (np.abs(residual[good]) ** 2).mean(axis=0) / np.where(data.orders == 0, 1, 2)
     own = (data.spectral_deg[good] ** 2).mean(axis=0)
-    beyond = (left > SETTINGS.beyond_spectral**2 * own) & (data.orders > SETTINGS.wander_orders)
-    found: IntArray = np.flatnonzero(beyond)
+    times = np.where(data.orders > SETTINGS.wander_orders, SETTINGS.beyond_spectral, SETTINGS.beyond_lowest)
+    found: IntArray = np.flatnonzero(left > times**2 * own)
     return found
+
+
+def scatter_at_lowest(target: Target, residual: ComplexArray) -> tuple[str, ...]:
+    """What is said of the lowest orders that differ from run to run far more than within their curves."""
+    low = [int(k) for k in scatter(target, residual) if target.data.orders[k] <= SETTINGS.wander_orders]
+    return tuple(_scattered(target, residual, k, 1.0).text for k in low)
 
 
 def _scattered(target: Target, residual: ComplexArray, k: int, gap_power: float) -> Signature:
     """An order that differs from run to run by more than the noise of a curve, with no pattern that was found."""
     assert target.data.spectral_deg is not None
-    power = float((np.abs(residual[target.good, k]) ** 2).mean()) / 2
-    own = float((target.data.spectral_deg[target.good, k] ** 2).mean())
     order = int(target.data.orders[k])
+    # RMS over the angle: of a wave half the square of its amplitude, of the mean its square
+    power = float((np.abs(residual[target.good, k]) ** 2).mean()) / (2 if order else 1)
+    own = float((target.data.spectral_deg[target.good, k] ** 2).mean())
     text = (
-        f"order {order}: {np.sqrt(power):.2g} deg RMS, {np.sqrt(power / own):.1f} times the noise between the orders "
-        "of the curves, with no pattern over the conditions: runs differ, or the structure is sharp; repeat some runs"
+        f"{f'order {order}' if order else 'the mean'}: {np.sqrt(power):.2g} deg RMS, {np.sqrt(power / own):.1f} times "
+        "the noise within the curves, with no pattern over the conditions: runs differ, or the structure is sharp; "
+        "repeat some runs"
     )
     size = float(np.sqrt(max(power - own, 0.0)))
     share = min(1.0, size**2 / max(gap_power, 1e-300))
-    return Signature(order, size, share, {"scatter": 1.0}, _direction(target, residual[:, k]), text, size * np.sqrt(2))
+    return Signature(
+        order,
+        size,
+        share,
+        {"scatter": 1.0},
+        _direction(target, residual[:, k]),
+        text,
+        size * (np.sqrt(2) if order else 1.0),
+    )
 
 
 def _signature(target: Target, residual: ComplexArray, found: Structure, k: int, gap_power: float) -> Signature:

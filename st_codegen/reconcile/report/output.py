@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 from st_codegen.reconcile.judge.conclusions import Claim, Retuned
 from st_codegen.reconcile.judge.evidence import Evidence, digits
-from st_codegen.reconcile.judge.unseen import cannot_show
 from st_codegen.reconcile.run import Gap, Result
 from st_codegen.rig.effects import Effect
 
@@ -33,6 +32,10 @@ def report(result: Result, update: Update | None = None) -> dict[str, Any]:
                 "direction": s.direction,
                 "size": s.rms_deg,
                 "share_of_gap": s.share,
+                "amplitude_deg": s.amplitude_deg,
+                "formula": None if s.formula is None else {
+                    name: [[c.real, c.imag] for c in sides] for name, sides in s.formula.terms.items()
+                },
                 "text": s.text,
             }
             for s in result.unexplained
@@ -44,7 +47,7 @@ def report(result: Result, update: Update | None = None) -> dict[str, Any]:
         + [f"{result.data.labels[row]}: {mistake.name}" for mistake in result.mistakes for row in mistake.rows],
         "held_out_curves_unseen": result.unseen_curves,
         "taken_back": None if result.taken_back is None else asdict(result.taken_back),
-        "cannot_show": list(cannot_show(result.data)),
+        "cannot_show": list(result.cannot_show),
         "not_looked_at": list(result.data.not_looked_at),
         "measurement": {
             "mistakes": [{"name": m.name, "text": m.text, "runs": [result.data.labels[row] for row in m.rows]}
@@ -123,9 +126,18 @@ def _retuned(entry: Retuned) -> dict[str, Any]:
     return {
         "name": entry.after.name,
         "orders": list(entry.after.orders),
-        "parameters": {key: {"before": before.get(key, {}).get("value"), **value} for key, value in after.items()},
+        "parameters": {key: {"before": _beside(key, before, value), **value} for key, value in after.items()},
         "digits_of_chance": round(digits(entry.p), 1),
     }
+
+
+def _beside(key: str, before: dict[str, Any], after: dict[str, Any]) -> float | None:
+    """The value that a parameter had; a phase within half a turn of the new one."""
+    value: float | None = before.get(key, {}).get("value")
+    if value is None or after["unit"] != "rad":
+        return value
+    turns = round((value - float(after["value"])) / (2 * math.pi))
+    return value - 2 * math.pi * turns
 
 
 def _evidence(e: Evidence) -> dict[str, Any]:

@@ -11,7 +11,6 @@ from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.judge.conclusions import Claim
 from st_codegen.reconcile.judge.evidence import digits
 from st_codegen.reconcile.judge.spectrum import SpectrumResult, sizes, spectrum_report, spectrum_summary
-from st_codegen.reconcile.judge.unseen import cannot_show
 from st_codegen.reconcile.report.maps import map_sections
 from st_codegen.reconcile.report.output import parameters_of, rig_diff
 from st_codegen.reconcile.report.sentences import VERDICT_TEXT, floor_text, plain, sentence
@@ -243,7 +242,7 @@ def _runs(result: Result) -> Section | None:
 
 def _limits(result: Result) -> Section:
     """What the verdict does not cover."""
-    rows = [["cannot be shown", text] for text in cannot_show(result.data)]
+    rows = [["cannot be shown", text] for text in result.cannot_show]
     rows += [["not looked at", text] for text in result.data.not_looked_at]
     rows.append(["noise floor", floor_text(result)])
     return Section("What these data cannot show", "", Table(["", ""], rows))

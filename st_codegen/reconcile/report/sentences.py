@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from st_codegen.reconcile.judge.conclusions import Claim
-from st_codegen.reconcile.judge.unseen import cannot_show
 from st_codegen.reconcile.run import Result, TakenBack
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect
@@ -74,7 +73,7 @@ def summary(result: Result) -> str:
         f"Gap on held-out runs: {gap.before:.3g} -> {gap.after:.3g} deg RMS, noise floor {gap.noise_floor:.3g} deg"
     )
     lines.append(floor_text(result))
-    lines += [f"Cannot be shown: {text}" for text in cannot_show(result.data)]
+    lines += [f"Cannot be shown: {text}" for text in result.cannot_show]
     lines += [f"Not looked at: {text}" for text in result.data.not_looked_at]
     if result.noise.suspects:
         worst = result.data.labels[result.noise.suspects[0][0]]
@@ -179,7 +178,13 @@ def _resonance(effect: Effect, result: Result) -> str:
     where = (
         f"at {frequency:.1f} Hz" if peaks is None else f"near {frequency:.0f} Hz ({peaks[0]:.1f} to {peaks[1]:.1f} Hz)"
     )
-    return f"{', '.join(parts)}: {one} of the structure {where}"
+    moves = [
+        f"by {frequency * effect.scalar(key):+.1f} Hz {per}"
+        for key, per in (("frequency_per_kNm", "per 1000 N m"), ("frequency_per_10K", "per 10 K of oil temperature"))
+        if effect.scalar(key)
+    ]
+    moving = f", which moves {' and '.join(moves)}" if moves else ""
+    return f"{', '.join(parts)}: {one} of the structure {where}{moving}"
 
 
 def _growing(effect: Effect, result: Result) -> str:

@@ -1,0 +1,169 @@
+"""What is nearly of the catalogue's form; what must not be named; and what a report says of its own limits."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from st_codegen.cli.main import cli
+from st_codegen.errors import InputError
+from st_codegen.reconcile.data.observations import Observations, labels
+from st_codegen.reconcile.judge.unseen import cannot_show
+from st_codegen.reconcile.report.output import report
+from st_codegen.reconcile.run import reconcile_observations, with_empirical
+from st_codegen.rig.campaign import Measuring, read_conditions, simulate_campaign
+from st_codegen.rig.effects import Conditions, catalogue
+from st_codegen.rig.model import RigModel, read_rig
+
+KNOWN = catalogue()
+ROOT = Path(__file__).resolve().parents[2]
+RIG = read_rig(ROOT / "examples" / "rv160n" / "rig.toml", KNOWN)
+SIGMA = 1.3e-5
+
+
+def grid(speeds, torques=7, temperatures=(25.0, 30.0, 35.0)):
+    axes = np.meshgrid(speeds, np.linspace(0, 1800, torques), temperatures, [1.0, -1.0])
+    speed, torque, temperature, sign = (axis.ravel() for axis in axes)
+    return Conditions.of(sign, speed, torque, temperature)
+
+
+def reconciled(rig, at, orders, added, sigma=SIGMA):
+    """The result on what `rig` makes at these orders plus `added` (order -> complex (n,)), in white noise."""
+    random = np.random.default_rng(0)
+    values = rig.coefficients(at, orders)
+    for order, wave in added.items():
+        values[:, orders.index(order)] += wave
+    noise = sigma * (random.standard_normal(values.shape) + 1j * random.standard_normal(values.shape))
+    noise[:, 0] = noise[:, 0].real
+    return reconcile_observations(rig, Observations(at, labels(at), np.array(orders), values + noise), KNOWN)
+
+
+def part(names, orders):
+    """The effects of the default rig with these names that touch these orders."""
+    return RIG.with_effects(e for e in RIG.effects if e.name in names and set(e.touched_orders()) & set(orders))
+
+
+MESH = ("cycloid_tooth_error", "pin_error", "input_shaft_misalignment", "load_dependent_mesh")
+
+
+def test_a_resonance_whose_frequency_falls_with_the_load():
+    """It was explained by one of 51.1 Hz and a damping of 0.042, with a floor 20 times the noise."""
+    at, orders = grid(np.arange(100, 1801, 100.0), 10), [0, 156, 162, 240]
+    heights = {156: 4e-3 * np.exp(1j), 162: 6e-3, 240: 3e-3j}
+
+    def wave(order):
+        ratio = order * at.speed_rpm / 60 / 81 / (54.3 * (1 - 0.12 * at.torque_Nm / 1800))
+        return heights[order] * 0.06 * ratio**2 / (1 - ratio**2 + 0.06j * ratio * at.sign)
+
+    result = reconciled(part(MESH, orders), at, orders, {order: wave(order) for order in heights})
+    (claim,) = result.conclusions.claims
+    effect = claim.piece.effect
+    assert effect.name == "structural_resonance" and set(effect.orders) == set(heights)
+    assert effect.scalar("frequency_Hz") == pytest.approx(54.3, rel=1e-3)
+    assert effect.scalar("damping_ratio") == pytest.approx(0.03, rel=0.02)
+    assert effect.scalar("frequency_per_kNm") == pytest.approx(-0.12 / 1.8, rel=0.02)
+    assert result.held_out.after < 1.2 * SIGMA * np.sqrt(len(orders))
+    assert result.unseen_curves > 0, "the gap comes from runs that no search has seen"
+
+
+def test_constant_sidebands_are_no_resonance_and_no_modulation():
+    """Six orders at 5.0 Hz with a damping of 0.3, both at their bounds, were called a resonance."""
+    at, orders = grid(np.linspace(100, 1800, 9)), [0, 36, 39, 42, 156, 159, 162, 165, 237, 240, 243]
+    sizes = {36: 1.1e-4, 42: 1.4e-4j, 159: 1.6e-4, 237: 5e-5}
+    result = reconciled(part(MESH, orders), at, orders, {k: np.full(len(at), c) for k, c in sizes.items()})
+    assert result.conclusions.claims == () and result.conclusions.retuned == ()
+    found = {signature.order: signature for signature in result.unexplained}
+    assert set(found) == set(sizes)
+    # four standard errors of the mean of one direction
+    error = 4 * SIGMA * np.sqrt(2 / (at.sign > 0).sum())
+    for order, size in sizes.items():
+        assert found[order].amplitude_deg == pytest.approx(abs(size), abs=error)
+        assert set(found[order].formula.terms) == {"constant"}
+
+
+def test_an_order_alone_is_no_certain_name():
+    at, orders = grid(np.linspace(100, 1800, 6)), [0, 39, 40, 78, 117]
+    result = reconciled(part(MESH, orders), at, orders, {117: np.full(len(at), 3e-4 * np.exp(1j))})
+    (claim,) = result.conclusions.claims
+    assert "something_else" in claim.alternatives
+    assert any("from elsewhere would look the same" in text for text in claim.extrapolates)
+
+
+def test_what_has_a_formula_and_no_name_enters_the_rig_as_such():
+    at, orders = grid(np.linspace(100, 1800, 6)), [0, 39, 40, 53]
+    rig = part(MESH, orders)
+    result = reconciled(rig, at, orders, {53: 1.24e-4 * (at.torque_Nm / 1200) ** 2 * np.exp(0.3j)})
+    assert result.verdict == "unexplained" and result.new_rig is rig
+    new = with_empirical(result, KNOWN).new_rig
+    point = Conditions.of([1.0, -1.0], 700.0, 1200.0, 30.0)
+    assert np.abs(new.coefficients(point, [53])) == pytest.approx(1.24e-4, rel=0.03)
+    assert 'name = "empirical"' in new.text()
+
+
+def test_shares_are_parts_of_the_whole_gap():
+    at, orders = grid(np.linspace(100, 1800, 6)), [0, 39, 40, 78]
+    wave = 5e-4 * at.torque_Nm / 1000 * np.where(at.sign > 0, 1, 1.3j)
+    result = reconciled(part(MESH[:3], orders), at, orders, {39: wave, 0: -at.sign * at.torque_Nm / 454 / 60})
+    shares = {entry["name"]: entry["share_of_gap"] for entry in report(result)["effects"]}
+    assert 0.99 < shares["torsional_compliance"] < 1.0
+    assert 0.0 < shares["load_dependent_mesh"] < 0.01
+    assert sum(shares.values()) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_what_data_cannot_show_is_listed():
+    at = grid([500.0], 3, (30.0,))
+    said = " ".join(cannot_show(Observations(at, labels(at), np.array([0]), np.zeros((6, 1), complex))))
+    for words in ("speed never varied (500 rpm)", "temperature never varied (30 degC): thermal drift", "repeated"):
+        assert words in said
+    assert "torque never varied" not in said
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    """Curves of a small rig, of which one has few samples and one is broken."""
+    rig = part(MESH, [39, 78])
+    rig = replace(rig, effects=rig.effects[:3])
+    rig.write(tmp_path / "rig.toml")
+    rows = [f"{n},{m},{t}" for n in (300, 900, 1500) for m in (0, 900, 1800) for t in (25, 35)]
+    (tmp_path / "c.csv").write_text("\n".join(["speed_rpm,torque_Nm,temperature_C", *rows]) + "\n")
+    points = read_conditions(tmp_path / "c.csv")
+    simulate_campaign(rig, points, tmp_path / "campaign", Measuring(2000, 1e-5, 0))
+    one = sorted((tmp_path / "campaign").rglob("*rpm*.csv"))
+    lines = one[0].read_text().splitlines()
+    one[0].write_text("\n".join([lines[0], *lines[1::6]]) + "\n")
+    one[1].write_text("\n".join([*lines[:40], "x,y,z,w", *lines[40:]]) + "\n")
+    return tmp_path
+
+
+def test_bad_files_are_left_out_when_asked_and_coarse_ones_hold_nobody_back(campaign):
+    arguments = ["reconcile", "--rig", "rig.toml", "--measured", "campaign", "--out", "out", "--quiet"]
+    arguments = [a if a.startswith("-") or a in ("reconcile",) else str(campaign / a) for a in arguments]
+    refused = CliRunner().invoke(cli, arguments)
+    assert isinstance(refused.exception, InputError) and "--skip-bad" in str(refused.exception)
+    done = CliRunner().invoke(cli, [*arguments, "--skip-bad"])
+    assert done.exit_code == 0, done.output
+    said = json.loads((campaign / "out" / "report.json").read_text())
+    looked = " ".join(said["not_looked_at"])
+    assert "was left out" in looked and "1 files with few samples" in looked
+    # a quarter of 333 samples is 83: the rest of the campaign is still looked at up to 400
+    assert "orders above 83 of 1 files" in looked and "orders above 400" in looked
+    assert said["verdict"] == "nothing_missing", said["unexplained"]
+
+
+def test_nothing_is_written_that_predicts_worse():
+    """A wave on the runs that are fitted, and its opposite on those that are kept from the search."""
+    at, orders = grid(np.linspace(100, 1800, 8), 5), [0, 39, 40, 80]
+    rig = part(MESH, orders)
+    from st_codegen.reconcile.run import _apart  # which runs are kept from the search
+
+    data = Observations(at, labels(at), np.array(orders), np.zeros((len(at), 4), complex))
+    apart = _apart(data)
+    wave = np.where(apart, -5e-4, 5e-4)
+    result = reconciled(RigModel(effects=rig.effects), at, orders, {80: wave * (at.torque_Nm / 1000 + 0.1)})
+    if result.new_rig is not rig:
+        assert result.held_out.after <= 1.02 * result.held_out.before
+    if result.taken_back is not None:
+        assert result.new_rig is result.rig and result.verdict == "unexplained"
