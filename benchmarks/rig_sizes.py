@@ -85,7 +85,8 @@ def mesh_sizes(measured: Measured, rig: RigModel) -> dict[tuple[int, int], tuple
         far &= ~own | (abs(frequency / effect.scalar("frequency_Hz") - 1) > NEAR)
     found = {}
     for place, order in enumerate(MESH):
-        shape = measured.of(order) * np.exp(1j * order * at.output_rad_s(rig.constants) * delay) - resonance[:, place]
+        turn = at.output_rad_s(rig.constants.reduction_ratio) * delay
+        shape = measured.of(order) * np.exp(1j * order * turn) - resonance[:, place]
         for sign in (1, -1):
             rows = (at.sign == sign) & far[:, place]
             x = np.stack([np.ones(rows.sum()), at.torque_Nm[rows] / 1000], axis=1).astype(complex)

@@ -47,9 +47,10 @@ def halvings(count: int) -> list[int]:
 @lay_out.register
 def _(op: Rank, step: Step, listing: Listing) -> None:
     listing.local(step.result, "DINT", op.width)
-    listing.locals("LREAL", "fX")
-    listing.locals("DINT", "nRank")
     searches = _searches(op)
+    if any(search.first.highest for search in searches):
+        listing.locals("LREAL", "fX")
+    listing.locals("DINT", "nRank")
     joined = len(searches) > _MOST_SEARCHES
     if joined:  # those that take as many steps stand together
         searches.sort(key=lambda search: search.first.highest.bit_length())

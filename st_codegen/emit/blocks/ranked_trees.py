@@ -63,20 +63,21 @@ def _start(op: TreeEnsemble, *, base_last: bool) -> FloatArray:
 def lay_out_ranked(op: TreeEnsemble, step: Step, listing: Listing) -> None:
     """Append the code of an ensemble whose splits compare ranks (`passes.ranks`)."""
     listing.local(step.result, "LREAL", op.width)
-    listing.locals("DINT", "nKey", "nSlot")
+    keys = _keys(op)
+    packed, comparisons = keys.slots > 1, depth_of(op)
+    if comparisons:  # where every tree is one leaf, nothing is compared
+        listing.locals("DINT", "nKey", *(["nSlot"] if packed else []))
     listing.locals("LREAL", "fX")
     narrow = op.leaf_value.shape[1] == 1
     if op.width > 1:
         listing.local("nOutput", "DINT")
     if not narrow:
         listing.local("nBase", "DINT")
-    keys = _keys(op)
     slots = listing.local(f"anSlot{step.number}", "DINT", keys.slots)
     values = sum_values(op, step, listing)
     parts = _parts(op, step, listing, keys)
-    packed = keys.slots > 1
     listing.section(
-        f"{op.n_trees:,} trees, {op.n_nodes:,} nodes, at most {depth_of(op)} comparisons a tree",
+        f"{op.n_trees:,} trees, {op.n_nodes:,} nodes, at most {comparisons} comparisons a tree",
         "ranked_trees",
         step=step,
         parts=parts,
