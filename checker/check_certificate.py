@@ -1,0 +1,642 @@
+"""Checks a certificate of `st-codegen prove` against the model files and the generated text, sharing no code with it.
+
+    python checker/check_certificate.py CERTIFICATE MODELS OUT     exit 0: every entry is confirmed; 1: rejected
+
+Needs NumPy and the standard library. docs/proof.md explains why what is done here is a proof, and what is outside.
+"""
+
+import ast
+import hashlib
+import json
+import re
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+from model_files import HIGH, LOW, Reject, bits, keys, need, numbers, read_model, single
+
+# --- Structured Text ------------------------------------------------------------------------------------------------
+WORDS = {
+    ":=": "=",
+    "=": "==",
+    "<>": "!=",
+    "AND": "and",
+    "OR": "or",
+    "NOT": "~",
+    "MOD": "%",
+    "TRUE": "True",
+    "FALSE": "False",
+    "EXIT": "break",
+}
+TOKEN = re.compile(r"\s*((?:\w+#)?16#[0-9A-Fa-f_]+|\d+\.\d+(?:E[-+]?\d+)?|\d+|[A-Za-z_]\w*|:=|<=|>=|<>|\S)")
+
+
+def translated(code):
+    """Statements as the syntax tree of the Python statements of the same shape."""
+    lines, words, depth, loop = [], [], 0, False
+    for token in TOKEN.findall(code):
+        if token in ("THEN", "DO", "ELSE", ";"):
+            text, words = " ".join(words), []
+            if token == "DO":
+                form = re.fullmatch(r"(\w+) = (.*?) TO (.*?)(?: BY (.*))?", text)
+                need(loop and form, f"the loop {text}")
+                text = f"for {form[1]} in loop({form[2]}, {form[3]}, {form[4] or 1}):"
+            if text not in ("END_IF", "END_FOR"):
+                need(token != "ELSE" or not text, "ELSE in a statement")
+                text = "else:" if token == "ELSE" else text + (":" if token == "THEN" else "")
+                lines.append(" " * (depth - (text[:4] in ("elif", "else"))) + text)
+            depth += token in ("DO",) or (token == "THEN" and text[:2] == "if")
+            loop = False
+        elif token in ("END_IF", "END_FOR"):
+            depth, words = depth - 1, [token]
+        elif token in ("IF", "ELSIF"):
+            words.append({"IF": "if", "ELSIF": "elif"}[token])
+        elif token == "FOR":
+            loop = True
+        else:
+            words.append(
+                str(int(token.split("16#")[1].replace("_", ""), 16)) if "16#" in token else WORDS.get(token, token)
+            )
+    need(not words, "the text ends in a statement")
+    return ast.parse("\n".join(lines)).body
+
+
+def read_block(folder, name):
+    """Inputs, outputs, constants, initial values and statements of a function block."""
+    path = folder / "POUs" / f"{name}.TcPOU"
+    parts = (
+        [re.findall(r"<!\[CDATA\[(.*?)\]\]>", path.read_text("utf-8-sig"), re.S)]
+        if path.is_file()
+        else [
+            t
+            for p in sorted(folder.glob("*.st"))
+            for t in re.findall(rf"^(FUNCTION_BLOCK {name}$.*?)^END_FUNCTION_BLOCK", p.read_text("utf-8"), re.S | re.M)
+        ]
+    )
+    need(len(parts) == 1, f"{len(parts)} blocks {name} in {folder}")
+    text = re.sub(r"\(\*.*?\*\)", " ", "\n".join(parts[0]) if path.is_file() else parts[0], flags=re.S)
+    need(not re.search(r"[{'\"$^]|//", text), "attributes, strings or pointers")
+    text = re.sub(rf"^\s*FUNCTION_BLOCK {name}\s", "", text)
+    ports, constants, values, end = {"VAR_INPUT": [], "VAR_OUTPUT": []}, set(), {}, 0
+    for section in re.finditer(r"\s*(VAR\w*)( CONSTANT)?\s(.*?)END_VAR", text, re.S):
+        need(section.start() == end, "text between declarations")
+        end = section.end()
+        for line in filter(None, map(str.strip, section[3].split(";"))):
+            form = re.fullmatch(
+                r"(\w+) : (?:ARRAY\[0\.\.(\d+)\] OF )?(LREAL|DINT|BOOL|DWORD)(?:\s*:=\s*(.*))?", line, re.S
+            )
+            need(form and form[1] not in values, f"the declaration {line[:60]}")
+            kind = {"LREAL": float, "BOOL": bool}.get(form[3], int)
+            size, given = int(form[2] or 0) + 1, re.sub(r"\w*#?16#(\w+)", lambda m: str(int(m[1], 16)), form[4] or "")
+            need(not (given and kind is bool), "an initial truth value")
+            items = [kind(n) for n in given.strip("[] \n").split(",")] if given else [kind(0)] * size
+            need(len(items) == size, f"{form[1]}: another number of elements")
+            values[form[1]] = (np.array(items) if section[2] else items) if form[2] else items[0]
+            constants |= {form[1]} if section[2] else set()
+            ports.get(section[1], []).append(form[1])
+    need("VAR" not in text[end:].split(), "declarations behind statements")
+    return *ports.values(), constants, values, translated(text[end:])
+
+
+# --- executing the text on many inputs at once ------------------------------------------------------------------------
+class V:
+    """A value in three corners of each box, `a` of shape (3, boxes): all inputs low, all high, all open ones NaN.
+
+    `d`: the inputs it depends on, as bits; bit 62: nothing is known of it, for a comparison was not the same in the
+    whole box. `src`: the input that it varies with inside of the box, between its values in the corners.
+    """
+
+    def __init__(self, a, d, src=None, plain=False, conj=False):
+        self.a, self.d, self.src, self.plain, self.conj = a, d, src, plain, conj
+
+
+class Sum:
+    """A chain of additions: `key` is its shape, with the numbers of the terms in `Machine.terms`."""
+
+    def __init__(self, key):
+        self.key = key
+
+
+UNDECIDED = np.int64(1 << 62)
+COMPARE = {
+    ast.Lt: np.less,
+    ast.LtE: np.less_equal,
+    ast.Gt: np.greater,
+    ast.GtE: np.greater_equal,
+    ast.Eq: np.equal,
+    ast.NotEq: np.not_equal,
+}
+NUMERIC = {
+    "+": np.add,
+    "-": np.subtract,
+    "*": np.multiply,
+    "/": np.divide,
+    "MIN": np.minimum,
+    "MAX": np.maximum,
+    "ABS": np.abs,
+    "NEG": np.negative,
+    "LREAL_TO_REAL": single,
+}
+
+
+class Machine:
+    """One call of a block in the corners `x` (2, boxes, inputs) of boxes."""
+
+    def __init__(self, block, x, has_isnan, profiles=None):
+        self.inputs, self.outputs, self.constants, values, self.statements = block
+        x = x if len(x) == 3 else np.concatenate([x, x[:1]])
+        self.x, self.n, self.has_isnan, self.terms, self.cuts = x, x.shape[1], has_isnan, [], []
+        self.profiles, self.seen, self.changed = profiles or {}, set(), set()
+        self.values = {k: list(v) if isinstance(v, list) else v for k, v in values.items()}
+        self.assigned, self.early, self.none = {(i, 0) for i in self.inputs}, set(), np.zeros(self.n, np.int64)
+        need(len(self.inputs) == x.shape[2] < 62, "another number of inputs")
+        for f, name in enumerate(self.inputs):
+            self.values[name] = V(x[:, :, f], self.none | (1 << f), f, plain=True)
+        self.block(self.statements, True)
+        need(not self.early & self.assigned, "a variable is read before it is assigned")
+
+    def wide(self, v):
+        need(isinstance(v, V | bool | int | float), "a sum of trees where a number is needed")
+        return v if isinstance(v, V) else V(np.full((3, self.n), v), self.none)
+
+    @staticmethod
+    def made(out, d, operands, **facts):
+        """A result. Of several inputs it must not tell NaN from numbers, nor may two operands: then what holds for all
+        open inputs NaN and for none holds for some of them, too."""
+        several = d & ~UNDECIDED & ((d & ~UNDECIDED) - 1) > 0
+        vary = sum((bits(o.a[0]) != bits(o.a[2])).astype(int) for o in operands)
+        wrong = several & ((bits(out[0]) != bits(out[2])) | (vary > 1))
+        return V(out, d | np.where(wrong, UNDECIDED, 0), **facts)
+
+    def holds(self, mask):
+        return np.ones((3, self.n), bool) if mask is True else mask.a
+
+    def block(self, statements, mask):
+        left = False  # where a loop was left
+        for s in statements:
+            gone = False
+            if isinstance(s, ast.Assign):
+                self.assign(s.targets[0], self.value(s.value, mask), mask)
+            elif isinstance(s, ast.Break):
+                gone = mask
+            elif isinstance(s, ast.If):
+                test = self.value(s.test, mask)
+                yes, no = self.logic(np.logical_and, mask, test), self.logic(np.logical_and, mask, self.opposite(test))
+                for body, where in ((s.body, yes), (s.orelse, no)):
+                    if body and where is not False and np.any(self.holds(where)):
+                        gone = self.logic(np.logical_or, gone, self.block(body, where))
+            else:
+                need(isinstance(s, ast.For), f"a statement of another kind: {ast.unparse(s)[:60]}")
+                bounds = [self.value(a, mask) for a in s.iter.args]
+                need(all(type(b) is int for b in bounds) and bounds[2] > 0, "a loop whose bounds depend on the inputs")
+                inside = mask
+                for counter in range(bounds[0], bounds[1] + 1, bounds[2]):
+                    self.assign(s.target, counter, True)
+                    inside = self.logic(np.logical_and, inside, self.opposite(self.block(s.body, inside)))
+                    if inside is False or not np.any(self.holds(inside)):
+                        break
+                self.values[s.target.id] = None
+            left = self.logic(np.logical_or, left, gone)
+            mask = self.logic(np.logical_and, mask, self.opposite(gone))
+        return left
+
+    def assign(self, target, new, mask):
+        name = target.id if isinstance(target, ast.Name) else target.value.id
+        place = 0 if isinstance(target, ast.Name) else self.value(target.slice, mask)
+        need(name in self.values and name not in self.constants and name not in self.inputs, f"{name} is assigned")
+        array = isinstance(target, ast.Subscript)
+        need(type(place) is int and (not array or 0 <= place < len(self.values[name])), f"{name}: an index")
+        old = self.values[name][place] if array else self.values[name]
+        if mask is not True and name in self.outputs:
+            new = ("if", mask, new)
+        elif mask is not True:
+            conj = new is False and (old is True or (isinstance(old, V) and old.conj))
+            new = self.wide(new)
+            old = (
+                self.wide(old)
+                if (name, place) in self.assigned and not isinstance(old, Sum)
+                else V(new.a, new.d | UNDECIDED)
+            )
+            src = new.src if old.src is None else old.src
+            need(new.src in (None, src), "a value of two inputs")
+            same = np.all(mask.a[0] == mask.a[1]) or not (conj and src is None)
+            single_input = conj and same and not np.any(mask.d & (mask.d - 1))
+            d = mask.d | np.where(np.any(mask.a, axis=0), new.d, 0) | np.where(np.all(mask.a, axis=0), 0, old.d)
+            facts = {"src": src, "plain": new.plain or old.plain, "conj": single_input}
+            new = self.made(np.where(mask.a, new.a, old.a), d, () if conj else (new, old, mask), **facts)
+        if array:
+            self.values[name][place] = new
+        else:
+            self.values[name] = new
+        self.assigned.add((name, place))
+        self.changed |= {(name, place)} & self.seen
+
+    def logic(self, how, a, b):
+        for one, other in ((a, b), (b, a)):
+            if isinstance(one, bool):
+                return other if one is (how is np.logical_and) else one
+        open_ = np.any(a.a if how is np.logical_and else ~a.a, axis=0)  # elsewhere `a` alone decides
+        return self.made(how(a.a, b.a), a.d | np.where(open_, b.d, 0), (a, b))
+
+    def opposite(self, v):
+        return not v if isinstance(v, bool) else V(~v.a.astype(bool), v.d)
+
+    def value(self, e, mask):
+        if isinstance(e, ast.Constant):
+            return e.value
+        if isinstance(e, ast.Name):
+            return self.read(e.id, 0, self.values.get(e.id))
+        if isinstance(e, ast.Subscript):
+            return self.element(e.value.id, self.value(e.slice, mask), mask)
+        if isinstance(e, ast.BoolOp):
+            parts = [self.value(v, mask) for v in e.values]
+            for part in parts[1:]:
+                parts[0] = self.logic(np.logical_and if isinstance(e.op, ast.And) else np.logical_or, parts[0], part)
+            return parts[0]
+        if isinstance(e, ast.UnaryOp):
+            inner = self.value(e.operand, mask)
+            return self.opposite(inner) if isinstance(e.op, ast.Invert) else self.number("NEG", [inner], mask)
+        if isinstance(e, ast.BinOp):
+            name = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}[type(e.op)]
+            return self.number(name, [self.value(e.left, mask), self.value(e.right, mask)], mask)
+        if isinstance(e, ast.Compare):
+            need(len(e.ops) == 1, "comparisons in a row")
+            a, b = self.value(e.left, mask), self.value(e.comparators[0], mask)
+            if isinstance(e.ops[0], ast.Eq) and ast.dump(e.left) == ast.dump(e.comparators[0]):
+                return self.opposite(self.is_nan(a))
+            return self.compare(COMPARE[type(e.ops[0])], a, b, mask)
+        name = e.func.id
+        if name == "DWORD_TO_DINT":
+            need(isinstance(e.args[0], ast.BoolOp) and isinstance(e.args[0].op, ast.And), "bits")
+            number, bits_ = e.args[0].values
+            a, b = self.wide(self.value(number.args[0], mask)), self.value(bits_, mask)
+            need(number.func.id == "DINT_TO_DWORD" and type(b) is int and 0 <= b < 2**31, "bits")
+            return V(a.a & b, a.d)
+        values = [self.value(a, mask) for a in e.args]
+        if name == "F_IsNan":
+            need(self.has_isnan, "F_IsNan is another function")
+            return self.is_nan(values[0])
+        if name in ("BOOL_TO_DINT", "DINT_TO_LREAL", "REAL_TO_LREAL"):
+            kind = {"B": np.int64, "D": np.float64, "R": np.float64}[name[0]]
+            v = values[0]
+            return v if isinstance(v, Sum) else V(self.wide(v).a.astype(kind), self.wide(v).d, self.wide(v).src)
+        need(name in NUMERIC, f"the function {name}")
+        return self.number(name, values, mask)
+
+    def read(self, name, place, value):
+        need(value is not None and name not in self.outputs, f"{name} is read")
+        if name not in self.constants and (name, place) not in self.assigned:
+            self.early.add((name, place))  # its initial value, which nothing may change
+        self.seen.add((name, place))
+        if (name, place) in self.profiles and isinstance(value, V) and np.any(value.d & UNDECIDED):
+            f, ends, sides = self.profiles[name, place]  # what it is in each interval of its one input
+            lane = np.where(np.isnan(self.x[:, :, f]), len(ends), np.searchsorted(ends, keys(self.x[:, :, f])))
+            return V(np.array([sides[i][lane[i]] for i in (0, 1, 0)]), self.none | (1 << f), f)
+        return value
+
+    def element(self, name, index, mask):
+        table = self.values[name]
+        if type(index) is int:
+            need(0 <= index < len(table), "an index out of range")
+            return self.read(name, index, table[index] if isinstance(table, list) else table[index].item())
+        ok = (index.a >= 0) & (index.a < len(table))
+        need(index.src is None and np.all(ok | ~self.holds(mask) | (index.d & UNDECIDED > 0)), "an index out of range")
+        at = np.where(ok, index.a, 0)
+        if isinstance(table, np.ndarray):
+            return self.made(table[at], index.d, ())
+        used = np.unique(at[ok & self.holds(mask)]).tolist()
+        if not used:
+            return V(np.zeros((3, self.n), bool), index.d | UNDECIDED)
+        items = {p: self.wide(self.read(name, p, table[p])) for p in used}
+        out = V(np.zeros((3, self.n), items[used[0]].a.dtype), index.d.copy(), "several")
+        for p, item in items.items():
+            out.a = np.where(at == p, item.a, out.a)
+            out.d = out.d | np.where(np.any(at == p, axis=0), item.d, 0)
+        src = None if all(item.src is None for item in items.values()) else "several"
+        return V(out.a, out.d | np.where((bits(at[0]) != bits(at[2])), UNDECIDED, 0), src)
+
+    def number(self, name, values, mask):
+        floats = any(isinstance(v, Sum | float) or (isinstance(v, V) and v.a.dtype == float) for v in values)
+        fixed = [v for v in values if isinstance(v, V) and v.src is None]
+        if any(isinstance(v, Sum) for v in values) or (floats and name in ("+", "MIN", "MAX") and fixed):
+            return Sum((name, *(self.term(v) for v in values)))
+        with np.errstate(all="ignore"):
+            if all(not isinstance(v, V) for v in values):
+                out = NUMERIC[name](*(np.float64(v) if floats else v for v in values))
+                need(np.isfinite(out), "a constant that overflows")
+                return float(out) if floats else int(out)
+            wide = [self.wide(v) for v in values]
+            moving = [v.src for v in wide if v.src is not None]
+            need(len(moving) < 2 and (name != "/" or wide[1].src is None), "arithmetic on two inputs")
+            out = NUMERIC[name](*(v.a for v in wide))
+        d = np.bitwise_or.reduce([v.d for v in wide])
+        active = self.holds(mask) & (d & UNDECIDED == 0)
+        if floats:
+            fine = ~np.all([np.isfinite(v.a) for v in wide], axis=0) & ~np.any([np.isnan(v.a) for v in wide], axis=0)
+            need(np.all(np.isfinite(out) | fine | ~active), f"{name} can overflow or meet NaN")
+            if name == "ABS":  # on both sides of zero the values lie between 0 and the larger corner
+                across = (wide[0].a[0] < 0) != (wide[0].a[1] < 0)
+                out = np.where(across, np.array([np.zeros(self.n), np.max(out[:2], axis=0), out[2]]), out)
+        else:
+            need(np.all((np.abs(out) < 2**31) | ~active), "an integer overflows")
+        return self.made(out, d, wide, src=moving[0] if moving else None)
+
+    def term(self, v):
+        if isinstance(v, Sum):
+            return v.key
+        if isinstance(v, V):
+            self.terms.append(v)
+            return ("term", len(self.terms) - 1)
+        return ("const", float(v).hex())
+
+    def is_nan(self, v):
+        need(isinstance(v, V), "a test for NaN of a computed number")
+        nan = np.isnan(v.a)
+        return V(nan, v.d | np.where(nan[0] != nan[1], UNDECIDED, 0))
+
+    def compare(self, how, a, b, mask):
+        if not isinstance(a, V) and not isinstance(b, V):
+            return bool(how(a, b))
+        a, b = self.wide(a), self.wide(b)
+        need(a.src is None or b.src is None, "a comparison of two inputs")
+        d = a.d | b.d
+        need(
+            not np.any((np.isnan(a.a) | np.isnan(b.a)) & self.holds(mask) & (d & UNDECIDED == 0)),
+            "a comparison with NaN",
+        )
+        out = how(a.a, b.a)
+        differ = out[0] != out[1]
+        moving, other = (a, b) if a.src is not None else (b, a)
+        if moving.plain and np.any(differ):
+            self.cuts.append((moving.src, np.unique(other.a[:, differ])))
+        return self.made(out, d | np.where(differ, UNDECIDED, 0), (a, b))
+
+
+# --- the check --------------------------------------------------------------------------------------------------------
+class Check:
+    """One model against the outputs of a block that the certificate names."""
+
+    def __init__(self, model, folder, entry):
+        model.prepare()
+        self.model, self.block, self.has_isnan = model, read_block(folder, entry["block"]), has_isnan(folder)
+        self.ends = []
+        for f in range(model.features):
+            inner = [last[t[0] == f] for t, last in zip(model.trees, model.last)]
+            edges = keys([model.lower[f], model.upper[f]])
+            ends = np.concatenate(
+                [*inner, edges - 1, edges, [model.first_key[f] - 1, model.last_key[f], LOW, HIGH - 1]]
+            )
+            self.ends.append(np.unique(np.append(ends, [-2, -1, 0, HIGH])))
+        machine, boxes = self.alone()
+        self.profiles = dict(self.rising(machine))
+        valid = machine.values["bValid"]
+        parts = [machine.values[name] for name in entry["outputs"]]
+        self.valid(valid, boxes, machine)
+        results = [o[2] if isinstance(o, tuple) else o for o in parts]
+        for o in parts:
+            same = isinstance(o, tuple) and isinstance(valid, V) and np.array_equal(o[1].a, valid.a)
+            need(same or (valid is True and not isinstance(o, tuple)), "an output that does not keep to bValid")
+        need(len(results) == len(model.base), "another number of outputs")
+        terms = [(t[5][:, c]) for t in model.trees for c in range(len(t[6]))]
+        self.trees = sum(bool(np.any(bits(v) != bits(v[:1]))) for v in terms)
+        self.method = "sums of trees, tree by tree" if any(isinstance(r, Sum) for r in results) else "all cells"
+        if any(isinstance(r, Sum) for r in results):
+            self.sums(entry)
+        else:
+            used = np.bitwise_or.reduce([np.bitwise_or.reduce(machine.wide(r).d) for r in results])
+            self.cells(
+                entry, [f for f in range(model.features) if used >> f & 1 or any(f in t[0] for t in model.trees)]
+            )
+
+    def lanes(self, f):
+        """Keys of the first and last number of each interval of an input, NaN behind them; which the model takes."""
+        ends = self.ends[f] = self.ends[f][(self.ends[f] >= LOW) & (self.ends[f] <= HIGH)]
+        starts = np.append(LOW, ends[:-1] + 1)
+        taken = np.append((starts >= self.model.first_key[f]) & (ends <= self.model.last_key[f]), self.model.nan)
+        return np.array([np.append(numbers(k), np.nan) for k in (starts, ends)]), taken
+
+    def alone(self):
+        """Each input varies while the others are 0.0; intervals are cut until every comparison is decided."""
+        while True:
+            sides = [self.lanes(f)[0] for f in range(self.model.features)]
+            x = np.zeros((2, sum(s.shape[1] for s in sides), len(sides)))
+            at = 0
+            for f, side in enumerate(sides):
+                x[:, at : at + side.shape[1], f] = side
+                at += side.shape[1]
+            machine = Machine(self.block, x, self.has_isnan)
+            if not machine.cuts:
+                return machine, x
+            for f, given in machine.cuts:
+                k = keys(given)
+                self.ends[f] = np.unique(np.concatenate([self.ends[f], k - 1, k]))
+
+    def rising(self, machine):
+        """Elements of lists that rise with one input: the values at both ends of its intervals."""
+        first = np.cumsum([0] + [len(self.lanes(f)[1]) for f in range(self.model.features)])
+        for name, items in machine.values.items():
+            for place, v in enumerate(items) if isinstance(items, list) else ():
+                inputs = int(np.bitwise_or.reduce(v.d)) if isinstance(v, V) else 0
+                if inputs and not inputs & (inputs - 1) and (name, place) not in machine.changed:
+                    f = inputs.bit_length() - 1
+                    low, high = v.a[:2, first[f] : first[f + 1]]
+                    taken = self.lanes(f)[1][:-1]
+                    if np.all(low[:-1] <= high[:-1]) and np.all(low[:-1][taken][1:] >= high[:-1][taken][:-1]):
+                        yield (name, place), (f, self.ends[f], (low, high))
+
+    def valid(self, valid, x, machine):
+        """bValid is the conjunction of what each input alone demands; refused inputs count as 0.0 from there on."""
+        taken = np.concatenate([self.lanes(f)[1] for f in range(self.model.features)])
+        got = np.full((3, x.shape[1]), True) if valid is True else valid.a
+        need(valid is True or valid.conj, "bValid is no conjunction")
+        need(np.array_equal(got, np.array([taken] * 3)), "bValid is not what the model demands")
+        base = int(np.flatnonzero(np.all(bits(x) == 0, axis=(0, 2)))[0])
+        for name, value in machine.values.items():
+            for item in value if isinstance(value, list) else [value]:
+                if (
+                    isinstance(item, V)
+                    and name not in machine.inputs
+                    and not item.conj
+                    and not np.any(item.d & UNDECIDED)
+                ):
+                    alike = bits(item.a) == bits(np.repeat(item.a[:, base : base + 1], len(taken), axis=1))
+                    need(np.all(alike[:, ~taken]), f"{name}: a refused input counts")
+
+    def cells(self, entry, used):
+        """A table: all combinations of intervals, each evaluated once by text and by model."""
+        sides = [self.lanes(f) for f in used]
+        shape = tuple(int(np.sum(taken)) for _, taken in sides)
+        need(np.prod(shape, dtype=float) < 3e6, "too many cells")
+        x = np.zeros((2, int(np.prod(shape)), self.model.features))
+        for f, (side, taken), at in zip(used, sides, np.indices(shape).reshape(len(shape), -1)):
+            x[:, :, f] = side[:, taken][:, at]
+        machine = Machine(self.block, x, self.has_isnan)
+        for output, name in enumerate(entry["outputs"]):
+            got = machine.values[name]
+            got = machine.wide(got[2] if isinstance(got, tuple) else got)
+            need(not np.any(got.d & UNDECIDED), "a comparison that is not decided")
+            want = np.broadcast_to(self.model.evaluate(x[0], output), x.shape[1])
+            need(np.array_equal(bits(got.a.astype(float)), bits(np.array([want] * 3))), "a cell is another number")
+
+    def sums(self, entry):
+        """Sums of trees: in each box of a leaf the term of the text is that leaf; the additions are the library's."""
+        model = self.model
+        order = [(t, c) for t, (*_, outputs) in enumerate(model.trees) for c in range(len(outputs))]
+        boxes = [model.boxes(t) for t in range(len(model.trees))]
+        step, same, shape = 0, {}, None
+        owner = np.repeat(np.arange(len(boxes)), [len(b[3]) for b in boxes])
+        low, high, nan, leaf = (np.concatenate([b[i] for b in boxes]) for i in range(4))
+        for step in range(0, len(owner), 100_000):
+            part = slice(step, step + 100_000)
+            free = (low[part] > high[part]) & ~nan[part]
+            x = np.where(
+                nan[part],
+                np.nan,
+                np.array(
+                    [
+                        numbers(np.where(free, model.first_key, low[part])),
+                        numbers(np.where(free, model.last_key, high[part])),
+                    ]
+                ),
+            )
+            x = np.concatenate([x, np.where(free & model.nan, np.nan, x[:1])])
+            machine = Machine(self.block, x, self.has_isnan, self.profiles)
+            outs = [machine.values[name] for name in entry["outputs"]]
+            shape = [(o[2] if isinstance(o, tuple) else o) for o in outs]
+            at = 0
+            for t, c in order:
+                values = model.trees[t][5][:, c]
+                if np.all(bits(values) == bits(values[:1])):
+                    same[t, c] = float(values[0])
+                    continue
+                need(at < len(machine.terms), "the text has too few terms")
+                mine, term = owner[part] == t, machine.terms[at]
+                at += 1
+                need(not np.any(term.d[mine] & UNDECIDED), f"tree {t}: a comparison that is not decided")
+                want = values[leaf[part][mine]]
+                need(
+                    np.array_equal(bits(term.a[:, mine].astype(float)), bits(np.array([want] * 3))), f"tree {t} differs"
+                )
+            need(at == len(machine.terms), "the text has more terms than the model has trees")
+        names = {key: ("term", i) for i, key in enumerate(k for k in order if k not in same)}
+        for output, got in enumerate(shape):
+            need(isinstance(got, Sum), "an output that is no sum")
+            total = ("const", float(0.0 if model.base_last else model.base[output]).hex())
+            for t, (*_, outputs) in enumerate(model.trees):
+                if output in outputs:
+                    key = (t, outputs.index(output))
+                    total = self.rounded(("+", total, names[key] if key in names else ("const", same[key].hex())))
+            total = self.rounded(("/", total, ("const", model.divisor.hex()))) if model.divisor != 1.0 else total
+            total = self.rounded(("+", total, ("const", model.base[output].hex()))) if model.base_last else total
+            need(self.normal(got.key) == self.normal(total), "other additions than the model's")
+
+    def rounded(self, key):
+        return ("LREAL_TO_REAL", key) if self.model.single_sum else key
+
+    def normal(self, key):
+        """A flat form of a chain: constants computed, additions of zero dropped where they change nothing."""
+        out = []
+        while key[0] not in ("const", "term"):
+            out.append((key[0], *key[2:]))
+            key = key[1]
+        chain, value = [], float.fromhex(key[1]) if key[0] == "const" else None
+        start, minus = key, "-0x0.0p+0"
+        for name, *rest in reversed(out):
+            const = float.fromhex(rest[0][1]) if rest and rest[0][0] == "const" else None
+            if value is not None and (const is not None or not rest):
+                with np.errstate(all="ignore"):
+                    value = float(NUMERIC[name](np.float64(value), *([np.float64(const)] if rest else [])))
+                start = ("const", value.hex())
+            elif name == "LREAL_TO_REAL" and chain and chain[-1][0] == name:
+                continue
+            elif name == "+" and const == 0 and all(step[0] in ("+", "LREAL_TO_REAL") for step in chain):
+                if const.hex() != minus and (start[0] != "const" or start[1] == minus):
+                    chain = [*chain, (name, *rest)]
+            else:
+                chain, value = [*chain, (name, *rest)], None
+        return start, chain
+
+
+ISNAN = "uBits.fValue := fValue; F_IsNan := (uBits.nBits AND MAGNITUDE) > INFINITY;"
+
+
+def has_isnan(folder):
+    """Whether the text tests NaN by the bits, in the one way that is known."""
+    if not (folder / "POUs" / "F_IsNan.TcPOU").is_file():
+        return False
+    body, union = (
+        re.sub(r"\s+", " ", re.sub(r"\(\*.*?\*\)", " ", (folder / name).read_text("utf-8-sig"), flags=re.S))
+        for name in ("POUs/F_IsNan.TcPOU", "DUTs/U_LrealBits.TcDUT")
+    )
+    parts = (ISNAN, "MAGNITUDE : LWORD := 16#7FFFFFFFFFFFFFFF;", "INFINITY : LWORD := 16#7FF0000000000000;")
+    return all(p in body for p in parts) and bool(re.search(r"UNION fValue : LREAL; nBits : LWORD; END_UNION", union))
+
+
+STATEMENT = (
+    "For every proved entry and every float64 input (both zeros, denormals, infinities and NaN included) one call of "
+    "the block sets bValid to TRUE exactly where the model has an answer, and then the outputs have the bits that the "
+    "model file demands; where bValid is FALSE the outputs keep their last values."
+)
+ASSUMPTIONS = [
+    "LREAL and REAL are IEEE 754 binary64 and binary32, rounded to nearest, ties to even, with denormals",
+    "the compiler keeps the order and the roundings of the text: no extended precision, no fused multiply-add",
+    "integers, comparisons, arrays and conversions are those of IEC 61131-3",
+    "variables start with the initial values of the text, and nothing but the block writes to its instance",
+    "the rules of the library are those that docs/proof.md lists",
+]
+PARTS = {"format", "statement", "assumptions", "models", "texts", "proofs"}
+ENTRY = {"model", "file", "target", "block", "outputs", "inputs", "verdict", "method", "trees"}
+TEXTS = {".st", ".TcPOU", ".TcDUT", ".TcGVL", ".xml"}
+
+
+def sha256(path):
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def main(certificate, models, out):
+    """Check every sentence of a certificate; raises Reject for the first that does not hold."""
+    content = json.loads(Path(certificate).read_text("utf-8"))
+    models, out = Path(models), Path(out)
+    folder = models if models.is_dir() else models.parent
+    need(content.keys() == PARTS and content["format"] == "st-codegen certificate 1", "another format")
+    need(content["statement"] == STATEMENT and content["assumptions"] == ASSUMPTIONS, "another statement")
+    proofs, bundle = content["proofs"], folder / "bundle.toml"
+    files = {e["file"] for e in proofs} | ({"bundle.toml"} if bundle.is_file() else set())
+    need(content["models"] == {name: sha256(folder / name) for name in files}, "other model files")
+    targets = {name: out / name if (out / name).is_dir() else out for name in content["texts"]}
+    for target, path in targets.items():
+        texts = {p.relative_to(path).as_posix(): sha256(p) for p in path.rglob("*") if p.suffix in TEXTS}
+        need(content["texts"][target] == texts, f"{target}: other texts")
+    every = {(name, target) for name in {e["model"] for e in proofs} for target in targets}
+    need(proofs and {(e["model"], e["target"]) for e in proofs} == every and len(proofs) == len(every), "entries")
+    ranges = tomllib.loads(bundle.read_text("utf-8"))["feature"] if bundle.is_file() else None
+    for entry in proofs:
+        where = f"{entry['model']}, {entry['target']}"
+        try:
+            need(entry["verdict"] == "proved", "not proved")
+            need(entry.keys() == ENTRY and Path(entry["file"]).stem == entry["model"], "another form of entry")
+            model = read_model(folder / entry["file"])
+            names = model.names or [f"f{number}" for number in range(model.features)]
+            if ranges is not None:
+                need([r["name"] for r in ranges] == entry["inputs"], "other inputs than those of the bundle")
+                if model.names and sorted(model.names) == sorted(entry["inputs"]):
+                    model.order(model.names, entry["inputs"])
+                model.lower, model.upper = (np.array([float(r[side]) for r in ranges]) for side in ("min", "max"))
+            else:
+                need(entry["inputs"] == names, "other inputs than those of the model")
+            found = Check(model, targets[entry["target"]], entry)
+            need((found.method, found.trees) == (entry["method"], entry["trees"]), "proved in another way")
+        except Reject as reason:
+            raise Reject(f"{where}: {reason}") from None
+        print(f"{where}: confirmed")
+
+
+if __name__ == "__main__":
+    try:
+        need(len(sys.argv) == 4, "usage: check_certificate.py CERTIFICATE MODELS OUT")
+        main(*sys.argv[1:])
+    except (Reject, OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError) as error:
+        print(f"rejected: {type(error).__name__}: {error}")
+        sys.exit(1)
+    print("the certificate is accepted")

@@ -1,0 +1,480 @@
+"""Reads model files into trees with the rules of their library as data; shares no code with st_codegen.
+
+LightGBM text, XGBoost JSON and UBJSON, scikit-learn trees in skops files, ONNX TreeEnsembleRegressor.
+"""
+
+import json
+import re
+import struct
+import zipfile
+from io import BytesIO
+
+import numpy as np
+
+
+class Reject(Exception):
+    """Something is not as the certificate says, or is outside of what this checker knows."""
+
+
+def need(condition, reason):
+    if not condition:
+        raise Reject(reason)
+
+
+# --- float64 numbers in their order: key k + 1 is the next number after key k, -0.0 comes right before 0.0 ------------
+SIGN = np.int64(-(2**63))
+F32_LIMIT = 3.4028235677973366e38  # from this magnitude on float32 overflows
+
+
+def keys(x):
+    bits = np.ascontiguousarray(x, np.float64).view(np.int64)
+    return np.where(bits < 0, ~(bits ^ SIGN), bits)
+
+
+def numbers(k):
+    k = np.asarray(k, np.int64)
+    return np.where(k < 0, ~k ^ SIGN, k).view(np.float64)
+
+
+LOW, HIGH = (int(keys([x])[0]) for x in (-np.inf, np.inf))
+
+
+def single(x):
+    with np.errstate(over="ignore"):
+        return np.asarray(x, np.float64).astype(np.float32).astype(np.float64)
+
+
+def bits(x):
+    x = np.ascontiguousarray(x)
+    return x.view(np.int64) if x.dtype == np.float64 else x.astype(np.int64)
+
+
+# --- models: trees, with the rules of their library as data -----------------------------------------------------------
+class Model:
+    """`trees`: (feature, threshold, left, right, nan_left, values, outputs); children < 0 are leaves -child - 1."""
+
+    def __init__(
+        self,
+        features,
+        trees,
+        base,
+        less,
+        single_in,
+        single_sum,
+        divisor=1.0,
+        base_last=False,
+        nan=True,
+        limit=np.inf,
+        names=None,
+    ):
+        self.features, self.trees, self.base, self.names = features, trees, [float(b) for b in base], names
+        self.less, self.single_in, self.single_sum = less, single_in, single_sum
+        self.divisor, self.base_last, self.nan, self.limit = divisor, base_last, nan, limit
+        self.lower, self.upper = np.full(features, -np.inf), np.full(features, np.inf)
+
+    def order(self, names, wanted):
+        """Number the features as the block's inputs are."""
+        place = np.array([wanted.index(name) for name in names])
+        self.trees = [(place[t[0]] if len(t[0]) else t[0], *t[1:]) for t in self.trees]
+
+    def left(self, x, feature, threshold):
+        """Whether numbers go left: after the limits of the bundle and the library's rounding."""
+        x = np.clip(x, self.lower[feature], self.upper[feature])
+        x = single(x) if self.single_in else x
+        return (x < threshold) if self.less else (x <= threshold) | (threshold == np.inf)
+
+    def prepare(self):
+        """For each split the key of the last number that goes left, found by halving, for `left` is monotone."""
+        self.last = []
+        for feature, threshold, *_ in self.trees:
+            low, high = np.full(len(feature), LOW), np.full(len(feature), HIGH)
+            ends = [self.left(numbers(k), feature, threshold) for k in (low, high)]
+            while np.any(high - 1 > low):
+                middle = (low & high) + ((low ^ high) >> 1)
+                goes = self.left(numbers(middle), feature, threshold)
+                low, high = np.where(goes, middle, low), np.where(goes, high, middle)
+            self.last.append(np.where(ends[1], HIGH, np.where(ends[0], low, LOW - 1)))
+        edge = keys([np.nextafter(-self.limit, 0), np.nextafter(self.limit, 0)]) if self.refuses else [LOW, HIGH]
+        self.first_key = np.where(self.lower > -self.limit, LOW, edge[0])
+        self.last_key = np.where(self.upper < self.limit, HIGH, edge[1])
+
+    @property
+    def refuses(self):
+        return self.limit < np.inf
+
+    def evaluate(self, x, output):
+        """One output for rows of inputs, every addition in the library's order and precision."""
+        round_ = single if self.single_sum else np.asarray
+        total = np.float64(0.0 if self.base_last else self.base[output])
+        for feature, threshold, left, right, nan_left, value, outputs in self.trees:
+            node = np.full(len(x), 0 if len(feature) else -1)
+            while np.any(node >= 0):
+                at = np.flatnonzero(node >= 0)
+                here, given = node[at], x[at, feature[node[at]]]
+                goes = np.where(np.isnan(given), nan_left[here], self.left(given, feature[here], threshold[here]))
+                node[at] = np.where(goes, left[here], right[here])
+            if output in outputs:
+                total = round_(total + value[-node - 1, outputs.index(output)])
+        total = round_(total / self.divisor) if self.divisor != 1.0 else total
+        return round_(total + self.base[output]) if self.base_last else total
+
+    def boxes(self, t):
+        """Low and high keys of the inputs that reach each leaf of a tree, whether it is NaN, and the leaf.
+
+        An input that no split on the way reads is not limited (low > high and not NaN).
+        """
+        feature, _, left, right, nan_left, *_ = self.trees[t]
+        n = self.features
+        todo = [
+            (np.array([0 if len(feature) else -1]), np.full((1, n), HIGH), np.full((1, n), LOW), np.zeros((1, n), bool))
+        ]
+        done = []
+        while todo:
+            node, low, high, nan = todo.pop()
+            leaf = node < 0
+            done.append((low[leaf], high[leaf], nan[leaf], -node[leaf] - 1))
+            if np.all(leaf):
+                continue
+            node, low, high, nan = (a[~leaf] for a in (node, low, high, nan))
+            row, f, last = np.arange(len(node)), feature[node], self.last[t][node]
+            fresh = (low[row, f] > high[row, f]) & ~nan[row, f]
+            first = np.where(fresh, self.first_key[f], low[row, f])
+            end = np.where(fresh, self.last_key[f], high[row, f])
+            missing = (fresh & self.nan) | nan[row, f]
+            parts = []
+            for child, lo, hi, there in (
+                (left, first, np.minimum(end, last), ~nan[row, f]),
+                (right, np.maximum(first, last + 1), end, ~nan[row, f]),
+                (np.where(nan_left, left, right), HIGH, LOW, missing),
+            ):
+                keep = there & ((lo <= hi) | (child is not left) & (child is not right))
+                new = [low.copy(), high.copy(), nan.copy()]
+                new[0][row, f], new[1][row, f] = lo, hi
+                new[2][row, f] = (child is not left) & (child is not right)
+                parts.append((child[node][keep], *(a[keep] for a in new)))
+            todo.append(tuple(np.concatenate(p) for p in zip(*parts)))
+        return tuple(np.concatenate(p) for p in zip(*done))
+
+
+def flat(feature, threshold, left, right, nan_left, value, leaf, output):
+    """A tree whose leaves are nodes of their own, numbered anew so that children < 0 are leaves."""
+    leaf = np.asarray(leaf, bool)
+    name = np.where(leaf, -np.cumsum(leaf), np.cumsum(~leaf) - 1)
+    f, t, left, right, nan_left = (np.asarray(a)[~leaf] for a in (feature, threshold, left, right, nan_left))
+    value = np.asarray(value, np.float64)[leaf]
+    return (
+        f.astype(int),
+        t.astype(float),
+        name[left.astype(int)],
+        name[right.astype(int)],
+        nan_left.astype(bool),
+        value.reshape(len(value), -1),
+        list(output),
+    )
+
+
+def read_lightgbm(data):
+    head, *parts = re.split(r"\nTree=\d+\n", data.decode())
+
+    def fields(text):
+        return dict(line.split("=", 1) for line in text.splitlines() if "=" in line)
+
+    top = fields(head)
+    need(
+        top["num_class"] == "1" and top["objective"].split()[0] == "regression" and "sqrt" not in top["objective"],
+        "only LightGBM regression is known",
+    )
+    trees = []
+    for part in parts:
+        f = fields(part.split("\n\n")[0])
+        need(f["num_cat"] == "0" and f.get("is_linear", "0") == "0", "categories and linear leaves are not known")
+        row = {
+            k: np.array(f.get(k, "").split(), float)
+            for k in ("split_feature", "threshold", "decision_type", "left_child", "right_child", "leaf_value")
+        }
+        kind = row["decision_type"].astype(int)
+        missing = kind >> 2 & 3
+        need(not np.any(missing == 1), "missing_type Zero is not known")
+        nan_left = np.where(missing == 2, (kind & 2) > 0, row["threshold"] >= 0)  # no missing type: NaN is read as 0.0
+        index = [row[k].astype(int) for k in ("split_feature", "left_child", "right_child")]
+        trees.append((index[0], row["threshold"], *index[1:], nan_left, row["leaf_value"][:, None], [0]))
+    average = bool(re.search(r"^average_output$", head, re.M))
+    return Model(
+        int(top["max_feature_idx"]) + 1,
+        trees,
+        [0.0],
+        False,
+        False,
+        False,
+        float(len(trees)) if average else 1.0,
+        names=top["feature_names"].split(),
+    )
+
+
+def read_ubjson(data):
+    """UBJSON as XGBoost writes it."""
+    sizes = {"i": "b", "U": "B", "I": ">h", "l": ">i", "L": ">q", "d": ">f", "D": ">d"}
+    at = 0
+
+    def take(n):
+        nonlocal at
+        at += n
+        return data[at - n : at]
+
+    def number(kind):
+        return struct.unpack(sizes[kind], take(struct.calcsize(sizes[kind])))[0]
+
+    def value(kind):
+        if kind in sizes:
+            return number(kind)
+        if kind in "TFZ":
+            return {"T": True, "F": False, "Z": None}[kind]
+        if kind == "S":
+            return take(number(chr(take(1)[0]))).decode()
+        need(kind in "[{", f"UBJSON marker {kind}")
+        element = count = None
+        if data[at : at + 1] == b"$":
+            take(1)
+            element = chr(take(1)[0])
+        if data[at : at + 1] == b"#":
+            take(1)
+            count = number(chr(take(1)[0]))
+        out = [] if kind == "[" else {}
+        while (count is None and data[at : at + 1] not in (b"]", b"}")) or (count is not None and len(out) < count):
+            if kind == "[":
+                out.append(value(element or chr(take(1)[0])))
+            else:
+                name = take(number(chr(take(1)[0]))).decode()
+                out[name] = value(element or chr(take(1)[0]))
+        if count is None:
+            take(1)
+        return out
+
+    return value(chr(take(1)[0]))
+
+
+def read_xgboost(document):
+    learner = document["learner"]
+    need(learner["objective"]["name"] == "reg:squarederror", "only reg:squarederror is known")
+    booster = learner["gradient_booster"]
+    weight = np.array(booster.get("weight_drop", []), np.float32)
+    model = booster["gbtree"]["model"] if booster["name"] == "dart" else booster["model"]
+    need(booster["name"] in ("gbtree", "dart"), f"booster {booster['name']} is not known")
+    base = np.array(json.loads(learner["learner_model_param"]["base_score"]), np.float32).reshape(-1)
+    outputs = max(int(learner["learner_model_param"]["num_target"]), 1)
+    base = np.broadcast_to(base, outputs) if len(base) == 1 else base
+    trees = []
+    for number, (t, group) in enumerate(zip(model["trees"], model["tree_info"])):
+        need(not any(t["split_type"]), "categories are not known")
+        width = max(int(t["tree_param"]["size_leaf_vector"]), 1)
+        need(width == 1, "leaves with several numbers are not known")
+        left = np.array(t["left_children"])
+        condition = np.array(t["split_conditions"], np.float32)
+        value = condition * weight[number] if len(weight) else condition
+        trees.append(
+            flat(
+                t["split_indices"],
+                condition.astype(float),
+                left,
+                t["right_children"],
+                t["default_left"],
+                value.astype(float),
+                left < 0,
+                [group],
+            )
+        )
+    names = learner["feature_names"] or None
+    return Model(
+        int(learner["learner_model_param"]["num_feature"]), trees, base, True, True, True, limit=F32_LIMIT, names=names
+    )
+
+
+def read_skops(data):
+    archive = zipfile.ZipFile(BytesIO(data))
+
+    def build(node):
+        if not isinstance(node, dict):
+            return node
+        content, loader = node.get("content"), node["__loader__"]
+        if loader == "JsonNode":
+            return json.loads(content)
+        if loader == "NdArrayNode" and node["type"] == "numpy":
+            return np.load(BytesIO(archive.read(node["file"])), allow_pickle=False)
+        if loader == "ListNode" or (loader == "NdArrayNode" and isinstance(content, list)):
+            return [build(item) for item in content]
+        if loader == "NdArrayNode":
+            return build(content)
+        if loader == "DictNode":
+            return {key: build(item) for key, item in content.items() if isinstance(item, dict)}
+        if loader in ("ObjectNode", "TreeNode") and content:
+            state = build(content) if "__loader__" in content else {k: build(v) for k, v in content.items()}
+            return {**(state if isinstance(state, dict) else {}), "class": node["__class__"]}
+        return {"class": node["__class__"]}
+
+    e = build(json.loads(archive.read("schema.json")))
+    kind, features = e["class"], e.get("n_features_in_")
+    names = None if e.get("feature_names_in_") is None else [str(n) for n in np.ravel(e["feature_names_in_"])]
+    forest = ("RandomForestRegressor", "ExtraTreesRegressor")
+    if kind == "HistGradientBoostingRegressor":
+        need(e["loss"] in ("squared_error", "absolute_error") and e["is_categorical_"] is None, "link or categories")
+        trees = []
+        for (predictor,) in e["_predictors"]:
+            n = predictor["nodes"]
+            trees.append(
+                flat(
+                    n["feature_idx"],
+                    n["num_threshold"],
+                    n["left"],
+                    n["right"],
+                    n["missing_go_to_left"],
+                    n["value"],
+                    n["is_leaf"] if len(n) > 1 else [True],
+                    [0],
+                )
+            )
+        return Model(features, trees, np.ravel(e["_baseline_prediction"]), False, False, False, names=names)
+    need(
+        kind in (*forest, "GradientBoostingRegressor", "DecisionTreeRegressor", "ExtraTreeRegressor"),
+        f"{kind} is not known",
+    )
+    boosting = kind == "GradientBoostingRegressor"
+    members = [m for row in e["estimators_"] for m in row] if boosting else e["estimators_"] if kind in forest else [e]
+    base, rate, width = [0.0], 1.0, int(e.get("n_outputs_", 1))
+    if boosting:
+        need(e["init_"]["class"] == "DummyRegressor", "an initial estimator")
+        base, rate = np.ravel(e["init_"]["constant_"]), float(e["learning_rate"])
+    trees = []
+    for member in members:
+        n, value = member["tree_"]["nodes"], member["tree_"]["values"]
+        go = n["missing_go_to_left"] if "missing_go_to_left" in n.dtype.names else np.zeros(len(n))
+        trees.append(
+            flat(
+                n["feature"],
+                n["threshold"],
+                n["left_child"],
+                n["right_child"],
+                go,
+                rate * value[:, :, 0] if boosting else value[:, :, 0],
+                n["left_child"] < 0,
+                range(width),
+            )
+        )
+    return Model(
+        features,
+        trees,
+        base if boosting else [0.0] * width,
+        False,
+        True,
+        False,
+        float(len(trees)) if kind in forest else 1.0,
+        nan=not boosting,
+        limit=F32_LIMIT,
+        names=names,
+    )
+
+
+def protobuf(data):
+    """Fields of a message: number -> raw values (integers, or bytes)."""
+    out, at = {}, 0
+
+    def varint():
+        nonlocal at
+        result = shift = 0
+        while True:
+            byte = data[at]
+            at += 1
+            result |= (byte & 127) << shift
+            shift += 7
+            if byte < 128:
+                return result
+
+    while at < len(data):
+        tag = varint()
+        kind = tag & 7
+        if kind == 0:
+            item = varint()
+        else:
+            size = varint() if kind == 2 else {1: 8, 5: 4}[kind]
+            item, at = data[at : at + size], at + size
+        out.setdefault(tag >> 3, []).append(item)
+    return out
+
+
+def read_onnx(data):
+    graph = protobuf(protobuf(data)[7][0])
+    need(len(graph[1]) == 1, "a graph of one node is known")
+    node = protobuf(graph[1][0])
+    need(node[4][0] == b"TreeEnsembleRegressor", f"the operator {node[4][0].decode()} is not known")
+    a = {}
+    for raw in node[5]:
+        m = protobuf(raw)
+        floats = np.frombuffer(b"".join(m.get(7, [])), "<f4")
+        integers = [i if isinstance(i, int) else varints(i) for i in m.get(8, [])]
+        integers = [n for i in integers for n in (i if isinstance(i, list) else [i])]
+        a[m[1][0].decode()] = (
+            floats
+            if 7 in m
+            else integers
+            if 8 in m
+            else [s.decode() for s in m.get(9, [])]
+            if 9 in m
+            else m[3][0]
+            if 3 in m
+            else m.get(4, [b""])[0].decode()
+        )
+    need(
+        set(a["nodes_modes"]) <= {"BRANCH_LEQ", "LEAF"}
+        and a.get("aggregate_function", "SUM") == "SUM"
+        and a.get("post_transform", "NONE") == "NONE"
+        and a.get("n_targets", 1) == 1,
+        "modes or aggregates",
+    )
+    ids, nodes = np.array(a["nodes_treeids"]), np.array(a["nodes_nodeids"])
+    trees = []
+    for t in dict.fromkeys(a["nodes_treeids"]):
+        at = np.flatnonzero(ids == t)
+        need(np.array_equal(nodes[at], np.arange(len(at))), "nodes out of order")
+        pick = {
+            k: np.array(a[k])[at]
+            for k in ("nodes_featureids", "nodes_values", "nodes_truenodeids", "nodes_falsenodeids", "nodes_modes")
+        }
+        missing = np.array(a.get("nodes_missing_value_tracks_true") or np.zeros(len(ids)))[at]
+        value = np.zeros(len(at))
+        for owner, leaf, weight in zip(a["target_treeids"], a["target_nodeids"], a["target_weights"]):
+            if owner == t:
+                value[leaf] = weight
+        trees.append(
+            flat(
+                pick["nodes_featureids"],
+                pick["nodes_values"].astype(float),
+                pick["nodes_truenodeids"],
+                pick["nodes_falsenodeids"],
+                missing,
+                value,
+                pick["nodes_modes"] == "LEAF",
+                [0],
+            )
+        )
+    shape = protobuf(protobuf(protobuf(protobuf(graph[11][0])[2][0])[1][0])[2][0])[1]
+    base = a.get("base_values", np.zeros(1))
+    return Model(protobuf(shape[1])[1][0], trees, base if len(base) else [0.0], False, True, True, base_last=True)
+
+
+def varints(data):
+    out, shift = [0], 0
+    for byte in data:
+        out[-1] |= (byte & 127) << shift
+        shift += 7
+        if byte < 128:
+            out, shift = [*out, 0], 0
+    return out[:-1]
+
+
+def read_model(path):
+    data = path.read_bytes()
+    if path.suffix == ".txt":
+        return read_lightgbm(data)
+    if path.suffix in (".json", ".ubj"):
+        return read_xgboost(json.loads(data) if path.suffix == ".json" else read_ubjson(data))
+    need(path.suffix in (".skops", ".onnx"), f"{path.name}: a kind of file that is not known")
+    return read_skops(data) if path.suffix == ".skops" else read_onnx(data)

@@ -1,0 +1,120 @@
+"""The independent checker: accepts what `prove` proves, in every layout and dialect, and nothing that was changed."""
+
+import ast
+import hashlib
+import json
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from st_codegen.driver import generate
+from st_codegen.passes.choose import Layout, Options
+from st_codegen.project.bundle import load
+from st_codegen.proof.prove.certificate import certificate
+from st_codegen.proof.prove.prove import prove
+
+ROOT = Path(__file__).resolve().parents[2]
+CHECKER = ROOT / "checker" / "check_certificate.py"
+GOLDEN = ROOT / "golden" / "lone"
+#: Golden tree models that the checker does not know, and what it says.
+OUTSIDE = {
+    "hist_gradient_boosting_category.skops": "link or categories",
+    "lightgbm_category.txt": "categories and linear leaves are not known",
+    "lightgbm_zero_missing.txt": "missing_type Zero is not known",
+    "onnx_ensemble.onnx": "the operator TreeEnsemble is not known",
+    "onnx_trees.onnx": "modes or aggregates",
+    "xgboost_category.ubj": "categories are not known",
+    "xgboost_poisson.json": "only reg:squarederror is known",
+    "xgboost_two_outputs.json": "leaves with several numbers are not known",
+}
+KNOWN = ("decision_tree.skops", "extra_trees.skops", "gradient_boosting.skops", "hist_gradient_boosting.skops")
+KNOWN += (
+    "lightgbm_gbdt.txt",
+    "lightgbm_missing.txt",
+    "random_forest.skops",
+    "xgboost_gbtree.json",
+    "xgboost_missing.ubj",
+)
+KNOWN += ("extra_tree.skops", "extra_trees_ranked.skops", "hist_gradient_boosting_missing.skops")
+KNOWN += ("lightgbm_dart.txt", "lightgbm_rf.txt", "random_forest_two_outputs.skops", "xgboost_dart.json")
+
+
+def folder_of(tmp_path, names):
+    folder = tmp_path / "models"
+    folder.mkdir()
+    for name in names:
+        shutil.copy(GOLDEN / "models" / name, folder)
+    return folder
+
+
+def written(tmp_path, models, out):
+    bundle = load(models)
+    path = tmp_path / "certificate.json"
+    path.write_text(json.dumps(certificate(bundle, models, out, prove(bundle, out))))
+    return path
+
+
+def check(*arguments):
+    return subprocess.run([sys.executable, CHECKER, *map(str, arguments)], capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("target", ["iec", "twincat"])
+def test_golden_models_are_confirmed(target, tmp_path):
+    models = folder_of(tmp_path, KNOWN)
+    result = check(written(tmp_path, models, GOLDEN / "generated" / target), models, GOLDEN / "generated" / target)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert result.stdout.count("confirmed") == len(KNOWN)
+
+
+@pytest.mark.parametrize("ranks", [True, False])
+def test_sums_of_trees_are_confirmed(ranks, tmp_path):
+    models = folder_of(tmp_path, KNOWN)
+    generate(load(models), "iec", tmp_path / "out", options=Options(layout=Layout.TREES, ranks=ranks))
+    result = check(written(tmp_path, models, tmp_path / "out"), models, tmp_path / "out")
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+@pytest.mark.parametrize("name", OUTSIDE)
+def test_what_is_outside_is_named_and_not_accepted(name, tmp_path):
+    models = folder_of(tmp_path, [name])
+    out = GOLDEN / "generated" / "iec"
+    result = check(written(tmp_path, models, out), models, out)
+    assert result.returncode == 1
+    assert OUTSIDE[name] in result.stdout
+
+
+def test_the_checker_shares_nothing_with_the_package():
+    allowed = {"numpy", "model_files", *sys.stdlib_module_names}
+    for path in CHECKER.parent.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                assert {alias.name.split(".")[0] for alias in node.names} <= allowed
+            elif isinstance(node, ast.ImportFrom):
+                assert node.module.split(".")[0] in allowed
+
+
+def test_a_changed_text_and_a_changed_certificate_are_rejected(tmp_path):
+    models = folder_of(tmp_path, ["random_forest.skops"])
+    out = tmp_path / "out" / "iec"
+    shutil.copytree(GOLDEN / "generated" / "iec", out)
+    path = written(tmp_path, models, tmp_path / "out")
+    content = json.loads(path.read_text())
+    changed = {**content, "proofs": [{**content["proofs"][0], "trees": content["proofs"][0]["trees"] + 1}]}
+    path.write_text(json.dumps(changed))
+    assert "proved in another way" in check(path, models, tmp_path / "out").stdout
+    text = out / "FB_Random_forest.st"
+    number = re.search(r"EDGE_1_0 : .*\n\s+([0-9.]+)", text.read_text())[1]
+    text.write_text(text.read_text().replace(number, repr(float(np.nextafter(float(number), np.inf))), 1))
+    path.write_text(json.dumps(content))
+    assert "other texts" in check(path, models, tmp_path / "out").stdout
+    # with the right hash of the wrong text, too
+    digest = hashlib.sha256(text.read_bytes()).hexdigest()
+    content["texts"]["iec"]["FB_Random_forest.st"] = digest
+    path.write_text(json.dumps(content))
+    result = check(path, models, tmp_path / "out")
+    assert (result.returncode, "a cell is another number" in result.stdout) == (1, True), result.stdout
