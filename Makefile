@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 RACE := .venv-race
 INSTALLED := $(VENV)/.installed
 
-.PHONY: run test real blark soak lint sizes nightly bench clean tables train-long blind blind-form mutate example race
+.PHONY: run test real blark soak lint sizes nightly bench clean tables train-long blind blind-form mutate mutants example race
 
 run: $(INSTALLED)  ## compile the example bundle, verify the result
 	$(BIN)/st-codegen examples/rv160n/models/ --target twincat --out build/rv160n
@@ -56,6 +56,9 @@ blind: $(INSTALLED)  ## hidden effects on held-out seeds: three rounds of cases,
 
 blind-form: $(INSTALLED)  ## reconcile on physics that is not its catalogue's, held-out seeds; build/blind_form.json; two hours
 	$(BIN)/python -m tests.reconcile.blind_form.run --seeds heldout --cases 513 --jobs 2 --json build/blind_form.json
+
+mutants: $(INSTALLED)  ## 1,000 changed texts and 1,000 changed certificates: prove and the checker must reject each
+	$(BIN)/python -m tests.proof.mutants
 
 mutate: $(INSTALLED)  ## changes 300 places one by one and lists the changes that no test notices; build/mutate.json, hours
 	$(BIN)/python -m tests.mutation --count 300 --jobs 2 --json build/mutate.json

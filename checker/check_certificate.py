@@ -558,7 +558,7 @@ class Check:
         return start, chain
 
 
-ISNAN = "uBits.fValue := fValue; F_IsNan := (uBits.nBits AND MAGNITUDE) > INFINITY;"
+ISNAN = "uBits.fValue := fValue; F_IsNan := (uBits.nBits AND {}) > {};"
 
 
 def has_isnan(folder):
@@ -569,8 +569,9 @@ def has_isnan(folder):
         re.sub(r"\s+", " ", re.sub(r"\(\*.*?\*\)", " ", (folder / name).read_text("utf-8-sig"), flags=re.S))
         for name in ("POUs/F_IsNan.TcPOU", "DUTs/U_LrealBits.TcDUT")
     )
-    parts = (ISNAN, "MAGNITUDE : LWORD := 16#7FFFFFFFFFFFFFFF;", "INFINITY : LWORD := 16#7FF0000000000000;")
-    return all(p in body for p in parts) and bool(re.search(r"UNION fValue : LREAL; nBits : LWORD; END_UNION", union))
+    names = [re.search(rf"(\w+) : LWORD := 16#{bits_};", body) for bits_ in ("7FFFFFFFFFFFFFFF", "7FF0000000000000")]
+    known = all(names) and ISNAN.format(*(name[1] for name in names)) in body
+    return known and bool(re.search(r"UNION fValue : LREAL; nBits : LWORD; END_UNION", union))
 
 
 STATEMENT = (

@@ -17,6 +17,7 @@ from st_codegen.passes.choose import Layout, Options
 from st_codegen.project.bundle import load
 from st_codegen.proof.prove.certificate import certificate
 from st_codegen.proof.prove.prove import prove
+from tests.proof import mutants
 
 ROOT = Path(__file__).resolve().parents[2]
 CHECKER = ROOT / "checker" / "check_certificate.py"
@@ -118,3 +119,15 @@ def test_a_changed_text_and_a_changed_certificate_are_rejected(tmp_path):
     path.write_text(json.dumps(content))
     result = check(path, models, tmp_path / "out")
     assert (result.returncode, "a cell is another number" in result.stdout) == (1, True), result.stdout
+
+
+def test_mutants_are_rejected_or_equal():
+    counts, wrong = mutants.texts(9, seed=1, names=mutants.MODELS[:1])
+    assert (sum(counts.values()), wrong) == (9, [])
+    assert sum(count for (_, verdict), count in counts.items() if verdict == "rejected by both") > 4
+    assert mutants.certificates(20, seed=1) == (20, [])
+
+
+@pytest.mark.slow
+def test_a_thousand_mutants_of_each_kind():
+    assert mutants.main([]) == 0
