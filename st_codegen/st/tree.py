@@ -17,6 +17,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from types import MappingProxyType
+from typing import Any
 
 from st_codegen.st.errors import Position
 from st_codegen.st.types import UNKNOWN, Scalar, Type, Value
@@ -479,6 +480,8 @@ class Project:
     pous: Mapping[str, Pou]
     types: Mapping[str, Type]
     globals: Mapping[str, tuple[Variable, ...]]
+    #: What later stages keep of this project, each under a key of its own; it goes when the project goes.
+    kept: dict[object, Any] = field(default_factory=dict, repr=False)
 
     def lineage(self, block: str) -> Iterator[Pou]:
         """A block and what it extends, nearest first."""

@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import struct
+import weakref
 
 import numpy as np
 import pytest
 
-from st_codegen.st import Machine, StCheckError, StRuntimeError, StUsageError
+from st_codegen.st import Machine, StCheckError, StRuntimeError, StUsageError, parse_project
 from tests.st.helpers import block, project, run
 
 UNION = "TYPE U : UNION fValue : LREAL; nBits : ULINT; wBits : LWORD; aBytes : ARRAY[0..7] OF BYTE; aHalf : ARRAY[0..1] OF UDINT; rLow : REAL; nInt : INT; END_UNION END_TYPE"
@@ -502,3 +504,13 @@ def test_an_element_of_a_table_loaded_in_an_elsif_alone() -> None:
         inputs="f : LREAL;",
     )
     assert run(text, "n", f=1.5) == 111
+
+
+def test_machine_code_goes_with_its_project() -> None:
+    project = parse_project({"f.st": "FUNCTION_BLOCK FB VAR_OUTPUT x : DINT; END_VAR x := x + 1; END_FUNCTION_BLOCK"})
+    seen = weakref.ref(project)
+    machine = Machine(project)
+    machine.instance("FB")()
+    del project, machine
+    gc.collect()
+    assert seen() is None

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cache
 from threading import RLock
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import llvmlite.binding as llvm
 
@@ -89,16 +88,17 @@ class Program:
 
 
 _LOCK = RLock()
-_PROGRAMS: WeakKeyDictionary[t.Project, dict[int, Program]] = WeakKeyDictionary()
 
 
 def program_of(project: t.Project, loop_limit: int) -> Program:
     """The program of a project, made once for each limit of loops."""
+    key = (Program, loop_limit)
     with _LOCK:
-        programs = _PROGRAMS.setdefault(project, {})
-        if loop_limit not in programs:
-            programs[loop_limit] = Program(project, loop_limit)
-        return programs[loop_limit]
+        # a program knows its project, so a table beside the project would keep both for ever
+        if key not in project.kept:
+            project.kept[key] = Program(project, loop_limit)
+        program: Program = project.kept[key]
+        return program
 
 
 def name_of(key: str) -> str:
