@@ -15,6 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from st_codegen.emit.targets import TARGETS
 from st_codegen.files.number_text import parse_number, parse_whole
 from st_codegen.passes.choose import Layout, Options
+from st_codegen.walkers.limits import DEFAULT_MAX_MODEL_BYTES, set_max_model_bytes
 
 #: Messages and progress; results go to standard output. Text is shown as it is, nothing in it is taken as markup.
 console = Console(stderr=True, width=None if sys.stderr.isatty() else 120, markup=False, emoji=False, highlight=False)
@@ -48,10 +49,19 @@ def models_argument(function: Command) -> Command:
 
 
 def trust_option(function: Command) -> Command:
-    """Add the option --trust-pickle to a command."""
+    """Add the options --trust-pickle and --max-model-bytes to a command; the latter holds for all that it loads."""
+    with_limit = click.option(
+        "--max-model-bytes",
+        type=Whole(min=1),
+        default=DEFAULT_MAX_MODEL_BYTES,
+        show_default=True,
+        expose_value=False,
+        callback=lambda _context, _option, value: set_max_model_bytes(value),
+        help="Model files with more bytes, packed or unpacked, are refused before they are unpacked.",
+    )(function)
     return click.option(
         "--trust-pickle", is_flag=True, help="Load .joblib and .pkl files. A pickle can run code: only your own files."
-    )(function)
+    )(with_limit)
 
 
 def quiet_option(function: Command) -> Command:

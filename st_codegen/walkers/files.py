@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from st_codegen.entries import Entries
-from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError, errors_name
 from st_codegen.walkers.base import LoadedModel
+from st_codegen.walkers.limits import check_size
 from st_codegen.walkers.objects import load_pickle, load_skops
 
 
@@ -58,6 +59,8 @@ def load_model(path: Path, name: str, *, trust_pickle: bool = False) -> LoadedMo
     """
     if not path.is_file():
         raise InputError(f"{path.name}: no such file in {path.parent}")
+    with errors_name(path.name):
+        check_size(path.stat().st_size)
     loaded = _loaded(path, name, trust_pickle=trust_pickle)
     source = dataclasses.replace(loaded.ir.source, file=path.name, sha256=_sha256(path))
     return LoadedModel(dataclasses.replace(loaded.ir, source=source), loaded.predict)

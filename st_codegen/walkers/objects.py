@@ -6,8 +6,16 @@ import importlib
 from pathlib import Path
 from typing import Any
 
-from st_codegen.errors import InputError, MissingExtraError, UnsupportedModelError, UntrustedFileError
+from st_codegen.errors import (
+    InputError,
+    MissingExtraError,
+    StCodegenError,
+    UnsupportedModelError,
+    UntrustedFileError,
+    with_subject,
+)
 from st_codegen.walkers.base import LIBRARIES, LoadedModel, trusted_types
+from st_codegen.walkers.skops_file import checked_archive
 
 #: For each library, the module whose `load_object` makes a model of an object of that library.
 _LOADERS = {
@@ -17,6 +25,10 @@ _LOADERS = {
 }
 
 
+#: What attributes of a wrong type or shape raise in walkers: anybody can write any object into a `.skops` file.
+_NOT_AS_MADE = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
+
+
 def load_skops(path: Path, name: str) -> LoadedModel:
     """Load a `.skops` file. Raises UntrustedFileError where it names a type that is not known to be harmless."""
     try:
@@ -24,19 +36,27 @@ def load_skops(path: Path, name: str) -> LoadedModel:
     except ImportError:
         raise MissingExtraError("skops", "sklearn", f"{path.name}: reading .skops files") from None
     try:
-        unknown = skops.io.get_untrusted_types(file=path)
+        data = checked_archive(path)
+        unknown = skops.io.get_untrusted_types(data=data)
         foreign = sorted(set(unknown) - trusted_types())
         if foreign:
             raise UntrustedFileError(
-                f"{path.name}: the file names types that no supported model needs, and loading them could run code: "
+                "the file names types that no supported model needs, and loading them could run code: "
                 f"{', '.join(foreign)}; save the model without them"
             )
-        estimator = skops.io.load(path, trusted=unknown)
-    except UntrustedFileError:
-        raise
+        estimator = skops.io.loads(data, trusted=unknown)
+    except InputError as error:
+        raise with_subject(error, path.name) from None
     except Exception as error:  # skops raises whatever zip, json or the classes raise
         raise InputError(f"{path.name}: not a readable .skops file ({type(error).__name__}: {error})") from error
-    return from_estimator(estimator, name)
+    try:
+        return from_estimator(estimator, name)
+    except StCodegenError:
+        raise
+    except _NOT_AS_MADE as error:
+        raise InputError(
+            f"{path.name}: the model is not as {type(estimator).__name__} makes it ({type(error).__name__}: {error})"
+        ) from error
 
 
 def load_pickle(path: Path, name: str, *, trusted: bool) -> LoadedModel:

@@ -309,3 +309,11 @@ def test_damaged_files_load_or_are_refused(path: Path, data: Any, mutated: Any, 
         assert str(error).startswith("damaged.txt: ")
     else:
         reference.evaluate(model.ir, np.zeros((2, len(model.ir.features))))
+
+
+def test_text_that_the_library_does_not_survive_is_refused(load: Any) -> None:
+    with pytest.raises(InputError, match="objective: empty"):
+        load(text_of(STUMP).replace("objective=regression", "objective="))
+    tree = STUMP.replace("threshold=", "\nthreshold=")
+    with pytest.raises(InputError, match="tree 0: an empty line inside the tree"):
+        load(text_of(tree))

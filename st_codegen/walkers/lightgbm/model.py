@@ -83,12 +83,31 @@ def load_object(estimator: Any, name: str) -> LoadedModel:
 @walks(
     "lightgbm.LGBMRegressor",
     "lightgbm.Booster",
-    trusts=("collections.OrderedDict", "lightgbm.basic.Booster", "lightgbm.sklearn.LGBMRegressor"),
+    trusts=("collections.OrderedDict", f"{__name__}.StoredBooster", "lightgbm.sklearn.LGBMRegressor"),
 )
 def walk(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Add a fitted LGBMRegressor or Booster, up to its best iteration, as `predict` uses it."""
     with errors_name(type(estimator).__name__):
         return _add(_model_of(_booster(estimator)), builder, value)
+
+
+class StoredBooster:
+    """A Booster in a `.skops` file: LightGBM reads its text after our reader has taken it, and not before."""
+
+    def __setstate__(self, state: Any) -> None:
+        """Become the library's Booster. Raises InputError for a text that our reader refuses."""
+        with errors_name("Booster"):
+            text = state.get("_handle", state.get("handle")) if isinstance(state, dict) else None
+            if not isinstance(text, str):
+                raise InputError("no model text; it was saved before training, or is damaged")
+            model = parse(io.BytesIO(text.encode()))
+            best = state.get("best_iteration", -1)
+            if type(best) is not int or not -1 <= best <= len(model.trees) // model.n_outputs:
+                raise InputError(f"best_iteration: {str(best)[:40]}, expected a number of iterations of the model")
+            lightgbm = _library("a model of LightGBM in a .skops file")
+            self.__class__ = lightgbm.Booster
+            _load(lambda: lightgbm.Booster.__init__(self, model_str=text))
+        self.__dict__["best_iteration"] = best
 
 
 def features_of(estimator: Any) -> tuple[str, ...] | None:
@@ -101,7 +120,10 @@ def _booster(estimator: Any) -> Any:
         return estimator
     if not estimator.__sklearn_is_fitted__():
         raise InputError("not fitted: call fit() before saving it")
-    return estimator.booster_
+    booster = estimator.booster_
+    if type(booster).__name__ != "Booster":
+        raise InputError("the fitted Booster is missing; the file is damaged")
+    return booster
 
 
 def _model_of(booster: Any) -> TextModel:
@@ -116,16 +138,29 @@ def _loaded(model: TextModel, name: str, load_booster: Callable[[], Any]) -> Loa
 
 
 def _load_booster(path: Path) -> Any:
+    lightgbm = _library(f"the prediction of {path.name} by LightGBM")
+    with errors_name(path.name):
+        return _load(lambda: lightgbm.Booster(model_file=str(path)))
+
+
+def _library(purpose: str) -> Any:
     try:
         import lightgbm
     except ImportError:
-        raise MissingExtraError("lightgbm", "lightgbm", f"the prediction of {path.name} by LightGBM") from None
+        raise MissingExtraError("lightgbm", "lightgbm", purpose) from None
+    return lightgbm
+
+
+def _load(make: Callable[[], Any]) -> Any:
+    """What LightGBM makes of a model; InputError with its reason where it refuses."""
+    import lightgbm
+
     try:
         # it prints which parameters of older files it does not know; they play no part in prediction
         with contextlib.redirect_stdout(io.StringIO()):
-            return lightgbm.Booster(model_file=str(path))
-    except (lightgbm.basic.LightGBMError, OSError, ValueError) as error:
-        raise InputError(f"{path.name}: LightGBM cannot load it: {error}") from None
+            return make()
+    except (lightgbm.basic.LightGBMError, OSError, ValueError, TypeError) as error:
+        raise InputError(f"LightGBM cannot load it: {error}") from None
 
 
 class _LightgbmPredictor:

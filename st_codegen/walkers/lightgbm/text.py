@@ -86,10 +86,13 @@ def parse(stream: BinaryIO) -> TextModel:
         raise InputError("the model has no trees")
     boosting, categories = _read_tail(lines)
     average = "average_output" in header
+    objective = tuple(_text(header, "objective").split()) if "objective" in header else ()
+    if "objective" in header and not objective:  # the library takes the first word without asking for one
+        raise InputError("objective: empty; a model with an objective of your own has no such line")
     return TextModel(
         version=_text(header, "version") if "version" in header else "unknown",
         boosting=boosting or ("rf" if average else "gbdt"),
-        objective=tuple(_text(header, "objective").split()) if "objective" in header else (),
+        objective=objective,
         average_output=average,
         n_outputs=_count_outputs(header, len(trees)),
         feature_names=names,
@@ -126,6 +129,7 @@ def _read_tree(
     """The wanted fields of a tree, and the line after it; the length is checked as the library relies on it."""
     fields: dict[str, bytes] = {}
     length = used = len(heading)
+    ended = False
     for line in lines:
         if line.startswith((b"Tree=", *_ENDS_OF_TREES)):
             if sizes is not None:
@@ -134,7 +138,10 @@ def _read_tree(
         length += len(line)
         text = line.strip()
         if not text:
+            ended = True
             continue
+        if ended:  # the library ends the tree at the first empty line, and does not survive that fields are missing
+            raise InputError(f"tree {number}: an empty line inside the tree; the file was edited or is damaged")
         used = length
         key, equals, value = text.partition(b"=")
         if not equals:

@@ -40,6 +40,7 @@ from st_codegen.ir import (
 )
 from st_codegen.walkers.base import GraphBuilder, LoadedModel, walks
 from st_codegen.walkers.forest import ParsedTree, category_note, flatten
+from st_codegen.walkers.xgboost import ubjson
 from st_codegen.walkers.xgboost.document import READ_CATEGORY, BoosterModel, loads
 
 #: What an objective does to the sum of the trees; its inverse was applied to the base score.
@@ -103,13 +104,32 @@ def load_object(estimator: Any, name: str) -> LoadedModel:
     "xgboost.XGBRegressor",
     "xgboost.XGBRFRegressor",
     "xgboost.Booster",
-    trusts=("xgboost.core.Booster", "xgboost.sklearn.XGBRFRegressor", "xgboost.sklearn.XGBRegressor"),
+    trusts=(f"{__name__}.StoredBooster", "xgboost.sklearn.XGBRFRegressor", "xgboost.sklearn.XGBRegressor"),
 )
 def walk(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Add a fitted XGBRegressor or XGBRFRegressor (up to its best iteration), or a Booster (all rounds)."""
     with errors_name(type(estimator).__name__):
         model, way = _model_of(estimator)
         return _add(model, builder, value, way)
+
+
+class StoredBooster:
+    """A Booster in a `.skops` file: XGBoost reads its bytes after our reader has taken them, and not before.
+
+    Only the model is taken; the configuration beside it (threads, device, evaluation) plays no part in prediction.
+    """
+
+    def __setstate__(self, state: Any) -> None:
+        """Become the library's Booster. Raises InputError for bytes that our reader refuses."""
+        with errors_name("Booster"):
+            data = state.get("handle") if isinstance(state, dict) else None
+            if not isinstance(data, bytearray | bytes):
+                raise InputError("no model; it was saved before training, or is damaged")
+            model = ubjson.entry(bytes(data), "Model")
+            loads(model, binary=True)
+            xgboost = _library("a model of XGBoost in a .skops file")
+            self.__class__ = xgboost.Booster
+            _load(lambda: xgboost.Booster.__init__(self, model_file=bytearray(model)))
 
 
 def features_of(estimator: Any) -> tuple[str, ...] | None:
@@ -123,7 +143,10 @@ def _booster(estimator: Any) -> Any:
         return estimator
     if not estimator.__sklearn_is_fitted__():
         raise InputError("not fitted: call fit() before saving it")
-    return estimator.get_booster()
+    booster = estimator.get_booster()
+    if type(booster).__name__ != "Booster":
+        raise InputError("the fitted Booster is missing; the file is damaged")
+    return booster
 
 
 def _model_of(estimator: Any) -> tuple[BoosterModel, _Path]:
@@ -157,19 +180,32 @@ def _loaded(model: BoosterModel, way: _Path, name: str, load_booster: Callable[[
 
 
 def _load_booster(path: Path) -> Any:
+    xgboost = _library(f"the prediction of {path.name} by XGBoost")
+    with errors_name(path.name):
+        booster = xgboost.Booster()
+        _load(lambda: booster.load_model(str(path)))
+        # on a busy machine, threads that wait for each other cost more than they save
+        booster.set_param("nthread", "1")
+    return booster
+
+
+def _library(purpose: str) -> Any:
     try:
         import xgboost
     except ImportError:
-        raise MissingExtraError("xgboost", "xgboost", f"the prediction of {path.name} by XGBoost") from None
-    booster = xgboost.Booster()
+        raise MissingExtraError("xgboost", "xgboost", purpose) from None
+    return xgboost
+
+
+def _load(read: Callable[[], Any]) -> None:
+    """Let XGBoost read a model; InputError with its reason where it refuses."""
+    import xgboost
+
     try:
         with xgboost.config_context(verbosity=0):  # it warns of files of older versions
-            booster.load_model(str(path))
-            # on a busy machine, threads that wait for each other cost more than they save
-            booster.set_param("nthread", "1")
-    except (xgboost.core.XGBoostError, OSError, ValueError) as error:
-        raise InputError(f"{path.name}: XGBoost cannot load it: {_first_line(error)}") from None
-    return booster
+            read()
+    except (xgboost.core.XGBoostError, OSError, ValueError, TypeError) as error:
+        raise InputError(f"XGBoost cannot load it: {_first_line(error)}") from None
 
 
 def _first_line(error: Exception) -> str:

@@ -30,6 +30,22 @@ def loads(data: bytes) -> Any:
     return reader.value(reader.marker(), 0)
 
 
+def entry(data: bytes, name: str) -> bytes:
+    """The UBJSON of one entry of the object that `data` is. Raises InputError where there is not one such."""
+    reader = _UbjsonReader(data)
+    found: list[bytes] = []
+    if reader.marker() != b"{" or reader.header() != (None, None):
+        raise reader.fail("not an object without a count")
+    while reader.peek() != b"}":
+        key, start = reader.text(), reader.position
+        reader.value(reader.marker(), 1)
+        if key == name:
+            found.append(data[start : reader.position])
+    if len(found) != 1:
+        raise reader.fail(f"{len(found)} entries '{name}', expected one")
+    return found[0]
+
+
 class _UbjsonReader:
     def __init__(self, data: bytes) -> None:
         self.data = data
