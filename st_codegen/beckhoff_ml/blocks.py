@@ -50,7 +50,9 @@ def engine_limits(model: ModelIR, engine: Engine) -> tuple[float | None, ...]:
     if engine.compares_only:
         return model.magnitude_limits
     if engine.precision is Precision.FLOAT64:
-        return tuple(math.inf if limit is None else limit for limit in model.magnitude_limits)
+        # an engine computes with all columns, those that the model leaves out as well, and multiplies these by 0
+        least = min((limit for limit in model.magnitude_limits if limit is not None), default=math.inf)
+        return tuple(least if limit is None else limit for limit in model.magnitude_limits)
     ops = tuple(
         dataclasses.replace(op, precision=Precision.FLOAT32) if isinstance(op, Linear | Activation) else op
         for op in model.ops

@@ -6,6 +6,7 @@ Interval arithmetic on magnitudes: each operation maps a bound on its inputs to 
 
 from __future__ import annotations
 
+import bisect
 import dataclasses
 import math
 from functools import singledispatch
@@ -49,29 +50,52 @@ _QUOTIENT_LIMITS = {
     Precision.FLOAT32: (3e38, 1e19, 1e9, 1e5, 1e3),
 }
 
-_EXPONENTS = range(300, -1, -1)
+#: The largest result of an operation. The sum of ten thousand results, as the blocks around a model may form it, does
+#: not overflow either.
+_LARGEST = {Precision.FLOAT64: 1e305, Precision.FLOAT32: CEILING[Precision.FLOAT32]}
+
+#: Limits of inputs that are tried, rising: numbers of one digit, so that a model trained again rarely has another one.
+_LIMITS = tuple(float(f"{digit}e{exponent}") for exponent in range(305) for digit in range(1, 10))
+
+#: A range of inputs beyond this is no better: of limits for exponentials that leave as much, the largest is taken.
+_WIDE = 1e37
 
 
 def limit_inputs(model: ModelIR) -> ModelIR:
     """The model with `magnitude_limits`, and `limit` of exponentials and quotients, narrowed: no operation overflows.
 
-    Models that only compare their inputs stay as they are. Every output is then finite. Raises InputError where not
-    even inputs of magnitude 1, or not all of the declared ranges, are safe.
+    Models that only compare their inputs stay as they are, and so do inputs that no arithmetic reads. Every output is
+    then finite. Raises InputError where not even inputs of magnitude 1, or not all of the declared ranges, are safe.
     """
-    if _is_safe(model, math.inf):
+    unlimited = np.full(len(model.features), np.inf)
+    if _is_safe(model, unlimited):
         return model
-    for attempt in range(len(_EXP_LIMITS[Precision.FLOAT64])):
-        candidate = dataclasses.replace(model, ops=tuple(_limited(op, attempt) for op in model.ops))
-        for exponent in _EXPONENTS:
-            if _is_safe(candidate, 10.0**exponent):
-                limit = 10.0**exponent
-                _check_ranges(candidate, limit)
-                limits = tuple(limit if known is None else min(limit, known) for known in model.magnitude_limits)
-                return dataclasses.replace(candidate, magnitude_limits=limits)
-    raise InputError(
-        f"model '{model.name}': its coefficients are so large that the result overflows for inputs of magnitude 1; "
-        "check the training data and scale the target"
+    count = len(_EXP_LIMITS[Precision.FLOAT64])
+    candidates = [
+        dataclasses.replace(model, ops=tuple(_limited(op, number) for op in model.ops)) for number in range(count)
+    ]
+    ranges = [_widest(candidate) for candidate in candidates]
+    best = max(range(count), key=lambda number: min(ranges[number], _WIDE))
+    if not ranges[best]:
+        raise InputError(
+            f"model '{model.name}': its numbers are so large that a result beyond {_LARGEST[Precision.FLOAT64]:g} is "
+            "possible for inputs of magnitude 1; check the training data and scale the target"
+        )
+    needed = np.full(len(model.features), ranges[best])
+    for feature in range(len(needed)):
+        without = np.where(np.arange(len(needed)) == feature, np.inf, needed)
+        needed = without if _is_safe(candidates[best], without) else needed
+    _check_ranges(model, needed)
+    limits = (min(limit, known or np.inf) for limit, known in zip(needed.tolist(), model.magnitude_limits, strict=True))
+    return dataclasses.replace(
+        candidates[best], magnitude_limits=tuple(limit if math.isfinite(limit) else None for limit in limits)
     )
+
+
+def _widest(model: ModelIR) -> float:
+    """The largest limit for the magnitudes of all inputs with which no operation overflows; 0.0 where there is none."""
+    safe = bisect.bisect_left(_LIMITS, True, key=lambda limit: not _is_safe(model, np.full(len(model.features), limit)))
+    return _LIMITS[safe - 1] if safe else 0.0
 
 
 def _limited(op: Operation, attempt: int) -> Operation:
@@ -83,8 +107,8 @@ def _limited(op: Operation, attempt: int) -> Operation:
     return op
 
 
-def _check_ranges(model: ModelIR, limit: float) -> None:
-    for feature in model.features:
+def _check_ranges(model: ModelIR, limits: FloatArray) -> None:
+    for feature, limit in zip(model.features, limits.tolist(), strict=True):
         if feature.lower is not None and feature.upper is not None and max(-feature.lower, feature.upper) >= limit:
             raise InputError(
                 f"model '{model.name}', feature '{feature.name}': within the range {feature.lower} .. {feature.upper} "
@@ -92,15 +116,16 @@ def _check_ranges(model: ModelIR, limit: float) -> None:
             )
 
 
-def _is_safe(model: ModelIR, limit: float) -> bool:
-    bounds = [np.full(len(model.features), limit)]
+def _is_safe(model: ModelIR, limits: FloatArray) -> bool:
+    """Whether no operation overflows for inputs of magnitudes up to `limits`, one for each feature."""
+    bounds = [limits]
     with np.errstate(all="ignore"):
         for op in model.ops:
             operands = [bounds[value] for value in op.inputs]
             peak, bound = magnitudes(op, operands)
             if op.inputs != (0,) and _refuses_overflow(op, operands):
                 return False
-            ceiling = CEILING[getattr(op, "precision", Precision.FLOAT64)]
+            ceiling = _LARGEST[getattr(op, "precision", Precision.FLOAT64)]
             if not peak <= ceiling:  # NaN is not safe either
                 return False
             bounds.append(bound)
@@ -206,16 +231,21 @@ def _(op: KernelSum, operands: list[FloatArray]) -> tuple[float, FloatArray]:
 
 @magnitudes.register
 def _(op: TreeEnsemble, operands: list[FloatArray]) -> tuple[float, FloatArray]:
-    value = np.max(np.abs(op.leaf_value), axis=0)
+    value = np.abs(op.leaf_value)
     if op.linear is not None:
-        longest = int(np.max(np.diff(op.linear.start), initial=0))
-        coefficient = float(np.max(np.abs(op.linear.coefficient), initial=0.0))
-        largest_input = float(np.max(operands[0])) if longest else 0.0
-        value = np.maximum(
-            value, np.max(np.abs(op.linear.constant), initial=0.0) + longest * coefficient * largest_input
-        )
-    total = np.abs(op.base) + op.n_trees * value
-    ceiling = CEILING[op.sum_precision]
+        products = np.abs(op.linear.coefficient) * operands[0][op.linear.column]
+        linear = np.abs(op.linear.constant)
+        np.add.at(linear, np.repeat(np.arange(len(linear)), np.diff(op.linear.start)), products)
+        value = np.maximum(value, linear[:, None])
+    leaves = np.flatnonzero(op.split < 0)
+    of_tree = np.zeros((op.n_trees, value.shape[1]))
+    np.maximum.at(of_tree, np.searchsorted(op.roots, leaves, side="right") - 1, value[op.leaf[leaves]])
+    total = np.abs(op.base)
+    if value.shape[1] > 1:
+        total = total + np.sum(of_tree, axis=0)
+    else:
+        np.add.at(total, op.tree_output, of_tree[:, 0])
+    ceiling = _LARGEST[op.sum_precision]
     bound = total / abs(op.divisor)
     return (float(np.max(total)) if np.max(total) <= ceiling else math.inf), np.broadcast_to(bound, (op.width,))
 

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from st_codegen.errors import InputError
 from st_codegen.ir import (
     Activation,
+    Comparison,
     Feature,
     Function,
     Kernel,
@@ -18,11 +19,13 @@ from st_codegen.ir import (
     Precision,
     Round,
     Scale,
+    Select,
     Source,
     reference,
 )
 from st_codegen.passes.domain import limit_inputs
 from tests.examples import examples
+from tests.models import random_trees
 
 SOURCE = Source("test", "1", "test")
 
@@ -58,12 +61,12 @@ def test_nothing_overflows_just_below_the_limit(numbers, function, kernel, degre
 
 
 def test_models_that_only_compare_take_everything():
-    assert limit_inputs(model(Scale((0,), Operator.ADD, [0.0, 0.0]))).magnitude_limits == (1e300, 1e300)
+    assert limit_inputs(model(Scale((0,), Operator.ADD, [0.0, 0.0]))).magnitude_limits == (9e304, 9e304)
 
 
 def test_float32_models_are_limited_to_float32():
     limited = limit_inputs(model(Round((0,), 2), Scale((1,), Operator.MULTIPLY, [1e10, 1.0], Precision.FLOAT32)))
-    assert limited.magnitude_limits == (1e28, 1e28)
+    assert limited.magnitude_limits == (3e28, 3e28)
 
 
 def test_quotients_are_limited_so_that_their_sum_does_not_overflow():
@@ -81,7 +84,7 @@ def test_quotients_are_limited_so_that_their_sum_does_not_overflow():
 
 def test_a_model_that_always_overflows_is_refused():
     huge = model(Linear((0,), [[1e300, 1e300]], [0.0]), Linear((1,), [[1e300]], [0.0]))
-    with pytest.raises(InputError, match="overflows for inputs of magnitude 1"):
+    with pytest.raises(InputError, match="possible for inputs of magnitude 1"):
         limit_inputs(huge)
 
 
@@ -90,3 +93,52 @@ def test_a_declared_range_beyond_the_limit_is_refused():
     ranged = dataclasses.replace(steep, features=(Feature("a", "", -1e20, 1e20), Feature("b", "", 0, 1)))
     with pytest.raises(InputError, match="feature 'a': within the range"):
         limit_inputs(ranged)
+
+
+def stumps(*leaves, **options):
+    """A tree with two leaves for each pair."""
+    frame = random_trees(np.random.default_rng(0), features=1, trees=1, splits=0, comparison=Comparison.LESS_OR_EQUAL)
+    n = len(leaves)
+    return dataclasses.replace(
+        frame,
+        roots=3 * np.arange(n),
+        split=[0, -1, -1] * n,
+        threshold=[0.5, 0.0, 0.0] * n,
+        left=np.ravel([[3 * i + 1, -1, -1] for i in range(n)]),
+        right=np.ravel([[3 * i + 2, -1, -1] for i in range(n)]),
+        missing_left=[False] * 3 * n,
+        leaf=np.ravel([[-1, 2 * i, 2 * i + 1] for i in range(n)]),
+        leaf_value=np.reshape(leaves, (2 * n, 1)),
+        tree_output=[0] * n,
+        base=[0.0],
+        **options,
+    )
+
+
+def test_the_limit_of_trees_is_that_of_their_sum():
+    """One tree with a leaf near the largest number is no reason to refuse, nor are many trees with small ones."""
+    fine = model(stumps((3.6e300, -1.0), *[(1.0, 2.0)] * 500))
+    assert limit_inputs(fine) == fine
+    with pytest.raises(InputError, match=r"a result beyond 1e\+305 is possible"):
+        limit_inputs(model(stumps((9e304, 1.0), (-9e304, 1.0))))
+
+
+def test_inputs_that_no_arithmetic_reads_have_no_limit():
+    limited = limit_inputs(model(Select((0,), [1]), Linear((1,), [[1e200]], [0.0]), n=3))
+    assert limited.magnitude_limits == (None, 1e105, None)
+
+
+def test_of_limits_of_exponentials_the_one_that_leaves_the_widest_range_is_taken():
+    """Two layers of exponentials: a large limit of the first one would leave next to nothing for the second."""
+    deep = model(
+        Linear((0,), [[1e-3, 0.0], [0.0, 1e-3]], [0.0, 0.0]),
+        Activation((1,), Function.EXP, 2),
+        Linear((2,), [[1e-250, 1e-250]], [0.0]),
+        Activation((3,), Function.EXP, 1),
+        Linear((4,), [[1.0]], [0.0]),
+    )
+    limited = limit_inputs(deep)
+    widest = [limit for limit in limited.magnitude_limits if limit is not None]
+    assert min(widest) >= 1e37
+    x = np.array([[1.0, 2.0], [-3e36, 3e36], [9e36, -9e36]])
+    assert np.isfinite(reference.evaluate(limited, x)[0]).all()

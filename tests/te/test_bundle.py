@@ -28,7 +28,7 @@ def test_a_model_whose_result_overflows_for_any_input_is_refused(lone_folder):
     path = lone_folder / "te.txt"
     old = re.search(r"leaf_value=(\S+)", path.read_text())[1]
     path.write_text(path.read_text().replace(old, "1e308".ljust(len(old), " ")[: len(old)], 1))
-    with pytest.raises(InputError, match="'te': its coefficients are so large"):
+    with pytest.raises(InputError, match="'te': its numbers are so large"):
         load(lone_folder)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -136,6 +137,13 @@ def feature_text(feature: Feature) -> str:
     return text
 
 
+def limit_text(limit: float | None) -> str:
+    """From which magnitude on a block refuses an input, for its header; empty where it takes all numbers."""
+    if limit is None:
+        return ""
+    return f", magnitude below {real(limit)}" if math.isfinite(limit) else ", finite"
+
+
 def model_header(model: ModelIR, *closing: str) -> tuple[str, ...]:
     """Where a model comes from and what its inputs are; `closing` says what its numbers are worth."""
     source = model.source
@@ -145,7 +153,10 @@ def model_header(model: ModelIR, *closing: str) -> tuple[str, ...]:
     if source.sha256:
         lines.append(f"SHA-256: {source.sha256}")
     lines.extend(f"Note: {note}" for note in source.notes)
-    lines.extend(f"Input {number}: {feature_text(feature)}" for number, feature in enumerate(model.features, 1))
+    lines.extend(
+        f"Input {number}: {feature_text(feature)}{limit_text(limit)}"
+        for number, (feature, limit) in enumerate(zip(model.features, model.magnitude_limits, strict=True), 1)
+    )
     exact = (
         "Equals the library bit for bit." if model.exact else "Equals the library within the bound that verify states."
     )
