@@ -48,8 +48,8 @@ def inside_bounds(fitted: Fit, number: int) -> Fit | None:
 
 
 def _inner(scalar: Scalar, c: Coordinate) -> list[float | None]:
-    """Where a shape is held: left out where the catalogue has a value for it, else its starts inside the bounds."""
-    if scalar.default is not None:
+    """Where a shape is held: left out where that means none of it, else at its starts inside the bounds."""
+    if scalar.default == 0.0:
         return [None]
     return [float(x) for x in scalar.starts if c.lower < x < c.upper] or [(c.lower + c.upper) / 2]
 
