@@ -22,6 +22,8 @@ from st_codegen.st.run.unit import Unit, is_body, is_by_value, parameters
 from st_codegen.st.run.writer import stored_type, value_type
 from st_codegen.st.tree import PouKind
 
+#: How much is optimised: nothing, for what runs a few times; or what pays off in a simulation or for many rows.
+QUICK, FAST = 0, 2
 _LONG, _POINTER = ctypes.c_int64, ctypes.c_void_p
 #: Runs a unit: context, unit, then the address and the bytes a row of the memory, instances and arguments; the rows.
 _ROWS = ctypes.CFUNCTYPE(_LONG, *(_POINTER, _POINTER), *(_POINTER, _LONG) * 3, *(_LONG, _LONG))
@@ -39,8 +41,9 @@ class Code:
 class Program:
     """The compiled units of a project; machines share it."""
 
-    def __init__(self, project: t.Project, loop_limit: int) -> None:
+    def __init__(self, project: t.Project, loop_limit: int, level: int) -> None:
         self.rows, functions = _library()
+        self._level = level
         self.module = Module(project, loop_limit, functions)
         self._codes: dict[str, Code] = {}
         self._units: dict[str, int] = {}
@@ -82,7 +85,7 @@ class Program:
         if offsets is not None:
             parts.append(_entry(pou, offsets))
             name = "@entry"
-        self._engines.append(_engine("\n".join([prelude.INTRINSICS, *parts])))
+        self._engines.append(_engine("\n".join([prelude.INTRINSICS, *parts]), self._level))
         address: int = self._engines[-1].get_function_address(name.strip('@"'))
         return address
 
@@ -90,13 +93,13 @@ class Program:
 _LOCK = RLock()
 
 
-def program_of(project: t.Project, loop_limit: int) -> Program:
-    """The program of a project, made once for each limit of loops."""
-    key = (Program, loop_limit)
+def program_of(project: t.Project, loop_limit: int, level: int = FAST) -> Program:
+    """The program of a project, made once for each limit of loops and each level."""
+    key = (Program, loop_limit, level)
     with _LOCK:
         # a program knows its project, so a table beside the project would keep both for ever
         if key not in project.kept:
-            project.kept[key] = Program(project, loop_limit)
+            project.kept[key] = Program(project, loop_limit, level)
         program: Program = project.kept[key]
         return program
 
@@ -131,7 +134,7 @@ def _library() -> tuple[Any, dict[str, str]]:
     """The function that runs rows, and what units call: the prelude, and functions of the C library."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    engine = _engine(prelude.TEXT, level=0)
+    engine = _engine(prelude.TEXT, level=QUICK)
     addresses = {name: engine.get_function_address(name) for name in prelude.EXPORTED}
     library = ctypes.CDLL("ucrtbase") if sys.platform == "win32" else ctypes.CDLL(None)
     for name, function in prelude.C_FUNCTIONS.items():
@@ -140,7 +143,7 @@ def _library() -> tuple[Any, dict[str, str]]:
     return _ROWS(addresses["rows"]), {name: absolute(address) for name, address in addresses.items()}
 
 
-def _engine(text: str, level: int = 2) -> Any:
+def _engine(text: str, level: int) -> Any:
     """Machine code of a module; nothing is added, contracted or reordered that changes a bit of a result."""
     features = llvm.get_host_cpu_features().flatten()
     target = llvm.Target.from_default_triple()

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from st_codegen.st import tree as t
 from st_codegen.st.errors import StUsageError
 from st_codegen.st.run.calls import NativeCalls
-from st_codegen.st.run.compiler import Code, program_of
+from st_codegen.st.run.compiler import FAST, QUICK, Code, program_of
 from st_codegen.st.run.layout import dtype_of, is_scalar
 from st_codegen.st.run.memory import Memory, given, pointers, reader, shown, view
 from st_codegen.st.run.natives import Library, NativeBlock
@@ -35,6 +35,8 @@ from st_codegen.st.tree import PouKind
 from st_codegen.st.types import ArrayType, BlockType, PointerType, default_value
 
 LOOP_LIMIT = 10_000_000
+#: Fewer rows run faster than they are optimised; the results are the same.
+_FEW_ROWS = 100
 #: Fewer rows are not worth a thread.
 _ROWS_A_THREAD = 500
 #: Memory for the answers of native code to rows that ask at the same time.
@@ -78,7 +80,7 @@ class Machine:
         self.rows = rows
         self.time_ns = 0
         self.natives: list[NativeBlock] = []
-        self.program_code = program_of(project, loop_limit)
+        self.program_code = program_of(project, loop_limit, QUICK if rows is not None and rows < _FEW_ROWS else FAST)
         self.module = self.program_code.module
         self.layout = self.module.layout
         self.calls = NativeCalls(self, self.module, libraries)
