@@ -127,6 +127,10 @@ def test_the_run_far_from_its_neighbours_is_suspected(on_the_real_table):
     suspects = on_the_real_table["suspect_runs"]
     for direction in ("forward", "backward"):
         assert any(text.startswith(f"1400 rpm, 400 N m, 25 degC, {direction}") for text in suspects)
+    # and the forward run whose high orders look like another speed
+    assert any(text.startswith("500 rpm, 600 N m, 35 degC, forward") for text in suspects)
+    # what is the same at all three temperatures is physics
+    assert not [text for text in suspects if text.startswith(("600 rpm, 0 N m", "1100 rpm, 0 N m"))]
 
 
 @needs_data

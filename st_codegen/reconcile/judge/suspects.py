@@ -26,15 +26,14 @@ def bad_runs(data: Observations, residual: ComplexArray, sigma: FloatArray) -> d
     found: dict[int, float] = {}
     for rows in _runs(data):
         off = {row: _alone(size[row]) for row in rows}
-        if len({data.at.sign[row] for row in rows}) == 2:
-            both = float(size[rows].min(axis=0).max())
-            # one direction by itself must be off in several orders
-            scores = dict.fromkeys(rows, both) if both > SETTINGS.off else off
+        both = float(size[rows].min(axis=0).max()) if len({data.at.sign[row] for row in rows}) == 2 else 0.0
+        again = [row for row in rows if repeats(data.at, deviation, row)]
+        if both > SETTINGS.off:
+            # the run is bad as a whole, unless each direction shows what others show as well
+            found |= dict.fromkeys(rows if len(again) < len(rows) else [], both)
         else:
-            scores = off
-        found |= {
-            row: score for row, score in scores.items() if score > SETTINGS.off and not repeats(data.at, deviation, row)
-        }
+            # one direction by itself must be off in several orders
+            found |= {row: score for row, score in off.items() if score > SETTINGS.off and row not in again}
     return found if len(found) <= SETTINGS.most_suspects * len(data) else {}
 
 
