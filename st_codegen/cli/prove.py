@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 from rich.table import Table
+from rich.text import Text
 
 from st_codegen.cli.console import console, models_argument, progress_bar, quiet_option, trust_option
 from st_codegen.files.text import write_text
@@ -69,9 +70,9 @@ def _table(report: ProveReport) -> Table:
         table.add_column(name, justify="right" if name in ("trees", "boxes") else "left")
     colours = {Verdict.PROVED: "green", Verdict.REFUTED: "bold red", Verdict.NOT_PROVED: "yellow"}
     for result in report.results:
-        colour = colours[result.verdict]
+        verdict = Text(result.verdict.value, colours[result.verdict])
         counts = (f"{result.trees:,}", f"{result.boxes:,}") if result.verdict is Verdict.PROVED else ("", "")
-        table.add_row(result.model, result.target, f"[{colour}]{result.verdict.value}[/]", result.method, *counts)
+        table.add_row(result.model, result.target, verdict, result.method, *counts)
     return table
 
 

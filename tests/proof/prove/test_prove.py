@@ -89,7 +89,7 @@ def test_an_unknown_statement_is_never_proved(tmp_path):
     assert "While" in result.reason
 
 
-def test_the_command_proves_and_writes_the_same_certificate_twice(tmp_path):
+def test_the_command_proves_and_writes_the_same_certificate_twice(tmp_path, capsys):
     models, _ = copied(tmp_path)
     contents = []
     for name in ("one.json", "two.json"):
@@ -97,4 +97,6 @@ def test_the_command_proves_and_writes_the_same_certificate_twice(tmp_path):
             main(["prove", str(models), "-g", str(tmp_path / "out"), "--certificate", str(tmp_path / name)])
         assert end.value.code == 0
         contents.append((tmp_path / name).read_bytes())
+        table = capsys.readouterr().err
+        assert "proved" in table and "[" not in table
     assert contents[0] == contents[1]
