@@ -101,7 +101,8 @@ def _of_python(name: str, source: str) -> Iterator[Mutant]:
         elif isinstance(node, ast.BoolOp):
             yield from replaced(node.values[0], node.values[1], _JOINED)
         elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
-            start, end = place(node.lineno, node.col_offset), place(node.operand.lineno, node.operand.col_offset)
+            start = place(node.lineno, node.col_offset)
+            end = start + len("not ")  # not as far as the operand, which may begin behind a parenthesis
             yield Mutant(name, node.lineno, start, end, source[start:end], "")
         elif isinstance(node, ast.Constant) and type(node.value) in (bool, int, float):
             start, end = place(node.lineno, node.col_offset), place(node.end_lineno or 0, node.end_col_offset or 0)

@@ -24,6 +24,12 @@ def test_each_kind_of_change_is_made():
     assert ("|", "&") not in made and not any("1 + 1" in before for before, _ in made)
 
 
+def test_a_negated_parenthesis_stays_closed():
+    source = "f = 1 if not (a or b) else 2\n"
+    (negation,) = (mutant for mutant in _of_python("f.py", source) if mutant.before.startswith("not"))
+    assert negation.apply(source) == "f = 1 if (a or b) else 2\n"
+
+
 def test_a_template_is_changed_outside_of_comments():
     text = "{# 1 < 2 #}IF fX < {{ bound }} AND bY THEN (* 3 *)\n    nZ := 4; // 5\n"
     assert {(m.before, m.text, m.line) for m in _of_template("t.j2", text)} == {
