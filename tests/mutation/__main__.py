@@ -1,8 +1,12 @@
 """`make mutate`: changes one place at a time, runs the tests that execute it, and lists the changes nobody noticed.
 
-First every test runs once below coverage, folder by folder, which shows the tests that execute a line. A mutant is
-tried in a copy of the repository with the tests of its own room first, most specific ones first. A mutant that no
-test executes has survived without a run. Templates are not Python, so theirs are all tests of their rooms.
+First every test runs once below coverage, folder by folder, which shows the tests that execute a line, and their
+seconds. A mutant is tried in a copy of the repository with the tests of its own room first, most specific ones first.
+A mutant that no test executes has survived without a run. Templates are not Python, so theirs are all tests of their
+rooms. Limits are processor time, so that a busy machine does not turn a survivor into an endless loop.
+
+With `--rooms`, mutants of these rooms only are tried, and only with the tests of these rooms: what is found then is a
+lower limit of what the whole suite finds.
 """
 
 from __future__ import annotations
@@ -11,7 +15,9 @@ import argparse
 import collections
 import json
 import os
+import resource
 import shutil
+import signal
 import sqlite3
 import subprocess
 import sys
@@ -29,14 +35,19 @@ from tests.mutation.mutants import Mutant, sample
 ROOT = Path(__file__).resolve().parents[2]
 #: Tests of templates: the golden files first, they notice most.
 _OF_TEMPLATES = ("tests/emit/test_golden.py", "tests/emit", "tests/te", "tests/beckhoff_ml")
-#: Most tests of one mutant, and seconds for them: what these do not notice counts as survived.
+#: Most tests of one mutant, and the seconds that they take unchanged: what these do not notice counts as survived.
 _MOST_TESTS = 150
-_SECONDS = 240
+_MOST_SECONDS = 60.0
+#: A test run counts as too slow beyond so many times its seconds unchanged, and so many seconds for its start.
+_SLOWER = 4
+_START_SECONDS = 60
+#: Seconds on the clock after which a run that takes no processor time is stuck.
+_STUCK_SECONDS = 3600
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of a mutant: `noticed`, `survived`, `not executed`, or `too slow` (an endless loop, too)."""
+    """What became of a mutant: `noticed`, `survived`, `not executed`, `too slow` (an endless loop, too) or `stuck`."""
 
     mutant: Mutant
     verdict: str
@@ -45,7 +56,7 @@ class Verdict:
     @property
     def found(self) -> bool:
         """Whether the tests noticed it."""
-        return self.verdict in ("noticed", "too slow")
+        return self.verdict in ("noticed", "too slow", "stuck")
 
 
 class Executed:
@@ -54,6 +65,9 @@ class Executed:
     def __init__(self, folder: Path) -> None:
         self._tests: dict[tuple[str, int], set[str]] = collections.defaultdict(set)
         self._size: collections.Counter[str] = collections.Counter()
+        self._seconds: dict[str, float] = {}
+        for path in sorted(folder.glob("*.seconds")):
+            self._seconds |= json.loads(path.read_text())
         for path in sorted(folder.glob("*.coverage")):
             with sqlite3.connect(path) as data:
                 rows = data.execute(
@@ -69,20 +83,32 @@ class Executed:
     def tests(self, mutant: Mutant) -> list[str]:
         """The tests to run, those of the mutant's own room first, then by how little else they execute."""
         if mutant.path.endswith(".j2"):
-            return list(_OF_TEMPLATES)
+            return [tests for tests in _OF_TEMPLATES if self.seconds([tests])]
         found = self._tests[mutant.path, mutant.line]
         named = {test for test in found if test}
         if not named and found:  # executed by the import: any test that uses the file
             named = {test for (file, _), tests in self._tests.items() if file == mutant.path for test in tests if test}
         own = f"tests/{mutant.path.split('/')[1]}/"
-        return sorted(named, key=lambda test: (not test.startswith(own), self._size[test], test))[:_MOST_TESTS]
+        chosen, seconds = [], 0.0
+        for test in sorted(named, key=lambda test: (not test.startswith(own), self._size[test], test))[:_MOST_TESTS]:
+            if not chosen or seconds + self._seconds.get(test, 0.0) <= _MOST_SECONDS:
+                chosen.append(test)
+                seconds += self._seconds.get(test, 0.0)
+        return chosen
+
+    def seconds(self, tests: list[str]) -> float:
+        """Processor time of these tests, or of all tests of these folders and files, in the unchanged program."""
+        return sum(
+            seconds for test, seconds in self._seconds.items() if any(test.startswith(chosen) for chosen in tests)
+        )
 
 
-def measure(folder: Path, jobs: int) -> None:
-    """Run every folder of tests below coverage; what is measured already stays."""
+def measure(folder: Path, jobs: int, rooms: list[str]) -> None:
+    """Run every folder of tests, or those of these rooms, below coverage; what is measured already stays."""
     folder.mkdir(parents=True, exist_ok=True)
     groups = [path for path in sorted((ROOT / "tests").iterdir()) if path.is_dir() and any(path.rglob("test_*.py"))]
-    groups += sorted((ROOT / "tests").glob("test_*.py"))
+    groups = [path for path in groups if not rooms or path.name in rooms]
+    groups += sorted((ROOT / "tests").glob("test_*.py")) if not rooms else []
     with ThreadPoolExecutor(jobs) as pool:
         for name, seconds in pool.map(lambda path: _measure_one(path, folder), groups):
             print(f"executed lines of {name}: {seconds:.0f} s", flush=True)
@@ -96,6 +122,7 @@ def _measure_one(path: Path, folder: Path) -> tuple[str, float]:
         command = [sys.executable, "-m", "coverage", "run", "--source=st_codegen", f"--data-file={partial}"]
         command += ["-m", "pytest", "-q", "-p", "tests.mutation.contexts", "-p", "no:cacheprovider", str(path)]
         subprocess.run(command, cwd=ROOT, check=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        Path(f"{partial}.seconds").rename(f"{target}.seconds")
         partial.rename(target)
     return path.name, time.perf_counter() - start
 
@@ -111,8 +138,8 @@ def copy_repository(target: Path) -> None:
         (target.parent / "shared").symlink_to(ROOT.parent / "shared")
 
 
-def try_mutant(mutant: Mutant, tests: list[str], copy: Path) -> Verdict:
-    """Run tests against one mutant in a copy of the repository."""
+def try_mutant(mutant: Mutant, tests: list[str], copy: Path, limit: int) -> Verdict:
+    """Run tests against one mutant in a copy of the repository, for so many seconds of processor time at most."""
     start = time.perf_counter()
     if not tests:
         return Verdict(mutant, "not executed", 0.0)
@@ -122,11 +149,20 @@ def try_mutant(mutant: Mutant, tests: list[str], copy: Path) -> Verdict:
     try:
         command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
         environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1", "PYTHONPATH": str(copy)}
-        done = subprocess.run(command, cwd=copy, env=environment, timeout=_SECONDS, capture_output=True, check=False)
+        done = subprocess.run(
+            command,
+            cwd=copy,
+            env=environment,
+            timeout=_STUCK_SECONDS,
+            capture_output=True,
+            check=False,
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (limit, limit + 5)),
+        )
         # 5: none of the tests exists, so that nothing was tried
-        verdict = {0: "survived", 5: "not executed"}.get(done.returncode, "noticed")
+        verdicts = {0: "survived", 5: "not executed", -signal.SIGXCPU: "too slow", -signal.SIGKILL: "too slow"}
+        verdict = verdicts.get(done.returncode, "noticed")
     except subprocess.TimeoutExpired:
-        verdict = "too slow"
+        verdict = "stuck"
     finally:
         file.write_text(source, encoding="utf-8")
     return Verdict(mutant, verdict, time.perf_counter() - start)
@@ -138,14 +174,14 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--below", default="", help="only files whose path begins like this, such as st_codegen/ir")
+    parser.add_argument("--rooms", nargs="*", default=[], help="only these rooms, tried with their own tests")
     parser.add_argument("--aim", type=float, default=0.9)
     parser.add_argument("--json", type=Path, default=ROOT / "build" / "mutate.json")
     options = parser.parse_args()
     lines = ROOT / "build" / "executed"
-    measure(lines, options.jobs)
+    measure(lines, options.jobs, options.rooms)
     executed = Executed(lines)
-    mutants = sample(ROOT, options.count, options.seed, options.below)
+    mutants = sample(ROOT, options.count, options.seed, options.rooms)
     with tempfile.TemporaryDirectory(prefix="st-codegen-mutate-") as name:
         copies = [Path(name) / str(number) / "copy" for number in range(options.jobs)]
         for copy in copies:
@@ -155,7 +191,8 @@ def main() -> int:
         def one(mutant: Mutant) -> Verdict:
             copy = free.pop()
             try:
-                return try_mutant(mutant, executed.tests(mutant), copy)
+                tests = executed.tests(mutant)
+                return try_mutant(mutant, tests, copy, _START_SECONDS + int(_SLOWER * executed.seconds(tests)))
             finally:
                 free.append(copy)
 

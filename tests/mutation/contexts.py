@@ -1,17 +1,32 @@
-"""A plugin of pytest that tells coverage which test runs: `-p tests.mutation.contexts`."""
+"""A plugin of pytest that tells coverage which test runs, and times each test: `-p tests.mutation.contexts`."""
 
+import json
+import time
+from collections import defaultdict
 from collections.abc import Generator
+from pathlib import Path
 
 import coverage
 import pytest
 
+_seconds: defaultdict[str, float] = defaultdict(float)
+
 
 @pytest.hookimpl(hookwrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, None, None]:
-    """Name the context of a test, its fixtures included."""
+    """Name the context of a test, its fixtures included, and add up its processor time."""
     measured = coverage.Coverage.current()
     if measured is not None:
         measured.switch_context(item.nodeid)
+    start = time.process_time()
     yield
+    _seconds[item.nodeid] += time.process_time() - start
     if measured is not None:
         measured.switch_context("")
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Write the seconds of each test beside the data of coverage."""
+    measured = coverage.Coverage.current()
+    if measured is not None:
+        Path(f"{measured.config.data_file}.seconds").write_text(json.dumps(_seconds))

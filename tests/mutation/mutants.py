@@ -7,7 +7,7 @@ import io
 import random
 import re
 import tokenize
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -40,13 +40,14 @@ class Mutant:
         return f"{self.path}:{self.line}: `{self.before}` -> `{self.text}`"
 
 
-def sample(root: Path, count: int, seed: int, below: str = "") -> list[Mutant]:
-    """Choose `count` mutants below a folder of the repository, every one equally likely; templates count as well."""
+def sample(root: Path, count: int, seed: int, rooms: Sequence[str] = ()) -> list[Mutant]:
+    """Choose `count` mutants of these rooms, or of all, every one equally likely; templates are part of `emit`."""
     files = sorted((root / "st_codegen").rglob("*.py")) + sorted((root / "templates").rglob("*.j2"))
+    folders = [f"st_codegen/{room}/" for room in rooms] + ["templates/"] * ("emit" in rooms)
     everything: list[Mutant] = []
     for file in files:
         name = file.relative_to(root).as_posix()
-        if name.startswith(below):
+        if not rooms or name.startswith(tuple(folders)):
             source = file.read_text(encoding="utf-8")
             everything += _of_python(name, source) if file.suffix == ".py" else _of_template(name, source)
     return sorted(random.Random(seed).sample(everything, min(count, len(everything))), key=str)

@@ -1,8 +1,12 @@
 """The mutants themselves: each changes one place and leaves a file that can be read."""
 
 import ast
+from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
+from tests.mutation.__main__ import try_mutant
 from tests.mutation.mutants import _of_python, _of_template, sample
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -48,3 +52,18 @@ def test_mutants_of_the_package_can_be_parsed():
         assert changed != source
         if mutant.path.endswith(".py"):
             ast.parse(changed)
+
+
+@pytest.mark.parametrize(
+    ("changed", "verdict"), [("2", "too slow"), ("3", "survived"), ("4", "noticed")], ids=["loops", "waits", "fails"]
+)
+def test_only_processor_time_makes_a_mutant_too_slow(tmp_path, changed, verdict):
+    (tmp_path / "f.py").write_text("WHAT = 1\n")
+    (tmp_path / "test_f.py").write_text(
+        "import time\nfrom f import WHAT\n\ndef test_f():\n    while WHAT == 2:\n        pass\n"
+        "    time.sleep(4 * (WHAT == 3))\n    assert WHAT != 4\n"
+    )
+    (mutant,) = (mutant for mutant in _of_python("f.py", "WHAT = 1\n"))
+    found = try_mutant(replace(mutant, text=changed), ["test_f.py"], tmp_path, limit=3)
+    assert found.verdict == verdict
+    assert (tmp_path / "f.py").read_text() == "WHAT = 1\n"
