@@ -96,7 +96,7 @@ def generate(
     return Generated(target.name, folder, files, staged.compiled, staged.purpose, staged.facts)
 
 
-def check(
+def check(  # noqa: PLR0913 - one argument an option
     models: Bundle | Path | str,
     target: Target | str,
     out: Path | str,
@@ -105,10 +105,13 @@ def check(
     options: Options | None = None,
     with_tests: bool = False,
     cost: CostFunction = simple_cost,
+    provenance: bool = False,
 ) -> Iterator[str]:
     """The unified diff, line by line, between the files on disk and what `generate` would write; empty when equal.
 
-    Takes what `generate` takes, and as long. Line ends do not count: version control may change them.
+    Takes what `generate` takes, and as long. Line ends do not count: version control may change them. Nor do the hashes
+    of the model files in the manifest, unless `provenance` asks for them: a file that was saved again may hold the same
+    model.
     """
     target = target_named(target) if isinstance(target, str) else target
     folder = Path(out) / target.name
@@ -116,8 +119,8 @@ def check(
         on_disk = {name for name in output.generated_names(folder) if (folder / name).exists()}
         for name in sorted({*staged.names, *on_disk}):
             yield from difflib.unified_diff(
-                _lines(folder / name),
-                _lines(staged.stage / name),
+                _lines(folder / name, provenance=provenance),
+                _lines(staged.stage / name, provenance=provenance),
                 f"{folder / name} (on disk)",
                 f"{folder / name} (generated)",
             )
@@ -218,8 +221,14 @@ def _planned(
     return plans
 
 
-def _lines(path: Path) -> list[str]:
-    return path.read_text(encoding="utf-8").splitlines(keepends=True) if path.is_file() else []
+def _lines(path: Path, *, provenance: bool) -> list[str]:
+    """The lines of a generated file as they are compared."""
+    if not path.is_file():
+        return []
+    text = path.read_text(encoding="utf-8")
+    if path.name == output.MANIFEST and not provenance:
+        text = output.without_provenance(text)
+    return text.splitlines(keepends=True)
 
 
 def limits_for(target: Target, max_array: int | None) -> Limits:
@@ -249,6 +258,9 @@ def facts(bundle: Bundle, compiled: Compiled, purpose: Purpose | None, plans: Se
         "models": {model.name: _model_facts(model, compiled) for model in bundle.irs},
         "blocks": {block.name: {"data_bytes": block.table_bytes} for plan in plans for block in plan.blocks},
         output.PURPOSE: {} if purpose is None else purpose.facts(),
+        output.PROVENANCE: {
+            model.source.file: model.source.file_sha256 for model in bundle.irs if model.source.file_sha256
+        },
     }
 
 
@@ -265,7 +277,7 @@ def _model_facts(model: ModelIR, compiled: Compiled) -> dict[str, Any]:
         "layout": layouts.get(model.name, "model"),
         "library": f"{model.source.library} {model.source.version}",
         "class": model.source.model_class,
-        "sha256": model.source.sha256,
+        "digest": model.source.digest,
         "exact": model.exact,
         "accepts_nan": model.accepts_nan,
         "features": [

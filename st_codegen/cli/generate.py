@@ -65,6 +65,11 @@ Examples:
     help="Write nothing; print a diff and exit 1 if the files are not up to date.",
 )
 @click.option(
+    "--provenance",
+    is_flag=True,
+    help="With --check: the model files themselves must be the same, not only what was read from them.",
+)
+@click.option(
     "--with-tests",
     is_flag=True,
     help="Also write TcUnit suites that compare every block with the library's answers, and a task that runs them.",
@@ -86,6 +91,7 @@ def command(
     targets: tuple[str, ...],
     out: Path,
     only_check: bool,
+    provenance: bool,
     with_tests: bool,
     max_array: int | None,
     max_bytes: int | None,
@@ -123,6 +129,7 @@ def command(
                 options=options,
                 with_tests=with_tests,
                 cost=costs[target.name],
+                provenance=provenance,
             ):
                 different = True
                 click.echo(line if line.endswith("\n") else line + "\n", nl=False)

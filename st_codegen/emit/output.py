@@ -26,7 +26,9 @@ MANIFEST = "st-codegen.json"
 _FORMAT = 1
 #: What the manifest calls the facts of the models' purpose, whatever the purpose is: named after the first one.
 PURPOSE = "transmission_error"
-_FACTS = ("models", "blocks", PURPOSE)
+#: The files that the models were read from, with their SHA-256; a file saved again may hold the same model.
+PROVENANCE = "provenance"
+_FACTS = ("models", "blocks", PURPOSE, PROVENANCE)
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,15 @@ def read_manifest(folder: Path) -> Manifest | None:
     if not safe:
         raise GeneratedCodeError(f"{path}: written by another version, or changed; delete it and generate again")
     return manifest
+
+
+def without_provenance(text: str) -> str:
+    """The text of a manifest without the hashes of the model files; what is no manifest stays as it is."""
+    try:
+        content = json.loads(text)
+    except ValueError:
+        return text
+    return json.dumps({**content, PROVENANCE: {}}, indent=1) + "\n" if isinstance(content, dict) else text
 
 
 def block_of(folder: Path, model: str) -> tuple[str, tuple[int, ...]]:

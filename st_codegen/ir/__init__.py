@@ -32,6 +32,7 @@ from st_codegen.ir.cells import (
     RankColumn,
     TableAxis,
 )
+from st_codegen.ir.digest import digest
 from st_codegen.ir.model import (
     Feature,
     ModelIR,
@@ -102,4 +103,5 @@ __all__ = [
     "TreeColumn",
     "TreeEnsemble",
     "depth_of",
+    "digest",
 ]

@@ -34,13 +34,18 @@ class Feature:
 
 @dataclass(frozen=True)
 class Source:
-    """Where a model comes from, as printed in the header of the generated block."""
+    """Where a model comes from, as printed in the header of the generated block.
+
+    `digest` is that of what was read from the file (`ir.digest`). `file_sha256` is the file's own: files that hold the
+    same model may differ, so that it is never printed.
+    """
 
     library: str
     version: str
     model_class: str
     file: str = ""
-    sha256: str = ""
+    digest: str = ""
+    file_sha256: str = ""
     notes: tuple[str, ...] = ()
 
 

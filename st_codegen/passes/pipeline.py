@@ -213,7 +213,7 @@ def _joint_source(models: Sequence[ModelIR]) -> Source:
     notes = []
     for model in models:
         parts = [model.name, model.source.model_class, model.source.file]
-        parts += [f"SHA-256 {model.source.sha256}"] if model.source.sha256 else []
+        parts += [f"digest {model.source.digest}"] if model.source.digest else []
         notes.append(", ".join(part for part in parts if part))
         notes += model.source.notes
     return Source(", ".join(libraries), "", f"tables of {len(models)} models", notes=tuple(dict.fromkeys(notes)))

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from st_codegen.entries import Entries
 from st_codegen.errors import InputError, UnsupportedModelError, errors_name
+from st_codegen.ir import digest
 from st_codegen.walkers.base import LoadedModel
 from st_codegen.walkers.limits import check_size
 from st_codegen.walkers.objects import load_pickle, load_skops
@@ -62,7 +63,7 @@ def load_model(path: Path, name: str, *, trust_pickle: bool = False) -> LoadedMo
     with errors_name(path.name):
         check_size(path.stat().st_size)
     loaded = _loaded(path, name, trust_pickle=trust_pickle)
-    source = dataclasses.replace(loaded.ir.source, file=path.name, sha256=_sha256(path))
+    source = dataclasses.replace(loaded.ir.source, file=path.name, digest=digest(loaded.ir), file_sha256=_sha256(path))
     return LoadedModel(dataclasses.replace(loaded.ir, source=source), loaded.predict)
 
 

@@ -17,7 +17,7 @@ def test_a_folder_without_bundle_toml_gives_a_model_a_file(lone_folder):
     assert [f.name for f in model.ir.features] == ["speed_rpm", "torque_Nm", "temperature_C"]
     assert all(f.lower is None for f in model.ir.features)
     assert model.ir.source.file == "te.txt"
-    assert len(model.ir.source.sha256) == 64
+    assert len(model.ir.source.digest) == len(model.ir.source.file_sha256) == 64
 
 
 def test_a_single_file_may_be_given(lone_folder):

@@ -294,7 +294,7 @@ def test_source_says_what_was_read(tmp_path: Path) -> None:
     assert source.model_class == "LightGBM text model (dart)"
     assert "linear models in the leaves" in source.notes
     assert [feature.name for feature in model.ir.features] == ["Column_0", "Column_1", "Column_2"]
-    assert (source.file, source.sha256) == ("", "")
+    assert (source.file, source.digest) == ("", "")
 
 
 def test_features_of_objects() -> None:

@@ -31,7 +31,7 @@ def test_source_says_where_a_model_comes_from_in_plain_text(tmp_path):
     assert source.library == "ONNX"
     assert source.version == "file by evil ?????? 1.2; opsets: ai.onnx 18, ai.onnx.ml 3"
     assert source.model_class == "Neg"
-    assert source.file == source.sha256 == ""
+    assert source.file == source.digest == ""
 
 
 def moved(tmp_path, nodes, constants=(), shape=(None, 6), opset=18):

@@ -150,8 +150,8 @@ def model_header(model: ModelIR, *closing: str) -> tuple[str, ...]:
     lines = [f"{block_name(model.name)}: {source.model_class}", f"Source: {source.library} {source.version}".rstrip()]
     if source.file:
         lines.append(f"File: {source.file}")
-    if source.sha256:
-        lines.append(f"SHA-256: {source.sha256}")
+    if source.digest:
+        lines.append(f"Model digest: {source.digest}")
     lines.extend(f"Note: {note}" for note in source.notes)
     lines.extend(
         f"Input {number}: {feature_text(feature)}{limit_text(limit)}"

@@ -67,7 +67,7 @@ def _suite(vectors: ReferenceVectors, inputs: list[str]) -> Block:
     header = [f"{vectors.block}_Test: {vectors.name}, {rows} rows"]
     if source is not None:
         header += [f"Expected values: {source.library} {source.version}, {source.model_class}".replace(" ,", ",")]
-        header += [f"SHA-256 of the model file: {source.sha256}"] if source.sha256 else []
+        header += [f"Model digest: {source.digest}"] if source.digest else []
     else:
         header += ["Expected values: made of the predictions of the libraries"]
     variables = [
