@@ -37,7 +37,8 @@ _NAMED = 5
 class Generated:
     """What one run wrote: the folder of the target, its files with their sizes in bytes, and why it looks as it does.
 
-    `facts` is what the manifest says of models and blocks, `purpose` what the printed models are for.
+    `facts` is what the manifest says of models and blocks, `purpose` what the printed models are for. `changed` names
+    the files of an earlier run that would have been removed, had nobody changed them.
     """
 
     target: str
@@ -46,6 +47,7 @@ class Generated:
     compiled: Compiled
     purpose: Purpose | None
     facts: dict[str, Any]
+    changed: tuple[str, ...] = ()
 
 
 def generate(
@@ -86,14 +88,15 @@ def generate(
     Raises InputError or TargetError, with nothing written, for what cannot be loaded or what the target cannot express.
     Raises DefectError, with nothing written, where the text is wrong, which is a defect of st-codegen.
     Files in the folder that were not generated stay; generated files of an earlier run that are no longer needed are
-    removed.
+    removed unless their content has changed since (`Generated.changed`).
     """
     target = target_named(target) if isinstance(target, str) else target
     folder = Path(out) / target.name
+    output.check_place(folder)
     with _staged(models, target, Path(out), CompileSettings.of(target, max_array, options, with_tests, cost)) as staged:
         files = {name: (staged.stage / name).stat().st_size for name in staged.names if name != output.MANIFEST}
-        output.install(staged.stage, folder)
-    return Generated(target.name, folder, files, staged.compiled, staged.purpose, staged.facts)
+        changed = output.install(staged.stage, folder)
+    return Generated(target.name, folder, files, staged.compiled, staged.purpose, staged.facts, changed)
 
 
 def check(  # noqa: PLR0913 - one argument an option
@@ -111,11 +114,12 @@ def check(  # noqa: PLR0913 - one argument an option
 
     Takes what `generate` takes, and as long. Line ends do not count: version control may change them. Nor do the hashes
     of the model files in the manifest, unless `provenance` asks for them: a file that was saved again may hold the same
-    model.
+    model. Nothing is written below `out`, which may be read-only or missing.
     """
     target = target_named(target) if isinstance(target, str) else target
     folder = Path(out) / target.name
-    with _staged(models, target, Path(out), CompileSettings.of(target, max_array, options, with_tests, cost)) as staged:
+    output.check_place(folder)
+    with _staged(models, target, None, CompileSettings.of(target, max_array, options, with_tests, cost)) as staged:
         on_disk = {name for name in output.generated_names(folder) if (folder / name).exists()}
         for name in sorted({*staged.names, *on_disk}):
             yield from difflib.unified_diff(
@@ -186,14 +190,21 @@ class _Staged:
 
 
 @contextmanager
-def _staged(models: Bundle | Path | str, target: Target, out: Path, settings: CompileSettings) -> Iterator[_Staged]:
-    """Load, compile, plan and print; what the caller does with the printed files is the last step."""
+def _staged(
+    models: Bundle | Path | str, target: Target, out: Path | None, settings: CompileSettings
+) -> Iterator[_Staged]:
+    """Load, compile, plan and print below `out`, or in the system's temporary folder.
+
+    What the caller does with the printed files is the last step.
+    """
     bundle = models if isinstance(models, Bundle) else load(models)
     compiled, purpose = _compiled(bundle, target, settings)
     plans = _planned(bundle, compiled, purpose, target, settings)
     files = print_plans(target, plans)
     known = facts(bundle, compiled, purpose, plans)
-    with output.staged(out, files, known) as stage:
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+    with output.staged(out or Path(tempfile.gettempdir()), files, known) as stage:
         check_emitted(stage, target.dialect, portable=target.is_portable)
         yield _Staged(stage, compiled, purpose, known)
 

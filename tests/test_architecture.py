@@ -25,7 +25,7 @@ MAY_USE = {
     # three stages that know each other only through the intermediate representation
     "walkers": {"entries", "errors", "ir"},
     "passes": {"errors", "ir"},
-    "emit": {"entries", "errors", "ir"},
+    "emit": {"entries", "errors", "files", "ir"},
     # the reader of Structured Text shares nothing with its writer: a shared formatter would hide a shared mistake
     "st": {"errors"},
     "cost": {"errors", "st", "files"},

@@ -142,6 +142,12 @@ def command(
             console.print(f"{generated.folder}: {len(generated.files)} file(s)", soft_wrap=True)
             console.print(_files_table(generated))
             console.print(_models_table(generated))
+            for name in generated.changed:
+                console.print(
+                    f"warning: {generated.folder / name} is no longer generated; it stays, since it was changed after "
+                    "it was written",
+                    soft_wrap=True,
+                )
             for remark in generated.purpose.remarks() if generated.purpose else ():
                 console.print(remark, soft_wrap=True)
         if explain:

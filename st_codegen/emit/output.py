@@ -1,7 +1,7 @@
 """Writing generated files: staged in a temporary folder, moved into place, never half a project.
 
-`st-codegen.json` beside the generated files lists them, so that a later run removes what is no longer generated and
-leaves the user's own files alone.
+`st-codegen.json` beside the generated files lists them with their SHA-256, so that a later run removes what is no
+longer generated and leaves the user's own files alone, to which a generated file belongs once it was changed by hand.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import hashlib
 import json
 import os
 import shutil
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -21,6 +20,7 @@ from typing import Any
 from st_codegen.emit.blocks.model import block_name
 from st_codegen.emit.render import RenderedFile
 from st_codegen.errors import GeneratedCodeError, InputError
+from st_codegen.files.temporary import temporary_folder
 
 MANIFEST = "st-codegen.json"
 _FORMAT = 1
@@ -87,20 +87,26 @@ def block_of(folder: Path, model: str) -> tuple[str, tuple[int, ...]]:
 
 
 def _is_below(name: str) -> bool:
-    """A manifest names files below its folder, nothing else: they may be removed."""
+    """A manifest names files below its folder, nothing else, on every system."""
     path = PurePosixPath(name)
-    return not path.is_absolute() and ".." not in path.parts
+    return not path.is_absolute() and ".." not in path.parts and not {"\\", ":"} & set(name)
 
 
 @contextlib.contextmanager
 def staged(parent: Path, files: Iterable[RenderedFile], facts: Mapping[str, Any]) -> Iterator[Path]:
-    """Write files and their manifest into a temporary folder beside the final one, removed at the end of the block."""
-    parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=parent) as name:
-        stage = Path(name) / "stage"
+    """Write files and their manifest into a temporary folder in `parent`, removed at the end of the block.
+
+    Raises InputError for names that are one name where case does not count, as on Windows.
+    """
+    with temporary_folder(parent) as folder:
+        stage = folder / "stage"
         stage.mkdir()
-        sums = {}
+        sums: dict[str, str] = {}
+        taken: dict[str, str] = {}
         for file in files:
+            other = taken.setdefault(file.path.casefold(), file.path)
+            if other != file.path:
+                raise InputError(f"the generated files {other} and {file.path} differ in case only: rename a model")
             sums[file.path] = _write(stage / file.path, file.pieces)
         (stage / MANIFEST).write_text(
             Manifest(dict(sorted(sums.items())), facts).text(), encoding="utf-8", newline="\n"
@@ -126,22 +132,35 @@ def generated_names(folder: Path) -> list[str]:
     return [] if manifest is None else [*manifest.files, MANIFEST]
 
 
-def install(stage: Path, folder: Path) -> None:
+def check_place(folder: Path) -> None:
+    """Raise InputError where the generated folder cannot stand: a link or a file has its name."""
+    if folder.is_symlink():
+        raise InputError(
+            f"{folder} is a symbolic link, which the generated folder would replace: generate into the folder that it "
+            "points to, or remove the link"
+        )
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is a file; the generated files need a folder of this name")
+
+
+def install(stage: Path, folder: Path) -> tuple[str, ...]:
     """Put a staged folder in place of `folder`; files in `folder` that are not generated are kept.
+
+    Returns the files of an earlier run that are no longer generated and are kept all the same, since they have been
+    changed after they were generated.
 
     The new folder is completed beside the old one and exchanged with it in one step (two where the system cannot), so
     that a crash leaves the old project or the new one. Raises InputError where a file of the user's has the name of a
     generated one.
     """
+    check_place(folder)
     if not folder.exists():
         stage.rename(folder)
-        return
-    if not folder.is_dir():
-        raise InputError(f"{folder} is a file; the generated files need a folder of this name")
-    _keep_user_files(folder, stage)
+        return ()
+    changed = _keep_user_files(folder, stage)
     if _exchange(stage, folder):
         shutil.rmtree(stage)
-        return
+        return changed
     old = stage.parent / "old"
     folder.rename(old)
     try:
@@ -149,11 +168,20 @@ def install(stage: Path, folder: Path) -> None:
     except OSError:
         old.rename(folder)
         raise
+    return changed
 
 
-def _keep_user_files(folder: Path, stage: Path) -> None:
-    """Bring the user's own files over; unchanged generated files get their old times, so that no tool reloads them."""
-    ours = set(generated_names(folder))
+def _keep_user_files(folder: Path, stage: Path) -> tuple[str, ...]:
+    """Bring the user's own files over; unchanged generated files get their old times, so that no tool reloads them.
+
+    Returns the orphans that were changed by hand, which count as the user's own.
+    """
+    manifest = read_manifest(folder)
+    sums = {} if manifest is None else manifest.files
+    new = {path.relative_to(stage).as_posix() for path in stage.rglob("*") if path.is_file()}
+    changed = tuple(name for name in sums if name not in new and not _is_as_written(folder / name, sums[name]))
+    ours = {*sums, MANIFEST}.difference(changed)
+    spelt = {name.casefold(): name for name in new}
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
         target = stage / name
@@ -161,14 +189,30 @@ def _keep_user_files(folder: Path, stage: Path) -> None:
             if name not in ours and not target.exists() and _holds_user_files(path, folder, ours):
                 target.mkdir(parents=True)
         elif name not in ours:
-            if target.exists() and target.read_bytes() != path.read_bytes():
+            if (other := spelt.get(name.casefold(), name)) != name:
+                raise InputError(f"{path} differs from the generated {other} in case only: rename or delete it")
+            if target.exists() and not _same_content(path, target):
                 raise InputError(
                     f"{path} was not generated, but a generated file has the same name: rename or delete it"
                 )
             if not target.exists():
+                target.parent.mkdir(parents=True, exist_ok=True)
                 _link(path, target)
-        elif target.exists() and target.read_bytes() == path.read_bytes():
+        elif target.exists() and _same_content(path, target):
             shutil.copystat(path, target)
+    return tuple(name for name in changed if os.path.lexists(folder / name))
+
+
+def _is_as_written(path: Path, sha256: str) -> bool:
+    """Whether a file still has the content that was written; line ends do not count, version control changes them."""
+    if path.is_symlink() or not path.is_file():
+        return False
+    data = path.read_bytes()
+    return sha256 in (hashlib.sha256(text).hexdigest() for text in (data, data.replace(b"\r\n", b"\n")))
+
+
+def _same_content(path: Path, target: Path) -> bool:
+    return path.is_file() and target.is_file() and path.read_bytes() == target.read_bytes()
 
 
 def _holds_user_files(path: Path, folder: Path, ours: set[str]) -> bool:

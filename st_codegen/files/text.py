@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import os
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 from st_codegen.errors import InputError
+from st_codegen.files.temporary import temporary_folder
 
 
 def read_text(path: Path) -> str:
@@ -43,7 +43,7 @@ def make_folder(path: Path) -> None:
 
 @contextlib.contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """A path beside `path` to write to, which takes its place when the block ends without an error.
+    """A path to write to, in a temporary folder beside `path`; it takes its place when the block ends without an error.
 
     The folder is made where it is missing. A link is followed; a device or a pipe is written to as it is. Raises
     InputError where `path` is a folder.
@@ -55,12 +55,10 @@ def whole_file(path: Path) -> Iterator[Path]:
         yield path
         return
     make_folder(path.parent)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
+    with temporary_folder(path.parent) as stage:
+        partial = stage / path.name
         yield partial
         partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -75,8 +73,8 @@ def write_texts(folder: Path, texts: dict[str, str]) -> None:
     for name in texts:
         if (folder / name).is_dir():
             raise InputError(f"{folder / name} is a folder; a file is to be written there")
-    with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=folder) as stage:
+    with temporary_folder(folder) as stage:
         for name, text in texts.items():
-            (Path(stage) / name).write_text(text, encoding="utf-8", newline="\n")
+            (stage / name).write_text(text, encoding="utf-8", newline="\n")
         for name in texts:
-            (Path(stage) / name).replace(folder / name)
+            (stage / name).replace(folder / name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -74,7 +75,7 @@ def load(folder: Path | str, *, trust_pickle: bool = False, progress: Progress |
     if not folder.exists():
         raise InputError(f"{folder}: no such folder")
     for name, read in READERS.items():
-        if folder.is_dir() and (folder / name).is_file():
+        if folder.is_dir() and os.path.lexists(folder / name):
             return read(folder / name, reading)
     known = suffixes()
     files = [folder] if folder.is_file() else sorted(p for p in folder.iterdir() if p.suffix.lower() in known)

@@ -58,8 +58,10 @@ def load_model(path: Path, name: str, *, trust_pickle: bool = False) -> LoadedMo
     Raises InputError (naming the file) for files that cannot be read or used, UntrustedFileError for pickles that are
     not trusted, MissingExtraError where the library to read the format is not installed.
     """
-    if not path.is_file():
+    if not path.exists():
         raise InputError(f"{path.name}: no such file in {path.parent}")
+    if not path.is_file():
+        raise InputError(f"{path.name}: {'a folder' if path.is_dir() else 'no ordinary file'}; a model file is wanted")
     with errors_name(path.name):
         check_size(path.stat().st_size)
     loaded = _loaded(path, name, trust_pickle=trust_pickle)

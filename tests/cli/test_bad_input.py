@@ -95,6 +95,23 @@ def odd_name(place):
     return [place.lone, "--out", place.out]
 
 
+def out_link(place):
+    (place.out / "x").mkdir(parents=True)
+    (place.out / "twincat").symlink_to("x")
+    return [place.lone, "--out", place.out]
+
+
+def instead_of_bundle(place, make):
+    place.bundle.unlink()
+    make(place.bundle)
+    return [place.models, "--out", place.out]
+
+
+def in_another_case(place):
+    shutil.copy(place.lone / "te.txt", place.lone / "TE.txt")
+    return [place.lone, "--out", place.out]
+
+
 def effects_file(place, text):
     return place.campaign(CONDITIONS, "--effects", place.file("own.py", text))
 
@@ -112,6 +129,13 @@ CASES = {
     "out below a file": (lambda p: [p.lone, "--out", p.file("f", "") / "out"], "Not a directory"),
     "out below a device": (lambda p: [p.lone, "--out", "/dev/null/out"], "Not a directory"),
     "a file's name is not UTF-8": (odd_name, "model name"),
+    "out is a link": (out_link, "is a symbolic link"),
+    "a folder for a bundle": (lambda p: instead_of_bundle(p, Path.mkdir), "is a folder; a file is wanted"),
+    "a pipe for a bundle": (lambda p: instead_of_bundle(p, os.mkfifo), "no ordinary file; a file is wanted"),
+    "a dead link for a bundle": (lambda p: instead_of_bundle(p, lambda path: path.symlink_to("x")), "no such file"),
+    "a pipe for a model": (lambda p: [os.mkfifo(p.lone / "a.txt") or p.lone], "a.txt: no ordinary file"),
+    "a folder for a model": (lambda p: [(p.lone / "a.txt").mkdir() or p.lone], "a.txt: a folder"),
+    "models that differ in case only": (in_another_case, "two models would be called"),
     "bundle twice": (lambda p: p.in_bundle("[bundle]", "[[bundle]]"), "write [bundle]"),
     "bundle with a misspelt table": (lambda p: p.in_bundle("[bundle]", "[bundel]"), "did you mean 'bundle'"),
     "orders of other types": (lambda p: p.in_bundle("[0, 1]", '["a", {}]'), "orders = {} is not a whole number"),

@@ -8,10 +8,12 @@ import pytest
 
 from st_codegen.driver import check, generate
 from st_codegen.emit import output
+from st_codegen.emit.render import RenderedFile
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError, InputError, TargetError
 from st_codegen.passes.choose import Layout, Options
 from st_codegen.project.bundle import load
+from tests.cli.helpers import run
 
 TWINCAT = TARGETS["twincat"]
 
@@ -91,6 +93,91 @@ def test_a_changed_manifest_cannot_remove_files_elsewhere(lone_folder, tmp_path)
     (folder / output.MANIFEST).write_text(json.dumps(manifest))
     with pytest.raises(GeneratedCodeError, match="delete it and generate again"):
         generate(load(lone_folder), TWINCAT, tmp_path)
+
+
+def test_a_manifest_that_names_a_file_of_the_user_does_not_remove_it(lone_folder, tmp_path):
+    folder = generate(load(lone_folder), TWINCAT, tmp_path).folder
+    (folder / "POUs" / "Mine.TcPOU").write_text("mine")
+    manifest = json.loads((folder / output.MANIFEST).read_text())
+    manifest["files"]["POUs/Mine.TcPOU"] = "0" * 64
+    (folder / output.MANIFEST).write_text(json.dumps(manifest))
+    assert generate(load(lone_folder), TWINCAT, tmp_path).changed == ("POUs/Mine.TcPOU",)
+    assert (folder / "POUs" / "Mine.TcPOU").read_text() == "mine"
+    assert generate(load(lone_folder), TWINCAT, tmp_path).changed == ()
+    assert (folder / "POUs" / "Mine.TcPOU").read_text() == "mine"
+
+
+@pytest.mark.parametrize("edit", ["changed", "line ends", "a folder", "a link", "gone"])
+def test_an_orphan_that_was_changed_stays_with_a_warning(lone_folder, lightgbm_text, tmp_path, capsys, edit):
+    (lone_folder / "second.txt").write_text(lightgbm_text)
+    out = tmp_path / "out"
+    path = generate(load(lone_folder), TWINCAT, out).folder / "POUs" / "FB_Second.TcPOU"
+    text = path.read_bytes()
+    path.unlink()
+    if edit == "changed":
+        path.write_bytes(text + b"(* mine *)")
+    elif edit == "line ends":
+        path.write_bytes(text.replace(b"\n", b"\r\n"))
+    elif edit == "a folder":
+        path.mkdir()
+        (path / "notes").write_text("mine")
+    elif edit == "a link":
+        path.symlink_to("FB_Te.TcPOU")
+    (lone_folder / "second.txt").unlink()
+    assert run(lone_folder, "--out", out) == 0
+    stays = edit in ("changed", "a folder", "a link")
+    assert os.path.lexists(path) == stays
+    shown = " ".join(capsys.readouterr().err.split())
+    assert (f"warning: {path} is no longer generated; it stays" in shown) == stays
+    if edit == "a folder":
+        assert (path / "notes").read_text() == "mine"
+
+
+@pytest.mark.parametrize("target", ["elsewhere", "nowhere"])
+def test_a_link_in_place_of_the_folder_is_refused(lone_folder, tmp_path, target):
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "mine.txt").write_text("mine")
+    (tmp_path / "twincat").symlink_to(tmp_path / target)
+    for command in (generate, lambda *given: list(check(*given))):
+        with pytest.raises(InputError, match="is a symbolic link"):
+            command(load(lone_folder), TWINCAT, tmp_path)
+    assert (tmp_path / "twincat").is_symlink()
+    assert snapshot(tmp_path / "elsewhere") == {"mine.txt": b"mine"}
+
+
+def test_a_folder_or_link_of_the_user_with_a_generated_name_is_refused(lone_folder, tmp_path):
+    (tmp_path / "twincat").mkdir()
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "twincat" / "POUs").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(InputError, match="has the same name"):
+        generate(load(lone_folder), TWINCAT, tmp_path)
+    assert (tmp_path / "twincat" / "POUs").is_symlink()
+
+
+def test_names_that_differ_in_case_only_are_refused(lone_folder, tmp_path):
+    path = tmp_path / "twincat" / "POUs" / "fb_te.TcPOU"
+    path.parent.mkdir(parents=True)
+    path.write_text("mine")
+    with pytest.raises(InputError, match=r"fb_te\.TcPOU differs from the generated POUs/FB_Te\.TcPOU in case only"):
+        generate(load(lone_folder), TWINCAT, tmp_path)
+    assert path.read_text() == "mine"
+    files = [RenderedFile("FB_C.st", ("x",)), RenderedFile("fb_c.st", ("x",))]
+    with (
+        pytest.raises(InputError, match=r"FB_C\.st and fb_c\.st differ"),
+        output.staged(tmp_path, files, {}),
+    ):
+        pass
+
+
+def test_check_writes_nothing_not_even_a_folder(lone_folder, tmp_path):
+    assert list(check(load(lone_folder), TWINCAT, tmp_path / "deep" / "out"))
+    assert not (tmp_path / "deep").exists()
+    generate(load(lone_folder), TWINCAT, tmp_path / "out")
+    (tmp_path / "out").chmod(0o500)
+    try:
+        assert list(check(load(lone_folder), TWINCAT, tmp_path / "out")) == []
+    finally:
+        (tmp_path / "out").chmod(0o700)
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"format": 99, "files": {}, "models": {}, "transmission_error": {}}'])
@@ -176,6 +263,8 @@ def test_a_killed_run_leaves_a_whole_project(lone_folder, lightgbm_text, tmp_pat
         writer.stdin.close()
     # killed while it was written the old project stayed, killed while it tidied up the new one was there
     assert seen.count(True) > 10
+    # and each run removed what the killed one before it had left
+    assert [path.name for path in out.iterdir()] == ["twincat"]
     assert seen.count(False) > 1
 
 

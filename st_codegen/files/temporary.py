@@ -1,0 +1,85 @@
+"""Temporary folders beside what is being written, which the next run removes where a run was killed.
+
+The process that uses such a folder holds a lock on it, which the system takes back when the process ends in any way: a
+folder that can be locked belongs to nobody. Where folders cannot be locked (Windows, some network disks) they stay.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+#: Python's module of locks that the system takes back, where there is one.
+_locks = importlib.import_module("fcntl") if os.name == "posix" else None
+
+PREFIX = ".st-codegen-"
+
+#: Folders in which this process has looked for what killed runs left: once each, for some hold thousands of files.
+_swept: set[Path] = set()
+
+
+@contextmanager
+def temporary_folder(parent: Path) -> Iterator[Path]:
+    """A new folder in `parent`, which must exist; it is gone when the block ends. Removes those of killed runs."""
+    place = parent.resolve()
+    if place not in _swept:
+        _swept.add(place)
+        for left in place.glob(f"{PREFIX}*"):
+            _remove_stale(left)
+    path, lock = _made(place)
+    try:
+        yield path
+    finally:
+        shutil.rmtree(path, ignore_errors=True)
+        if lock is not None:
+            os.close(lock)
+
+
+def _made(parent: Path) -> tuple[Path, int | None]:
+    """A new folder and its lock; made again where another run took it for a stale one before it was locked."""
+    while True:
+        path = Path(tempfile.mkdtemp(prefix=PREFIX, dir=parent))
+        if _locks is None:
+            return path, None
+        try:
+            lock = os.open(path, os.O_RDONLY)
+        except FileNotFoundError:
+            continue
+        try:
+            _locks.flock(lock, _locks.LOCK_EX)
+        except OSError:  # nobody can lock it, so nobody takes it for stale
+            return path, lock
+        if _is_at(lock, path):
+            return path, lock
+        os.close(lock)
+
+
+def _remove_stale(path: Path) -> None:
+    """Remove a folder unless a process that still runs has locked it."""
+    if _locks is None or path.is_symlink() or not path.is_dir():
+        return
+    try:
+        lock = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
+    except OSError:
+        return
+    try:
+        _locks.flock(lock, _locks.LOCK_EX | _locks.LOCK_NB)
+        if _is_at(lock, path):
+            shutil.rmtree(path, ignore_errors=True)
+    except OSError:  # locked, or cannot be
+        pass
+    finally:
+        os.close(lock)
+
+
+def _is_at(descriptor: int, path: Path) -> bool:
+    """Whether an open folder is still the one of this path."""
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except OSError:
+        return False
