@@ -250,6 +250,8 @@ class Machine:
         if isinstance(e, ast.Subscript):
             return self.element(e.value.id, self.value(e.slice, mask), mask)
         if isinstance(e, ast.BoolOp):
+            if (place := tested(e)) is not None:
+                return self.opposite(self.is_nan(self.value(place, mask)))
             parts = [self.value(v, mask) for v in e.values]
             for part in parts[1:]:
                 parts[0] = self.logic(np.logical_and if isinstance(e.op, ast.And) else np.logical_or, parts[0], part)
@@ -263,8 +265,6 @@ class Machine:
         if isinstance(e, ast.Compare):
             need(len(e.ops) == 1, "comparisons in a row")
             a, b = self.value(e.left, mask), self.value(e.comparators[0], mask)
-            if isinstance(e.ops[0], ast.Eq) and ast.dump(e.left) == ast.dump(e.comparators[0]):
-                return self.opposite(self.is_nan(a))
             return self.compare(COMPARE[type(e.ops[0])], a, b, mask)
         name = e.func.id
         if name == "DWORD_TO_DINT":
@@ -559,6 +559,17 @@ class Check:
 
 
 ISNAN = "uBits.fValue := fValue; F_IsNan := (uBits.nBits AND {}) > {};"
+
+
+def tested(e):
+    """The place that is tested for NaN by `place < b OR place > a` with b above a, which every number passes."""
+    try:
+        below, above = e.values
+        a, b = (float(ast.literal_eval(c.comparators[0])) for c in (above, below))
+        known = isinstance(e.op, ast.Or) and ast.dump(below.left) == ast.dump(above.left) and a < b
+        return below.left if known and [type(c.ops[0]) for c in (below, above)] == [ast.Lt, ast.Gt] else None
+    except (ValueError, AttributeError):  # not two comparisons with numbers
+        return None
 
 
 def has_isnan(folder):

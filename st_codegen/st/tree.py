@@ -262,9 +262,12 @@ class ShortCircuit(Infix):
 
 @dataclass(frozen=True)
 class Comparison(Infix):
-    """`operator` is EQ, NE, LT, LE, GT or GE; `is_self_test` marks the portable NaN test `x = x`."""
+    """`operator` is EQ, NE, LT, LE, GT or GE.
 
-    is_self_test: bool = False
+    `is_number_test` marks both halves of `x < 1.0 OR x > -1.0`: at least one holds for every number, neither for NaN.
+    """
+
+    is_number_test: bool = False
 
 
 @dataclass(frozen=True)

@@ -222,8 +222,8 @@ class _Unit:
                 return self.value(node.right) if left is (operator == "AND_THEN") else left
             case t.Comparison():
                 left, right = self.value(node.left), self.value(node.right)
-                if node.is_self_test:
-                    return left == right
+                if node.is_number_test and math.isnan(left):
+                    return False
                 return self.at(at, constants.compare, node.operator, left, right)
             case t.StandardCall():
                 arguments = [self.value(item) for item in node.arguments]

@@ -361,20 +361,33 @@ def test_comparisons(operator: str) -> None:
         assert fault(f"a {operator} 0.5", "BOOL", a=("LREAL", NAN), b=("LREAL", b)) == "comparison with NaN"
 
 
-def test_self_comparison_is_the_nan_test_of_the_portable_dialect_only() -> None:
-    for number, expected in ((1.0, True), (INF, True), (NAN, False)):
-        assert value("a = a", "BOOL", "iec", a=("LREAL", number)) is expected
-    assert fault("a = a", "BOOL", "twincat", a=("LREAL", NAN)) == "comparison with NaN"
-    assert fault("a <> a", "BOOL", "iec", a=("LREAL", NAN)) == "comparison with NaN"
-    assert fault("a >= a", "BOOL", "iec", a=("LREAL", NAN)) == "comparison with NaN"
-    assert fault("a + 0.0 = a + 0.0", "BOOL", "iec", a=("LREAL", NAN)) == "comparison with NaN"
+@pytest.mark.parametrize("test", ["a < 1.0 OR a > -1.0", "a >= 0.0 OR a <= 0.5", "NOT NOT (a <= 2.0 OR a > 1.0)"])
+def test_two_ranges_without_a_gap_are_the_nan_test_of_the_portable_dialect_only(test: str) -> None:
+    for number in (-INF, -1.0, -0.0, 0.5, 1.0, 2.0, INF):
+        assert value(test, "BOOL", "iec", a=("LREAL", number)) is True
+    for nan in (NAN, SIGNALLING):
+        assert value(test, "BOOL", "iec", a=("LREAL", nan)) is False
+        assert fault(test, "BOOL", "twincat", a=("LREAL", nan)) == "comparison with NaN"
 
 
-def test_self_comparison_of_an_array_element() -> None:
-    text = block(
-        "x := t[i] = t[i]; y := t[i] = t[0];", "x : BOOL; y : BOOL; t : ARRAY[0..1] OF LREAL;", inputs="i : DINT;"
-    )
-    assert run(text, ("x", "y"), "iec", i=1) == (True, True)
+@pytest.mark.parametrize(
+    "test",
+    [
+        *("a = a", "a <> a", "a < 1.0 OR a > 1.0", "a < 0.0 OR a > 0.5", "a < 1.0 AND a > -1.0"),
+        *("a > -1.0 OR a > -2.0", "a < 1.0 OR b > -1.0", "a < b OR a > -1.0", "a < 1.0", "a < 1.0 XOR a > -1.0"),
+        "a + 0.0 < 1.0 OR a + 0.0 > 0.0",
+    ],
+)
+def test_no_other_comparison_may_meet_nan_in_the_portable_dialect(test: str) -> None:
+    assert fault(test, "BOOL", "iec", a=("LREAL", NAN), b=("LREAL", 1.0)) == "comparison with NaN"
+
+
+def test_an_array_element_is_tested_for_nan() -> None:
+    text = "t[1] := a; x := t[i] < 1.0 OR t[i] > -1.0; y := t[{}] < 1.0 OR t[i] > -1.0;"
+    declared = {"variables": "x : BOOL; y : BOOL; t : ARRAY[0..1] OF LREAL;", "inputs": "i : DINT; a : LREAL;"}
+    assert run(block(text.format("i"), **declared), ("x", "y"), "iec", i=1, a=NAN) == (False, False)
+    with pytest.raises(StRuntimeError, match="comparison with NaN"):
+        run(block(text.format(0), **declared), ("x", "y"), "iec", i=1, a=NAN)
 
 
 def test_error_has_row_position_and_operands() -> None:

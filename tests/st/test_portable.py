@@ -37,7 +37,7 @@ END_VAR
 VAR CONSTANT
     THRESHOLD : ARRAY[0..3] OF LREAL := [0.5, 1.0E-300, -2.5, 7.0];
 END_VAR
-IF fSpeed = fSpeed THEN
+IF fSpeed < 1.0 OR fSpeed > -1.0 THEN
     aX[0] := fSpeed * 1.0E37;
     nNode := nNode + 1;
     fSingle := LREAL_TO_REAL(FC_Sum(aX) + THRESHOLD[0]);
@@ -106,6 +106,8 @@ VARIABLES = "x : LREAL; r : REAL; n : DINT; i : INT; w : WORD; b : BOOL; a : ARR
         (BLOCK.format(VARIABLES, "i := i + 1;"), "arithmetic of INT differs between compilers: use DINT"),
         (BLOCK.format(VARIABLES, "FOR i := 0 TO 1 DO ; END_FOR;"), "a FOR loop counts with INT: use DINT"),
         (BLOCK.format(VARIABLES, "r := r * 2.0;"), "arithmetic of REAL differs between targets"),
+        (BLOCK.format(VARIABLES, "b := x = x;"), "a number is compared with itself"),
+        (BLOCK.format(VARIABLES, "b := a[n] <> a[n];"), "a number is compared with itself"),
         (BLOCK.format(VARIABLES, "r := SIN(r);"), "SIN of REAL: compute in LREAL and convert"),
         (BLOCK.format(VARIABLES, "n := LREAL_TO_DINT(x);"), "LREAL_TO_DINT depends on how .5 rounds: use TRUNC"),
     ],

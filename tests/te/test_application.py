@@ -62,6 +62,17 @@ def test_programs_know_the_cycle_times_of_their_tasks():
             assert [float(value) for value in declared] == [microseconds * 1e-6] * (program != "PRG_Slow")
 
 
+def test_an_error_number_has_one_meaning_in_all_blocks():
+    projects = (project(), project(directions=(Direction.BACKWARD,)))
+    text = "".join(text for contents in projects for text in texts(contents, "iec").values())
+    declared = re.findall(r"\b(ERROR_\w+) : DINT := (\d+); \(\* (.+) \*\)", text)
+    by_number, by_name = ({row[key]: row for row in declared} for key in (1, 0))
+    assert len(declared) > len(by_number) == len(by_name) == len(set(declared))
+    (enumeration,) = (text for path, text in texts(project(), "twincat").items() if path.endswith("Error.TcDUT"))
+    listed = re.findall(r"(\w+) := (\d+),? \(\* (.+) \*\)", enumeration)
+    assert {(f"ERROR_{name}", number, meaning) for name, number, meaning in listed} == set(declared)
+
+
 def test_the_portable_file_leaves_out_what_needs_global_variables():
     (text,) = texts(project(), "iec").values()
     assert re.findall(r"^PROGRAM (\w+)", text, re.M) == ["PRG_Main", "PRG_Experiment"]

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from st_codegen.st import Machine
-from st_codegen.te.compensation.codes import EXPERIMENT_ERROR, EXPERIMENT_STATE
+from st_codegen.te.compensation.codes import EXPERIMENT_STATE, TE_ERROR
 from tests.te.projects import RATIO, loaded
 
 CYCLE = 0.01
 STATES = {code.value: code.name for code in EXPERIMENT_STATE.all}
-ERRORS = {code.name: code.value for code in EXPERIMENT_ERROR.all}
+ERRORS = {code.name: code.value for code in TE_ERROR.all}
 TURN = 2 * np.pi
 
 
@@ -237,7 +237,7 @@ def test_the_load_is_limited_ramped_and_divided_by_its_ratio(target):
         block(fTorque_Nm=3000.0)
     assert (block["fShaftTorque_Nm"], block["bLimited"], block["bReached"]) == (2000.0, True, True)
     block(fTorque_Nm=np.nan)
-    assert (block["bValid"], block["eError"], block["fShaftTorque_Nm"]) == (False, 1, 1999.0)
+    assert (block["bValid"], block["eError"], block["fShaftTorque_Nm"]) == (False, ERRORS["LOAD_TORQUE"], 1999.0)
     for _ in range(2000):
         block(fTorque_Nm=100.0, bEnable=False)
     assert block["fShaftTorque_Nm"] == 0.0

@@ -299,13 +299,13 @@ class Executor:
             if isinstance(expression, t.Unary):
                 return self._unary(expression, mask)
             if isinstance(expression, t.Binary):
+                if isinstance(expression.left, t.Comparison) and expression.left.is_number_test:
+                    return self._is_number(self._value(expression.left.left, mask))
                 left, right = self._value(expression.left, mask), self._value(expression.right, mask)
                 return self._binary(expression.operator, left, right, mask, expression.type)
             if isinstance(expression, t.Comparison):
-                left = self._value(expression.left, mask)
-                if expression.is_self_test:
-                    return self._is_number(left)
-                return self._compare(expression.operator, left, self._value(expression.right, mask), mask)
+                left, right = self._value(expression.left, mask), self._value(expression.right, mask)
+                return self._compare(expression.operator, left, right, mask)
             if isinstance(expression, t.Conversion):
                 return self._converted(
                     self._value(expression.operand, mask), expression.operand.type, expression.type, mask

@@ -27,6 +27,7 @@ from st_codegen.st.types import (
 )
 
 _LOGIC = ("AND", "OR", "XOR")
+_HALVES = tuple((below, above) for below in ("LT", "LE") for above in ("GT", "GE"))
 _SIGNS = {"NEG": "-", "POS": "+", "NOT": "NOT"}
 _UNSIGNED = {8: "USINT", 16: "UINT", 32: "UDINT", 64: "ULINT"}
 
@@ -113,13 +114,32 @@ def _logic(rules: Dialect, operator: str, left: t.Expression, right: t.Expressio
         left, right, type_ = unify(left, right, rules)
         if not is_bits(type_, rules):
             raise failure(where, f"no {operator} of {type_}")
+    elif operator == "OR" and rules.has_number_test:
+        left, right = _as_number_test(left, right)
     return t.Binary(operator, left, right, type=type_, position=where)
+
+
+def _as_number_test(left: t.Expression, right: t.Expression) -> tuple[t.Expression, t.Expression]:
+    """Both marked where they compare one place with constants and leave no number out, as `x < 1.0 OR x > -1.0`."""
+    if not (isinstance(left, t.Comparison) and isinstance(right, t.Comparison) and left.left == right.left):
+        return left, right
+    below, above = (left, right) if left.operator in ("LT", "LE") else (right, left)
+    if (
+        (below.operator, above.operator) in _HALVES
+        and t.is_place(left.left)
+        and isinstance(below.right, t.Constant)
+        and isinstance(above.right, t.Constant)
+        and below.right.type.is_real
+        and cast(float, below.right.value) > cast(float, above.right.value)
+    ):
+        return replace(left, is_number_test=True), replace(right, is_number_test=True)
+    return left, right
 
 
 def _comparison(
     rules: Dialect, operator: str, left: t.Expression, right: t.Expression, where: Position
 ) -> t.Expression:
-    is_equality, is_self_test = operator in ("EQ", "NE"), False
+    is_equality = operator in ("EQ", "NE")
     is_same = left.type == right.type and (left.type == BOOL or isinstance(left.type, EnumType | PointerType))
     if is_equality and isinstance(left.type, PointerType):
         right = coerce(right, left.type, rules)
@@ -129,9 +149,7 @@ def _comparison(
             left, right = settle(left), settle(right)
         if type_ is BOOL:
             raise failure(where, "BOOL values are compared with = and <> only")
-        is_real_test = rules.has_self_test and operator == "EQ" and type_.is_real
-        is_self_test = is_real_test and t.is_place(left) and left == right
-    return t.Comparison(operator, left, right, is_self_test, type=BOOL, position=where)
+    return t.Comparison(operator, left, right, type=BOOL, position=where)
 
 
 def power(rules: Dialect, left: t.Expression, right: t.Expression, where: Position) -> t.Expression:

@@ -240,6 +240,14 @@ def _narrow(type_: Type) -> str | None:
     return None
 
 
+def self_comparisons(text: Text) -> Iterator[Problem]:
+    """Refuses comparisons of a number with itself: a compiler may take them for constants."""
+    for expression in text.expressions:
+        if isinstance(expression, t.Comparison) and expression.left == expression.right:
+            message = "a number is compared with itself: test for NaN with x < 1.0 OR x > -1.0"
+            yield Problem(expression.position, message)
+
+
 def rounding(text: Text) -> Iterator[Problem]:
     """Refuses conversions from real numbers to integers that round."""
     for expression in text.expressions:
@@ -264,5 +272,6 @@ RULES: tuple[Rule, ...] = (
     tables,
     methods,
     arithmetic,
+    self_comparisons,
     rounding,
 )

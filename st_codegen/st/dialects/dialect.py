@@ -37,8 +37,9 @@ class Dialect:
     has_assignable_inputs: bool
     #: Whether all variables of a program may be read from outside, not only its inputs and outputs.
     has_open_programs: bool
-    #: Whether `x = x` is a test for NaN and no comparison, which would stop the controller.
-    has_self_test: bool
+    #: Whether `x < 1.0 OR x > -1.0`, which every number passes, may be asked of NaN. Other comparisons with NaN stop
+    #: the controller.
+    has_number_test: bool
 
     #: Why a function is refused, by a pattern of its upper-case name.
     refused_functions: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))

@@ -24,7 +24,7 @@ IEC = Dialect(
     has_partial_initialisers=False,
     has_assignable_inputs=False,
     has_open_programs=False,
-    has_self_test=True,
+    has_number_test=True,
     refused_functions=MappingProxyType(
         {
             "ATAN2": "is not in the standard: use ATAN",
@@ -46,7 +46,7 @@ IEC = Dialect(
             r"\b(?:ADR|SIZEOF)\s*\(": "is not portable",
             r"\b(?:THIS|SUPER)\s*\^": "is not portable",
             r"\bEXTENDS\b": "is not portable",
-            r"\bUNION\b": "is not portable: test for NaN with x = x",
+            r"\bUNION\b": "is not portable: test for NaN with x < 1.0 OR x > -1.0",
             r"\b(?:TANH|FLOOR|CEIL|ATAN2)\b": "is no standard function",
             r"%[IQM][XBWDL]?\*": "is not portable: an address needs a number",
         }

@@ -17,5 +17,5 @@ TWINCAT = Dialect(
     has_partial_initialisers=True,
     has_assignable_inputs=True,
     has_open_programs=True,
-    has_self_test=False,
+    has_number_test=False,
 )

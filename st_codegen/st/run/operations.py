@@ -96,11 +96,11 @@ def inversion(w: Writer, type_: Elementary, x: str) -> str:
     return w.value(f"xor {value_type(type_)} {x}, {'true' if type_ is BOOL else '-1'}")
 
 
-def comparison(w: Writer, operator: str, x: Operand, y: Operand, at: Position, is_self_test: bool) -> str:
-    """A comparison of two values of one type; one with a NaN stops, but for the portable test `x = x`."""
+def comparison(w: Writer, operator: str, x: Operand, y: Operand, at: Position, is_number_test: bool) -> str:
+    """A comparison of two values of one type; one with a NaN stops, but for the portable test for numbers."""
     kind = value_type(x.type)
     if x.type.is_real:
-        if not is_self_test:
+        if not is_number_test:
             w.trap(w.value(f"fcmp uno {kind} {x.code}, {y.code}"), a.NAN_COMPARED, at, (x, y))
         return w.value(f"fcmp {'une' if operator == 'NE' else 'o' + _ORDER[operator]} {kind} {x.code}, {y.code}")
     sign = "" if operator in ("EQ", "NE") else "s" if x.type.is_signed else "u"

@@ -274,7 +274,7 @@ class Unit:
     def _comparison(self, node: t.Comparison) -> str:
         left, right = self.operand(node.left), self.operand(node.right)
         if left.type.kind is not Kind.STRING:
-            return op.comparison(self.w, node.operator, left, right, node.position, node.is_self_test)
+            return op.comparison(self.w, node.operator, left, right, node.position, node.is_number_test)
         sizes = [max(side.type.bits, 1) for side in (left, right)]
         sides = f"ptr {left.code}, i64 {sizes[0]}, ptr {right.code}, i64 {sizes[1]}"
         order = self.w.value(f"call i32 {self.w.functions['compare']}({sides})")

@@ -11,7 +11,7 @@ import numpy as np
 from st_codegen.emit.blocks.application import Application, ArrayAlias, GlobalList
 from st_codegen.emit.blocks.listing import Table, Variable
 from st_codegen.emit.literals import identifier, real
-from st_codegen.te.compensation.codes import EXPERIMENT_ERROR, EXPERIMENT_STATE, LOAD_ERROR, TE_ERROR
+from st_codegen.te.compensation.codes import EXPERIMENT_STATE, TE_ERROR
 from st_codegen.te.compensation.compensator import compensator_block
 from st_codegen.te.compensation.correction import correction_block
 from st_codegen.te.compensation.experiment import experiment_block
@@ -42,7 +42,7 @@ def compensation(te: TransmissionError) -> Application:
         name=identifier(te.name, "bundle name"),
         types=(
             _harmonics_type(te),
-            *(codes.enumeration for codes in (TE_ERROR, LOAD_ERROR, EXPERIMENT_STATE, EXPERIMENT_ERROR)),
+            *(codes.enumeration for codes in (TE_ERROR, EXPERIMENT_STATE)),
             set_structure(te),
             exchange_structure(),
         ),

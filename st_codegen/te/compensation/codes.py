@@ -42,32 +42,30 @@ class Codes:
         )
 
 
+#: Why a block of the project gives no result: one list, so that a number has one meaning wherever it is seen.
 TE_ERROR = Codes(
     "E_TEError",
     "ERROR",
-    ("Why there is no correction.",),
+    ("Why there is no correction, no measurement or no torque of the loading side.",),
     (
-        ("NONE", "the outputs belong to the inputs of this call"),
+        ("NONE", "no error"),
         ("ANGLE", "angle not a number, infinite or beyond 1.0E9 rad"),
         ("OPERATING_POINT", "speed, torque, temperature not a number or absurd"),
         ("CYCLE_TIME", "cycle time not above 0, or above 1 s"),
-        ("PARAMETER", "a limit or time outside of its range"),
+        ("PARAMETER", "a limit, rate or time outside of its range"),
         ("NO_PREDICTION", "a model gave no valid result"),
         ("DIRECTION", "the bundle has no models for this direction"),
         ("NOT_READY", "no set of coefficients has arrived yet"),
         ("STALE", "the set of coefficients is older than the age limit"),
-    ),
-)
-
-LOAD_ERROR = Codes(
-    "E_LoadError",
-    "ERROR",
-    ("Why the loading side gives no torque.",),
-    (
-        ("NONE", "the outputs belong to the inputs of this call"),
-        ("TORQUE", "torque not a number or infinite"),
-        ("CYCLE_TIME", "cycle time not above 0, or above 1 s"),
-        ("PARAMETER", "a limit or rate outside of its range"),
+        ("ABORTED", "bAbort"),
+        ("SPEED", "speed outside of the limits of motor or load side"),
+        ("TORQUE", "torque outside of its limits"),
+        ("TEMPERATURE", "temperature outside of its limits, or oil too warm"),
+        ("ENCODER", "an encoder reports an error or no usable number"),
+        ("ENCODER_JUMP", "an angle changed faster than the axis can turn"),
+        ("SENSOR", "torque or temperature is no usable number"),
+        ("TIME_OUT", "a step took longer than its time-out"),
+        ("LOAD_TORQUE", "torque of the loading side not a number or infinite"),
     ),
 )
 
@@ -90,24 +88,5 @@ EXPERIMENT_STATE = Codes(
         ("DONE", "both directions measured"),
         ("STOPPING", "after an error: torque and speed down to zero"),
         ("FAILED", "stopped, see the error; bStart FALSE leads to IDLE"),
-    ),
-)
-
-EXPERIMENT_ERROR = Codes(
-    "E_ExperimentError",
-    "ERROR",
-    ("Why a measurement ended early.",),
-    (
-        ("NONE", "no error"),
-        ("ABORTED", "bAbort"),
-        ("SPEED", "speed outside of the limits of motor or load side"),
-        ("TORQUE", "torque outside of its limits"),
-        ("TEMPERATURE", "temperature outside of its limits, or oil too warm"),
-        ("PARAMETER", "another parameter outside of its range"),
-        ("ENCODER", "an encoder reports an error or no usable number"),
-        ("ENCODER_JUMP", "an angle changed faster than the axis can turn"),
-        ("CYCLE_TIME", "cycle time not above 0, or above 1 s"),
-        ("SENSOR", "torque or temperature is no usable number"),
-        ("TIME_OUT", "a step took longer than its time-out"),
     ),
 )

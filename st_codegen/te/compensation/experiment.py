@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from st_codegen.emit.blocks.listing import Block, CodeSection, Variable
 from st_codegen.emit.literals import real
-from st_codegen.te.compensation.codes import EXPERIMENT_ERROR, EXPERIMENT_STATE
+from st_codegen.te.compensation.codes import EXPERIMENT_STATE, TE_ERROR
 from st_codegen.te.compensation.load_torque import LARGEST_TORQUE, LOAD_RATIO
 from st_codegen.te.compensation.parts import LARGEST_ANGLE, Check, block, boolean, check, dint, lreal
 from st_codegen.te.harmonics import TransmissionError
@@ -14,6 +14,11 @@ LARGEST_SPEED = 1800.0
 LARGEST_LOAD_SPEED = 4000.0
 #: Below this a revolution takes longer than anybody waits, rpm.
 _SMALLEST_SPEED = 10.0
+#: Why a measurement ends early.
+_ERRORS = TE_ERROR.some(
+    *("NONE", "ABORTED", "SPEED", "TORQUE", "TEMPERATURE", "PARAMETER", "ENCODER", "ENCODER_JUMP", "CYCLE_TIME"),
+    *("SENSOR", "TIME_OUT"),
+)
 
 
 def inputs() -> tuple[Variable, ...]:
@@ -51,7 +56,7 @@ def outputs() -> tuple[Variable, ...]:
         lreal("fIn_rad", "angle of the input shaft from the zero of the homing, rad"),
         lreal("fOut_rad", "angle of the output shaft from the zero of the homing, rad"),
         Variable("eState", EXPERIMENT_STATE.type, comment="step"),
-        Variable("eError", EXPERIMENT_ERROR.type, comment="NONE, or why the measurement ended early"),
+        Variable("eError", TE_ERROR.type, comment="NONE, or why the measurement ended early"),
         boolean("bBusy", "a measurement is going on"),
         boolean("bDone", "both directions are measured"),
     )
@@ -59,7 +64,7 @@ def outputs() -> tuple[Variable, ...]:
 
 def _settings() -> tuple[Check, ...]:
     """Parameters with their limits, kept from the start to the end of a measurement."""
-    parameter = EXPERIMENT_ERROR["PARAMETER"]
+    parameter = TE_ERROR["PARAMETER"]
     return (
         check("fWarmUpSpeed_rpm", _SMALLEST_SPEED, LARGEST_SPEED, parameter, "fWarmUpSpeed"),
         check("fHomingSpeed_rpm", 1.0, 200.0, parameter, "fHomingSpeed"),
@@ -68,23 +73,23 @@ def _settings() -> tuple[Check, ...]:
         check("fOilBand_C", 0.1, 50.0, parameter, "fOilBand"),
         check("fWarmUpTimeOut_s", 1.0, 86400.0, parameter, "fWarmUpTimeOut"),
         check("fStepTimeOut_s", 1.0, 86400.0, parameter, "fStepTimeOut"),
-        check("fTemperature_C", 10.0, 60.0, EXPERIMENT_ERROR["TEMPERATURE"], "fTemperature"),
-        check("fTorque_Nm", 0.0, LARGEST_TORQUE, EXPERIMENT_ERROR["TORQUE"], "fTorque"),
-        check("fSpeed_rpm", _SMALLEST_SPEED, LARGEST_SPEED, EXPERIMENT_ERROR["SPEED"], "fSpeed"),
+        check("fTemperature_C", 10.0, 60.0, TE_ERROR["TEMPERATURE"], "fTemperature"),
+        check("fTorque_Nm", 0.0, LARGEST_TORQUE, TE_ERROR["TORQUE"], "fTorque"),
+        check("fSpeed_rpm", _SMALLEST_SPEED, LARGEST_SPEED, TE_ERROR["SPEED"], "fSpeed"),
     )
 
 
 def _sensors() -> tuple[Check, ...]:
     """Measured values with the limits of what is believed."""
     return (
-        check("fCycle_s", 1e-6, 1.0, EXPERIMENT_ERROR["CYCLE_TIME"], "fCycle"),
-        check("fOil_C", -50.0, 200.0, EXPERIMENT_ERROR["SENSOR"], "fOil"),
-        check("fShaftTorque_Nm", -1e5, 1e5, EXPERIMENT_ERROR["SENSOR"], "fShaft"),
+        check("fCycle_s", 1e-6, 1.0, TE_ERROR["CYCLE_TIME"], "fCycle"),
+        check("fOil_C", -50.0, 200.0, TE_ERROR["SENSOR"], "fOil"),
+        check("fShaftTorque_Nm", -1e5, 1e5, TE_ERROR["SENSOR"], "fShaft"),
     )
 
 
 def _encoders() -> tuple[Check, ...]:
-    encoder = EXPERIMENT_ERROR["ENCODER"]
+    encoder = TE_ERROR["ENCODER"]
     return (
         check("fThetaIn_rad", -LARGEST_ANGLE, LARGEST_ANGLE, encoder),
         check("fThetaOut_rad", -LARGEST_ANGLE, LARGEST_ANGLE, encoder),
@@ -94,7 +99,7 @@ def _encoders() -> tuple[Check, ...]:
 def experiment_block(te: TransmissionError) -> Block:
     """The state machine of a measurement."""
     states = {code.name: code for code in EXPERIMENT_STATE.all}
-    errors = {code.name: code for code in EXPERIMENT_ERROR.all}
+    errors = {code.name: code for code in _ERRORS}
     values = {
         "state": states,
         "error": errors,
@@ -130,12 +135,12 @@ def experiment_block(te: TransmissionError) -> Block:
             CodeSection("errors and time-outs", "experiment_faults", values),
             CodeSection("commands", "experiment_commands", values),
         ),
-        codes=(*EXPERIMENT_STATE.all, *EXPERIMENT_ERROR.all),
+        codes=(*EXPERIMENT_STATE.all, *_ERRORS),
     )
 
 
 def _locals() -> tuple[Variable, ...]:
-    state, error = EXPERIMENT_STATE.type, EXPERIMENT_ERROR.type
+    state, error = EXPERIMENT_STATE.type, TE_ERROR.type
     return (
         Variable("eNext", state, comment="next step"),
         Variable("eReason", error, comment="what is wrong in this cycle"),

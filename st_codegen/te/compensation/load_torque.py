@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from st_codegen.emit.blocks.listing import Block, CodeSection
 from st_codegen.emit.literals import real
-from st_codegen.te.compensation.codes import LOAD_ERROR
+from st_codegen.te.compensation.codes import TE_ERROR
 from st_codegen.te.compensation.parts import block, boolean, check, error_output, lreal
 
 #: Ratio of the loading side's reducer, and the largest torque that the torque meter at the slow shaft stands [N m].
@@ -14,12 +14,12 @@ LARGEST_TORQUE = 2000.0
 
 def load_torque_block() -> Block:
     """Torque at the slow shaft -> torque of the loading motor, limited and ramped."""
-    parameter = LOAD_ERROR["PARAMETER"]
+    parameter = TE_ERROR["PARAMETER"]
     checks = (
         check("fTorqueLimit_Nm", 0.0, LARGEST_TORQUE, parameter, "fLimit"),
         check("fRate_Nm_s", 1.0, 1e5, parameter, "fRate"),
-        check("fCycle_s", 1e-6, 1.0, LOAD_ERROR["CYCLE_TIME"], "fCycle"),
-        check("fTorque_Nm", -1e9, 1e9, LOAD_ERROR["TORQUE"]),
+        check("fCycle_s", 1e-6, 1.0, TE_ERROR["CYCLE_TIME"], "fCycle"),
+        check("fTorque_Nm", -1e9, 1e9, TE_ERROR["LOAD_TORQUE"]),
     )
     return block(
         "FB_LoadTorque",
@@ -42,7 +42,7 @@ def load_torque_block() -> Block:
             boolean("bReached", "the torque is where it should be"),
             boolean("bLimited", "more was wanted than the limit allows"),
             boolean("bValid", "all inputs were usable in this call"),
-            error_output(LOAD_ERROR.type),
+            error_output(),
         ),
         variables=(
             lreal("fGoal", "torque to go to, N m"),
@@ -53,8 +53,8 @@ def load_torque_block() -> Block:
         ),
         constants=(lreal("LOAD_RATIO", "loading motor to slow shaft", real(LOAD_RATIO)),),
         sections=(
-            CodeSection("inputs, checked", "load_checks", {"checks": checks, "no_error": LOAD_ERROR["NONE"]}),
-            CodeSection("limit and ramp", "load_ramp", {"no_error": LOAD_ERROR["NONE"]}),
+            CodeSection("inputs, checked", "load_checks", {"checks": checks, "no_error": TE_ERROR["NONE"]}),
+            CodeSection("limit and ramp", "load_ramp", {"no_error": TE_ERROR["NONE"]}),
         ),
-        codes=LOAD_ERROR.all,
+        codes=TE_ERROR.some("NONE", "CYCLE_TIME", "PARAMETER", "LOAD_TORQUE"),
     )

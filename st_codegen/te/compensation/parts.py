@@ -76,9 +76,9 @@ def dint(name: str, comment: str, initial: str = "") -> Variable:
     return Variable(name, "DINT", initial=initial, comment=comment)
 
 
-def error_output(type_: str = TE_ERROR.type) -> Variable:
+def error_output() -> Variable:
     """The error code of a block."""
-    return Variable("eError", type_, comment="NONE, or why bValid is FALSE")
+    return Variable("eError", TE_ERROR.type, comment="NONE, or why bValid is FALSE")
 
 
 def block(  # noqa: PLR0913 - the parts of a block
