@@ -144,7 +144,8 @@ def bundle_of(case: Case) -> Any:
 def st_codegen(case: Case, folder: Path, **options: Any) -> Built:
     """Our text, through the translator."""
     from benchmarks.st_to_c import ports, translate
-    from st_codegen.cost import load_profile, project_cost
+    from st_codegen.cost.profile import load_profile
+    from st_codegen.cost.report import project_cost
     from st_codegen.driver import generate
     from st_codegen.emit.targets import TARGETS
     from st_codegen.st import load_project

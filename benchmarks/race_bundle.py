@@ -118,7 +118,8 @@ def _example() -> Path:
 def _bundle(
     name: str, make: Callable[[], tuple[Path, Choice]], harness: Harness, folder: Path, known: list[Result]
 ) -> list[Result]:
-    from st_codegen.cost import load_profile, project_cost
+    from st_codegen.cost.profile import load_profile
+    from st_codegen.cost.report import project_cost
     from st_codegen.driver import generate
     from st_codegen.emit.targets import TARGETS
     from st_codegen.project.bundle import load

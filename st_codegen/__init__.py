@@ -40,7 +40,7 @@ _HOMES = {
     "verify": "st_codegen.proof.verify",
 }
 # these bring a purpose, a target and kinds of files
-announce("st_codegen.te", "st_codegen.beckhoff_ml")
+announce("st_codegen.te.bundle", "st_codegen.beckhoff_ml")
 
 
 def __getattr__(name: str) -> Any:

@@ -9,12 +9,8 @@ from rich.table import Table
 
 from st_codegen.cli.console import console, quiet_option
 from st_codegen.cli.costs import profile_option
-from st_codegen.cost import calibrate, load_profile, read_measurements, with_factors
-from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import InputError
 from st_codegen.files.text import write_text
-from st_codegen.proof.runner import GeneratedCode
-from st_codegen.proof.verify import target_folders
 
 
 @click.command(
@@ -47,6 +43,12 @@ def command(generated: Path, measured: Path, profile: str, out: Path, quiet: boo
     Two factors are found by least squares of relative errors: one for computing, one for waiting for memory. Of several
     targets in GENERATED the first is taken: name its folder to choose.
     """
+    from st_codegen.cost.calibrate import calibrate, read_measurements, with_factors
+    from st_codegen.cost.profile import load_profile
+    from st_codegen.emit.targets import TARGETS
+    from st_codegen.proof.runner import GeneratedCode
+    from st_codegen.proof.verify import target_folders
+
     if out.suffix != ".toml":
         raise InputError(f"{out}: a profile is a .toml file")
     base = load_profile(profile)

@@ -12,9 +12,8 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from st_codegen.emit.targets import TARGETS
+from st_codegen.cli.choices import LAYOUTS, TABLE_KILOBYTES
 from st_codegen.files.number_text import parse_number, parse_whole
-from st_codegen.passes.choose import Layout, Options
 from st_codegen.walkers.limits import DEFAULT_MAX_MODEL_BYTES, set_max_model_bytes
 
 #: Messages and progress; results go to standard output. Text is shown as it is, nothing in it is taken as markup.
@@ -81,12 +80,11 @@ def array_option(function: Command) -> Command:
 
 def bytes_option(function: Command) -> Command:
     """Add the option --max-bytes to a command."""
-    defaults = ", ".join(f"{name} {target.limits.data_bytes // 2**20}" for name, target in TARGETS.items())
     return click.option(
         "--max-bytes",
         type=Whole(min=1),
         default=None,
-        help=f"Largest number of bytes of all tables together; more is an error. Default, in MiB: {defaults}.",
+        help="Largest number of bytes of all tables together (default: the target's); more is an error.",
     )(function)
 
 
@@ -94,15 +92,15 @@ def layout_options(function: Command) -> Command:
     """Add to a command the options --layout, --table-limit and --outputs-per-cycle."""
     layout = click.option(
         "--layout",
-        type=click.Choice([layout.value for layout in Layout]),
-        default=Layout.AUTO.value,
+        type=click.Choice(LAYOUTS),
+        default=LAYOUTS[0],
         show_default=True,
         help="How trees are written: as nodes, as tables of their values in every cell, or whichever is cheaper.",
     )
     limit = click.option(
         "--table-limit",
         type=Whole(min=1),
-        default=Options().table_bytes // 1024,
+        default=TABLE_KILOBYTES,
         show_default=True,
         help="Largest table of an output in KB.",
     )

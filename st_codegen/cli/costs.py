@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import click
 from rich.table import Table
 from rich.text import Text
 
 from st_codegen.cli.console import Command, Number, console
-from st_codegen.cost import DEFAULT, BlockCost, ProjectCost, UnitPart, profile_names
-from st_codegen.proof.explain import Price
+from st_codegen.cost.profile_files import DEFAULT, profile_names
+
+if TYPE_CHECKING:
+    from st_codegen.cost.report import BlockCost, ProjectCost, UnitPart
+    from st_codegen.proof.explain import Price
 
 #: Parts of a cycle that take less than this share are added up in one row.
 _SMALL = 0.002

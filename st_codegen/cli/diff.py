@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from rich.table import Table
 
 from st_codegen.cli.console import Whole, console, progress_bar, quiet_option
 from st_codegen.files.text import write_text
-from st_codegen.proof.review import Change, ModelChange, Review, diff
+
+if TYPE_CHECKING:
+    from st_codegen.proof.review import Change, ModelChange, Review
 
 
 @click.command(
@@ -32,6 +35,8 @@ def command(old: Path, new: Path, rows: int, json_file: str | None, quiet: bool)
     Models added, removed and changed; trees, nodes, support vectors, bytes, features and ranges before and after; and
     how far each output moved over the trained range, with the place of the largest change. Exit code 1 on a difference.
     """
+    from st_codegen.proof.review import diff
+
     with progress_bar("comparing", quiet=quiet) as progress:
         found = diff(old, new, rows=rows, progress=progress)
     text = json.dumps(found.as_json(), indent=1) + "\n"

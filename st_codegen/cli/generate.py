@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.table import Table
 
+from st_codegen.cli.choices import TARGETS
 from st_codegen.cli.console import (
     array_option,
     bytes_option,
@@ -20,14 +21,10 @@ from st_codegen.cli.console import (
     trust_option,
 )
 from st_codegen.cli.costs import price_table, print_budget
-from st_codegen.cost import DEFAULT, load_profile
-from st_codegen.driver import Generated, check, generate, limits_for
-from st_codegen.emit.targets import TARGETS, target_named
-from st_codegen.passes.choose import CostFunction, Layout, Options, simple_cost
-from st_codegen.project.bundle import load
-from st_codegen.proof.explain import Pricing, prices
-from st_codegen.proof.runner import GeneratedCode
-from st_codegen.proof.verify import cycle_cost
+
+if TYPE_CHECKING:
+    from st_codegen.driver import Generated
+    from st_codegen.passes.choose import CostFunction
 
 
 @click.command(
@@ -106,6 +103,16 @@ def command(
     With a bundle.toml the folder is a transmission error bundle and FB_TEPredict and FB_Compensator are generated from
     its models; without one, every model file becomes a function block of its own.
     """
+    from st_codegen.cost.profile import load_profile
+    from st_codegen.cost.profile_files import DEFAULT
+    from st_codegen.driver import check, generate, limits_for
+    from st_codegen.emit.targets import target_named
+    from st_codegen.passes.choose import Layout, Options, simple_cost
+    from st_codegen.project.bundle import load
+    from st_codegen.proof.explain import Pricing, prices
+    from st_codegen.proof.runner import GeneratedCode
+    from st_codegen.proof.verify import cycle_cost
+
     machine = load_profile(profile or DEFAULT)
     options = Options(
         Layout(layout["layout"]),

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from st_codegen.cli.choices import EXCHANGES
 from st_codegen.cli.console import Number, Whole
-from st_codegen.te.latency import PAPER_OUTPUT_US, Exchange, Latency, TaskTiming, latency
+
+if TYPE_CHECKING:
+    from st_codegen.te.latency import Latency
 
 
 @click.command(
     "latency",
-    epilog=f"""\b
+    epilog="""\b
 Examples:
-  st-codegen latency --fast 250 --slow 500 --output {PAPER_OUTPUT_US}      the paper's controller: 1325.3 us, 754.5 Hz
-  st-codegen latency --fast 250 --output {PAPER_OUTPUT_US}                 all in one task, or the sum in the fast one
+  st-codegen latency --fast 250 --slow 500 --output 75.3      the paper's controller: 1325.3 us, 754.5 Hz
+  st-codegen latency --fast 250 --output 75.3                 all in one task, or the sum in the fast one
   st-codegen latency --fast 250 --slow 500 --order 240 --json""",
 )
 @click.option(
@@ -38,8 +41,8 @@ Examples:
 )
 @click.option(
     "--exchange",
-    type=click.Choice([exchange.value for exchange in Exchange]),
-    default=Exchange.AT_START.value,
+    type=click.Choice(EXCHANGES),
+    default=EXCHANGES[0],
     show_default=True,
     help="When a task hands its results over: at the start of its next cycle, or at the end of its run.",
 )
@@ -63,6 +66,8 @@ def command(
     its angle takes the way of one task. The mean age is what fLead_s of the compensator should be, if the drive adds
     nothing.
     """
+    from st_codegen.te.latency import Exchange, TaskTiming, latency
+
     first = TaskTiming("fast", fast, run_us=fast_run)
     chain = [first] if slow is None else [first, TaskTiming("slow", slow, slow_offset, slow_run), first]
     if bus != 0:

@@ -6,10 +6,8 @@ from pathlib import Path
 
 import click
 
+from st_codegen.cli.choices import EVALUATORS
 from st_codegen.cli.console import models_argument, progress_bar, quiet_option, trust_option
-from st_codegen.driver import Evaluator, predict
-from st_codegen.project.bundle import load
-from st_codegen.proof.predict import read_table, write_table
 
 
 @click.command(
@@ -39,8 +37,8 @@ Examples:
 @click.option(
     "-e",
     "--engine",
-    type=click.Choice([engine.value for engine in Evaluator]),
-    default=Evaluator.ST.value,
+    type=click.Choice(EVALUATORS),
+    default=EVALUATORS[0],
     show_default=True,
     help="Who computes: the generated text as machine code, the reference in NumPy, or the source library.",
 )
@@ -48,6 +46,10 @@ Examples:
 @quiet_option
 def command(models: Path, source: Path, result: Path, engine: str, trust_pickle: bool, quiet: bool) -> None:
     """Predict MODELS for the rows of a table. A row that a model does not take gives nan."""
+    from st_codegen.driver import Evaluator, predict
+    from st_codegen.project.bundle import load
+    from st_codegen.proof.predict import read_table, write_table
+
     table = read_table(source)
     with progress_bar("loading", quiet=quiet) as progress:
         bundle = load(models, trust_pickle=trust_pickle, progress=progress)

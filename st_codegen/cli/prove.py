@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from rich.table import Table
@@ -12,9 +13,9 @@ from rich.text import Text
 
 from st_codegen.cli.console import console, models_argument, progress_bar, quiet_option, trust_option
 from st_codegen.files.text import write_text
-from st_codegen.project.bundle import load
-from st_codegen.proof.prove.certificate import certificate
-from st_codegen.proof.prove.prove import ProveReport, Result, Verdict, prove
+
+if TYPE_CHECKING:
+    from st_codegen.proof.prove.prove import ProveReport, Result
 
 
 @click.command(
@@ -49,6 +50,10 @@ def command(models: Path, generated: Path, certificate_file: Path | None, trust_
     both zeros included. docs/proof.md says what is proved, what is assumed and what is not covered. Exit code 0 when
     every model is proved, 1 when one is refuted (an input is named for which the executed text differs) or not covered.
     """
+    from st_codegen.project.bundle import load
+    from st_codegen.proof.prove.certificate import certificate
+    from st_codegen.proof.prove.prove import Verdict, prove
+
     with progress_bar("loading", quiet=quiet) as progress:
         bundle = load(models, trust_pickle=trust_pickle, progress=progress)
     with progress_bar("proving", quiet=quiet) as progress:
@@ -65,6 +70,8 @@ def command(models: Path, generated: Path, certificate_file: Path | None, trust_
 
 
 def _table(report: ProveReport) -> Table:
+    from st_codegen.proof.prove.prove import Verdict
+
     table = Table(title="the generated text for all inputs", title_justify="left")
     for name in ("model", "target", "verdict", "how", "trees", "boxes"):
         table.add_column(name, justify="right" if name in ("trees", "boxes") else "left")

@@ -7,28 +7,19 @@ import os
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
+from st_codegen.cli.choices import MISTAKES, UPDATED_CODE, UPDATED_MODELS
 from st_codegen.cli.console import Number, console, progress_bar, quiet_option, trust_option
 from st_codegen.errors import InputError
 from st_codegen.files.text import make_folder
-from st_codegen.reconcile.judge.measurement import NAMES as MISTAKES
-from st_codegen.reconcile.judge.spectrum import (
-    SpectrumResult,
-    is_spectrum,
-    read_spectrum,
-    reconcile_spectrum,
-    spectrum_report,
-    spectrum_summary,
-)
-from st_codegen.reconcile.models.update import CODE, MODELS, Update, Wish, check_models, update_models
-from st_codegen.reconcile.report.output import report, report_text, rig_diff
-from st_codegen.reconcile.report.sentences import summary, update_summary
-from st_codegen.reconcile.run import Result, reconcile_files, with_empirical
-from st_codegen.rig.effects import catalogue
-from st_codegen.rig.model import read_rig
-from st_codegen.te.bundle_file import BUNDLE_FILE
+
+if TYPE_CHECKING:
+    from st_codegen.reconcile.judge.spectrum import SpectrumResult
+    from st_codegen.reconcile.models.update import Update, Wish
+    from st_codegen.reconcile.run import Result
 
 
 @click.command(
@@ -65,7 +56,8 @@ Examples:
     "--update-models",
     "update",
     is_flag=True,
-    help=f"Put what was found into the bundle: OUT/{MODELS}, compiled and verified in OUT/{CODE}, moved by the rig.",
+    help=f"Put what was found into the bundle: OUT/{UPDATED_MODELS}, compiled and verified in OUT/{UPDATED_CODE}, "
+    "moved by the rig.",
 )
 @click.option("--target", default="twincat", show_default=True, help="Dialect of the updated models' text.")
 @click.option(
@@ -95,6 +87,20 @@ def command(
     quiet: bool,
 ) -> None:
     """Find what the rig model lacks: compare it with measured data, name the missing effects, and add them."""
+    from st_codegen.reconcile.judge.spectrum import (
+        is_spectrum,
+        read_spectrum,
+        reconcile_spectrum,
+        spectrum_report,
+        spectrum_summary,
+    )
+    from st_codegen.reconcile.models.update import check_models
+    from st_codegen.reconcile.report.output import report
+    from st_codegen.reconcile.report.sentences import summary, update_summary
+    from st_codegen.reconcile.run import reconcile_files, with_empirical
+    from st_codegen.rig.effects import catalogue
+    from st_codegen.rig.model import read_rig
+
     known = catalogue(effects)
     model = read_rig(rig, known)
     if out.exists() and not out.is_dir():
@@ -125,13 +131,16 @@ def command(
 
 def _wish(models: Path | None, update: bool, target: str, profile: str, trust_pickle: bool, out: Path) -> Wish | None:
     """What is to be done with a bundle; faults are named before anything is computed."""
+    from st_codegen.reconcile.models.update import Wish
+    from st_codegen.te.bundle_file import BUNDLE_FILE
+
     if update != (models is not None):
         raise InputError("--models DIR and --update-models go together: which bundle is to get what is found?")
     if models is None:
         return None
     if not (models / BUNDLE_FILE).is_file():
         raise InputError(f"{models}: no bundle; --models wants a folder with {BUNDLE_FILE}")
-    for name, holds in ((MODELS, BUNDLE_FILE), (CODE, "")):
+    for name, holds in ((UPDATED_MODELS, BUNDLE_FILE), (UPDATED_CODE, "")):
         replaced = out / name
         if replaced.exists() and (replaced.resolve() == models.resolve() or not (replaced / holds).exists()):
             raise InputError(f"{replaced} exists and would be replaced: name another --out")
@@ -140,6 +149,8 @@ def _wish(models: Path | None, update: bool, target: str, profile: str, trust_pi
 
 def _written(result: Result, wish: Wish | None, out: Path, quiet: bool) -> Update | None:
     """Update the models, and write everything at once."""
+    from st_codegen.reconcile.models.update import update_models
+    from st_codegen.reconcile.report.output import report_text, rig_diff
     from st_codegen.reconcile.report.pages import report_page
 
     make_folder(out.parent)
@@ -154,12 +165,14 @@ def _written(result: Result, wish: Wish | None, out: Path, quiet: bool) -> Updat
             "report.json": report_text(result, changes),
             "report.html": report_page(result, changes),
         }
-        folders = {folder: Path(name) / folder for folder in (MODELS, CODE) if (Path(name) / folder).exists()}
+        made = {folder: Path(name) / folder for folder in (UPDATED_MODELS, UPDATED_CODE)}
+        folders = {folder: path for folder, path in made.items() if path.exists()}
         _write(texts, folders, out)
     return changes
 
 
 def _spectrum_texts(found: SpectrumResult) -> dict[str, str]:
+    from st_codegen.reconcile.judge.spectrum import spectrum_report
     from st_codegen.reconcile.report.pages import spectrum_page
 
     content = json.dumps(spectrum_report(found), indent=1, allow_nan=False) + "\n"

@@ -7,9 +7,6 @@ from pathlib import Path
 import click
 
 from st_codegen.cli.console import Number, Whole, console, progress_bar, quiet_option
-from st_codegen.rig.campaign import Measuring, read_conditions, simulate_campaign
-from st_codegen.rig.effects import catalogue
-from st_codegen.rig.model import read_rig
 
 
 @click.command(
@@ -45,6 +42,10 @@ def command(
     quiet: bool,
 ) -> None:
     """Write a measured campaign of the simulated rig: the files that `train` and `reconcile` read."""
+    from st_codegen.rig.campaign import Measuring, read_conditions, simulate_campaign
+    from st_codegen.rig.effects import catalogue
+    from st_codegen.rig.model import read_rig
+
     model = read_rig(rig, catalogue(effects))
     points = read_conditions(conditions)
     with progress_bar("simulating", quiet=quiet) as progress:

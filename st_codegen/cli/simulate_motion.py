@@ -8,10 +8,8 @@ from pathlib import Path
 import click
 from rich.table import Table
 
+from st_codegen.cli.choices import TASK_FORMS
 from st_codegen.cli.console import Number, Whole, console, progress_bar, quiet_option, trust_option
-from st_codegen.project.bundle import load
-from st_codegen.rig.effects import catalogue
-from st_codegen.rig.tasks import TaskForm
 
 
 @click.command(
@@ -46,7 +44,7 @@ Examples:
 )
 @click.option(
     "--tasks",
-    type=click.Choice([str(form) for form in TaskForm]),
+    type=click.Choice(TASK_FORMS),
     multiple=True,
     help="one: blocks in the main task; two: in the slow task, as published. May be repeated. Default: two and one.",
 )
@@ -100,8 +98,11 @@ def command(
     Writes motion.json, motion.csv (a row a case: RMS and maximum of the error before and after), curves.csv and
     report.html.
     """
+    from st_codegen.project.bundle import load
     from st_codegen.rig import motion_files, study
+    from st_codegen.rig.effects import catalogue
     from st_codegen.rig.machine import read_machine
+    from st_codegen.rig.tasks import TaskForm
 
     _, machine = read_machine(rig, catalogue(effects))
     machine = study.with_oil(machine, temperature, drift)

@@ -6,14 +6,9 @@ from pathlib import Path
 
 import click
 
-from st_codegen.campaign.harmonic_table import read_table
 from st_codegen.cli.console import Whole, console, progress_bar, quiet_option
 from st_codegen.cli.training import backend_of, search_options, settings_of
 from st_codegen.errors import InputError
-from st_codegen.training.learn import LearningPlan
-from st_codegen.training.paper import compare, read_paper
-from st_codegen.training.store import FitStore
-from st_codegen.training.tables import write_tables
 
 TABLE = "rv160n_harmonics.csv"
 PREDICTIONS = "rv160n_paper_test_predictions_hgbm.csv"
@@ -61,6 +56,12 @@ def command(
 
     Long: some thousand fits. Finished ones are kept (--work), so that a second run takes seconds.
     """
+    from st_codegen.campaign.harmonic_table import read_table
+    from st_codegen.training.learn import LearningPlan
+    from st_codegen.training.paper import compare, read_paper
+    from st_codegen.training.store import FitStore
+    from st_codegen.training.tables import write_tables
+
     missing = [name for name in (TABLE, PREDICTIONS, ERRORS) if not (data / name).is_file()]
     if missing:
         raise InputError(

@@ -5,23 +5,22 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.table import Table
 
-from st_codegen.campaign.harmonic_table import HarmonicTable, read_table, write_table
+from st_codegen.cli.choices import MODEL_FORMS
 from st_codegen.cli.console import Number, Whole, console, progress_bar, quiet_option
 from st_codegen.cli.training import backend_of, search_options, settings_of
 from st_codegen.errors import InputError
 from st_codegen.files.number_text import parse_whole
 from st_codegen.files.text import write_text
-from st_codegen.te.harmonics import Direction
-from st_codegen.training.export import FORMATS, write_bundle
-from st_codegen.training.learn import LearningPlan, Lesson, bundle_head, learn, only_exportable
-from st_codegen.training.measured import Measured, measured_table
-from st_codegen.training.page import training_page
-from st_codegen.training.store import FitStore
+
+if TYPE_CHECKING:
+    from st_codegen.campaign.harmonic_table import HarmonicTable
+    from st_codegen.training.learn import Lesson
+    from st_codegen.training.measured import Measured
 
 
 @click.command(
@@ -59,7 +58,9 @@ Examples:
     help="Input speed over output speed.",
 )
 @click.option("--name", default="reducer", show_default=True, help="Name of the bundle.")
-@click.option("--format", "form", type=click.Choice(FORMATS), default="native", show_default=True, help="Model files.")
+@click.option(
+    "--format", "form", type=click.Choice(MODEL_FORMS), default=MODEL_FORMS[0], show_default=True, help="Model files."
+)
 @click.option(
     "--limit-us", type=Number(min=0), help="Worst case of all models of one direction in microseconds (estimate)."
 )
@@ -109,6 +110,14 @@ def command(
     Each direction is split, faulty runs are found in the training part, all families are cross-validated, and for each
     order the best pair of models is chosen whose worst-case cost fits.
     """
+    from st_codegen.campaign.harmonic_table import read_table, write_table
+    from st_codegen.te.harmonics import Direction
+    from st_codegen.training.export import write_bundle
+    from st_codegen.training.learn import LearningPlan, bundle_head, learn, only_exportable
+    from st_codegen.training.measured import Measured, measured_table
+    from st_codegen.training.page import training_page
+    from st_codegen.training.store import FitStore
+
     settings = settings_of(families, folds, seed)
     settings = only_exportable(settings, form)
     plan = LearningPlan(settings, test_share, None, math.inf if limit_us is None else limit_us, repeats, keep_faulty)

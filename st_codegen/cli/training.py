@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from st_codegen.cli.choices import FAMILIES
 from st_codegen.cli.console import Whole
 from st_codegen.errors import InputError
-from st_codegen.training.families import FAMILIES, candidates
-from st_codegen.training.search import Backend
-from st_codegen.training.study import SearchSettings
+
+if TYPE_CHECKING:
+    from st_codegen.training.search import Backend
+    from st_codegen.training.study import SearchSettings
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -54,6 +56,9 @@ def search_options(function: Command) -> Command:
 
 def settings_of(families: str, folds: int, seed: int) -> SearchSettings:
     """The settings of a search. Raises InputError for an unknown family."""
+    from st_codegen.training.families import candidates
+    from st_codegen.training.study import SearchSettings
+
     names = [name.strip() for name in families.split(",") if name.strip()]
     if not names:
         raise InputError(f"--families is empty; known are {', '.join(FAMILIES)}")
@@ -62,6 +67,8 @@ def settings_of(families: str, folds: int, seed: int) -> SearchSettings:
 
 def backend_of(backend: str, scheduler: str | None, jobs: int | None) -> Backend:
     """Where fits run. Raises InputError where backend and scheduler do not fit together."""
+    from st_codegen.training.search import Backend
+
     if (backend == "dask") != (scheduler is not None):
         raise InputError("--backend dask and --scheduler ADDRESS go together: give both or none")
     return Backend(-1 if jobs is None else jobs, scheduler)

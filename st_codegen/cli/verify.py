@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from rich.table import Table
@@ -12,10 +13,10 @@ from rich.text import Text
 
 from st_codegen.cli.console import Whole, console, models_argument, progress_bar, quiet_option, trust_option
 from st_codegen.cli.costs import cycle_option, entry_option, print_budget, print_verdict, profile_option
-from st_codegen.cost import load_profile
 from st_codegen.files.text import write_text
-from st_codegen.project.bundle import load
-from st_codegen.proof.verify import Budget, VerifyReport, verify
+
+if TYPE_CHECKING:
+    from st_codegen.proof.verify import VerifyReport
 
 
 @click.command(
@@ -68,6 +69,10 @@ def command(
     infinities and values outside the range. With --cycle-us the worst case of a cycle, from the emitted text and with
     cold caches, must fit as well. Exit code 0 when all agree and fit, 1 when not.
     """
+    from st_codegen.cost.profile import load_profile
+    from st_codegen.project.bundle import load
+    from st_codegen.proof.verify import Budget, verify
+
     budget = Budget(load_profile(profile), cycle_us, entries)
     with progress_bar("loading", quiet=quiet) as progress:
         bundle = load(models, trust_pickle=trust_pickle, progress=progress)

@@ -6,25 +6,3 @@
 
 It judges the text as `verify` does, and knows nothing of what the text was made from.
 """
-
-from st_codegen.cost.calibrate import Calibration, Measurement, calibrate, read_measurements, with_factors
-from st_codegen.cost.operations import Operation
-from st_codegen.cost.profile import DEFAULT, Profile, load_profile, profile_names
-from st_codegen.cost.report import BlockCost, ProjectCost, UnitPart, project_cost
-
-__all__ = [
-    "DEFAULT",
-    "BlockCost",
-    "Calibration",
-    "Measurement",
-    "Operation",
-    "Profile",
-    "ProjectCost",
-    "UnitPart",
-    "calibrate",
-    "load_profile",
-    "profile_names",
-    "project_cost",
-    "read_measurements",
-    "with_factors",
-]

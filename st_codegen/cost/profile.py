@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
 
 from st_codegen.cost.operations import Operation
+from st_codegen.cost.profile_files import DEFAULT, profile_names, profiles_folder
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.text import read_text
 from st_codegen.files.toml_tables import TomlTable, parse_toml, shown
-
-#: Profile that is used where none is named.
-DEFAULT = "cx5140"
 
 #: The numbers of [machine], and the largest value that makes sense; all are positive, shares may be 0.
 _MACHINE = {
@@ -61,17 +58,6 @@ class Profile:
     def estimates(self) -> tuple[str, ...]:
         """The names of the numbers that nobody has measured."""
         return tuple(name for name, source in self.sources.items() if source == "estimate")
-
-
-def profiles_folder() -> Path:
-    """`profiles/` of the installed package, or of the checkout."""
-    installed = Path(str(files("st_codegen"))) / "profiles"
-    return installed if installed.is_dir() else Path(__file__).resolve().parent.parent.parent / "profiles"
-
-
-def profile_names() -> list[str]:
-    """The profiles that come with st-codegen."""
-    return sorted(path.stem for path in profiles_folder().glob("*.toml"))
 
 
 def load_profile(name: str | Path = DEFAULT) -> Profile:

@@ -5,7 +5,7 @@ of the right type is returned, and reading goes on, so that one message lists al
 is unknown: it is refused with the known key that is spelt most like it.
 
 >>> problems = Problems("axis.toml")
->>> with Table({"inertia_kgm2": -1.0, "coulomb_nm": 2}, "[motor]", problems) as motor:
+>>> with TomlTable({"inertia_kgm2": -1.0, "coulomb_nm": 2}, "[motor]", problems) as motor:
 ...     _ = motor.number("inertia_kgm2", low=0.0, high=10.0, unit="kg m2"), motor.number("coulomb_Nm", 0.1)
 >>> problems.raise_if_any()
 Traceback (most recent call last):

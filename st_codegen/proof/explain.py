@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from st_codegen.cost import BlockCost, Profile, project_cost
+from st_codegen.cost.profile import Profile
+from st_codegen.cost.report import BlockCost, project_cost
 from st_codegen.emit.blocks.model import Limits, block_name
 from st_codegen.emit.contents import Contents
 from st_codegen.emit.render import render

@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.cost import Profile, ProjectCost, project_cost
+from st_codegen.cost.profile import Profile
+from st_codegen.cost.report import ProjectCost, project_cost
 from st_codegen.emit.output import MANIFEST, block_of
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError

@@ -10,8 +10,8 @@ import numpy as np
 from st_codegen.errors import InputError, Problems
 from st_codegen.ir import Feature, FloatArray, ModelIR, Select
 from st_codegen.passes.domain import limit_inputs
-from st_codegen.project.bundle import Bundle, Reading, check_names
-from st_codegen.te.bundle_file import OutputReference, read_description
+from st_codegen.project.bundle import READERS, Bundle, Reading, check_names
+from st_codegen.te.bundle_file import BUNDLE_FILE, OutputReference, read_description
 from st_codegen.te.harmonics import HarmonicOutput, TransmissionError
 from st_codegen.te.purpose import Compensation
 from st_codegen.walkers.base import LoadedModel, Predictor
@@ -97,3 +97,6 @@ def _reordered_predictor(predict: Predictor, order: list[int]) -> Predictor:
         return predict(np.ascontiguousarray(x[:, order]))
 
     return reordered
+
+
+READERS[BUNDLE_FILE] = read_bundle

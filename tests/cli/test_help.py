@@ -5,6 +5,7 @@ import sys
 
 import pytest
 
+from st_codegen.cli import choices
 from st_codegen.cli.main import _COMMANDS, cli
 from st_codegen.cli.simulate import _SUBCOMMANDS
 from tests.cli.helpers import run
@@ -37,6 +38,45 @@ def test_what_the_list_of_commands_imports(arguments):
     loaded = set(done.stderr.split())
     assert {name for name in loaded if name.startswith("st_codegen")} <= OURS | {"st_codegen.cli.simulate"}
     assert not {name.partition(".")[0] for name in loaded} & LARGE
+
+
+def test_help_of_single_commands_imports_nothing_large_but_what_prints_tables():
+    """Each command names what its options offer without the room that does it (`cli/choices.py`)."""
+    program = (
+        "import contextlib, io, sys\nfrom st_codegen.cli.main import main\n"
+        "for words in [arguments.split() for arguments in sys.argv[1:]]:\n"
+        "    with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()):\n"
+        "        main([*words, '--help'])\n"
+        "print(*sorted(sys.modules))"
+    )
+    commands = [*_COMMANDS, *(f"simulate {name}" for name in _SUBCOMMANDS)]
+    done = subprocess.run([sys.executable, "-c", program, *commands], capture_output=True, text=True, check=True)
+    loaded = {name.partition(".")[0] for name in done.stdout.split()}
+    assert "rich" in loaded
+    assert not loaded & (LARGE | {"llvmlite"}) - {"rich"}
+
+
+def test_options_offer_what_the_rooms_have():
+    from st_codegen.driver import Evaluator
+    from st_codegen.emit.targets import TARGETS
+    from st_codegen.passes.choose import Layout, Options
+    from st_codegen.reconcile.judge.measurement import NAMES
+    from st_codegen.reconcile.models.update import CODE, MODELS
+    from st_codegen.rig.tasks import TaskForm
+    from st_codegen.te.latency import Exchange
+    from st_codegen.training.export import FORMATS
+    from st_codegen.training.families import FAMILIES
+
+    assert tuple(TARGETS) == choices.TARGETS
+    assert tuple(Layout) == choices.LAYOUTS
+    assert Options().table_bytes == choices.TABLE_KILOBYTES * 1024
+    assert tuple(Evaluator) == choices.EVALUATORS
+    assert tuple(Exchange) == choices.EXCHANGES
+    assert tuple(TaskForm) == choices.TASK_FORMS
+    assert tuple(FAMILIES) == choices.FAMILIES
+    assert choices.MODEL_FORMS == FORMATS
+    assert choices.MISTAKES == NAMES
+    assert (choices.UPDATED_MODELS, choices.UPDATED_CODE) == (MODELS, CODE)
 
 
 @pytest.mark.parametrize("lazy", [*_COMMANDS.values(), *_SUBCOMMANDS.values()], ids=lambda lazy: lazy.module)

@@ -1,7 +1,8 @@
 """Costs of small pieces of Structured Text."""
 
-from st_codegen.cost import load_profile, project_cost
 from st_codegen.cost.operations import as_mapping
+from st_codegen.cost.profile import load_profile
+from st_codegen.cost.report import project_cost
 from st_codegen.cost.units import Units
 from st_codegen.st import parse_project
 

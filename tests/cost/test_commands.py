@@ -6,7 +6,7 @@ import json
 import pytest
 
 from st_codegen.cli.main import main
-from st_codegen.cost import load_profile
+from st_codegen.cost.profile import load_profile
 from st_codegen.emit.targets import TARGETS
 from st_codegen.passes.choose import Options
 from st_codegen.passes.pipeline import compile_models

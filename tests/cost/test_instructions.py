@@ -16,7 +16,8 @@ import pytest
 from benchmarks.contenders import Built
 from benchmarks.harness import Harness
 from benchmarks.st_to_c import ports, translate
-from st_codegen.cost import load_profile, project_cost
+from st_codegen.cost.profile import load_profile
+from st_codegen.cost.report import project_cost
 from st_codegen.st import load_project
 
 GOLDEN = Path(__file__).resolve().parent.parent.parent / "golden" / "lone"

@@ -5,9 +5,11 @@ import re
 import numpy as np
 import pytest
 
-from st_codegen.cost import Operation, calibrate, load_profile, profile_names, project_cost, read_measurements
-from st_codegen.cost.calibrate import Measurement, with_factors
-from st_codegen.cost.profile import profiles_folder
+from st_codegen.cost.calibrate import Measurement, calibrate, read_measurements, with_factors
+from st_codegen.cost.operations import Operation
+from st_codegen.cost.profile import load_profile, profiles_folder
+from st_codegen.cost.profile_files import profile_names
+from st_codegen.cost.report import project_cost
 from st_codegen.errors import InputError
 from tests.cost.helpers import CONSTANTS, PROFILE, VARIABLES, block, cost, project
 from tests.cost.test_counts import STATEMENTS

@@ -1,0 +1,19 @@
+"""What options offer. The rooms have these names too; here they stand so that `--help` imports no room.
+
+A test compares them with the rooms'.
+"""
+
+from __future__ import annotations
+
+TARGETS = ("iec", "plcopen", "twincat", "beckhoff-ml")
+LAYOUTS = ("auto", "trees", "table")
+TABLE_KILOBYTES = 64
+EVALUATORS = ("st", "reference", "source")
+EXCHANGES = ("start", "end")
+TASK_FORMS = ("one", "two", "split")
+FAMILIES = ("SVM", "MLP", "RF", "DT", "ET", "ERT", "GBM", "HGBM", "LGBM", "XGBM", "ELM")
+MODEL_FORMS = ("native", "skops", "onnx")
+#: Mistakes of measuring that `reconcile --accept` corrects.
+MISTAKES = ("sign", "direction", "home_offset", "column_scale", "ratio", "block", "labels")
+#: Where `reconcile --update-models` puts models and code.
+UPDATED_MODELS, UPDATED_CODE = "models", "plc"
