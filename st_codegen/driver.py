@@ -19,7 +19,7 @@ from st_codegen.emit.render import print_plans
 from st_codegen.emit.targets import TARGETS, FilePlan, Target, target_named
 from st_codegen.errors import TargetError
 from st_codegen.ir import FloatArray, KernelSum, ModelIR, TreeEnsemble
-from st_codegen.passes.choose import CostFunction, Options, simple_cost
+from st_codegen.passes.choose import Choices, CostFunction, Options, simple_cost
 from st_codegen.passes.pipeline import Compiled, compile_models, unchanged
 from st_codegen.project.bundle import Bundle, load
 from st_codegen.project.purpose import Purpose
@@ -50,7 +50,7 @@ class Generated:
     changed: tuple[str, ...] = ()
 
 
-def generate(
+def generate(  # noqa: PLR0913 - one argument an option
     models: Bundle | Path | str,
     target: Target | str,
     out: Path | str,
@@ -59,6 +59,7 @@ def generate(
     options: Options | None = None,
     with_tests: bool = False,
     cost: CostFunction = simple_cost,
+    relayout: bool = False,
 ) -> Generated:
     """Compile models for one target and write the files to `out/<target>`.
 
@@ -82,6 +83,10 @@ def generate(
     `proof.explain.Pricing` prints, reads and counts every candidate for a real controller, which takes many times as
     long as all the rest.
 
+    `relayout` chooses layouts and shared tables afresh. Otherwise what the files in the folder have is kept unless
+    another choice saves much (`passes.choose.SAVES_MUCH`) or it is no longer possible: a model that was trained again
+    changes no more than its numbers. `Generated.compiled.decisions` says where a layout changed, and why.
+
     The text is read back and checked before it replaces anything: valid in the target's dialect, of the portable subset
     where the target says so, no loop of one round. That takes about as long as printing.
 
@@ -93,7 +98,8 @@ def generate(
     target = target_named(target) if isinstance(target, str) else target
     folder = Path(out) / target.name
     output.check_place(folder)
-    with _staged(models, target, Path(out), CompileSettings.of(target, max_array, options, with_tests, cost)) as staged:
+    settings = CompileSettings.of(target, max_array, options, with_tests, cost)
+    with _staged(models, target, Path(out), settings, Choices() if relayout else _earlier(folder)) as staged:
         files = {name: (staged.stage / name).stat().st_size for name in staged.names if name != output.MANIFEST}
         changed = output.install(staged.stage, folder)
     return Generated(target.name, folder, files, staged.compiled, staged.purpose, staged.facts, changed)
@@ -108,6 +114,7 @@ def check(  # noqa: PLR0913 - one argument an option
     options: Options | None = None,
     with_tests: bool = False,
     cost: CostFunction = simple_cost,
+    relayout: bool = False,
     provenance: bool = False,
 ) -> Iterator[str]:
     """The unified diff, line by line, between the files on disk and what `generate` would write; empty when equal.
@@ -119,7 +126,8 @@ def check(  # noqa: PLR0913 - one argument an option
     target = target_named(target) if isinstance(target, str) else target
     folder = Path(out) / target.name
     output.check_place(folder)
-    with _staged(models, target, None, CompileSettings.of(target, max_array, options, with_tests, cost)) as staged:
+    settings = CompileSettings.of(target, max_array, options, with_tests, cost)
+    with _staged(models, target, None, settings, Choices() if relayout else _earlier(folder)) as staged:
         on_disk = {name for name in output.generated_names(folder) if (folder / name).exists()}
         for name in sorted({*staged.names, *on_disk}):
             yield from difflib.unified_diff(
@@ -191,14 +199,14 @@ class _Staged:
 
 @contextmanager
 def _staged(
-    models: Bundle | Path | str, target: Target, out: Path | None, settings: CompileSettings
+    models: Bundle | Path | str, target: Target, out: Path | None, settings: CompileSettings, earlier: Choices
 ) -> Iterator[_Staged]:
     """Load, compile, plan and print below `out`, or in the system's temporary folder.
 
     What the caller does with the printed files is the last step.
     """
     bundle = models if isinstance(models, Bundle) else load(models)
-    compiled, purpose = _compiled(bundle, target, settings)
+    compiled, purpose = _compiled(bundle, target, settings, earlier)
     plans = _planned(bundle, compiled, purpose, target, settings)
     files = print_plans(target, plans)
     known = facts(bundle, compiled, purpose, plans)
@@ -209,12 +217,27 @@ def _staged(
         yield _Staged(stage, compiled, purpose, known)
 
 
-def _compiled(bundle: Bundle, target: Target, settings: CompileSettings) -> tuple[Compiled, Purpose | None]:
+def _earlier(folder: Path) -> Choices:
+    """What the run that wrote a folder had chosen; nothing where there is none."""
+    manifest = output.read_manifest(folder)
+    found = {} if manifest is None else manifest.facts[output.CHOICES]
+    try:
+        shared = {str(name): [[str(m) for m in group] for group in groups] for name, groups in found["shared"].items()}
+        return Choices({str(name): str(layout) for name, layout in found["layouts"].items()}, shared)
+    except (KeyError, TypeError, AttributeError):  # an older manifest, or a changed one
+        return Choices()
+
+
+def _compiled(
+    bundle: Bundle, target: Target, settings: CompileSettings, earlier: Choices
+) -> tuple[Compiled, Purpose | None]:
     """The printed models and what they are for."""
     purpose = bundle.purpose
     if not target.compiles:
         return unchanged(bundle.irs), purpose
-    compiled = compile_models(bundle.irs, settings.options, settings.cost, together=purpose is not None)
+    compiled = compile_models(
+        bundle.irs, settings.options, settings.cost, together=purpose is not None, earlier=earlier
+    )
     return compiled, None if purpose is None else purpose.settled(compiled, settings.options)
 
 
@@ -269,6 +292,7 @@ def facts(bundle: Bundle, compiled: Compiled, purpose: Purpose | None, plans: Se
         "models": {model.name: _model_facts(model, compiled) for model in bundle.irs},
         "blocks": {block.name: {"data_bytes": block.table_bytes} for plan in plans for block in plan.blocks},
         output.PURPOSE: {} if purpose is None else purpose.facts(),
+        output.CHOICES: dataclasses.asdict(compiled.choices),
         output.PROVENANCE: {
             model.source.file: model.source.file_sha256 for model in bundle.irs if model.source.file_sha256
         },

@@ -1,7 +1,10 @@
 """A model that is trained and saved again, from equal data and from other data, into the same generated folder."""
 
+import dataclasses
+import difflib
 import pickle
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -9,7 +12,10 @@ import pytest
 from st_codegen.driver import check, generate
 from st_codegen.emit import output
 from st_codegen.ir import digest
+from st_codegen.passes.choose import CallCost, Choices, Layout, Options, PricedLayout, preferred
+from st_codegen.passes.pipeline import Location, compile_models
 from st_codegen.project.bundle import load
+from tests.cli.helpers import run
 
 RANDOM = np.random.default_rng(3)
 X = np.round(RANDOM.uniform(0.0, 60.0, (200, 3)), 1)
@@ -112,3 +118,79 @@ def test_the_manifest_names_the_file_by_its_own_hash(tmp_path):
     assert len(manifest.facts[output.PROVENANCE]["model.txt"]) == 64
     assert manifest.facts["models"]["model"]["digest"] in block.read_text(encoding="utf-8")
     assert manifest.facts[output.PROVENANCE]["model.txt"] not in block.read_text(encoding="utf-8")
+
+
+def changed_lines(before, after):
+    """Lines that are not in both of two generated folders' texts."""
+    lines = [
+        [line for path in sorted(folder.rglob("*.TcPOU")) for line in path.read_text("utf-8").splitlines()]
+        for folder in (before, after)
+    ]
+    return sum(line[:2] in ("+ ", "- ") for line in difflib.ndiff(*lines))
+
+
+def grown(rows):
+    """A tree of which a table has a few cells more with each row."""
+    tree = pytest.importorskip("sklearn.tree")
+    x = np.stack(np.meshgrid(np.arange(12.0), np.arange(40.0)), -1).reshape(-1, 2)[:rows]
+    return tree.DecisionTreeRegressor(random_state=0).fit(x, x[:, 0] * 40 + x[:, 1])
+
+
+def test_a_row_more_keeps_the_layout_that_is_in_place(tmp_path):
+    joblib = pytest.importorskip("joblib")
+    path = tmp_path / "model.joblib"
+    joblib.dump(grown(360), path)
+    first = generate(load(path, trust_pickle=True), "twincat", tmp_path / "kept")
+    size = first.facts["blocks"]["FB_Model"]["data_bytes"]
+    assert first.facts["models"]["model"]["layout"] == "table"
+    shutil.copytree(tmp_path / "kept", tmp_path / "before")
+    joblib.dump(grown(361), path)
+    bundle = load(path, trust_pickle=True)
+    # a limit that the table meets before the row and not behind it
+    limit = Options(table_bytes=8 * 12 * 30)
+    kept = generate(bundle, "twincat", tmp_path / "kept", options=limit)
+    afresh = generate(bundle, "twincat", tmp_path / "afresh", options=limit)
+    assert (kept.facts["models"]["model"]["layout"], afresh.facts["models"]["model"]["layout"]) == (
+        "table",
+        "ranked trees",
+    )
+    assert size < kept.facts["blocks"]["FB_Model"]["data_bytes"] < 1.25 * size
+    few, many = (changed_lines(tmp_path / "before", tmp_path / name) for name in ("kept", "afresh"))
+    assert 4 * few < many
+    assert not any(decision.change for decision in kept.compiled.decisions)
+    again = generate(bundle, "twincat", tmp_path / "kept", options=limit, relayout=True)
+    assert again.facts["models"]["model"]["layout"] == "ranked trees"
+    assert list(check(bundle, "twincat", tmp_path / "kept", options=limit)) == []
+
+
+def test_a_layout_that_is_no_longer_possible_is_replaced_and_announced(tmp_path, capsys):
+    joblib = pytest.importorskip("joblib")
+    path = tmp_path / "model.joblib"
+    joblib.dump(grown(360), path)
+    assert run(path, "--trust-pickle", "--out", tmp_path) == 0
+    capsys.readouterr()
+    assert run(path, "--trust-pickle", "--out", tmp_path, "--table-limit", 1) == 0
+    assert "model: new layout 'ranked trees' for 'table', which is no longer possible" in capsys.readouterr().err
+
+
+def test_a_choice_that_saves_much_is_taken():
+    def candidate(layout, time):
+        return PricedLayout(layout, None, CallCost(instructions=time))
+
+    old, little, much = candidate("old", 100.0), candidate("little", 71.0), candidate("much", 69.0)
+    assert preferred([old, little], "old") is old
+    assert preferred([old, little], None) is little
+    assert preferred([old, little, much], "old") is much
+    assert preferred([little, much], "old") is much
+
+
+def test_shared_tables_keep_their_block_their_groups_and_their_places(bundle_folder):
+    models = [model.ir for model in load(bundle_folder).models]
+    more = [dataclasses.replace(model, name=f"a{number}") for number, model in enumerate([models[0]] * 3)]
+    options = Options(Layout.TABLE)
+    before = compile_models([*models, *more[1:]], options, together=True)
+    assert before.shared == {"tables": [["a", "a1", "a2", "b"]]}
+    earlier = Choices(before.choices.layouts, {"mine": [["b", "gone", "a"], ["a2"]]})
+    after = compile_models([*models, *more], options, together=True, earlier=earlier)
+    assert after.shared == {"mine": [["b", "a", "a0", "a1"], ["a2"]]}
+    assert after.locations["b"] == Location("mine", (0,))

@@ -102,7 +102,7 @@ def layout_options(function: Command) -> Command:
         type=Whole(min=1),
         default=TABLE_KILOBYTES,
         show_default=True,
-        help="Largest table of an output in KB.",
+        help="Largest table of an output in KB; one that is in place may grow to a quarter more.",
     )
     spread = click.option(
         "--outputs-per-cycle",

@@ -62,6 +62,12 @@ Examples:
     help="Write nothing; print a diff and exit 1 if the files are not up to date.",
 )
 @click.option(
+    "--relayout",
+    is_flag=True,
+    help="Choose layouts and shared tables afresh. Default: those of the files in the folder stay unless others take "
+    "at most 70 % of the time, or they no longer fit.",
+)
+@click.option(
     "--provenance",
     is_flag=True,
     help="With --check: the model files themselves must be the same, not only what was read from them.",
@@ -88,6 +94,7 @@ def command(
     targets: tuple[str, ...],
     out: Path,
     only_check: bool,
+    relayout: bool,
     provenance: bool,
     with_tests: bool,
     max_array: int | None,
@@ -136,6 +143,7 @@ def command(
                 options=options,
                 with_tests=with_tests,
                 cost=costs[target.name],
+                relayout=relayout,
                 provenance=provenance,
             ):
                 different = True
@@ -143,7 +151,14 @@ def command(
         sys.exit(1 if different else 0)
     for target in chosen:
         generated = generate(
-            bundle, target, out, max_array=max_array, options=options, with_tests=with_tests, cost=costs[target.name]
+            bundle,
+            target,
+            out,
+            max_array=max_array,
+            options=options,
+            with_tests=with_tests,
+            cost=costs[target.name],
+            relayout=relayout,
         )
         if not quiet:
             console.print(f"{generated.folder}: {len(generated.files)} file(s)", soft_wrap=True)
@@ -155,6 +170,8 @@ def command(
                     "it was written",
                     soft_wrap=True,
                 )
+            for change in filter(None, (decision.change for decision in generated.compiled.decisions)):
+                console.print(change, soft_wrap=True)
             for remark in generated.purpose.remarks() if generated.purpose else ():
                 console.print(remark, soft_wrap=True)
         if explain:

@@ -28,7 +28,9 @@ _FORMAT = 1
 PURPOSE = "transmission_error"
 #: The files that the models were read from, with their SHA-256; a file saved again may hold the same model.
 PROVENANCE = "provenance"
-_FACTS = ("models", "blocks", PURPOSE, PROVENANCE)
+#: What the next run keeps: the layouts of models, and which of them share tables.
+CHOICES = "choices"
+_FACTS = ("models", "blocks", PURPOSE, CHOICES, PROVENANCE)
 
 
 @dataclass(frozen=True)

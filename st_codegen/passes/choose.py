@@ -7,8 +7,8 @@ measures the emitted text.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import singledispatch
 
@@ -52,6 +52,25 @@ class Options:
     ranks: bool = True
     outputs_per_cycle: int | None = None
     data_bytes: int | None = None
+
+
+#: A layout that is in place gives way to one that takes at most this share of its time.
+SAVES_MUCH = 0.7
+#: What is in place may be larger than what is chosen anew, by this factor.
+MAY_GROW = 1.25
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What was chosen for models: the layout of each, and for each block of shared tables the models side by side.
+
+    A retrained model is near a limit, or two layouts cost nearly the same: chosen afresh each time, a row more in the
+    training data may rewrite a whole block. What an earlier run chose is therefore kept unless another choice saves
+    much or it is no longer possible.
+    """
+
+    layouts: Mapping[str, str] = field(default_factory=dict)
+    shared: Mapping[str, Sequence[Sequence[str]]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -99,6 +118,13 @@ def cheapest(candidates: Sequence[PricedLayout]) -> PricedLayout:
     if not candidates:
         raise InputError("no layout fits the limits; raise them or use another layout")
     return min(candidates, key=lambda candidate: (candidate.cost.nanoseconds, candidate.cost.table_bytes))
+
+
+def preferred(candidates: Sequence[PricedLayout], earlier: str | None) -> PricedLayout:
+    """The cheapest candidate, or the `earlier` layout where it is still possible and the cheapest saves little."""
+    best = cheapest(candidates)
+    kept = next((candidate for candidate in candidates if candidate.layout == earlier), best)
+    return best if best.cost.nanoseconds <= SAVES_MUCH * kept.cost.nanoseconds else kept
 
 
 def priced(layout: str, model: ModelIR, cost: CostFunction) -> PricedLayout:

@@ -6,18 +6,21 @@ search serves them all.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from st_codegen.ir import FactoredKernel, Feature, ModelIR, Rank, Source
 from st_codegen.passes import tables
 from st_codegen.passes.choose import (
+    MAY_GROW,
+    Choices,
     CostFunction,
     Layout,
     Options,
     PricedLayout,
-    cheapest,
+    preferred,
     priced,
     simple_cost,
 )
@@ -36,20 +39,45 @@ class Location:
 
 @dataclass(frozen=True)
 class LayoutDecision:
-    """The layouts that were possible for a model, cheapest first, and the one that was taken."""
+    """The layout that was taken for a model, in front of the others that were possible, cheapest first.
+
+    `earlier` is what an earlier run had chosen.
+    """
 
     model: str
     chosen: str
     candidates: tuple[PricedLayout, ...]
+    earlier: str | None = None
+
+    @property
+    def change(self) -> str:
+        """A sentence on why the model does not keep its earlier layout; empty where it does, or had none."""
+        if self.earlier in (None, self.chosen):
+            return ""
+        before = next((c.cost.nanoseconds for c in self.candidates if c.layout == self.earlier), None)
+        why = "which is no longer possible within the limits"
+        if before is not None:
+            share = self.candidates[0].cost.nanoseconds / before
+            why = f"whose time in the worst case falls to {share:.0%} by the prices that it was chosen by"
+        return f"{self.model}: new layout '{self.chosen}' for '{self.earlier}', {why}"
 
 
 @dataclass(frozen=True)
 class Compiled:
-    """The printed models, in the order of their names, where each model of the user's went, and why."""
+    """The printed models, in the order of their names, where each model of the user's went, and why.
+
+    `shared`: for each printed model of tables, the models of the user's that stand side by side in each of them.
+    """
 
     models: tuple[ModelIR, ...]
     locations: Mapping[str, Location]
     decisions: tuple[LayoutDecision, ...]
+    shared: Mapping[str, Sequence[Sequence[str]]] = field(default_factory=dict)
+
+    @property
+    def choices(self) -> Choices:
+        """What a later run may keep."""
+        return Choices({decision.model: decision.chosen for decision in self.decisions}, self.shared)
 
     def block_model(self, name: str) -> ModelIR:
         """The printed model that computes the user's model `name`."""
@@ -72,26 +100,34 @@ def compile_models(
     cost: CostFunction = simple_cost,
     *,
     together: bool = False,
+    earlier: Choices | None = None,
 ) -> Compiled:
-    """Rewrite every model to its cheapest layout; of models called `together`, merge what one search can serve."""
-    options = options or Options()
-    decisions = {model.name: _decide(model, options, cost) for model in models}
+    """Rewrite every model to its cheapest layout; of models called `together`, merge what one search can serve.
+
+    What was chosen `earlier` is kept unless another choice saves much or it is no longer possible.
+    """
+    options, earlier = options or Options(), earlier or Choices()
+    decisions = {model.name: _decide(model, options, cost, earlier.layouts.get(model.name)) for model in models}
     chosen = {name: decision.candidates[0].model for name, decision in decisions.items()}
     locations = _own_locations(models)
     printed = list(chosen.values())
+    shared: dict[str, list[list[str]]] = {}
     if together:
         cells = {
             model.name: found
             for model in models
-            if decisions[model.name].chosen == "table" and (found := _cells(model, options)) is not None
+            if decisions[model.name].chosen == "table"
+            and (found := _cells(model, options, earlier.layouts.get(model.name))) is not None
         }
-        printed, locations = _merged(models, chosen, cells, options, locations)
-    return Compiled(tuple(printed), locations, tuple(decisions.values()))
+        together_of = _shared(models, cells, options, earlier)
+        printed, locations = _merged(together_of, chosen, cells, locations)
+        shared = {name: [[model.name for model in group] for group in groups] for name, groups in together_of.items()}
+    return Compiled(tuple(printed), locations, tuple(decisions.values()), shared)
 
 
-def _cells(model: ModelIR, options: Options) -> tables.Cells | None:
+def _cells(model: ModelIR, options: Options, earlier: str | None) -> tables.Cells | None:
     """The table of a model where it stays below the limits; equal slices may make a large grid small."""
-    limit = options.table_bytes // 8 * len(model.outputs)
+    limit = int(options.table_bytes // 8 * len(model.outputs) * (MAY_GROW if earlier == "table" else 1))
     found = tables.cells_of(model, 4 * limit)
     if found is None or found.values.size > limit:
         return None
@@ -115,7 +151,7 @@ def _on_ranks(model: ModelIR, options: Options) -> ModelIR | None:
     return found if longest <= options.max_array else None
 
 
-def _decide(model: ModelIR, options: Options, cost: CostFunction) -> LayoutDecision:
+def _decide(model: ModelIR, options: Options, cost: CostFunction, earlier: str | None) -> LayoutDecision:
     candidates = [priced("as trained", model, cost)]
     on_grid = factored(model)
     if on_grid is not None and _fits(on_grid, options):
@@ -124,34 +160,54 @@ def _decide(model: ModelIR, options: Options, cost: CostFunction) -> LayoutDecis
     if on_ranks is not None:
         candidates.append(priced("ranked trees", on_ranks, cost))
     if options.layout is not Layout.TREES:
-        found = _cells(model, options)
+        found = _cells(model, options, earlier)
         if found is not None:
             table = priced("table", tables.as_model(model, found), cost)
             candidates = [table] if options.layout is Layout.TABLE else [*candidates, table]
-    best = cheapest(candidates)
+    best = preferred(candidates, earlier)
     others = sorted((c for c in candidates if c is not best), key=lambda c: c.cost.nanoseconds)
-    return LayoutDecision(model.name, best.layout, (best, *others))
+    return LayoutDecision(model.name, best.layout, (best, *others), earlier)
 
 
-def _merged(
-    models: Sequence[ModelIR],
-    chosen: dict[str, ModelIR],
-    cells: dict[str, tables.Cells],
-    options: Options,
-    locations: dict[str, Location],
-) -> tuple[list[ModelIR], dict[str, Location]]:
-    """The printed models, and where each of the user's went: tables that refuse the same inputs share one block."""
+def _shared(
+    models: Sequence[ModelIR], cells: dict[str, tables.Cells], options: Options, earlier: Choices
+) -> dict[str, list[list[ModelIR]]]:
+    """The blocks of shared tables by their names, each as groups of models whose numbers stand side by side.
+
+    Tables that refuse the same inputs share one block; a block keeps the name of the earlier one that has most of it.
+    """
     alike: dict[tuple[object, ...], list[ModelIR]] = {}
     for model in models:
         if model.name in cells:
             alike.setdefault(_refuses(model), []).append(model)
     together = [members for members in alike.values() if len(members) > 1]
+    names = _new_names(len(together), models)
+    found = {}
+    for members in together:
+        here = {model.name for model in members}
+        common = {
+            name: sum(len(here & set(group)) for group in groups)
+            for name, groups in earlier.shared.items()
+            if name not in found and name not in {model.name for model in models}
+        }
+        kept = max((name for name in common if common[name]), key=common.__getitem__, default="")
+        name = kept or next(name for name in names if name not in found and name not in earlier.shared)
+        found[name] = _groups(members, cells, options, earlier.shared.get(name, ()))
+    return found
+
+
+def _merged(
+    shared: Mapping[str, list[list[ModelIR]]],
+    chosen: dict[str, ModelIR],
+    cells: dict[str, tables.Cells],
+    locations: dict[str, Location],
+) -> tuple[list[ModelIR], dict[str, Location]]:
+    """The printed models, and where each of the user's went."""
     locations, printed = dict(locations), dict(chosen)
-    for number, members in enumerate(together, 1):
-        name = _free_name("tables" if len(together) == 1 else f"tables{number}", models)
-        groups = _groups(members, cells, options)
+    for name, groups in shared.items():
+        members = [member for group in groups for member in group]
         outputs: list[str] = []
-        for model in (member for group in groups for member in group):
+        for model in members:
             at = len(outputs)
             outputs += [model.name if len(model.outputs) == 1 else f"{model.name} {output}" for output in model.outputs]
             locations[model.name] = Location(name, tuple(range(at, len(outputs))))
@@ -162,32 +218,51 @@ def _merged(
             features=first.features,
             ops=tables.table_operations([tables.united([cells[model.name] for model in group]) for group in groups]),
             outputs=tuple(outputs),
-            source=_joint_source([model for group in groups for model in group]),
+            source=_joint_source(members),
             accepts_nan=first.accepts_nan,
             magnitude_limits=_limits(first),
         )
     return [printed[name] for name in sorted(printed)], locations
 
 
-def _groups(models: Sequence[ModelIR], cells: dict[str, tables.Cells], options: Options) -> list[list[ModelIR]]:
+def _groups(
+    models: Sequence[ModelIR], cells: dict[str, tables.Cells], options: Options, earlier: Sequence[Sequence[str]]
+) -> list[list[ModelIR]]:
     """Models whose numbers stand side by side in one table, since their axes are (nearly) the same.
 
-    A table of its own costs a model a cache line or two; a joint table may be a fifth larger than its parts.
+    A table of its own costs a model a cache line or two; a joint table may be a fifth larger than its parts. Groups of
+    an `earlier` run stay, in their order, while they are a quarter larger still.
     """
+    by_name = {model.name: model for model in models}
+
+    def fits(parts: Sequence[ModelIR], more: float = 1.0) -> float | None:
+        """How much larger than its parts a joint table is, or None where it is too large."""
+        tabled = [cells[model.name] for model in parts]
+        size = 8 * sum(part.values.shape[-1] for part in tabled) * math.prod(tables.union_shape(tabled))
+        growth = size / (tables.united(tabled[:-1]).n_bytes + tabled[-1].n_bytes)
+        return growth if growth <= 1.2 * more and size <= options.merged_bytes * more else None
+
     groups: list[list[ModelIR]] = []
-    for model in sorted(models, key=lambda model: (-cells[model.name].n_bytes, model.name)):
-        best: tuple[float, list[ModelIR]] | None = None
-        for group in groups:
-            parts = [cells[member.name] for member in (*group, model)]
-            size = 8 * sum(part.values.shape[-1] for part in parts) * math.prod(tables.union_shape(parts))
-            growth = size / (tables.united(parts[:-1]).n_bytes + parts[-1].n_bytes)
-            if growth <= 1.2 and size <= options.merged_bytes and (best is None or growth < best[0]):
-                best = growth, group
-        if best is None:
-            groups.append([model])
+    for names in earlier:
+        group: list[ModelIR] = []
+        for name in names:
+            if name in by_name and (not group or fits([*group, by_name[name]], MAY_GROW) is not None):
+                group.append(by_name.pop(name))
+        groups += [group] if group else []
+    kept = [list(group) for group in groups]
+    for model in sorted(by_name.values(), key=lambda model: (-cells[model.name].n_bytes, model.name)):
+        growth = [(found, group) for group in groups if (found := fits([*group, model])) is not None]
+        if growth:
+            min(growth, key=lambda entry: entry[0])[1].append(model)
         else:
-            best[1].append(model)
-    return [sorted(group, key=lambda model: model.name) for group in groups]
+            groups.append([model])
+    return [_in_order(group, kept) for group in groups]
+
+
+def _in_order(group: list[ModelIR], kept: list[list[ModelIR]]) -> list[ModelIR]:
+    """A group by the names of its models; those that an earlier run had come first, in their old order."""
+    old = next((before for before in kept if before[0] is group[0]), [])
+    return [*old, *sorted(group[len(old) :], key=lambda model: model.name)]
 
 
 def _refuses(model: ModelIR) -> tuple[object, ...]:
@@ -219,8 +294,11 @@ def _joint_source(models: Sequence[ModelIR]) -> Source:
     return Source(", ".join(libraries), "", f"tables of {len(models)} models", notes=tuple(dict.fromkeys(notes)))
 
 
-def _free_name(name: str, models: Sequence[ModelIR]) -> str:
+def _new_names(count: int, models: Sequence[ModelIR]) -> Iterator[str]:
+    """Names for blocks of shared tables: `tables`, or, where there are several, `tables1`, `tables2`, .."""
     taken = {model.name.lower() for model in models}
-    while name.lower() in taken:
-        name += "_"
-    return name
+    for number in itertools.count(1):
+        name = "tables" if count == 1 and number == 1 else f"tables{number}"
+        while name in taken:
+            name += "_"
+        yield name

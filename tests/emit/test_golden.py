@@ -106,7 +106,7 @@ def test_the_generated_text_is_the_committed_text(project, target, tmp_path, req
     committed = GOLDEN / name / "generated" / target
     expected = texts(committed)
     if request.config.getoption("--update-golden"):
-        generate(bundle, TARGETS[target], committed.parent)
+        generate(bundle, TARGETS[target], committed.parent, relayout=True)
         with capsys.disabled():
             print(difference(expected, texts(committed)))  # noqa: T201 - what the option is for
         return
