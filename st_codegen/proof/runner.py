@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,11 @@ from st_codegen.st.types import ArrayType, Elementary, Type
 
 #: Rows that are run at once: their records stay in the caches of a processor.
 _BATCH = 4_000
+#: Rows after which is decided whether the rest is worth optimised code, and how many times the seconds of compiling
+#: without it the rest would have to take: optimising takes four times as long, and one thread at a time can compile.
+_TRIAL, _WORTH = 500, 12.0
+#: Rows of a block that is called several times, from which on its code is optimised without a trial.
+_MANY_ROWS = 20_000
 
 #: Where a block begins and ends in files that hold several.
 _PART_OF_FILE = {
@@ -48,6 +54,7 @@ class GeneratedCode:
             raise GeneratedCodeError(f"{folder}: no generated files; run st-codegen generate first")
         self.folder = folder
         self.libraries = libraries_of(folder)
+        self._optimised: set[str] = set()
         try:
             self.source = read_paths([folder])
             self.project: Project = check_source(self.source, dialect, self.libraries)
@@ -96,25 +103,36 @@ class GeneratedCode:
         wanted = range(outputs) if isinstance(outputs, int) else outputs
         if not len(x):
             return BlockResult(np.zeros((0, len(wanted))), np.zeros(0, np.bool_))
-        parts = [self._batch(block, x[at : at + _BATCH], wanted) for at in range(0, len(x), _BATCH)]
+        parts, done = [], 0
+        while done < len(x):
+            end = done + (_BATCH if done or block in self._optimised else _TRIAL)
+            parts.append(self._batch(block, x[done:end], wanted, len(x) - end))
+            done = end
         return BlockResult(np.vstack([p.values for p in parts]), np.concatenate([p.valid for p in parts]))
 
-    def _batch(self, block: str, x: FloatArray, outputs: Sequence[int]) -> BlockResult:
+    def _batch(self, block: str, x: FloatArray, outputs: Sequence[int], to_come: int) -> BlockResult:
+        """Run some rows, and decide with what code the rows `to_come` run."""
         instance = self._instance(block, len(x))
         inputs = dict(zip((port.name for port in instance.inputs), x.T, strict=True))
+        compiling = instance.compile()
+        start = time.perf_counter()
         result = self._run(instance, block, inputs)
+        if (time.perf_counter() - start) * to_come > _WORTH * compiling * len(x):
+            self._optimised.add(block)
         values = np.column_stack([result[f"fOut{number + 1}"] for number in outputs])
         return BlockResult(values, result["bValid"].astype(np.bool_))
 
     def call(self, block: str, inputs: Mapping[str, FloatArray], rows: int, *, calls: int = 1) -> dict[str, FloatArray]:
         """Call a block `calls` times with an array for each named input; returns all its outputs, rows first."""
-        instance = self._instance(block, rows)
+        instance = self._instance(block, rows, calls)
         for _ in range(calls - 1):
             self._run(instance, block, inputs)
         return self._run(instance, block, inputs)
 
-    def _instance(self, block: str, rows: int) -> Instance:
-        return Machine(self.project, rows, libraries=self.libraries).instance(self._pou(block).name)
+    def _instance(self, block: str, rows: int, calls: int = 1) -> Instance:
+        optimised = block in self._optimised or rows * calls > _MANY_ROWS
+        machine = Machine(self.project, rows, libraries=self.libraries, optimised=optimised)
+        return machine.instance(self._pou(block).name)
 
     def _run(self, instance: Instance, block: str, inputs: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         try:

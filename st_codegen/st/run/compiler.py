@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import sys
+import time
 from dataclasses import dataclass
 from functools import cache
 from threading import RLock
@@ -31,11 +32,15 @@ _ROWS = ctypes.CFUNCTYPE(_LONG, *(_POINTER, _POINTER), *(_POINTER, _LONG) * 3, *
 
 @dataclass(frozen=True)
 class Code:
-    """Machine code of a unit: where it begins, where it finds its arguments (by name), and their bytes."""
+    """Machine code of a unit: where it begins, where it finds its arguments (by name), and their bytes.
+
+    `seconds` is what it took to compile, with what it calls as far as that was not compiled before.
+    """
 
     address: int
     arguments: dict[str, int]
     argument_bytes: int
+    seconds: float
 
 
 class Program:
@@ -54,9 +59,10 @@ class Program:
         """The machine code of a unit that is no native one. Raises `StCheckError` for pointers."""
         with self._lock:
             if pou.key not in self._codes:
+                start = time.perf_counter()
                 offsets, size = self.module.arguments(parameters(pou))
                 address = self._unit(pou) if is_body(pou) else self._compiled(pou, offsets)
-                self._codes[pou.key] = Code(address, offsets, size)
+                self._codes[pou.key] = Code(address, offsets, size, time.perf_counter() - start)
             return self._codes[pou.key]
 
     def _unit(self, pou: t.Pou) -> int:
