@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.errors import UnsupportedModelError
 from st_codegen.ir import Feature, FloatArray, ModelIR, Operation, Source
 
 #: Rows (rows, features) -> predictions (rows, outputs), computed by the source library alone. Only rows that the
@@ -133,9 +133,3 @@ def walk_estimator(estimator: Any, builder: GraphBuilder, value: int) -> int:
             )
         )
     return walker(estimator, builder, value)
-
-
-def require_fitted(estimator: Any, attribute: str) -> None:
-    """Raise InputError unless `fit` has set an attribute."""
-    if not hasattr(estimator, attribute):
-        raise InputError(f"{type(estimator).__name__} is not fitted: call fit() before saving it")

@@ -11,6 +11,9 @@ from st_codegen.errors import InputError
 #: nodes, whose text no controller takes; and reading takes several times as many bytes of memory.
 DEFAULT_MAX_MODEL_BYTES = 256 * 2**20
 
+#: Features, or outputs, of one model: nothing else in some files bounds these numbers.
+MAX_COLUMNS = 100_000
+
 
 class _Limit:
     """The limit of this process."""

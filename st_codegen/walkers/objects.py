@@ -25,7 +25,7 @@ _LOADERS = {
 }
 
 
-#: What attributes of a wrong type or shape raise in walkers: anybody can write any object into a `.skops` file.
+#: What raises in walkers where an object is not built as `fit` builds it: anybody can write any object into a file.
 _NOT_AS_MADE = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
 
 
@@ -49,14 +49,7 @@ def load_skops(path: Path, name: str) -> LoadedModel:
         raise with_subject(error, path.name) from None
     except Exception as error:  # skops raises whatever zip, json or the classes raise
         raise InputError(f"{path.name}: not a readable .skops file ({type(error).__name__}: {error})") from error
-    try:
-        return from_estimator(estimator, name)
-    except StCodegenError:
-        raise
-    except _NOT_AS_MADE as error:
-        raise InputError(
-            f"{path.name}: the model is not as {type(estimator).__name__} makes it ({type(error).__name__}: {error})"
-        ) from error
+    return from_estimator(estimator, name)
 
 
 def load_pickle(path: Path, name: str, *, trusted: bool) -> LoadedModel:
@@ -90,5 +83,13 @@ def from_estimator(estimator: Any, name: str) -> LoadedModel:
             f"the file holds a {type(estimator).__module__}.{type(estimator).__qualname__}, not a model of "
             "scikit-learn, LightGBM or XGBoost"
         )
-    loaded: LoadedModel = importlib.import_module(_LOADERS[package]).load_object(estimator, name)
+    module = importlib.import_module(_LOADERS[package])
+    try:
+        loaded: LoadedModel = module.load_object(estimator, name)
+    except StCodegenError:
+        raise
+    except _NOT_AS_MADE as error:
+        raise InputError(
+            f"the model is not as {type(estimator).__name__} makes it ({type(error).__name__}: {error})"
+        ) from error
     return loaded

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import Activation, Clip, FloatArray, Function, Operator, Scale, Select
-from st_codegen.walkers.base import GraphBuilder, require_fitted, walk_estimator, walks
+from st_codegen.ir import Activation, Clip, FloatArray, Function, Int32Array, Operator, Scale, Select
+from st_codegen.walkers.base import GraphBuilder, walk_estimator, walks
+from st_codegen.walkers.fitted import Fitted
 
 Steps = list[tuple[Operator, FloatArray]]
 
@@ -22,7 +23,7 @@ Steps = list[tuple[Operator, FloatArray]]
 @walks("sklearn.Pipeline")
 def walk_pipeline(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """The steps, one after another."""
-    for _, step in estimator.steps:
+    for _, step in Fitted(estimator).items("steps"):
         value = _walk_or_pass(step, builder, value)
     return value
 
@@ -30,33 +31,50 @@ def walk_pipeline(estimator: Any, builder: GraphBuilder, value: int) -> int:
 @walks("sklearn.ColumnTransformer")
 def walk_columns(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Each transformer on its own columns; results side by side in the order of `transformers_`."""
-    require_fitted(estimator, "transformers_")
+    fitted = Fitted(estimator)
     parts = []
-    for name, transformer, _ in estimator.transformers_:
-        columns = np.asarray(estimator._transformer_to_input_indices[name], np.int32)
-        if len(columns) == 0 or transformer == "drop":
+    for name, transformer, given in fitted.items("transformers_"):
+        columns = selected_columns(fitted, name, given, builder.width(value))
+        if len(columns) == 0 or (isinstance(transformer, str) and transformer == "drop"):
             continue
         parts.append(_walk_or_pass(transformer, builder, builder.add(Select((value,), columns))))
     if not parts:
         raise UnsupportedModelError("ColumnTransformer drops every column")
+    if fitted.get("transformer_weights") is not None:
+        raise UnsupportedModelError("ColumnTransformer with transformer_weights")
     total = sum(builder.width(part) for part in parts)
     return builder.add(Select(tuple(parts), np.arange(total, dtype=np.int32)))
+
+
+def selected_columns(fitted: Fitted, name: str, given: Any, width: int) -> Int32Array:
+    """Positions of the columns that a transformer takes, which stand in the object twice: as given, and as numbers."""
+    where = "_transformer_to_input_indices"
+    numbers = fitted.get(where)
+    if not isinstance(numbers, dict) or name not in numbers:
+        raise fitted.fail(where, "does not name the columns of each transformer")
+    indices = np.array(numbers[name])
+    columns = fitted.integers_of(where, indices, (None,), low=0, high=width - 1) if indices.size else np.zeros(0, int)
+    texts = (given.start, given.stop) if isinstance(given, slice) else np.ravel(np.asarray(given))
+    if not any(isinstance(text, str) for text in texts):
+        meant = np.atleast_1d(np.arange(width)[given]) if np.size(given) else np.zeros(0, int)
+        if not np.array_equal(meant, columns):
+            raise fitted.fail("transformers_", f"the columns of one of them are not those of {where}")
+    return columns.astype(np.int32)
 
 
 @walks("sklearn.MultiOutputRegressor")
 def walk_multi_output(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """One regressor an output, side by side."""
-    require_fitted(estimator, "estimators_")
-    parts = tuple(walk_estimator(part, builder, value) for part in estimator.estimators_)
+    parts = tuple(walk_estimator(part, builder, value) for part in Fitted(estimator).items("estimators_"))
     return builder.add(Select(parts, np.arange(len(parts), dtype=np.int32)))
 
 
 @walks("sklearn.TransformedTargetRegressor")
 def walk_transformed_target(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """The regressor, then the inverse of the target's transformation."""
-    require_fitted(estimator, "regressor_")
-    value = walk_estimator(estimator.regressor_, builder, value)
-    transformer = estimator.transformer_
+    fitted = Fitted(estimator)
+    value = walk_estimator(fitted.get("regressor_"), builder, value)
+    transformer = fitted.get("transformer_")
     name = type(transformer).__name__
     if name == "FunctionTransformer":
         return _add_function(transformer.inverse_func, "inverse_func", builder, value)
@@ -67,26 +85,33 @@ def walk_transformed_target(estimator: Any, builder: GraphBuilder, value: int) -
     inverse = {Operator.ADD: Operator.SUBTRACT, Operator.SUBTRACT: Operator.ADD}
     inverse |= {Operator.MULTIPLY: Operator.DIVIDE, Operator.DIVIDE: Operator.MULTIPLY}
     return _add_steps(
-        [(inverse[op], constant) for op, constant in reversed(_SCALERS[name](transformer))], builder, value
+        [
+            (inverse[op], constant)
+            for op, constant in reversed(_SCALERS[name](Fitted(transformer), builder.width(value)))
+        ],
+        builder,
+        value,
     )
 
 
 @walks("sklearn.StandardScaler", "sklearn.MinMaxScaler", "sklearn.RobustScaler", "sklearn.MaxAbsScaler")
 def walk_scaler(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """The forward transformation of a scaler."""
+    fitted = Fitted(estimator)
     builder.refuse_magnitude(math.inf)
-    value = _add_steps(_SCALERS[type(estimator).__name__](estimator), builder, value)
-    if getattr(estimator, "clip", False):
-        low, high = estimator.feature_range
-        width = builder.width(value)
-        value = builder.add(Clip((value,), np.full(width, float(low)), np.full(width, float(high))))
+    width = builder.width(value)
+    value = _add_steps(_SCALERS[fitted.kind](fitted, width), builder, value)
+    if hasattr(estimator, "clip") and fitted.flag("clip"):
+        low, high = (-1.0, 1.0) if fitted.kind == "MaxAbsScaler" else fitted.items("feature_range", 2)
+        ends = (fitted.floats_of("feature_range", end, ()) for end in (low, high))
+        value = builder.add(Clip((value,), *(np.full(width, end) for end in ends)))
     return value
 
 
 @walks("sklearn.FunctionTransformer")
 def walk_function(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """A NumPy function of each column."""
-    if estimator.kw_args:
+    if Fitted(estimator).get("kw_args"):
         raise UnsupportedModelError(
             f"FunctionTransformer with kw_args={estimator.kw_args}: arguments are not supported"
         )
@@ -98,32 +123,34 @@ def _walk_or_pass(step: Any, builder: GraphBuilder, value: int) -> int:
     return value if step is None or isinstance(step, str) else walk_estimator(step, builder, value)
 
 
-def _standard(scaler: Any) -> Steps:
-    require_fitted(scaler, "n_features_in_")
-    return _given((Operator.SUBTRACT, scaler.mean_ if scaler.with_mean else None), (Operator.DIVIDE, scaler.scale_))
+def _standard(scaler: Fitted, width: int) -> Steps:
+    return _steps(scaler, width, (Operator.SUBTRACT, "mean_", "with_mean"), (Operator.DIVIDE, "scale_", "with_std"))
 
 
-def _robust(scaler: Any) -> Steps:
-    require_fitted(scaler, "n_features_in_")
-    return _given((Operator.SUBTRACT, scaler.center_), (Operator.DIVIDE, scaler.scale_))
+def _robust(scaler: Fitted, width: int) -> Steps:
+    switches = (Operator.SUBTRACT, "center_", "with_centering"), (Operator.DIVIDE, "scale_", "with_scaling")
+    return _steps(scaler, width, *switches)
 
 
-def _min_max(scaler: Any) -> Steps:
-    require_fitted(scaler, "scale_")
-    return _given((Operator.MULTIPLY, scaler.scale_), (Operator.ADD, scaler.min_))
+def _min_max(scaler: Fitted, width: int) -> Steps:
+    return _steps(scaler, width, (Operator.MULTIPLY, "scale_", ""), (Operator.ADD, "min_", ""))
 
 
-def _max_abs(scaler: Any) -> Steps:
-    require_fitted(scaler, "scale_")
-    return _given((Operator.DIVIDE, scaler.scale_))
+def _max_abs(scaler: Fitted, width: int) -> Steps:
+    return _steps(scaler, width, (Operator.DIVIDE, "scale_", ""))
 
 
-def _given(*steps: tuple[Operator, Any]) -> Steps:
-    """The steps that a scaler really takes: its attribute is None for one that is switched off."""
-    return [(operator, np.asarray(constant, np.float64)) for operator, constant in steps if constant is not None]
+def _steps(scaler: Fitted, width: int, *steps: tuple[Operator, str, str]) -> Steps:
+    """Operators with their constants, but for those that a parameter of the scaler switches off."""
+    scaler.get("n_features_in_")  # an array that is switched off is there only after `fit`
+    return [
+        (operator, scaler.floats(attribute, (width,)))
+        for operator, attribute, switch in steps
+        if not switch or scaler.flag(switch)
+    ]
 
 
-_SCALERS: dict[str, Callable[[Any], Steps]] = {
+_SCALERS: dict[str, Callable[[Fitted, int], Steps]] = {
     "StandardScaler": _standard,
     "MinMaxScaler": _min_max,
     "RobustScaler": _robust,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from st_codegen.errors import InputError
 from st_codegen.ir import Feature, FloatArray, Source
 from st_codegen.walkers.base import LIBRARIES, GraphBuilder, LoadedModel, Predictor, walk_estimator
+from st_codegen.walkers.limits import MAX_COLUMNS
 
 
 def load_object(estimator: Any, name: str) -> LoadedModel:
@@ -50,13 +51,17 @@ def _description(estimator: Any) -> str:
 
 def _features(estimator: Any) -> tuple[Feature, ...]:
     """Feature names where the model knows them, else f0, f1, .."""
-    names: Iterable[Any] | None = _first(estimator, "feature_names_in_")
-    if names is not None:
-        return tuple(Feature(str(name)) for name in names)
     count = _first(estimator, "n_features_in_")
     if count is None:
         raise InputError(f"{type(estimator).__name__} is not fitted: call fit() before saving it")
-    return tuple(Feature(f"f{number}") for number in range(int(count)))
+    if not isinstance(count, int | np.integer) or not 1 <= count <= MAX_COLUMNS:
+        raise InputError(f"{type(estimator).__name__}.n_features_in_: {str(count)[:40]}, expected 1 .. {MAX_COLUMNS}")
+    names = _first(estimator, "feature_names_in_")
+    if names is None:
+        return tuple(Feature(f"f{number}") for number in range(int(count)))
+    if not isinstance(names, np.ndarray) or names.shape != (count,) or not all(isinstance(n, str) for n in names):
+        raise InputError(f"{type(estimator).__name__}.feature_names_in_: not {count} texts")
+    return tuple(Feature(str(name)) for name in names)
 
 
 def _first(estimator: Any, attribute: str) -> Any:

@@ -30,7 +30,9 @@ from st_codegen.ir import (
     TreeEnsemble,
 )
 from st_codegen.ir.preorder import preorder
-from st_codegen.walkers.base import GraphBuilder, require_fitted, walks
+from st_codegen.walkers.base import GraphBuilder, walks
+from st_codegen.walkers.fitted import Fitted
+from st_codegen.walkers.sklearn.compose import selected_columns
 
 #: Arrays of nodes, checked by scikit-learn when they are loaded.
 _TREE = ("sklearn.tree._tree.Tree",)
@@ -39,36 +41,36 @@ _TREE = ("sklearn.tree._tree.Tree",)
 @walks("sklearn.DecisionTreeRegressor", "sklearn.ExtraTreeRegressor", trusts=_TREE)
 def walk_tree(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """One tree; several outputs are wide leaves."""
-    require_fitted(estimator, "tree_")
-    return _add_float32_trees(builder, value, [estimator], estimator)
+    return _add_float32_trees(builder, value, [estimator], Fitted(estimator))
 
 
 @walks("sklearn.RandomForestRegressor", "sklearn.ExtraTreesRegressor", trusts=_TREE)
 def walk_forest(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Sum of the trees in order, divided by their number (`ForestRegressor.predict` with n_jobs=1)."""
-    require_fitted(estimator, "estimators_")
-    return _add_float32_trees(builder, value, estimator.estimators_, estimator, divisor=len(estimator.estimators_))
+    fitted = Fitted(estimator)
+    trees = fitted.items("estimators_")
+    return _add_float32_trees(builder, value, trees, fitted, divisor=len(trees))
 
 
 @walks("sklearn.GradientBoostingRegressor", trusts=_TREE)
 def walk_gradient_boosting(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Initial value plus learning_rate * leaf, tree by tree (`_predict_regression_tree_inplace_fast_dense`)."""
-    require_fitted(estimator, "estimators_")
+    fitted = Fitted(estimator)
     initial = 0.0
-    if not isinstance(estimator.init_, str):  # the string is "zero"
-        if type(estimator.init_).__name__ != "DummyRegressor":
+    init = fitted.get("init_")
+    if not isinstance(init, str):  # the string is "zero"
+        if type(init).__name__ != "DummyRegressor":
             raise UnsupportedModelError(
-                f"GradientBoostingRegressor with init={type(estimator.init_).__name__}: only the default initial value "
+                f"GradientBoostingRegressor with init={type(init).__name__}: only the default initial value "
                 "and init='zero' are supported; train without `init`, or put that model into a pipeline of its own"
             )
-        initial = float(np.ravel(estimator.init_.constant_)[0])
+        initial = float(Fitted(init).floats("constant_", (1, 1)).item())
+    trees = fitted.get("estimators_")
+    # the library adds the trees of a row in native code, which takes as many columns as there are outputs
+    if not isinstance(trees, np.ndarray) or trees.ndim != 2 or trees.shape[1] != 1 or not len(trees):
+        raise fitted.fail("estimators_", "not an array of one tree an iteration")
     return _add_float32_trees(
-        builder,
-        value,
-        list(estimator.estimators_[:, 0]),
-        estimator,
-        base=initial,
-        leaf_scale=float(estimator.learning_rate),
+        builder, value, list(trees[:, 0]), fitted, base=initial, leaf_scale=fitted.number("learning_rate")
     )
 
 
@@ -76,18 +78,21 @@ def _add_float32_trees(
     builder: GraphBuilder,
     value: int,
     trees: Sequence[Any],
-    estimator: Any,
+    fitted: Fitted,
     *,
     base: float = 0.0,
     leaf_scale: float = 1.0,
     divisor: float = 1.0,
 ) -> int:
     """The trees of `sklearn.tree`; `leaf_scale * leaf` is rounded once here as the library rounds it at run time."""
-    allows_nan = estimator.__sklearn_tags__().input_tags.allow_nan
-    if not allows_nan:
+    structures = [_structure(Fitted(tree), builder.width(value)) for tree in trees]
+    # boosting has one output and does not say so
+    wanted = fitted.integer("n_outputs_", 1, 2**31 - 1) if hasattr(fitted.estimator, "n_outputs_") else 1
+    if any(tree.value.shape[1:] != (wanted, 1) for tree in structures):
+        raise fitted.fail("tree_", f"leaves that do not hold {wanted} numbers")
+    if not fitted.estimator.__sklearn_tags__().input_tags.allow_nan:
         builder.refuse_nan()
     builder.refuse_magnitude(FLOAT32_OVERFLOW)
-    structures = [tree.tree_ for tree in trees]
     sizes = np.array([tree.node_count for tree in structures])
     offset = np.concatenate([[0], np.cumsum(sizes)[:-1]])
 
@@ -122,6 +127,20 @@ def _add_float32_trees(
     )
 
 
+def _structure(tree: Fitted, width: int) -> Any:
+    """The nodes of a tree: arrays of equal length and of fixed types, of which scikit-learn takes no others."""
+    structure = tree.get("tree_")
+    if f"{type(structure).__module__}.{type(structure).__name__}" not in _TREE:
+        raise tree.fail("tree_", "not a tree of scikit-learn")
+    if structure.node_count < 1:
+        raise tree.fail("tree_", "no nodes")
+    tree.integers("n_features_in_", (), low=width, high=width)
+    inner = structure.children_left >= 0
+    if np.any((structure.feature[inner] < 0) | (structure.feature[inner] >= width)):
+        raise tree.fail("tree_", "a split of a feature that does not exist")
+    return structure
+
+
 @walks(
     "sklearn.HistGradientBoostingRegressor",
     trusts=(
@@ -133,9 +152,13 @@ def _add_float32_trees(
 )
 def walk_hist_gradient_boosting(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Baseline plus leaves in order, then the inverse of the loss's link; missing values and categories included."""
-    require_fitted(estimator, "_predictors")
-    predictors = [predictor for iteration in estimator._predictors for predictor in iteration]
-    nodes = np.concatenate([predictor.nodes for predictor in predictors])
+    fitted = Fitted(estimator)
+    columns = _hist_columns(fitted, builder.width(value))
+    iterations = fitted.items("_predictors")
+    if any(not isinstance(iteration, list) or len(iteration) != 1 for iteration in iterations):
+        raise fitted.fail("_predictors", "not one tree an iteration")
+    predictors = [iteration[0] for iteration in iterations]
+    nodes = np.concatenate([_hist_nodes(Fitted(predictor), columns) for predictor in predictors])
     sizes = np.array([len(predictor.nodes) for predictor in predictors])
     offset = np.concatenate([[0], np.cumsum(sizes)[:-1]])
     shift = np.repeat(offset, sizes)
@@ -147,10 +170,9 @@ def walk_hist_gradient_boosting(estimator: Any, builder: GraphBuilder, value: in
     )
     nodes = nodes[layout.order]
     inner = layout.left >= 0
-    columns = _hist_columns(estimator, builder.width(value))
     if value == 0:  # the encoder of categories refuses infinities
         builder.refuse_magnitude(np.inf, [column.column for column in columns if column.categorical])
-    categories = _HistCategories(predictors, sizes, estimator)
+    categories = _HistCategories(predictors, sizes, fitted, columns)
     category_row, category_left = categories.table(nodes, layout.order, columns)
     raw = builder.add(
         TreeEnsemble(
@@ -165,7 +187,7 @@ def walk_hist_gradient_boosting(estimator: Any, builder: GraphBuilder, value: in
             leaf=np.where(inner, -1, np.cumsum(~inner) - 1),
             leaf_value=nodes["value"][~inner][:, None].astype(np.float64),
             tree_output=np.zeros(len(predictors), np.int32),
-            base=np.ravel(estimator._baseline_prediction).astype(np.float64),
+            base=np.ravel(fitted.floats("_baseline_prediction", (1, 1))),
             comparison=Comparison.LESS_OR_EQUAL,
             category_row=category_row,
             category_left=category_left,
@@ -179,35 +201,84 @@ def walk_hist_gradient_boosting(estimator: Any, builder: GraphBuilder, value: in
     raise UnsupportedModelError(f"HistGradientBoostingRegressor with loss={estimator.loss!r}: unknown link {link}")
 
 
-def _hist_columns(estimator: Any, n_features: int) -> tuple[TreeColumn, ...]:
+def _hist_columns(fitted: Fitted, n_features: int) -> tuple[TreeColumn, ...]:
     """The columns as the nodes number them: with categories, the encoder puts the categorical ones first."""
-    if estimator._preprocessor is None:
+    if fitted.get("_preprocessor") is None:
+        if fitted.get("is_categorical_") is not None:
+            raise fitted.fail("_preprocessor", "missing, though there are categories")
         return tuple(TreeColumn(column) for column in range(n_features))
-    categorical = np.flatnonzero(estimator.is_categorical_)
-    numeric = np.flatnonzero(~np.asarray(estimator.is_categorical_))
-    encoder = estimator._preprocessor.named_transformers_["encoder"]
+    is_categorical = fitted.flags("is_categorical_", (n_features,))
+    categorical, numeric = np.flatnonzero(is_categorical), np.flatnonzero(~is_categorical)
+    preprocessor = Fitted(fitted.get("_preprocessor"))
+    parts = preprocessor.items("transformers_")
+    for (name, _, given), meant in zip(parts, (categorical, numeric), strict=False):
+        if not np.array_equal(selected_columns(preprocessor, name, given, n_features), meant):
+            raise preprocessor.fail("transformers_", "other columns than is_categorical_ names")
+    encoder = Fitted(parts[0][1])
     columns = []
-    for column, known in zip(categorical, encoder.categories_, strict=True):
-        if not np.issubdtype(np.asarray(known).dtype, np.number):
+    for column, known in zip(categorical, encoder.items("categories_", len(categorical)), strict=True):
+        if not isinstance(known, np.ndarray) or not np.issubdtype(known.dtype, np.number):
             raise UnsupportedModelError(
                 f"feature {column} has categories that are no numbers ({', '.join(map(str, known[:3]))}, ..); a PLC "
                 "block takes numbers: encode the categories as integers before training"
             )
-        values = tuple(float(v) for v in known if not np.isnan(v))
-        columns.append(TreeColumn(int(column), n_categories=len(values), categories=values))
+        values = np.ravel(encoder.floats_of("categories_", known[~np.isnan(known)], (None,)))
+        if np.any(np.diff(values) <= 0) or len(values) > _CATEGORIES:
+            raise encoder.fail("categories_", f"not a rising list of at most {_CATEGORIES} numbers")
+        columns.append(TreeColumn(int(column), n_categories=len(values), categories=tuple(values.tolist())))
     return (*columns, *(TreeColumn(int(column)) for column in numeric))
+
+
+#: Bits of a set of categories, in eight words of 32.
+_CATEGORIES = 256
+
+
+def _hist_nodes(predictor: Fitted, columns: tuple[TreeColumn, ...]) -> AnyArray:
+    """The nodes of a tree, of which native code of scikit-learn follows each number without a look."""
+    from sklearn.ensemble._hist_gradient_boosting.common import PREDICTOR_RECORD_DTYPE
+
+    nodes = predictor.get("nodes")
+    if not isinstance(nodes, np.ndarray) or nodes.dtype != PREDICTOR_RECORD_DTYPE or nodes.ndim != 1 or not len(nodes):
+        raise predictor.fail("nodes", "not a list of nodes of this version of scikit-learn")
+    inner = nodes[nodes["is_leaf"] == 0]
+    if np.any((inner["feature_idx"] < 0) | (inner["feature_idx"] >= len(columns))):
+        raise predictor.fail("nodes", "a split of a feature that does not exist")
+    categorical = np.array([column.categorical for column in columns])
+    if np.any(categorical[inner["feature_idx"]] != (inner["is_categorical"] != 0)):
+        raise predictor.fail("nodes", "a split by categories of a feature that has none, or the other way round")
+    bits = predictor.integers("raw_left_cat_bitsets", (None, _CATEGORIES // 32), low=0, high=2**32 - 1)
+    if np.any(inner["bitset_idx"][inner["is_categorical"] != 0] >= len(bits)):
+        raise predictor.fail("nodes", "a split by categories that are not there")
+    return nodes
+
+
+def _known_categories(fitted: Fitted, columns: tuple[TreeColumn, ...]) -> BoolArray:
+    """For each feature with categories, in the order of the columns, those that the training data had."""
+    mapper = Fitted(fitted.get("_bin_mapper"))
+    categorical = [column.categorical for column in columns]
+    if not np.array_equal(mapper.integers("is_categorical_", (len(columns),), low=0, high=1), categorical):
+        raise mapper.fail("is_categorical_", "not the features that have categories")
+    thresholds = mapper.items("bin_thresholds_", len(columns))
+    known = np.zeros((sum(categorical), _CATEGORIES), np.bool_)
+    for column in range(len(known)):
+        codes = mapper.floats_of("bin_thresholds_", thresholds[column], (None,))
+        if np.any((codes < 0) | (codes >= _CATEGORIES)):
+            raise mapper.fail("bin_thresholds_", "a category without a bit")
+        known[column, codes.astype(np.int64)] = True
+    return known
 
 
 class _HistCategories:
     """The bitsets of categorical splits as one table of booleans (see `TreeEnsemble.category_left`)."""
 
-    def __init__(self, predictors: Sequence[Any], sizes: AnyArray, estimator: Any) -> None:
+    def __init__(
+        self, predictors: Sequence[Any], sizes: AnyArray, fitted: Fitted, columns: tuple[TreeColumn, ...]
+    ) -> None:
         self.bitsets = [np.asarray(predictor.raw_left_cat_bitsets) for predictor in predictors]
         self.first_bitset = np.concatenate([[0], np.cumsum([len(bits) for bits in self.bitsets])[:-1]])
         self.tree_of_node = np.repeat(np.arange(len(predictors)), sizes)
-        self.known: AnyArray | None = None
-        if estimator._preprocessor is not None:
-            self.known = _unpacked(estimator._bin_mapper.make_known_categories_bitsets()[0])
+        has_categories = any(column.categorical for column in columns)
+        self.known = _known_categories(fitted, columns) if has_categories else None
 
     def table(self, nodes: AnyArray, order: IntArray, columns: tuple[TreeColumn, ...]) -> tuple[Int32Array, BoolArray]:
         """`category_row` and `category_left` of the nodes in their new order."""
@@ -217,12 +288,13 @@ class _HistCategories:
         row = np.zeros(len(nodes), np.int32)
         pieces: list[BoolArray] = []
         length = 0
-        for node in np.flatnonzero(nodes["is_categorical"]):
+        for node in np.flatnonzero((nodes["is_categorical"] != 0) & (nodes["is_leaf"] == 0)):
             column = int(nodes["feature_idx"][node])
             n = columns[column].n_categories
             in_left = bits[self.first_bitset[self.tree_of_node[order[node]]] + nodes["bitset_idx"][node]][:n]
             missing = bool(nodes["missing_go_to_left"][node])
-            answer = np.where(self.known[column][:n], in_left, missing)
+            # a category of the left side goes there, known or not (`_predictor.pyx: _predict_one_from_raw_data`)
+            answer = np.where(self.known[column][:n] | in_left, in_left, missing)
             pieces.append(np.append(answer, [missing, missing]).astype(np.bool_))
             row[node] = length
             length += n + 2

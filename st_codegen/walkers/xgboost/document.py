@@ -19,6 +19,7 @@ import numpy as np
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import BoolArray, FloatArray, Int32Array, IntArray
 from st_codegen.walkers.forest import CategorySets, ParsedTree
+from st_codegen.walkers.limits import MAX_COLUMNS
 from st_codegen.walkers.xgboost import ubjson
 
 #: How a split reads its column.
@@ -31,9 +32,6 @@ _MAX_CATEGORY = 2**24
 _LONG_LIST = 16
 
 _INT32 = 2**31
-
-#: Features or outputs beyond which a model is taken for damaged: nothing else in a file bounds these numbers.
-_MAX_COLUMNS = 100_000
 
 
 @dataclass(frozen=True)
@@ -86,10 +84,10 @@ def loads(data: bytes, *, binary: bool) -> BoosterModel:
     parameters = learner.section("learner_model_param")
     n_features = parameters.integer("num_feature", 1)
     n_outputs = max(parameters.integer("num_class", 0), parameters.integer("num_target", 0, default=1), 1)
-    if max(n_features, n_outputs) > _MAX_COLUMNS:
+    if max(n_features, n_outputs) > MAX_COLUMNS:
         raise UnsupportedModelError(
             f"{parameters.path}num_feature, num_target: {n_features} features and {n_outputs} outputs; "
-            f"more than {_MAX_COLUMNS} are not supported"
+            f"more than {MAX_COLUMNS} are not supported"
         )
     booster = learner.section("gradient_booster")
     kind = booster.text("name")

@@ -1,0 +1,152 @@
+"""Estimators that `fit` did not make: refused, or predicted as the library predicts; never a crash, never a number."""
+
+import copy
+import warnings
+
+import numpy as np
+import pytest
+
+pytest.importorskip("sklearn")
+
+from sklearn.compose import ColumnTransformer, TransformedTargetRegressor
+from sklearn.ensemble import (
+    GradientBoostingRegressor,
+    HistGradientBoostingRegressor,
+    RandomForestRegressor,
+)
+from sklearn.linear_model import Ridge
+from sklearn.neural_network import MLPRegressor
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, StandardScaler
+from sklearn.svm import SVR
+from sklearn.tree import DecisionTreeRegressor
+from threadpoolctl import threadpool_limits
+
+from st_codegen.errors import InputError, StCodegenError
+from st_codegen.walkers.fitted import Fitted
+from st_codegen.walkers.objects import from_estimator
+from tests.fuzz.models import agrees
+from tests.fuzz.objects import mutant
+from tests.fuzz.process import GOOD, outcome
+
+RANDOM = np.random.default_rng(3)
+X = np.column_stack([RANDOM.integers(0, 5, 120), RANDOM.normal(size=(120, 2))])
+Y = X[:, 0] ** 2 + X[:, 1]
+SCALERS = ColumnTransformer([("a", RobustScaler(), [2, 0]), ("b", MaxAbsScaler(clip=True), [1])])
+ESTIMATORS = {
+    "svr": SVR(),
+    "tree": DecisionTreeRegressor(max_depth=4),
+    "forest": RandomForestRegressor(3, max_depth=3, random_state=0),
+    "boosting": GradientBoostingRegressor(n_estimators=3, random_state=0),
+    "histogram": HistGradientBoostingRegressor(max_iter=3),
+    "categories": HistGradientBoostingRegressor(max_iter=3, categorical_features=[0]),
+    "network": MLPRegressor(hidden_layer_sizes=(4, 3), max_iter=5, random_state=0),
+    "linear": Ridge(),
+    "composed": TransformedTargetRegressor(make_pipeline(SCALERS, Ridge()), transformer=StandardScaler()),
+    "scaled": make_pipeline(MinMaxScaler(clip=True), StandardScaler(with_mean=False), DecisionTreeRegressor()),
+}
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    # a child that is forked behind a loop of several threads hangs in its own
+    with warnings.catch_warnings(), threadpool_limits(1):
+        warnings.simplefilter("ignore")
+        yield {name: estimator.fit(X, Y) for name, estimator in ESTIMATORS.items()}
+
+
+def check(estimator):
+    warnings.simplefilter("ignore")
+    return agrees(from_estimator(estimator, "m"))
+
+
+@pytest.mark.parametrize("name", list(ESTIMATORS))
+def test_changed_estimators_are_refused_or_predicted_as_the_library_does(fitted, name):
+    assert outcome(check, fitted[name]) == ("accepted and equal", "")
+    random = np.random.default_rng(1)
+    seen = []
+    for number in range(40):
+        result, shown = outcome(check, mutant(fitted[name], random))
+        assert result in GOOD, (number, shown)
+        seen.append(result)
+    assert len(set(seen)) == 2
+
+
+def svr(**changes):
+    return lambda m: vars(m).update({key: value(getattr(m, key)) for key, value in changes.items()})
+
+
+#: name -> (estimator, what is done to it, part of the message)
+CASES = {
+    "the intercept that predicts is another": ("svr", svr(_intercept_=lambda v: v + 1), r"SVR.intercept_: differs"),
+    "an intercept too many": ("svr", svr(_intercept_=lambda v: np.append(v, 0)), r"shape \(2,\), expected \(1,\)"),
+    "a coefficient too few": ("svr", svr(_dual_coef_=lambda v: v[:, 1:]), r"SVR._dual_coef_: shape"),
+    "more classes than coefficients": ("svr", svr(_n_support=lambda v: np.ones(9, np.int32)), r"SVR._n_support: shape"),
+    "fewer indices than vectors": ("svr", svr(support_=lambda v: v[1:]), r"SVR.support_: shape"),
+    "a method that is hidden": ("svr", svr(predict=lambda v: 1), r"SVR.predict: hides what the class defines"),
+    "texts": ("linear", svr(coef_=lambda v: v.astype(str)), r"Ridge.coef_: values of type <U32, expected numbers"),
+    "another intercept": ("linear", svr(intercept_=lambda v: np.zeros(2)), r"Ridge.intercept_: shape \(2,\), expected"),
+    "not a number": ("linear", svr(coef_=lambda v: v * np.nan), r"Ridge.coef_: number 0 is nan, not finite"),
+    "objects": ("network", lambda m: m.coefs_.__setitem__(0, m.coefs_[0].astype(object)), r"coefs_\[0\]: values of"),
+    "no layers": ("network", svr(coefs_=lambda v: []), r"MLPRegressor.coefs_: 0 entries, expected some"),
+    "one layer less": ("network", svr(n_layers_=lambda v: v - 1), r"MLPRegressor.n_layers_: number 0 is 3, expected 4"),
+    "an empty start": (
+        "boosting",
+        lambda m: svr(constant_=lambda v: v[:0])(m.init_),
+        r"DummyRegressor.constant_: shape",
+    ),
+    "two trees a round": ("boosting", svr(estimators_=lambda v: np.hstack([v, v])), r"not an array of one tree"),
+    "no node": ("histogram", lambda m: svr(nodes=lambda v: v[:0])(m._predictors[0][0]), r"TreePredictor.nodes: not a"),
+    "a category without a bit": (
+        "categories",
+        lambda m: m._bin_mapper.bin_thresholds_.__setitem__(0, np.array([300.0])),
+        r"bin_thresholds_: a category without a bit",
+    ),
+    "a scale for another width": (
+        "scaled",
+        lambda m: svr(scale_=lambda v: v[:1])(m.steps[0][1]),
+        r"MinMaxScaler.scale_: shape \(1,\), expected \(3,\)",
+    ),
+    "columns of another transformer": (
+        "composed",
+        lambda m: m.regressor_.steps[0][1]._transformer_to_input_indices.update(a=[0, 2]),
+        r"the columns of one of them are not",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", list(CASES))
+def test_what_fit_does_not_make_is_named(fitted, name):
+    kind, change, message = CASES[name]
+    estimator = copy.deepcopy(fitted[kind])
+    change(estimator)
+    with pytest.raises(InputError, match=message):
+        from_estimator(estimator, "m")
+
+
+def test_an_estimator_that_is_not_fitted_says_so():
+    for estimator in (SVR(), MLPRegressor(), DecisionTreeRegressor(), HistGradientBoostingRegressor()):
+        estimator.n_features_in_ = 3
+        with pytest.raises(InputError, match=r"is not fitted \(\w+ is missing\): call fit\(\)"):
+            from_estimator(estimator, "m")
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (np.array([2**60]), "an integer that float64 does not hold"),
+        (np.array([1.0], ">f8"), "values of type >f8"),
+        (np.array([1.0], np.float16), "numbers of type float16"),
+        (np.array([1j]), "values of type complex128"),
+        (np.array([True]), "values of type bool"),
+        ([1.0], "a list, expected numbers"),
+    ],
+)
+def test_numbers_are_float64_float32_or_integers(value, message):
+    model = Ridge()
+    model.coef_ = value
+    with pytest.raises(StCodegenError, match=message):
+        Fitted(model).floats("coef_", (1,))
+    for good in (np.array([2], np.int8), np.array([2], np.float32), np.array([2.0])):
+        model.coef_ = good
+        assert Fitted(model).floats("coef_", (1,)).dtype == np.float64
