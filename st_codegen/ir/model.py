@@ -55,7 +55,9 @@ class ModelIR:
 
     `outputs` names the columns of the last value. `accepts_nan`: NaN is a missing value to the library; otherwise it
     refuses the row. `magnitude_limits`: for each feature, the magnitude from which on the library refuses an input
-    (infinity: it refuses infinities only; None: it takes everything). Empty: it takes everything.
+    (infinity: it refuses infinities only; None: it takes everything). Empty: it takes everything. `accepted`: for each
+    feature the closed interval of numbers for which there is an answer (None, or empty: no interval), once the feature
+    is limited to its declared range.
     """
 
     name: str
@@ -65,14 +67,16 @@ class ModelIR:
     source: Source
     accepts_nan: bool = False
     magnitude_limits: tuple[float | None, ...] = ()
+    accepted: tuple[tuple[float, float] | None, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.features:
             raise InputError(f"model '{self.name}' has no features")
         if not self.magnitude_limits:
             object.__setattr__(self, "magnitude_limits", (None,) * len(self.features))
-        if len(self.magnitude_limits) != len(self.features):
-            raise InputError(f"model '{self.name}': {len(self.magnitude_limits)} limits, {len(self.features)} features")
+        for limits in (self.magnitude_limits, self.accepted or self.features):
+            if len(limits) != len(self.features):
+                raise InputError(f"model '{self.name}': {len(limits)} limits, {len(self.features)} features")
         if not self.ops:
             raise InputError(f"model '{self.name}' computes nothing")
         for number, op in enumerate(self.ops):
@@ -91,6 +95,11 @@ class ModelIR:
             op.check_operands(sum(widths))
         except InputError as error:
             raise InputError(f"{where}: {error}") from None
+
+    @property
+    def accepted_numbers(self) -> tuple[tuple[float, float] | None, ...]:
+        """For each feature the interval in which a number must lie, or None."""
+        return self.accepted or (None,) * len(self.features)
 
     def value_width(self, value: int) -> int:
         """Number of columns of value `value` (0: the inputs)."""

@@ -82,6 +82,9 @@ def valid_rows(model: ModelIR, x: FloatArray) -> BoolArray:
     for column, limit in enumerate(model.magnitude_limits):
         if limit is not None:
             refused[:, column] |= np.abs(x[:, column]) >= limit
+    for column, interval in enumerate(model.accepted_numbers):
+        if interval is not None:
+            refused[:, column] |= (x[:, column] < interval[0]) | (x[:, column] > interval[1])
     accepted: BoolArray = ~np.any(refused, axis=1)
     return accepted
 

@@ -9,7 +9,7 @@ compares the raw input with that number and decides as the library does, for eve
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import singledispatch
@@ -17,11 +17,13 @@ from functools import singledispatch
 import numpy as np
 
 from st_codegen.ir import (
+    Activation,
     BoolArray,
     Clip,
     Comparison,
     FillMissing,
     FloatArray,
+    Function,
     IntArray,
     ModelIR,
     Operation,
@@ -69,12 +71,19 @@ class Chain:
 Column = Chain | Dependence
 
 
-def columns_of(model: ModelIR) -> list[list[Column]]:
-    """For every value of a model (0: the inputs) and every column, how it depends on the inputs."""
+def columns_of(model: ModelIR, rising: Collection[Function] = ()) -> list[list[Column]]:
+    """For every value of a model (0: the inputs) and every column, how it depends on the inputs.
+
+    Functions in `rising` are taken as steps of a chain although they are inexact.
+    """
     values: list[list[Column]] = [[Chain(feature) for feature in range(len(model.features))]]
     for op in model.ops:
         given = [column for number in op.inputs for column in values[number]]
-        values.append(_after(op, given))
+        if isinstance(op, Activation) and op.function in rising and op.precision is Precision.FLOAT64:
+            step = dataclasses.replace(op, inputs=(0,), width=1)
+            values.append(_extended(given, lambda _, step=step: step))  # type: ignore[misc]
+        else:
+            values.append(_after(op, given))
     return values
 
 
@@ -153,14 +162,15 @@ class Domain:
 
 
 def domain_of(model: ModelIR, feature: int) -> Domain:
-    """What is left of a feature's numbers by the declared range and by the magnitudes that are refused."""
+    """What is left of a feature's numbers by the declared range and by what is refused."""
     declared, limit = model.features[feature], model.magnitude_limits[feature]
     lower, upper = -np.inf, np.inf
     if limit is not None:
         upper = float(np.nextafter(limit, 0.0))
         lower = -upper
-    if declared.lower is not None and declared.upper is not None:
-        lower, upper = max(lower, declared.lower), min(upper, declared.upper)
+    for ends in ((declared.lower, declared.upper), model.accepted_numbers[feature] or (None, None)):
+        if ends[0] is not None and ends[1] is not None:
+            lower, upper = max(lower, ends[0]), min(upper, ends[1])
     return Domain(lower, upper)
 
 
@@ -169,11 +179,13 @@ def _ordered(bits: IntArray) -> IntArray:
     return np.where(bits < 0, np.int64(-(2**63)) - bits, bits)
 
 
-def _to_order(x: FloatArray) -> IntArray:
+def to_order(x: FloatArray) -> IntArray:
+    """Integers in the order of float64 numbers, one apart for neighbours; both zeros are 0."""
     return _ordered(np.ascontiguousarray(x).view(np.int64))
 
 
-def _from_order(key: IntArray) -> FloatArray:
+def from_order(key: IntArray) -> FloatArray:
+    """The numbers of such integers."""
     return _ordered(key).view(np.float64)
 
 
@@ -183,15 +195,15 @@ def changeovers(decide: Callable[[FloatArray], BoolArray], count: int, domain: D
     `decide` takes one number for each decision. Returns these numbers, NaN where the decision never changes, and the
     decision at the lower end of the domain.
     """
-    low = _to_order(np.full(count, domain.lower))
-    high = _to_order(np.full(count, domain.upper))
-    first = decide(_from_order(low))
-    changes = decide(_from_order(high)) != first
+    low = to_order(np.full(count, domain.lower))
+    high = to_order(np.full(count, domain.upper))
+    first = decide(from_order(low))
+    changes = decide(from_order(high)) != first
     while np.any(high - 1 > low):  # at most 64 halvings; high - low would overflow
         middle = (low & high) + ((low ^ high) >> 1)
-        same = decide(_from_order(middle)) == first
+        same = decide(from_order(middle)) == first
         low, high = np.where(same, middle, low), np.where(same, high, middle)
-    return np.where(changes, _from_order(low), np.nan), first
+    return np.where(changes, from_order(low), np.nan), first
 
 
 @dataclass(frozen=True)

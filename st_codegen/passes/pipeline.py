@@ -221,6 +221,7 @@ def _merged(
             source=_joint_source(members),
             accepts_nan=first.accepts_nan,
             magnitude_limits=_limits(first),
+            accepted=first.accepted,
         )
     return [printed[name] for name in sorted(printed)], locations
 
@@ -267,7 +268,7 @@ def _in_order(group: list[ModelIR], kept: list[list[ModelIR]]) -> list[ModelIR]:
 
 def _refuses(model: ModelIR) -> tuple[object, ...]:
     """What decides which inputs a model refuses."""
-    return model.features, model.accepts_nan, _limits(model)
+    return model.features, model.accepts_nan, _limits(model), model.accepted
 
 
 def _limits(model: ModelIR) -> tuple[float | None, ...]:

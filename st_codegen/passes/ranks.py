@@ -28,6 +28,7 @@ from st_codegen.ir import (
     TreeEnsemble,
 )
 from st_codegen.passes.monotone import Chain, Column, columns_of, domain_of, split_edges
+from st_codegen.passes.unread import without_unread
 
 
 def ranked(model: ModelIR) -> ModelIR | None:
@@ -54,25 +55,7 @@ def ranked(model: ModelIR) -> ModelIR | None:
         moved.append(len(ops))
     if not found:
         return None
-    return _without_unread(dataclasses.replace(model, ops=tuple(ops)))
-
-
-def _without_unread(model: ModelIR) -> ModelIR:
-    """The model without operations whose results nothing reads (scalers in front of trees)."""
-    read = {len(model.ops)}
-    for number in range(len(model.ops), 0, -1):
-        if number in read:
-            read.update(model.ops[number - 1].inputs)
-    kept = sorted(number for number in read if number)
-    moved = {0: 0, **{number: at for at, number in enumerate(kept, 1)}}
-    ops = tuple(
-        dataclasses.replace(
-            model.ops[number - 1],  # type: ignore[type-var]
-            inputs=tuple(moved[value] for value in model.ops[number - 1].inputs),
-        )
-        for number in kept
-    )
-    return dataclasses.replace(model, ops=ops)
+    return without_unread(dataclasses.replace(model, ops=tuple(ops)))
 
 
 @dataclass(frozen=True)

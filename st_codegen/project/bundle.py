@@ -12,6 +12,7 @@ from st_codegen.entries import Entries
 from st_codegen.errors import InputError, Problems, with_subject
 from st_codegen.ir import ModelIR
 from st_codegen.passes.domain import limit_inputs
+from st_codegen.passes.inexact import without_inexact_steps
 from st_codegen.project.purpose import Purpose
 from st_codegen.walkers.base import LoadedModel
 from st_codegen.walkers.files import known_formats, load_model, suffixes
@@ -104,7 +105,7 @@ def check_names(names: Sequence[str], problems: Problems) -> None:
 
 
 def _finished(model: LoadedModel, problems: Problems) -> LoadedModel:
-    """The model with the limits of its inputs."""
+    """The model with the limits of its inputs, and its trees on the inputs themselves where they can be."""
     with problems.collect():
-        return LoadedModel(limit_inputs(model.ir), model.predict)
+        return LoadedModel(without_inexact_steps(limit_inputs(model.ir)), model.predict)
     return model

@@ -59,17 +59,20 @@ def difference_bound(model: ModelIR, x: FloatArray) -> FloatArray:
     0 where the result must be equal to the bit; infinite where rounding may send a row through another leaf of a tree
     behind an inexact operation and no finite bound holds.
     """
-    if model.exact:
-        return np.zeros((len(x), len(model.outputs)))
+    return np.zeros((len(x), len(model.outputs))) if model.exact else differences(model, x)[-1]
+
+
+def differences(model: ModelIR, x: FloatArray) -> list[FloatArray]:
+    """That bound for all values of a model: the inputs, then the result of each operation, each (rows, width)."""
     values = reference.trace(model, x)
-    differences = [np.zeros_like(values[0])]
+    found = [np.zeros_like(values[0])]
     with np.errstate(all="ignore"):
         for number, op in enumerate(model.ops, 1):
             operands = [values[value] for value in op.inputs]
-            given = [differences[value] for value in op.inputs]
+            given = [found[value] for value in op.inputs]
             difference = step(op, operands, given, values[number])
-            differences.append(np.where(np.isnan(difference), np.inf, difference))
-    return differences[-1]
+            found.append(np.where(np.isnan(difference), np.inf, difference))
+    return found
 
 
 def gamma(terms: int, precision: Precision) -> float:

@@ -21,7 +21,8 @@ from st_codegen.cost.report import ProjectCost, project_cost
 from st_codegen.emit.output import MANIFEST, block_of
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
-from st_codegen.ir import AnyArray, BoolArray, FloatArray, IntArray, reference
+from st_codegen.ir import AnyArray, BoolArray, FloatArray, IntArray, ModelIR, TreeEnsemble, reference
+from st_codegen.passes.jumps import largest_jump, unsure_columns
 from st_codegen.project.bundle import Bundle
 from st_codegen.project.purpose import BlockCheck
 from st_codegen.proof import bounds
@@ -54,7 +55,9 @@ class ModelReport:
     `worst_input` (the row with the largest error) compare the emitted text with the library on the rows inside the
     trained range, `bound` is the largest error that the derivation allows there: the error of a sum at an input of 1E30
     says nothing. Units in the last place are those of float32 where the library answers in float32. `unbounded` rows
-    lie so close to a threshold behind an inexact operation that no finite bound holds; they do not count.
+    lie so close to a threshold behind an inexact operation that no finite bound holds; they do not count. By `jump` at
+    most the sum of the trees behind such an operation may differ, where the number that a split compares lies within
+    `jump_width` of its threshold (the largest width on these rows, in the trained range).
     """
 
     name: str
@@ -65,6 +68,8 @@ class ModelReport:
     worst_input: list[float] | None = None
     bound: float = 0.0
     unbounded: int = 0
+    jump: float = 0.0
+    jump_width: float = 0.0
     must_be_exact: bool = True
     targets: list[str] = field(default_factory=list)
     failures: list[Disagreement] = field(default_factory=list)
@@ -251,6 +256,9 @@ def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: i
     lower, upper = trained_range(ir)
     inside = usable & np.all((x >= lower) & (x <= upper), axis=1)
     report.bound = float(np.max(bound[inside][np.isfinite(bound[inside])], initial=0.0))
+    report.jump = largest_jump(ir)
+    if report.jump:
+        report.jump_width = _jump_width(ir, limited[inside])
     _compare(report, "library and reference", x, library, expected, bound)
     for name, code in targets.items():
         report.targets.append(name)
@@ -266,6 +274,18 @@ def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: i
         report.exact &= not np.any(library[answered] != got[answered])
         _measure(report, x, library, got, inside & answered & result.valid)
     return report
+
+
+def _jump_width(model: ModelIR, x: FloatArray) -> float:
+    """How far the numbers that trees compare behind inexact operations may lie from the library's, on some rows."""
+    found = bounds.differences(model, x)
+    width = 0.0
+    for op in model.ops:
+        if isinstance(op, TreeEnsemble):
+            given = np.hstack([found[value] for value in op.inputs])
+            columns = [op.columns[number].column for number in unsure_columns(model, op)]
+            width = max(width, float(np.max(given[:, columns], initial=0.0)))
+    return width
 
 
 def _by_library(model: LoadedModel, x: FloatArray) -> FloatArray:

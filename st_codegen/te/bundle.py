@@ -10,6 +10,7 @@ import numpy as np
 from st_codegen.errors import InputError, Problems
 from st_codegen.ir import Feature, FloatArray, ModelIR, Select
 from st_codegen.passes.domain import limit_inputs
+from st_codegen.passes.inexact import without_inexact_steps
 from st_codegen.project.bundle import READERS, Bundle, Reading, check_names
 from st_codegen.te.bundle_file import BUNDLE_FILE, OutputReference, read_description
 from st_codegen.te.harmonics import HarmonicOutput, TransmissionError
@@ -61,7 +62,8 @@ def _for_bundle(model: LoadedModel, features: tuple[Feature, ...], problems: Pro
         if order != list(range(len(features))):
             ir = _reordered(ir, order)
             predict = _reordered_predictor(predict, order)
-        return LoadedModel(limit_inputs(dataclasses.replace(ir, features=features)), predict)
+        ir = limit_inputs(dataclasses.replace(ir, features=features))
+        return LoadedModel(without_inexact_steps(ir), predict)
     return model
 
 

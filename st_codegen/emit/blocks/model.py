@@ -144,6 +144,15 @@ def limit_text(limit: float | None) -> str:
     return f", magnitude below {real(limit)}" if math.isfinite(limit) else ", finite"
 
 
+def accepted_text(accepted: tuple[float, float] | None) -> str:
+    """Which numbers of an input have an answer, for the header; empty where no interval is said."""
+    if accepted is None:
+        return ""
+    largest = float(np.finfo(np.float64).max)
+    ends = (("from", accepted[0], -largest), ("to", accepted[1], largest))
+    return ", accepted " + " ".join(f"{word} {real(end)}" for word, end, open_end in ends if end != open_end)
+
+
 def model_header(model: ModelIR, *closing: str) -> tuple[str, ...]:
     """Where a model comes from and what its inputs are; `closing` says what its numbers are worth."""
     source = model.source
@@ -154,8 +163,10 @@ def model_header(model: ModelIR, *closing: str) -> tuple[str, ...]:
         lines.append(f"Model digest: {source.digest}")
     lines.extend(f"Note: {note}" for note in source.notes)
     lines.extend(
-        f"Input {number}: {feature_text(feature)}{limit_text(limit)}"
-        for number, (feature, limit) in enumerate(zip(model.features, model.magnitude_limits, strict=True), 1)
+        f"Input {number}: {feature_text(feature)}{limit_text(limit)}{accepted_text(accepted)}"
+        for number, (feature, limit, accepted) in enumerate(
+            zip(model.features, model.magnitude_limits, model.accepted_numbers, strict=True), 1
+        )
     )
     exact = (
         "Equals the library bit for bit." if model.exact else "Equals the library within the bound that verify states."
@@ -194,6 +205,16 @@ def check_inputs(model: ModelIR, inputs: tuple[Variable, ...], listing: Listing)
         limit = listing.table(
             "INPUT_LIMIT", "LREAL", [0.0 if v is None else float(np.nextafter(v, 0.0)) for v in limits]
         )
+    accepted = [(column, ends) for column, ends in enumerate(model.accepted_numbers) if ends is not None]
+    tables = {}
+    if accepted:
+        listing.loop("nColumn", len(accepted))
+        tables = {
+            "column": listing.table("ACCEPTED_INPUT", "DINT", [column for column, _ in accepted]),
+            "lower": listing.table("ACCEPTED_LOWER", "LREAL", [ends[0] for _, ends in accepted]),
+            "upper": listing.table("ACCEPTED_UPPER", "LREAL", [ends[1] for _, ends in accepted]),
+            "last": len(accepted) - 1,
+        }
     listing.section(
         "inputs, checked",
         "inputs",
@@ -203,6 +224,7 @@ def check_inputs(model: ModelIR, inputs: tuple[Variable, ...], listing: Listing)
         upper=upper,
         limit=limit,
         some_unlimited=any(value is None for value in limits),
+        accepted=tables,
     )
 
 

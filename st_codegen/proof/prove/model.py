@@ -57,13 +57,19 @@ class Domain:
 def domain_of(model: ModelIR) -> Domain:
     """The domain of a model: inputs are limited to the declared ranges first, and refused from a magnitude on."""
     low, high = [], []
-    for feature, limit in zip(model.features, model.magnitude_limits, strict=True):
+    for feature, limit, accepted in zip(model.features, model.magnitude_limits, model.accepted_numbers, strict=True):
         ends = [-np.inf, np.inf]
         if limit is not None:
             if feature.lower is None or feature.lower <= -limit:
                 ends[0] = float(np.nextafter(-limit, 0.0))
             if feature.upper is None or feature.upper >= limit:
                 ends[1] = float(np.nextafter(limit, 0.0))
+        # what lies outside of the declared range has the answer of its end
+        if accepted is not None:
+            if feature.lower is None or feature.lower < accepted[0]:
+                ends[0] = max(ends[0], accepted[0])
+            if feature.upper is None or feature.upper > accepted[1]:
+                ends[1] = min(ends[1], accepted[1])
         keys = to_keys(np.array(ends))
         low.append(int(keys[0]))
         high.append(int(keys[1]))
