@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.rig_sizes import RIG, Measured, read_table
 from st_codegen.campaign.conditions import OperatingPoint
-from st_codegen.report import Section, Table, figures, page
+from st_codegen.report import PageSection, PageTable, figures, page
 from st_codegen.rig.campaign import Measuring, simulate_run
 from st_codegen.rig.model import RigModel, read_rig
 from st_codegen.te.harmonics import Direction
@@ -133,8 +133,10 @@ def main() -> None:
     )
     cells = [tuple(f"{v:.3g}" if isinstance(v, float) else str(v) for v in row.values()) for row in rows]
     sections = [
-        Section("Medians (deg): all operating points, and those over torque and speed", table=Table(head, cells)),
-        Section("Against torque and speed", "Points: the real rig. Lines: the simulated one.", figures=[drawn]),
+        PageSection(
+            "Medians (deg): all operating points, and those over torque and speed", table=PageTable(head, cells)
+        ),
+        PageSection("Against torque and speed", "Points: the real rig. Lines: the simulated one.", figures=[drawn]),
     ]
     arguments.out.mkdir(parents=True, exist_ok=True)
     (arguments.out / "rig_table.html").write_text(page("The simulated rig beside the real one", sections), "utf-8")

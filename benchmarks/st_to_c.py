@@ -368,7 +368,7 @@ class _Unit:
                 return code if node.type == LREAL else f"({self._type(node.type)}){code}"
             case t.ShortCircuit(operator=operator, left=left, right=right):
                 return f"({self._value(left)} {'&&' if operator == 'AND_THEN' else '||'} {self._value(right)})"
-            case t.Comparison(operator=operator, left=left, right=right):
+            case t.Compare(operator=operator, left=left, right=right):
                 return f"({self._value(left)} {_COMPARISONS[operator]} {self._value(right)})"
             case t.Conversion(operand=operand):
                 return self._conversion(node, operand)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from st_codegen.project.bundle import Bundle, load
     from st_codegen.proof.review import diff
     from st_codegen.proof.verify import verify
-    from st_codegen.reconcile.run import Result
+    from st_codegen.reconcile.run import Reconciliation
     from st_codegen.rig.motion_files import MotionStudy
 
 __version__ = "0.2.0"
@@ -64,7 +64,7 @@ def simulate(bundle: Bundle, rig: Path | str, profile: str = "cycloidal", *, see
     return simulate_machine(machine, bundle, profile, MotionWish(parse_orders((), bundle)), seed=seed)
 
 
-def reconcile(rig: Path | str, measured: Path | str) -> Result:
+def reconcile(rig: Path | str, measured: Path | str) -> Reconciliation:
     """Find the effects that a rig.toml lacks in measured data: a campaign folder, a harmonic table or recordings.
 
     Raises InputError for data that cannot be compared with the rig, MissingExtraError (the extra `rig`).

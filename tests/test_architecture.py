@@ -255,3 +255,13 @@ def test_floors_of_reconcile(path):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("st_codegen.reconcile."):
             used.add(node.module.split(".")[2])
     assert used <= {"settings", *RECONCILE[: RECONCILE.index(here) + 1]}
+
+
+def test_a_public_class_has_its_name_for_itself():
+    homes = {}
+    for path in FILES:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                homes.setdefault(node.name, []).append(path.relative_to(PACKAGE).as_posix())
+    assert len(homes) > 200
+    assert {name: files for name, files in homes.items() if len(files) > 1} == {}

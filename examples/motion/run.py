@@ -21,7 +21,7 @@ from typing import Any
 from jobs import RIG, Job, Machine, digest, run_job, write
 
 from st_codegen.cli.main import main as st_codegen
-from st_codegen.report import Section, Table, page
+from st_codegen.report import PageSection, PageTable, page
 from st_codegen.rig.study import AUTO, MotionWish
 from st_codegen.rig.tasks import TaskForm
 
@@ -205,7 +205,7 @@ class Example:
         write(self.out / "limits.md", table.markdown())
         write(
             self.out / "limits.html",
-            page("What limits the compensation", [Section("One thing at a time", table=table)]),
+            page("What limits the compensation", [PageSection("One thing at a time", table=table)]),
         )
         print(table.markdown())
 
@@ -239,7 +239,7 @@ class Example:
         write(stamp, known)
 
 
-def limits_table(rows: list[dict[str, Any]]) -> Table:
+def limits_table(rows: list[dict[str, Any]]) -> PageTable:
     """A row a case; RMS and maximum of what is gone, a pair of columns a profile."""
     profiles = list(dict.fromkeys(row["profile"] for row in rows))
     gone = {(row["what"], row["profile"]): (row["rms_reduction"], row["max_reduction"]) for row in rows}
@@ -248,7 +248,7 @@ def limits_table(rows: list[dict[str, Any]]) -> Table:
         [what, *(f"{value:.1%}" for profile in profiles for value in gone[what, profile])]
         for what in dict.fromkeys(row["what"] for row in rows)
     ]
-    return Table(head, cells)
+    return PageTable(head, cells)
 
 
 def command(*arguments: object) -> None:

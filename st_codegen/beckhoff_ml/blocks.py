@@ -10,7 +10,7 @@ import math
 
 from st_codegen.beckhoff_ml.engines import Engine
 from st_codegen.emit.blocks.application import GlobalList
-from st_codegen.emit.blocks.listing import ArrayElement, Block, Listing, Variable
+from st_codegen.emit.blocks.listing import ArrayElement, Block, BlockVariable, Listing
 from st_codegen.emit.blocks.model import (
     Limits,
     block_name,
@@ -68,8 +68,8 @@ def _block(model: ModelIR, engines: tuple[Engine, ...], listing: Listing) -> Blo
     inputs = input_variables(model.features)
     outputs = (
         *model_outputs(model),
-        Variable("bLoaded", "BOOL", comment="all model files have been read"),
-        Variable("nErrorCode", "DINT", comment="error of the runtime, 0: none"),
+        BlockVariable("bLoaded", "BOOL", comment="all model files have been read"),
+        BlockVariable("nErrorCode", "DINT", comment="error of the runtime, 0: none"),
     )
     check_inputs(limited, inputs, listing)
     kind = "REAL" if single else "LREAL"
@@ -81,7 +81,7 @@ def _block(model: ModelIR, engines: tuple[Engine, ...], listing: Listing) -> Blo
     calls = []
     for number, name in enumerate(engine_names(model, engines)):
         instance = f"fbPrediction{number + 1}"
-        listing.variables[instance] = Variable(instance, "FB_MllPrediction", comment="engine of the runtime")
+        listing.variables[instance] = BlockVariable(instance, "FB_MllPrediction", comment="engine of the runtime")
         calls.append({"instance": instance, "number": number, "file": f"{FILES_LIST}.s{name}"})
     values = {"single": single, "data": data, "result": result, "calls": calls, "inputs": len(inputs)}
     values["last_input"] = len(inputs) - 1
@@ -120,6 +120,7 @@ def files_list(paths: dict[str, str]) -> GlobalList:
             "change the paths. Files of one folder are of one kind and use.",
         ),
         tuple(
-            Variable(f"s{name}", "STRING(255)", initial=f"'{DEFAULT_FOLDER}\\{path}'") for name, path in paths.items()
+            BlockVariable(f"s{name}", "STRING(255)", initial=f"'{DEFAULT_FOLDER}\\{path}'")
+            for name, path in paths.items()
         ),
     )

@@ -15,7 +15,7 @@ from st_codegen.cli.console import console, models_argument, progress_bar, quiet
 from st_codegen.files.text import write_text
 
 if TYPE_CHECKING:
-    from st_codegen.proof.prove.prove import ProveReport, Result
+    from st_codegen.proof.prove.prove import ProofResult, ProveReport
 
 
 @click.command(
@@ -83,7 +83,7 @@ def _table(report: ProveReport) -> Table:
     return table
 
 
-def _sentence(result: Result) -> str:
+def _sentence(result: ProofResult) -> str:
     text = f"{result.model}, {result.target}: {result.verdict.value}: {result.reason}"
     found = result.counterexample
     if found is None:

@@ -19,7 +19,7 @@ from st_codegen.files.text import make_folder
 if TYPE_CHECKING:
     from st_codegen.reconcile.judge.spectrum import SpectrumResult
     from st_codegen.reconcile.models.update import Update, Wish
-    from st_codegen.reconcile.run import Result
+    from st_codegen.reconcile.run import Reconciliation
 
 
 @click.command(
@@ -147,7 +147,7 @@ def _wish(models: Path | None, update: bool, target: str, profile: str, trust_pi
     return Wish(models, target, "" if profile == "none" else profile, trust_pickle=trust_pickle)
 
 
-def _written(result: Result, wish: Wish | None, out: Path, quiet: bool) -> Update | None:
+def _written(result: Reconciliation, wish: Wish | None, out: Path, quiet: bool) -> Update | None:
     """Update the models, and write everything at once."""
     from st_codegen.reconcile.models.update import update_models
     from st_codegen.reconcile.report.output import report_text, rig_diff

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
 from st_codegen.cost.memory import Region, Touch, Versions, new_version
-from st_codegen.cost.operations import Operation, of_expression, size_of
+from st_codegen.cost.operations import CostClass, of_expression, size_of
 from st_codegen.cost.paths import Costs, PathCost
 from st_codegen.cost.ranges import Interval, Ranges, is_counted
 from st_codegen.st import tree as t
@@ -106,16 +106,16 @@ class Accesses:
         """The cost of computing the value of an expression."""
         match node:
             case t.Constant():
-                return self._costs.of(Operation.LOAD) if node.type.is_real else PathCost()
+                return self._costs.of(CostClass.LOAD) if node.type.is_real else PathCost()
             case t.VariableRef(variable=variable) if variable.is_constant and not _is_aggregate(node):
-                return self._costs.of(Operation.LOAD) if node.type.is_real else PathCost()
+                return self._costs.of(CostClass.LOAD) if node.type.is_real else PathCost()
             case t.VariableRef() | t.InstanceVariable() | t.FieldRef() | t.ElementRef() | t.PointerTarget():
                 return self._load(node, state)
             case t.ThisRef() | t.ProgramRef():
                 return PathCost()
             case t.AddressOf(target=target):
                 cost, _ = self._address(target, state)
-                return cost.then(self._costs.of(Operation.INDEX))
+                return cost.then(self._costs.of(CostClass.INDEX))
             case t.Call():
                 return self._call(node, state)
             case _:
@@ -125,17 +125,17 @@ class Accesses:
                 return cost.then(self._costs.of(*of_expression(node)))
 
     def _load(self, node: t.Expression, state: PathState) -> PathCost:
-        return self._moved(Operation.LOAD, node, state)
+        return self._moved(CostClass.LOAD, node, state)
 
     def store(self, target: t.Expression, state: PathState) -> PathCost:
         """The cost of putting a computed value into a variable."""
-        return self._moved(Operation.STORE, target, state)
+        return self._moved(CostClass.STORE, target, state)
 
-    def _moved(self, operation: Operation, node: t.Expression, state: PathState) -> PathCost:
+    def _moved(self, operation: CostClass, node: t.Expression, state: PathState) -> PathCost:
         cost, address = self._address(node, state)
         return cost.then(address.touch(self._size(node.type))).then(self._words(operation, node.type))
 
-    def _words(self, operation: Operation, type_: Type) -> PathCost:
+    def _words(self, operation: CostClass, type_: Type) -> PathCost:
         """A load or store of a value, eight bytes at a time."""
         return self._costs.of(*[operation] * _words(self._size(type_)))
 
@@ -168,7 +168,7 @@ class Accesses:
         size = self._size(variable.type)
         is_shared = variable.is_constant or variable.storage is t.Storage.GLOBAL
         name = variable.key
-        cost = self._costs.of(Operation.LOAD) if variable.section is t.Section.IN_OUT else PathCost()
+        cost = self._costs.of(CostClass.LOAD) if variable.section is t.Section.IN_OUT else PathCost()
         if size <= 8 and not is_shared and not path:
             return cost, _Address(None)
         return cost, _Address(Region(() if is_shared else path, name, variable.owner, size, is_shared))
@@ -188,7 +188,7 @@ class Accesses:
                 cost, path, varies = self._path(inner, state)
                 for index in indices:
                     more, moves, others, _ = self._linear(index, state)
-                    cost = cost.then(more).then(self._costs.of(Operation.INDEX))
+                    cost = cost.then(more).then(self._costs.of(CostClass.INDEX))
                     varies |= others | frozenset(moves)
                 return cost, (*path, "[]"), varies
             case t.ThisRef() | t.ProgramRef() | None:
@@ -213,7 +213,7 @@ class Accesses:
             if others:
                 unknown.append(index)
             if not isinstance(index, t.Constant):
-                cost = cost.then(self._costs.of(Operation.INDEX))
+                cost = cost.then(self._costs.of(CostClass.INDEX))
             for version, factor in moves.items():
                 affine[version] = affine.get(version, 0) + factor * step
             varies |= others
@@ -238,17 +238,17 @@ class Accesses:
         after = PathCost()
         for argument in call.arguments:
             if argument.passing is t.Passing.INPUT:
-                copied = self._words(Operation.STORE, argument.parameter.type)
+                copied = self._words(CostClass.STORE, argument.parameter.type)
                 cost = cost.then(self.value(argument.value, state)).then(copied)
             elif argument.passing is t.Passing.IN_OUT:
                 more, _ = self._address(argument.value, state)
-                cost = cost.then(more).then(self._costs.of(Operation.STORE))
+                cost = cost.then(more).then(self._costs.of(CostClass.STORE))
             else:
-                after = after.then(self._costs.of(Operation.LOAD)).then(self.store(argument.value, state))
+                after = after.then(self._costs.of(CostClass.LOAD)).then(self.store(argument.value, state))
         body = self._follow(call, path, state)
         if varies:
             body = PathCost(body.counts, {key: replace(x, varies=x.varies | varies) for key, x in body.touches.items()})
-        result = self._costs.of(Operation.CALL, Operation.LOAD) if call.has_result else self._costs.of(Operation.CALL)
+        result = self._costs.of(CostClass.CALL, CostClass.LOAD) if call.has_result else self._costs.of(CostClass.CALL)
         return cost.then(body).then(result).then(after)
 
 

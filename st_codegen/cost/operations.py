@@ -15,7 +15,7 @@ from st_codegen.st.types import ArrayType, BlockType, Elementary, EnumType, Stru
 Counts = NDArray[np.int64]
 
 
-class Operation(Enum):
+class CostClass(Enum):
     """One class of machine work; a profile gives each its cycles.
 
     The classes follow what a compiler without registers across statements emits, as the ones of controllers do: every
@@ -50,39 +50,44 @@ class Operation(Enum):
     NATIVE = "native"
 
 
-_POSITION = {operation: number for number, operation in enumerate(Operation)}
+_POSITION = {operation: number for number, operation in enumerate(CostClass)}
 
-_REAL = {"ADD": Operation.ADD, "SUB": Operation.ADD, "MUL": Operation.MULTIPLY, "DIV": Operation.DIVIDE}
+_REAL = {
+    "ADD": CostClass.ADD,
+    "SUB": CostClass.ADD,
+    "MUL": CostClass.MULTIPLY,
+    "DIV": CostClass.DIVIDE,
+}
 _INTEGRAL = {
-    "MUL": Operation.INTEGER_MULTIPLY,
-    "DIV": Operation.INTEGER_DIVIDE,
-    "MOD": Operation.INTEGER_DIVIDE,
+    "MUL": CostClass.INTEGER_MULTIPLY,
+    "DIV": CostClass.INTEGER_DIVIDE,
+    "MOD": CostClass.INTEGER_DIVIDE,
 }
 #: Standard functions that are one operation each; those that are not named are an INTEGER
 _FUNCTIONS = {
-    "SQRT": Operation.SQRT,
-    "EXP": Operation.EXP,
-    "LN": Operation.LN,
-    "LOG": Operation.LN,
-    "SIN": Operation.SIN,
-    "COS": Operation.COS,
-    "TAN": Operation.TAN,
-    "ATAN": Operation.ATAN,
-    "ATAN2": Operation.ATAN,
-    "ASIN": Operation.ATAN,
-    "ACOS": Operation.ATAN,
-    "EXPT": Operation.POWER,
-    "TRUNC": Operation.CONVERT,
-    "SEL": Operation.SELECT,
+    "SQRT": CostClass.SQRT,
+    "EXP": CostClass.EXP,
+    "LN": CostClass.LN,
+    "LOG": CostClass.LN,
+    "SIN": CostClass.SIN,
+    "COS": CostClass.COS,
+    "TAN": CostClass.TAN,
+    "ATAN": CostClass.ATAN,
+    "ATAN2": CostClass.ATAN,
+    "ASIN": CostClass.ATAN,
+    "ACOS": CostClass.ATAN,
+    "EXPT": CostClass.POWER,
+    "TRUNC": CostClass.CONVERT,
+    "SEL": CostClass.SELECT,
 }
 
 
 def no_counts() -> Counts:
     """A vector of counts in which every operation is counted zero times."""
-    return np.zeros(len(Operation), np.int64)
+    return np.zeros(len(CostClass), np.int64)
 
 
-def position(operation: Operation) -> int:
+def position(operation: CostClass) -> int:
     """Where an operation stands in a vector of counts."""
     return _POSITION[operation]
 
@@ -92,28 +97,28 @@ def as_mapping(counts: Counts) -> dict[str, int]:
     return {operation.value: int(counts[number]) for operation, number in _POSITION.items() if counts[number]}
 
 
-def weighted(counts: Counts, weights: Mapping[Operation, float]) -> float:
+def weighted(counts: Counts, weights: Mapping[CostClass, float]) -> float:
     """The sum of counts times weights."""
     return float(sum(int(counts[number]) * weights[operation] for operation, number in _POSITION.items()))
 
 
-def of_expression(node: t.Expression) -> tuple[Operation, ...]:  # noqa: PLR0911 - one return a case
+def of_expression(node: t.Expression) -> tuple[CostClass, ...]:  # noqa: PLR0911 - one return a case
     """What an operator, conversion or standard function does itself, its operands left out."""
     match node:
         case t.Unary():
-            return (Operation.INTEGER,)
+            return (CostClass.INTEGER,)
         case t.Binary(operator=operator):
-            return (_REAL[operator] if node.type.is_real else _INTEGRAL.get(operator, Operation.INTEGER),)
+            return (_REAL[operator] if node.type.is_real else _INTEGRAL.get(operator, CostClass.INTEGER),)
         case t.ShortCircuit():
-            return (Operation.BRANCH,)
-        case t.Comparison(left=left):
-            return (Operation.REAL_COMPARE if left.type.is_real else Operation.COMPARE,)
+            return (CostClass.BRANCH,)
+        case t.Compare(left=left):
+            return (CostClass.REAL_COMPARE if left.type.is_real else CostClass.COMPARE,)
         case t.Conversion(operand=operand):  # between integers it is a move
-            return (Operation.CONVERT if node.type.is_real or operand.type.is_real else Operation.INTEGER,)
+            return (CostClass.CONVERT if node.type.is_real or operand.type.is_real else CostClass.INTEGER,)
         case t.StandardCall(function=function, arguments=arguments):
             if function in ("MIN", "MAX", "LIMIT", "MUX"):
-                return (Operation.SELECT,) * max(len(arguments) - 1, 1)
-            return (_FUNCTIONS.get(function, Operation.INTEGER),)
+                return (CostClass.SELECT,) * max(len(arguments) - 1, 1)
+            return (_FUNCTIONS.get(function, CostClass.INTEGER),)
         case _:
             return ()
 

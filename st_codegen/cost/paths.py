@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from st_codegen.cost.memory import Touches, joined
-from st_codegen.cost.operations import Counts, Operation, no_counts, position, weighted
+from st_codegen.cost.operations import CostClass, Counts, no_counts, position, weighted
 
 
 class Flow(Enum):
@@ -51,11 +51,11 @@ Outcomes = dict[Flow, PathCost]
 class Costs:
     """Makes and compares costs in one unit; paths are compared by `weights`, the cycles of the operations."""
 
-    def __init__(self, unit: str, weights: Mapping[Operation, float]) -> None:
+    def __init__(self, unit: str, weights: Mapping[CostClass, float]) -> None:
         self.unit = unit
         self._weights = weights
 
-    def of(self, *operations: Operation) -> PathCost:
+    def of(self, *operations: CostClass) -> PathCost:
         """The cost of some operations of this unit."""
         counts = no_counts()
         for operation in operations:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
-from st_codegen.cost.operations import Operation
+from st_codegen.cost.operations import CostClass
 from st_codegen.cost.profile_files import DEFAULT, profile_names, profiles_folder
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.text import read_text
@@ -37,17 +37,17 @@ class Profile:
     name: str
     description: str
     machine: Mapping[str, float]
-    cycles: Mapping[Operation, float]
+    cycles: Mapping[CostClass, float]
     compute_factor: float
     memory_factor: float
     sources: Mapping[str, str]
     text: str
 
-    def weights(self, *, is_cold: bool) -> dict[Operation, float]:
+    def weights(self, *, is_cold: bool) -> dict[CostClass, float]:
         """Cycles of each operation, wrong predictions included."""
         share = self.machine["mispredicted_cold" if is_cold else "mispredicted_warm"]
         weights = dict(self.cycles)
-        weights[Operation.BRANCH] += share * self.machine["mispredict_cycles"]
+        weights[CostClass.BRANCH] += share * self.machine["mispredict_cycles"]
         return {operation: cycles * self.compute_factor for operation, cycles in weights.items()}
 
     def microseconds(self, cycles: float) -> float:
@@ -89,7 +89,7 @@ def _profile(file: TomlTable, name: str, text: str) -> Profile:
         least = {key: 0.0 if key in _MAY_BE_ZERO else _SMALLEST for key in _MACHINE}
         machine = {key: _sourced(table, key, least[key], high, sources) for key, high in _MACHINE.items()}
     with file.table("cycles", required=True) as table:
-        cycles = {operation: _sourced(table, operation.value, 0.0, 1e6, sources) for operation in Operation}
+        cycles = {operation: _sourced(table, operation.value, 0.0, 1e6, sources) for operation in CostClass}
     with file.table("factors") as table:
         compute, memory = (table.number(key, 1.0, low=_SMALLEST, high=1e6) for key in ("compute", "memory"))
     return Profile(

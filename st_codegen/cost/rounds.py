@@ -113,7 +113,7 @@ def _parts(condition: t.Expression, is_negated: bool) -> list[_Part]:
     match condition:
         case t.Unary(operator="NOT", operand=operand):
             return _parts(operand, not is_negated)
-        case t.Comparison():
+        case t.Compare():
             operator = _NEGATED[condition.operator] if is_negated else condition.operator
             return [(operator, condition.left, condition.right)]
         case t.Binary(operator=operator) | t.ShortCircuit(operator=operator):

@@ -9,7 +9,7 @@ from functools import partial
 from st_codegen.cost import rounds
 from st_codegen.cost.access import Accesses, PathState
 from st_codegen.cost.memory import Loop, Region, Touch, Touches, new_version
-from st_codegen.cost.operations import Counts, Operation, no_counts, size_of
+from st_codegen.cost.operations import CostClass, Counts, no_counts, size_of
 from st_codegen.cost.paths import Costs, Flow, Outcomes, PathCost
 from st_codegen.cost.ranges import Interval
 from st_codegen.st import tree as t
@@ -35,7 +35,7 @@ class UnitCost:
 class Units:
     """The costs of a project's units, each computed once. `weights`: cycles by which paths are compared."""
 
-    def __init__(self, project: t.Project, weights: Mapping[Operation, float]) -> None:
+    def __init__(self, project: t.Project, weights: Mapping[CostClass, float]) -> None:
         self.project = project
         self.weights = weights
         self._done: dict[str, UnitCost] = {}
@@ -48,8 +48,8 @@ class Units:
         return self._done[key]
 
 
-def _native(pou: t.Pou, weights: Mapping[Operation, float]) -> UnitCost:
-    return UnitCost(Costs(pou.key, weights).of(Operation.NATIVE), no_counts(), (), frozenset())
+def _native(pou: t.Pou, weights: Mapping[CostClass, float]) -> UnitCost:
+    return UnitCost(Costs(pou.key, weights).of(CostClass.NATIVE), no_counts(), (), frozenset())
 
 
 class _Body:
@@ -117,14 +117,14 @@ class _Body:
             self._static = self._static + own
         return cost
 
-    def _one(self, *operations: Operation) -> PathCost:
+    def _one(self, *operations: CostClass) -> PathCost:
         return self._count(self._costs.of(*operations))
 
     def _value(self, node: t.Expression) -> PathCost:
         return self._count(self._accesses.value(node, self._state))
 
     def _test(self, condition: t.Expression) -> PathCost:
-        return self._value(condition).then(self._one(Operation.BRANCH))
+        return self._value(condition).then(self._one(CostClass.BRANCH))
 
     def _assign(self, statement: t.Assign) -> PathCost:
         cost = self._value(statement.value)
@@ -160,8 +160,8 @@ class _Body:
         tests, before = self._value(statement.selector), []
         for branch in statement.branches:
             for low, high in branch.labels:
-                compares = [Operation.COMPARE] * (1 if low == high else 2)
-                tests = tests.then(self._one(*compares, Operation.BRANCH))
+                compares = [CostClass.COMPARE] * (1 if low == high else 2)
+                tests = tests.then(self._one(*compares, CostClass.BRANCH))
             before.append(tests)
         return self._choose([*before, tests], statement)
 
@@ -170,11 +170,11 @@ class _Body:
     def _for(self, statement: t.For) -> Outcomes:
         count = rounds.of_for(statement, self._state.ranges)
         start, stop, step = (self._state.ranges.of(node) for node in (statement.start, statement.stop, statement.step))
-        before = self._value(statement.start).then(self._value(statement.stop)).then(self._one(Operation.STORE))
+        before = self._value(statement.start).then(self._value(statement.stop)).then(self._one(CostClass.STORE))
         if not isinstance(statement.step, t.Constant):
             before = before.then(self._value(statement.step))
         counter = statement.variable
-        each = self._one(Operation.LOOP)
+        each = self._one(CostClass.LOOP)
         first = new_version()
         self._enter(statement.body, {counter})
         moving = self._state.versions.change(counter)

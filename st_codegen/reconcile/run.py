@@ -23,7 +23,7 @@ from st_codegen.reconcile.data.recordings import (
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.parameters import Piece, piece_of
 from st_codegen.reconcile.fit.state import State
-from st_codegen.reconcile.fit.target import Target, groups_of
+from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.candidates import Candidate
 from st_codegen.reconcile.judge.conclusions import Conclusions, conclude, unchanged, without_misfits
 from st_codegen.reconcile.judge.evidence import Evidence
@@ -75,13 +75,13 @@ class TakenBack:
 
 
 @dataclass(frozen=True)
-class Result:
+class Reconciliation:
     """All that a report needs. unseen_curves: from how many that no search saw the held-out gap comes (0: none)."""
 
     rig: RigModel
     new_rig: RigModel
     data: Observations
-    target: Target
+    target: FitData
     noise: Noise
     conclusions: Conclusions
     judged: tuple[tuple[Candidate, Evidence], ...]
@@ -112,7 +112,7 @@ def reconcile_files(
     accept: Collection[str] = (),
     skip_bad: bool = False,
     progress: Progress | None = None,
-) -> Result:
+) -> Reconciliation:
     """Read measured data and reconcile. Raises InputError for data that cannot be compared with the rig."""
     files = recordings_in(measured)
     if files:
@@ -137,7 +137,7 @@ def recordings_in(path: Path) -> list[Path]:
 
 def reconcile_recordings(
     rig: RigModel, recordings: Sequence[Recording], known: Catalogue, progress: Progress | None = None
-) -> Result:
+) -> Reconciliation:
     """Links of the axis, then the reducer's transmission error sample by sample."""
     result = reconcile_observations(rig, observations(recordings, rig), known, progress)
     links = [link for link in (servo_link(recordings, rig), coupling_link(recordings, rig)) if link is not None]
@@ -182,13 +182,13 @@ def reconcile_observations(
     known: Catalogue,
     progress: Progress | None = None,
     examined: Examined | None = None,
-) -> Result:
+) -> Reconciliation:
     """The statistical core on observations; `examined`: what is known of mistakes of measuring in them."""
     with one_thread("scipy.linalg"):
         return _reconcile(rig, known, progress, examined or Examined(data))
 
 
-def _reconcile(rig: RigModel, known: Catalogue, progress: Progress | None, examined: Examined) -> Result:
+def _reconcile(rig: RigModel, known: Catalogue, progress: Progress | None, examined: Examined) -> Reconciliation:
     data = examined.data
     model = data.observed(rig.coefficients(data.at, data.model_orders()))
     bad = np.zeros(len(data), bool)
@@ -197,7 +197,7 @@ def _reconcile(rig: RigModel, known: Catalogue, progress: Progress | None, exami
     apart = _apart(data)
     shown = data if not apart.any() else replace(data, left_out=apart | bad)
     noise = estimate(shown, data.values - model)
-    target = Target(shown, noise.sigma, noise.good, groups_of(data.at), *_of(rig))
+    target = FitData(shown, noise.sigma, noise.good, groups_of(data.at), *_of(rig))
     state = State(rig, rig.zero_offset_deg, tuple(map(_own, (e for e in rig.effects if e.stage is not Stage.AXIS))))
     last, judged = search(target, state, known, progress)
     last, _ = without_misfits(last)
@@ -234,7 +234,7 @@ def _result(
     judged: tuple[tuple[Candidate, Evidence], ...],
     mistakes: tuple[Mistake, ...],
     apart: BoolArray,
-) -> Result:
+) -> Reconciliation:
     """Gaps, and what is left, of a fit."""
     final = conclusions.final
     target, noise = with_noise_of(final)
@@ -265,7 +265,7 @@ def _result(
         )
         for k, order in enumerate(data.orders)
     )
-    return Result(
+    return Reconciliation(
         rig=rig,
         new_rig=_new_rig(rig, final, conclusions),
         data=data,
@@ -283,7 +283,7 @@ def _result(
     )
 
 
-def _floor_rms(target: Target, noise: Noise) -> FloatArray:
+def _floor_rms(target: FitData, noise: Noise) -> FloatArray:
     """RMS of one component of the noise by order, (K,): for curves that between the orders.
 
     At the lowest orders noise may last over a turn, within a limit.
@@ -317,7 +317,7 @@ def _own(effect: Effect) -> Piece:
     return piece_of(effect, added=False, origin=effect)
 
 
-def with_empirical(result: Result, known: Catalogue) -> Result:
+def with_empirical(result: Reconciliation, known: Catalogue) -> Reconciliation:
     """The result with what has a formula and no name in the new rig, as effects `empirical`."""
     added = []
     for signature in result.unexplained:

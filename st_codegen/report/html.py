@@ -10,7 +10,7 @@ from st_codegen.emit.render import render_report
 
 
 @dataclass(frozen=True)
-class Table:
+class PageTable:
     """A table: names of the columns, and rows of text, numbers or truth values.
 
     strong: cells (row, column) in bold. Numbers stand right; floats are shown with four digits: hand over text where
@@ -43,7 +43,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Section:
+class PageSection:
     """A part of a page, top to bottom: title, text, table, pictures, folded text.
 
     text: plain; an empty line parts paragraphs. figures: SVG as `figure` and `figures` return it. details: a long text
@@ -52,13 +52,13 @@ class Section:
 
     title: str
     text: str = ""
-    table: Table | None = None
+    table: PageTable | None = None
     figures: Sequence[str] = ()
     details: str = ""
     open_details: bool = False
 
 
-def page(title: str, sections: Sequence[Section], *, summary: str = "") -> str:
+def page(title: str, sections: Sequence[PageSection], *, summary: str = "") -> str:
     """A complete HTML page; all text is escaped, pictures are put in as they are."""
     return render_report(
         "report/page.html.j2",

@@ -12,7 +12,7 @@ import numpy as np
 
 from st_codegen.files.text import write_texts
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.report import Section, Table, figure, figures, page
+from st_codegen.report import PageSection, PageTable, figure, figures, page
 from st_codegen.rig.motion import MotionOutcome, MotionPlan, MotionRecord, Rig
 from st_codegen.rig.tasks import TaskForm
 
@@ -146,15 +146,15 @@ def html(study: MotionStudy) -> str:
     """The page: table of cases, curves, profile, timing."""
     profile = study.plan.profile
     sections = [
-        Section("Before and after", _MEANING, _table(study)),
-        Section("Error of the output", figures=[_error_picture(study)]),
-        Section(
+        PageSection("Before and after", _MEANING, _table(study)),
+        PageSection("Error of the output", figures=[_error_picture(study)]),
+        PageSection(
             "Prediction",
             "What the generated code said the error was, over the angle, and what it was.",
             figures=[_prediction_picture(study)],
         ),
-        Section("Profile", table=_facts(study), figures=[_profile_picture(study)]),
-        Section("Timing", _TIMING, _timing(study)),
+        PageSection("Profile", table=_facts(study), figures=[_profile_picture(study)]),
+        PageSection("Timing", _TIMING, _timing(study)),
     ]
     return page(f"Motion {profile.name} with the generated compensator", sections)
 
@@ -171,7 +171,7 @@ def _percent(before: float, after: float) -> str:
     return f"{100.0 * (1.0 - after / before):.1f} %" if before > 0.0 else "-"
 
 
-def _table(study: MotionStudy) -> Table:
+def _table(study: MotionStudy) -> PageTable:
     columns = (
         "case",
         "RMS before",
@@ -198,15 +198,15 @@ def _table(study: MotionStudy) -> Table:
                 _percent(o.full_before.maximum, o.full_after.maximum),
             )
         )
-    return Table(columns, rows)
+    return PageTable(columns, rows)
 
 
-def _facts(study: MotionStudy) -> Table:
+def _facts(study: MotionStudy) -> PageTable:
     facts = study.plan.profile.facts(study.rig.model.reduction_ratio)
-    return Table(tuple(facts), [tuple(f"{value:.4g}" for value in facts.values())])
+    return PageTable(tuple(facts), [tuple(f"{value:.4g}" for value in facts.values())])
 
 
-def _timing(study: MotionStudy) -> Table:
+def _timing(study: MotionStudy) -> PageTable:
     tasks = study.rig.tasks
     top = max((order for outcome in study.outcomes for order in outcome.case.orders), default=0)
     rows = []
@@ -215,7 +215,7 @@ def _timing(study: MotionStudy) -> Table:
         times = (timing.best_us, timing.mean_us)
         speed = f"{timing.output_speed_rpm(top):.1f} rpm" if top else "-"
         rows.append((str(form), *(f"{time:.1f} us" for time in times), f"{timing.frequency_hz:.1f} Hz", speed))
-    return Table(("tasks", "latency", "mean age", "limit", f"output speed at which order {top} meets it"), rows)
+    return PageTable(("tasks", "latency", "mean age", "limit", f"output speed at which order {top} meets it"), rows)
 
 
 def _thin(count: int) -> slice:

@@ -261,7 +261,7 @@ class ShortCircuit(Infix):
 
 
 @dataclass(frozen=True)
-class Comparison(Infix):
+class Compare(Infix):
     """`operator` is EQ, NE, LT, LE, GT or GE.
 
     `is_number_test` marks both halves of `x < 1.0 OR x > -1.0`: at least one holds for every number, neither for NaN.

@@ -18,7 +18,7 @@ def parts(expression: t.Expression) -> tuple[t.Expression, ...]:  # noqa: PLR091
             return (inner,)
         case t.Unary(operand=inner) | t.Conversion(operand=inner):
             return (inner,)
-        case t.Binary() | t.ShortCircuit() | t.Comparison():
+        case t.Binary() | t.ShortCircuit() | t.Compare():
             return (expression.left, expression.right)
         case t.StandardCall(arguments=arguments):
             return arguments

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.report import COLOURS, Section, Table, figures, page
+from st_codegen.report import COLOURS, PageSection, PageTable, figures, page
 from st_codegen.training.learn import Lesson
 from st_codegen.training.measured import Measured
 from st_codegen.training.study import Solution
@@ -20,14 +20,14 @@ def training_page(name: str, measured: Measured, lessons: Sequence[Lesson]) -> s
     if measured.reasons:
         sections.append(_orders_section(measured))
     if measured.bad:
-        sections.append(Section(f"Files left out: {len(measured.bad)}", details="\n".join(map(str, measured.bad))))
+        sections.append(PageSection(f"Files left out: {len(measured.bad)}", details="\n".join(map(str, measured.bad))))
     for lesson in lessons:
         sections += [_models_section(lesson), _faulty_section(lesson), _pictures(lesson)]
     summary = f"{len(measured.table)} curves, orders {', '.join(map(str, measured.table.orders))}."
     return page(f"Trained models: {name}", sections, summary=summary)
 
 
-def _orders_section(measured: Measured) -> Section:
+def _orders_section(measured: Measured) -> PageSection:
     rows = [
         (
             reason.order,
@@ -41,10 +41,10 @@ def _orders_section(measured: Measured) -> Section:
         for reason in measured.reasons[:60]
     ]
     columns = ("order", "chosen", "above the noise", "RMS, deg", "noise, deg", "share of the TE", "reason")
-    return Section("Orders", "From the curves, the strongest first.", Table(columns, rows))
+    return PageSection("Orders", "From the curves, the strongest first.", PageTable(columns, rows))
 
 
-def _models_section(lesson: Lesson) -> Section:
+def _models_section(lesson: Lesson) -> PageSection:
     rows = []
     for solution in lesson.choice.solutions:
         errors = lesson.test_errors[solution.order]
@@ -66,10 +66,10 @@ def _models_section(lesson: Lesson) -> Section:
         f"Chosen by cross-validation on {len(lesson.study.learn)} operating points, errors on {len(lesson.study.test)} "
         f"that were kept apart. Worst case of all models: {lesson.choice.cost_us:.0f} us (estimate)."
     )
-    return Section(f"Models, {lesson.direction}", text, Table(columns, rows))
+    return PageSection(f"Models, {lesson.direction}", text, PageTable(columns, rows))
 
 
-def _faulty_section(lesson: Lesson) -> Section:
+def _faulty_section(lesson: Lesson) -> PageSection:
     rows = [
         (*map(float, lesson.train.conditions[row]), lesson.faulty.score[row], ", ".join(map(str, orders)))
         for row in np.flatnonzero(lesson.faulty.rows)
@@ -77,15 +77,19 @@ def _faulty_section(lesson: Lesson) -> Section:
     ]
     columns = ("speed, rpm", "torque, N m", "oil, degC", "score", "orders that are off")
     text = "Runs of the training part whose numbers are far from what their neighbours say."
-    return Section(f"Faulty runs, {lesson.direction}: {len(rows)}", text, Table(columns, rows) if rows else None)
+    return PageSection(
+        f"Faulty runs, {lesson.direction}: {len(rows)}", text, PageTable(columns, rows) if rows else None
+    )
 
 
-def _pictures(lesson: Lesson) -> Section:
+def _pictures(lesson: Lesson) -> PageSection:
     """Measured against predicted, cosine and sine part, at the test points."""
     panels: list[tuple[str, Callable[[Any], object]]] = [
         (f"order {solution.order}", partial(_scatter, lesson, solution)) for solution in lesson.choice.solutions
     ]
-    return Section(f"Measured and predicted, {lesson.direction}", figures=(figures(panels, columns=3, size_cm=(7, 6)),))
+    return PageSection(
+        f"Measured and predicted, {lesson.direction}", figures=(figures(panels, columns=3, size_cm=(7, 6)),)
+    )
 
 
 def _scatter(lesson: Lesson, solution: Solution, axes: Any) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from st_codegen.files.text import write_texts
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.report import COLOURS, Section, Table, figures, page
+from st_codegen.report import COLOURS, PageSection, PageTable, figures, page
 from st_codegen.training.families import FAMILIES, Learner
 from st_codegen.training.paper import CHOSEN, QUANTITIES, ErrorRow, PaperComparison
 
@@ -69,7 +69,7 @@ def _chosen_ahead(comparison: PaperComparison, order: int, quantity: str) -> boo
     return row is not None and row.ours_mae <= row.paper_mae
 
 
-def report_sections(comparison: PaperComparison) -> list[Section]:
+def report_sections(comparison: PaperComparison) -> list[PageSection]:
     """The sections of the page, in the order of the paper's tables."""
     sections = [_best_section(comparison)]
     sections += [_paper_table(comparison, *table) for table in _PAPER_TABLES]
@@ -89,7 +89,7 @@ def _number(value: float) -> str:
     return "" if math.isnan(value) else f"{value:.3g}"
 
 
-def _best_section(comparison: PaperComparison) -> Section:
+def _best_section(comparison: PaperComparison) -> PageSection:
     rows: list[list[Any]] = []
     strong: set[tuple[int, int]] = set()
     for order in comparison.test.orders:
@@ -110,10 +110,10 @@ def _best_section(comparison: PaperComparison) -> Section:
         "columns are what cross-validation on the training points alone would choose, which is what a user gets. "
         "Bold: at or ahead of the authors' best. Phases are compared around the circle."
     )
-    return Section("Best against best", text, Table(columns, rows, strong))
+    return PageSection("Best against best", text, PageTable(columns, rows, strong))
 
 
-def _paper_table(comparison: PaperComparison, title: str, quantity: str, error: str) -> Section:
+def _paper_table(comparison: PaperComparison, title: str, quantity: str, error: str) -> PageSection:
     orders = [order for order in comparison.test.orders if order or quantity == "ampl"]
     rows: list[list[Any]] = []
     strong: set[tuple[int, int]] = set()
@@ -130,7 +130,7 @@ def _paper_table(comparison: PaperComparison, title: str, quantity: str, error: 
                 strong.add((len(rows), len(cells) - 1))
         if len(set(cells)) > 2:
             rows.append(cells)
-    return Section(title, "Ours (the authors').", Table(("family", *map(str, orders)), rows, strong))
+    return PageSection(title, "Ours (the authors').", PageTable(("family", *map(str, orders)), rows, strong))
 
 
 def _described(candidates: Sequence[Learner]) -> str:
@@ -141,7 +141,7 @@ def _described(candidates: Sequence[Learner]) -> str:
     return "; ".join(parts)
 
 
-def _table_6(comparison: PaperComparison) -> Section:
+def _table_6(comparison: PaperComparison) -> PageSection:
     rows = []
     for solution in comparison.choice.solutions:
         order = solution.order
@@ -151,10 +151,10 @@ def _table_6(comparison: PaperComparison) -> Section:
         )
     columns = ("order", "authors' best (amplitude, phase)", "chosen here", "parameters", "worst case, us")
     text = "For each order the pair of models with the least complex error by cross-validation: what the bundle holds."
-    return Section("Table 6: the chosen models", text, Table(columns, rows))
+    return PageSection("Table 6: the chosen models", text, PageTable(columns, rows))
 
 
-def _complex_section(comparison: PaperComparison) -> Section:
+def _complex_section(comparison: PaperComparison) -> PageSection:
     rows: list[list[Any]] = []
     strong: set[tuple[int, int]] = set()
     for solution in comparison.choice.solutions:
@@ -179,7 +179,7 @@ def _complex_section(comparison: PaperComparison) -> Section:
     text = (
         "Mean absolute complex error abs(A*exp(i*phi) - A'*exp(i*phi')) in deg: what compensation leaves of an order."
     )
-    return Section("Complex error", text, Table(columns, rows, strong))
+    return PageSection("Complex error", text, PageTable(columns, rows, strong))
 
 
 def _worst_tenth(error: FloatArray) -> float:
@@ -188,7 +188,7 @@ def _worst_tenth(error: FloatArray) -> float:
     return float(np.sort(error)[-count:].sum() / (error.sum() or 1.0))
 
 
-def _reconstruction_section(comparison: PaperComparison) -> Section:
+def _reconstruction_section(comparison: PaperComparison) -> PageSection:
     rows = [
         [name, f"{deg:.3g}", f"{median:.2f}", f"{high:.2f}"]
         for name, (deg, median, high) in comparison.reconstruction.items()
@@ -198,10 +198,10 @@ def _reconstruction_section(comparison: PaperComparison) -> Section:
         "TE curves put together again at the test points, against the curves of all measured orders of the table. The "
         "paper gives mean percentage errors of 2.6, 3.1 and 4.7 % for orders 0, 1, 39 and 40 on three further runs."
     )
-    return Section("Reconstructed TE", text, Table(columns, rows))
+    return PageSection("Reconstructed TE", text, PageTable(columns, rows))
 
 
-def _faulty_section(comparison: PaperComparison) -> Section:
+def _faulty_section(comparison: PaperComparison) -> PageSection:
     found = np.flatnonzero(comparison.faulty.rows)
     runs = [
         [
@@ -216,10 +216,10 @@ def _faulty_section(comparison: PaperComparison) -> Section:
         "neighbours say."
     )
     columns = ("speed, rpm", "torque, N m", "oil, degC", "score", "orders that are off")
-    return Section(f"Faulty runs left out: {len(found)}", text, Table(columns, runs))
+    return PageSection(f"Faulty runs left out: {len(found)}", text, PageTable(columns, runs))
 
 
-def _gain_section(comparison: PaperComparison) -> Section:
+def _gain_section(comparison: PaperComparison) -> PageSection:
     rows: list[list[Any]] = []
     strong: set[tuple[int, int]] = set()
     for order, gain in comparison.gains.items():
@@ -233,10 +233,10 @@ def _gain_section(comparison: PaperComparison) -> Section:
         "within one step of speed, torque and temperature of a faulty run, by cross-validation; sound: all sound "
         "training rows; test: all of the authors' test points, which hold irregular runs of their own. Bold: better."
     )
-    return Section("What leaving them out gains", text, Table(columns, rows, strong))
+    return PageSection("What leaving them out gains", text, PageTable(columns, rows, strong))
 
 
-def _authors_section(comparison: PaperComparison) -> Section:
+def _authors_section(comparison: PaperComparison) -> PageSection:
     ratios: dict[tuple[str, str], list[float]] = {}
     for row in comparison.authors:
         if not math.isnan(row.paper_mae):
@@ -250,15 +250,15 @@ def _authors_section(comparison: PaperComparison) -> Section:
         "The authors' parameters fitted here as they did (bare targets, bare phases, every run): MAE over their MAE, "
         "by order. Near 1 means that their table is reproduced; all numbers are in authors.csv."
     )
-    return Section("Their models again", text, Table(columns, rows))
+    return PageSection("Their models again", text, PageTable(columns, rows))
 
 
-def _picture_section(comparison: PaperComparison, order: int) -> Section:
+def _picture_section(comparison: PaperComparison, order: int) -> PageSection:
     quantities = [quantity for quantity in QUANTITIES if order or quantity == "ampl"]
     panels: list[tuple[str, Callable[[Any], object]]] = [
         (f"order {order}, {quantity}", partial(_bars, comparison, order, quantity)) for quantity in quantities
     ]
-    return Section(f"Order {order}", figures=(figures(panels, columns=len(panels), size_cm=(9, 6)),))
+    return PageSection(f"Order {order}", figures=(figures(panels, columns=len(panels), size_cm=(9, 6)),))
 
 
 def _bars(comparison: PaperComparison, order: int, quantity: str, axes: Any) -> None:
@@ -272,7 +272,7 @@ def _bars(comparison: PaperComparison, order: int, quantity: str, axes: Any) -> 
     axes.set_ylabel(f"MAE, {_UNITS[quantity]}")
 
 
-def _markdown(sections: Sequence[Section]) -> str:
+def _markdown(sections: Sequence[PageSection]) -> str:
     parts = ["# The paper's tables, ours beside theirs\n"]
     for section in sections:
         if section.table is None:

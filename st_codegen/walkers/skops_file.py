@@ -31,8 +31,8 @@ MAX_DEPTH = 200
 
 #: Classes whose state a native parser would read, and the class of ours that takes the place of each in the file.
 STORED = {
-    ("lightgbm.basic", "Booster"): ("st_codegen.walkers.lightgbm.model", "StoredBooster"),
-    ("xgboost.core", "Booster"): ("st_codegen.walkers.xgboost.model", "StoredBooster"),
+    ("lightgbm.basic", "Booster"): ("st_codegen.walkers.lightgbm.model", "LightgbmBooster"),
+    ("xgboost.core", "Booster"): ("st_codegen.walkers.xgboost.model", "XgboostBooster"),
 }
 
 _NPY_HEADERS = {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from st_codegen.cost.calibrate import Measurement, calibrate, read_measurements, with_factors
-from st_codegen.cost.operations import Operation
+from st_codegen.cost.operations import CostClass
 from st_codegen.cost.profile import load_profile, profiles_folder
 from st_codegen.cost.profile_files import profile_names
 from st_codegen.cost.report import project_cost
@@ -34,8 +34,8 @@ def test_a_cycle_runs_what_nobody_calls_and_names_who_spends():
     assert cost(TWO, entries=["fb_other"]).cold_us == whole.blocks["FB_Other"].cold_us
     # 50 rounds of load, root, store and loop, one more test and the start
     cycles = PROFILE.cycles
-    rounds = 50 * (cycles[Operation.LOAD] + cycles[Operation.SQRT] + cycles[Operation.STORE] + cycles[Operation.LOOP])
-    expected = rounds + cycles[Operation.LOOP] + cycles[Operation.STORE]
+    rounds = 50 * (cycles[CostClass.LOAD] + cycles[CostClass.SQRT] + cycles[CostClass.STORE] + cycles[CostClass.LOOP])
+    expected = rounds + cycles[CostClass.LOOP] + cycles[CostClass.STORE]
     assert whole.blocks["FB_Inner"].warm_us == pytest.approx(expected / PROFILE.machine["clock_MHz"])
     assert whole.as_json()["blocks"]["FB_Outer"]["parts"]["FB_Inner"]["operations"] == 50 * 4 + 2
 
@@ -71,7 +71,7 @@ def test_another_statement_never_makes_it_cheaper(body):
 
 def test_the_profile_says_where_its_numbers_are_from():
     assert "cx5140" in profile_names()
-    assert set(PROFILE.cycles) == set(Operation)
+    assert set(PROFILE.cycles) == set(CostClass)
     assert all(PROFILE.sources.values())
     assert "memory_cycles" in PROFILE.estimates
     assert "add" not in PROFILE.estimates

@@ -7,7 +7,7 @@ import subprocess
 import pytest
 
 from st_codegen.emit.blocks.application import Application
-from st_codegen.emit.blocks.listing import Block, Variable
+from st_codegen.emit.blocks.listing import Block, BlockVariable
 from st_codegen.emit.blocks.model import Limits, input_variables, model_block
 from st_codegen.emit.foreign_names import is_foreign
 from st_codegen.errors import InputError
@@ -68,7 +68,7 @@ def test_inputs_of_such_names_are_renamed():
 
 
 def test_other_variables_of_such_names_are_refused():
-    block = Block("FB_A", ("x",), variables=(Variable("eFault", "DINT"),))
+    block = Block("FB_A", ("x",), variables=(BlockVariable("eFault", "DINT"),))
     with pytest.raises(InputError, match="FB_A: eFault"):
         Application("a", blocks=(block,))
 

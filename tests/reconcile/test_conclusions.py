@@ -10,7 +10,7 @@ from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.fit.fitting import fit
 from st_codegen.reconcile.fit.parameters import Piece, piece_of
 from st_codegen.reconcile.fit.state import State
-from st_codegen.reconcile.fit.target import Target, groups_of
+from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.candidates import Search, variants
 from st_codegen.reconcile.judge.conclusions import Claim
 from st_codegen.reconcile.judge.peaks import bracket, spread
@@ -25,7 +25,7 @@ from .test_core import KNOWN, RIG, SIGMA, effect, grid, observed
 
 def fitted(rig, data):
     noise = estimate(data, data.values - data.observed(rig.coefficients(data.at, data.model_orders())))
-    target = Target(data, noise.sigma, noise.good, groups_of(data.at))
+    target = FitData(data, noise.sigma, noise.good, groups_of(data.at))
     return fit(target, State(rig, 0.0, tuple(piece_of(e, added=False, origin=e) for e in rig.effects)))
 
 
@@ -99,7 +99,7 @@ def resonance(**frequency_of_order):
         for k, hertz in zip(orders, frequency_of_order.values(), strict=True)
     ]
     data = observed(RigModel(effects=tuple(effects)), at, orders=(0, *orders))
-    target = Target(data, np.full(data.values.shape, SIGMA), np.ones(len(at), bool), groups_of(at))
+    target = FitData(data, np.full(data.values.shape, SIGMA), np.ones(len(at), bool), groups_of(at))
     shape = {"frequency_Hz": 54.0, "damping_ratio": 0.02, "amplitude_deg": [0.0] * len(orders)}
     whole = effect("structural_resonance", orders=orders, **shape)
     return bracket(target, data.values, whole)

@@ -16,7 +16,7 @@ from st_codegen.reconcile.data.reading import check
 from st_codegen.reconcile.fit.fitting import fit
 from st_codegen.reconcile.fit.parameters import piece_of
 from st_codegen.reconcile.fit.state import State
-from st_codegen.reconcile.fit.target import Target, groups_of
+from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.candidates import variants
 from st_codegen.reconcile.judge.evidence import false_discoveries
 from st_codegen.rig.effects import Conditions, Constants, catalogue
@@ -111,7 +111,7 @@ def test_standard_errors_of_the_joint_fit_are_those_of_repeated_data():
     for seed in range(30):
         data = observed(RIG, at, seed=seed, sigma=2e-4)
         noise = estimate(data, data.values - RIG.coefficients(at, data.orders.tolist()))
-        target = Target(data, noise.sigma, noise.good, groups_of(at))
+        target = FitData(data, noise.sigma, noise.good, groups_of(at))
         result = fit(target, State(RIG, 0.0, tuple(piece_of(e, added=False, origin=e) for e in RIG.effects)))
         found.append(result.state.vector()[1])
         errors.append(np.sqrt(result.covariance[1, 1]))

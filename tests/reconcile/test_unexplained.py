@@ -5,7 +5,7 @@ import pytest
 
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
-from st_codegen.reconcile.fit.target import Target, groups_of
+from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.unexplained import main_cause, signatures
 from st_codegen.rig.effects import Conditions
 
@@ -28,7 +28,7 @@ def found(at, waves, sigma=SIGMA):
         values[:, list(ORDERS).index(order)] += wave
     data = Observations(at, labels(at), ORDERS, values, run=order_of_runs(at))
     noise = estimate(data, values)
-    target = Target(data, noise.sigma, noise.good, groups_of(at))
+    target = FitData(data, noise.sigma, noise.good, groups_of(at))
     return {s.order: s for s in signatures(target, values, 1.0)}
 
 
@@ -102,6 +102,6 @@ def test_more_than_the_noise_of_the_curves_is_said_even_without_a_pattern():
     values[:, 2] += wave
     data = Observations(at, labels(at), ORDERS, values, spectral_deg=np.full(values.shape, SIGMA))
     noise = estimate(data, values)
-    (one,) = signatures(Target(data, noise.sigma, noise.good, groups_of(at)), values, 1.0)
+    (one,) = signatures(FitData(data, noise.sigma, noise.good, groups_of(at)), values, 1.0)
     assert one.order == 53 and "repeat some runs" in one.text
     assert one.rms_deg == pytest.approx(10 * SIGMA / np.sqrt(2), rel=0.05)

@@ -11,7 +11,7 @@ from lxml import etree
 
 pytest.importorskip("matplotlib")
 
-from st_codegen.report import Section, Table, figure, figures, page
+from st_codegen.report import PageSection, PageTable, figure, figures, page
 
 
 def draw(axes):
@@ -71,10 +71,10 @@ class _Balance(HTMLParser):
 
 
 def test_page_is_balanced_and_escaped():
-    table = Table(("order", "<b>MAE</b>"), [(1, 2.53e-5), (39, None), ("all", True)], strong={(0, 1)})
+    table = PageTable(("order", "<b>MAE</b>"), [(1, 2.53e-5), (39, None), ("all", True)], strong={(0, 1)})
     text = page(
         "T & <E>",
-        [Section("One", "first\n\nsecond <script>", table, (figure(draw),)), Section("Two", details="a < b")],
+        [PageSection("One", "first\n\nsecond <script>", table, (figure(draw),)), PageSection("Two", details="a < b")],
         summary="In short.",
     )
     parser = _Balance()
@@ -88,7 +88,7 @@ def test_page_is_balanced_and_escaped():
 
 
 def test_markdown():
-    table = Table(("order", "MAE"), [(1, 0.5), (2, "a|b")], strong={(0, 1)})
+    table = PageTable(("order", "MAE"), [(1, 0.5), (2, "a|b")], strong={(0, 1)})
     assert table.markdown() == "| order | MAE |\n|---|---|\n| 1 | **0.5** |\n| 2 | a\\|b |\n"
 
 

@@ -220,7 +220,7 @@ class _Unit:
             case t.ShortCircuit(operator=operator):
                 left = self.value(node.left)
                 return self.value(node.right) if left is (operator == "AND_THEN") else left
-            case t.Comparison():
+            case t.Compare():
                 left, right = self.value(node.left), self.value(node.right)
                 if node.is_number_test and math.isnan(left):
                     return False

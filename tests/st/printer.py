@@ -258,7 +258,7 @@ def _(node: d.StructDeclaration) -> str:
 
 
 @show.register
-def _(node: d.EnumValue) -> str:
+def _(node: d.Enumerator) -> str:
     return node.name + (f" := {show(node.value)}" if node.value is not None else "")
 
 
@@ -290,5 +290,5 @@ def _(node: d.PouDeclaration) -> str:
 
 
 @show.register
-def _(node: d.GlobalList) -> str:
+def _(node: d.GlobalDeclarations) -> str:
     return _attributes(node.attributes) + lines(node.blocks)

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
-from st_codegen.emit.blocks.listing import Block, Table, Variable
+from st_codegen.emit.blocks.listing import Block, BlockVariable, Table
 from st_codegen.emit.foreign_names import is_foreign
 from st_codegen.errors import InputError
 
@@ -21,7 +21,7 @@ class Structure:
 
     name: str
     comment: tuple[str, ...]
-    fields: tuple[Variable, ...]
+    fields: tuple[BlockVariable, ...]
     template: ClassVar[str] = "structure"
     portable: ClassVar[bool] = True
 
@@ -32,7 +32,7 @@ class Overlay:
 
     name: str
     comment: tuple[str, ...]
-    fields: tuple[Variable, ...]
+    fields: tuple[BlockVariable, ...]
     template: ClassVar[str] = "overlay"
     portable: ClassVar[bool] = False
 
@@ -55,7 +55,7 @@ class Enumeration:
     values: tuple[EnumValue, ...]
     base: str = "DINT"
     template: ClassVar[str] = "enumeration"
-    fields: ClassVar[tuple[Variable, ...]] = ()
+    fields: ClassVar[tuple[BlockVariable, ...]] = ()
     portable: ClassVar[bool] = False
 
 
@@ -68,7 +68,7 @@ class ArrayAlias:
     element: str
     length: int
     template: ClassVar[str] = "array"
-    fields: ClassVar[tuple[Variable, ...]] = ()
+    fields: ClassVar[tuple[BlockVariable, ...]] = ()
     portable: ClassVar[bool] = True
 
     @property
@@ -86,7 +86,7 @@ class GlobalList:
 
     name: str
     comment: tuple[str, ...]
-    variables: tuple[Variable, ...] = ()
+    variables: tuple[BlockVariable, ...] = ()
     tables: tuple[Table, ...] = ()
     constant: bool = False
 

@@ -26,7 +26,7 @@ _INDENT = 8
 
 
 @dataclass(frozen=True)
-class Variable:
+class BlockVariable:
     """A declared variable; `length` makes it an array from 0."""
 
     name: str
@@ -162,16 +162,16 @@ class Block:
 
     name: str
     header: tuple[str, ...]
-    inputs: tuple[Variable, ...] = ()
-    outputs: tuple[Variable, ...] = ()
-    variables: tuple[Variable, ...] = ()
-    constants: tuple[Variable, ...] = ()
+    inputs: tuple[BlockVariable, ...] = ()
+    outputs: tuple[BlockVariable, ...] = ()
+    variables: tuple[BlockVariable, ...] = ()
+    constants: tuple[BlockVariable, ...] = ()
     tables: tuple[Table, ...] = ()
     sections: tuple[CodeSection, ...] = ()
     kind: str = "FUNCTION_BLOCK"
     result: str = ""
     extends: str = ""
-    in_outs: tuple[Variable, ...] = ()
+    in_outs: tuple[BlockVariable, ...] = ()
     codes: tuple[Code, ...] = ()
     needs_globals: bool = False
 
@@ -187,14 +187,14 @@ class Listing:
 
     max_array: int
     real_range: tuple[float, float] | None = None
-    variables: dict[str, Variable] = field(default_factory=dict)
-    constants: list[Variable] = field(default_factory=list)
+    variables: dict[str, BlockVariable] = field(default_factory=dict)
+    constants: list[BlockVariable] = field(default_factory=list)
     tables: list[Table] = field(default_factory=list)
     sections: list[CodeSection] = field(default_factory=list)
 
     def local(self, name: str, kind: str, length: int | None = None, initial: str = "") -> str:
         """Declare a local variable (again: the same variable); returns its name."""
-        self.variables.setdefault(name, Variable(name, kind, length, initial, meaning(name)))
+        self.variables.setdefault(name, BlockVariable(name, kind, length, initial, meaning(name)))
         return name
 
     def locals(self, kind: str, *names: str) -> None:
@@ -209,7 +209,7 @@ class Listing:
 
     def number(self, name: str, kind: str, value: str) -> str:
         """Declare a constant that is an integer or a bit string, as it is written; returns its name."""
-        self.constants.append(Variable(name, kind, initial=value, comment=meaning(name)))
+        self.constants.append(BlockVariable(name, kind, initial=value, comment=meaning(name)))
         return name
 
     def constant(self, name: str, value: float) -> str:
@@ -219,7 +219,7 @@ class Listing:
                 f"the constant {name} = {value} lies outside {self.real_range[0]:g} .. {self.real_range[1]:g}, which "
                 "portable compilers read: scale the model's inputs or target, or use --target twincat"
             )
-        self.constants.append(Variable(name, "LREAL", initial=real(value), comment=meaning(name)))
+        self.constants.append(BlockVariable(name, "LREAL", initial=real(value), comment=meaning(name)))
         return name
 
     def table(

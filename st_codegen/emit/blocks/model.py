@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from st_codegen.emit.blocks import cells, trees  # noqa: F401 - these register the code of their operations
-from st_codegen.emit.blocks.listing import LINE_LENGTH, ArrayElement, Block, Listing, Variable
+from st_codegen.emit.blocks.listing import LINE_LENGTH, ArrayElement, Block, BlockVariable, Listing
 from st_codegen.emit.blocks.operations import Step, lay_out, lay_out_layer
 from st_codegen.emit.foreign_names import is_foreign
 from st_codegen.emit.literals import capitalised, check_text, identifier, real, unit_text
@@ -66,16 +66,16 @@ def _block(model: ModelIR, listing: Listing) -> Block:
     return finished_block(model, inputs, outputs, listing, model_header(model))
 
 
-def model_outputs(model: ModelIR) -> tuple[Variable, ...]:
+def model_outputs(model: ModelIR) -> tuple[BlockVariable, ...]:
     """fOut1 .., bValid, and bInRange where inputs are limited."""
     return (
         *(
-            Variable(f"{_OUTPUT_STEM}{number + 1}", "LREAL", comment=f"prediction: {name}")
+            BlockVariable(f"{_OUTPUT_STEM}{number + 1}", "LREAL", comment=f"prediction: {name}")
             for number, name in enumerate(model.outputs)
         ),
-        Variable("bValid", "BOOL", comment="the outputs belong to the inputs of this call"),
+        BlockVariable("bValid", "BOOL", comment="the outputs belong to the inputs of this call"),
         *(
-            [Variable("bInRange", "BOOL", comment="no input had to be limited to its trained range")]
+            [BlockVariable("bInRange", "BOOL", comment="no input had to be limited to its trained range")]
             if is_ranged(model)
             else []
         ),
@@ -84,8 +84,8 @@ def model_outputs(model: ModelIR) -> tuple[Variable, ...]:
 
 def finished_block(
     model: ModelIR,
-    inputs: tuple[Variable, ...],
-    outputs: tuple[Variable, ...],
+    inputs: tuple[BlockVariable, ...],
+    outputs: tuple[BlockVariable, ...],
     listing: Listing,
     header: tuple[str, ...],
 ) -> Block:
@@ -109,22 +109,24 @@ def is_ranged(model: ModelIR) -> bool:
     return any(feature.lower is not None for feature in model.features)
 
 
-def input_variables(features: tuple[Feature, ...]) -> tuple[Variable, ...]:
+def input_variables(features: tuple[Feature, ...]) -> tuple[BlockVariable, ...]:
     """One LREAL input a feature, in order. Raises InputError for names that become equal."""
-    variables: dict[str, Variable] = {}
+    variables: dict[str, BlockVariable] = {}
     for feature in features:
         name = "f" + capitalised(identifier(feature.name, "feature name"))
         if name.lower() in variables:
             raise InputError(
                 f"feature '{feature.name}': its input would be called {name}, as that of another feature: rename one"
             )
-        variable = Variable(name, "LREAL", comment=feature_text(feature))
+        variable = BlockVariable(name, "LREAL", comment=feature_text(feature))
         variables[name.lower()] = _renamed(variable) if is_foreign(name) else variable
     return tuple(variables.values())
 
 
-def _renamed(variable: Variable) -> Variable:
-    return Variable(f"fInput_{variable.name[1:]}", variable.type, variable.length, variable.initial, variable.comment)
+def _renamed(variable: BlockVariable) -> BlockVariable:
+    return BlockVariable(
+        f"fInput_{variable.name[1:]}", variable.type, variable.length, variable.initial, variable.comment
+    )
 
 
 def feature_text(feature: Feature) -> str:
@@ -184,7 +186,7 @@ def header_lines(lines: Iterable[str]) -> tuple[str, ...]:
     )
 
 
-def check_inputs(model: ModelIR, inputs: tuple[Variable, ...], listing: Listing) -> None:
+def check_inputs(model: ModelIR, inputs: tuple[BlockVariable, ...], listing: Listing) -> None:
     """Copying and checking the inputs: NaN by its bits, the trained range, the largest magnitude."""
     listing.local("aInput", "LREAL", len(inputs))
     listing.loop("nColumn", len(inputs))

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from st_codegen.emit.blocks.application import Application, Task
-from st_codegen.emit.blocks.listing import Block, CodeSection, Group, Table, Variable
+from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection, Group, Table
 from st_codegen.emit.blocks.model import header_lines
 from st_codegen.ir import FloatArray, Source
 
@@ -43,7 +43,7 @@ def with_tests(application: Application, vectors: Sequence[ReferenceVectors]) ->
         return application
     inputs = {block.name: [variable.name for variable in block.inputs] for block in application.blocks}
     suites = tuple(_suite(vector, inputs[vector.block]) for vector in vectors)
-    instances = tuple(Variable(f"fb{suite.name[3:]}", suite.name) for suite in suites)
+    instances = tuple(BlockVariable(f"fb{suite.name[3:]}", suite.name) for suite in suites)
     runner = Block(
         name="PRG_Test",
         header=header_lines(
@@ -71,11 +71,11 @@ def _suite(vectors: ReferenceVectors, inputs: list[str]) -> Block:
     else:
         header += ["Expected values: made of the predictions of the libraries"]
     variables = [
-        Variable("fbBlock", vectors.block, comment="what is tested"),
-        *([Variable("nRow", "DINT", comment="row")] if rows > 1 else []),
+        BlockVariable("fbBlock", vectors.block, comment="what is tested"),
+        *([BlockVariable("nRow", "DINT", comment="row")] if rows > 1 else []),
     ]
     if vectors.refuses_nan:
-        variables.append(Variable("uNan", "U_LrealBits", comment="not a number"))
+        variables.append(BlockVariable("uNan", "U_LrealBits", comment="not a number"))
     return Block(
         name=f"FB_{vectors.name}_Test",
         header=header_lines(header),

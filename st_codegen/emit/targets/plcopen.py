@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from st_codegen.emit.blocks.application import Application, Enumeration
-from st_codegen.emit.blocks.listing import LINE_LENGTH, Block, Table, Variable
+from st_codegen.emit.blocks.listing import LINE_LENGTH, Block, BlockVariable, Table
 from st_codegen.emit.blocks.model import Limits
 from st_codegen.emit.targets.base import FilePlan, Target, enter_target
 from st_codegen.errors import Problems, TargetError
@@ -113,7 +113,9 @@ class _Writer:
 
     def sections(self, block: Block) -> tuple[XmlSection, ...]:
         """The variables of a unit in their groups."""
-        codes = [Variable(code.constant, "DINT", initial=str(code.value), comment=code.comment) for code in block.codes]
+        codes = [
+            BlockVariable(code.constant, "DINT", initial=str(code.value), comment=code.comment) for code in block.codes
+        ]
         sections = (
             XmlSection("inputVars", False, self.variables(block.inputs)),
             XmlSection("outputVars", False, self.variables(block.outputs)),
@@ -123,7 +125,7 @@ class _Writer:
         )
         return tuple(section for section in sections if section.variables)
 
-    def variables(self, variables: Iterable[Variable], tables: Iterable[Table] = ()) -> tuple[XmlVariable, ...]:
+    def variables(self, variables: Iterable[BlockVariable], tables: Iterable[Table] = ()) -> tuple[XmlVariable, ...]:
         """Variables, and constant arrays with their values."""
         plain = tuple(self._variable(variable) for variable in variables)
         return plain + tuple(
@@ -131,7 +133,7 @@ class _Writer:
             for table in tables
         )
 
-    def _variable(self, variable: Variable) -> XmlVariable:
+    def _variable(self, variable: BlockVariable) -> XmlVariable:
         """Raises TargetError for a type or an initial value that has no element."""
         if variable.initial[:1] in ("[", "("):
             raise TargetError(

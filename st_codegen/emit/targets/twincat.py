@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import PurePosixPath
 
 from st_codegen.emit.blocks.application import Application, DataType, GlobalList, Overlay, Task
-from st_codegen.emit.blocks.listing import Block, CodeSection, Variable
+from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection
 from st_codegen.emit.blocks.model import Limits
 from st_codegen.emit.targets.base import FilePlan, Target, enter_target
 
@@ -49,7 +49,7 @@ class TwinCatTarget(Target):
 
 def with_bit_test(application: Application) -> Application:
     """The application with F_IsNan and its type, by which this dialect finds NaN."""
-    value = Variable("fValue", "LREAL")
+    value = BlockVariable("fValue", "LREAL")
     is_nan = Block(
         name="F_IsNan",
         header=(
@@ -59,15 +59,15 @@ def with_bit_test(application: Application) -> Application:
         kind="FUNCTION",
         result="BOOL",
         inputs=(value,),
-        variables=(Variable("uBits", "U_LrealBits"),),
+        variables=(BlockVariable("uBits", "U_LrealBits"),),
         constants=(
-            Variable("MAGNITUDE", "LWORD", initial="16#7FFFFFFFFFFFFFFF", comment="all bits but the sign"),
-            Variable("INFINITY_BITS", "LWORD", initial="16#7FF0000000000000", comment="bits of +infinity"),
+            BlockVariable("MAGNITUDE", "LWORD", initial="16#7FFFFFFFFFFFFFFF", comment="all bits but the sign"),
+            BlockVariable("INFINITY_BITS", "LWORD", initial="16#7FF0000000000000", comment="bits of +infinity"),
         ),
         sections=(CodeSection("above infinity lie the numbers that are none", "is_nan", {}),),
     )
     bits = Overlay(
-        "U_LrealBits", ("A number and its bits at the same place in memory.",), (value, Variable("nBits", "LWORD"))
+        "U_LrealBits", ("A number and its bits at the same place in memory.",), (value, BlockVariable("nBits", "LWORD"))
     )
     return dataclasses.replace(application, types=(bits, *application.types), blocks=(is_nan, *application.blocks))
 

@@ -82,7 +82,7 @@ def bisected(decide: Callable[[FloatArray], BoolArray], low: IntArray, high: Int
     return low
 
 
-class Axis:
+class InputAxis:
     """The line of input `feature`. `ends` are the keys of the last number of each lane; the NaN lane follows them.
 
     `first` to `last` are the keys of the numbers that the model takes, `nan` says whether it takes NaN. What a block
@@ -136,7 +136,7 @@ class AxisValue:
     `known` marks the lanes in which it has a value at all (None: all).
     """
 
-    axis: Axis
+    axis: InputAxis
     constant: AnyArray
     chain: IntArray | None = None
     chains: tuple[tuple[Link, ...], ...] = ()
@@ -259,7 +259,7 @@ def _bits(values: AnyArray) -> IntArray:
     return np.ascontiguousarray(values).view(np.int64) if is_float else values.astype(np.int64)
 
 
-def input_value(axis: Axis) -> AxisValue:
+def input_value(axis: InputAxis) -> AxisValue:
     """The input itself."""
     chain = np.ones(axis.lanes, np.int64)
     chain[-1] = 0

@@ -16,8 +16,8 @@ from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from st_codegen.proof.prove.axis import (
     HIGHEST,
     LOWEST,
-    Axis,
     AxisValue,
+    InputAxis,
     NotProvedError,
     from_keys,
 )
@@ -29,7 +29,7 @@ MOST_LANES = 4_000_000
 class Space:
     """Boxes: `low` and `high` keys and `nan`, each (lanes, inputs); low > high: no number."""
 
-    def __init__(self, axes: Sequence[Axis]) -> None:
+    def __init__(self, axes: Sequence[InputAxis]) -> None:
         self.axes = axes
         self.low = np.array([[axis.first for axis in axes]], np.int64)
         self.high = np.array([[axis.last for axis in axes]], np.int64)

@@ -8,7 +8,7 @@ from typing import Any
 
 from st_codegen.ir import ModelIR
 from st_codegen.project.bundle import Bundle
-from st_codegen.proof.prove.prove import ProveReport, Result, Verdict
+from st_codegen.proof.prove.prove import ProofResult, ProveReport, Verdict
 from st_codegen.proof.verify import target_folders
 
 FORMAT = "st-codegen certificate 1"
@@ -54,7 +54,7 @@ def certificate(bundle: Bundle, models: Path, generated: Path, report: ProveRepo
     }
 
 
-def _entry(result: Result, model: ModelIR) -> dict[str, Any]:
+def _entry(result: ProofResult, model: ModelIR) -> dict[str, Any]:
     entry: dict[str, Any] = {
         "model": result.model,
         "file": model.source.file,

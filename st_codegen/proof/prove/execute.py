@@ -18,15 +18,15 @@ from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray
 from st_codegen.proof.prove.axis import (
     HIGHEST,
     LOWEST,
-    Axis,
     AxisValue,
+    InputAxis,
     NotProvedError,
     bisected,
     input_value,
     run_chain,
 )
 from st_codegen.proof.prove.boxes import Lanes, Slots, Space
-from st_codegen.proof.prove.expressions import Node, Pool, compute
+from st_codegen.proof.prove.expressions import ExpressionNode, Pool, compute
 from st_codegen.st import Project
 from st_codegen.st import tree as t
 from st_codegen.st.types import ArrayType, Elementary, StructType, Type
@@ -82,7 +82,7 @@ class Bits:
 
 
 @dataclass(frozen=True)
-class Choice:
+class Conditional:
     """`value` where a condition on several inputs holds, else `otherwise`."""
 
     condition: object
@@ -91,7 +91,7 @@ class Choice:
 
 
 Value = object
-Recogniser = Callable[[Lanes], Node]
+Recogniser = Callable[[Lanes], ExpressionNode]
 
 
 def _is_scalar(value: Value) -> bool:
@@ -104,7 +104,9 @@ class Executor:
     `recognise` names a value that differs from box to box when it enters a sum (a leaf of a tree).
     """
 
-    def __init__(self, project: Project, block: str, axes: Sequence[Axis], pool: Pool, recognise: Recogniser) -> None:
+    def __init__(
+        self, project: Project, block: str, axes: Sequence[InputAxis], pool: Pool, recognise: Recogniser
+    ) -> None:
         self.project, self.pool, self.recognise = project, pool, recognise
         unit = project.pous[block.upper()]
         inputs = unit.section(t.Section.INPUT)
@@ -231,8 +233,8 @@ class Executor:
             return new
         if new is False and isinstance(mask, AxisValue) and isinstance(old, bool | AxisValue | All):
             return self._logic("AND", old, self._not(mask))
-        if isinstance(mask, All) or isinstance(new, Node | Kept) or isinstance(old, Kept | Node):
-            return Choice(mask, new, old)
+        if isinstance(mask, All) or isinstance(new, ExpressionNode | Kept) or isinstance(old, Kept | ExpressionNode):
+            return Conditional(mask, new, old)
         stale = isinstance(old, _Nothing | _Lost | Slots | Bits) or (
             isinstance(old, Lanes) and not any(isinstance(v, Lanes) and v.space is old.space for v in (new, mask))
         )
@@ -260,7 +262,7 @@ class Executor:
             return np.asarray(value.known)
         return np.ones(space.lanes, np.bool_)
 
-    def _where_on_axis(self, axis: Axis, mask: Value, new: Value, old: Value) -> AxisValue:
+    def _where_on_axis(self, axis: InputAxis, mask: Value, new: Value, old: Value) -> AxisValue:
         active = np.asarray(self._on_axis(mask, axis).constant, np.bool_)
         first = self._on_axis(new, axis)
         if old is None:
@@ -299,11 +301,11 @@ class Executor:
             if isinstance(expression, t.Unary):
                 return self._unary(expression, mask)
             if isinstance(expression, t.Binary):
-                if isinstance(expression.left, t.Comparison) and expression.left.is_number_test:
+                if isinstance(expression.left, t.Compare) and expression.left.is_number_test:
                     return self._is_number(self._value(expression.left.left, mask))
                 left, right = self._value(expression.left, mask), self._value(expression.right, mask)
                 return self._binary(expression.operator, left, right, mask, expression.type)
-            if isinstance(expression, t.Comparison):
+            if isinstance(expression, t.Compare):
                 left, right = self._value(expression.left, mask), self._value(expression.right, mask)
                 return self._compare(expression.operator, left, right, mask)
             if isinstance(expression, t.Conversion):
@@ -491,7 +493,7 @@ class Executor:
                 return found
         return self.pool.make(name, *(self.as_node(value) for value in values))
 
-    def _float_on_axis(self, name: str, values: list[Value], axis: Axis, mask: Value) -> AxisValue | None:
+    def _float_on_axis(self, name: str, values: list[Value], axis: InputAxis, mask: Value) -> AxisValue | None:
         if name == "abs" and isinstance(values[0], AxisValue):
             whole = np.arange(axis.lanes)
             while values[0].cut_where(lambda x, _: x < 0, whole):
@@ -528,9 +530,9 @@ class Executor:
         link = "rsub" if name == "sub" and moving[0] is on_axis[1] else name
         return moving[0].with_links(link, constants, np.asarray(result), active)
 
-    def as_node(self, value: Value) -> Node:
+    def as_node(self, value: Value) -> ExpressionNode:
         """A value as an expression."""
-        if isinstance(value, Node):
+        if isinstance(value, ExpressionNode):
             return value
         if _is_scalar(value):
             return self.pool.constant(float(value))  # type: ignore[arg-type]
@@ -560,7 +562,7 @@ class Executor:
                 left = self._settled(left, mask)
             else:
                 return self._compare_slots(operator, left, right, mask)
-        if isinstance(left, Node) or isinstance(right, Node):
+        if isinstance(left, ExpressionNode) or isinstance(right, ExpressionNode):
             raise NotProvedError("a comparison of a computed number")
         values = [left, right]
         axis_values = [value for value in values if isinstance(value, AxisValue)]
@@ -578,7 +580,7 @@ class Executor:
 
         return self._elementwise(compared, values, mask)
 
-    def _compare_on_axis(self, operator: str, left: Value, right: Value, axis: Axis, mask: Value) -> AxisValue:
+    def _compare_on_axis(self, operator: str, left: Value, right: Value, axis: InputAxis, mask: Value) -> AxisValue:
         one, other = self._on_axis(left, axis), self._on_axis(right, axis)
         if one.chain is None and other.chain is not None:
             one, other, operator = other, one, _FLIPPED[operator]
@@ -772,12 +774,12 @@ class Executor:
 
     # --- bringing values together -----------------------------------------------------------------------------------
 
-    def _on_axis(self, value: Value, axis: Axis) -> AxisValue:
+    def _on_axis(self, value: Value, axis: InputAxis) -> AxisValue:
         if isinstance(value, AxisValue):
             return value.lift()
         return AxisValue(axis, np.full(axis.lanes, value))
 
-    def _active_on_axis(self, mask: Value, axis: Axis) -> BoolArray:
+    def _active_on_axis(self, mask: Value, axis: InputAxis) -> BoolArray:
         """The lanes of an axis in which a mask may hold."""
         if isinstance(mask, AxisValue) and mask.axis is axis:
             return np.asarray(mask.lift().constant, np.bool_)
@@ -831,7 +833,9 @@ class Executor:
     ) -> Value:
         """An operation on numbers, lane by lane; `compute` also takes the lanes in which it has to succeed."""
         values = [self._settled(value, mask) if isinstance(value, Slots) else value for value in values]
-        if any(isinstance(value, Node | All | Bits | Kept | Choice | _Nothing | _Lost) for value in values):
+        if any(
+            isinstance(value, ExpressionNode | All | Bits | Kept | Conditional | _Nothing | _Lost) for value in values
+        ):
             raise NotProvedError("an operation on a computed number that is not followed")
         if all(_is_scalar(value) for value in values):
             result = compute(*(np.array([value]) for value in values), np.ones(1, np.bool_))

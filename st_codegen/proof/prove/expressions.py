@@ -19,14 +19,14 @@ _LARGEST = float(np.finfo(np.float64).max)
 
 
 @dataclass(frozen=True, eq=False)
-class Node:
+class ExpressionNode:
     """`operation` on `arguments`; leaves have a `key` instead.
 
     `minus_zero`: whether the value can be -0.0; `single`: whether it is a float32 number for sure.
     """
 
     operation: str
-    arguments: tuple[Node, ...] = ()
+    arguments: tuple[ExpressionNode, ...] = ()
     key: object = None
     minus_zero: bool = True
     single: bool = False
@@ -68,22 +68,22 @@ class Pool:
     """All expressions of one proof."""
 
     def __init__(self) -> None:
-        self._nodes: dict[object, Node] = {}
+        self._nodes: dict[object, ExpressionNode] = {}
 
-    def constant(self, value: float) -> Node:
+    def constant(self, value: float) -> ExpressionNode:
         """A number."""
         value = float(value)
         name = ("const", value.hex())
         with np.errstate(over="ignore"):
             single = float(np.float32(value)) == value
         negative = value == 0 and math.copysign(1, value) < 0
-        return self._nodes.setdefault(name, Node("const", (), value, negative, single))
+        return self._nodes.setdefault(name, ExpressionNode("const", (), value, negative, single))
 
-    def leaf(self, *key: object, minus_zero: bool = True, single: bool = False) -> Node:
+    def leaf(self, *key: object, minus_zero: bool = True, single: bool = False) -> ExpressionNode:
         """Something that is known by a key: a tree of the model, an input."""
-        return self._nodes.setdefault(("leaf", key), Node("leaf", (), key, minus_zero, single))
+        return self._nodes.setdefault(("leaf", key), ExpressionNode("leaf", (), key, minus_zero, single))
 
-    def make(self, operation: str, *arguments: Node) -> Node:
+    def make(self, operation: str, *arguments: ExpressionNode) -> ExpressionNode:
         """An operation on expressions."""
         if all(argument.is_constant for argument in arguments) and operation != "if":
             return self.constant(compute(operation, *(argument.number for argument in arguments)))
@@ -100,10 +100,10 @@ class Pool:
         if operation == "single" and arguments[0].single:
             return arguments[0]
         name = (operation, *map(id, arguments))
-        return self._nodes.setdefault(name, Node(operation, arguments, None, *_facts(operation, arguments)))
+        return self._nodes.setdefault(name, ExpressionNode(operation, arguments, None, *_facts(operation, arguments)))
 
 
-def _facts(operation: str, arguments: tuple[Node, ...]) -> tuple[bool, bool]:
+def _facts(operation: str, arguments: tuple[ExpressionNode, ...]) -> tuple[bool, bool]:
     """Whether a result can be -0.0, and whether it is a float32 number for sure."""
     if operation == "add":
         return all(argument.minus_zero for argument in arguments), False

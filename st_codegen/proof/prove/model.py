@@ -31,22 +31,22 @@ from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
 from st_codegen.proof.prove.axis import (
     HIGHEST,
     LOWEST,
-    Axis,
     AxisValue,
+    InputAxis,
     NotProvedError,
     bisected,
     from_keys,
     to_keys,
 )
 from st_codegen.proof.prove.boxes import Lanes, Space
-from st_codegen.proof.prove.expressions import Node, Pool
+from st_codegen.proof.prove.expressions import ExpressionNode, Pool
 
 #: A monotone column: the input it depends on and its value for numbers of that input.
 Column = tuple[int, Callable[[FloatArray], FloatArray]]
 
 
 @dataclass(frozen=True)
-class Domain:
+class InputDomain:
     """The inputs for which a model has an answer: keys from `low` to `high` of each input, and NaN where it may be."""
 
     low: IntArray
@@ -54,7 +54,7 @@ class Domain:
     nan: bool
 
 
-def domain_of(model: ModelIR) -> Domain:
+def domain_of(model: ModelIR) -> InputDomain:
     """The domain of a model: inputs are limited to the declared ranges first, and refused from a magnitude on."""
     low, high = [], []
     for feature, limit, accepted in zip(model.features, model.magnitude_limits, model.accepted_numbers, strict=True):
@@ -73,7 +73,7 @@ def domain_of(model: ModelIR) -> Domain:
         keys = to_keys(np.array(ends))
         low.append(int(keys[0]))
         high.append(int(keys[1]))
-    return Domain(np.array(low), np.array(high), model.accepts_nan)
+    return InputDomain(np.array(low), np.array(high), model.accepts_nan)
 
 
 class ModelSide:
@@ -101,12 +101,12 @@ class ModelSide:
         found = [ensemble.cuts(feature) for ensemble in self.ensembles.values()]
         return np.unique(np.concatenate([*found, np.zeros(0, np.int64)]))
 
-    def outputs(self, pool: Pool, fixed: dict[tuple[int, int, int], float]) -> list[Node]:
+    def outputs(self, pool: Pool, fixed: dict[tuple[int, int, int], float]) -> list[ExpressionNode]:
         """The expression of each output; `fixed` are trees that are constant on the domain.
 
         Raises NotProvedError for operations that are not followed.
         """
-        values: list[list[Node | None]] = [[None] * len(self.model.features)]
+        values: list[list[ExpressionNode | None]] = [[None] * len(self.model.features)]
         for number, op in enumerate(self.model.ops, 1):
             given = [column for value in op.inputs for column in values[value]]
             if isinstance(op, TreeEnsemble):
@@ -128,19 +128,19 @@ class ModelSide:
         return [node for node in values[-1] if node is not None]
 
 
-def _scaled(pool: Pool, op: Scale, node: Node, constant: float) -> Node:
+def _scaled(pool: Pool, op: Scale, node: ExpressionNode, constant: float) -> ExpressionNode:
     names = {Operator.ADD: "add", Operator.SUBTRACT: "sub", Operator.MULTIPLY: "mul", Operator.DIVIDE: "div"}
     pair = (node, pool.constant(constant))
     result = pool.make(names[op.operator], *(pair[::-1] if op.reverse else pair))
     return pool.make("single", result) if op.precision is Precision.FLOAT32 else result
 
 
-def _sums(pool: Pool, op: TreeEnsemble, number: int, fixed: dict[tuple[int, int, int], float]) -> list[Node]:
+def _sums(pool: Pool, op: TreeEnsemble, number: int, fixed: dict[tuple[int, int, int], float]) -> list[ExpressionNode]:
     """The sums of an ensemble, every addition in the library's order."""
     single = op.sum_precision is Precision.FLOAT32
     name = {Aggregate.SUM: "add", Aggregate.MINIMUM: "min", Aggregate.MAXIMUM: "max"}[op.aggregate]
 
-    def rounded(node: Node) -> Node:
+    def rounded(node: ExpressionNode) -> ExpressionNode:
         return pool.make("single", node) if single else node
 
     results = []
@@ -163,7 +163,7 @@ def _sums(pool: Pool, op: TreeEnsemble, number: int, fixed: dict[tuple[int, int,
     return results
 
 
-def tree_leaf(pool: Pool, op: TreeEnsemble, key: tuple[int, int, int]) -> Node:
+def tree_leaf(pool: Pool, op: TreeEnsemble, key: tuple[int, int, int]) -> ExpressionNode:
     """What a tree gives to an output, as a term of a sum."""
     values = op.leaf_value
     minus_zero = bool(np.any((values == 0) & np.signbit(values)))
@@ -206,7 +206,7 @@ def _after(before: Callable[[FloatArray], FloatArray], step: Operation) -> Calla
 class Ensemble:
     """Decisions of an ensemble on its model's inputs: for each node the last key of one side, and what NaN does."""
 
-    def __init__(self, op: TreeEnsemble, given: list[Column | None], domain: Domain) -> None:
+    def __init__(self, op: TreeEnsemble, given: list[Column | None], domain: InputDomain) -> None:
         self.op = op
         self.domain = domain
         if op.linear is not None:
@@ -278,7 +278,7 @@ class Ensemble:
     def _category(self, number: int, column: Column) -> AxisValue:
         """The code of a category column on an axis that is cut where it changes."""
         rule = self.op.columns[number]
-        axis = Axis(column[0])
+        axis = InputAxis(column[0])
         if rule.categories is not None:
             points = np.array(sorted(set(rule.categories)))
         else:

@@ -16,14 +16,14 @@ from st_codegen.ir import ModelIR, TreeEnsemble, reference
 from st_codegen.ir.arrays import FloatArray, IntArray
 from st_codegen.project.bundle import Bundle
 from st_codegen.proof.prove.axis import (
-    Axis,
     AxisValue,
+    InputAxis,
     NotProvedError,
     from_keys,
 )
 from st_codegen.proof.prove.boxes import Lanes, Space
-from st_codegen.proof.prove.execute import All, Choice, Executor, Kept, Value
-from st_codegen.proof.prove.expressions import Node, Pool
+from st_codegen.proof.prove.execute import All, Conditional, Executor, Kept, Value
+from st_codegen.proof.prove.expressions import ExpressionNode, Pool
 from st_codegen.proof.prove.model import ModelSide, tree_leaf
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.proof.verify import target_folders
@@ -55,7 +55,7 @@ class Counterexample:
 
 
 @dataclass(frozen=True)
-class Result:
+class ProofResult:
     """The verdict for one model in one target; `method`, `cells` or `trees` say how it was reached."""
 
     model: str
@@ -74,7 +74,7 @@ class Result:
 class ProveReport:
     """All verdicts."""
 
-    results: tuple[Result, ...] = field(default=())
+    results: tuple[ProofResult, ...] = field(default=())
 
     @property
     def proved(self) -> bool:
@@ -109,9 +109,9 @@ def prove(bundle: Bundle, generated: Path | str, *, progress: Progress | None = 
     return ProveReport(tuple(results))
 
 
-def _left_out(name: str, folder: Path) -> Result:
+def _left_out(name: str, folder: Path) -> ProofResult:
     block, _ = block_of(folder, name)
-    return Result(name, folder.name, block, Verdict.NOT_PROVED, "the vendor's runtime computes, not the text")
+    return ProofResult(name, folder.name, block, Verdict.NOT_PROVED, "the vendor's runtime computes, not the text")
 
 
 @dataclass
@@ -122,9 +122,9 @@ class BlockRun:
     outputs: dict[str, Value]
 
 
-def _prove_model(model: ModelIR, code: GeneratedCode, folder: Path, runs: dict[str, BlockRun]) -> Result:
+def _prove_model(model: ModelIR, code: GeneratedCode, folder: Path, runs: dict[str, BlockRun]) -> ProofResult:
     block, outputs = block_of(folder, model.name)
-    result = Result(model.name, folder.name, block, Verdict.NOT_PROVED, outputs=outputs)
+    result = ProofResult(model.name, folder.name, block, Verdict.NOT_PROVED, outputs=outputs)
     points: FloatArray = np.zeros((0, len(model.features)))
     try:
         proof = _Proof(model, code, block, outputs, runs)
@@ -141,9 +141,9 @@ def _prove_model(model: ModelIR, code: GeneratedCode, folder: Path, runs: dict[s
     return _with(result, Verdict.NOT_PROVED, reason=reason)
 
 
-def _with(result: Result, verdict: Verdict, **changes: object) -> Result:
+def _with(result: ProofResult, verdict: Verdict, **changes: object) -> ProofResult:
     values = {**result.__dict__, "verdict": verdict, **changes}
-    return Result(**values)
+    return ProofResult(**values)
 
 
 class _Proof:
@@ -171,10 +171,10 @@ class _Proof:
                 runs[block] = run
         self.run = run
 
-    def _axes(self) -> list[Axis]:
+    def _axes(self) -> list[InputAxis]:
         domain = self.side.domain
         ends = zip(domain.low.tolist(), domain.high.tolist(), strict=True)
-        return [Axis(feature, first, last, nan=domain.nan) for feature, (first, last) in enumerate(ends)]
+        return [InputAxis(feature, first, last, nan=domain.nan) for feature, (first, last) in enumerate(ends)]
 
     def _expected_terms(self) -> Iterator[tuple[int, int, int]]:
         """(operation, tree, output) in the order in which the library adds; constant trees are noted in `fixed`."""
@@ -196,7 +196,7 @@ class _Proof:
 
     # --- recognising trees ------------------------------------------------------------------------------------------
 
-    def _recognise(self, value: Lanes) -> Node:
+    def _recognise(self, value: Lanes) -> ExpressionNode:
         """The tree of the model that a value of the text is: the next one in the library's order, or none."""
         while self.next < len(self.expected):
             key = self.expected[self.next]
@@ -252,7 +252,7 @@ class _Proof:
         self._check_valid(valid)
         self._check_range(outputs)
         values = [self._value(outputs, number, valid) for number in self.outputs]
-        if any(isinstance(value, Node) for value in values):
+        if any(isinstance(value, ExpressionNode) for value in values):
             method = "sums of trees, tree by tree"
             self._check_sums(values)
         else:
@@ -264,7 +264,7 @@ class _Proof:
     def _value(self, outputs: dict[str, Value], number: int, valid: Value) -> Value:
         name = f"fOut{number + 1}"
         value = outputs[name]
-        if isinstance(value, Choice):
+        if isinstance(value, Conditional):
             same = isinstance(value.otherwise, Kept) and value.otherwise.name == name
             if not same or not _same_condition(value.condition, valid):
                 raise NotProvedError(f"{name} does not keep its value exactly where bValid is FALSE")
@@ -323,7 +323,7 @@ class _Proof:
             self.next += 1
         wanted = self.side.outputs(self.pool, self.fixed)
         for number, (value, node) in enumerate(zip(values, wanted, strict=True)):
-            got = value if isinstance(value, Node) else self.run.executor.as_node(value)
+            got = value if isinstance(value, ExpressionNode) else self.run.executor.as_node(value)
             if got is not node:
                 raise Difference(
                     f"output {number + 1}: not the additions and roundings of the model in its order",
@@ -351,7 +351,7 @@ class _Proof:
             )
             got = Lanes(space, found, known)
         for feature in range(len(self.model.features)):
-            axis = Axis(feature)
+            axis = InputAxis(feature)
             axis.cut(self.side.cuts(feature))
             space.resolve(AxisValue(axis, np.arange(axis.lanes)), np.ones(space.lanes, np.bool_))
         self.boxes += space.lanes

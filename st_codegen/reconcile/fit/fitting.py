@@ -17,7 +17,7 @@ from st_codegen.reconcile.fit.normal import Normal, by_group, gather, inverse
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.fit.propagation import Propagation
 from st_codegen.reconcile.fit.state import State
-from st_codegen.reconcile.fit.target import Column, Target
+from st_codegen.reconcile.fit.target import Column, FitData
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Form
 
@@ -26,7 +26,7 @@ from st_codegen.rig.effects import Form
 class Fit:
     """A finished fit."""
 
-    target: Target
+    target: FitData
     state: State
     residual: ComplexArray
     loss: float
@@ -96,7 +96,7 @@ def _prior(state: State) -> tuple[FloatArray, FloatArray]:
     return np.array(centre), np.array(weight)
 
 
-def fit(target: Target, state: State, *, steps: int = 12, tolerance: float = 1e-3) -> Fit:
+def fit(target: FitData, state: State, *, steps: int = 12, tolerance: float = 1e-3) -> Fit:
     """Fit all free coordinates of a state. `tolerance`: of twice the loss, absolute (1 is one standard deviation)."""
     centre, prior = _prior(state)
     bounds = _bounds(state)
@@ -131,7 +131,7 @@ def fit(target: Target, state: State, *, steps: int = 12, tolerance: float = 1e-
     return Fit(target, state, residual, plain, tuple(columns), prior, centre)
 
 
-def _linearised(target: Target, state: State, residual: ComplexArray) -> tuple[list[Column], Normal]:
+def _linearised(target: FitData, state: State, residual: ComplexArray) -> tuple[list[Column], Normal]:
     propagation = Propagation(state.model(), target.data)
     columns = [propagation.offset_column()]
     for piece in state.pieces:
@@ -140,7 +140,7 @@ def _linearised(target: Target, state: State, residual: ComplexArray) -> tuple[l
 
 
 def _penalised(
-    target: Target, residual: ComplexArray, vector: FloatArray, centre: FloatArray, prior: FloatArray
+    target: FitData, residual: ComplexArray, vector: FloatArray, centre: FloatArray, prior: FloatArray
 ) -> float:
     return float(target.losses(residual).sum() + (prior * (vector - centre) ** 2).sum())
 

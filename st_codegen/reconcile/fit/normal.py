@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
-from st_codegen.reconcile.fit.target import Column, Target, by_place
+from st_codegen.reconcile.fit.target import Column, FitData, by_place
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Normal:
 
 
 def gather(
-    target: Target, columns: Sequence[Column], residual: ComplexArray, weights: FloatArray, *, by_cell: bool = True
+    target: FitData, columns: Sequence[Column], residual: ComplexArray, weights: FloatArray, *, by_cell: bool = True
 ) -> Normal:
     """Normal equations of columns against residuals, by cell, or of all runs as one cell."""
     count = len(columns)

@@ -63,7 +63,7 @@ def _folds(values: FloatArray, count: int) -> IntArray:
 
 
 @dataclass(frozen=True)
-class Target:
+class FitData:
     """What is fitted: data, their noise sigma (n, K), the rows that count (n,), and how the rows are grouped.
 
     wide: (n, K), how far coefficients scatter about the model, never less than the noise: the fit weighs by it, since
@@ -91,7 +91,7 @@ class Target:
         good = np.broadcast_to(self.good[:, None], self.data.values.shape)
         return good if self.data.seen is None else good & self.data.seen
 
-    def about(self, residual: ComplexArray) -> Target:
+    def about(self, residual: ComplexArray) -> FitData:
         """This target, weighed by how far its good rows scatter in `residual`, by direction and order."""
         wide = self.sigma.copy()
         for sign in np.unique(self.data.at.sign):
@@ -100,7 +100,7 @@ class Target:
                 wide[rows] = np.maximum(wide[rows], sigma_of(residual[rows & self.good], self.data.orders))
         return replace(self, wide=wide)
 
-    def subset(self, rows: BoolArray) -> Target:
+    def subset(self, rows: BoolArray) -> FitData:
         """This target, of which only good rows inside `rows` count."""
         return replace(self, good=self.good & rows)
 

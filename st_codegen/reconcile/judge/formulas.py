@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.ir.arrays import ComplexArray, FloatArray
-from st_codegen.reconcile.fit.target import Target
+from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.effects.empirical import TERMS, term_values
@@ -33,7 +33,7 @@ class Formula:
     amplitude_deg: float
 
 
-def formula_of(target: Target, r: ComplexArray, column: int) -> Formula | None:
+def formula_of(target: FitData, r: ComplexArray, column: int) -> Formula | None:
     """The formula of the residual r (n,) of one order (its column), or None where no short one holds."""
     good = target.good
     at, y = target.data.at.rows(good), r[good]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
-from st_codegen.reconcile.fit.target import Target
+from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.evidence import chi_square_tail
 from st_codegen.reconcile.settings import SETTINGS
 
@@ -21,7 +21,7 @@ class Course:
     text: str
 
 
-def course_of(target: Target, z: ComplexArray, parts: IntArray) -> list[Course | None]:
+def course_of(target: FitData, z: ComplexArray, parts: IntArray) -> list[Course | None]:
     """For each order the step or trend of its residual z (n, K, in noises, zero for bad runs) over the runs.
 
     None where the order of the runs is not known, or where what is seen may be noise that lasts over runs: a wander as

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from st_codegen.ir.arrays import ComplexArray
-from st_codegen.reconcile.fit.target import Target
+from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.unexplained import Signature
 from st_codegen.reconcile.settings import SETTINGS
 
 
-def lines_in_samples(target: Target, residual: ComplexArray, gap_power: float, highest: int = 300) -> list[Signature]:
+def lines_in_samples(target: FitData, residual: ComplexArray, gap_power: float, highest: int = 300) -> list[Signature]:
     """Signatures of samples over time: waves of the output's angle that stand above the noise."""
     data = target.data
     angle = np.zeros(len(data)) if data.angle_rad is None else data.angle_rad

@@ -6,7 +6,7 @@ import numpy as np
 
 from st_codegen.ir.arrays import ComplexArray
 from st_codegen.reconcile.data.levels import speed_levels
-from st_codegen.reconcile.fit.target import Target
+from st_codegen.reconcile.fit.target import FitData
 from st_codegen.rig.effects import Effect, Stage
 
 
@@ -15,7 +15,7 @@ def has_a_frequency(effect: Effect) -> bool:
     return effect.stage is Stage.STRUCTURE and effect.orders_key == "orders" and "frequency_Hz" in effect.values
 
 
-def bracket(target: Target, residual: ComplexArray, effect: Effect) -> tuple[float, float] | None:
+def bracket(target: FitData, residual: ComplexArray, effect: Effect) -> tuple[float, float] | None:
     """The frequencies (Hz) between which the peaks of an effect's orders put it; None where they do not agree.
 
     residual: complex (n, K), measured less a model without the effect. An order that is loudest at one measured speed

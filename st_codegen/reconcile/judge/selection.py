@@ -10,7 +10,7 @@ import numpy as np
 from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.state import State
-from st_codegen.reconcile.fit.target import Target
+from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.candidates import Candidate, Search
 from st_codegen.reconcile.judge.evidence import Evidence, judge
 from st_codegen.reconcile.judge.peaks import has_a_frequency
@@ -23,7 +23,7 @@ Progress = Callable[[int, int, str], None]
 
 
 def search(
-    target: Target, state: State, known: Catalogue, progress: Progress | None = None
+    target: FitData, state: State, known: Catalogue, progress: Progress | None = None
 ) -> tuple[Fit, list[tuple[Candidate, Evidence]]]:
     """Add effects until nothing passes. Returns the last fit, and everything that was judged, in order."""
     current = fit(target, state)
@@ -164,7 +164,7 @@ def _pruned(current: Fit, refused: dict[object, float]) -> Fit:
         current = smaller
 
 
-def with_noise_of(current: Fit) -> tuple[Target, Noise]:
+def with_noise_of(current: Fit) -> tuple[FitData, Noise]:
     """The target with the noise estimated from what the present fit leaves."""
     noise = estimate(current.target.data, current.residual)
     target = replace(current.target, sigma=noise.sigma, good=noise.good)

@@ -15,7 +15,7 @@ import numpy as np
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.contrasts import neighbours
 from st_codegen.reconcile.data.levels import levels_of, speed_levels
-from st_codegen.reconcile.fit.target import Target
+from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.evidence import chi_square_tail, false_discoveries, normal_tail
 from st_codegen.reconcile.judge.formulas import Formula, formula_of
 from st_codegen.reconcile.judge.in_time import Course, course_of
@@ -23,7 +23,7 @@ from st_codegen.reconcile.settings import SETTINGS
 
 
 @dataclass(frozen=True)
-class Structure:
+class ResidualStructure:
     """How much of a residual is structure.
 
     orders: int (K,); p: chance by noise alone; power: deg^2, mean square amplitude of what is no noise; significant:
@@ -37,7 +37,7 @@ class Structure:
     courses: tuple[Course | None, ...]
 
 
-def structure(target: Target, residual: ComplexArray) -> Structure:
+def structure(target: FitData, residual: ComplexArray) -> ResidualStructure:
     """Test the residual (n, K) of every order for what noise that is independent from run to run has not."""
     data, good = target.data, target.good
     parts = np.where(data.orders == 0, 1, 2)
@@ -54,10 +54,10 @@ def structure(target: Target, residual: ComplexArray) -> Structure:
     significant = (false_discoveries(p, SETTINGS.discovery_rate) & large) | in_time
     power = np.maximum((np.abs(r[good]) ** 2).mean(axis=0) - parts * noise, 0.0)
     power = np.maximum(power, [0.0 if course is None else course.power for course in courses])
-    return Structure(data.orders, p, power, significant, tuple(courses))
+    return ResidualStructure(data.orders, p, power, significant, tuple(courses))
 
 
-def _between_levels(target: Target, z: ComplexArray, parts: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _between_levels(target: FitData, z: ComplexArray, parts: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Chance of the differences between levels; their power in noises; the noise that is left, each (K,)."""
     basis = _basis(np.concatenate(list(_designs(target).values()), axis=1))
     rows, rank = len(basis), basis.shape[1]
@@ -69,7 +69,7 @@ def _between_levels(target: Target, z: ComplexArray, parts: IntArray) -> tuple[F
     return p, np.maximum(explained - parts * rank * scale, 0.0) / rows, scale
 
 
-def _between_neighbours(target: Target, z: ComplexArray, parts: IntArray) -> tuple[FloatArray, FloatArray]:
+def _between_neighbours(target: FitData, z: ComplexArray, parts: IntArray) -> tuple[FloatArray, FloatArray]:
     """Chance that neighbours along an axis share as much by noise alone, and the power that they share, each (K,).
 
     Noise that is independent from run to run gives products of neighbours any phase: their sum over its own root mean
@@ -87,7 +87,7 @@ def _between_neighbours(target: Target, z: ComplexArray, parts: IntArray) -> tup
     return best, power
 
 
-def _designs(target: Target) -> dict[str, FloatArray]:
+def _designs(target: FitData) -> dict[str, FloatArray]:
     """For each factor one column a level and direction, of good rows."""
     at, good = target.data.at, target.good
     return {
@@ -110,7 +110,7 @@ def _basis(design: FloatArray) -> FloatArray:
     return found
 
 
-def dependence(target: Target, r: ComplexArray, noise_power: float, course: Course | None) -> dict[str, float]:
+def dependence(target: FitData, r: ComplexArray, noise_power: float, course: Course | None) -> dict[str, float]:
     """The constant of a residual (n,), and what each factor explains beyond it, as shares of their sum.
 
     `combination` is what neighbours share and no factor explains alone. noise_power: deg^2, of one run.
@@ -150,7 +150,7 @@ class Signature:
     formula: Formula | None = None
 
 
-def signatures(target: Target, residual: ComplexArray, gap_power: float) -> list[Signature]:
+def signatures(target: FitData, residual: ComplexArray, gap_power: float) -> list[Signature]:
     """Signatures of all orders with significant structure, largest first. gap_power: deg^2, of the whole gap."""
     found = structure(target, residual)
     out = [_signature(target, residual, found, int(k), gap_power) for k in np.flatnonzero(found.significant)]
@@ -162,7 +162,7 @@ def signatures(target: Target, residual: ComplexArray, gap_power: float) -> list
     return sorted(out, key=lambda signature: -signature.rms_deg)
 
 
-def scatter(target: Target, residual: ComplexArray) -> IntArray:
+def scatter(target: FitData, residual: ComplexArray) -> IntArray:
     """Columns of orders whose residual is larger than the noise within the curves, whatever its pattern.
 
     The lowest orders may be many times as large: a slow wander within one turn shows there, not between the orders.
@@ -177,13 +177,13 @@ def scatter(target: Target, residual: ComplexArray) -> IntArray:
     return found
 
 
-def scatter_at_lowest(target: Target, residual: ComplexArray) -> tuple[str, ...]:
+def scatter_at_lowest(target: FitData, residual: ComplexArray) -> tuple[str, ...]:
     """What is said of the lowest orders that differ from run to run far more than within their curves."""
     low = [int(k) for k in scatter(target, residual) if target.data.orders[k] <= SETTINGS.wander_orders]
     return tuple(_scattered(target, residual, k, 1.0).text for k in low)
 
 
-def _scattered(target: Target, residual: ComplexArray, k: int, gap_power: float) -> Signature:
+def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float) -> Signature:
     """An order that differs from run to run by more than the noise of a curve, with no pattern that was found."""
     assert target.data.spectral_deg is not None
     order = int(target.data.orders[k])
@@ -208,7 +208,9 @@ def _scattered(target: Target, residual: ComplexArray, k: int, gap_power: float)
     )
 
 
-def _signature(target: Target, residual: ComplexArray, found: Structure, k: int, gap_power: float) -> Signature:
+def _signature(
+    target: FitData, residual: ComplexArray, found: ResidualStructure, k: int, gap_power: float
+) -> Signature:
     order, course = int(found.orders[k]), found.courses[k]
     r = residual[:, k] if order else residual[:, k].real.astype(np.complex128)
     parts = 2 if order else 1
@@ -226,7 +228,7 @@ def _signature(target: Target, residual: ComplexArray, found: Structure, k: int,
     return Signature(order, float(np.sqrt(power)), share, shares, direction, text, amplitude, formula)
 
 
-def _direction(target: Target, r: ComplexArray) -> str:
+def _direction(target: FitData, r: ComplexArray) -> str:
     power = {}
     for name, sign in (("forward", 1.0), ("backward", -1.0)):
         rows = target.good & (target.data.at.sign == sign)
@@ -253,7 +255,7 @@ def main_cause(shares: dict[str, float]) -> str:
 
 
 def _sentence(
-    target: Target,
+    target: FitData,
     r: ComplexArray,
     order: int,
     shares: dict[str, float],

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from st_codegen.errors import InputError
 from st_codegen.project.bundle import Bundle
-from st_codegen.reconcile.models.formula import Node, write_onnx
+from st_codegen.reconcile.models.formula import FormulaNode, write_onnx
 from st_codegen.reconcile.models.terms import Decision, Inputs, Part
 from st_codegen.te.bundle_file import BUNDLE_FILE, read_description
 from st_codegen.te.harmonics import Direction
@@ -38,7 +38,7 @@ def write_updated(bundle: Bundle, folder: Path, decisions: Sequence[Decision], t
     files = []
     for (name, direction), parts in groups.items():
         file = _free_name(f"{name}_{direction}", target)
-        nodes: list[Node] = []
+        nodes: list[FormulaNode] = []
         for part in parts:
             places[part] = (file, len(nodes))
             nodes += [part.cosine] if part.order == 0 else [part.cosine, part.sine]

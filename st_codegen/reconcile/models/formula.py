@@ -39,11 +39,11 @@ class NoFormulaError(Exception):
 
 
 @dataclass(frozen=True, eq=False)
-class Node:
+class FormulaNode:
     """A real number: `constant`, an input (`name`), or an operation of ONNX on earlier nodes."""
 
     operator: str
-    operands: tuple[Node, ...] = ()
+    operands: tuple[FormulaNode, ...] = ()
     constant: float = 0.0
     name: str = ""
 
@@ -56,21 +56,21 @@ class Node:
 class Graph:
     """Makes nodes; equal ones are the same object, constants are folded."""
 
-    made: dict[tuple[Any, ...], Node] = field(default_factory=dict)
+    made: dict[tuple[Any, ...], FormulaNode] = field(default_factory=dict)
 
-    def _kept(self, key: tuple[Any, ...], node: Node) -> Node:
+    def _kept(self, key: tuple[Any, ...], node: FormulaNode) -> FormulaNode:
         return self.made.setdefault(key, node)
 
-    def constant(self, value: float) -> Node:
+    def constant(self, value: float) -> FormulaNode:
         """A number."""
         value = float(value) + 0.0  # no negative zero
-        return self._kept(("Constant", value), Node("Constant", constant=value))
+        return self._kept(("Constant", value), FormulaNode("Constant", constant=value))
 
-    def input(self, name: str) -> Node:
+    def input(self, name: str) -> FormulaNode:
         """An input."""
-        return self._kept(("Input", name), Node("Input", name=name))
+        return self._kept(("Input", name), FormulaNode("Input", name=name))
 
-    def binary(self, operator: str, a: Node, b: Node) -> Node:
+    def binary(self, operator: str, a: FormulaNode, b: FormulaNode) -> FormulaNode:
         """`a <operator> b`, simplified where one of them is a constant that changes nothing."""
         if a.operator == b.operator == "Constant":
             return self.constant(float(_BINARY[operator](a.constant, b.constant)))
@@ -83,19 +83,19 @@ class Graph:
             return self.constant(0.0)
         if operator == "Div" and a.operator == "Constant" and a.constant == 0.0:
             return a
-        return self._kept((operator, id(a), id(b)), Node(operator, (a, b)))
+        return self._kept((operator, id(a), id(b)), FormulaNode(operator, (a, b)))
 
-    def unary(self, operator: str, a: Node) -> Node:
+    def unary(self, operator: str, a: FormulaNode) -> FormulaNode:
         """A function of a number."""
         if a.operator == "Constant":
             return self.constant(float(_UNARY[operator](a.constant)))
-        return self._kept((operator, id(a)), Node(operator, (a,)))
+        return self._kept((operator, id(a)), FormulaNode(operator, (a,)))
 
 
 class Symbol:
     """A complex number of two nodes; behaves as an array of NumPy in arithmetic, np.exp and np.tanh."""
 
-    def __init__(self, graph: Graph, real: Node, imag: Node | None = None) -> None:
+    def __init__(self, graph: Graph, real: FormulaNode, imag: FormulaNode | None = None) -> None:
         self.graph, self.real = graph, real
         self.imag = graph.constant(0.0) if imag is None else imag
 
@@ -181,7 +181,7 @@ def _arithmetic(operator: str, a: Symbol, b: Symbol) -> Symbol:
     return Symbol(g, g.binary("Div", above.real, size), g.binary("Div", above.imag, size))
 
 
-def _crossed(g: Graph, operator: str, a: Node, b: Node, c: Node, d: Node) -> Node:
+def _crossed(g: Graph, operator: str, a: FormulaNode, b: FormulaNode, c: FormulaNode, d: FormulaNode) -> FormulaNode:
     """a * b <operator> c * d."""
     return g.binary(operator, g.binary("Mul", a, b), g.binary("Mul", c, d))
 
@@ -236,9 +236,9 @@ def _traced(effect: Effect, order: int, at: Conditions, graph: Graph) -> Symbol:
 # --- what becomes of a graph ---
 
 
-def in_order(nodes: Sequence[Node]) -> list[Node]:
+def in_order(nodes: Sequence[FormulaNode]) -> list[FormulaNode]:
     """All nodes that these need, operands first, each once."""
-    found: dict[int, Node] = {}
+    found: dict[int, FormulaNode] = {}
     stack = [(node, False) for node in reversed(nodes)]
     while stack:
         node, ready = stack.pop()
@@ -252,7 +252,7 @@ def in_order(nodes: Sequence[Node]) -> list[Node]:
     return list(found.values())
 
 
-def evaluate(nodes: Sequence[Node], inputs: Mapping[str, FloatArray]) -> FloatArray:
+def evaluate(nodes: Sequence[FormulaNode], inputs: Mapping[str, FloatArray]) -> FloatArray:
     """Values at operating points, float64 (n, nodes)."""
     values: dict[int, Any] = {}
     for node in in_order(nodes):
@@ -267,7 +267,7 @@ def evaluate(nodes: Sequence[Node], inputs: Mapping[str, FloatArray]) -> FloatAr
     return np.stack([np.broadcast_to(values[id(node)], count) for node in nodes], axis=1)
 
 
-def write_onnx(path: Path, nodes: Sequence[Node], features: Sequence[str], note: str) -> None:
+def write_onnx(path: Path, nodes: Sequence[FormulaNode], features: Sequence[str], note: str) -> None:
     """Write nodes as the outputs of one ONNX model of `features` (the name of each input, in their order).
 
     Raises MissingExtraError without onnx.

@@ -21,15 +21,15 @@ from st_codegen.project.bundle import Bundle
 from st_codegen.reconcile.data.observations import rms_deg
 from st_codegen.reconcile.models.formula import (
     QUANTITIES,
+    FormulaNode,
     Graph,
-    Node,
     NoFormulaError,
     Symbol,
     addends,
     evaluate,
     operating_point,
 )
-from st_codegen.reconcile.run import Result
+from st_codegen.reconcile.run import Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.compensator import roles_of
 from st_codegen.te.harmonics import Direction, Quantity, TransmissionError
@@ -45,8 +45,8 @@ class Part:
     name: str
     direction: Direction
     order: int
-    cosine: Node
-    sine: Node
+    cosine: FormulaNode
+    sine: FormulaNode
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Inputs:
         return cls(tuple(known[variable.name] for variable in input_variables(te.features)))
 
 
-def check_bundle(bundle: Bundle, result: Result) -> None:
+def check_bundle(bundle: Bundle, result: Reconciliation) -> None:
     """Raise one InputError with all that keeps a bundle from taking terms of this rig."""
     te = transmission_error(bundle)
     problems = Problems(f"bundle '{te.name}'")
@@ -95,7 +95,7 @@ def check_bundle(bundle: Bundle, result: Result) -> None:
     problems.raise_if_any()
 
 
-def decide(bundle: Bundle, result: Result) -> list[Decision]:
+def decide(bundle: Bundle, result: Reconciliation) -> list[Decision]:
     """Every order that the findings change, and what becomes of it. Raises InputError (see `check_bundle`)."""
     check_bundle(bundle, result)
     te = transmission_error(bundle)
@@ -137,7 +137,7 @@ def _left_out(change: Decision, reason: str) -> Decision:
     return Decision(change.order, change.effects, change.new, entered=False, reason=reason)
 
 
-def _inside(te: TransmissionError, inputs: Inputs, result: Result) -> BoolArray:
+def _inside(te: TransmissionError, inputs: Inputs, result: Reconciliation) -> BoolArray:
     """Good rows of the bundle's directions inside its trained ranges."""
     at = result.data.at
     found: BoolArray = result.target.good & np.isin(at.sign, [SIGN[direction] for direction in te.directions])
@@ -184,7 +184,7 @@ def _values(parts: Sequence[Part], sign: FloatArray, x: FloatArray, inputs: Inpu
     return found
 
 
-def _changes(te: TransmissionError, result: Result, inputs: Inputs) -> list[Decision]:
+def _changes(te: TransmissionError, result: Reconciliation, inputs: Inputs) -> list[Decision]:
     """The orders in which the new rig differs from the old one, with their formulas; a reason where there is none."""
     graph = Graph()
     found = []
@@ -214,7 +214,7 @@ def _changes(te: TransmissionError, result: Result, inputs: Inputs) -> list[Deci
     return found
 
 
-def _named(result: Result, order: int) -> list[str]:
+def _named(result: Reconciliation, order: int) -> list[str]:
     """Claimed effects on an order, by name."""
     claims = result.conclusions.claims
     return sorted({c.piece.effect.name for c in claims if order in c.piece.effect.touched_orders()})

@@ -15,7 +15,7 @@ from st_codegen.project.bundle import Bundle, load
 from st_codegen.proof.verify import VerifyReport, verify
 from st_codegen.reconcile.models.bundle_files import write_updated
 from st_codegen.reconcile.models.terms import Decision, decide
-from st_codegen.reconcile.run import Result
+from st_codegen.reconcile.run import Reconciliation
 from st_codegen.rig.compensator import EmittedCompensator
 from st_codegen.rig.machine import machine_of
 from st_codegen.rig.model import RigModel
@@ -136,7 +136,7 @@ def check_models(rig: RigModel, wish: Wish) -> None:
     problems.raise_if_any()
 
 
-def update_models(result: Result, wish: Wish, out: Path, progress: Progress | None = None) -> Update:
+def update_models(result: Reconciliation, wish: Wish, out: Path, progress: Progress | None = None) -> Update:
     """Write the bundle with its new terms to `out`/models and its text to `out`/plc, proven equal.
 
     `out` is a folder for this alone. Raises InputError for a bundle that does not go with the rig, GeneratedCodeError
@@ -167,7 +167,7 @@ def update_models(result: Result, wish: Wish, out: Path, progress: Progress | No
     return Update(wish.models, wish.target, decisions, files, proof, moved)
 
 
-def rehearse(result: Result, old: Bundle, new: Bundle, wish: Wish, step: Callable[[int, str], None]) -> Motion:
+def rehearse(result: Reconciliation, old: Bundle, new: Bundle, wish: Wish, step: Callable[[int, str], None]) -> Motion:
     """Move the new rig along a profile: without compensation, with the old text, with the new one."""
     rig = machine_of(result.new_rig)
     try:

@@ -9,8 +9,8 @@ import numpy as np
 
 from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.levels import speed_levels
-from st_codegen.reconcile.run import Result
-from st_codegen.report.html import Section
+from st_codegen.reconcile.run import Reconciliation
+from st_codegen.report.html import PageSection
 from st_codegen.report.picture import Draw, figures
 
 _MOST_ORDERS = 20
@@ -26,7 +26,7 @@ _AXES = (
 )
 
 
-def map_sections(result: Result) -> list[Section]:
+def map_sections(result: Reconciliation) -> list[PageSection]:
     """The maps, before and after; nothing for recordings, which have no rows of one operating point each."""
     if result.data.angle_rad is not None:
         return []
@@ -34,7 +34,7 @@ def map_sections(result: Result) -> list[Section]:
     return [_orders(result, before, after), _angles(result, before, after)]
 
 
-def _orders(result: Result, before: ComplexArray, after: ComplexArray) -> Section:
+def _orders(result: Reconciliation, before: ComplexArray, after: ComplexArray) -> PageSection:
     """Rows of panels: direction, before and after; columns: speed, torque, temperature."""
     data, good = result.data, result.target.good
     places = _loudest(result, before)
@@ -59,12 +59,12 @@ def _orders(result: Result, before: ComplexArray, after: ComplexArray) -> Sectio
         f"noise alone gives 1.4 (the mean: 1). The {len(places)} orders that stood out most before."
     )
     height = 2.2 + 0.28 * len(places)
-    return Section(
+    return PageSection(
         "Where: orders and operating points", text, figures=[figures(panels, columns=3, size_cm=(7, height))]
     )
 
 
-def _angles(result: Result, before: ComplexArray, after: ComplexArray) -> Section:
+def _angles(result: Reconciliation, before: ComplexArray, after: ComplexArray) -> PageSection:
     """Maps of the residual over the angle of the output and the speed, summed over orders, mean included."""
     data, good = result.data, result.target.good
     theta = (np.arange(_ANGLES) + 0.5) * (2 * np.pi / _ANGLES)
@@ -82,10 +82,10 @@ def _angles(result: Result, before: ComplexArray, after: ComplexArray) -> Sectio
             size = _by_level(curve[rows], levels, len(names))
             panels.append((f"{direction}, {when}", _angle_map(size, names, top)))
     text = f"RMS of measured - simulated over the angle of the output, by speed; the scale ends at {top:.2g} deg."
-    return Section("Where: angle", text, figures=[figures(panels, columns=2, size_cm=(10, 6))])
+    return PageSection("Where: angle", text, figures=[figures(panels, columns=2, size_cm=(10, 6))])
 
 
-def _loudest(result: Result, before: ComplexArray) -> IntArray:
+def _loudest(result: Reconciliation, before: ComplexArray) -> IntArray:
     """Places of the orders that stand out most, rising."""
     good = result.target.good
     size = np.sqrt(((np.abs(before[good]) / result.target.sigma[good]) ** 2).mean(axis=0))

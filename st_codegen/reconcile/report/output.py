@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 from st_codegen.reconcile.judge.conclusions import Claim, Retuned
 from st_codegen.reconcile.judge.evidence import Evidence, digits
-from st_codegen.reconcile.run import Gap, Result
+from st_codegen.reconcile.run import Gap, Reconciliation
 from st_codegen.rig.effects import Effect
 
 if TYPE_CHECKING:
     from st_codegen.reconcile.models.update import Update
 
 
-def report(result: Result, update: Update | None = None) -> dict[str, Any]:
+def report(result: Reconciliation, update: Update | None = None) -> dict[str, Any]:
     """The content of report.json (DESIGN.md), and more beside it."""
     claims = result.conclusions.claims
     return {
@@ -156,12 +156,12 @@ def _gap(gap: Gap) -> dict[str, float]:
     return {"before": gap.before, "after": gap.after, "noise_floor": gap.noise_floor}
 
 
-def report_text(result: Result, update: Update | None = None) -> str:
+def report_text(result: Reconciliation, update: Update | None = None) -> str:
     """report.json as text."""
     return json.dumps(report(result, update), indent=1, allow_nan=False) + "\n"
 
 
-def rig_diff(result: Result) -> str:
+def rig_diff(result: Reconciliation) -> str:
     """Unified diff from the rig to the new rig."""
     lines = difflib.unified_diff(
         result.rig.text().splitlines(keepends=True), result.new_rig.text().splitlines(keepends=True), "rig.toml", "new"

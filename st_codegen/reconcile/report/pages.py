@@ -14,8 +14,8 @@ from st_codegen.reconcile.judge.spectrum import SpectrumResult, sizes, spectrum_
 from st_codegen.reconcile.report.maps import map_sections
 from st_codegen.reconcile.report.output import parameters_of, rig_diff
 from st_codegen.reconcile.report.sentences import VERDICT_TEXT, floor_text, plain, sentence
-from st_codegen.reconcile.run import OrderGap, Result
-from st_codegen.report.html import Section, Table, page
+from st_codegen.reconcile.run import OrderGap, Reconciliation
+from st_codegen.report.html import PageSection, PageTable, page
 from st_codegen.report.picture import Draw, figure, figures
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ _SAMPLES = 720
 _SHORT = 80
 
 
-def report_page(result: Result, update: Update | None = None) -> str:
+def report_page(result: Reconciliation, update: Update | None = None) -> str:
     """The report as one HTML page. Raises MissingExtraError without Matplotlib."""
     sections = [_findings(result), _gap(result), _by_order(result), _claims(result), _unexplained(result)]
     sections += map_sections(result)
@@ -61,30 +61,32 @@ def spectrum_page(result: SpectrumResult) -> str:
     return page(
         "What the rig model lacks",
         [
-            Section("Findings", "\n\n".join([lines[0], *lines[-2:]]), Table(columns, rows)),
-            Section("What stays unexplained", "", Table(["signature"], [[text] for text in signatures])),
-            Section("Orders", "", None, [figure(draw, xlabel="order", ylabel="amplitude, deg")]),
+            PageSection("Findings", "\n\n".join([lines[0], *lines[-2:]]), PageTable(columns, rows)),
+            PageSection("What stays unexplained", "", PageTable(["signature"], [[text] for text in signatures])),
+            PageSection("Orders", "", None, [figure(draw, xlabel="order", ylabel="amplitude, deg")]),
         ],
         summary=VERDICT_TEXT[result.verdict],
     )
 
 
-def _findings(result: Result) -> Section:
+def _findings(result: Reconciliation) -> PageSection:
     found = result.conclusions
     rows: list[list[Any]] = [[sentence(claim, result)] for claim in found.claims]
     rows += [[f"{plain(entry.after, result)}: parameters of the rig that the data refuse"] for entry in found.retuned]
     if found.offset_changed:
         old, new = result.rig.zero_offset_deg, result.new_rig.zero_offset_deg
         rows.append([f"the encoders' common zero moved from {old:.4g} to {new:.4g} deg"])
-    return Section("Findings", "" if rows else "No effect is claimed.", Table(["finding"], rows) if rows else None)
+    return PageSection(
+        "Findings", "" if rows else "No effect is claimed.", PageTable(["finding"], rows) if rows else None
+    )
 
 
-def _gap(result: Result) -> Section:
+def _gap(result: Reconciliation) -> PageSection:
     rows: list[list[Any]] = []
     for name, gap in (("fitted runs", result.fitted), ("held-out runs", result.held_out)):
         times = gap.after / gap.noise_floor if gap.noise_floor else None
         rows.append([name, gap.before, gap.after, gap.noise_floor, times])
-    table = Table(["RMS in deg", "before", "after", "noise floor", "after / floor"], rows)
+    table = PageTable(["RMS in deg", "before", "after", "noise floor", "after / floor"], rows)
     how = (
         f"Held out: {result.unseen_curves} curves that neither the search nor the fit has seen."
         if result.unseen_curves
@@ -92,25 +94,25 @@ def _gap(result: Result) -> Section:
         "effects there are was decided with all of them."
     )
     text = "The gap is the RMS difference between model and measurement over the angle and all good runs. " + how
-    return Section("The gap", text, table, [_bars(result)])
+    return PageSection("The gap", text, table, [_bars(result)])
 
 
-def _by_order(result: Result) -> Section:
+def _by_order(result: Reconciliation) -> PageSection:
     shown = _largest(result)
     rows = [[gap.order, gap.before, gap.after, gap.held_out, gap.noise_floor] for gap in shown]
     left = len(result.orders) - len(shown)
     text = f"The {len(shown)} orders with the largest gap; report.json has the other {left}." if left else ""
     columns = ["order", "before", "after", "after, held out", "noise floor"]
-    return Section("The gap by order, RMS in deg", text, Table(columns, rows))
+    return PageSection("The gap by order, RMS in deg", text, PageTable(columns, rows))
 
 
-def _largest(result: Result) -> list[OrderGap]:
+def _largest(result: Reconciliation) -> list[OrderGap]:
     """The orders with the largest gap before, by order."""
     largest = sorted(result.orders, key=lambda gap: -gap.before)[:_MOST_BARS]
     return sorted(largest, key=lambda gap: gap.order)
 
 
-def _bars(result: Result) -> str:
+def _bars(result: Reconciliation) -> str:
     shown = _largest(result)
     place = np.arange(len(shown))
 
@@ -125,7 +127,7 @@ def _bars(result: Result) -> str:
     return figure(draw, xlabel="order", ylabel="RMS, deg", title="Gap by order")
 
 
-def _claims(result: Result) -> Section | None:
+def _claims(result: Reconciliation) -> PageSection | None:
     claims = result.conclusions.claims
     if not claims:
         return None
@@ -135,7 +137,7 @@ def _claims(result: Result) -> Section | None:
     ]  # fmt: skip
     notes += [f"{claim.piece.effect.name}: {text}" for claim in claims for text in claim.extrapolates]
     columns = ["effect", "order", "parameter", "value", "standard error", "unit"]
-    return Section("What is missing, with parameters", "\n\n".join(notes), Table(columns, rows))
+    return PageSection("What is missing, with parameters", "\n\n".join(notes), PageTable(columns, rows))
 
 
 def _parameter_rows(claim: Claim) -> list[list[Any]]:
@@ -147,15 +149,17 @@ def _parameter_rows(claim: Claim) -> list[list[Any]]:
     ]
 
 
-def _unexplained(result: Result) -> Section | None:
+def _unexplained(result: Reconciliation) -> PageSection | None:
     if not result.unexplained:
         return None
     rows = [[s.order, s.rms_deg, f"{100 * s.share:.2g} %", s.direction, s.text] for s in result.unexplained]
     text = "Parts that stand above the noise and that no effect of the catalogue explains: by their signature."
-    return Section("What stays unexplained", text, Table(["order", "RMS, deg", "of the gap", "direction", ""], rows))
+    return PageSection(
+        "What stays unexplained", text, PageTable(["order", "RMS, deg", "of the gap", "direction", ""], rows)
+    )
 
 
-def _curves(result: Result) -> Section | None:
+def _curves(result: Reconciliation) -> PageSection | None:
     """Two measured curves, built from their orders, with the model before and after."""
     data = result.data
     if data.angle_rad is not None:
@@ -178,7 +182,7 @@ def _curves(result: Result) -> Section | None:
         rest = [("measured - rig", measured - before_), ("measured - new rig", measured - after_)]
         panels.append(("what is left", _lines(theta, rest)))
     text = "The run with the largest gap in each direction; angle of the output in deg, TE in deg."
-    return Section("Curves", text, figures=[figures(panels, columns=2, size_cm=(12, 7))])
+    return PageSection("Curves", text, figures=[figures(panels, columns=2, size_cm=(12, 7))])
 
 
 def _lines(x: FloatArray, curves: Sequence[tuple[str, FloatArray]]) -> Draw:
@@ -189,7 +193,7 @@ def _lines(x: FloatArray, curves: Sequence[tuple[str, FloatArray]]) -> Draw:
     return draw
 
 
-def _ranking(result: Result) -> Section | None:
+def _ranking(result: Reconciliation) -> PageSection | None:
     if not result.judged:
         return None
     # what was added first, in its order, then the refused ones by what they would have explained
@@ -225,10 +229,10 @@ def _ranking(result: Result) -> Section | None:
         "First those that passed all tests, in the order in which they were added; then the others by what they would "
         "have explained. docs/reconcile.md says which tests there are and how strict they are."
     )
-    return Section("Ranking of candidates", text, Table(columns, rows))
+    return PageSection("Ranking of candidates", text, PageTable(columns, rows))
 
 
-def _runs(result: Result) -> Section | None:
+def _runs(result: Reconciliation) -> PageSection | None:
     suspects = result.noise.suspects
     if not suspects:
         return None
@@ -237,20 +241,20 @@ def _runs(result: Result) -> Section | None:
         "Runs that lie far from what model and neighbours let expect. They count neither in the gap nor in what stays "
         "unexplained."
     )
-    return Section("Suspected bad runs", text, Table(["run", "times the usual distance"], rows))
+    return PageSection("Suspected bad runs", text, PageTable(["run", "times the usual distance"], rows))
 
 
-def _limits(result: Result) -> Section:
+def _limits(result: Reconciliation) -> PageSection:
     """What the verdict does not cover."""
     rows = [["cannot be shown", text] for text in result.cannot_show]
     rows += [["not looked at", text] for text in result.data.not_looked_at]
     rows.append(["noise floor", floor_text(result)])
-    return Section("What these data cannot show", "", Table(["", ""], rows))
+    return PageSection("What these data cannot show", "", PageTable(["", ""], rows))
 
 
-def _rig(result: Result) -> Section:
+def _rig(result: Reconciliation) -> PageSection:
     changes = rig_diff(result)
-    return Section(
+    return PageSection(
         "The new rig",
         "" if changes else "The rig stays as it is.",
         details=changes,
@@ -258,7 +262,7 @@ def _rig(result: Result) -> Section:
     )
 
 
-def _models(update: Update) -> Section:
+def _models(update: Update) -> PageSection:
     """What became of the bundle."""
     rows = [
         [
@@ -279,10 +283,10 @@ def _models(update: Update) -> Section:
             f"The new bundle was compiled for {update.target}; models, reference and text agree in all "
             f"{len(update.verified.models)} blocks ({exact} bit for bit, the others within a derived bound)."
         )
-    return Section("The models for the controller", text, Table(columns, rows))
+    return PageSection("The models for the controller", text, PageTable(columns, rows))
 
 
-def _motion(update: Update) -> Section | None:
+def _motion(update: Update) -> PageSection | None:
     """The rehearsal: errors over time."""
     moved = update.motion
     if moved is None:
@@ -301,7 +305,7 @@ def _motion(update: Update) -> Section | None:
         for c in moved.cases
     ]
     columns = ["compensator", "orders", "RMS, deg", "maximum", "RMS at full weight", "maximum", "share of it gone"]
-    table = Table(columns, rows)
+    table = PageTable(columns, rows)
     every = max(1, len(moved.time_s) // _SAMPLES)
 
     def draw(axes: Any) -> None:
@@ -314,4 +318,4 @@ def _motion(update: Update) -> Section | None:
         "near standstill, in which the compensator fades its correction."
     )
     picture = figure(draw, xlabel="time, s", ylabel="error of the output, deg")
-    return Section("Rehearsal with the old and the new compensator", text, table, [picture])
+    return PageSection("Rehearsal with the old and the new compensator", text, table, [picture])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from st_codegen.reconcile.judge.conclusions import Claim
-from st_codegen.reconcile.run import Result, TakenBack
+from st_codegen.reconcile.run import Reconciliation, TakenBack
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect
 from st_codegen.rig.effects.base import ARCMIN
@@ -34,7 +34,7 @@ _FLOOR = {
 }
 
 
-def floor_text(result: Result) -> str:
+def floor_text(result: Reconciliation) -> str:
     """What the noise floor is made of, and so what it cannot tell from noise."""
     if result.data.angle_rad is not None:
         return "The floor is the noise from sample to sample."
@@ -52,7 +52,7 @@ def floor_text(result: Result) -> str:
     return text + "."
 
 
-def summary(result: Result) -> str:
+def summary(result: Reconciliation) -> str:
     """The findings as a few lines."""
     lines = [VERDICT_TEXT[result.verdict]]
     lines += [f"- the measurement: {mistake.text}" for mistake in result.mistakes]
@@ -118,7 +118,7 @@ def update_summary(update: Update) -> str:
 _COMPENSATOR = {"none": "without compensation", "old": "with the old models", "new": "with the new models"}
 
 
-def sentence(claim: Claim, result: Result) -> str:
+def sentence(claim: Claim, result: Reconciliation) -> str:
     """One claim in words."""
     effect = claim.piece.effect
     words = _WORDS.get(effect.name, plain)(effect, result)
@@ -133,13 +133,13 @@ def _value(effect: Effect, key: str) -> float:
     return effect.scalar(key)
 
 
-def plain(effect: Effect, result: Result) -> str:
+def plain(effect: Effect, result: Reconciliation) -> str:
     """An effect by its title and orders."""
     orders = f", order {', '.join(map(str, effect.orders))}" if effect.orders else ""
     return f"{effect.title}{orders}"
 
 
-def _compliance(effect: Effect, result: Result) -> str:
+def _compliance(effect: Effect, result: Reconciliation) -> str:
     stiffness = _value(effect, "stiffness_Nm_per_arcmin")
     twist = float(result.data.at.torque_Nm.max()) / stiffness
     return (
@@ -147,15 +147,15 @@ def _compliance(effect: Effect, result: Result) -> str:
     )
 
 
-def _backlash(effect: Effect, result: Result) -> str:
+def _backlash(effect: Effect, result: Reconciliation) -> str:
     return f"{_value(effect, 'gap_arcmin'):.2g} arcmin of backlash between the flanks"
 
 
-def _drift(effect: Effect, result: Result) -> str:
+def _drift(effect: Effect, result: Reconciliation) -> str:
     return f"the mean drifts by {_value(effect, 'drift_arcmin_per_K'):.2g} arcmin a kelvin of oil temperature"
 
 
-def _resonance(effect: Effect, result: Result) -> str:
+def _resonance(effect: Effect, result: Reconciliation) -> str:
     """Which order is lifted how far at which speed."""
     peaks = next((claim.peaks for claim in result.conclusions.claims if claim.piece.effect is effect), None)
     frequency = _value(effect, "frequency_Hz") if peaks is None else sum(peaks) / 2
@@ -187,7 +187,7 @@ def _resonance(effect: Effect, result: Result) -> str:
     return f"{', '.join(parts)}: {one} of the structure {where}{moving}"
 
 
-def _growing(effect: Effect, result: Result) -> str:
+def _growing(effect: Effect, result: Reconciliation) -> str:
     slope = _value_of_phasor(effect)
     return f"order {effect.orders[0]} of the mesh grows with the torque: {slope:.2g} deg per 1000 N m"
 
@@ -197,22 +197,22 @@ def _value_of_phasor(effect: Effect) -> float:
     return max(abs(effect.complex_value(phasor.key, backward)) for backward in (False, True))
 
 
-def _wave(effect: Effect, result: Result) -> str:
+def _wave(effect: Effect, result: Reconciliation) -> str:
     orders = effect.orders or effect.touched_orders()
     return f"{effect.title}: order {', '.join(map(str, orders))} of {_value_of_phasor(effect):.2g} deg"
 
 
-def _sidebands(effect: Effect, result: Result) -> str:
+def _sidebands(effect: Effect, result: Reconciliation) -> str:
     sides = ", ".join(map(str, effect.touched_orders()))
     return f"the carrier modulates mesh order {effect.orders[0]} and gives it sidebands: {sides}"
 
 
-def _delay(effect: Effect, result: Result) -> str:
+def _delay(effect: Effect, result: Reconciliation) -> str:
     delay, skew = _value(effect, "delay_us"), _value(effect, "skew_us")
     return f"the measuring chain is late: delay {delay:.0f} us, skew of the encoders {skew:.1f} us"
 
 
-def _friction(effect: Effect, result: Result) -> str:
+def _friction(effect: Effect, result: Reconciliation) -> str:
     dry, wet = _value(effect, "coulomb_arcmin"), _value(effect, "viscous_arcmin_per_krpm")
     mixed = _value(effect, "stribeck_arcmin")
     parts = [f"{dry:.2g} arcmin dry"] if dry else []
@@ -221,7 +221,7 @@ def _friction(effect: Effect, result: Result) -> str:
     return f"drag winds the transmission up: {' and '.join(parts)}"
 
 
-def _worn(effect: Effect, result: Result) -> str:
+def _worn(effect: Effect, result: Reconciliation) -> str:
     depth, centre = _value(effect, "depth_arcmin"), _value(effect, "centre_deg")
     return f"a worn sector around {centre:.0f} deg of the output, {depth:.2g} arcmin ({depth * ARCMIN:.2g} deg) deep"
 

@@ -50,7 +50,7 @@ def evaluate(expression: t.Expression) -> Scalar:  # noqa: PLR0911 - one return 
             return _unary(expression, evaluate(expression.operand))
         case t.Binary():
             return _chain(expression)
-        case t.Comparison():
+        case t.Compare():
             return compare(expression.operator, evaluate(expression.left), evaluate(expression.right))
         case t.StandardCall(function=function) if function in a.FUNCTIONS:
             value = a.FUNCTIONS[function](cast(float, evaluate(expression.arguments[0])))

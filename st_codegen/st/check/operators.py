@@ -121,7 +121,7 @@ def _logic(rules: Dialect, operator: str, left: t.Expression, right: t.Expressio
 
 def _as_number_test(left: t.Expression, right: t.Expression) -> tuple[t.Expression, t.Expression]:
     """Both marked where they compare one place with constants and leave no number out, as `x < 1.0 OR x > -1.0`."""
-    if not (isinstance(left, t.Comparison) and isinstance(right, t.Comparison) and left.left == right.left):
+    if not (isinstance(left, t.Compare) and isinstance(right, t.Compare) and left.left == right.left):
         return left, right
     below, above = (left, right) if left.operator in ("LT", "LE") else (right, left)
     if (
@@ -149,7 +149,7 @@ def _comparison(
             left, right = settle(left), settle(right)
         if type_ is BOOL:
             raise failure(where, "BOOL values are compared with = and <> only")
-    return t.Comparison(operator, left, right, type=BOOL, position=where)
+    return t.Compare(operator, left, right, type=BOOL, position=where)
 
 
 def power(rules: Dialect, left: t.Expression, right: t.Expression, where: Position) -> t.Expression:

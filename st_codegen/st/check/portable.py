@@ -192,7 +192,7 @@ def array_types(text: Text) -> Iterator[Problem]:
 def tables(text: Text) -> Iterator[Problem]:
     """Refuses globals, and tables outside of the VAR CONSTANT of a block."""
     for node in text.source.declarations:
-        if isinstance(node, d.GlobalList):
+        if isinstance(node, d.GlobalDeclarations):
             yield _problem(node, "VAR_GLOBAL outside of a CONFIGURATION")
     for variable, declaration in text.declared.items():
         in_block = variable.storage is t.Storage.INSTANCE
@@ -243,7 +243,7 @@ def _narrow(type_: Type) -> str | None:
 def self_comparisons(text: Text) -> Iterator[Problem]:
     """Refuses comparisons of a number with itself: a compiler may take them for constants."""
     for expression in text.expressions:
-        if isinstance(expression, t.Comparison) and expression.left == expression.right:
+        if isinstance(expression, t.Compare) and expression.left == expression.right:
             message = "a number is compared with itself: test for NaN with x < 1.0 OR x > -1.0"
             yield Problem(expression.position, message)
 

@@ -109,11 +109,11 @@ class Symbols:
     def _add(self, declaration: d.Declaration, is_native: bool) -> None:
         key, where = declaration.name.upper(), declaration.position
         self._check_name(declaration.name, where)
-        if key in self._taken and not (isinstance(declaration, d.GlobalList) and key in self.lists):
+        if key in self._taken and not (isinstance(declaration, d.GlobalDeclarations) and key in self.lists):
             self._problem(where, f"'{declaration.name}' is declared already at {self._taken[key]}")
             return
         self._taken[key] = where
-        if isinstance(declaration, d.GlobalList):
+        if isinstance(declaration, d.GlobalDeclarations):
             known = self.lists.get(key)
             unit = DeclaredUnit(declaration.name, key, where, {}, attributes=declaration.attributes)
             self.lists[key] = known or unit

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from st_codegen.errors import InputError
 from st_codegen.st import tree as t
 from st_codegen.st.errors import StUsageError
-from st_codegen.st.run.layout import Layout, dtype_of
+from st_codegen.st.run.layout import MemoryLayout, dtype_of
 from st_codegen.st.run.memory import Memory, shown, view
 from st_codegen.st.run.module import Module, NativeSite
 from st_codegen.st.run.natives import Host, Library, NativeBlock, NativeCall, NativeFunction, Values
@@ -144,7 +144,7 @@ class NativeCalls:
 class _Variables:
     """What native code sees of a frame, by name."""
 
-    def __init__(self, layout: Layout, site: NativeSite, frames: Frames) -> None:
+    def __init__(self, layout: MemoryLayout, site: NativeSite, frames: Frames) -> None:
         self._layout = layout
         self._site = site
         self._frames = frames

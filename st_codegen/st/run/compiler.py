@@ -31,7 +31,7 @@ _ROWS = ctypes.CFUNCTYPE(_LONG, *(_POINTER, _POINTER), *(_POINTER, _LONG) * 3, *
 
 
 @dataclass(frozen=True)
-class Code:
+class CompiledUnit:
     """Machine code of a unit: where it begins, where it finds its arguments (by name), and their bytes.
 
     `seconds` is what it took to compile, with what it calls as far as that was not compiled before.
@@ -50,19 +50,19 @@ class Program:
         self.rows, functions = _library()
         self._level = level
         self.module = Module(project, loop_limit, functions)
-        self._codes: dict[str, Code] = {}
+        self._codes: dict[str, CompiledUnit] = {}
         self._units: dict[str, int] = {}
         self._engines: list[Any] = []
         self._lock = RLock()
 
-    def code(self, pou: t.Pou) -> Code:
+    def code(self, pou: t.Pou) -> CompiledUnit:
         """The machine code of a unit that is no native one. Raises `StCheckError` for pointers."""
         with self._lock:
             if pou.key not in self._codes:
                 start = time.perf_counter()
                 offsets, size = self.module.arguments(parameters(pou))
                 address = self._unit(pou) if is_body(pou) else self._compiled(pou, offsets)
-                self._codes[pou.key] = Code(address, offsets, size, time.perf_counter() - start)
+                self._codes[pou.key] = CompiledUnit(address, offsets, size, time.perf_counter() - start)
             return self._codes[pou.key]
 
     def _unit(self, pou: t.Pou) -> int:

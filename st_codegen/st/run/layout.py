@@ -30,7 +30,7 @@ CLASS = ""
 
 
 @dataclass(frozen=True)
-class Member:
+class RecordMember:
     """A part of a structure or instance: where it begins, its type, and the variable it is (None: a field)."""
 
     offset: int
@@ -47,7 +47,7 @@ class Member:
 class Record:
     """Members by upper-case name, and the bytes of the whole."""
 
-    members: dict[str, Member]
+    members: dict[str, RecordMember]
     size: int
 
 
@@ -71,7 +71,7 @@ def dtype_of(type_: Type) -> np.dtype[np.generic]:
     return np.dtype(f"U{max(stored.bits, 1)}") if stored.kind is Kind.STRING else stored.dtype
 
 
-class Layout:
+class MemoryLayout:
     """The records of one project.
 
     Two records exist once in a row: the global variables, and the programs. Constants are not part of any record.
@@ -156,12 +156,12 @@ class Layout:
         return self._placed((variable.key, variable.type, variable) for variable in variables)
 
     def _placed(self, entries: Iterable[tuple[str, Type, t.Variable | None]], is_union: bool = False) -> Record:
-        members: dict[str, Member] = {}
+        members: dict[str, RecordMember] = {}
         size = end = 0
         for name, type_, variable in entries:
             is_reference = variable is not None and variable.section is t.Section.IN_OUT
             offset = aligned(0 if is_union else end, POINTER_BYTES if is_reference else self.alignment(type_))
-            members[name] = Member(offset, type_, variable)
+            members[name] = RecordMember(offset, type_, variable)
             end = offset + (POINTER_BYTES if is_reference else self.size_of(type_))
             size = max(size, end)
         return Record(members, max(aligned(size, POINTER_BYTES), POINTER_BYTES))

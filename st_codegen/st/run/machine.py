@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from st_codegen.st import tree as t
 from st_codegen.st.errors import StUsageError
 from st_codegen.st.run.calls import NativeCalls
-from st_codegen.st.run.compiler import FAST, QUICK, Code, program_of
+from st_codegen.st.run.compiler import FAST, QUICK, CompiledUnit, program_of
 from st_codegen.st.run.layout import dtype_of, is_scalar
 from st_codegen.st.run.memory import Memory, given, pointers, reader, shown, view
 from st_codegen.st.run.natives import Library, NativeBlock
@@ -158,7 +158,7 @@ class Machine:
 
     # --- runs ---
 
-    def run(self, code: Code, memory: Memory, at: int, arguments: Memory | None = None) -> None:
+    def run(self, code: CompiledUnit, memory: Memory, at: int, arguments: Memory | None = None) -> None:
         """Run a unit in all rows. Raises `StRuntimeError` for the first row in which a controller would stop."""
         has_natives = bool(self.module.native_sites)
         if has_natives and self.row_count > 1 and self.calls.are_pure:
@@ -174,7 +174,7 @@ class Machine:
         else:
             self._run_in_threads(code, memory, at, arguments)
 
-    def _run_in_threads(self, code: Code, memory: Memory, at: int, arguments: Memory | None) -> None:
+    def _run_in_threads(self, code: CompiledUnit, memory: Memory, at: int, arguments: Memory | None) -> None:
         parts = min(self._workers, self.row_count // _ROWS_A_THREAD)
         ends = np.linspace(0, self.row_count, parts + 1).astype(int).tolist()
 
@@ -189,7 +189,7 @@ class Machine:
     def _run_rows(
         self,
         context: _Context,
-        code: Code,
+        code: CompiledUnit,
         memory: Memory,
         at: int,
         arguments: Memory | None,
@@ -231,7 +231,7 @@ class Machine:
 
     # --- native code ---
 
-    def _run_with_answers(self, code: Code, memory: Memory, at: int, arguments: Memory | None) -> None:
+    def _run_with_answers(self, code: CompiledUnit, memory: Memory, at: int, arguments: Memory | None) -> None:
         """Try all rows, answer what they asked native code at once, and try again until nothing new is asked."""
         size = max(site.size for site in self.module.native_sites)
         asked = len(self.module.native_sites)
@@ -242,7 +242,7 @@ class Machine:
 
     def _answer_rows(
         self,
-        code: Code,
+        code: CompiledUnit,
         memory: Memory,
         at: int,
         arguments: Memory | None,

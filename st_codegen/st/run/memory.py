@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from st_codegen.st.errors import StUsageError
-from st_codegen.st.run.layout import Layout, aligned, dtype_of
+from st_codegen.st.run.layout import MemoryLayout, aligned, dtype_of
 from st_codegen.st.run.natives import NativeBlock
 from st_codegen.st.run.paths import Place
 from st_codegen.st.types import ArrayType, Elementary, EnumType, Kind, StructType, Type, storage_type
@@ -71,7 +71,7 @@ def pointers(memory: Memory, place: Place) -> NDArray[np.uint64]:
     return addresses
 
 
-def shown(layout: Layout, read: Reader, offset: int, type_: Type, is_plain: bool) -> Any:
+def shown(layout: MemoryLayout, read: Reader, offset: int, type_: Type, is_plain: bool) -> Any:
     """A variable for the user: arrays with the rows first (plain: single values), dictionaries for structures."""
     if isinstance(type_, Elementary | EnumType):
         values = np.array(read(offset, dtype_of(type_), ()))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from st_codegen.st import tree as t
 from st_codegen.st.check.flow import overriding
-from st_codegen.st.run.layout import Layout, aligned, dtype_of
+from st_codegen.st.run.layout import MemoryLayout, aligned, dtype_of
 from st_codegen.st.run.writer import Site
 from st_codegen.st.tree import PouKind
 from st_codegen.st.types import ArrayType, BlockType, PointerType, Type
@@ -40,7 +40,7 @@ class Module:
 
     def __init__(self, project: t.Project, loop_limit: int, functions: Mapping[str, str]) -> None:
         self.project = project
-        self.layout = Layout(project)
+        self.layout = MemoryLayout(project)
         self.loop_limit = loop_limit
         self.functions = functions
         self.sites: list[Site] = []

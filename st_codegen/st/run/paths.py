@@ -8,7 +8,7 @@ from typing import cast
 
 from st_codegen.st import tree as t
 from st_codegen.st.errors import StUsageError
-from st_codegen.st.run.layout import Layout
+from st_codegen.st.run.layout import MemoryLayout
 from st_codegen.st.tree import PouKind
 from st_codegen.st.types import ArrayType, BlockType, StructType, Type
 
@@ -64,7 +64,7 @@ def split_path(path: str) -> list[str | tuple[int, ...]]:
     return found
 
 
-def resolve(layout: Layout, start: Place, path: str) -> Place:
+def resolve(layout: MemoryLayout, start: Place, path: str) -> Place:
     """Where a path leads to. Raises `StUsageError` for a name or index that does not exist."""
     parts = split_path(path)
     if not parts:
@@ -75,7 +75,7 @@ def resolve(layout: Layout, start: Place, path: str) -> Place:
     return place
 
 
-def _element(layout: Layout, place: Place, indices: tuple[int, ...], path: str) -> Place:
+def _element(layout: MemoryLayout, place: Place, indices: tuple[int, ...], path: str) -> Place:
     type_ = place.type
     if not isinstance(type_, ArrayType) or len(indices) != len(type_.bounds):
         raise StUsageError(f"'{path}': {type_} has no element {list(indices)}")
@@ -87,7 +87,7 @@ def _element(layout: Layout, place: Place, indices: tuple[int, ...], path: str) 
     return place.moved(flat * layout.stride(type_), type_.element)
 
 
-def _member(layout: Layout, place: Place, name: str, path: str) -> Place:
+def _member(layout: MemoryLayout, place: Place, name: str, path: str) -> Place:
     key, type_ = name.upper(), place.type
     if isinstance(type_, StructType) and key in type_.by_key:
         member = layout.record(type_).members[key]
@@ -115,7 +115,7 @@ def find_block(project: t.Project, name: str) -> BlockType:
     return BlockType(pou.name, tuple(base.name for base in list(project.lineage(pou.key))[1:]))
 
 
-def find_global(layout: Layout, path: str) -> Place:
+def find_global(layout: MemoryLayout, path: str) -> Place:
     """A global variable, by `LIST.name..` or its plain name. Raises `StUsageError`."""
     project, parts = layout.project, split_path(path)
     first = str(parts[0]).upper()

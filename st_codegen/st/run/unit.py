@@ -216,7 +216,7 @@ class Unit:
                 return op.negation(self.w, type_, node.overflow, x, node.position)
             case t.Binary() | t.ShortCircuit():
                 return self._chain(node)
-            case t.Comparison():
+            case t.Compare():
                 return self._comparison(node)
             case t.Conversion():
                 return self._conversion(node)
@@ -271,7 +271,7 @@ class Unit:
         w.begin(done)
         return w.value(f"load i1, ptr {slot}")
 
-    def _comparison(self, node: t.Comparison) -> str:
+    def _comparison(self, node: t.Compare) -> str:
         left, right = self.operand(node.left), self.operand(node.right)
         if left.type.kind is not Kind.STRING:
             return op.comparison(self.w, node.operator, left, right, node.position, node.is_number_test)

@@ -164,10 +164,10 @@ class Builder(Transformer[Token, Any]):
 
     qualifier = modifier
 
-    def global_blocks(self, children: Children) -> d.GlobalList:
+    def global_blocks(self, children: Children) -> d.GlobalDeclarations:
         name = self._scanned.segment.file.rpartition("/")[2].rpartition(".")[0]
         blocks, attributes = zip(*children, strict=True)
-        return d.GlobalList(name, blocks, sum(attributes, ()), position=blocks[0].position)
+        return d.GlobalDeclarations(name, blocks, sum(attributes, ()), position=blocks[0].position)
 
     def global_block(self, children: Children) -> tuple[d.VariableBlock, tuple[str, ...]]:
         return self.var_block(children), self._attributes(children[0])
@@ -248,7 +248,7 @@ class Builder(Transformer[Token, Any]):
         keyword, *ranges, element = children
         return d.ArraySpec(tuple(ranges), element, position=self._at(keyword))
 
-    enum_value = _node(d.EnumValue)
+    enum_value = _node(d.Enumerator)
     named_type = _node(d.NamedType)
     pointer = _node(d.PointerSpec, skip=1)
     reference_to = _node(d.PointerSpec, skip=1, is_reference=True)
@@ -328,7 +328,7 @@ class Builder(Transformer[Token, Any]):
         left, operator, right = children
         name, where = str(operator).upper(), self._at(operator)
         if name in _COMPARISONS:
-            return t.Comparison(_COMPARISONS[name], left, right, position=where)
+            return t.Compare(_COMPARISONS[name], left, right, position=where)
         cls = t.ShortCircuit if name in ("AND_THEN", "OR_ELSE") else t.Binary
         return cls(_BINARY.get(name, name), left, right, position=where)
 

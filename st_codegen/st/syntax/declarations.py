@@ -152,7 +152,7 @@ class StructDeclaration(Node):
 
 
 @dataclass(frozen=True)
-class EnumValue(Node):
+class Enumerator(Node):
     """One value of an enumeration with its number, if that is written."""
 
     name: str
@@ -164,7 +164,7 @@ class EnumDeclaration(Node):
     """An enumeration, written `(A, B := 5) UINT := B`."""
 
     name: str
-    values: tuple[EnumValue, ...]
+    values: tuple[Enumerator, ...]
     base: str | None
     default: Expression | None
     attributes: tuple[str, ...] = ()
@@ -199,7 +199,7 @@ class PouDeclaration(Node):
 
 
 @dataclass(frozen=True)
-class GlobalList(Node):
+class GlobalDeclarations(Node):
     """The VAR_GLOBAL blocks of one file; `name` is the list's name, by which its variables can be qualified."""
 
     name: str
@@ -207,4 +207,4 @@ class GlobalList(Node):
     attributes: tuple[str, ...] = ()
 
 
-Declaration = TypeDeclaration | PouDeclaration | GlobalList
+Declaration = TypeDeclaration | PouDeclaration | GlobalDeclarations

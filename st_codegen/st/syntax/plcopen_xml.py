@@ -151,10 +151,10 @@ class _PlcopenReader:
             return d.EnumDeclaration(name, values, bases[0] if bases else None, initial, position=where)
         return d.AliasDeclaration(name, self._type(base), initial, position=where)
 
-    def _enum_value(self, element: etree._Element) -> d.EnumValue:
+    def _enum_value(self, element: etree._Element) -> d.Enumerator:
         value = element.get("value")
         expression = None if value is None else self._expression(value, element)
-        return d.EnumValue(self._get(element, "name"), expression, position=self._at(element))
+        return d.Enumerator(self._get(element, "name"), expression, position=self._at(element))
 
     def _pou(self, element: etree._Element) -> d.PouDeclaration:
         name = self._get(element, "name")
@@ -194,9 +194,9 @@ class _PlcopenReader:
         statements: tuple[t.Statement, ...] = parse_scanned(self.file.scan(body[0], self.pou), "body")
         return statements
 
-    def _globals(self, element: etree._Element) -> d.GlobalList:
+    def _globals(self, element: etree._Element) -> d.GlobalDeclarations:
         block = self._block(element, t.Section.GLOBAL)
-        return d.GlobalList(element.get("name", ""), (block,), position=self._at(element))
+        return d.GlobalDeclarations(element.get("name", ""), (block,), position=self._at(element))
 
     def _block(self, element: etree._Element, section: t.Section) -> d.VariableBlock:
         qualifiers = frozenset(word for name, word in _QUALIFIERS.items() if element.get(name) in ("true", "1"))

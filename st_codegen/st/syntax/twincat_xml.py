@@ -38,7 +38,7 @@ def read_xml(name: str, content: bytes) -> tuple[list[d.Declaration], list[Scann
                 attributes = tuple(part for found in scanned.attributes.values() for part in found)
                 blocks = parse_scanned(scanned, "globals")
                 where = scanned.segment.position(0)
-                declarations.append(d.GlobalList(element.get("Name", ""), blocks, attributes, position=where))
+                declarations.append(d.GlobalDeclarations(element.get("Name", ""), blocks, attributes, position=where))
             case "DUT":
                 declarations += parse_scanned(file.scan(_only(file, element, "Declaration"), ""), "types")
             case tag:

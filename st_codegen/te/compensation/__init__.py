@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from st_codegen.emit.blocks.application import Application, ArrayAlias, GlobalList
-from st_codegen.emit.blocks.listing import Table, Variable
+from st_codegen.emit.blocks.listing import BlockVariable, Table
 from st_codegen.emit.literals import identifier, real
 from st_codegen.te.compensation.codes import EXPERIMENT_STATE, TE_ERROR
 from st_codegen.te.compensation.compensator import compensator_block
@@ -74,7 +74,7 @@ def _harmonics_type(te: TransmissionError) -> ArrayAlias:
 
 def _bundle_globals(te: TransmissionError) -> GlobalList:
     """GVL_TE: what the bundle is for."""
-    ratio = Variable("REDUCTION_RATIO", "LREAL", initial=real(te.reduction_ratio), comment="theta_in / theta_out")
+    ratio = BlockVariable("REDUCTION_RATIO", "LREAL", initial=real(te.reduction_ratio), comment="theta_in / theta_out")
     return GlobalList(
         "GVL_TE",
         (f"What FB_TEPredict and FB_Compensator were generated for: bundle {te.name}.",),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from st_codegen.emit.blocks.listing import Block, CodeSection, Variable
+from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection
 from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.literals import real
 from st_codegen.te.compensation.codes import TE_ERROR
@@ -45,9 +45,9 @@ def compensator_block(te: TransmissionError) -> Block:
         inputs=(ANGLE, *features, *given),
         outputs=(*results(), IN_RANGE),
         variables=(
-            Variable("fbPredict", "FB_TEPredict", comment="harmonics at the operating point"),
-            Variable("fbCorrection", "FB_Correction", comment="law, fading and limits"),
-            Variable("eSet", TE_ERROR.type, comment="whether the harmonics may be used"),
+            BlockVariable("fbPredict", "FB_TEPredict", comment="harmonics at the operating point"),
+            BlockVariable("fbCorrection", "FB_Correction", comment="law, fading and limits"),
+            BlockVariable("eSet", TE_ERROR.type, comment="whether the harmonics may be used"),
         ),
         sections=(
             predict_section(te),

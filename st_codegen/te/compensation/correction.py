@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from st_codegen.emit.blocks.listing import Block, CodeSection, Variable
+from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection
 from st_codegen.emit.literals import real
 from st_codegen.errors import InputError
 from st_codegen.te.compensation.codes import TE_ERROR
@@ -27,7 +27,7 @@ _LARGEST_SPEED = 1e6
 _RATIOS = (1e-3, 1e6)
 
 
-def parameters(cycle_s: str) -> tuple[Variable, ...]:
+def parameters(cycle_s: str) -> tuple[BlockVariable, ...]:
     """Inputs that say how the correction is applied; the blocks hand them on under these names."""
     return (
         lreal("fCycle_s", "cycle time of the calling task, s, up to 1.0", cycle_s),
@@ -43,7 +43,7 @@ def parameters(cycle_s: str) -> tuple[Variable, ...]:
     )
 
 
-def results() -> tuple[Variable, ...]:
+def results() -> tuple[BlockVariable, ...]:
     """Outputs of the correction; the blocks hand them on under these names."""
     return (
         lreal("fTE_deg", "predicted transmission error, deg at the output shaft"),
@@ -86,12 +86,12 @@ def correction_block(te: TransmissionError) -> Block:
             lreal("fThetaOut_rad", "angle of the output shaft from its encoder, rad"),
             lreal("fSpeed_rpm", "input speed, its sign is the direction, rpm"),
             *set_variables(te),
-            Variable("eSet", TE_ERROR.type, comment="NONE: the set may be used; else why not"),
+            BlockVariable("eSet", TE_ERROR.type, comment="NONE: the set may be used; else why not"),
             *parameters("0.0005"),
         ),
         outputs=results(),
         variables=(
-            Variable("fbSum", "FB_HarmonicSum", comment="sum of Eq. 2"),
+            BlockVariable("fbSum", "FB_HarmonicSum", comment="sum of Eq. 2"),
             *(_set_locals(te) if both else ()),
             boolean("bStarted", "the direction is known"),
             boolean("bBackward", "direction of rotation"),
@@ -130,10 +130,10 @@ def correction_block(te: TransmissionError) -> Block:
     )
 
 
-def _set_locals(te: TransmissionError) -> tuple[Variable, ...]:
+def _set_locals(te: TransmissionError) -> tuple[BlockVariable, ...]:
     return (
-        Variable("aCosine", HARMONICS_TYPE, comment="blended A_k * cos(phi_k), deg"),
-        Variable("aSine", HARMONICS_TYPE, comment="blended A_k * sin(phi_k), deg"),
+        BlockVariable("aCosine", HARMONICS_TYPE, comment="blended A_k * cos(phi_k), deg"),
+        BlockVariable("aSine", HARMONICS_TYPE, comment="blended A_k * sin(phi_k), deg"),
         *order_index(te),
     )
 

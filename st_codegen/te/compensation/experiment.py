@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from st_codegen.emit.blocks.listing import Block, CodeSection, Variable
+from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection
 from st_codegen.emit.literals import real
 from st_codegen.te.compensation.codes import EXPERIMENT_STATE, TE_ERROR
 from st_codegen.te.compensation.load_torque import LARGEST_TORQUE, LOAD_RATIO
@@ -21,7 +21,7 @@ _ERRORS = TE_ERROR.some(
 )
 
 
-def inputs() -> tuple[Variable, ...]:
+def inputs() -> tuple[BlockVariable, ...]:
     """The inputs of the measurement: commands, settings and sensors."""
     return (
         boolean("bStart", "TRUE starts a measurement; FALSE after its end makes ready for the next"),
@@ -45,7 +45,7 @@ def inputs() -> tuple[Variable, ...]:
     )
 
 
-def outputs() -> tuple[Variable, ...]:
+def outputs() -> tuple[BlockVariable, ...]:
     """Commands to the axes, and what happens."""
     return (
         lreal("fMotorSpeed_rpm", "speed command of the tested motor, rpm"),
@@ -55,8 +55,8 @@ def outputs() -> tuple[Variable, ...]:
         boolean("bBackward", "direction of the measurement"),
         lreal("fIn_rad", "angle of the input shaft from the zero of the homing, rad"),
         lreal("fOut_rad", "angle of the output shaft from the zero of the homing, rad"),
-        Variable("eState", EXPERIMENT_STATE.type, comment="step"),
-        Variable("eError", TE_ERROR.type, comment="NONE, or why the measurement ended early"),
+        BlockVariable("eState", EXPERIMENT_STATE.type, comment="step"),
+        BlockVariable("eError", TE_ERROR.type, comment="NONE, or why the measurement ended early"),
         boolean("bBusy", "a measurement is going on"),
         boolean("bDone", "both directions are measured"),
     )
@@ -139,11 +139,11 @@ def experiment_block(te: TransmissionError) -> Block:
     )
 
 
-def _locals() -> tuple[Variable, ...]:
+def _locals() -> tuple[BlockVariable, ...]:
     state, error = EXPERIMENT_STATE.type, TE_ERROR.type
     return (
-        Variable("eNext", state, comment="next step"),
-        Variable("eReason", error, comment="what is wrong in this cycle"),
+        BlockVariable("eNext", state, comment="next step"),
+        BlockVariable("eReason", error, comment="what is wrong in this cycle"),
         boolean("bUsable", "both angles are usable"),
         boolean("bSeen", "an angle has been seen before"),
         lreal("fIn", "last usable angle of the input shaft, rad"),

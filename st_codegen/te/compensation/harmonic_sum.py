@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from st_codegen.emit.blocks.listing import Block, CodeSection, Variable
+from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection
 from st_codegen.emit.literals import real
 from st_codegen.te.compensation.addition_chain import ChainLink, addition_chain
 from st_codegen.te.compensation.parts import HARMONICS_TYPE, block, dint, lreal
@@ -62,8 +62,8 @@ def harmonic_sum_block(te: TransmissionError) -> Block:
         ),
         inputs=(
             lreal("fTheta_rad", "angle of the output shaft, within +-1.0E9 rad"),
-            Variable("aCosine", HARMONICS_TYPE, comment="A_k * cos(phi_k), deg"),
-            Variable("aSine", HARMONICS_TYPE, comment="A_k * sin(phi_k), deg"),
+            BlockVariable("aCosine", HARMONICS_TYPE, comment="A_k * cos(phi_k), deg"),
+            BlockVariable("aSine", HARMONICS_TYPE, comment="A_k * sin(phi_k), deg"),
         ),
         outputs=(lreal("fSum_deg", "the sum, deg"),),
         variables=(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from st_codegen.emit.blocks.listing import Block, Code, CodeSection, Variable
+from st_codegen.emit.blocks.listing import Block, BlockVariable, Code, CodeSection
 from st_codegen.emit.blocks.model import header_lines
 from st_codegen.emit.literals import real
 from st_codegen.errors import InputError
@@ -51,7 +51,7 @@ class CallArgument:
     list: str = ""
 
 
-def order_index(te: TransmissionError) -> tuple[Variable, ...]:
+def order_index(te: TransmissionError) -> tuple[BlockVariable, ...]:
     """The variable of loops over the harmonics; none for one harmonic, since loops of one round are not written."""
     return (dint("nOrder", "number of the harmonic"),) if len(te.orders) > 1 else ()
 
@@ -61,35 +61,35 @@ def same(names: Iterable[str]) -> list[CallArgument]:
     return [CallArgument(name, name) for name in names]
 
 
-def lreal(name: str, comment: str, initial: str = "") -> Variable:
+def lreal(name: str, comment: str, initial: str = "") -> BlockVariable:
     """Declare a LREAL variable."""
-    return Variable(name, "LREAL", initial=initial, comment=comment)
+    return BlockVariable(name, "LREAL", initial=initial, comment=comment)
 
 
-def boolean(name: str, comment: str, initial: str = "") -> Variable:
+def boolean(name: str, comment: str, initial: str = "") -> BlockVariable:
     """Declare a BOOL variable."""
-    return Variable(name, "BOOL", initial=initial, comment=comment)
+    return BlockVariable(name, "BOOL", initial=initial, comment=comment)
 
 
-def dint(name: str, comment: str, initial: str = "") -> Variable:
+def dint(name: str, comment: str, initial: str = "") -> BlockVariable:
     """Declare a DINT variable."""
-    return Variable(name, "DINT", initial=initial, comment=comment)
+    return BlockVariable(name, "DINT", initial=initial, comment=comment)
 
 
-def error_output() -> Variable:
+def error_output() -> BlockVariable:
     """The error code of a block."""
-    return Variable("eError", TE_ERROR.type, comment="NONE, or why bValid is FALSE")
+    return BlockVariable("eError", TE_ERROR.type, comment="NONE, or why bValid is FALSE")
 
 
 def block(  # noqa: PLR0913 - the parts of a block
     name: str,
     header: Sequence[str],
     *,
-    inputs: Sequence[Variable] = (),
-    outputs: Sequence[Variable] = (),
-    in_outs: Sequence[Variable] = (),
-    variables: Sequence[Variable] = (),
-    constants: Sequence[Variable] = (),
+    inputs: Sequence[BlockVariable] = (),
+    outputs: Sequence[BlockVariable] = (),
+    in_outs: Sequence[BlockVariable] = (),
+    variables: Sequence[BlockVariable] = (),
+    constants: Sequence[BlockVariable] = (),
     sections: Sequence[CodeSection] = (),
     codes: Sequence[Code] = (),
     kind: str = "FUNCTION_BLOCK",
@@ -127,9 +127,9 @@ def set_parts(te: TransmissionError) -> list[tuple[str, str]]:
     ]
 
 
-def set_variables(te: TransmissionError) -> tuple[Variable, ...]:
+def set_variables(te: TransmissionError) -> tuple[BlockVariable, ...]:
     """A set of coefficients as variables."""
-    return tuple(Variable(name, HARMONICS_TYPE, comment=comment) for name, comment in set_parts(te))
+    return tuple(BlockVariable(name, HARMONICS_TYPE, comment=comment) for name, comment in set_parts(te))
 
 
 def within_function() -> Block:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from st_codegen.emit.blocks.listing import Block, CodeSection, Variable
+from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection
 from st_codegen.emit.blocks.model import block_name, feature_text, input_variables
 from st_codegen.te.compensation.parts import HARMONICS_TYPE, SUFFIX, block, boolean, lreal, set_variables
 from st_codegen.te.harmonics import Direction, Quantity, TransmissionError
@@ -15,7 +15,8 @@ def predict_block(te: TransmissionError) -> Block:
     inputs = input_variables(te.features)
     models = list(dict.fromkeys(output.model for output in te.outputs))
     instances = {
-        model: Variable(f"fb{block_name(model)[3:]}", block_name(model), comment=f"model {model}") for model in models
+        model: BlockVariable(f"fb{block_name(model)[3:]}", block_name(model), comment=f"model {model}")
+        for model in models
     }
     harmonics = [
         _harmonic(te, direction, number, {model: instance.name for model, instance in instances.items()})
@@ -50,7 +51,7 @@ def predict_block(te: TransmissionError) -> Block:
 
 
 def _model_sections(
-    te: TransmissionError, inputs: tuple[Variable, ...], instances: dict[str, str]
+    te: TransmissionError, inputs: tuple[BlockVariable, ...], instances: dict[str, str]
 ) -> tuple[CodeSection, ...]:
     """The calls of the models; a model block names its inputs by its own features, which the bundle's are."""
     if not te.cycles:
@@ -61,18 +62,18 @@ def _model_sections(
     return (CodeSection(f"models, spread over {len(parts)} calls", "te_spread", {"parts": parts, "inputs": inputs}),)
 
 
-def _spread_variables(te: TransmissionError) -> tuple[Variable, ...]:
+def _spread_variables(te: TransmissionError) -> tuple[BlockVariable, ...]:
     if not te.cycles:
         return ()
     return (
-        Variable("nPart", "DINT", comment="which of the calls of a round comes next"),
-        Variable("aPoint", "LREAL", len(te.features), comment="operating point of the round"),
+        BlockVariable("nPart", "DINT", comment="which of the calls of a round comes next"),
+        BlockVariable("aPoint", "LREAL", len(te.features), comment="operating point of the round"),
         boolean("bRound", "nothing has gone wrong in this round"),
         boolean("bRoundInside", "no input of this round had to be limited"),
     )
 
 
-def _names(variables: Iterable[Variable]) -> list[str]:
+def _names(variables: Iterable[BlockVariable]) -> list[str]:
     return [variable.name for variable in variables]
 
 
@@ -98,12 +99,12 @@ def _harmonic(te: TransmissionError, direction: Direction, number: int, instance
     }
 
 
-def _outputs(te: TransmissionError) -> tuple[Variable, ...]:
+def _outputs(te: TransmissionError) -> tuple[BlockVariable, ...]:
     polar = []
     for direction in te.directions:
         suffix = SUFFIX[direction]
-        polar.append(Variable(f"aAmplitude{suffix}", HARMONICS_TYPE, comment=f"A_k {direction}, deg"))
-        polar.append(Variable(f"aPhase{suffix}", HARMONICS_TYPE, comment=f"phi_k {direction}, rad"))
+        polar.append(BlockVariable(f"aAmplitude{suffix}", HARMONICS_TYPE, comment=f"A_k {direction}, deg"))
+        polar.append(BlockVariable(f"aPhase{suffix}", HARMONICS_TYPE, comment=f"phi_k {direction}, rad"))
     return (
         *polar,
         *set_variables(te),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from st_codegen.emit.blocks.application import GlobalList, Task
-from st_codegen.emit.blocks.listing import Block, CodeSection, Variable
+from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection
 from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.literals import real
 from st_codegen.te.compensation import experiment
@@ -32,17 +32,17 @@ SIGNALS = "GVL_Machine"
 EXPERIMENT_SIGNALS = "GVL_Experiment"
 
 
-def compensation_inputs(te: TransmissionError) -> tuple[Variable, ...]:
+def compensation_inputs(te: TransmissionError) -> tuple[BlockVariable, ...]:
     """What the machine gives to the compensation: angle, operating point, settings."""
     return (ANGLE, *input_variables(te.features), *_settings())
 
 
-def compensation_outputs() -> tuple[Variable, ...]:
+def compensation_outputs() -> tuple[BlockVariable, ...]:
     """What the compensation gives to the machine."""
     return (*results(), IN_RANGE)
 
 
-def _settings() -> tuple[Variable, ...]:
+def _settings() -> tuple[BlockVariable, ...]:
     """Parameters of the correction without the cycle time, which belongs to the task."""
     return tuple(variable for variable in parameters("0.0005") if variable.name != "fCycle_s")
 
@@ -56,12 +56,12 @@ def signals(te: TransmissionError) -> GlobalList:
     )
 
 
-def experiment_inputs() -> tuple[Variable, ...]:
+def experiment_inputs() -> tuple[BlockVariable, ...]:
     """Commands, settings and sensors of a measurement; the cycle time belongs to the task."""
     return tuple(variable for variable in experiment.inputs() if variable.name != "fCycle_s")
 
 
-def experiment_outputs() -> tuple[Variable, ...]:
+def experiment_outputs() -> tuple[BlockVariable, ...]:
     """What a measurement gives to the axes, and what happens in it."""
     return (*experiment.outputs(), lreal("fMotorTorque_Nm", "torque of the loading motor, N m"))
 
@@ -87,11 +87,11 @@ def _results(instance: str, names: Iterable[str], title: str, signals: str = SIG
     return CodeSection(title, "te_results", {"instance": instance, "names": list(names), "list": signals})
 
 
-def _names(variables: Iterable[Variable]) -> list[str]:
+def _names(variables: Iterable[BlockVariable]) -> list[str]:
     return [variable.name for variable in variables]
 
 
-def _cycle(microseconds: int) -> Variable:
+def _cycle(microseconds: int) -> BlockVariable:
     return lreal("CYCLE_S", "cycle time of the task that calls this program, s", real(microseconds * 1e-6))
 
 
@@ -107,7 +107,7 @@ def main_program(te: TransmissionError) -> Block:
         ),
         inputs=compensation_inputs(te),
         outputs=compensation_outputs(),
-        variables=(Variable("fbCompensator", "FB_Compensator", comment="prediction and correction"),),
+        variables=(BlockVariable("fbCompensator", "FB_Compensator", comment="prediction and correction"),),
         constants=(_cycle(SLOW_US),),
         sections=(
             _call("fbCompensator", arguments, "prediction and correction"),
@@ -127,7 +127,7 @@ def slow_program(te: TransmissionError) -> Block:
             f"Bundle: {te.name}",
             "To be called by the slow task; one that is late or stops lets the correction of PRG_Fast fade out.",
         ),
-        variables=(Variable("fbSlow", "FB_CompensatorSlow", comment="models"),),
+        variables=(BlockVariable("fbSlow", "FB_CompensatorSlow", comment="models"),),
         sections=(_call("fbSlow", arguments, "coefficients"),),
         kind="PROGRAM",
         needs_globals=True,
@@ -146,7 +146,7 @@ def fast_program(te: TransmissionError) -> Block:
             f"Bundle: {te.name}",
             "To be called by the fast task with the cycle time CYCLE_S, in place of PRG_Main.",
         ),
-        variables=(Variable("fbFast", "FB_CompensatorFast", comment="harmonic sum and correction"),),
+        variables=(BlockVariable("fbFast", "FB_CompensatorFast", comment="harmonic sum and correction"),),
         constants=(_cycle(FAST_US),),
         sections=(
             _call("fbFast", [*_given(given), CallArgument("fCycle_s", "CYCLE_S")], "correction"),
@@ -175,8 +175,8 @@ def experiment_program() -> Block:
         inputs=experiment_inputs(),
         outputs=experiment_outputs(),
         variables=(
-            Variable("fbExperiment", "FB_Experiment", comment="the measurement, step by step"),
-            Variable("fbLoadTorque", "FB_LoadTorque", comment="the loading side"),
+            BlockVariable("fbExperiment", "FB_Experiment", comment="the measurement, step by step"),
+            BlockVariable("fbLoadTorque", "FB_LoadTorque", comment="the loading side"),
         ),
         constants=(_cycle(SLOW_US),),
         sections=(

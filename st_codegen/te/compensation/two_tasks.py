@@ -8,7 +8,7 @@ a whole set, whatever the other task did meanwhile. (Lamport, Concurrent reading
 from __future__ import annotations
 
 from st_codegen.emit.blocks.application import Structure
-from st_codegen.emit.blocks.listing import Block, CodeSection, Variable
+from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection
 from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.literals import real
 from st_codegen.te.compensation.codes import TE_ERROR
@@ -30,7 +30,7 @@ from st_codegen.te.harmonics import TransmissionError
 
 SET_TYPE = "ST_TESet"
 EXCHANGE_TYPE = "ST_TEExchange"
-EXCHANGE = Variable("stExchange", EXCHANGE_TYPE, comment="the one variable that both tasks know")
+EXCHANGE = BlockVariable("stExchange", EXCHANGE_TYPE, comment="the one variable that both tasks know")
 AGE_LIMIT = lreal("fAgeLimit_s", "sets older than this are not used, s, 0.0 .. 10.0", "0.02")
 #: Parts of a set of coefficients beyond this are no angle, deg.
 _LARGEST_PART = 1e6
@@ -43,7 +43,7 @@ def set_structure(te: TransmissionError) -> Structure:
         ("A set of coefficients, as the slow task hands it to the fast one.",),
         (
             dint("nNumber", "number of the set; 0: none yet"),
-            Variable("eError", TE_ERROR.type, comment="NONE: the set may be used; else why not"),
+            BlockVariable("eError", TE_ERROR.type, comment="NONE: the set may be used; else why not"),
             boolean("bInRange", "no input had to be limited to its trained range"),
             *set_variables(te),
         ),
@@ -57,8 +57,8 @@ def exchange_structure() -> Structure:
         ("What slow and fast task share: two buffers, and the number of the newest whole set.",),
         (
             dint("nSequence", "number of the newest set; odd: it is in stOdd, even: in stEven"),
-            Variable("stOdd", SET_TYPE, comment="sets with odd numbers"),
-            Variable("stEven", SET_TYPE, comment="sets with even numbers"),
+            BlockVariable("stOdd", SET_TYPE, comment="sets with odd numbers"),
+            BlockVariable("stEven", SET_TYPE, comment="sets with even numbers"),
         ),
     )
 
@@ -83,8 +83,8 @@ def slow_block(te: TransmissionError) -> Block:
         ),
         in_outs=(EXCHANGE,),
         variables=(
-            Variable("fbPredict", "FB_TEPredict", comment="harmonics at the operating point"),
-            Variable("eSet", TE_ERROR.type, comment="whether the set may be used"),
+            BlockVariable("fbPredict", "FB_TEPredict", comment="harmonics at the operating point"),
+            BlockVariable("eSet", TE_ERROR.type, comment="whether the set may be used"),
             dint("nNumber", "number of the new set"),
             *order_index(te),
         ),
@@ -98,12 +98,12 @@ def slow_block(te: TransmissionError) -> Block:
     )
 
 
-def error_output_of_set() -> Variable:
+def error_output_of_set() -> BlockVariable:
     """The error code of the set that was published."""
-    return Variable("eError", TE_ERROR.type, comment="NONE, or why the set must not be used")
+    return BlockVariable("eError", TE_ERROR.type, comment="NONE, or why the set must not be used")
 
 
-def fast_results() -> tuple[Variable, ...]:
+def fast_results() -> tuple[BlockVariable, ...]:
     """What the fast task knows of the exchange."""
     return (
         lreal("fAge_s", "time since the set in use arrived, s"),
@@ -149,10 +149,10 @@ def fast_block(te: TransmissionError) -> Block:
         outputs=(*results(), IN_RANGE, *fast_results()),
         in_outs=(EXCHANGE,),
         variables=(
-            Variable("fbCorrection", "FB_Correction", comment="law, fading and limits"),
-            Variable("stCopy", SET_TYPE, comment="the set that is being copied"),
-            Variable("stUsed", SET_TYPE, comment="the newest whole set"),
-            Variable("eSet", TE_ERROR.type, comment="whether the set may be used"),
+            BlockVariable("fbCorrection", "FB_Correction", comment="law, fading and limits"),
+            BlockVariable("stCopy", SET_TYPE, comment="the set that is being copied"),
+            BlockVariable("stUsed", SET_TYPE, comment="the newest whole set"),
+            BlockVariable("eSet", TE_ERROR.type, comment="whether the set may be used"),
             dint("nNewest", "number of the newest set"),
             *order_index(te),
             boolean("bArrived", "a whole set came with this call"),

@@ -83,7 +83,7 @@ def load_object(estimator: Any, name: str) -> LoadedModel:
 @walks(
     "lightgbm.LGBMRegressor",
     "lightgbm.Booster",
-    trusts=("collections.OrderedDict", f"{__name__}.StoredBooster", "lightgbm.sklearn.LGBMRegressor"),
+    trusts=("collections.OrderedDict", f"{__name__}.LightgbmBooster", "lightgbm.sklearn.LGBMRegressor"),
 )
 def walk(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Add a fitted LGBMRegressor or Booster, up to its best iteration, as `predict` uses it."""
@@ -91,7 +91,7 @@ def walk(estimator: Any, builder: GraphBuilder, value: int) -> int:
         return _add(_model_of(_booster(estimator)), builder, value)
 
 
-class StoredBooster:
+class LightgbmBooster:
     """A Booster in a `.skops` file: LightGBM reads its text after our reader has taken it, and not before."""
 
     def __setstate__(self, state: Any) -> None:

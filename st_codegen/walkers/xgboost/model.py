@@ -104,7 +104,7 @@ def load_object(estimator: Any, name: str) -> LoadedModel:
     "xgboost.XGBRegressor",
     "xgboost.XGBRFRegressor",
     "xgboost.Booster",
-    trusts=(f"{__name__}.StoredBooster", "xgboost.sklearn.XGBRFRegressor", "xgboost.sklearn.XGBRegressor"),
+    trusts=(f"{__name__}.XgboostBooster", "xgboost.sklearn.XGBRFRegressor", "xgboost.sklearn.XGBRegressor"),
 )
 def walk(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Add a fitted XGBRegressor or XGBRFRegressor (up to its best iteration), or a Booster (all rounds)."""
@@ -113,7 +113,7 @@ def walk(estimator: Any, builder: GraphBuilder, value: int) -> int:
         return _add(model, builder, value, way)
 
 
-class StoredBooster:
+class XgboostBooster:
     """A Booster in a `.skops` file: XGBoost reads its bytes after our reader has taken them, and not before.
 
     Only the model is taken; the configuration beside it (threads, device, evaluation) plays no part in prediction.

@@ -11,26 +11,26 @@ from st_codegen.emit.blocks.application import (
     Structure,
     Task,
 )
-from st_codegen.emit.blocks.listing import ArrayElement, Block, CodeSection, Group, Table, Variable
+from st_codegen.emit.blocks.listing import ArrayElement, Block, BlockVariable, CodeSection, Group, Table
 from st_codegen.emit.render import print_plans
 
 #: A block counts cycles; a program owns it; two tasks.
 COUNTER = Block(
     name="FB_Counter",
     header=("FB_Counter: made for a test, 1 < 2 & 3 > 2",),
-    inputs=(Variable("aValues", "T_Values", comment="a & b"), Variable("nIgnored", "DINT", initial="3")),
+    inputs=(BlockVariable("aValues", "T_Values", comment="a & b"), BlockVariable("nIgnored", "DINT", initial="3")),
     outputs=(
-        Variable("bValid", "BOOL"),
-        Variable("fOut1", "LREAL", comment="x < y"),
+        BlockVariable("bValid", "BOOL"),
+        BlockVariable("fOut1", "LREAL", comment="x < y"),
     ),
     variables=(
-        Variable("aInput", "LREAL", length=3),
-        Variable("bUsable", "BOOL", initial="TRUE"),
-        Variable("eMode", "E_Mode"),
-        Variable("stState", "ST_State"),
-        Variable("sText", "STRING(20)"),
+        BlockVariable("aInput", "LREAL", length=3),
+        BlockVariable("bUsable", "BOOL", initial="TRUE"),
+        BlockVariable("eMode", "E_Mode"),
+        BlockVariable("stState", "ST_State"),
+        BlockVariable("sText", "STRING(20)"),
     ),
-    constants=(Variable("SMALLEST", "LREAL", initial="-2.5E-3", comment="smallest < x"),),
+    constants=(BlockVariable("SMALLEST", "LREAL", initial="-2.5E-3", comment="smallest < x"),),
     tables=(
         Table("WEIGHT", "LREAL", np.array([0.1, -2.0, 1e-300, 4.0, 5.0]), (Group("tree 0", 0, 2), Group("<&>", 2, 5))),
         Table("SPLIT", "SINT", np.array([0, 1, 1], np.int8)),
@@ -46,7 +46,7 @@ COUNTER = Block(
 MAIN = Block(
     name="PRG_Main",
     header=("PRG_Main: made for a test",),
-    variables=(Variable("fbCounter", "FB_Counter"), Variable("nTimes", "DINT")),
+    variables=(BlockVariable("fbCounter", "FB_Counter"), BlockVariable("nTimes", "DINT")),
     kind="PROGRAM",
 )
 APPLICATION = Application(
@@ -60,9 +60,9 @@ APPLICATION = Application(
             "ST_State",
             ("State of", "the machine."),
             (
-                Variable("fSpeed", "LREAL", initial="1.5", comment="rpm"),
-                Variable("anCount", "DINT", length=4, comment="times"),
-                Variable("eMode", "E_Mode"),
+                BlockVariable("fSpeed", "LREAL", initial="1.5", comment="rpm"),
+                BlockVariable("anCount", "DINT", length=4, comment="times"),
+                BlockVariable("eMode", "E_Mode"),
             ),
         ),
     ),
@@ -70,11 +70,11 @@ APPLICATION = Application(
         GlobalList(
             "GVL_Plant",
             ("Constants of the plant.",),
-            (Variable("RATIO", "LREAL", initial="81.0"),),
+            (BlockVariable("RATIO", "LREAL", initial="81.0"),),
             (Table("ORDER", "DINT", np.array([0, 1, 39], np.int32)),),
             constant=True,
         ),
-        GlobalList("GVL_State", ("What all see.",), (Variable("stState", "ST_State"),)),
+        GlobalList("GVL_State", ("What all see.",), (BlockVariable("stState", "ST_State"),)),
     ),
     blocks=(COUNTER, MAIN),
     tasks=(Task("PlcTask", 500, 1, ("PRG_Main",)), Task("SlowTask", 10_000, 20, ("PRG_Main",))),

@@ -7,7 +7,7 @@ from lxml import etree
 
 from st_codegen.driver import generate
 from st_codegen.emit.blocks.application import Application, Overlay
-from st_codegen.emit.blocks.listing import Block, Variable
+from st_codegen.emit.blocks.listing import Block, BlockVariable
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import InputError
 from st_codegen.project.bundle import load
@@ -65,11 +65,11 @@ def test_tasks_are_instances_of_the_programs(schema):
 
 
 def test_what_the_format_cannot_say_is_refused_in_one_message():
-    overlay = Overlay("U_Bits", ("Bits.",), (Variable("fX", "LREAL"),))
+    overlay = Overlay("U_Bits", ("Bits.",), (BlockVariable("fX", "LREAL"),))
     blocks = (
         Block("FB_Child", ("x",), extends="FB_Base"),
-        Block("FB_List", ("x",), variables=(Variable("aX", "LREAL", length=2, initial="[1.0, 2.0]"),)),
-        Block("FB_Pointer", ("x",), variables=(Variable("pX", "POINTER TO LREAL"),)),
+        Block("FB_List", ("x",), variables=(BlockVariable("aX", "LREAL", length=2, initial="[1.0, 2.0]"),)),
+        Block("FB_Pointer", ("x",), variables=(BlockVariable("pX", "POINTER TO LREAL"),)),
     )
     with pytest.raises(InputError) as caught:
         written(PLCOPEN, Application("bad", types=(overlay,), blocks=blocks))
