@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from lxml import etree
 
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, errors_name
 from st_codegen.ir import FloatArray, Function, IntArray, Kernel
+from st_codegen.walkers.limits import Things, check_count
 
 #: Activation functions and kernels by the vendor's names, which carry the prefixes ACT_FN_ and KERNEL_FN_ in a file.
 ACTIVATIONS = {
@@ -30,7 +31,6 @@ KERNELS = {
     "RBF": Kernel.RBF,
     "SIGMOID": Kernel.SIGMOID,
 }
-MAX_BYTES = 1 << 30
 MAX_INPUTS = 1 << 16
 #: So much of a text from outside is shown in a message.
 SHOWN = 30
@@ -42,6 +42,10 @@ def parse(content: bytes, file: str) -> etree._Element:
     """The root element. Raises InputError for what is no XML, or has a document type or entities."""
     if _DECLARED.search(content):
         raise InputError(f"{file}: a document type or an entity is not allowed in a model file")
+    with errors_name(file):
+        check_count(content.count(b"<"), Things.OBJECTS)
+        check_count(content.count(b"="), Things.OBJECTS, "with values")
+        check_count(content.count(b","), Things.NUMBERS)
     # the text is what was searched: UTF-8, whatever the file says
     parser = etree.XMLParser(
         encoding="utf-8",

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.beckhoff_ml.file import ACTIVATIONS, KERNELS, MAX_BYTES, MAX_INPUTS, SHOWN, XmlElement, parse
-from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.beckhoff_ml.file import ACTIVATIONS, KERNELS, MAX_INPUTS, SHOWN, XmlElement, parse
+from st_codegen.errors import InputError, UnsupportedModelError, errors_name
 from st_codegen.ir import (
     FLOAT32_OVERFLOW,
     Activation,
@@ -38,6 +38,7 @@ from st_codegen.ir import (
 )
 from st_codegen.ir.preorder import preorder
 from st_codegen.walkers.base import GraphBuilder, LoadedModel, Predictor
+from st_codegen.walkers.limits import check_size
 
 _FUNCTIONS: dict[Function, Callable[[Any], Any]] = {
     Function.LOGISTIC: lambda x: 1 / (1 + np.exp(-x)),
@@ -51,9 +52,8 @@ _FUNCTIONS: dict[Function, Callable[[Any], Any]] = {
 
 def load_file(path: Path, name: str) -> LoadedModel:
     """Load one model file. Raises InputError for what is damaged, UnsupportedModelError for what is not read."""
-    size = path.stat().st_size
-    if size > MAX_BYTES:
-        raise InputError(f"{path.name}: {size} bytes are more than the limit of {MAX_BYTES}")
+    with errors_name(path.name):
+        check_size(path.stat().st_size)
     return read_model(path.read_bytes(), path.name, name)
 
 

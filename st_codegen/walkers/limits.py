@@ -1,9 +1,14 @@
-"""How much a model file may hold: checked before it is unpacked or read."""
+"""How much a model file may hold: checked before it is unpacked, or made into objects.
+
+Everything is bounded by one number, the bytes of `--max-model-bytes`: the file, what it unpacks to, and the things in
+it, each of which takes a multiple of its few bytes once it is an object in memory.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from enum import Enum
 
 from st_codegen.errors import InputError
 
@@ -13,6 +18,16 @@ DEFAULT_MAX_MODEL_BYTES = 256 * 2**20
 
 #: Features, or outputs, of one model: nothing else in some files bounds these numbers.
 MAX_COLUMNS = 100_000
+
+
+class Things(Enum):
+    """What is counted in a file, and one for how many bytes of the limit may be there."""
+
+    NUMBERS = "numbers", 16
+    TEXTS = "texts", 64
+    OBJECTS = "objects", 256
+    TREES = "trees", 2048
+    MEMBERS = "members", 4096
 
 
 class _Limit:
@@ -39,8 +54,29 @@ def limited_to(limit: int) -> Iterator[None]:
 
 def check_size(size: int, how: str = "") -> None:
     """Raise InputError for more bytes than allowed; `how` says how they are counted."""
-    if size > _Limit.size:
+    _check(size, "bytes", _Limit.size, how)
+
+
+def check_count(count: int, things: Things, where: str = "") -> None:
+    """Raise InputError for more of some things than allowed."""
+    name, bytes_each = things.value
+    _check(count, name, most(bytes_each), where)
+
+
+def most(bytes_each: int) -> int:
+    """How many things of a size the limit allows."""
+    return max(1, _Limit.size // bytes_each)
+
+
+def check_json(data: bytes) -> None:
+    """Raise InputError for JSON that would make more objects, lists or numbers than allowed."""
+    check_count(data.count(b"{") + data.count(b"["), Things.OBJECTS)
+    check_count(data.count(b","), Things.NUMBERS)
+
+
+def _check(count: int, name: str, allowed: int, how: str) -> None:
+    if count > allowed:
         raise InputError(
-            f"{size} bytes{' ' + how if how else ''}, at most {_Limit.size} are read; "
+            f"{count} {name}{' ' + how if how else ''}, at most {allowed} are read; "
             "if you trust the file, raise the limit with --max-model-bytes"
         )

@@ -17,14 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.errors import InputError, UntrustedFileError
-from st_codegen.walkers.limits import check_size
+from st_codegen.errors import InputError, UntrustedFileError, errors_name
+from st_codegen.walkers.limits import Things, check_count, check_json, check_size
 
 _SCHEMA = "schema.json"
-
-#: Nodes, and numbers in lists, of one schema: about 0.5 GB as Python objects. A forest of 500 trees has 30,000 nodes.
-MAX_NODES = 1_000_000
-MAX_ENTRIES = 10_000_000
 
 #: Objects inside objects in the schema; a pipeline of forests needs about 30.
 MAX_DEPTH = 200
@@ -47,6 +43,8 @@ def checked_archive(path: Path) -> bytes:
     Raises InputError for a file that is damaged or larger than allowed, UntrustedFileError for one in which a booster
     is made by anything but its state.
     """
+    # the list of members becomes objects when the archive is opened; each starts with these bytes
+    check_count(path.read_bytes().count(b"PK\x01\x02"), Things.MEMBERS)
     with zipfile.ZipFile(path) as archive:
         members = {info.filename: info for info in archive.infolist()}
         if len(members) != len(archive.infolist()):
@@ -89,9 +87,8 @@ def _unpacked(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> bytes:
 
 def _read_schema(data: bytes) -> dict[str, Any]:
     """The tree of nodes, after its objects and list entries were counted."""
-    for mark, most, what in ((b"{", MAX_NODES, "objects"), (b",", MAX_ENTRIES, "entries"), (b"[", MAX_NODES, "lists")):
-        if (count := data.count(mark)) > most:
-            raise InputError(f"{_SCHEMA}: {count} {what}, at most {most} are read")
+    with errors_name(_SCHEMA):
+        check_json(data)
     try:
         schema = json.loads(data)
     except RecursionError:

@@ -15,9 +15,10 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, errors_name
 from st_codegen.ir import FloatArray, IntArray
 from st_codegen.walkers.forest import CategorySets, LeafModels, ParsedTree
+from st_codegen.walkers.limits import MAX_COLUMNS, Things, check_count, check_json
 
 #: How a split reads its column: the missing types of the format, and category sets.
 READ_PLAIN, READ_ZERO_MISSING, READ_NAN_MISSING, READ_CATEGORY = range(4)
@@ -37,6 +38,9 @@ _TREE_FIELDS = frozenset(
 
 #: Fields that LightGBM parses for other ends; on anything but numbers it stops the process.
 _NUMERIC_FIELDS = frozenset(b"split_gain leaf_count internal_value internal_weight internal_count shrinkage".split())
+
+#: Bytes of a list that become objects at the same time.
+_PIECE = 2**16
 
 _CHARACTERS_OF_NUMBERS = b"0123456789+-.eE naifNAIF"
 
@@ -78,6 +82,7 @@ def parse(stream: BinaryIO) -> TextModel:
     sizes = _integers(header["tree_sizes"], "tree_sizes") if "tree_sizes" in header else None
     trees: list[ParsedTree] = []
     while line.startswith(b"Tree="):
+        check_count(len(trees) + 1, Things.TREES)
         line, fields = _read_tree(lines, line, len(trees), sizes)
         trees.append(_tree(fields, n_features, f"tree {len(trees)}"))
     if sizes is not None and len(trees) != len(sizes):
@@ -116,6 +121,7 @@ def _read_header(lines: Iterator[bytes]) -> tuple[dict[str, bytes], bytes]:
     for line in lines:
         if line.startswith((b"Tree=", *_ENDS_OF_TREES)):
             return header, line
+        check_count(len(header), Things.TREES, "or other fields in the header")
         key, _, value = line.rstrip(b"\r\n").partition(b"=")
         if not key.isascii() or (b"=" in value and key != b"feature_names"):
             raise InputError(f"the header: the line '{line[:40].decode('utf-8', 'replace').strip()}' is no field")
@@ -186,6 +192,8 @@ def _read_tail(lines: Iterator[bytes]) -> tuple[str, tuple[tuple[object, ...], .
             categories = text.partition(b":")[2]
     if inside:
         raise InputError("the file ends inside its parameters")
+    with errors_name("pandas_categorical"):
+        check_json(categories)
     try:
         lists = json.loads(categories)
     except (ValueError, RecursionError) as error:
@@ -314,7 +322,10 @@ def _text(fields: dict[str, bytes], name: str) -> str:
 
 
 def _words(fields: dict[str, bytes], name: str, count: int) -> tuple[str, ...]:
-    words = tuple(word for word in _text(fields, name).split(" ") if word)
+    text = _text(fields, name)
+    if text.count(" ") > MAX_COLUMNS:
+        raise InputError(f"{name}: more than {MAX_COLUMNS} features are not supported")
+    words = tuple(word for word in text.split(" ") if word)
     if count < 1 or len(words) != count:
         raise InputError(f"{name}: {len(words)} entries, max_feature_idx says {count}")
     return words
@@ -357,10 +368,22 @@ def _integers(text: bytes, where: str) -> IntArray:
 
 def _numbers(kind: type[int] | type[float], text: bytes, where: str) -> Iterator[int | float]:
     _check_characters(text, where)
+    check_count(text.count(b" ") + 1, Things.NUMBERS, f"in {where}")
     try:
-        yield from map(kind, text.split())
+        for piece in _pieces(text):
+            yield from map(kind, piece.split())
     except ValueError as error:
         raise InputError(f"{where}: {error}") from None
+
+
+def _pieces(text: bytes) -> Iterator[bytes]:
+    """A long list in pieces that end at blanks: an entry in a list of its own takes many times its bytes."""
+    start = 0
+    while start < len(text):
+        end = text.find(b" ", start + _PIECE)
+        end = len(text) if end < 0 else end
+        yield text[start:end]
+        start = end
 
 
 def _check_unused(text: bytes, where: str) -> None:

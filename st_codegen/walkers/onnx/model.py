@@ -12,7 +12,7 @@ from google.protobuf.message import DecodeError
 from onnx import TensorProto
 from onnx.helper import OP_SET_ID_VERSION_MAP
 
-from st_codegen.errors import InputError, Problems, UnsupportedModelError
+from st_codegen.errors import InputError, Problems, UnsupportedModelError, errors_name
 from st_codegen.ir import Feature, Source
 from st_codegen.walkers.base import LoadedModel
 from st_codegen.walkers.onnx import ml, operators, shapes  # noqa: F401  (they register the operators)
@@ -20,9 +20,8 @@ from st_codegen.walkers.onnx.file import check_names, domain_of, printable, type
 from st_codegen.walkers.onnx.graph import GraphWalk, read_initializers, run_nodes
 from st_codegen.walkers.onnx.operands import FLOAT32, MAX_COLUMNS, ConstantOperand, Tensor
 from st_codegen.walkers.onnx.session import GraphInput, predictor
+from st_codegen.walkers.onnx.wire import check_messages
 
-#: Bytes of a file; a forest of a million nodes has about 40 MB.
-MAX_FILE_SIZE = 2**30
 #: Operators that only move numbers about, left out of the description of a model.
 _PLUMBING = frozenset(
     (
@@ -51,9 +50,6 @@ def load(path: Path, name: str) -> LoadedModel:
 
 def _read(path: Path) -> bytes:
     try:
-        size = path.stat().st_size
-        if size > MAX_FILE_SIZE:
-            raise UnsupportedModelError(f"{path.name}: {size} bytes, at most {MAX_FILE_SIZE} are supported")
         return path.read_bytes()
     except OSError as error:
         raise InputError(
@@ -62,6 +58,8 @@ def _read(path: Path) -> bytes:
 
 
 def _parse(data: bytes, file: str) -> onnx.ModelProto:
+    with errors_name(file):
+        check_messages(data, onnx.ModelProto.DESCRIPTOR)
     try:
         model: onnx.ModelProto = onnx.ModelProto.FromString(data)
     except (DecodeError, RecursionError, UnicodeDecodeError) as error:

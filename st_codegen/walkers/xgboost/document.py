@@ -19,7 +19,7 @@ import numpy as np
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import BoolArray, FloatArray, Int32Array, IntArray
 from st_codegen.walkers.forest import CategorySets, ParsedTree
-from st_codegen.walkers.limits import MAX_COLUMNS
+from st_codegen.walkers.limits import MAX_COLUMNS, check_json
 from st_codegen.walkers.xgboost import ubjson
 
 #: How a split reads its column.
@@ -113,6 +113,7 @@ def loads(data: bytes, *, binary: bool) -> BoosterModel:
 
 
 def _json(data: bytes) -> Any:
+    check_json(data)
     try:
         return json.loads(data, object_hook=_with_arrays)
     except (ValueError, RecursionError) as error:

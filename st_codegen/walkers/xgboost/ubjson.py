@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import InputError
+from st_codegen.walkers.limits import Things, check_count
 
 _NUMBERS = {b"i": ">i1", b"U": ">u1", b"I": ">i2", b"l": ">i4", b"L": ">i8", b"d": ">f4", b"D": ">f8"}
 _INTEGERS = frozenset(b"iUIlL")
@@ -50,6 +51,7 @@ class _UbjsonReader:
     def __init__(self, data: bytes) -> None:
         self.data = data
         self.position = 0
+        self.values = self.containers = 0
 
     def fail(self, message: str) -> InputError:
         return InputError(f"UBJSON, byte {self.position}: {message}")
@@ -94,6 +96,8 @@ class _UbjsonReader:
     def value(self, marker: bytes, depth: int) -> Any:
         if depth > _MAX_DEPTH:
             raise self.fail(f"nested more than {_MAX_DEPTH} deep")
+        self.values += 1
+        check_count(self.values, Things.NUMBERS, "in UBJSON that are not in arrays of one type")
         if marker in _NUMBERS:
             return self.number(marker)
         if marker in _CONSTANTS:
@@ -107,6 +111,11 @@ class _UbjsonReader:
         if marker == b"{":
             return self.object(depth)
         raise self.fail(f"unknown marker {marker!r}")
+
+    def container(self) -> None:
+        """Count an array or an object."""
+        self.containers += 1
+        check_count(self.containers, Things.OBJECTS)
 
     def header(self) -> tuple[bytes | None, int | None]:
         """Type and count of a container, where it declares them."""
@@ -122,6 +131,7 @@ class _UbjsonReader:
         return kind, self.length()
 
     def array(self, depth: int) -> Any:
+        self.container()
         kind, count = self.header()
         if kind in _NUMBERS and kind is not None and count is not None:
             dtype = np.dtype(_NUMBERS[kind])
@@ -138,6 +148,7 @@ class _UbjsonReader:
         return result
 
     def object(self, depth: int) -> dict[str, Any]:
+        self.container()
         kind, count = self.header()
         if kind is not None:
             raise self.fail(f"an object of type {kind!r}")
