@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from st_codegen.emit.blocks.application import Application
 from st_codegen.emit.blocks.listing import Block
+from st_codegen.emit.blocks.self_test import SELF_TEST, self_test_block
 from st_codegen.ir import ModelIR
 
 #: Models that have nothing to do with each other: nothing surrounds their blocks.
@@ -27,9 +28,11 @@ class Contents:
     uses: Mapping[str, str] = field(default_factory=dict)
 
     def application(self, block_of: Callable[[ModelIR], Block]) -> Application:
-        """The whole application; `block_of` makes the block of a model.
+        """The whole application; `block_of` makes the block of a model. FB_SelfTest comes first, if its name is free.
 
         Raises InputError for names that Structured Text cannot have, TargetError for tables that are too long.
         """
         blocks = tuple(block_of(model) for model in self.models)
-        return dataclasses.replace(self.around, blocks=(*blocks, *self.around.blocks))
+        blocks = (*blocks, *self.around.blocks)
+        is_free = all(block.name.lower() != SELF_TEST.lower() for block in blocks)
+        return dataclasses.replace(self.around, blocks=(*([self_test_block()] if is_free else []), *blocks))

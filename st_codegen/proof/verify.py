@@ -7,6 +7,7 @@ one within the bound that `bounds` derives for the very row. Rows that the libra
 
 from __future__ import annotations
 
+import dataclasses
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -18,6 +19,7 @@ import numpy as np
 
 from st_codegen.cost.profile import Profile
 from st_codegen.cost.report import ProjectCost, project_cost
+from st_codegen.emit.blocks.self_test import SELF_TEST
 from st_codegen.emit.output import MANIFEST, block_of
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
@@ -199,14 +201,18 @@ def verify(
 def cycle_cost(code: GeneratedCode, profile: Profile, entries: tuple[str, ...] = ()) -> ProjectCost:
     """The worst case of a cycle of generated text: of `entries`, else of what its tasks call (see `project_cost`).
 
-    Programs of several tasks are added up, for they share a processor. Raises GeneratedCodeError for an unknown entry.
+    FB_SelfTest, which runs once, is part of no cycle unless it is named. Programs of several tasks are added up, for
+    they share a processor. Raises GeneratedCodeError for an unknown entry.
     """
     names = {name.upper() for name in code.project.pous}
     missing = [name for name in entries if name.upper() not in names]
     if missing:
         raise GeneratedCodeError(f"{code.folder}: no block {', '.join(missing)}")
     tasks = tuple(name for name in code.task_programs if name.upper() in names)
-    return project_cost(code.project, profile, entries or tasks or None)
+    cost = project_cost(code.project, profile, entries or tasks or None)
+    if entries or tasks:
+        return cost
+    return dataclasses.replace(cost, entries=tuple(name for name in cost.entries if name != SELF_TEST))
 
 
 def target_folders(generated: Path) -> list[Path]:

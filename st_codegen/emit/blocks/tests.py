@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from st_codegen.emit.blocks.application import Application, Task
 from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection, Group, Table
 from st_codegen.emit.blocks.model import header_lines
+from st_codegen.emit.blocks.self_test import SELF_TEST
 from st_codegen.ir import FloatArray, Source
 
 #: The task of the suites: slow and less urgent than any of the application.
@@ -38,11 +39,13 @@ class ReferenceVectors:
 
 
 def with_tests(application: Application, vectors: Sequence[ReferenceVectors]) -> Application:
-    """The application with a suite for each of the vectors, the program that runs them and its task."""
+    """The application with a suite for FB_SelfTest and each of the vectors, the program that runs them and its task."""
     if not vectors:
         return application
     inputs = {block.name: [variable.name for variable in block.inputs] for block in application.blocks}
     suites = tuple(_suite(vector, inputs[vector.block]) for vector in vectors)
+    if f"{SELF_TEST}_Test" not in {suite.name for suite in suites}:
+        suites = (_self_test_suite(), *suites)
     instances = tuple(BlockVariable(f"fb{suite.name[3:]}", suite.name) for suite in suites)
     runner = Block(
         name="PRG_Test",
@@ -58,6 +61,16 @@ def with_tests(application: Application, vectors: Sequence[ReferenceVectors]) ->
         tests=(*suites, runner),
         tasks=(*application.tasks, TEST_TASK),
         libraries=(*application.libraries, "TcUnit"),
+    )
+
+
+def _self_test_suite() -> Block:
+    return Block(
+        name=f"{SELF_TEST}_Test",
+        header=header_lines((f"{SELF_TEST}_Test: what the equality of all other suites rests on",)),
+        extends="FB_TestSuite",
+        variables=(BlockVariable("fbBlock", SELF_TEST, comment="what is tested"),),
+        sections=(CodeSection("the test of the controller's arithmetic", "tcunit_self_test", {}),),
     )
 
 

@@ -30,7 +30,7 @@ def folder(bundle_folder, tmp_path):
 
 def test_the_suites_pass_on_the_controllers_text(folder, bundle_folder):
     found = suites(folder)
-    assert len(found) == 3  # two models and FB_TEPredict
+    assert len(found) == 4  # FB_SelfTest, two models and FB_TEPredict
     for suite in found:
         assert suite.tests
         assert suite.finished == set(suite.tests)
@@ -44,9 +44,10 @@ def test_the_suites_pass_on_the_controllers_text(folder, bundle_folder):
     [
         ("Tests/FB_A_Test.TcPOU", r"(TEST_EXPECTED .*?row 5 \*\)\s*)(-?)", r"\g<1>9"),
         ("POUs/FB_TEPredict.TcPOU", r"aAmplitudeFw\[0\] := ", "aAmplitudeFw[0] := 1.0E-6 + "),
+        ("POUs/FB_SelfTest.TcPOU", r"fDivided / 49", "fDivided / 48"),
         ("POUs/FB_TEPredict.TcPOU", r"bValid := bUsable", "bValid := TRUE"),
     ],
-    ids=["expected value", "amplitude", "NaN taken"],
+    ids=["expected value", "amplitude", "arithmetic", "NaN taken"],
 )
 def test_a_change_makes_a_suite_fail(folder, file, pattern, by):
     path = folder / file
