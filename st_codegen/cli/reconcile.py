@@ -19,6 +19,7 @@ from st_codegen.files.text import make_folder
 if TYPE_CHECKING:
     from st_codegen.reconcile.judge.spectrum import SpectrumResult
     from st_codegen.reconcile.models.update import Update, Wish
+    from st_codegen.reconcile.plan.next_runs import NextRuns
     from st_codegen.reconcile.run import Reconciliation
 
 
@@ -39,7 +40,10 @@ Examples:
     help="Campaign folder, harmonic table, order spectrum, or recording over time.",
 )
 @click.option(
-    "--out", type=click.Path(path_type=Path), required=True, help="Folder for rig.toml, report.json, report.html."
+    "--out",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="Folder for rig.toml, report.json, report.html, next_runs.csv.",
 )
 @click.option("--effects", type=click.Path(path_type=Path), multiple=True, help="Python file with effects of your own.")
 @click.option("--scale", type=Number(), help="Factor on the measured TE; 1 to accept it as it is.")
@@ -95,8 +99,9 @@ def command(
         spectrum_summary,
     )
     from st_codegen.reconcile.models.update import check_models
+    from st_codegen.reconcile.plan.next_runs import next_runs
     from st_codegen.reconcile.report.output import report
-    from st_codegen.reconcile.report.sentences import summary, update_summary
+    from st_codegen.reconcile.report.sentences import next_runs_summary, summary, update_summary
     from st_codegen.reconcile.run import reconcile_files, with_empirical
     from st_codegen.rig.effects import catalogue
     from st_codegen.rig.model import read_rig
@@ -120,8 +125,9 @@ def command(
                 model, measured, known, scale=scale, accept=accept, skip_bad=skip_bad, progress=progress
             )
         result = with_empirical(result, known) if empirical else result
-        changes = _written(result, wish, out, quiet)
-        content, text = report(result, changes), summary(result)
+        ahead = next_runs(result, known)
+        changes = _written(result, ahead, wish, out, quiet)
+        content, text = report(result, changes, ahead), f"{summary(result)}\n{next_runs_summary(ahead)}"
         text += "" if changes is None else "\n" + update_summary(changes)
     if not quiet:
         console.print(text)
@@ -147,7 +153,7 @@ def _wish(models: Path | None, update: bool, target: str, profile: str, trust_pi
     return Wish(models, target, "" if profile == "none" else profile, trust_pickle=trust_pickle)
 
 
-def _written(result: Reconciliation, wish: Wish | None, out: Path, quiet: bool) -> Update | None:
+def _written(result: Reconciliation, ahead: NextRuns, wish: Wish | None, out: Path, quiet: bool) -> Update | None:
     """Update the models, and write everything at once."""
     from st_codegen.reconcile.models.update import update_models
     from st_codegen.reconcile.report.output import report_text, rig_diff
@@ -162,8 +168,9 @@ def _written(result: Reconciliation, wish: Wish | None, out: Path, quiet: bool) 
         texts = {
             "rig.toml": result.new_rig.text(),
             "rig.diff": rig_diff(result),
-            "report.json": report_text(result, changes),
-            "report.html": report_page(result, changes),
+            "report.json": report_text(result, changes, ahead),
+            "report.html": report_page(result, changes, ahead),
+            "next_runs.csv": ahead.csv_text(),
         }
         made = {folder: Path(name) / folder for folder in (UPDATED_MODELS, UPDATED_CODE)}
         folders = {folder: path for folder, path in made.items() if path.exists()}
@@ -173,10 +180,17 @@ def _written(result: Reconciliation, wish: Wish | None, out: Path, quiet: bool) 
 
 def _spectrum_texts(found: SpectrumResult) -> dict[str, str]:
     from st_codegen.reconcile.judge.spectrum import spectrum_report
+    from st_codegen.reconcile.plan.next_runs import NextRuns
     from st_codegen.reconcile.report.pages import spectrum_page
 
     content = json.dumps(spectrum_report(found), indent=1, allow_nan=False) + "\n"
-    return {"rig.toml": found.rig.text(), "rig.diff": "", "report.json": content, "report.html": spectrum_page(found)}
+    return {
+        "rig.toml": found.rig.text(),
+        "rig.diff": "",
+        "report.json": content,
+        "report.html": spectrum_page(found),
+        "next_runs.csv": NextRuns().csv_text(),
+    }
 
 
 def _write(texts: Mapping[str, str], folders: Mapping[str, Path], out: Path) -> None:

@@ -208,6 +208,26 @@ class Settings:
     #: an unnamed order is described by mesh orders that are no farther away
     near_orders: int = 8
 
+    # --- the next measurement ---
+    #: runs that are proposed at once, and what one must add (nats: 0.2 is a volume of errors a fifth smaller) beside
+    #: those before it
+    most_next_runs: int = 12
+    least_gain: float = 0.2
+    #: expected logarithm of the odds at which two explanations count as told apart: a chance of one in a million
+    told_apart: float = 14.0
+    #: points between two measured speeds that are considered, levels of torque and of temperature at most
+    between: int = 3
+    most_torques: int = 7
+    most_temperatures: int = 3
+    #: speeds around a peak, in half widths of it: the flanks tell the frequency, top and feet height and damping
+    around_peak: tuple[float, ...] = (-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0)
+    #: torques about the one at which flanks seat, in multiples of it
+    around_seating: tuple[float, ...] = (0.25, 0.5, 1.0, 2.0, 4.0)
+    #: refused candidates that are considered as rival explanations of what is unexplained
+    most_rivals: int = 3
+    #: unexplained orders that runs are proposed for, the largest first
+    most_open_orders: int = 8
+
     # --- models and words ---
     #: measured rows inside the ranges of a bundle that are needed to judge it
     least_rows: int = 8

@@ -23,7 +23,7 @@ from st_codegen.rig.model import RigModel
 
 @dataclass(frozen=True)
 class Experiment:
-    """Where two names predict different things: conditions, and RMS and largest difference (deg)."""
+    """Where two names predict different things: conditions, largest difference (deg RMS), `rival` by the other name."""
 
     name: str
     other: str
@@ -33,6 +33,7 @@ class Experiment:
     torque_Nm: float
     temperature_C: float
     difference_deg: float
+    rival: RigModel
 
 
 @dataclass(frozen=True)
@@ -357,6 +358,7 @@ def _experiment(joint: Fit, other_fit: Fit, number: int, other: Candidate) -> Ex
         float(points.torque_Nm[row]),
         float(points.temperature_C[row]),
         largest,
+        two,
     )
 
 

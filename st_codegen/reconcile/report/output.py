@@ -16,9 +16,10 @@ from st_codegen.rig.effects import Effect
 
 if TYPE_CHECKING:
     from st_codegen.reconcile.models.update import Update
+    from st_codegen.reconcile.plan.next_runs import NextRuns
 
 
-def report(result: Reconciliation, update: Update | None = None) -> dict[str, Any]:
+def report(result: Reconciliation, update: Update | None = None, ahead: NextRuns | None = None) -> dict[str, Any]:
     """The content of report.json (DESIGN.md), and more beside it."""
     claims = result.conclusions.claims
     return {
@@ -64,6 +65,7 @@ def report(result: Reconciliation, update: Update | None = None) -> dict[str, An
             {"name": c.name, "orders": list(c.piece.effect.orders), "passed": e.passed, **_evidence(e)}
             for c, e in result.judged
         ],
+        **({} if ahead is None else {"next_runs": ahead.as_json()}),
         **({} if update is None else {"models": update.as_json()}),
     }  # fmt: skip
 
@@ -156,9 +158,9 @@ def _gap(gap: Gap) -> dict[str, float]:
     return {"before": gap.before, "after": gap.after, "noise_floor": gap.noise_floor}
 
 
-def report_text(result: Reconciliation, update: Update | None = None) -> str:
+def report_text(result: Reconciliation, update: Update | None = None, ahead: NextRuns | None = None) -> str:
     """report.json as text."""
-    return json.dumps(report(result, update), indent=1, allow_nan=False) + "\n"
+    return json.dumps(report(result, update, ahead), indent=1, allow_nan=False) + "\n"
 
 
 def rig_diff(result: Reconciliation) -> str:

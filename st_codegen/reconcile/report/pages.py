@@ -20,6 +20,7 @@ from st_codegen.report.picture import Draw, figure, figures
 
 if TYPE_CHECKING:
     from st_codegen.reconcile.models.update import Update
+    from st_codegen.reconcile.plan.next_runs import NextRuns
 
 _MOST_BARS = 24
 _SAMPLES = 720
@@ -27,9 +28,10 @@ _SAMPLES = 720
 _SHORT = 80
 
 
-def report_page(result: Reconciliation, update: Update | None = None) -> str:
+def report_page(result: Reconciliation, update: Update | None = None, ahead: NextRuns | None = None) -> str:
     """The report as one HTML page. Raises MissingExtraError without Matplotlib."""
     sections = [_findings(result), _gap(result), _by_order(result), _claims(result), _unexplained(result)]
+    sections += [] if ahead is None else [_next_runs(ahead)]
     sections += map_sections(result)
     sections += [_curves(result), _ranking(result), _runs(result), _limits(result), _rig(result)]
     if update is not None:
@@ -242,6 +244,26 @@ def _runs(result: Reconciliation) -> PageSection | None:
         "unexplained."
     )
     return PageSection("Suspected bad runs", text, PageTable(["run", "times the usual distance"], rows))
+
+
+def _next_runs(ahead: NextRuns) -> PageSection:
+    """The runs to make next, and what they are expected to give."""
+    title = "The next measurement"
+    if not ahead.runs:
+        return PageSection(title, f"No run is proposed: {ahead.none_because}.")
+    rows = [
+        [number, run.point.speed_rpm, run.point.torque_Nm, run.point.temperature_C, run.purpose]
+        for number, run in enumerate(ahead.runs, 1)
+    ]
+    columns = ["", "speed, rpm", "torque, N m", "oil, degC", "this run"]
+    text = "Both directions each, the most telling first; next_runs.csv lists them as conditions of a campaign."
+    if ahead.narrowed:
+        best = min(ahead.narrowed, key=lambda n: n.then / n.now if n.now else 1.0)
+        text += (
+            f" If what was found holds, the error of {best.key} of {best.effect} is expected to fall from "
+            f"{best.now:.2g} to {best.then:.2g}."
+        )
+    return PageSection(title, text, PageTable(columns, rows))
 
 
 def _limits(result: Reconciliation) -> PageSection:

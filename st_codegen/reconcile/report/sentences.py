@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from st_codegen.campaign.conditions import OperatingPoint
 from st_codegen.reconcile.judge.conclusions import Claim
 from st_codegen.reconcile.run import Reconciliation, TakenBack
 from st_codegen.reconcile.settings import SETTINGS
@@ -15,6 +16,7 @@ from st_codegen.rig.effects.base import ARCMIN
 
 if TYPE_CHECKING:
     from st_codegen.reconcile.models.update import Update
+    from st_codegen.reconcile.plan.next_runs import NextRuns
 
 VERDICT_TEXT = {
     "explained": "What was missing is named; what is left has no pattern over the conditions that were measured.",
@@ -79,6 +81,20 @@ def summary(result: Reconciliation) -> str:
         worst = result.data.labels[result.noise.suspects[0][0]]
         lines.append(f"Suspected bad runs: {len(result.noise.suspects)}, the worst {worst}")
     return "\n".join(lines)
+
+
+def next_runs_summary(ahead: NextRuns) -> str:
+    """What to measure next, in one line."""
+    if not ahead.runs:
+        return f"Next measurement: none proposed; {ahead.none_because}"
+    first = ahead.runs[0]
+    count = f"{len(ahead.runs)} runs" if len(ahead.runs) > 1 else "1 run"
+    return f"Next measurement: {count} in next_runs.csv, the first at {point_text(first.point)}, which {first.purpose}"
+
+
+def point_text(point: OperatingPoint) -> str:
+    """An operating point in words."""
+    return f"{point.speed_rpm:g} rpm, {point.torque_Nm:g} N m, {point.temperature_C:g} degC"
 
 
 def taken_back_text(back: TakenBack) -> str:

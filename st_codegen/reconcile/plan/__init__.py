@@ -1,0 +1,1 @@
+"""Which operating points to measure next."""

@@ -1,0 +1,130 @@
+"""The next measurement: the operating points that would tell most of what the data leave open.
+
+Runs are chosen greedily, each beside those before it. What is left of them goes to where models that learn from the
+runs alone would miss most of what was found: peaks between the measured speeds.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict, astuple, dataclass
+from typing import Any
+
+import numpy as np
+
+from st_codegen.campaign.conditions import CONDITION_COLUMNS, OperatingPoint
+from st_codegen.reconcile.plan.points import points_of, rows_at
+from st_codegen.reconcile.plan.questions import Name, Parameters, Question, peaks_between, told_apart, unexplained
+from st_codegen.reconcile.plan.rivals import other_models
+from st_codegen.reconcile.run import Reconciliation
+from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects import Catalogue
+
+
+@dataclass(frozen=True)
+class NextRun:
+    """A proposed run (both directions): where, what for, and what it is expected to add (nats)."""
+
+    point: OperatingPoint
+    purpose: str
+    gain: float
+
+
+@dataclass(frozen=True)
+class Narrowed:
+    """A parameter of what was found: its standard error now, and as expected with the proposed runs."""
+
+    effect: str
+    orders: tuple[int, ...]
+    key: str
+    now: float
+    then: float
+
+
+@dataclass(frozen=True)
+class NextRuns:
+    """The proposed runs, best first; how much they are expected to narrow; why there are none."""
+
+    runs: tuple[NextRun, ...] = ()
+    narrowed: tuple[Narrowed, ...] = ()
+    none_because: str = ""
+
+    def as_json(self) -> dict[str, Any]:
+        """The key `next_runs` of report.json."""
+        return {
+            "runs": [{**asdict(run.point), "purpose": run.purpose, "gain_nats": run.gain} for run in self.runs],
+            "expected": [
+                {"name": n.effect, "orders": list(n.orders), "key": n.key, "stderr": n.now, "with_runs": n.then}
+                for n in self.narrowed
+            ],
+            "none_because": self.none_because,
+        }
+
+    def csv_text(self) -> str:
+        """The runs as conditions of a campaign, each with what it is for."""
+        text = io.StringIO(newline="")
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(["file", *CONDITION_COLUMNS, "purpose"])
+        for run in self.runs:
+            writer.writerow([run.point.file_name(), *(f"{x:g}" for x in astuple(run.point)), run.purpose])
+        return text.getvalue()
+
+
+def next_runs(result: Reconciliation, known: Catalogue) -> NextRuns:
+    """The runs that would tell most of what a reconciliation leaves open."""
+    data, final = result.data, result.conclusions.final
+    if data.angle_rad is not None:
+        return NextRuns(none_because="recordings over time have no operating points that could be chosen")
+    rivals = other_models(result, known)
+    points = points_of(result, [rival.rig for rival in rivals])
+    if not points:
+        return NextRuns(none_because="every point between the measured ones was measured")
+    rows = rows_at(points, final)
+    parameters = Parameters.of(final, rows)
+    questions = [
+        *told_apart(final, rows, rivals),
+        *unexplained(result, rows),
+        *([] if parameters is None else [parameters]),
+    ]
+    chosen = _chosen(points, questions)
+    rest = SETTINGS.most_next_runs - len(chosen)
+    chosen += _chosen(points, peaks_between(result, rows), rest, {run.point for run in chosen})
+    if not chosen:
+        return NextRuns(none_because="no single run inside what was measured would add much")
+    return NextRuns(tuple(chosen), () if parameters is None else _narrowed(result, parameters.ratios()))
+
+
+def _narrowed(result: Reconciliation, ratios: Mapping[Name, float]) -> tuple[Narrowed, ...]:
+    """The standard errors of what was found, now and with the runs."""
+    found = result.conclusions
+    pairs = [(claim.piece.effect, claim.stderr) for claim in found.claims]
+    pairs += [(entry.after, entry.stderr) for entry in found.retuned]
+    return tuple(
+        Narrowed(effect.name, effect.orders, key, now, now * ratios[effect.name, effect.orders, key])
+        for effect, errors in pairs
+        for key, now in errors.items()
+        if (effect.name, effect.orders, key) in ratios
+    )
+
+
+def _chosen(
+    points: Sequence[OperatingPoint],
+    questions: Sequence[Question],
+    most: int = SETTINGS.most_next_runs,
+    taken: Collection[OperatingPoint] = (),
+) -> list[NextRun]:
+    """Points by what they add, each beside those before it."""
+    found: list[NextRun] = []
+    free = np.array([point not in taken for point in points])
+    while len(found) < most and free.any() and questions:
+        gains = np.stack([question.gains() for question in questions]) * free
+        number = int(gains.sum(axis=0).argmax())
+        gain = float(gains[:, number].sum())
+        if gain < SETTINGS.least_gain:
+            break
+        reasons = [question.take(number) for question in questions]
+        free[number] = False
+        found.append(NextRun(points[number], reasons[int(gains[:, number].argmax())], gain))
+    return found

@@ -1,0 +1,247 @@
+"""What data leave open, and what a run is expected to add to each question, in nats.
+
+How large the parameters of what was found are: by how much the volume of their errors shrinks (D-optimal design). Which
+of two explanations holds: the logarithm of the odds between them (T-optimal design). What a residual does between the
+runs: what a Gaussian process that is known at its neighbours learns there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from st_codegen.campaign.conditions import CONDITION_COLUMNS
+from st_codegen.ir.arrays import FloatArray
+from st_codegen.reconcile.fit.fitting import Fit
+from st_codegen.reconcile.fit.parameters import Coordinate
+from st_codegen.reconcile.fit.propagation import Propagation
+from st_codegen.reconcile.fit.target import by_place
+from st_codegen.reconcile.judge.peaks import has_a_frequency
+from st_codegen.reconcile.plan.points import Rows, summed
+from st_codegen.reconcile.plan.rivals import Rival
+from st_codegen.reconcile.run import Reconciliation
+from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects import Conditions, Effect
+
+_AXES = ("speed", "torque", "temperature")
+#: how many steps farther the correlation of a residual reaches along conditions on which it does not depend
+_FAR = 4.0
+#: correlation length of a residual along conditions on which it depends, in steps: between two levels it may do much
+_NEAR = 0.5
+#: the same along the speed inside a peak that is narrower than the steps
+_INSIDE = 0.125
+#: share of a residual that a run leaves open where it was made
+_NUGGET = 0.01
+#: effect, its orders, key
+Name = tuple[str, tuple[int, ...], str]
+
+
+class Question(Protocol):
+    """Something open."""
+
+    def gains(self) -> FloatArray:
+        """What each point would add beside those that were taken, (n,)."""
+
+    def take(self, number: int) -> str:
+        """Count a point among the runs; returns what it is for."""
+
+
+class Parameters:
+    """Parameters of what was found: the volume of their errors."""
+
+    def __init__(self, final: Fit, rows: Rows, names: list[Name], free: list[int]) -> None:
+        precision = final.normal.total()[0] + np.diag(final.prior)
+        own = np.ix_(free, free)
+        self.names = names
+        size = np.sqrt(np.diag(precision)[free])
+        self.precision = precision[own] / np.outer(size, size)
+        self.first = np.linalg.inv(self.precision)
+        self.added = _information(final, rows)[(np.arange(len(rows.data) // 2)[:, None, None], *own)] / np.outer(
+            size, size
+        )
+
+    @classmethod
+    def of(cls, final: Fit, rows: Rows) -> Parameters | None:
+        """The question; None where no parameter is free."""
+        names: list[Name] = [("zero_offset", (), "zero_offset_deg")]
+        for piece in final.state.pieces:
+            names += [(piece.effect.name, piece.effect.orders, _key(piece.effect, c)) for c in piece.coordinates()]
+        free = [i for i in range(len(names)) if i or final.state.offset_free]
+        return cls(final, rows, [names[i] for i in free], free) if free else None
+
+    def gains(self) -> FloatArray:
+        sizes: FloatArray = np.linalg.slogdet(self.precision + self.added)[1]
+        found: FloatArray = 0.5 * (sizes - np.linalg.slogdet(self.precision)[1])
+        return found
+
+    def take(self, number: int) -> str:
+        before = np.diag(np.linalg.inv(self.precision))
+        self.precision = self.precision + self.added[number]
+        ratio = np.sqrt(np.diag(np.linalg.inv(self.precision)) / before)
+        best = int(ratio.argmin())
+        effect, orders, key = self.names[best]
+        where = f" (order {', '.join(map(str, orders))})" if orders else ""
+        return f"narrows {key} of {effect}{where}: its error falls by {100 * (1 - ratio[best]):.0f} %"
+
+    def ratios(self) -> dict[Name, float]:
+        """By effect and key: the expected error with all runs taken, over that without."""
+        ratio = np.sqrt(np.diag(np.linalg.inv(self.precision)) / np.diag(self.first))
+        found: dict[Name, float] = {}
+        for name, value in zip(self.names, ratio.tolist(), strict=True):
+            found[name] = max(found.get(name, 0.0), value)
+        return found
+
+
+def _key(effect: Effect, c: Coordinate) -> str:
+    """The key of a coordinate, with its order where the key is a list."""
+    listed = effect.orders_key == "orders" and c.part
+    return f"{c.key}[{effect.orders[c.place]}]" if listed else c.key
+
+
+def _information(final: Fit, rows: Rows) -> FloatArray:
+    """What each point tells of the coordinates of a fit: its part of the normal matrix, (n, p, p)."""
+    propagation = Propagation(final.state.model(), rows.data)
+    columns = [propagation.offset_column()]
+    for piece in final.state.pieces:
+        columns += propagation.columns(piece)
+    found = np.zeros((len(rows.data) // 2, len(columns), len(columns)))
+    for place, entries in by_place(columns).items():
+        index = np.array([number for number, _ in entries])
+        block = np.stack([values for _, values in entries], axis=1) / rows.sigma[:, [place]]
+        for part in [block.real] if rows.data.orders[place] == 0 else [block.real, block.imag]:
+            found[:, index[:, None], index[None, :]] += summed(part[:, :, None] * part[:, None, :])
+    return found
+
+
+class Apart:
+    """Two explanations: where they predict different things, until they are told apart."""
+
+    def __init__(self, rival: Rival, odds: FloatArray) -> None:
+        self.rival, self.odds, self.left = rival, odds, rival.wanted
+
+    def gains(self) -> FloatArray:
+        found: FloatArray = np.minimum(self.odds, self.left)
+        return found
+
+    def take(self, number: int) -> str:
+        self.left = max(self.left - float(self.odds[number]), 0.0)
+        noises = np.sqrt(2 * self.odds[number])
+        return f"tells {self.rival.one} from {self.rival.other}: the predictions differ by {noises:.2g} noises"
+
+
+def told_apart(final: Fit, rows: Rows, rivals: Sequence[Rival]) -> list[Question]:
+    """Every rival as a question: what the present explanation and the rival predict at the points."""
+    orders = rows.data.model_orders()
+    own = final.state.model().coefficients(rows.data.at, orders)
+    found: list[Question] = []
+    for rival in rivals:
+        difference = rival.rig.coefficients(rows.data.at, orders) - own
+        difference = np.where(rows.data.orders == 0, difference.real, difference)
+        found.append(Apart(rival, 0.5 * summed((np.abs(difference) / rows.sigma) ** 2).sum(axis=1)))
+    return found
+
+
+class Unknown:
+    """A quantity that is known where runs are: a Gaussian process, as large near each point as `weight` says.
+
+    weight: (n,), its power there over that of the noise; measured and points: places in correlation lengths.
+    """
+
+    def __init__(self, weight: FloatArray, measured: FloatArray, points: FloatArray, why: Sequence[str]) -> None:
+        self.weight, self.known, self.points, self.why = weight, measured, points, why
+
+    def gains(self) -> FloatArray:
+        near = _alike(self.points, self.known)
+        own = _alike(self.known, self.known) + _NUGGET * np.eye(len(self.known))
+        told = np.einsum("nm,mn->n", near, np.linalg.solve(own, near.T))
+        found: FloatArray = 2 * np.log1p(self.weight * np.clip(1.0 - told, 0.0, 1.0))
+        return found
+
+    def take(self, number: int) -> str:
+        self.known = np.concatenate([self.known, self.points[[number]]])
+        return self.why[number]
+
+
+def _alike(a: FloatArray, b: FloatArray) -> FloatArray:
+    found: FloatArray = np.exp(-0.5 * ((a[:, None] - b[None]) ** 2).sum(axis=2))
+    return found
+
+
+def unexplained(result: Reconciliation, rows: Rows) -> list[Question]:
+    """The unexplained orders that a run can tell something of, the largest ones; gaps where nothing is missing."""
+    final = result.conclusions.final
+    target = final.target
+    steps = [_step(getattr(target.data.at, column)) for column in CONDITION_COLUMNS]
+    found: list[Question] = []
+    if result.verdict == "nothing_missing":
+        # what hides between levels is sharp in speed (a resonance) or in torque (flanks that seat)
+        for along in (0, 1):
+            length = np.array(steps) * [_NEAR if axis == along else _FAR for axis in range(3)]
+            measured, points = (_places(at) / length for at in (target.data.at, rows.data.at))
+            points = points[: len(points) // 2]
+            why = [f"lies far from all runs in {_AXES[along]}: what hides between them shows there first"] * len(points)
+            found.append(Unknown(np.ones(len(points)), np.unique(measured, axis=0), points, why))
+        return found
+    for signature in result.unexplained[: SETTINGS.most_open_orders]:
+        if signature.order not in target.data.orders or "time" in signature.dependence:
+            continue
+        length = np.array(steps) * _lengths(signature.dependence)
+        k = int(np.searchsorted(target.data.orders, signature.order))
+        parts = 1 if signature.order == 0 else 2
+        power = np.maximum(np.abs(final.residual[:, k]) ** 2 - parts * target.sigma[:, k] ** 2, 0.0)[target.good]
+        measured = _places(target.data.at.rows(target.good)) / length
+        points = _places(rows.data.at)[: len(rows.data) // 2] / length
+        near = _alike(points / 2, measured / 2)
+        local = near @ power / np.maximum(near.sum(axis=1), 1e-12)
+        # the noise, not the scatter about the model, which is what is asked about
+        noise = parts * float(np.median(target.sigma[target.good, k] ** 2))
+        reason = f"tells what order {signature.order}, which is unexplained, does between the measured runs"
+        found.append(Unknown(local / noise, np.unique(measured, axis=0), points, [reason] * len(points)))
+    return found
+
+
+def peaks_between(result: Reconciliation, rows: Rows) -> list[Question]:
+    """What a straight line between the measured speeds would miss of the peaks that were found."""
+    final = result.conclusions.final
+    effects = [claim.piece.effect for claim in result.conclusions.claims if has_a_frequency(claim.piece.effect)]
+    if not effects:
+        return []
+    at, orders = rows.data.at, np.array(rows.data.model_orders(), np.int64)
+    levels = np.unique(final.target.data.at.speed_rpm[final.target.good])
+    above = np.clip(np.searchsorted(levels, at.speed_rpm, side="right"), 1, len(levels) - 1)
+    low, high = levels[above - 1], levels[above]
+    share = ((at.speed_rpm - low) / (high - low))[:, None]
+    missed = np.zeros((len(at), len(orders)), np.complex128)
+    for effect in effects:
+        here, left, right = (effect.contribution(replace(at, speed_rpm=s), orders) for s in (at.speed_rpm, low, high))
+        missed += here - (1 - share) * left - share * right
+    count = len(at) // 2
+    deg = np.sqrt(summed(np.abs(missed) ** 2).sum(axis=1) / 4)
+    why = [
+        f"lies where a straight line from {a:g} to {b:g} rpm misses {d:.2g} deg RMS of what was found"
+        for a, b, d in zip(low, high, deg, strict=False)
+    ]
+    steps = np.array([_step(getattr(final.target.data.at, column)) for column in CONDITION_COLUMNS])
+    length = steps * np.array([_INSIDE, _FAR, _FAR])
+    measured = np.unique(_places(final.target.data.at.rows(final.target.good)) / length, axis=0)
+    weight = summed((np.abs(missed) / rows.sigma) ** 2).sum(axis=1)
+    return [Unknown(weight, measured, _places(at)[:count] / length, why)]
+
+
+def _lengths(dependence: Mapping[str, float]) -> list[float]:
+    """How far a residual reaches along speed, torque and temperature, in steps, by how it depends on them."""
+    shares = [dependence.get(axis, 0.0) for axis in _AXES]
+    return [_FAR if share <= SETTINGS.cause else _NEAR if share == max(shares) else 1.0 for share in shares]
+
+
+def _step(values: FloatArray) -> float:
+    """The median step between levels, a twentieth of the range at least; 1 where the values never varied."""
+    levels = np.unique(values)
+    return max(float(np.median(np.diff(levels))), float(np.ptp(levels)) / 20) if len(levels) > 1 else 1.0
+
+
+def _places(at: Conditions) -> FloatArray:
+    return np.stack([at.speed_rpm, at.torque_Nm, at.temperature_C], axis=1)

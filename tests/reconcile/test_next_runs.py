@@ -1,0 +1,143 @@
+"""The next measurement: where runs are proposed, what they are expected to give, and that they give it."""
+
+import csv
+from dataclasses import astuple, replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from st_codegen.campaign.harmonic_table import HarmonicTable, write_table
+from st_codegen.cli.main import cli
+from st_codegen.reconcile.plan.next_runs import NextRuns, next_runs
+from st_codegen.reconcile.run import reconcile_observations
+from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.campaign import read_conditions
+from st_codegen.rig.effects import Conditions
+
+from .test_core import KNOWN, RIG, effect, grid, observed
+
+RESONANCE = effect(
+    "structural_resonance", orders=[39, 40, 78], frequency_Hz=12.0, damping_ratio=0.012,
+    amplitude_deg=[2e-3, 3e-3, 2e-3], phase_rad=[0.3, 1.0, -2.0],
+    backward_amplitude_deg=[2e-3, 2e-3, 3e-3], backward_phase_rad=[0.3, 2.0, -1.0],
+)  # fmt: skip
+BACKLASH = effect("backlash", gap_arcmin=1.0, seating_torque_Nm=60.0)
+#: speeds at which the orders of the resonance peak, rpm
+PEAKS = 60 * 81 * 12.0 / np.array([39, 40, 78])
+
+
+def found(missing, at, seed=0, rig=RIG, sigma=2e-5):
+    return reconcile_observations(rig, observed(replace(rig, effects=(*rig.effects, missing)), at, seed=seed,
+                                                sigma=sigma), KNOWN)  # fmt: skip
+
+
+def with_runs(at, ahead):
+    points = np.array([astuple(run.point) for run in ahead.runs]).T
+    parts = (np.repeat([1.0, -1.0], len(ahead.runs)), *np.concatenate([points, points], axis=1))
+    return Conditions(*(np.concatenate(pair) for pair in zip(astuple(at), parts, strict=True)))
+
+
+@pytest.fixture(scope="module")
+def coarse():
+    """Six speeds, of which none is within three half widths of a peak."""
+    return grid(6, 3, 2)
+
+
+@pytest.fixture(scope="module")
+def resonance(coarse):
+    return found(RESONANCE, coarse)
+
+
+def test_runs_go_to_the_peaks_and_their_errors_fall_as_expected(resonance, coarse):
+    ahead = next_runs(resonance, KNOWN)
+    assert 1 < len(ahead.runs) <= SETTINGS.most_next_runs
+    speeds = np.array([run.point.speed_rpm for run in ahead.runs])
+    # half width of a peak: 1.2 % of its speed; flanks count
+    near = np.abs(speeds[:, None] / PEAKS - 1).min(axis=1) < 4.5 * 0.012
+    assert near.mean() > 0.7
+    again = found(RESONANCE, with_runs(coarse, ahead))
+    [claim] = again.conclusions.claims
+    [expected] = [n for n in ahead.narrowed if n.key == "frequency_Hz"]
+    assert expected.then < 0.5 * expected.now
+    # the expectation is that of a linear model at the values of the coarse grid
+    assert claim.stderr["frequency_Hz"] < 3 * expected.then
+    assert claim.piece.effect.scalar("frequency_Hz") == pytest.approx(12.0, rel=2e-3)
+
+
+def test_proposals_stay_inside_what_was_measured_and_are_new(resonance, coarse):
+    measured = {tuple(row) for row in np.stack(astuple(coarse)[1:], axis=1).tolist()}
+    for run in next_runs(resonance, KNOWN).runs:
+        assert astuple(run.point) not in measured
+        for value, column in zip(astuple(run.point), astuple(coarse)[1:], strict=True):
+            assert column.min() <= value <= column.max()
+
+
+def test_two_explanations_are_told_apart(coarse):
+    """From 100 N m on backlash looks like dry friction: runs where the flanks seat tell them apart."""
+    torque = np.array([100.0, 950.0, 1800.0])[np.searchsorted([0.0, 900.0, 1800.0], coarse.torque_Nm)]
+    at = replace(coarse, torque_Nm=torque)
+    first = found(BACKLASH, at)
+    [claim] = first.conclusions.claims
+    assert {claim.piece.effect.name, *claim.alternatives} == {"friction_windup", "backlash"}
+    ahead = next_runs(first, KNOWN)
+    assert ahead.runs[0].purpose.startswith("tells friction_windup from backlash")
+    assert 100 < ahead.runs[0].point.torque_Nm < 500
+    again = found(BACKLASH, with_runs(at, ahead))
+    assert [claim.piece.effect.name for claim in again.conclusions.claims] == ["backlash"]
+    assert not again.conclusions.claims[0].alternatives
+
+
+def test_what_is_unexplained_draws_runs_to_where_it_is_large(coarse):
+    """A line in one order at one speed, which no effect makes: runs go between that speed and its neighbours."""
+    data = observed(RIG, coarse)
+    speed = np.unique(coarse.speed_rpm)[2]
+    bump = 40 * 2e-5 * np.exp(-0.5 * ((coarse.speed_rpm - speed) / 150.0) ** 2) * np.exp(1j * coarse.sign)
+    values = data.values.copy()
+    values[:, list(data.orders).index(3)] += bump
+    result = reconcile_observations(RIG, replace(data, values=values), KNOWN)
+    assert [s.order for s in result.unexplained] == [3]
+    runs = next_runs(result, KNOWN).runs
+    step = np.diff(np.unique(coarse.speed_rpm))[0]
+    assert "order 3" in runs[0].purpose
+    assert 0 < abs(runs[0].point.speed_rpm - speed) < 1.1 * step
+
+
+def test_with_nothing_missing_runs_go_far_from_all_others(coarse):
+    result = reconcile_observations(RIG, observed(RIG, coarse), KNOWN)
+    assert result.verdict == "nothing_missing"
+    ahead = next_runs(result, KNOWN)
+    speeds = np.unique(coarse.speed_rpm)
+    away = [np.abs(speeds - run.point.speed_rpm).min() for run in ahead.runs[:4]]
+    assert all("lies far from all runs" in run.purpose for run in ahead.runs)
+    assert min(away) > 0.2 * np.diff(speeds)[0]
+
+
+def test_the_file_is_one_of_conditions(resonance, tmp_path):
+    ahead = next_runs(resonance, KNOWN)
+    (tmp_path / "next_runs.csv").write_text(ahead.csv_text(), encoding="utf-8")
+    assert read_conditions(tmp_path / "next_runs.csv") == tuple(run.point for run in ahead.runs)
+    rows = list(csv.DictReader((tmp_path / "next_runs.csv").open(encoding="utf-8")))
+    assert [row["purpose"] for row in rows] == [run.purpose for run in ahead.runs]
+    assert NextRuns().csv_text().splitlines() == ["file,speed_rpm,torque_Nm,temperature_C,purpose"]
+
+
+def test_from_the_command_line_to_the_next_campaign(resonance, coarse, tmp_path):
+    data = resonance.data
+    at = data.at
+    table = HarmonicTable(
+        at.sign < 0, at.speed_rpm, at.torque_Nm, at.temperature_C, tuple(data.orders.tolist()), data.values
+    )
+    write_table(table, tmp_path / "t.csv")
+    (tmp_path / "rig.toml").write_text(RIG.text(), encoding="utf-8")
+    run = CliRunner().invoke(cli, ["reconcile", "--rig", str(tmp_path / "rig.toml"), "--measured",
+                                   str(tmp_path / "t.csv"), "--out", str(tmp_path / "found")])  # fmt: skip
+    assert run.exit_code == 0, run.output
+    assert "Next measurement" in run.output
+    made = CliRunner().invoke(cli, ["simulate", "campaign", "--rig", str(tmp_path / "rig.toml"), "--conditions",
+                                    str(tmp_path / "found" / "next_runs.csv"), "--out", str(tmp_path / "next"),
+                                    "--samples", "400", "--quiet"])  # fmt: skip
+    assert made.exit_code == 0, made.output
+    names = {row["file"] for row in csv.DictReader((tmp_path / "found" / "next_runs.csv").open(encoding="utf-8"))}
+    assert {path.name for path in (tmp_path / "next").rglob("*.csv")} == names
+    assert "The next measurement" in (tmp_path / "found" / "report.html").read_text(encoding="utf-8")
