@@ -242,7 +242,7 @@ def test_no_arithmetic_in_templates(path):
 
 
 #: Rooms of reconcile, from the floor up: each uses only what stands before it, `settings`, and itself.
-RECONCILE = ("data", "fit", "judge", "run", "models", "report")
+RECONCILE = ("data", "fit", "judge", "run", "plan", "models", "report")
 
 
 @pytest.mark.parametrize("path", sorted((PACKAGE / "reconcile").rglob("*.py")), ids=lambda path: path.stem)
