@@ -18,7 +18,7 @@ from st_codegen.emit.contents import Contents
 from st_codegen.emit.render import print_plans
 from st_codegen.emit.targets import TARGETS, FilePlan, Target, target_named
 from st_codegen.errors import TargetError
-from st_codegen.ir import FloatArray, KernelSum, ModelIR, TreeEnsemble
+from st_codegen.ir import AnyArray, Classes, FloatArray, KernelSum, ModelIR, TreeEnsemble
 from st_codegen.passes.choose import Choices, CostFunction, Options, simple_cost
 from st_codegen.passes.pipeline import Compiled, compile_models, unchanged
 from st_codegen.project.bundle import Bundle, load
@@ -146,7 +146,7 @@ class Evaluator(StrEnum):
     SOURCE = "source"  # the source library
 
 
-def predict(bundle: Bundle, columns: dict[str, FloatArray], engine: Evaluator) -> dict[str, FloatArray]:
+def predict(bundle: Bundle, columns: dict[str, FloatArray], engine: Evaluator) -> dict[str, AnyArray]:
     """Predict every model for columns of inputs (see `proof.predict.predict`).
 
     `Engine.ST` generates the project for TwinCAT into a temporary folder first.
@@ -299,6 +299,11 @@ def facts(bundle: Bundle, compiled: Compiled, purpose: Purpose | None, plans: Se
     }
 
 
+def _class_facts(classes: Classes) -> dict[str, Any]:
+    """The labels in the order of their numbers, and what the outputs are."""
+    return {"labels": list(classes.labels), "kinds": list(classes.kinds)}
+
+
 def _model_facts(model: ModelIR, compiled: Compiled) -> dict[str, Any]:
     location = compiled.locations[model.name]
     layouts = {decision.model: decision.chosen for decision in compiled.decisions}
@@ -320,6 +325,7 @@ def _model_facts(model: ModelIR, compiled: Compiled) -> dict[str, Any]:
             for f, low, high in zip(model.features, lower, upper, strict=True)
         ],
         "outputs": list(model.outputs),
+        **({} if model.classes is None else _class_facts(model.classes)),
         "trees": sum(op.n_trees for op in trees),
         "nodes": sum(op.n_nodes for op in trees),
         "support_vectors": sum(len(op.support_vectors) for op in kernels),

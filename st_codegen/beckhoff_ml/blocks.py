@@ -93,7 +93,7 @@ def _block(model: ModelIR, engines: tuple[Engine, ...], listing: Listing) -> Blo
         "outputs",
         "outputs",
         assignments=[
-            {"output": f"fOut{number + 1}", "value": ArrayElement("aResult", number)}
+            {"output": f"fOut{number + 1}", "value": ArrayElement("aResult", number), "cut": False}
             for number in range(len(model.outputs))
         ],
         ranged=is_ranged(model),

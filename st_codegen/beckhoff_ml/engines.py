@@ -431,4 +431,9 @@ def _(op: KernelSum, front: _Front) -> tuple[Engine, ...]:
 def checked_engines(model: ModelIR) -> tuple[Engine, ...]:
     """`engines_of`, its errors with the name of the model."""
     with errors_name(f"model '{model.name}'"):
+        if model.classes is not None:
+            raise UnsupportedModelError(
+                "a classifier: only the formats of regressions were compared with files of the vendor's exporters; use "
+                "--target twincat, which computes it in Structured Text"
+            )
         return engines_of(model)

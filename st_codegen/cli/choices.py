@@ -8,6 +8,7 @@ from __future__ import annotations
 TARGETS = ("iec", "plcopen", "twincat", "beckhoff-ml")
 LAYOUTS = ("auto", "trees", "table")
 TABLE_KILOBYTES = 64
+OUTPUTS = ("class", "probability", "decision")
 EVALUATORS = ("st", "reference", "source")
 EXCHANGES = ("start", "end")
 TASK_FORMS = ("one", "two", "split")

@@ -6,15 +6,18 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from st_codegen.cli.choices import LAYOUTS, TABLE_KILOBYTES
+from st_codegen.cli.choices import LAYOUTS, OUTPUTS, TABLE_KILOBYTES
 from st_codegen.files.number_text import parse_number, parse_whole
 from st_codegen.walkers.limits import DEFAULT_MAX_MODEL_BYTES, set_max_model_bytes
+
+if TYPE_CHECKING:
+    from st_codegen.ir import OutputKind
 
 #: Messages and progress; results go to standard output. Text is shown as it is, nothing in it is taken as markup.
 console = Console(stderr=True, width=None if sys.stderr.isatty() else 120, markup=False, emoji=False, highlight=False)
@@ -61,6 +64,27 @@ def trust_option(function: Command) -> Command:
     return click.option(
         "--trust-pickle", is_flag=True, help="Load .joblib and .pkl files. A pickle can run code: only your own files."
     )(with_limit)
+
+
+def outputs_option(function: Command) -> Command:
+    """Add the option --outputs to a command: what classifiers give beside the class."""
+
+    def parsed(_context: click.Context, _option: click.Parameter, value: str) -> tuple[OutputKind, ...]:
+        from st_codegen.ir import OutputKind
+
+        words = [word.strip() for word in value.split(",")]
+        if unknown := [word for word in words if word not in OUTPUTS]:
+            raise click.BadParameter(f"{', '.join(unknown)} is none of {', '.join(OUTPUTS)}.")
+        return tuple(OutputKind(word) for word in words)
+
+    return click.option(
+        "--outputs",
+        default=OUTPUTS[0],
+        show_default=True,
+        callback=parsed,
+        metavar="KIND,..",
+        help="What classifiers give: class (always), probability, decision (the library's scores).",
+    )(function)
 
 
 def quiet_option(function: Command) -> Command:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from st_codegen.cli.console import (
     console,
     layout_options,
     models_argument,
+    outputs_option,
     progress_bar,
     quiet_option,
     trust_option,
@@ -24,6 +26,7 @@ from st_codegen.cli.costs import price_table, print_budget
 
 if TYPE_CHECKING:
     from st_codegen.driver import Generated
+    from st_codegen.ir import OutputKind
     from st_codegen.passes.choose import CostFunction
 
 
@@ -36,6 +39,7 @@ Examples:
   st-codegen models/ --target twincat --with-tests
   st-codegen models/ --target twincat --profile cx5140 --explain
   st-codegen models/ --layout table --table-limit 256
+  st-codegen models/ --outputs class,probability             classifiers: the class, and how probable each class is
   st-codegen generate models/ --target twincat --check      in CI: fail when the files are not up to date""",
 )
 @models_argument
@@ -87,6 +91,7 @@ Examples:
 )
 @click.option("--explain", is_flag=True, help="Print the layouts of each model with their prices, and who spends what.")
 @layout_options
+@outputs_option
 @trust_option
 @quiet_option
 def command(
@@ -101,6 +106,7 @@ def command(
     max_bytes: int | None,
     explain: bool,
     profile: str | None,
+    outputs: Collection[OutputKind],
     trust_pickle: bool,
     quiet: bool,
     **layout: Any,
@@ -129,7 +135,7 @@ def command(
     )
     chosen = [target_named(name) for name in targets or ("twincat",)]
     with progress_bar("loading", quiet=quiet) as progress:
-        bundle = load(models, trust_pickle=trust_pickle, progress=progress)
+        bundle = load(models, trust_pickle=trust_pickle, outputs=outputs, progress=progress)
     pricing = {target.name: Pricing(target, limits_for(target, max_array), machine) for target in chosen}
     costs: dict[str, CostFunction] = {name: simple_cost if profile is None else own for name, own in pricing.items()}
     if only_check:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from st_codegen.cli.choices import EVALUATORS
-from st_codegen.cli.console import models_argument, progress_bar, quiet_option, trust_option
+from st_codegen.cli.console import models_argument, outputs_option, progress_bar, quiet_option, trust_option
+
+if TYPE_CHECKING:
+    from st_codegen.ir import OutputKind
 
 
 @click.command(
@@ -42,15 +47,27 @@ Examples:
     show_default=True,
     help="Who computes: the generated text as machine code, the reference in NumPy, or the source library.",
 )
+@outputs_option
 @trust_option
 @quiet_option
-def command(models: Path, source: Path, result: Path, engine: str, trust_pickle: bool, quiet: bool) -> None:
-    """Predict MODELS for the rows of a table. A row that a model does not take gives nan."""
+def command(
+    models: Path,
+    source: Path,
+    result: Path,
+    engine: str,
+    outputs: Collection[OutputKind],
+    trust_pickle: bool,
+    quiet: bool,
+) -> None:
+    """Predict MODELS for the rows of a table. A row that a model does not take gives nan.
+
+    A classifier gives the library's own labels, and further outputs beside them.
+    """
     from st_codegen.driver import Evaluator, predict
     from st_codegen.project.bundle import load
     from st_codegen.proof.predict import read_table, write_table
 
     table = read_table(source)
     with progress_bar("loading", quiet=quiet) as progress:
-        bundle = load(models, trust_pickle=trust_pickle, progress=progress)
+        bundle = load(models, trust_pickle=trust_pickle, outputs=outputs, progress=progress)
     write_table(result, predict(bundle, table, Evaluator(engine)))

@@ -16,7 +16,7 @@ from st_codegen.cli.costs import cycle_option, entry_option, print_budget, print
 from st_codegen.files.text import write_text
 
 if TYPE_CHECKING:
-    from st_codegen.proof.verify import VerifyReport
+    from st_codegen.proof.verify import ModelReport, VerifyReport
 
 
 @click.command(
@@ -70,12 +70,13 @@ def command(
     cold caches, must fit as well. Exit code 0 when all agree and fit, 1 when not.
     """
     from st_codegen.cost.profile import load_profile
+    from st_codegen.emit.output import kinds_of_outputs
     from st_codegen.project.bundle import load
     from st_codegen.proof.verify import Budget, verify
 
     budget = Budget(load_profile(profile), cycle_us, entries)
     with progress_bar("loading", quiet=quiet) as progress:
-        bundle = load(models, trust_pickle=trust_pickle, progress=progress)
+        bundle = load(models, trust_pickle=trust_pickle, outputs=kinds_of_outputs(generated), progress=progress)
     with progress_bar("verifying", quiet=quiet) as progress:
         report = verify(bundle, generated, rows=rows, seed=seed, budget=budget, progress=progress, jobs=jobs)
     if json_file is not None:
@@ -93,6 +94,8 @@ def command(
                     markup=False,
                 )
     for model in report.models:
+        if not quiet:
+            console.print(_open_rows(model), end="", soft_wrap=True)
         for failure in model.failures[:3]:
             console.print(
                 Text.assemble(
@@ -109,6 +112,16 @@ def command(
             if target not in report.over_budget:
                 print_verdict(target, cost, cycle_us)
     sys.exit(0 if report.passed else 1)
+
+
+def _open_rows(model: ModelReport) -> str:
+    """How many labels the bound leaves open, and the first of them; empty where none is."""
+    if not model.open_rows:
+        return ""
+    lines = [f"{model.name}: the bound leaves the label of {model.open_rows:,} of {model.n:,} rows open, such as"]
+    for row in model.open_examples:
+        lines.append(f"  {list(row.input)}: library {row.library!r}, reference {row.reference!r}")
+    return "\n".join(lines) + "\n"
 
 
 def _table(report: VerifyReport) -> Table:

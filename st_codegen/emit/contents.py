@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from st_codegen.emit.blocks.application import Application
+from st_codegen.emit.blocks.classes import class_type
 from st_codegen.emit.blocks.listing import Block
 from st_codegen.emit.blocks.self_test import SELF_TEST, self_test_block
 from st_codegen.ir import ModelIR
@@ -34,5 +35,7 @@ class Contents:
         """
         blocks = tuple(block_of(model) for model in self.models)
         blocks = (*blocks, *self.around.blocks)
+        types = tuple(found for model in self.models if (found := class_type(model)) is not None)
         is_free = all(block.name.lower() != SELF_TEST.lower() for block in blocks)
-        return dataclasses.replace(self.around, blocks=(*([self_test_block()] if is_free else []), *blocks))
+        blocks = (*([self_test_block()] if is_free else []), *blocks)
+        return dataclasses.replace(self.around, types=(*types, *self.around.types), blocks=blocks)

@@ -21,6 +21,7 @@ from st_codegen.emit.blocks.model import block_name
 from st_codegen.emit.render import RenderedFile
 from st_codegen.errors import GeneratedCodeError, InputError
 from st_codegen.files.temporary import temporary_folder
+from st_codegen.ir import ModelIR, OutputKind
 
 MANIFEST = "st-codegen.json"
 _FORMAT = 1
@@ -76,16 +77,37 @@ def without_provenance(text: str) -> str:
     return json.dumps({**content, PROVENANCE: {}}, indent=1) + "\n" if isinstance(content, dict) else text
 
 
-def block_of(folder: Path, model: str) -> tuple[str, tuple[int, ...]]:
+def block_of(folder: Path, model: ModelIR) -> tuple[str, tuple[int, ...]]:
     """The block of a generated folder that computes a model, and which of the block's outputs are the model's.
 
-    Raises GeneratedCodeError where the folder was generated without this model.
+    Raises GeneratedCodeError where the folder was generated without this model, or with other outputs or classes.
     """
     manifest = read_manifest(folder)
-    facts = None if manifest is None else manifest.facts["models"].get(model)
+    facts = None if manifest is None else manifest.facts["models"].get(model.name)
     if facts is None:
-        raise GeneratedCodeError(f"{folder}: no block {block_name(model)}; the models have changed: generate again")
+        raise GeneratedCodeError(
+            f"{folder}: no block {block_name(model.name)}; the models have changed: generate again"
+        )
+    labels = [] if model.classes is None else list(model.classes.labels)
+    if facts["outputs"] != list(model.outputs) or facts.get("labels", []) != labels:
+        raise GeneratedCodeError(
+            f"{folder}: {facts['block']} has other outputs or classes than the model now has: generate again, or give "
+            "the same --outputs"
+        )
     return facts["block"], tuple(facts.get("block_outputs", range(len(facts["outputs"]))))
+
+
+def kinds_of_outputs(generated: Path) -> dict[str, tuple[OutputKind, ...]]:
+    """For each classifier of generated folders (`generated` is one, or holds them), what its outputs are.
+
+    Where the folders differ, the first one counts.
+    """
+    found: dict[str, tuple[OutputKind, ...]] = {}
+    for folder in (generated, *(sorted(generated.iterdir()) if generated.is_dir() else ())):
+        manifest = read_manifest(folder) if folder.is_dir() else None
+        for name, facts in ({} if manifest is None else manifest.facts["models"]).items():
+            found.setdefault(name, tuple(OutputKind(kind) for kind in facts.get("kinds", ())))
+    return found
 
 
 def _is_below(name: str) -> bool:

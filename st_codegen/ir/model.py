@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from st_codegen.errors import InputError
 from st_codegen.ir.base import Operation
 from st_codegen.ir.cells import Rank
+from st_codegen.ir.decisions import Classes
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,7 @@ class ModelIR:
     (infinity: it refuses infinities only; None: it takes everything). Empty: it takes everything. `accepted`: for each
     feature the closed interval of numbers for which there is an answer (None, or empty: no interval), once the feature
     is limited to its declared range.
+    `classes`: the labels of a classifier, whose first output is the number of one of them.
     """
 
     name: str
@@ -68,6 +70,7 @@ class ModelIR:
     accepts_nan: bool = False
     magnitude_limits: tuple[float | None, ...] = ()
     accepted: tuple[tuple[float, float] | None, ...] = ()
+    classes: Classes | None = None
 
     def __post_init__(self) -> None:
         if not self.features:
@@ -85,6 +88,8 @@ class ModelIR:
             self._check_operands(number, op)
         if self.ops[-1].width != len(self.outputs):
             raise InputError(f"model '{self.name}': {len(self.outputs)} outputs named, {self.ops[-1].width} computed")
+        if self.classes is not None and len(self.classes.kinds) != len(self.outputs):
+            raise InputError(f"model '{self.name}': {len(self.classes.kinds)} kinds of {len(self.outputs)} outputs")
 
     def _check_operands(self, number: int, op: Operation) -> None:
         where = f"model '{self.name}', operation {number} ({type(op).__name__})"

@@ -14,6 +14,7 @@ import numpy as np
 from st_codegen.ir import (
     Activation,
     Aggregate,
+    ArgMax,
     CellTable,
     ColumnFunction,
     Combine,
@@ -36,6 +37,7 @@ from st_codegen.ir import (
     Round,
     Scale,
     Select,
+    Softmax,
     SummationOrder,
     TreeColumn,
     TreeEnsemble,
@@ -150,6 +152,22 @@ def _(_: Round, operands: list[FloatArray]) -> FloatArray:
 @apply.register
 def _(op: ColumnFunction, operands: list[FloatArray]) -> FloatArray:
     return op.value(operands[0])
+
+
+@apply.register
+def _(op: ArgMax, operands: list[FloatArray]) -> FloatArray:
+    x = operands[0]
+    reached = np.max(x, axis=1, keepdims=True) - x <= op.merged
+    first: FloatArray = np.argmax(reached, axis=1, keepdims=True).astype(np.float64)
+    return first
+
+
+@apply.register
+def _(op: Softmax, operands: list[FloatArray]) -> FloatArray:
+    x = operands[0]
+    powers = rounded(np.exp(x - np.max(x, axis=1, keepdims=True)), op.precision)
+    shares: FloatArray = powers / np.sum(powers, axis=1, keepdims=True)
+    return rounded(shares, op.precision)
 
 
 @apply.register

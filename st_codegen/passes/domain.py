@@ -18,6 +18,7 @@ from st_codegen.ir import (
     CEILING,
     FLOAT32_OVERFLOW,
     Activation,
+    ArgMax,
     CellTable,
     ColumnFunction,
     Combine,
@@ -38,6 +39,7 @@ from st_codegen.ir import (
     Round,
     Scale,
     Select,
+    Softmax,
     TreeEnsemble,
 )
 
@@ -186,6 +188,16 @@ def _(_: Round, operands: list[FloatArray]) -> tuple[float, FloatArray]:
 def _(op: ColumnFunction, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     bound = op.largest(operands[0])
     return _peak(bound) if op.computes else (0.0, bound)
+
+
+@magnitudes.register
+def _(op: ArgMax, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    return 2.0 * float(np.max(operands[0])), np.array([op.n_columns - 1.0])
+
+
+@magnitudes.register
+def _(op: Softmax, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    return 2.0 * float(np.max(operands[0])), np.ones(op.width)
 
 
 @magnitudes.register

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from st_codegen.emit.literals import identifier
 from st_codegen.entries import Entries
 from st_codegen.errors import InputError, Problems, with_subject
-from st_codegen.ir import ModelIR
+from st_codegen.ir import ModelIR, OutputKind
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.passes.inexact import without_inexact_steps
+from st_codegen.passes.outputs import with_outputs
 from st_codegen.project.purpose import Purpose
 from st_codegen.walkers.base import LoadedModel
 from st_codegen.walkers.files import known_formats, load_model, suffixes
@@ -65,8 +66,21 @@ class Reading:
 READERS: Entries[Callable[[Path, Reading], Bundle]] = Entries()
 
 
-def load(folder: Path | str, *, trust_pickle: bool = False, progress: Progress | None = None) -> Bundle:
+#: Which outputs classifiers have beside their class: the same for all, or by the name of each model.
+Outputs = Collection[OutputKind] | Mapping[str, Collection[OutputKind]]
+
+
+def load(
+    folder: Path | str,
+    *,
+    trust_pickle: bool = False,
+    outputs: Outputs = (OutputKind.CLASS,),
+    progress: Progress | None = None,
+) -> Bundle:
     """Load a folder of models (or one model file).
+
+    `outputs` says what classifiers give beside the number of the class; each costs what it takes to compute it, and
+    models that are no classifiers have none of these.
 
     `trust_pickle` allows `.joblib` and `.pkl` files, which can run any code when they are opened. `progress` is told of
     each file. Raises one InputError that lists everything that is wrong: files, models, names, and the description of
@@ -85,7 +99,7 @@ def load(folder: Path | str, *, trust_pickle: bool = False, progress: Progress |
     problems = Problems(str(folder))
     check_names([path.stem for path in files], problems)
     models = reading.models({path.stem: path for path in files}, problems)
-    finished = tuple(_finished(model, problems) for model in models.values())
+    finished = tuple(_finished(model, outputs, problems) for model in models.values())
     problems.raise_if_any()
     return Bundle(finished)
 
@@ -104,8 +118,10 @@ def check_names(names: Sequence[str], problems: Problems) -> None:
             taken[key] = name
 
 
-def _finished(model: LoadedModel, problems: Problems) -> LoadedModel:
-    """The model with the limits of its inputs, and its trees on the inputs themselves where they can be."""
+def _finished(model: LoadedModel, outputs: Outputs, problems: Problems) -> LoadedModel:
+    """The model with the outputs that are wanted, the limits of its inputs, and its trees on the inputs themselves."""
     with problems.collect():
-        return LoadedModel(without_inexact_steps(limit_inputs(model.ir)), model.predict)
+        wanted = outputs.get(model.ir.name, ()) if isinstance(outputs, Mapping) else outputs
+        ir, columns = with_outputs(model.ir, wanted)
+        return LoadedModel(without_inexact_steps(limit_inputs(ir)), lambda x: model.predict(x)[:, columns])
     return model

@@ -16,6 +16,7 @@ import numpy as np
 
 from st_codegen.ir import (
     Activation,
+    ArgMax,
     BoolArray,
     CellTable,
     ColumnFunction,
@@ -37,6 +38,7 @@ from st_codegen.ir import (
     Round,
     Scale,
     Select,
+    Softmax,
     TreeEnsemble,
     reference,
 )
@@ -51,6 +53,9 @@ FUNCTION_ROUNDINGS = 12
 
 #: What is lost by taking 0 for exponentials below exp(-708).
 _TINY = 1e-307
+
+#: What two evaluations of a small exponential may differ by beyond their relative error, where it has lost digits.
+_SMALLEST = {Precision.FLOAT64: _TINY, Precision.FLOAT32: 2.0**-148}
 
 
 def difference_bound(model: ModelIR, x: FloatArray) -> FloatArray:
@@ -133,6 +138,33 @@ def _(op: Round, operands: list[FloatArray], given: list[FloatArray], result: Fl
 def _(op: ColumnFunction, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     moved = op.slope(operands[0], given[0]) * given[0]
     return _rounding(op, result, moved) if op.computes else moved
+
+
+@step.register
+def _(op: ArgMax, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    x, difference = operands[0], given[0]
+    rows = np.arange(len(x))
+    chosen = result[:, 0].astype(np.int64)
+    ahead = x[rows, chosen][:, None] - x
+    moved = difference + (np.max(difference, axis=1) if op.merged else difference[rows, chosen])[:, None]
+    near = (np.abs(ahead) - 2 * op.merged <= moved) & (moved > 0)
+    # a column before the chosen one that the library may take for equal to the largest
+    below = np.max(x, axis=1, keepdims=True) - x
+    near |= (below > op.merged) & (below <= op.open_below) & (np.arange(op.n_columns) < chosen[:, None])
+    near[rows, chosen] = False
+    return np.where(np.any(near, axis=1, keepdims=True), op.n_columns - 1.0, 0.0)
+
+
+@step.register
+def _(op: Softmax, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    # each exponent may be off by what the operands are, and by the roundings of x - max (or of x - log of the sum);
+    # the sum in the denominator by as much again
+    unit = UNIT[op.precision] + UNIT[Precision.FLOAT64]
+    size = np.max(np.abs(operands[0]) + given[0], axis=1, keepdims=True) + np.log(op.width)
+    exponent = np.max(given[0], axis=1, keepdims=True) + 4 * unit * size
+    relative = np.expm1(2 * exponent) + (2 * FUNCTION_ROUNDINGS + op.width + 4) * unit
+    bound: FloatArray = np.minimum(relative * result + (op.width + 1) * _SMALLEST[op.precision], 1.0)
+    return bound
 
 
 @step.register

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import csv
+import io
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,7 +14,7 @@ from st_codegen.emit.output import block_of
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import read_csv
 from st_codegen.files.text import write_text
-from st_codegen.ir import FloatArray, ModelIR, reference
+from st_codegen.ir import AnyArray, Classes, FloatArray, ModelIR, reference
 from st_codegen.project.bundle import Bundle
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.walkers.base import LoadedModel
@@ -20,11 +23,12 @@ from st_codegen.walkers.base import LoadedModel
 Answer = Callable[[LoadedModel, FloatArray], FloatArray]
 
 
-def predict(bundle: Bundle, columns: dict[str, FloatArray], answer: Answer) -> dict[str, FloatArray]:
+def predict(bundle: Bundle, columns: dict[str, FloatArray], answer: Answer) -> dict[str, AnyArray]:
     """Predict every model for columns of inputs, by feature name (or `f0`, `f1`, .. by position).
 
     Returns a column a model, headed by its name, `name[i]` (from 0) where it has several outputs; NaN where a model
-    takes no such input. Raises one InputError that lists all missing features.
+    takes no such input. Of a classifier, `name` holds the library's own labels, and `name[i]` the numbers beside them.
+    Raises one InputError that lists all missing features.
     """
     problems = Problems("input")
     inputs = {}
@@ -32,12 +36,20 @@ def predict(bundle: Bundle, columns: dict[str, FloatArray], answer: Answer) -> d
         with problems.collect():
             inputs[model.ir.name] = _rows(model.ir, columns)
     problems.raise_if_any()
-    results = {model.ir.name: answer(model, inputs[model.ir.name]) for model in bundle.models}
-    named = {}
-    for name, values in results.items():
+    named: dict[str, AnyArray] = {}
+    for model in bundle.models:
+        name, values = model.ir.name, answer(model, inputs[model.ir.name])
+        if model.ir.classes is not None:
+            named[name] = _labels(model.ir.classes, values[:, 0])
+            values = values[:, 1:]
         for output in range(values.shape[1]):
-            named[name if values.shape[1] == 1 else f"{name}[{output}]"] = values[:, output]
+            named[f"{name}[{output}]" if name in named or values.shape[1] > 1 else name] = values[:, output]
     return named
+
+
+def _labels(classes: Classes, numbers: FloatArray) -> AnyArray:
+    """The label of each number of a class; NaN where there is none."""
+    return np.array([classes.labels[int(number)] if number >= 0 else math.nan for number in numbers], object)
 
 
 def _rows(model: ModelIR, columns: dict[str, FloatArray]) -> FloatArray:
@@ -68,7 +80,7 @@ def by_text(code: GeneratedCode) -> Answer:
     """The answers of generated text."""
 
     def answer(model: LoadedModel, x: FloatArray) -> FloatArray:
-        block, outputs = block_of(code.folder, model.ir.name)
+        block, outputs = block_of(code.folder, model.ir)
         result = code.run_model(block, x, outputs)
         return np.where(result.valid[:, None], result.values, np.nan)
 
@@ -89,8 +101,14 @@ def read_table(path: Path) -> dict[str, FloatArray]:
     return dict(zip(table.names, values.T, strict=True))
 
 
-def write_table(path: Path, columns: dict[str, FloatArray]) -> None:
-    """Write columns as CSV, numbers as `%.17g`, which reads back as the same bits."""
-    rows = zip(*columns.values(), strict=True)
-    lines = [",".join(columns), *(",".join(f"{value:.17g}" for value in row) for row in rows)]
-    write_text(path, "\n".join(lines) + "\n")
+def write_table(path: Path, columns: dict[str, AnyArray]) -> None:
+    """Write columns as CSV, numbers as `%.17g`, which reads back as the same bits, labels as they are."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows([_cell(value) for value in row] for row in zip(*columns.values(), strict=True))
+    write_text(path, text.getvalue())
+
+
+def _cell(value: object) -> str:
+    return f"{value:.17g}" if isinstance(value, float) else str(value)

@@ -97,7 +97,8 @@ class GeneratedCode:
     def run_model(self, block: str, x: FloatArray, outputs: int | Sequence[int]) -> BlockResult:
         """Call a model's block once for each row of `x` (rows, features), its inputs in order.
 
-        `outputs`: how many outputs, or the numbers (from 0) of those that are wanted.
+        `outputs`: how many outputs, or the numbers (from 0, in the order of their declaration) of those that are
+        wanted.
         Raises GeneratedCodeError where the controller would stop: a floating point exception, an index out of range.
         """
         wanted = range(outputs) if isinstance(outputs, int) else outputs
@@ -119,7 +120,8 @@ class GeneratedCode:
         result = self._run(instance, block, inputs)
         if (time.perf_counter() - start) * to_come > _WORTH * compiling * len(x):
             self._optimised.add(block)
-        values = np.column_stack([result[f"fOut{number + 1}"] for number in outputs])
+        names = [port.name for port in instance.outputs]
+        values = np.column_stack([result[names[number]].astype(np.float64) for number in outputs])
         return BlockResult(values, result["bValid"].astype(np.bool_))
 
     def call(self, block: str, inputs: Mapping[str, FloatArray], rows: int, *, calls: int = 1) -> dict[str, FloatArray]:

@@ -23,7 +23,7 @@ from st_codegen.emit.blocks.self_test import SELF_TEST
 from st_codegen.emit.output import MANIFEST, block_of
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
-from st_codegen.ir import AnyArray, BoolArray, FloatArray, IntArray, ModelIR, TreeEnsemble, reference
+from st_codegen.ir import AnyArray, BoolArray, FloatArray, IntArray, Label, ModelIR, TreeEnsemble, reference
 from st_codegen.passes.jumps import largest_jump, unsure_columns
 from st_codegen.project.bundle import Bundle
 from st_codegen.project.purpose import BlockCheck
@@ -49,6 +49,15 @@ class Disagreement:
     bound: float
 
 
+@dataclass(frozen=True)
+class OpenRow:
+    """A row whose label the bound leaves open, with the labels of the library and of the reference."""
+
+    input: tuple[float, ...]
+    library: Label
+    reference: Label
+
+
 @dataclass
 class ModelReport:
     """What verification found for one model (or block) over all generated targets.
@@ -60,6 +69,9 @@ class ModelReport:
     lie so close to a threshold behind an inexact operation that no finite bound holds; they do not count. By `jump` at
     most the sum of the trees behind such an operation may differ, where the number that a split compares lies within
     `jump_width` of its threshold (the largest width on these rows, in the trained range).
+
+    Of a classifier every row must have the library's label, but for the `open_rows`: rows on which the bound leaves
+    more than one label possible. The first of them are in `open_examples`.
     """
 
     name: str
@@ -72,6 +84,8 @@ class ModelReport:
     unbounded: int = 0
     jump: float = 0.0
     jump_width: float = 0.0
+    open_rows: int = 0
+    open_examples: list[OpenRow] = field(default_factory=list)
     must_be_exact: bool = True
     targets: list[str] = field(default_factory=list)
     failures: list[Disagreement] = field(default_factory=list)
@@ -258,27 +272,31 @@ def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: i
     library = np.full_like(expected, np.nan)
     library[usable] = _by_library(model, limited[usable])
     report = ModelReport(ir.name, n=len(x), must_be_exact=ir.exact)
+    _note_open_rows(report, ir, x, library, expected, bound)
     report.unbounded = int(np.sum(~np.all(np.isfinite(bound), axis=1)))
     lower, upper = trained_range(ir)
     inside = usable & np.all((x >= lower) & (x <= upper), axis=1)
-    report.bound = float(np.max(bound[inside][np.isfinite(bound[inside])], initial=0.0))
+    numbers = 0 if ir.classes is None else 1  # the first output that has a size
+    near = bound[inside, numbers:]
+    report.bound = float(np.max(near[np.isfinite(near)], initial=0.0))
     report.jump = largest_jump(ir)
     if report.jump:
         report.jump_width = _jump_width(ir, limited[inside])
     _compare(report, "library and reference", x, library, expected, bound)
     for name, code in targets.items():
         report.targets.append(name)
-        block, outputs = block_of(code.folder, ir.name)
+        block, outputs = block_of(code.folder, ir)
         result = code.run_model(block, x, outputs)
         got = np.where(result.valid[:, None], result.values, np.nan)
         arithmetic = arithmetic_of(name)
         answered = usable & arithmetic.answers(ir, limited)
         allowed = np.where(answered[:, None], arithmetic.bound(ir, limited), 0.0)
         report.must_be_exact &= not np.any(allowed)
-        report.bound = max(report.bound, float(np.max(allowed[inside & np.isfinite(allowed).all(axis=1)], initial=0.0)))
+        near = allowed[inside & np.isfinite(allowed).all(axis=1), numbers:]
+        report.bound = max(report.bound, float(np.max(near, initial=0.0)))
         _compare(report, f"reference and {name}", x, np.where(answered[:, None], expected, np.nan), got, allowed)
         report.exact &= not np.any(library[answered] != got[answered])
-        _measure(report, x, library, got, inside & answered & result.valid)
+        _measure(report, x, library[:, numbers:], got[:, numbers:], inside & answered & result.valid)
     return report
 
 
@@ -292,6 +310,20 @@ def _jump_width(model: ModelIR, x: FloatArray) -> float:
             columns = [op.columns[number].column for number in unsure_columns(model, op)]
             width = max(width, float(np.max(given[:, columns], initial=0.0)))
     return width
+
+
+def _note_open_rows(
+    report: ModelReport, model: ModelIR, x: FloatArray, library: FloatArray, expected: FloatArray, bound: FloatArray
+) -> None:
+    if model.classes is None:
+        return
+    rows = np.flatnonzero((bound[:, 0] > 0) & np.isfinite(library[:, 0]))
+    report.open_rows = len(rows)
+    labels = model.classes.labels
+    report.open_examples = [
+        OpenRow(tuple(map(float, x[row])), labels[int(library[row, 0])], labels[int(expected[row, 0])])
+        for row in rows[:3]
+    ]
 
 
 def _by_library(model: LoadedModel, x: FloatArray) -> FloatArray:
@@ -327,7 +359,7 @@ def _compare(
 
 def _measure(report: ModelReport, x: FloatArray, library: FloatArray, got: FloatArray, rows: BoolArray) -> None:
     """Largest error of the emitted text against the library on some rows."""
-    if not rows.any():
+    if not rows.any() or not library.shape[1]:
         return
     error = np.max(np.abs(library[rows] - got[rows]), axis=1)
     worst = int(np.argmax(error))

@@ -57,6 +57,8 @@ def _output(reference: OutputReference, models: dict[str, LoadedModel], problems
 def _for_bundle(model: LoadedModel, features: tuple[Feature, ...], problems: Problems) -> LoadedModel:
     """The model on the bundle's features: their names, units, ranges and order."""
     with problems.collect():
+        if model.ir.classes is not None:
+            raise InputError(f"model '{model.ir.name}' gives classes; amplitudes, phases and their parts are numbers")
         order = _feature_order(model.ir, features)
         ir, predict = model.ir, model.predict
         if order != list(range(len(features))):

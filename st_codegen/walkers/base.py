@@ -9,8 +9,10 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+import numpy as np
+
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import Feature, FloatArray, ModelIR, Operation, Source
+from st_codegen.ir import Classes, Feature, FloatArray, Label, ModelIR, Operation, OutputKind, Select, Source
 
 #: Rows (rows, features) -> predictions (rows, outputs), computed by the source library alone. Only rows that the
 #: library accepts (`reference.valid_rows`) are passed.
@@ -23,6 +25,25 @@ class LoadedModel:
 
     ir: ModelIR
     predict: Predictor
+
+
+@dataclass(frozen=True)
+class Classified:
+    """What a classifier (or a detector, or a clustering) computes, each as a value of a builder.
+
+    `index` is the number of the label, from 0. `probability` has a column for each label; `decision` is the library's
+    own score, which its method `decision_method` gives, one column or several. None: the library has no such thing.
+    """
+
+    labels: tuple[Label, ...]
+    index: int
+    probability: int | None = None
+    decision: int | None = None
+    decision_method: str = "decision_function"
+
+
+#: What a walker adds to a builder: a value of numbers, or the values of a classifier.
+Walked = int | Classified
 
 
 class GraphBuilder:
@@ -56,10 +77,15 @@ class GraphBuilder:
             known = self.magnitude_limits[feature]
             self.magnitude_limits[feature] = limit if known is None else min(limit, known)
 
-    def model(self, name: str, features: tuple[Feature, ...], source: Source) -> ModelIR:
-        """The finished model; its outputs are the columns of the last value."""
-        width = self.width(len(self.ops))
-        outputs = ("out1",) if width == 1 else tuple(f"out{number + 1}" for number in range(width))
+    def model(self, name: str, features: tuple[Feature, ...], source: Source, result: Walked | None = None) -> ModelIR:
+        """The finished model. Its outputs are the columns of the last value, or all that a classifier computes."""
+        outputs: tuple[str, ...]
+        classes = None
+        if isinstance(result, Classified):
+            outputs, classes = self._select_outputs(result)
+        else:
+            width = self.width(len(self.ops))
+            outputs = ("out1",) if width == 1 else tuple(f"out{number + 1}" for number in range(width))
         return ModelIR(
             name=name,
             features=features,
@@ -68,11 +94,28 @@ class GraphBuilder:
             source=source,
             accepts_nan=self.accepts_nan,
             magnitude_limits=tuple(self.magnitude_limits),
+            classes=classes,
         )
 
+    def _select_outputs(self, result: Classified) -> tuple[tuple[str, ...], Classes]:
+        """Pick the outputs of a classifier as the last value; their names, and what each is."""
+        values = {OutputKind.CLASS: result.index}
+        if result.probability is not None:
+            values[OutputKind.PROBABILITY] = result.probability
+        if result.decision is not None:
+            values[OutputKind.DECISION] = result.decision
+        kinds = tuple(kind for kind, value in values.items() for _ in range(self.width(value)))
+        self.add(Select(tuple(values.values()), np.arange(len(kinds), dtype=np.int32)))
+        names = ["class"]
+        for kind, value in list(values.items())[1:]:
+            width = self.width(value)
+            of = "of class " if width == len(result.labels) else ""
+            names += [kind.value if width == 1 else f"{kind.value} {of}{number}" for number in range(width)]
+        return tuple(names), Classes(result.labels, kinds)
 
-#: Adds the operations of a fitted estimator that reads value `value` to a builder; returns the value it computes.
-EstimatorWalker = Callable[[Any, GraphBuilder, int], int]
+
+#: Adds the operations of a fitted estimator that reads value `value` to a builder; returns what it computes.
+EstimatorWalker = Callable[[Any, GraphBuilder, int], Walked]
 
 #: Packages whose fitted objects are walked, each by the modules of the folder of its name, and the libraries' names.
 LIBRARIES = {"sklearn": "scikit-learn", "lightgbm": "LightGBM", "xgboost": "XGBoost"}
@@ -114,6 +157,22 @@ def _import_walkers(package: str) -> None:
 
 
 def walk_estimator(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """Add the operations of a fitted estimator that computes numbers; errors as in `walk_any`."""
+    result = walk_any(estimator, builder, value)
+    if isinstance(result, Classified):
+        raise UnsupportedModelError(f"{type(estimator).__name__} gives classes where numbers are needed")
+    return result
+
+
+def walk_classifier(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """Add the operations of a fitted classifier; errors as in `walk_any`."""
+    result = walk_any(estimator, builder, value)
+    if not isinstance(result, Classified):
+        raise UnsupportedModelError(f"{type(estimator).__name__} gives numbers where classes are needed")
+    return result
+
+
+def walk_any(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
     """Add the operations of any fitted estimator.
 
     Raises UnsupportedModelError that lists the known classes of the package when there is no walker for the class.

@@ -59,6 +59,7 @@ def test_help_of_single_commands_imports_nothing_large_but_what_prints_tables():
 def test_options_offer_what_the_rooms_have():
     from st_codegen.driver import Evaluator
     from st_codegen.emit.targets import TARGETS
+    from st_codegen.ir import OutputKind
     from st_codegen.passes.choose import Layout, Options
     from st_codegen.reconcile.judge.measurement import NAMES
     from st_codegen.reconcile.models.update import CODE, MODELS
@@ -70,6 +71,7 @@ def test_options_offer_what_the_rooms_have():
     assert tuple(TARGETS) == choices.TARGETS
     assert tuple(Layout) == choices.LAYOUTS
     assert Options().table_bytes == choices.TABLE_KILOBYTES * 1024
+    assert tuple(OutputKind) == choices.OUTPUTS
     assert tuple(Evaluator) == choices.EVALUATORS
     assert tuple(Exchange) == choices.EXCHANGES
     assert tuple(TaskForm) == choices.TASK_FORMS

@@ -11,6 +11,9 @@ from st_codegen.emit.blocks.listing import ArrayElement, Group, Listing
 from st_codegen.emit.blocks.operations import Step, lay_out
 from st_codegen.ir import CellTable, Rank, RankColumn, TableAxis
 
+#: Numbers of classes from here on do not fit SINT.
+_SINT_END = 128
+
 #: More searches than this are written as a loop over the columns, fewer one after another.
 _MOST_SEARCHES = 8
 
@@ -149,7 +152,10 @@ def _runs_of_bits(counts: list[int]) -> list[tuple[int, int, int]]:
 
 @lay_out.register
 def _(op: CellTable, step: Step, listing: Listing) -> None:
-    listing.local(step.result, "LREAL", op.width)
+    kind, stored = "LREAL", "LREAL"
+    if step.whole:
+        kind, stored = "DINT", "SINT" if np.max(op.values, initial=0) < _SINT_END else "DINT"
+    listing.local(step.result, kind, op.width)
     cells, width = op.values.shape
     if width:
         listing.locals("DINT", "nCell", *(["nBase"] if width > 1 else []))
@@ -159,8 +165,12 @@ def _(op: CellTable, step: Step, listing: Listing) -> None:
     for number, start in enumerate(starts):
         suffix = "" if len(starts) == 1 else f"_{number}"
         stop = min(start + rows, cells)
+        values = op.values[start:stop].ravel()
         name = listing.table(
-            step.table(f"CELL{suffix}"), "LREAL", op.values[start:stop].ravel(), _row_groups(op, start, stop)
+            step.table(f"CELL{suffix}"),
+            stored,
+            values.astype(np.int64) if step.whole else values,
+            _row_groups(op, start, stop),
         )
         parts.append(
             {
@@ -173,7 +183,10 @@ def _(op: CellTable, step: Step, listing: Listing) -> None:
             }
         )
     fixed = np.flatnonzero(op.stored < 0)
-    constant = listing.table(step.table("CONSTANT"), "LREAL", op.constant[fixed]) if len(fixed) else None
+    constant = None
+    if len(fixed):
+        numbers = op.constant[fixed]
+        constant = listing.table(step.table("CONSTANT"), kind, numbers.astype(np.int64) if step.whole else numbers)
     size = " x ".join(map(str, op.shape))
     listing.section(
         f"one row of a table of {size} cells" if width else "a constant",
@@ -184,6 +197,7 @@ def _(op: CellTable, step: Step, listing: Listing) -> None:
         width=width,
         constant=constant,
         fixed=[int(output) for output in fixed],
+        widened=stored == "SINT",
     )
 
 

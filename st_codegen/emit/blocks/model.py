@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from st_codegen.emit.blocks import cells, trees  # noqa: F401 - these register the code of their operations
+from st_codegen.emit.blocks.classes import class_lines
 from st_codegen.emit.blocks.listing import LINE_LENGTH, ArrayElement, Block, BlockVariable, Listing
 from st_codegen.emit.blocks.operations import Step, lay_out, lay_out_layer
 from st_codegen.emit.foreign_names import is_foreign
@@ -19,6 +20,7 @@ from st_codegen.errors import InputError, errors_name
 from st_codegen.ir import (
     FLOAT32_OVERFLOW,
     Activation,
+    CellTable,
     Feature,
     Linear,
     ModelIR,
@@ -30,6 +32,7 @@ from st_codegen.ir import (
 
 #: Names a block uses itself; an input may not be called so.
 _OUTPUT_STEM = "fOut"
+CLASS_OUTPUT = "nClass"
 
 
 @dataclass(frozen=True)
@@ -66,13 +69,24 @@ def _block(model: ModelIR, listing: Listing) -> Block:
     return finished_block(model, inputs, outputs, listing, model_header(model))
 
 
+def output_name(model: ModelIR, number: int) -> str:
+    """The variable of an output: fOut1, fOut2, ..; a classifier has nClass in front of them."""
+    if model.classes is None:
+        return f"{_OUTPUT_STEM}{number + 1}"
+    return f"{_OUTPUT_STEM}{number}" if number else CLASS_OUTPUT
+
+
+def _output(model: ModelIR, number: int) -> BlockVariable:
+    name = output_name(model, number)
+    if name == CLASS_OUTPUT:
+        return BlockVariable(name, "DINT", comment="number of the class; its label stands above")
+    return BlockVariable(name, "LREAL", comment=f"prediction: {model.outputs[number]}")
+
+
 def model_outputs(model: ModelIR) -> tuple[BlockVariable, ...]:
-    """fOut1 .., bValid, and bInRange where inputs are limited."""
+    """nClass of a classifier, fOut1 .., bValid, and bInRange where inputs are limited."""
     return (
-        *(
-            BlockVariable(f"{_OUTPUT_STEM}{number + 1}", "LREAL", comment=f"prediction: {name}")
-            for number, name in enumerate(model.outputs)
-        ),
+        *(_output(model, number) for number in range(len(model.outputs))),
         BlockVariable("bValid", "BOOL", comment="the outputs belong to the inputs of this call"),
         *(
             [BlockVariable("bInRange", "BOOL", comment="no input had to be limited to its trained range")]
@@ -170,6 +184,8 @@ def model_header(model: ModelIR, *closing: str) -> tuple[str, ...]:
             zip(model.features, model.magnitude_limits, model.accepted_numbers, strict=True), 1
         )
     )
+    if model.classes is not None:
+        lines.extend(class_lines(model.classes))
     exact = (
         "Equals the library bit for bit." if model.exact else "Equals the library within the bound that verify states."
     )
@@ -237,7 +253,9 @@ def _operations(model: ModelIR, listing: Listing) -> None:
     picked = isinstance(last, Select)  # the outputs are read where they are
     layers = _layers(model)
     for number, op in enumerate(model.ops[:-1] if picked else model.ops, 1):
-        result = f"anRank{number}" if isinstance(op, Rank) else f"aStep{number}"
+        # a table that has nothing but classes
+        whole = model.classes is not None and isinstance(op, CellTable) and number == len(model.ops) and op.width == 1
+        result = f"{'anRank' if isinstance(op, Rank) else 'anClass' if whole else 'aStep'}{number}"
         if number - 1 in layers:  # done with the sums that it reads
             continue
         operands = tuple(names[value] for value in op.inputs)
@@ -247,6 +265,7 @@ def _operations(model: ModelIR, listing: Listing) -> None:
             widths=tuple(model.value_width(value) for value in op.inputs),
             result=result,
             ranks=model.reads_ranks(op),
+            whole=whole,
             missing=missing[op.inputs[0]] if model.accepts_nan else None,
             fits_real=op.inputs == (0,)
             and all((limit or np.inf) <= FLOAT32_OVERFLOW for limit in model.magnitude_limits),
@@ -266,7 +285,14 @@ def _operations(model: ModelIR, listing: Listing) -> None:
     listing.section(
         "outputs",
         "outputs",
-        assignments=[{"output": f"{_OUTPUT_STEM}{number + 1}", "value": value} for number, value in enumerate(results)],
+        assignments=[
+            {
+                "output": output_name(model, number),
+                "value": value,
+                "cut": output_name(model, number) == CLASS_OUTPUT and value.name.startswith("aStep"),
+            }
+            for number, value in enumerate(results)
+        ],
         ranged=is_ranged(model),
     )
 

@@ -12,8 +12,10 @@ from st_codegen.emit.blocks.listing import ArrayElement, Group, Listing
 from st_codegen.emit.literals import real
 from st_codegen.ir import (
     Activation,
+    ArgMax,
     Clip,
     Combine,
+    Exceeds,
     FactoredKernel,
     FillMissing,
     Function,
@@ -28,6 +30,7 @@ from st_codegen.ir import (
     Round,
     Scale,
     Select,
+    Softmax,
     SummationOrder,
 )
 
@@ -51,7 +54,8 @@ class Step:
 
     `missing`: for each column of the operands, the input whose `abMissing` flag says whether it is missing; None in a
     block that takes no missing values. `fits_real`: all operands are inputs known to lie in the range of REAL.
-    `ranks`: the operand is a list of ranks, which are integers.
+    `ranks`: the operand is a list of ranks, which are integers. `whole`: the result is the number of a class, kept as
+    an integer.
     """
 
     number: int
@@ -61,6 +65,7 @@ class Step:
     missing: tuple[int, ...] | None = None
     fits_real: bool = False
     ranks: bool = False
+    whole: bool = False
 
     @property
     def source(self) -> str:
@@ -163,6 +168,47 @@ def _(op: Clip, step: Step, listing: Listing) -> None:
         last=op.width - 1,
         lower=listing.table(step.table("LOWER"), "LREAL", op.lower),
         upper=listing.table(step.table("UPPER"), "LREAL", op.upper),
+    )
+
+
+@lay_out.register
+def _(op: Exceeds, step: Step, listing: Listing) -> None:
+    _declare_result(op, step, listing)
+    listing.loop("nColumn", op.width)
+    listing.section(
+        f"1.0 where {'the cut is reached' if op.inclusive else 'above the cut'}, else 0.0",
+        "exceeds",
+        step=step,
+        last=op.width - 1,
+        cut=listing.table(step.table("CUT"), "LREAL", op.cut),
+        comparison=">=" if op.inclusive else ">",
+    )
+
+
+@lay_out.register
+def _(op: ArgMax, step: Step, listing: Listing) -> None:
+    _declare_result(op, step, listing)
+    values: dict[str, object] = {"merged": None, "last": op.n_columns - 1, "before_last": op.n_columns - 2}
+    if op.n_columns > 1:
+        listing.locals("LREAL", "fLargest")
+        listing.locals("DINT", "nBest")
+        listing.loop("nColumn", op.n_columns - 1)
+        values["merged"] = real(op.merged) if op.merged else None
+    listing.section(f"the largest of {op.n_columns}, of equal ones the first", "argmax", step=step, **values)
+
+
+@lay_out.register
+def _(op: Softmax, step: Step, listing: Listing) -> None:
+    _declare_result(op, step, listing)
+    listing.loop("nColumn", op.width)
+    listing.locals("LREAL", "fLargest", "fX", "fY", "fSum")
+    listing.section(
+        "exponentials, divided by their sum",
+        "softmax",
+        step=step,
+        last=op.width - 1,
+        exp_reach=real(EXP_REACH),
+        single=op.precision is Precision.FLOAT32,
     )
 
 

@@ -96,7 +96,7 @@ def prove(bundle: Bundle, generated: Path | str, *, progress: Progress | None = 
     total = len(bundle.models) * len(folders)
     for folder in folders:
         if folder.name == "beckhoff-ml":
-            results += [_left_out(model.ir.name, folder) for model in bundle.models]
+            results += [_left_out(model.ir, folder) for model in bundle.models]
             continue
         code = GeneratedCode(folder, TARGETS[folder.name].dialect)
         runs: dict[str, BlockRun] = {}
@@ -109,9 +109,11 @@ def prove(bundle: Bundle, generated: Path | str, *, progress: Progress | None = 
     return ProveReport(tuple(results))
 
 
-def _left_out(name: str, folder: Path) -> ProofResult:
-    block, _ = block_of(folder, name)
-    return ProofResult(name, folder.name, block, Verdict.NOT_PROVED, "the vendor's runtime computes, not the text")
+def _left_out(model: ModelIR, folder: Path) -> ProofResult:
+    block, _ = block_of(folder, model)
+    return ProofResult(
+        model.name, folder.name, block, Verdict.NOT_PROVED, "the vendor's runtime computes, not the text"
+    )
 
 
 @dataclass
@@ -123,7 +125,7 @@ class BlockRun:
 
 
 def _prove_model(model: ModelIR, code: GeneratedCode, folder: Path, runs: dict[str, BlockRun]) -> ProofResult:
-    block, outputs = block_of(folder, model.name)
+    block, outputs = block_of(folder, model)
     result = ProofResult(model.name, folder.name, block, Verdict.NOT_PROVED, outputs=outputs)
     points: FloatArray = np.zeros((0, len(model.features)))
     try:
@@ -154,6 +156,8 @@ class _Proof:
     ) -> None:
         self.model, self.outputs = model, outputs
         self.side = ModelSide(model)
+        if model.classes is not None:
+            raise NotProvedError("a classifier: the decision behind its scores is not followed yet")
         if not self.side.ensembles:
             raise NotProvedError("a model without trees is not followed yet")
         self.pool = Pool()

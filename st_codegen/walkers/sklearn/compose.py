@@ -14,18 +14,20 @@ import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
 from st_codegen.ir import Activation, Clip, FloatArray, Function, Int32Array, Operator, Scale, Select
-from st_codegen.walkers.base import GraphBuilder, walk_estimator, walks
+from st_codegen.walkers.base import GraphBuilder, Walked, walk_any, walk_estimator, walks
 from st_codegen.walkers.fitted import Fitted
 
 Steps = list[tuple[Operator, FloatArray]]
 
 
 @walks("sklearn.Pipeline")
-def walk_pipeline(estimator: Any, builder: GraphBuilder, value: int) -> int:
-    """The steps, one after another."""
-    for _, step in Fitted(estimator).items("steps"):
+def walk_pipeline(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
+    """The steps, one after another; the last one may be a classifier."""
+    steps = Fitted(estimator).items("steps")
+    _, last = steps[-1]
+    for _, step in steps[:-1]:
         value = _walk_or_pass(step, builder, value)
-    return value
+    return value if last is None or isinstance(last, str) else walk_any(last, builder, value)
 
 
 @walks("sklearn.ColumnTransformer")

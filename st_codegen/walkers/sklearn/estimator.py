@@ -11,7 +11,8 @@ import numpy as np
 
 from st_codegen.errors import InputError
 from st_codegen.ir import Feature, FloatArray, Source
-from st_codegen.walkers.base import LIBRARIES, GraphBuilder, LoadedModel, Predictor, walk_estimator
+from st_codegen.walkers.base import LIBRARIES, Classified, GraphBuilder, LoadedModel, Predictor, Walked, walk_any
+from st_codegen.walkers.classes import numbers_of
 from st_codegen.walkers.limits import MAX_COLUMNS
 
 
@@ -22,9 +23,9 @@ def load_object(estimator: Any, name: str) -> LoadedModel:
     """
     features = _features(estimator)
     builder = GraphBuilder(len(features))
-    walk_estimator(estimator, builder, 0)
+    result = walk_any(estimator, builder, 0)
     source = Source(library=LIBRARIES["sklearn"], version=_version(estimator), model_class=_description(estimator))
-    return LoadedModel(builder.model(name, features, source), _predictor(estimator))
+    return LoadedModel(builder.model(name, features, source, result), _predictor(estimator, result))
 
 
 def _version(estimator: Any) -> str:
@@ -79,8 +80,11 @@ def _first(estimator: Any, attribute: str) -> Any:
     return None
 
 
-def _predictor(estimator: Any) -> Predictor:
-    """The library's own `predict`, single-threaded: the order in which a forest adds its trees is fixed only then."""
+def _predictor(estimator: Any, result: Walked) -> Predictor:
+    """The library's own answers, single-threaded: the order in which a forest adds its trees is fixed only then.
+
+    That is `predict`, whose labels become their numbers, and of a classifier its probabilities and scores beside it.
+    """
     if hasattr(estimator, "get_params"):
         serial = {key: 1 for key in estimator.get_params(deep=True) if key == "n_jobs" or key.endswith("__n_jobs")}
         _set_fitted_jobs(estimator)
@@ -90,7 +94,17 @@ def _predictor(estimator: Any) -> Predictor:
     def predict(x: FloatArray) -> FloatArray:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
-            return np.asarray(estimator.predict(_with_names(x, names)), np.float64).reshape(len(x), -1)
+            rows = _with_names(x, names)
+            found = estimator.predict(rows)
+            if not isinstance(result, Classified):
+                return np.asarray(found, np.float64).reshape(len(x), -1)
+            parts = [numbers_of(result.labels, found)]
+            if result.probability is not None:
+                parts.append(np.asarray(estimator.predict_proba(rows), np.float64))
+            if result.decision is not None:
+                scores = getattr(estimator, result.decision_method)(rows)
+                parts.append(np.asarray(scores, np.float64).reshape(len(x), -1))
+            return np.hstack(parts)
 
     return predict
 

@@ -2,8 +2,9 @@
 
 Rules (scikit-learn 1.9; `tree/_tree.pyx: _apply_dense`, `ensemble/_forest.py`, `ensemble/_gradient_boosting.pyx`,
 `ensemble/_hist_gradient_boosting/_predictor.pyx`): DecisionTree, ExtraTree, RandomForest, ExtraTrees and
-GradientBoosting round x to float32 and go left on `x <= threshold` (float64); forests add float64 in tree order and
-divide by their number; GradientBoosting adds learning_rate * leaf in order to its initial value.
+GradientBoosting, of numbers and of classes, round x to float32 and go left on `x <= threshold` (float64); forests add
+float64 in tree order and divide by their number; GradientBoosting adds learning_rate * leaf in order to its initial
+value.
 HistGradientBoosting compares float64 and adds leaves to its baseline.
 """
 
@@ -25,12 +26,15 @@ from st_codegen.ir import (
     Function,
     Int32Array,
     IntArray,
+    Operator,
     Precision,
+    Scale,
     TreeColumn,
     TreeEnsemble,
 )
 from st_codegen.ir.preorder import preorder
-from st_codegen.walkers.base import GraphBuilder, walks
+from st_codegen.walkers.base import Classified, GraphBuilder, Walked, walks
+from st_codegen.walkers.classes import above, complement, labels_of, largest, softmax
 from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.sklearn.compose import selected_columns
 
@@ -42,6 +46,23 @@ _TREE = ("sklearn.tree._tree.Tree",)
 def walk_tree(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """One tree; several outputs are wide leaves."""
     return _add_float32_trees(builder, value, [estimator], Fitted(estimator))
+
+
+@walks("sklearn.DecisionTreeClassifier", "sklearn.ExtraTreeClassifier", trusts=_TREE)
+def walk_class_tree(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """The fractions of the classes in a leaf, and the first of the largest (`tree/_classes.py: predict`)."""
+    fitted = Fitted(estimator)
+    shares = _add_float32_trees(builder, value, [estimator], fitted)
+    return Classified(labels_of(fitted), largest(builder, shares), probability=shares)
+
+
+@walks("sklearn.RandomForestClassifier", "sklearn.ExtraTreesClassifier", trusts=_TREE)
+def walk_class_forest(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """The mean of the trees' fractions, and the first of the largest (`ensemble/_forest.py: ForestClassifier`)."""
+    fitted = Fitted(estimator)
+    trees = fitted.items("estimators_")
+    shares = _add_float32_trees(builder, value, trees, fitted, divisor=len(trees))
+    return Classified(labels_of(fitted), largest(builder, shares), probability=shares)
 
 
 @walks("sklearn.RandomForestRegressor", "sklearn.ExtraTreesRegressor", trusts=_TREE)
@@ -74,22 +95,62 @@ def walk_gradient_boosting(estimator: Any, builder: GraphBuilder, value: int) ->
     )
 
 
+@walks("sklearn.GradientBoostingClassifier", trusts=_TREE)
+def walk_class_gradient_boosting(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """Scores as `GradientBoostingRegressor` adds them; of two classes the second from 0 on (`_gb.py: predict`)."""
+    fitted = Fitted(estimator)
+    init = fitted.get("init_")
+    if not isinstance(init, str) and type(init).__name__ != "DummyClassifier":
+        raise UnsupportedModelError(
+            f"GradientBoostingClassifier with init={type(init).__name__}: only the default initial value and "
+            "init='zero' are supported; train without `init`"
+        )
+    labels = labels_of(fitted)
+    count = len(labels) if len(labels) > 2 else 1
+    trees = fitted.get("estimators_")
+    if not isinstance(trees, np.ndarray) or trees.ndim != 2 or trees.shape[1] != count or not len(trees):
+        raise fitted.fail("estimators_", f"not an array of {count} trees an iteration")
+    initial = estimator._raw_predict_init(np.zeros((1, builder.width(value))))
+    raw = _add_float32_trees(
+        builder,
+        value,
+        list(trees.ravel()),
+        fitted,
+        base=np.ravel(fitted.floats_of("init_", initial, (1, count))),
+        leaf_scale=fitted.number("learning_rate"),
+    )
+    if count > 1:
+        return Classified(labels, largest(builder, raw), softmax(builder, raw), raw)
+    score = raw
+    if type(estimator._loss.link).__name__ == "HalfLogitLink":
+        score = builder.add(Scale((raw,), Operator.MULTIPLY, np.full(1, 2.0)))
+    probability = builder.add(Activation((score,), Function.LOGISTIC, 1))
+    return Classified(labels, above(builder, raw, inclusive=True), complement(builder, probability), raw)
+
+
 def _add_float32_trees(
     builder: GraphBuilder,
     value: int,
     trees: Sequence[Any],
     fitted: Fitted,
     *,
-    base: float = 0.0,
+    base: FloatArray | float = 0.0,
     leaf_scale: float = 1.0,
     divisor: float = 1.0,
 ) -> int:
-    """The trees of `sklearn.tree`; `leaf_scale * leaf` is rounded once here as the library rounds it at run time."""
+    """The trees of `sklearn.tree`; `leaf_scale * leaf` is rounded once here as the library rounds it at run time.
+
+    A leaf has a number for each output or for each class; leaves of one number add to the outputs in turn, of which
+    there is one for each `base`.
+    """
     structures = [_structure(Fitted(tree), builder.width(value)) for tree in trees]
-    # boosting has one output and does not say so
-    wanted = fitted.integer("n_outputs_", 1, 2**31 - 1) if hasattr(fitted.estimator, "n_outputs_") else 1
-    if any(tree.value.shape[1:] != (wanted, 1) for tree in structures):
-        raise fitted.fail("tree_", f"leaves that do not hold {wanted} numbers")
+    wanted = (1, 1)
+    if hasattr(trees[0], "classes_"):
+        wanted = 1, len(labels_of(fitted))
+    elif hasattr(fitted.estimator, "n_outputs_"):  # boosting has one output and does not say so
+        wanted = fitted.integer("n_outputs_", 1, 2**31 - 1), 1
+    if any(tree.value.shape[1:] != wanted for tree in structures):
+        raise fitted.fail("tree_", f"leaves that do not hold {wanted[0] * wanted[1]} numbers")
     if not fitted.estimator.__sklearn_tags__().input_tags.allow_nan:
         builder.refuse_nan()
     builder.refuse_magnitude(FLOAT32_OVERFLOW)
@@ -104,8 +165,9 @@ def _add_float32_trees(
     layout = preorder(offset, np.where(left < 0, -1, left + shift), np.where(right < 0, -1, right + shift))
     order = layout.order
     inner = layout.left >= 0
-    leaf_values: FloatArray = leaf_scale * joined("value")[:, :, 0][order[~inner]]
-    n_outputs = leaf_values.shape[1]
+    # (nodes, outputs, classes), of which one is 1
+    leaf_values: FloatArray = leaf_scale * joined("value").reshape(len(order), -1)[order[~inner]]
+    n_outputs = max(leaf_values.shape[1], np.size(base))
     return builder.add(
         TreeEnsemble(
             inputs=(value,),
@@ -118,8 +180,8 @@ def _add_float32_trees(
             missing_left=inner & joined("missing_go_to_left")[order].astype(np.bool_),
             leaf=np.where(inner, -1, np.cumsum(~inner) - 1),
             leaf_value=leaf_values,
-            tree_output=np.zeros(len(structures), np.int32),
-            base=np.full(n_outputs, base),
+            tree_output=(np.arange(len(structures)) % np.size(base)).astype(np.int32),
+            base=np.broadcast_to(base, n_outputs),
             comparison=Comparison.LESS_OR_EQUAL,
             input_precision=Precision.FLOAT32,
             divisor=float(divisor),
@@ -143,6 +205,7 @@ def _structure(tree: Fitted, width: int) -> Any:
 
 @walks(
     "sklearn.HistGradientBoostingRegressor",
+    "sklearn.HistGradientBoostingClassifier",
     trusts=(
         "sklearn.ensemble._hist_gradient_boosting.predictor.TreePredictor",
         # the encoder of categories; a partial can only hold a function that is itself trusted
@@ -150,14 +213,19 @@ def _structure(tree: Fitted, width: int) -> Any:
         "sklearn.utils.validation.check_array",
     ),
 )
-def walk_hist_gradient_boosting(estimator: Any, builder: GraphBuilder, value: int) -> int:
-    """Baseline plus leaves in order, then the inverse of the loss's link; missing values and categories included."""
+def walk_hist_gradient_boosting(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
+    """Baseline plus leaves in order, then the inverse of the loss's link; missing values and categories included.
+
+    Of two classes the second is taken above 0 (`gradient_boosting.py: HistGradientBoostingClassifier.predict`).
+    """
     fitted = Fitted(estimator)
+    labels = labels_of(fitted) if hasattr(estimator, "classes_") else ()
+    count = len(labels) if len(labels) > 2 else 1
     columns = _hist_columns(fitted, builder.width(value))
     iterations = fitted.items("_predictors")
-    if any(not isinstance(iteration, list) or len(iteration) != 1 for iteration in iterations):
-        raise fitted.fail("_predictors", "not one tree an iteration")
-    predictors = [iteration[0] for iteration in iterations]
+    if any(not isinstance(iteration, list) or len(iteration) != count for iteration in iterations):
+        raise fitted.fail("_predictors", f"not {count} trees an iteration")
+    predictors = [predictor for iteration in iterations for predictor in iteration]
     nodes = np.concatenate([_hist_nodes(Fitted(predictor), columns) for predictor in predictors])
     sizes = np.array([len(predictor.nodes) for predictor in predictors])
     offset = np.concatenate([[0], np.cumsum(sizes)[:-1]])
@@ -186,19 +254,24 @@ def walk_hist_gradient_boosting(estimator: Any, builder: GraphBuilder, value: in
             missing_left=inner & (nodes["missing_go_to_left"] != 0),
             leaf=np.where(inner, -1, np.cumsum(~inner) - 1),
             leaf_value=nodes["value"][~inner][:, None].astype(np.float64),
-            tree_output=np.zeros(len(predictors), np.int32),
-            base=np.ravel(fitted.floats("_baseline_prediction", (1, 1))),
+            tree_output=(np.arange(len(predictors)) % count).astype(np.int32),
+            base=np.ravel(fitted.floats("_baseline_prediction", (1, count))),
             comparison=Comparison.LESS_OR_EQUAL,
             category_row=category_row,
             category_left=category_left,
         )
     )
     link = type(estimator._loss.link).__name__
+    if link == "LogitLink":
+        probability = builder.add(Activation((raw,), Function.LOGISTIC, 1))
+        return Classified(labels, above(builder, raw), complement(builder, probability), raw)
+    if link == "MultinomialLogit":
+        return Classified(labels, largest(builder, raw), softmax(builder, raw), raw)
     if link == "IdentityLink":
         return raw
     if link == "LogLink":
         return builder.add(Activation((raw,), Function.EXP, 1))
-    raise UnsupportedModelError(f"HistGradientBoostingRegressor with loss={estimator.loss!r}: unknown link {link}")
+    raise UnsupportedModelError(f"{type(estimator).__name__} with loss={estimator.loss!r}: unknown link {link}")
 
 
 def _hist_columns(fitted: Fitted, n_features: int) -> tuple[TreeColumn, ...]:

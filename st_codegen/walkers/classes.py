@@ -1,0 +1,99 @@
+"""What walkers of classifiers share: labels, and the rules by which scores become the number of a class."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+
+from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.ir import (
+    ArgMax,
+    Exceeds,
+    FloatArray,
+    Label,
+    Linear,
+    Operator,
+    Precision,
+    Scale,
+    Select,
+    Softmax,
+)
+from st_codegen.ir.base import SummationOrder
+from st_codegen.walkers.base import GraphBuilder
+from st_codegen.walkers.fitted import Fitted
+
+#: How far below the largest score another one may lie so that the exponentials of both, taken after the largest score
+#: was subtracted, are both 1.0 for certain (half a unit below 1.0 rounds to even), and from where on they, and their
+#: quotients by one sum, differ for certain: an exponential and a quotient err by at most two units each.
+_MERGED = {Precision.FLOAT64: 2.0**-54, Precision.FLOAT32: 2.0**-25}
+_OPEN_BELOW = {Precision.FLOAT64: 2.0**-49, Precision.FLOAT32: 2.0**-20}
+
+
+def labels_of(fitted: Fitted) -> tuple[Label, ...]:
+    """The labels in `classes_`, as Python has them. Raises UnsupportedModelError for what is no plain value."""
+    values = fitted.get("classes_")
+    if isinstance(values, list):
+        raise UnsupportedModelError(f"{fitted.kind} with several outputs of classes: train one for each of them")
+    if not isinstance(values, np.ndarray) or values.ndim != 1 or not len(values):
+        raise fitted.fail("classes_", "not a list of labels")
+    found = tuple(label_of(value) for value in values)
+    if not all(isinstance(label, str | bool | int | float) for label in found):
+        raise UnsupportedModelError(f"{fitted.kind} with labels that are neither text, numbers nor truth values")
+    return found
+
+
+def label_of(value: Any) -> Any:
+    """A label as Python has it."""
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def numbers_of(labels: tuple[Label, ...], found: Iterable[Any]) -> FloatArray:
+    """The number of each of a library's labels, shape (rows, 1). Raises InputError for one that is not in the list."""
+    position = {label: number for number, label in enumerate(labels)}
+    try:
+        return np.array([[position[label_of(value)]] for value in found], np.float64).reshape(-1, 1)
+    except KeyError as error:
+        raise InputError(f"the library answers with the label {error}, which the model does not list") from None
+
+
+def largest(builder: GraphBuilder, scores: int) -> int:
+    """The number of the largest column, the first of equal ones (`numpy.argmax`)."""
+    return builder.add(ArgMax((scores,), builder.width(scores)))
+
+
+def most_probable(builder: GraphBuilder, scores: int, precision: Precision) -> int:
+    """The number of the largest of the probabilities that a softmax makes of exact scores."""
+    return builder.add(ArgMax((scores,), builder.width(scores), _MERGED[precision], _OPEN_BELOW[precision]))
+
+
+def softmax(builder: GraphBuilder, scores: int, precision: Precision = Precision.FLOAT64) -> int:
+    """Probabilities of scores."""
+    return builder.add(Softmax((scores,), builder.width(scores), precision))
+
+
+def above(builder: GraphBuilder, score: int, cut: float = 0.0, *, inclusive: bool = False) -> int:
+    """1 where each column exceeds the cut, else 0."""
+    return builder.add(Exceeds((score,), np.full(builder.width(score), cut), inclusive))
+
+
+def complement(builder: GraphBuilder, probability: int) -> int:
+    """1 - p and p side by side, for the probability p of the second class."""
+    other = builder.add(Scale((probability,), Operator.SUBTRACT, np.ones(1), reverse=True))
+    return builder.add(Select((other, probability), np.arange(2, dtype=np.int32)))
+
+
+def whole_sums(builder: GraphBuilder, value: int, weights: FloatArray, bias: FloatArray) -> int:
+    """Weighted sums of whole numbers with whole weights: exact in any order."""
+    return builder.add(Linear((value,), weights, bias, SummationOrder.SEQUENTIAL))
+
+
+def last_below(reached: Callable[[Any], Any], dtype: type[np.float32] | type[np.float64]) -> float:
+    """The largest number from -1 to 1 for which a rising condition does not hold yet, of the numbers of a type."""
+    low, high = dtype(-1), dtype(1)
+    while True:
+        middle = dtype((low + high) / dtype(2))
+        if middle in (low, high):
+            return float(low)
+        low, high = (low, middle) if bool(reached(middle)) else (middle, high)
