@@ -134,10 +134,10 @@ class NativeCalls:
         variables = _Variables(self._module.layout, site, frames)
         return NativeCall(self._host, rows, variables.get, variables.set)
 
-    def site_of(self, pou: t.Pou, variables: Iterable[t.Variable]) -> NativeSite:
-        """The place from which a user calls native code."""
+    def site_of(self, pou: t.Pou) -> NativeSite:
+        """The place from which a user calls the body of a native block."""
         if pou.key not in self._sites:
-            self._sites[pou.key] = self._module.native_site(pou, variables, {}, is_listed=False)
+            self._sites[pou.key] = self._module.native_site(pou, (), {}, is_listed=False)
         return self._sites[pou.key]
 
 
@@ -152,12 +152,12 @@ class _Variables:
     def _place(self, name: str) -> Place:
         site, first = self._site, str(split_path(name)[0])
         if first in site.types:
-            start = Place(site.types[first], (site.offsets[first],))
+            start = Place(site.types[first], site.offsets[first])
             rest = name[len(first) :]
             return resolve(self._layout, start, rest.removeprefix(".")) if rest else start
         if site.block is None:
             raise KeyError(name)
-        return resolve(self._layout, Place(site.block, (site.block_offset,)), name)
+        return resolve(self._layout, Place(site.block, site.block_offset), name)
 
     def get(self, name: str) -> Any:
         """A variable as an array with one entry a row, or an address."""
@@ -166,11 +166,11 @@ class _Variables:
         if name in self._site.null_pointers:
             return None
         place = self._place(name)
-        return shown(self._layout, partial(view, self._frames), place.offsets[-1], place.type, is_plain=False)
+        return shown(self._layout, partial(view, self._frames), place.offset, place.type, is_plain=False)
 
     def set(self, name: str, values: Any) -> None:
         """Assign a variable."""
         place = self._place(name)
         element = place.type.element if isinstance(place.type, ArrayType) else place.type
         shape = place.type.shape if isinstance(place.type, ArrayType) else ()
-        view(self._frames, place.offsets[-1], dtype_of(element), shape)[...] = values
+        view(self._frames, place.offset, dtype_of(element), shape)[...] = values

@@ -19,27 +19,21 @@ import llvmlite.binding as llvm
 from st_codegen.st import tree as t
 from st_codegen.st.run import prelude
 from st_codegen.st.run.module import Module, absolute
-from st_codegen.st.run.unit import Unit, is_body, is_by_value, parameters
-from st_codegen.st.run.writer import stored_type, value_type
+from st_codegen.st.run.unit import Unit
 from st_codegen.st.tree import PouKind
 
 #: How much is optimised: nothing, for what runs a few times; or what pays off in a simulation or for many rows.
 QUICK, FAST = 0, 2
 _LONG, _POINTER = ctypes.c_int64, ctypes.c_void_p
-#: Runs a unit: context, unit, then the address and the bytes a row of the memory, instances and arguments; the rows.
-_ROWS = ctypes.CFUNCTYPE(_LONG, *(_POINTER, _POINTER), *(_POINTER, _LONG) * 3, *(_LONG, _LONG))
+#: Runs a unit: context, unit, then the address and the bytes a row of the memory and of the instances; the rows.
+_ROWS = ctypes.CFUNCTYPE(_LONG, *(_POINTER, _POINTER), *(_POINTER, _LONG) * 2, *(_LONG, _LONG))
 
 
 @dataclass(frozen=True)
 class CompiledUnit:
-    """Machine code of a unit: where it begins, where it finds its arguments (by name), and their bytes.
-
-    `seconds` is what it took to compile, with what it calls as far as that was not compiled before.
-    """
+    """Where a unit begins, and the seconds of compiling it, with what it calls as far as that was not compiled yet."""
 
     address: int
-    arguments: dict[str, int]
-    argument_bytes: int
     seconds: float
 
 
@@ -51,28 +45,20 @@ class Program:
         self._level = level
         self.module = Module(project, loop_limit, functions)
         self._codes: dict[str, CompiledUnit] = {}
-        self._units: dict[str, int] = {}
         self._engines: list[Any] = []
         self._lock = RLock()
 
     def code(self, pou: t.Pou) -> CompiledUnit:
-        """The machine code of a unit that is no native one. Raises `StCheckError` for pointers."""
+        """The machine code of a body or method that is no native one. Raises `StCheckError` for what does not run."""
         with self._lock:
             if pou.key not in self._codes:
                 start = time.perf_counter()
-                offsets, size = self.module.arguments(parameters(pou))
-                address = self._unit(pou) if is_body(pou) else self._compiled(pou, offsets)
-                self._codes[pou.key] = CompiledUnit(address, offsets, size, time.perf_counter() - start)
+                address = self._compiled(pou)
+                self._codes[pou.key] = CompiledUnit(address, time.perf_counter() - start)
             return self._codes[pou.key]
 
-    def _unit(self, pou: t.Pou) -> int:
-        """Where a block or method is."""
-        if pou.key not in self._units:
-            self._units[pou.key] = self._compiled(pou, None)
-        return self._units[pou.key]
-
-    def _compiled(self, pou: t.Pou, offsets: dict[str, int] | None) -> int:
-        """Compile a unit, callees first; with `offsets` a function takes its arguments from a record."""
+    def _compiled(self, pou: t.Pou) -> int:
+        """Compile a unit, callees first."""
         project, parts, inside = self.module.project, [], {pou.key: name_of(pou.key)}
         pending = [pou]
         while pending:
@@ -80,19 +66,15 @@ class Program:
 
             def called(key: str) -> str:
                 if project.pous[key].kind is not PouKind.FUNCTION:
-                    return absolute(self._unit(project.pous[key]))
+                    return absolute(self.code(project.pous[key]).address)
                 if key not in inside:
                     inside[key] = name_of(key)
                     pending.append(project.pous[key])
                 return inside[key]
 
             parts.append(Unit(self.module, current, called).text(is_internal=current is not pou))
-        name = name_of(pou.key)
-        if offsets is not None:
-            parts.append(_entry(pou, offsets))
-            name = "@entry"
         self._engines.append(_engine("\n".join([prelude.INTRINSICS, *parts]), self._level))
-        address: int = self._engines[-1].get_function_address(name.strip('@"'))
+        address: int = self._engines[-1].get_function_address(name_of(pou.key).strip('@"'))
         return address
 
 
@@ -113,22 +95,6 @@ def program_of(project: t.Project, loop_limit: int, level: int = FAST) -> Progra
 def name_of(key: str) -> str:
     """The name of a unit's function."""
     return f'@"u.{key}"'
-
-
-def _entry(pou: t.Pou, offsets: dict[str, int]) -> str:
-    lines, given = [], []
-    for number, variable in enumerate(parameters(pou)):
-        lines.append(f"  %p{number} = getelementptr i8, ptr %a, i64 {offsets[variable.key]}")
-        if not is_by_value(variable):
-            given.append(f", ptr %p{number}")
-            continue
-        kind = value_type(variable.type)
-        lines.append(f"  %v{number} = load {stored_type(variable.type)}, ptr %p{number}")
-        if kind == "i1":
-            lines.append(f"  %b{number} = icmp ne i8 %v{number}, 0")
-        given.append(f", {kind} %{'b' if kind == 'i1' else 'v'}{number}")
-    call = f"  %e = call i32 {name_of(pou.key)}(ptr %c, ptr %g, ptr %s{''.join(given)})"
-    return "\n".join(["define i32 @entry(ptr %c, ptr %g, ptr %s, ptr %a) {", *lines, call, "  ret i32 %e", "}"])
 
 
 #: Machine code that lives as long as the process.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import cast
 
 import numpy as np
@@ -25,8 +24,6 @@ from st_codegen.st.types import (
 )
 
 POINTER_BYTES = 8
-#: Name of the hidden number that says of which block an instance is, where calls of methods depend on it.
-CLASS = ""
 
 
 @dataclass(frozen=True)
@@ -103,20 +100,6 @@ class MemoryLayout:
             self._variables[block] = {item.key: item for item in self.project.block_variables(block)}
         return self._variables[block].get(key)
 
-    @cached_property
-    def class_numbers(self) -> dict[str, int]:
-        """The number of each block."""
-        return {key: number for number, key in enumerate(self.project.pous)}
-
-    @cached_property
-    def _extended(self) -> set[str]:
-        """Blocks that others extend."""
-        return {pou.base for pou in self.project.pous.values() if pou.base is not None}
-
-    def has_class(self, block: str) -> bool:
-        """Whether instances of a block say of which block they are."""
-        return any(pou.key in self._extended for pou in self.project.lineage(block))
-
     def size_of(self, type_: Type) -> int:
         """Bytes of a variable."""
         if isinstance(type_, ArrayType):
@@ -145,15 +128,9 @@ class MemoryLayout:
                 made = self._placed(((entry.name.upper(), entry.type, None) for entry in type_.fields), type_.is_union)
             else:
                 variables = self.project.block_variables(type_.name)
-                stored = [(item.key, item.type, item) for item in variables if not item.is_constant]
-                number = [(CLASS, EnumType("", _CLASS_TYPE, (), 0, False), None)] if self.has_class(type_.name) else []
-                made = self._placed([*number, *stored])
+                made = self._placed((item.key, item.type, item) for item in variables if not item.is_constant)
             self._records[key] = made
         return self._records[key]
-
-    def parameters(self, variables: Iterable[t.Variable]) -> Record:
-        """A record of parameters, in-outs as addresses."""
-        return self._placed((variable.key, variable.type, variable) for variable in variables)
 
     def _placed(self, entries: Iterable[tuple[str, Type, t.Variable | None]], is_union: bool = False) -> Record:
         members: dict[str, RecordMember] = {}
@@ -182,9 +159,7 @@ class MemoryLayout:
             record = self.record(type_)
             memory = bytearray(record.size)
             for member in record.members.values():
-                if member.variable is None:
-                    self._write(memory, member.offset, member.type, self.class_numbers[key])
-                elif not member.is_reference:
+                if member.variable is not None and not member.is_reference:
                     self._write(memory, member.offset, member.type, member.variable.initial)
             self._images[key] = bytes(memory)
         return self._images[key]
@@ -239,9 +214,6 @@ class MemoryLayout:
             for member in self.record(type_).members.values():
                 if not member.is_reference:
                     yield from self.natives(member.type, at + member.offset)
-
-
-_CLASS_TYPE = Elementary("class", Kind.SIGNED, 32)
 
 
 def aligned(size: int, alignment: int) -> int:

@@ -1,4 +1,4 @@
-"""Libraries for TwinCAT projects: timers and edges of Tc2_Standard, and the part of TcUnit that test suites use."""
+"""TcUnit for the engine: the part that test suites use."""
 
 from __future__ import annotations
 
@@ -9,100 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from st_codegen.st.run.natives import Host, Library, NativeBlock, NativeCall
-
-_TIMER = """
-FUNCTION_BLOCK {name}
-VAR_INPUT IN : BOOL; PT : TIME; END_VAR
-VAR_OUTPUT Q : BOOL; ET : TIME; END_VAR
-END_FUNCTION_BLOCK
-"""
-_EDGES = """
-FUNCTION_BLOCK R_TRIG
-VAR_INPUT CLK : BOOL; END_VAR
-VAR_OUTPUT Q : BOOL; END_VAR
-VAR bLast : BOOL; END_VAR
-Q := CLK AND NOT bLast;
-bLast := CLK;
-END_FUNCTION_BLOCK
-FUNCTION_BLOCK F_TRIG
-VAR_INPUT CLK : BOOL; END_VAR
-VAR_OUTPUT Q : BOOL; END_VAR
-VAR bLast : BOOL := FALSE; END_VAR
-Q := NOT CLK AND bLast;
-bLast := CLK;
-END_FUNCTION_BLOCK
-"""
-
-
-class Timer(NativeBlock):
-    """Base of the timers: when each row started to count."""
-
-    def __init__(self, machine: Host) -> None:
-        super().__init__(machine)
-        self.start = np.zeros(machine.row_count, np.int64)
-        self.is_counting = np.zeros(machine.row_count, np.bool_)
-
-    def elapsed(self, call: NativeCall, begins: NDArray[np.bool_], stops: NDArray[np.bool_]) -> Any:
-        """The time since each row began, in units of PT and not beyond it; zero where it is not counting."""
-        rows = call.rows
-        preset = call["PT"]
-        # TIME counts milliseconds in 32 bits or nanoseconds in 64, by the dialect
-        unit = 1_000_000 if preset.dtype.itemsize == 4 else 1
-        now = self.machine.time_ns // unit
-        self.is_counting[rows] &= ~stops
-        starts = begins & ~self.is_counting[rows]
-        self.start[rows] = np.where(starts, now, self.start[rows])
-        self.is_counting[rows] |= starts
-        counted = np.where(self.is_counting[rows], now - self.start[rows], 0)
-        return np.clip(counted, 0, preset.astype(np.int64))
-
-
-class OnDelay(Timer):
-    """TON: Q follows IN after PT."""
-
-    def body(self, call: NativeCall) -> None:
-        """A call of the instance."""
-        given = call["IN"]
-        elapsed = self.elapsed(call, given, ~given)
-        call["ET"] = elapsed
-        call["Q"] = given & (elapsed >= call["PT"])
-
-
-class OffDelay(Timer):
-    """TOF: Q stays for PT after IN has gone."""
-
-    def __init__(self, machine: Host) -> None:
-        super().__init__(machine)
-        self.was_on = np.zeros(machine.row_count, np.bool_)
-
-    def body(self, call: NativeCall) -> None:
-        """A call of the instance."""
-        given = call["IN"]
-        self.was_on[call.rows] |= given
-        elapsed = self.elapsed(call, ~given & self.was_on[call.rows], given)
-        call["ET"] = elapsed
-        is_on = given | (self.is_counting[call.rows] & (elapsed < call["PT"]))
-        call["Q"] = is_on
-        self.was_on[call.rows] &= is_on | self.is_counting[call.rows]
-
-
-class Pulse(Timer):
-    """TP: a pulse of length PT from the rising edge of IN."""
-
-    def body(self, call: NativeCall) -> None:
-        """A call of the instance."""
-        given = call["IN"]
-        is_over = self.elapsed(call, given, np.zeros_like(given)) >= call["PT"]
-        elapsed = self.elapsed(call, given, is_over & ~given)
-        call["ET"] = elapsed
-        call["Q"] = self.is_counting[call.rows] & (elapsed < call["PT"])
-
-
-TC2_STANDARD = Library(
-    "Tc2_Standard",
-    _EDGES + "".join(_TIMER.format(name=name) for name in ("TON", "TOF", "TP")),
-    blocks={"TON": OnDelay, "TOF": OffDelay, "TP": Pulse},
-)
 
 _EXACT_TYPES = (
     *("BOOL", "BYTE", "WORD", "DWORD", "LWORD", "SINT", "INT", "DINT", "LINT"),

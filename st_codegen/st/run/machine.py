@@ -26,13 +26,11 @@ from st_codegen.st.errors import StUsageError
 from st_codegen.st.run.calls import NativeCalls
 from st_codegen.st.run.compiler import FAST, QUICK, CompiledUnit, program_of
 from st_codegen.st.run.layout import dtype_of, is_scalar
-from st_codegen.st.run.memory import Memory, given, pointers, reader, shown, view
+from st_codegen.st.run.memory import Memory, given, shown, view
 from st_codegen.st.run.natives import Library, NativeBlock
-from st_codegen.st.run.paths import Place, Port, find_block, find_global, ports, resolve, split_path
+from st_codegen.st.run.paths import Place, Port, find_block, find_global, ports, resolve
 from st_codegen.st.run.prelude import CONTEXT
-from st_codegen.st.run.unit import parameters
-from st_codegen.st.tree import PouKind
-from st_codegen.st.types import ArrayType, BlockType, PointerType, default_value
+from st_codegen.st.types import ArrayType, BlockType, PointerType
 
 LOOP_LIMIT = 10_000_000
 #: Where nothing else is known, fewer rows run faster than they are optimised; the results are the same.
@@ -80,7 +78,6 @@ class Machine:
             raise StUsageError(f"a machine has at least one row, not {rows}")
         self.project = project
         self.rows = rows
-        self.time_ns = 0
         self.natives: list[NativeBlock] = []
         if optimised is None:
             optimised = rows is None or rows >= _FEW_ROWS
@@ -118,35 +115,6 @@ class Machine:
         memory, at = self._program_memory(), self.layout.programs[name.upper()]
         return Instance(self, find_block(self.project, name), memory, at)
 
-    def call(self, function: str, *arguments: Any, **named: Any) -> Any:
-        """Call a function; gives its result, or a tuple of result and outputs when it has outputs."""
-        pou = self.project.pous.get(function.upper())
-        if pou is None or pou.kind is not PouKind.FUNCTION:
-            raise StUsageError(f"the project has no function '{function}'")
-        return self.call_unit(pou, self.memory, 0, arguments, named)
-
-    def call_unit(self, pou: t.Pou, memory: Memory, at: int, arguments: tuple[Any, ...], named: dict[str, Any]) -> Any:
-        """Call a function or method with values of the user."""
-        values = _arguments(pou, arguments, named)
-        offsets, size = self.module.arguments(parameters(pou))
-        record = Memory(self.row_count, bytes(size))
-        for variable in parameters(pou):
-            image = np.frombuffer(self.layout.image(variable.type, variable.initial), np.uint8)
-            record.bytes[:, offsets[variable.key] : offsets[variable.key] + len(image)] = image
-            if variable.key in values:
-                numbers = given(values[variable.key], variable.type, self.rows, variable.name)
-                shape = variable.type.shape if isinstance(variable.type, ArrayType) else ()
-                record.view(offsets[variable.key], numbers.dtype, shape)[...] = numbers
-        if pou.is_native:
-            self._run_native(pou, memory, at, record, offsets)
-        else:
-            self.run(self.program_code.code(pou), memory, at, record)
-        results = [*([pou.result] if pou.result is not None else []), *pou.section(t.Section.OUTPUT)]
-        values_ = tuple(
-            shown(self.layout, record.view, offsets[item.key], item.type, self.rows is None) for item in results
-        )
-        return values_[0] if len(values_) == 1 else (values_ or None)
-
     def _program_memory(self) -> Memory:
         """The programs, made when they are first needed."""
         if self._programs is None:
@@ -158,11 +126,11 @@ class Machine:
 
     # --- runs ---
 
-    def run(self, code: CompiledUnit, memory: Memory, at: int, arguments: Memory | None = None) -> None:
+    def run(self, code: CompiledUnit, memory: Memory, at: int) -> None:
         """Run a unit in all rows. Raises `StRuntimeError` for the first row in which a controller would stop."""
         has_natives = bool(self.module.native_sites)
         if has_natives and self.row_count > 1 and self.calls.are_pure:
-            self._run_with_answers(code, memory, at, arguments)
+            self._run_with_answers(code, memory, at)
         elif has_natives or self._workers < 2 or self.row_count < 2 * _ROWS_A_THREAD:
             if (
                 self._context is None
@@ -170,33 +138,23 @@ class Machine:
                 or (self.module.uses_programs and self._programs is None)
             ):
                 self._context = self._new_context()
-            self._run_rows(self._context, code, memory, at, arguments, 0, self.row_count)
+            self._run_rows(self._context, code, memory, at, 0, self.row_count)
         else:
-            self._run_in_threads(code, memory, at, arguments)
+            self._run_in_threads(code, memory, at)
 
-    def _run_in_threads(self, code: CompiledUnit, memory: Memory, at: int, arguments: Memory | None) -> None:
+    def _run_in_threads(self, code: CompiledUnit, memory: Memory, at: int) -> None:
         parts = min(self._workers, self.row_count // _ROWS_A_THREAD)
         ends = np.linspace(0, self.row_count, parts + 1).astype(int).tolist()
 
         def part(number: int) -> None:
-            self._run_rows(self._new_context(), code, memory, at, arguments, ends[number], ends[number + 1])
+            self._run_rows(self._new_context(), code, memory, at, ends[number], ends[number + 1])
 
         runs = [_threads().submit(part, number) for number in range(parts)]
         wait(runs)  # all of them, so that the error is that of the first row, and nobody writes afterwards
         for run in runs:
             run.result()
 
-    def _run_rows(
-        self,
-        context: _Context,
-        code: CompiledUnit,
-        memory: Memory,
-        at: int,
-        arguments: Memory | None,
-        first: int,
-        last: int,
-    ) -> None:
-        record = (None, 0) if arguments is None else (arguments.address, arguments.stride)
+    def _run_rows(self, context: _Context, code: CompiledUnit, memory: Memory, at: int, first: int, last: int) -> None:
         stopped = self.program_code.rows(
             context.address,
             code.address,
@@ -204,7 +162,6 @@ class Machine:
             self.memory.stride,
             memory.address + at,
             memory.stride,
-            *record,
             first,
             last,
         )
@@ -231,27 +188,21 @@ class Machine:
 
     # --- native code ---
 
-    def _run_with_answers(self, code: CompiledUnit, memory: Memory, at: int, arguments: Memory | None) -> None:
+    def _run_with_answers(self, code: CompiledUnit, memory: Memory, at: int) -> None:
         """Try all rows, answer what they asked native code at once, and try again until nothing new is asked."""
         size = max(site.size for site in self.module.native_sites)
         asked = len(self.module.native_sites)
         part = max(1, min(self.row_count, _ANSWER_BYTES // (2 * size * asked)))
         for begin in range(0, self.row_count, part):
             end = min(begin + part, self.row_count)
-            self._answer_rows(code, memory, at, arguments, np.arange(begin, end), (size, asked))
+            self._answer_rows(code, memory, at, np.arange(begin, end), (size, asked))
 
     def _answer_rows(
-        self,
-        code: CompiledUnit,
-        memory: Memory,
-        at: int,
-        arguments: Memory | None,
-        rows: NDArray[np.int64],
-        sizes: tuple[int, int],
+        self, code: CompiledUnit, memory: Memory, at: int, rows: NDArray[np.int64], sizes: tuple[int, int]
     ) -> None:
         size, asked = sizes
         first, last = int(rows[0]), int(rows[-1]) + 1
-        before = [(item, item.bytes[first:last].copy()) for item in {*self.calls.memories, *filter(None, [arguments])}]
+        before = [(item, item.bytes[first:last].copy()) for item in self.calls.memories]
         answers = np.zeros((len(rows), asked, 2, size), np.uint8)
         known = np.zeros((len(rows), asked), np.int64)
         status = np.zeros(len(rows), np.uint8)
@@ -260,7 +211,7 @@ class Machine:
             entries = {"is_trial": 1, "answers": answers.ctypes.data, "answer_bytes": size, "answers_a_row": asked}
             entries |= {"known": known.ctypes.data, "begin": first, "status": status.ctypes.data}
             context.set(entries)
-            self._run_rows(context, code, memory, at, arguments, first, last)
+            self._run_rows(context, code, memory, at, first, last)
             if not status.any():
                 return
             if not (known < 0).any():  # there are more calls than room for answers
@@ -281,26 +232,17 @@ class Machine:
         """Call the body of the instance that a native block belongs to, in one row."""
         memory, at, block = self.calls.owner(native)
         code = self.program_code.code(self.project.pous[block.name.upper()])
-        self._run_rows(self._new_context(), code, memory, at, None, row, row + 1)
+        self._run_rows(self._new_context(), code, memory, at, row, row + 1)
 
-    def _run_native(
-        self, pou: t.Pou, memory: Memory, at: int, record: Memory | None = None, offsets: dict[str, int] | None = None
-    ) -> None:
-        """Call native code from outside."""
-        site = self.calls.site_of(pou, parameters(pou))
+    def _run_native(self, pou: t.Pou, memory: Memory, at: int) -> None:
+        """Call the body of a native block from outside."""
+        site = self.calls.site_of(pou)
         frames = np.zeros((self.row_count, site.size), np.uint8)
         view(frames, 0, np.dtype(np.uint64), ())[...] = memory.addresses() + np.uint64(at)
-        pairs = (
-            [] if record is None else [(record, (offsets or {})[name], site.offsets[name], name) for name in site.types]
-        )
-        parts = [(item, start, place, self.layout.size_of(site.types[name])) for item, start, place, name in pairs]
-        if site.block is not None:
-            parts.append((memory, at, site.block_offset, self.layout.size_of(site.block)))
-        for item, start, place, size in parts:
-            frames[:, place : place + size] = item.bytes[:, start : start + size]
+        size = site.size - site.block_offset
+        frames[:, site.block_offset :] = memory.bytes[:, at : at + size]
         self.calls.answer(site, frames, np.arange(self.row_count))
-        for item, start, place, size in parts:
-            item.bytes[:, start : start + size] = frames[:, place : place + size]
+        memory.bytes[:, at : at + size] = frames[:, site.block_offset :]
 
     def call_body(self, block: str, memory: Memory, at: int) -> None:
         """Call an instance of a block once."""
@@ -317,8 +259,7 @@ class Machine:
         if place.constant is not None:
             image = self.layout.image(place.constant.type, place.constant.initial)
             memory = Memory(self.row_count, image)
-        read, offset = reader(memory, place)
-        return shown(self.layout, read, offset, place.type, self.rows is None)
+        return shown(self.layout, memory.view, place.offset, place.type, self.rows is None)
 
     def write(self, memory: Memory, place: Place, path: str, value: Any) -> None:
         """Set a variable. Raises `StUsageError` for a constant or a wrong value."""
@@ -326,13 +267,7 @@ class Machine:
             raise StUsageError(f"'{path}' is a constant")
         numbers = given(value, place.type, self.rows, path)
         shape = place.type.shape if isinstance(place.type, ArrayType) else ()
-        if len(place.offsets) == 1:
-            memory.view(place.offsets[0], numbers.dtype, shape)[...] = numbers
-            return
-        for address, item in zip(
-            pointers(memory, place), np.broadcast_to(numbers, (self.row_count, *shape)), strict=True
-        ):
-            ctypes.memmove(int(address) + place.offsets[-1], item.tobytes(), item.nbytes)
+        memory.view(place.offset, numbers.dtype, shape)[...] = numbers
 
 
 class _Named:
@@ -351,8 +286,8 @@ class _Named:
         if path not in self._places:
             memory, found = self._places[path] = self._find(path)
             is_number = is_scalar(found.type) and not isinstance(found.type, PointerType)
-            if is_number and self._machine.rows is None and found.constant is None and len(found.offsets) == 1:
-                self._numbers[path] = memory.view(found.offsets[0], dtype_of(found.type), ())
+            if is_number and self._machine.rows is None and found.constant is None:
+                self._numbers[path] = memory.view(found.offset, dtype_of(found.type), ())
         return self._places[path]
 
     def __getitem__(self, path: str) -> Any:
@@ -365,10 +300,7 @@ class _Named:
         if number is not None and number.dtype == np.float64:
             number[...] = value
         else:
-            self._set(path, value)
-
-    def _set(self, path: str, value: Any) -> None:
-        self._machine.write(*self._place(path), path, value)
+            self._machine.write(*self._place(path), path, value)
 
 
 class Instance(_Named):
@@ -379,9 +311,7 @@ class Instance(_Named):
         self._type = type_
         self._memory = memory
         self._at = at
-        self._bound: list[Memory] = []
-        self._references = self._ports(t.Section.IN_OUT)
-        self._is_ready = not self._references
+        self._has_in_outs = bool(self._ports(t.Section.IN_OUT))
 
     def _ports(self, *sections: t.Section) -> tuple[Port, ...]:
         return ports(self._machine.project, self._type.name, *sections)
@@ -413,39 +343,12 @@ class Instance(_Named):
         """Set inputs and call the instance once. Raises `StRuntimeError`, `StUsageError`."""
         for name, value in inputs.items():
             self[name] = value
-        if not self._is_ready:
-            for port in self._references:
-                if not self._address_of(port).all():
-                    raise StUsageError(f"'{port.name}' of '{self._type}' is VAR_IN_OUT: set it before the first call")
-            self._is_ready = True
+        if self._has_in_outs:
+            raise StUsageError(f"'{self._type}' has a VAR_IN_OUT: call it from Structured Text")
         self._machine.call_body(self._type.name.upper(), self._memory, self._at)
 
-    def method(self, name: str, *arguments: Any, **named: Any) -> Any:
-        """Call a method; gives its result, or a tuple of result and outputs. Raises `StRuntimeError`."""
-        pou = self._machine.project.find_method(self._type.name, name)
-        if pou is None:
-            raise StUsageError(f"'{self._type}' has no method '{name}'")
-        return self._machine.call_unit(pou, self._memory, self._at, arguments, named)
-
     def _find(self, path: str) -> tuple[Memory, Place]:
-        return self._memory, resolve(self._machine.layout, Place(self._type, (self._at,)), path)
-
-    def _set(self, path: str, value: Any) -> None:
-        for port in self._references:
-            if str(split_path(path)[0]).upper() == port.variable.key and not self._address_of(port).all():
-                self._bind(port)
-        super()._set(path, value)
-
-    def _address_of(self, port: Port) -> NDArray[Any]:
-        offset = self._machine.layout.record(self._type).members[port.variable.key].offset
-        return self._memory.view(self._at + offset, np.dtype(np.uint64), ())
-
-    def _bind(self, port: Port) -> None:
-        """Give a VAR_IN_OUT a variable to refer to."""
-        made = Memory(self._machine.row_count, self._machine.layout.image(port.type, default_value(port.type)))
-        self._machine.calls.attach(made, port.type)
-        self._bound.append(made)
-        self._address_of(port)[...] = made.addresses()
+        return self._memory, resolve(self._machine.layout, Place(self._type, self._at), path)
 
 
 class GlobalVariables(_Named):
@@ -453,22 +356,6 @@ class GlobalVariables(_Named):
 
     def _find(self, path: str) -> tuple[Memory, Place]:
         return self._machine.memory, find_global(self._machine.layout, path)
-
-
-def _arguments(pou: t.Pou, arguments: tuple[Any, ...], named: dict[str, Any]) -> dict[str, Any]:
-    """A user's arguments by upper-case name. Raises `StUsageError`."""
-    wanted = pou.section(t.Section.INPUT, t.Section.IN_OUT)
-    values = dict(zip((item.key for item in wanted), arguments, strict=False))
-    values |= {name.upper(): value for name, value in named.items()}
-    unknown = sorted(set(values) - {item.key for item in wanted})
-    if unknown or len(arguments) > len(wanted):
-        raise StUsageError(f"'{pou.name}' takes {len(wanted)} arguments; not known: {', '.join(unknown)}")
-    for item in wanted:
-        if item.section is t.Section.IN_OUT:
-            raise StUsageError(f"'{pou.name}' has a VAR_IN_OUT: call it from Structured Text")
-        if item.key not in values and not item.has_initial:
-            raise StUsageError(f"the argument '{item.name}' of '{pou.name}' is missing")
-    return values
 
 
 def processors() -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable
 from typing import Any
 
@@ -12,7 +11,6 @@ from numpy.typing import NDArray
 from st_codegen.st.errors import StUsageError
 from st_codegen.st.run.layout import MemoryLayout, aligned, dtype_of
 from st_codegen.st.run.natives import NativeBlock
-from st_codegen.st.run.paths import Place
 from st_codegen.st.types import ArrayType, Elementary, EnumType, Kind, StructType, Type, storage_type
 
 Values = NDArray[Any]
@@ -43,32 +41,6 @@ def view(rows: NDArray[np.uint8], offset: int, dtype: np.dtype[Any], shape: tupl
     """Values at an offset of records: the memory itself, rows first."""
     inner = np.empty(shape, dtype).strides
     return np.ndarray((len(rows), *shape), dtype, rows, offset, (rows.strides[0], *inner))
-
-
-def reader(memory: Memory, place: Place) -> tuple[Reader, int]:
-    """How to read a place of a record, and the offset to begin at; follows references. Raises `StUsageError`."""
-    if len(place.offsets) == 1:
-        return memory.view, place.offsets[0]
-    addresses = pointers(memory, place)
-
-    def read(offset: int, dtype: np.dtype[Any], shape: tuple[int, ...]) -> Values:
-        size = dtype.itemsize * int(np.prod(shape))
-        content = b"".join(ctypes.string_at(int(address) + offset, size) for address in addresses)
-        return np.frombuffer(content, dtype).reshape(len(addresses), *shape)
-
-    return read, place.offsets[-1]
-
-
-def pointers(memory: Memory, place: Place) -> NDArray[np.uint64]:
-    """The addresses that the last part of a place goes on from. Raises `StUsageError` for a reference to nothing."""
-    addresses = memory.view(place.offsets[0], np.dtype(np.uint64), ())
-    for offset in place.offsets[1:-1]:
-        if not addresses.all():
-            break
-        addresses = np.array([ctypes.c_uint64.from_address(int(x) + offset).value for x in addresses], np.uint64)
-    if not addresses.all():
-        raise StUsageError("a VAR_IN_OUT that has not been set refers to nothing")
-    return addresses
 
 
 def shown(layout: MemoryLayout, read: Reader, offset: int, type_: Type, is_plain: bool) -> Any:

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from st_codegen.st import tree as t
-from st_codegen.st.check.flow import overriding
 from st_codegen.st.run.layout import MemoryLayout, aligned, dtype_of
 from st_codegen.st.run.writer import Site
 from st_codegen.st.tree import PouKind
@@ -59,20 +58,6 @@ class Module:
     def instance_type(self, pou: t.Pou) -> BlockType:
         """The type of the instance that a unit runs on."""
         return BlockType(self.project.pous[pou.block].name if pou.block is not None else pou.name)
-
-    def targets(self, call: t.Call) -> dict[str, list[int]]:
-        """The units that a call may reach, each with the numbers of the blocks that have it."""
-        found: dict[str, list[int]] = {call.callee: []}
-        if not call.is_virtual or overriding(self.project, call.callee) == {call.callee}:
-            return found
-        callee = self.project.pous[call.callee]
-        owner = callee.block or callee.key
-        for key, pou in self.project.pous.items():
-            if pou.kind is PouKind.FUNCTION_BLOCK and any(base.key == owner for base in self.project.lineage(key)):
-                target = pou if callee.block is None else self.project.find_method(key, callee.name)
-                if target is not None:
-                    found.setdefault(target.key, []).append(self.layout.class_numbers[key])
-        return found
 
     # --- constants ---
 
@@ -130,15 +115,6 @@ class Module:
         if is_listed:
             self.native_sites.append(site)
         return site
-
-    def arguments(self, parameters: Iterable[t.Variable]) -> tuple[dict[str, int], int]:
-        """A record of a user's arguments and the results of a unit: offsets by name, and the bytes of all."""
-        offsets: dict[str, int] = {}
-        end = 0
-        for variable in parameters:
-            offsets[variable.key] = end
-            end += aligned(self.layout.size_of(variable.type), 8)
-        return offsets, max(end, 8)
 
 
 def absolute(address: int) -> str:

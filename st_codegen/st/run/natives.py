@@ -18,9 +18,8 @@ Values = NDArray[Any]
 
 
 class Host(Protocol):
-    """What native code sees of the machine: the clock, the number of rows, and all instances of native blocks."""
+    """What native code sees of the machine: the number of rows, and all instances of native blocks."""
 
-    time_ns: int
     natives: list[NativeBlock]
 
     @property

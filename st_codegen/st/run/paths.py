@@ -17,29 +17,21 @@ _STEP = re.compile(r"(?:\A|\.)\s*([A-Za-z_][A-Za-z0-9_]*)\s*|\[\s*(-?[0-9]+(?:\s
 
 @dataclass(frozen=True)
 class Place:
-    """Where a path leads: a type, and how far on from the start it is.
-
-    `offsets` has one more entry for each reference on the way: what is found there is the address to go on from. The
-    last part of the way may be inside of a `constant`; `is_reference` when the path ends at a VAR_IN_OUT.
-    """
+    """Where a path leads: a type, and how far on from the start it is; or inside of a `constant`."""
 
     type: Type
-    offsets: tuple[int, ...] = (0,)
+    offset: int = 0
     constant: t.Variable | None = None
-    is_reference: bool = False
 
     def moved(self, offset: int, type_: Type) -> Place:
         """Somewhere inside."""
-        return replace(self, type=type_, offsets=(*self.offsets[:-1], self.offsets[-1] + offset), is_reference=False)
+        return replace(self, type=type_, offset=self.offset + offset)
 
     def member(self, offset: int, variable: t.Variable) -> Place:
         """A variable of an instance or a list of globals."""
-        if variable.is_constant:
-            return Place(variable.type, (0,), variable)
-        found = self.moved(offset, variable.type)
         if variable.section is t.Section.IN_OUT:
-            return replace(found, offsets=(*found.offsets, 0), is_reference=True)
-        return found
+            raise StUsageError(f"'{variable.name}' is a VAR_IN_OUT: name the variable that it refers to")
+        return Place(variable.type, 0, variable) if variable.is_constant else self.moved(offset, variable.type)
 
 
 @dataclass(frozen=True)

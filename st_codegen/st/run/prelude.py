@@ -51,7 +51,7 @@ attributes #1 = { nounwind willreturn memory(none) }
 !0 = !{}
 """
 #: Functions of the prelude that units call, and the one that runs rows.
-EXPORTED = ("fault", "check.64", "check.32", "check.power", "domain", "compare", "native", "rows")
+EXPORTED = ("fault", "check.64", "check.32", "check.power", "domain", "native", "rows")
 
 _HEAD = f"""
 define void @fault(ptr %c, i64 %kind, i64 %site, i64 %x, i64 %y) cold noinline {{
@@ -188,45 +188,6 @@ invalid:
 good:
   ret i1 false
 }}
-define i32 @compare(ptr %p, i64 %n, ptr %q, i64 %m) {{
-start:
-  br label %next
-next:
-  %i = phi i64 [ 0, %start ], [ %j, %same ]
-  %ni = icmp ult i64 %i, %n
-  %mi = icmp ult i64 %i, %m
-  %pa = getelementptr i32, ptr %p, i64 %i
-  %qa = getelementptr i32, ptr %q, i64 %i
-  br i1 %ni, label %left, label %right
-left:
-  %l = load i32, ptr %pa
-  br label %right
-right:
-  %x = phi i32 [ 0, %next ], [ %l, %left ]
-  br i1 %mi, label %other, label %both
-other:
-  %o = load i32, ptr %qa
-  br label %both
-both:
-  %y = phi i32 [ 0, %right ], [ %o, %other ]
-  %less = icmp ult i32 %x, %y
-  br i1 %less, label %below, label %not
-not:
-  %more = icmp ugt i32 %x, %y
-  br i1 %more, label %above, label %equal
-equal:
-  %ended = icmp eq i32 %x, 0
-  br i1 %ended, label %all, label %same
-same:
-  %j = add i64 %i, 1
-  br label %next
-below:
-  ret i32 -1
-above:
-  ret i32 1
-all:
-  ret i32 0
-}}
 """
 
 # Calls of native code. Ordinary calls go to the host. In a trial, answers that the host gave to the same questions of
@@ -307,7 +268,7 @@ miss:
 
 # Runs a unit for some rows, up to the first one that is stopped
 _ROWS = f"""
-define i64 @rows(ptr %c, ptr %one, ptr %g, i64 %gs, ptr %s, i64 %ss, ptr %a, i64 %as, i64 %first, i64 %last) {{
+define i64 @rows(ptr %c, ptr %one, ptr %g, i64 %gs, ptr %s, i64 %ss, i64 %first, i64 %last) {{
 start:
   %pr = {context_entry("row")}
   %pf = {context_entry("frame")}
@@ -348,9 +309,7 @@ run:
   %gr = getelementptr i8, ptr %g, i64 %go
   %so = mul i64 %r, %ss
   %sr = getelementptr i8, ptr %s, i64 %so
-  %ao = mul i64 %r, %as
-  %ar = getelementptr i8, ptr %a, i64 %ao
-  %e = call i32 %one(ptr %c, ptr %gr, ptr %sr, ptr %ar)
+  %e = call i32 %one(ptr %c, ptr %gr, ptr %sr)
   %m = load i64, ptr %pm
   %missed = icmp ne i64 %m, 0
   br i1 %is, label %note, label %plain

@@ -13,6 +13,7 @@ from typing import cast
 from st_codegen.st import tree as t
 from st_codegen.st import walk
 from st_codegen.st.check import arithmetic as a
+from st_codegen.st.check.flow import overriding
 from st_codegen.st.errors import Position, Problem, StCheckError
 from st_codegen.st.run import operations as op
 from st_codegen.st.run.layout import is_inlined, is_scalar
@@ -20,7 +21,7 @@ from st_codegen.st.run.module import Module, NativeSite
 from st_codegen.st.run.prelude import context_entry
 from st_codegen.st.run.writer import Operand, Writer, literal, value_type
 from st_codegen.st.tree import PouKind
-from st_codegen.st.types import DINT, LINT, ArrayType, Kind, PointerType, Scalar, StructType, Type, storage_type
+from st_codegen.st.types import LINT, ArrayType, Kind, PointerType, Scalar, StructType, Type, storage_type
 
 #: Larger local variables are not put on the stack.
 _STACK_BYTES = 1024
@@ -273,12 +274,9 @@ class Unit:
 
     def _comparison(self, node: t.Compare) -> str:
         left, right = self.operand(node.left), self.operand(node.right)
-        if left.type.kind is not Kind.STRING:
-            return op.comparison(self.w, node.operator, left, right, node.position, node.is_number_test)
-        sizes = [max(side.type.bits, 1) for side in (left, right)]
-        sides = f"ptr {left.code}, i64 {sizes[0]}, ptr {right.code}, i64 {sizes[1]}"
-        order = self.w.value(f"call i32 {self.w.functions['compare']}({sides})")
-        return op.comparison(self.w, node.operator, Operand(order, DINT), Operand("0", DINT), node.position, False)
+        if left.type.kind is Kind.STRING:
+            raise refusal(node, "strings are moved but not compared")
+        return op.comparison(self.w, node.operator, left, right, node.position, node.is_number_test)
 
     def _conversion(self, node: t.Conversion) -> str:
         value, target = self.operand(node.operand), storage_type(node.type)
@@ -295,13 +293,21 @@ class Unit:
     def call(self, node: t.Call) -> str:
         """Call a unit; the value of its result, of no use where there is none."""
         callee = self.module.project.pous[node.callee]
+        if (
+            node.is_virtual
+            and not _is_exact(node.receiver)
+            and overriding(self.module.project, callee.key) - {callee.key}
+        ):
+            raise refusal(
+                node, f"'{callee.name}' has more than one meaning here: calls of what is overridden do not run"
+            )
         receiver = "null" if node.receiver is None else self.address(node.receiver)
         given = {item.parameter: item.value for item in node.arguments}
         if is_body(callee):
             self._call_body(node, receiver, given)
             return "undef"
         values = {item: self._argument(item, given.get(item)) for item in parameters(callee)}
-        self._dispatch(node, receiver, values, given)
+        self._invoke(node.callee, receiver, values, given)
         for variable in callee.section(t.Section.OUTPUT):
             if variable in given:
                 self._assign(given[variable], self._loaded(variable.type, values[variable]))
@@ -335,29 +341,10 @@ class Unit:
                 self.w.line(f"store ptr {self.address(value)}, ptr {slots[variable]}")
             elif variable.section is t.Section.INPUT:
                 self._put(variable.type, slots[variable], self.expression(value))
-        self._dispatch(node, receiver, {}, given)
+        self._invoke(node.callee, receiver, {}, given)
         for variable, value in given.items():
             if variable.section is t.Section.OUTPUT:
                 self._assign(value, self._loaded(variable.type, slots[variable]))
-
-    def _dispatch(
-        self, node: t.Call, receiver: str, values: dict[t.Variable, str], given: dict[t.Variable, t.Expression]
-    ) -> None:
-        """Call what the receiver's block has for the callee."""
-        targets = self.module.targets(node)
-        if len(targets) == 1:
-            self._invoke(node.callee, receiver, values, given)
-            return
-        w, done = self.w, self.w.label()
-        labels = {key: w.label() for key in targets}
-        number = w.value(f"load i32, ptr {receiver}")
-        cases = " ".join(f"i32 {item}, label %{labels[key]}" for key, items in targets.items() for item in items)
-        w.line(f"switch i32 {number}, label %{labels[node.callee]} [ {cases} ]")
-        for key, label in labels.items():
-            w.begin(label)
-            self._invoke(key, receiver, values, given)
-            w.jump(done)
-        w.begin(done)
 
     def _invoke(
         self, key: str, receiver: str, values: dict[t.Variable, str], given: dict[t.Variable, t.Expression]
@@ -580,7 +567,16 @@ def _referenced(pou: t.Pou) -> set[t.Variable]:
     return found
 
 
-def refusal(place: t.Expression) -> StCheckError:
-    """What the engine says to pointers."""
-    message = "pointers and references are checked but not executed; only native blocks can take them"
+def _is_exact(receiver: t.Expression | None) -> bool:
+    """Whether an instance is of the block that is declared: THIS^ and a VAR_IN_OUT may be of one that extends it."""
+    if isinstance(receiver, t.VariableRef | t.InstanceVariable):
+        return receiver.variable.section is not t.Section.IN_OUT
+    return not isinstance(receiver, t.ThisRef)
+
+
+_POINTERS = "pointers and references are checked but not executed; only native blocks can take them"
+
+
+def refusal(place: t.Expression, message: str = _POINTERS) -> StCheckError:
+    """What the engine says to text that is checked but that it does not run."""
     return StCheckError([Problem(place.position, message)])
