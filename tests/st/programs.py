@@ -1,5 +1,5 @@
 # ruff: noqa: PLR0911, PLR0912 - one case for each kind of expression and statement
-"""Random programs for comparing the engine with a plain evaluator: every kind of statement and type, with bounded loops."""
+"""Random programs for the engine and a plain evaluator: every kind of statement and type, with bounded loops."""
 
 from __future__ import annotations
 
