@@ -25,6 +25,7 @@ from st_codegen.project.bundle import Bundle, load
 from st_codegen.project.purpose import Purpose
 from st_codegen.proof import predict as predictions
 from st_codegen.proof.emitted import check_emitted
+from st_codegen.proof.isolated import isolated
 from st_codegen.proof.probes import trained_range
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.proof.vectors import reference_vectors
@@ -154,7 +155,8 @@ def predict(bundle: Bundle, columns: dict[str, FloatArray], engine: Evaluator) -
     if engine is Evaluator.REFERENCE:
         return predictions.predict(bundle, columns, predictions.by_reference)
     if engine is Evaluator.SOURCE:
-        return predictions.predict(bundle, columns, predictions.by_library)
+        with isolated(bundle.models) as models:
+            return predictions.predict(dataclasses.replace(bundle, models=models), columns, predictions.by_library)
     with tempfile.TemporaryDirectory(prefix="st-codegen-") as folder:
         target = TARGETS["twincat"]
         code = GeneratedCode(generate(bundle, target, folder).folder, target.dialect)

@@ -30,7 +30,7 @@ MAY_USE = {
     "st": {"errors"},
     "cost": {"errors", "st", "files"},
     "project": {"entries", "errors", "ir", "walkers", "passes", "emit"},
-    "proof": {"entries", "errors", "files", "ir", "walkers", "passes", "emit", "st", "cost", "project"},
+    "proof": {"threads", "entries", "errors", "files", "ir", "walkers", "passes", "emit", "st", "cost", "project"},
     # what a purpose and a target may bring of their own; entered into tables of the rooms above
     "te": {"errors", "files", "ir", "walkers", "passes", "emit", "project", "proof"},
     "beckhoff_ml": {"errors", "ir", "walkers", "passes", "emit", "st", "proof"},

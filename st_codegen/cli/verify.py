@@ -96,15 +96,8 @@ def command(
     for model in report.models:
         if not quiet:
             console.print(_open_rows(model), end="", soft_wrap=True)
-        for failure in model.failures[:3]:
-            console.print(
-                Text.assemble(
-                    (model.name, "red"),
-                    f": {failure.between} differ at {list(failure.input)}: "
-                    f"{list(failure.expected)} and {list(failure.got)}, allowed {failure.bound:g}",
-                ),
-                soft_wrap=True,
-            )
+        for line in _failures(model):
+            console.print(Text.assemble((model.name, "red"), f": {line}"), soft_wrap=True)
     for target, cost in report.over_budget.items():
         print_budget(target, cost, report.cycle_us)
     if cycle_us is not None and not quiet:
@@ -112,6 +105,16 @@ def command(
             if target not in report.over_budget:
                 print_verdict(target, cost, cycle_us)
     sys.exit(0 if report.passed else 1)
+
+
+def _failures(model: ModelReport) -> list[str]:
+    """Why the library has no answer, or the first rows that differ."""
+    refusal = [] if model.refusal is None else [model.refusal]
+    return refusal + [
+        f"{failure.between} differ at {list(failure.input)}: "
+        f"{list(failure.expected)} and {list(failure.got)}, allowed {failure.bound:g}"
+        for failure in model.failures[:3]
+    ]
 
 
 def _open_rows(model: ModelReport) -> str:

@@ -10,6 +10,7 @@ from st_codegen.ir import BoolArray, FloatArray, reference
 from st_codegen.passes.pipeline import Compiled
 from st_codegen.project.bundle import Bundle
 from st_codegen.proof import bounds
+from st_codegen.proof.isolated import isolated
 from st_codegen.proof.probes import probe_rows
 from st_codegen.walkers.base import LoadedModel
 
@@ -21,8 +22,9 @@ _READABLE = (1e-300, 1e300)
 
 def reference_vectors(bundle: Bundle, compiled: Compiled) -> tuple[ReferenceVectors, ...]:
     """A set for each model of the bundle, and those of the blocks that its purpose adds."""
-    around = () if bundle.purpose is None else bundle.purpose.vectors(bundle.models)
-    return (*(_of_model(model, compiled) for model in bundle.models), *around)
+    with isolated(bundle.models) as models:
+        around = () if bundle.purpose is None else bundle.purpose.vectors(models)
+        return (*(_of_model(model, compiled) for model in models), *around)
 
 
 def _chosen(x: FloatArray, usable: BoolArray) -> FloatArray:

@@ -3,6 +3,8 @@
 For each model three answers are computed: by the source library alone, by the reference evaluation of the intermediate
 representation, and by the emitted text, which the engine of `st` runs. An exact model must agree in every bit; another
 one within the bound that `bounds` derives for the very row. Rows that the library refuses must be flagged by the block.
+The library answers in a process of its own (`isolated`); where it has no answer for a row that it should take, or for
+any, the report says so with the library's reason.
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ from st_codegen.project.bundle import Bundle
 from st_codegen.project.purpose import BlockCheck
 from st_codegen.proof import bounds
 from st_codegen.proof.arithmetic import arithmetic_of
+from st_codegen.proof.isolated import LibraryRefusesError, isolated
 from st_codegen.proof.probes import probe_rows, trained_range
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.st.run.machine import processors
@@ -72,6 +75,8 @@ class ModelReport:
 
     Of a classifier every row must have the library's label, but for the `open_rows`: rows on which the bound leaves
     more than one label possible. The first of them are in `open_examples`.
+
+    `refusal`: why the library has no answer for the model, or for an input that it should take; nothing was compared.
     """
 
     name: str
@@ -89,10 +94,11 @@ class ModelReport:
     must_be_exact: bool = True
     targets: list[str] = field(default_factory=list)
     failures: list[Disagreement] = field(default_factory=list)
+    refusal: str | None = None
 
     @property
     def passed(self) -> bool:
-        return not self.failures and (self.exact or not self.must_be_exact)
+        return self.refusal is None and not self.failures and (self.exact or not self.must_be_exact)
 
     def as_json(self) -> dict[str, Any]:
         """For reports: numbers that JSON has no way to write become text."""
@@ -195,7 +201,8 @@ def verify(
     targets = {
         folder.name: GeneratedCode(folder, TARGETS[folder.name].dialect) for folder in target_folders(Path(generated))
     }
-    reports = _model_reports(bundle.models, targets, rows, seed, progress, jobs)
+    with isolated(bundle.models) as models:
+        reports = _model_reports(models, targets, rows, seed, progress, jobs)
     total = len(bundle.models)
     if bundle.purpose is not None:
         for name, code in targets.items():
@@ -269,9 +276,13 @@ def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: i
     usable = np.all(np.isfinite(expected), axis=1)
     limited = reference.limited(ir, x)
     bound = np.where(usable[:, None], bounds.difference_bound(ir, limited), 0.0)
-    library = np.full_like(expected, np.nan)
-    library[usable] = _by_library(model, limited[usable])
     report = ModelReport(ir.name, n=len(x), must_be_exact=ir.exact)
+    library = np.full_like(expected, np.nan)
+    try:
+        library[usable] = model.predict(limited[usable])
+    except LibraryRefusesError as refusal:
+        report.refusal, report.exact, report.targets = str(refusal), False, list(targets)
+        return report
     _note_open_rows(report, ir, x, library, expected, bound)
     report.unbounded = int(np.sum(~np.all(np.isfinite(bound), axis=1)))
     lower, upper = trained_range(ir)
@@ -324,17 +335,6 @@ def _note_open_rows(
         OpenRow(tuple(map(float, x[row])), labels[int(library[row, 0])], labels[int(expected[row, 0])])
         for row in rows[:3]
     ]
-
-
-def _by_library(model: LoadedModel, x: FloatArray) -> FloatArray:
-    """The library's answers; NaN for rows that it refuses with an exception, found by halving."""
-    try:
-        return model.predict(x)
-    except Exception:
-        if len(x) <= 1:
-            return np.full((len(x), len(model.ir.outputs)), np.nan)
-        half = len(x) // 2
-        return np.vstack([_by_library(model, x[:half]), _by_library(model, x[half:])])
 
 
 def _compare(

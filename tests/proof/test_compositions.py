@@ -95,23 +95,6 @@ def test_the_text_of_a_composition_is_verified(name, tmp_path):
     assert report.passed, report.models[0].failures
 
 
-def test_rows_that_only_the_library_refuses_are_reported_not_raised(tmp_path):
-    estimator = DecisionTreeRegressor(max_depth=3, random_state=0).fit(X, Y)
-    loaded = from_estimator(estimator, "model")
-
-    def particular(x):
-        if np.any(x[:, 0] > 1.0):
-            raise ValueError("no row with more than 1")
-        return loaded.predict(x)
-
-    bundle = Bundle((LoadedModel(loaded.ir, particular),), None)
-    st_codegen.generate(bundle, "twincat", tmp_path)
-    report = st_codegen.verify(bundle, tmp_path, rows=200)
-    assert not report.passed
-    assert report.models[0].failures[0].between == "library and reference"
-    assert report.models[0].failures[0].input[0] > 1.0
-
-
 def test_results_beyond_float32_do_not_stop_the_blocks_of_model_files(tmp_path):
     estimator, x, y = CASES["several scaled targets"]
     loaded = from_estimator(estimator.fit(x, y), "model")
