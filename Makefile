@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 RACE := .venv-race
 INSTALLED := $(VENV)/.installed
 
-.PHONY: run test real blark soak lint sizes nightly bench clean tables train-long blind blind-form mutate mutants example race
+.PHONY: run test real blark soak soak-long lint sizes nightly bench clean tables train-long blind blind-form mutate mutants example race
 
 run: $(INSTALLED)  ## compile the example bundle, verify the result
 	$(BIN)/st-codegen examples/rv160n/models/ --target twincat --out build/rv160n
@@ -50,6 +50,9 @@ bench: $(INSTALLED)  ## times and memory of the compiler and of the engine for S
 soak: $(INSTALLED)  ## 100,000 hostile sequences through the blocks of the compensation, about 5 minutes
 	$(BIN)/python -m pytest -q -m slow tests/te
 	$(BIN)/python -m tests.te.hostile
+
+soak-long: $(INSTALLED)  ## 5 million calls without a restart: a year's angles, counters that wrap
+	$(BIN)/python -m tests.te.hostile --long
 
 blind: $(INSTALLED)  ## hidden effects on held-out seeds: three rounds of cases, rates in build/blind.json; takes an hour
 	$(BIN)/python -m tests.reconcile.blind.run --seeds heldout --cases 348 --jobs 2 --lean --json build/blind.json

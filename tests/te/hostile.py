@@ -6,16 +6,18 @@ or run backwards. A floating point exception, an overflow, an index out of range
 interpreter. Run as `python -m tests.te.hostile` for 100,000 sequences and more.
 """
 
+import re
 import sys
 import time
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
 from st_codegen.st import Machine
 from st_codegen.te.compensation.codes import EXPERIMENT_STATE
 from st_codegen.te.harmonics import Direction
-from tests.te.projects import BOTH, ORDERS, loaded_with
+from tests.te.projects import BOTH, ORDERS, RATIO, loaded_with, parts, project, texts
 
 UNIT = 2.0**-53
 LOOPS = 64  # rounds of one loop; the bundle has 3 orders, the model 3 inputs and 10 outputs
@@ -47,23 +49,39 @@ class Parameter:
     default: float
 
 
-PARAMETERS = {
-    "fCycle_s": Parameter(1e-6, 1.0, 0.0005),
-    "fCorrectionLimit_deg": Parameter(0.0, 360.0, 20.0),
-    "fSlewLimit_deg_s": Parameter(1.0, 1e6, 2000.0),
-    "fRampTime_s": Parameter(0.0, 10.0, 0.5),
-    "fHysteresis_rpm": Parameter(0.0, 1e6, 2.0),
-    "fBlendTime_s": Parameter(0.0, 10.0, 0.1),
-    "fLead_s": Parameter(0.0, 0.1, 0.0),
-}
+#: An input; its comment stands behind it, or above it where the line would be too long.
+_INPUT = re.compile(r"(?:^    \(\*(.*)\*\)\n)?^    (\w+) : LREAL(?: := (.*?))?;(?: \(\*(.*)\*\))?$", re.MULTILINE)
+_RANGE = re.compile(r"([-+\d.E]+) \.\. ([-+\d.E]+)$")
+
+#: Ranges that the declaration does not tell.
+_UNSTATED = {"fCycle_s": (1e-6, 1.0)}
+
+
+@cache
+def declared(block):
+    """The LREAL inputs of a block as its text declares them; None for those without a default, which are signals."""
+    (text,) = texts(project(), "iec").values()
+    section = re.search(rf"^FUNCTION_BLOCK {block}\n.*?^VAR_INPUT\n(.*?)^END_VAR", text, re.DOTALL | re.MULTILINE)[1]
+    found = {}
+    for above, name, default, behind in _INPUT.findall(section):
+        stated = _RANGE.search((behind or above).strip())
+        limits = stated.groups() if stated else _UNSTATED.get(name)
+        assert limits or not default, f"{name} has a default and no range"
+        found[name] = Parameter(*map(float, limits), float(default)) if default else None
+    return found
+
+
+def parameters_of(block):
+    return {name: item for name, item in declared(block).items() if item is not None}
+
+
+PARAMETERS = parameters_of("FB_Compensator")
 
 PAIR = """
 FUNCTION_BLOCK FB_Pair
 VAR_INPUT
-    bSlow : BOOL; fThetaOut_rad : LREAL; fSpeed_rpm : LREAL; fTorque_Nm : LREAL; fTemperature_C : LREAL;
-    fCycle_s : LREAL := 0.00025; bEnable : BOOL; bPublishedLaw : BOOL; fCorrectionLimit_deg : LREAL := 20.0;
-    fSlewLimit_deg_s : LREAL := 2000.0; fRampTime_s : LREAL := 0.5; fHysteresis_rpm : LREAL := 2.0;
-    fBlendTime_s : LREAL := 0.1; fLead_s : LREAL := 0.0; fAgeLimit_s : LREAL := 0.02;
+    bSlow : BOOL; bEnable : BOOL; bPublishedLaw : BOOL;
+    {inputs}
 END_VAR
 VAR_OUTPUT
     fTE_deg : LREAL; fCorrection_deg : LREAL; fWeight : LREAL; bActive : BOOL; bValid : BOOL; bInRange : BOOL;
@@ -73,13 +91,9 @@ VAR
     stExchange : ST_TEExchange; fbSlow : FB_CompensatorSlow; fbFast : FB_CompensatorFast;
 END_VAR
 IF bSlow THEN
-    fbSlow(fSpeed_rpm := fSpeed_rpm, fTorque_Nm := fTorque_Nm, fTemperature_C := fTemperature_C,
-        stExchange := stExchange);
+    fbSlow({slow}, stExchange := stExchange);
 END_IF;
-fbFast(fThetaOut_rad := fThetaOut_rad, fSpeed_rpm := fSpeed_rpm, fCycle_s := fCycle_s, bEnable := bEnable,
-    bPublishedLaw := bPublishedLaw, fCorrectionLimit_deg := fCorrectionLimit_deg,
-    fSlewLimit_deg_s := fSlewLimit_deg_s, fRampTime_s := fRampTime_s, fHysteresis_rpm := fHysteresis_rpm,
-    fBlendTime_s := fBlendTime_s, fLead_s := fLead_s, fAgeLimit_s := fAgeLimit_s, stExchange := stExchange);
+fbFast({fast}, bEnable := bEnable, bPublishedLaw := bPublishedLaw, stExchange := stExchange);
 fTE_deg := fbFast.fTE_deg;
 fCorrection_deg := fbFast.fCorrection_deg;
 fWeight := fbFast.fWeight;
@@ -93,9 +107,20 @@ END_FUNCTION_BLOCK
 """
 
 
+@cache
 def pair(target):
-    """Both blocks of the two-task form around one exchange variable."""
-    return PAIR.format(error="E_TEError" if target == "twincat" else "DINT")
+    """Both blocks of the two-task form around one exchange variable, with all inputs that either declares."""
+    slow, fast = declared("FB_CompensatorSlow"), declared("FB_CompensatorFast")
+    inputs = [f"{name} : LREAL{f' := {item.default!r}' if item else ''};" for name, item in (slow | fast).items()]
+    passed = (", ".join(f"{name} := {name}" for name in names) for names in (slow, fast))
+    words = dict(zip(("slow", "fast"), passed, strict=True))
+    return PAIR.format(error="E_TEError" if target == "twincat" else "DINT", inputs=" ".join(inputs), **words)
+
+
+def all_inputs(block, given, *others):
+    """No input of a block is forgotten."""
+    forgotten = {port.name for port in block.inputs} - given.keys() - set(others)
+    assert not forgotten, forgotten
 
 
 def finite(block, outputs):
@@ -170,6 +195,7 @@ class Sequences:
         """Parameters with which 40 cycles are enough to reach zero: 0.02 s each, 0.4 s of ramp, 0.18 s of slewing."""
         fixed = {"fCycle_s": 0.02, "fCorrectionLimit_deg": 30.0, "fSlewLimit_deg_s": 2000.0, "fRampTime_s": 0.4}
         fixed |= {"fHysteresis_rpm": 2.0, "fBlendTime_s": 0.1, "fLead_s": 0.0}
+        fixed = {name: item.default for name, item in PARAMETERS.items()} | fixed
         given = self.sensible() | {name: np.full(self.rows, value) for name, value in fixed.items()}
         return given | {"bEnable": np.ones(self.rows, bool), "bPublishedLaw": np.zeros(self.rows, bool)}
 
@@ -197,7 +223,7 @@ def run_compensator(target, rows, seed, *, directions=BOTH, two_tasks=False):
     block = machine.instance("FB_Pair" if two_tasks else "FB_Compensator")
     outputs = [port.name for port in block.outputs]
     kept, before = Kept(PARAMETERS, rows), np.zeros(rows)
-    age_limit = Kept({"fAgeLimit_s": Parameter(0.0, 10.0, 0.02)}, rows)
+    age_limit = Kept({"fAgeLimit_s": declared("FB_CompensatorFast")["fAgeLimit_s"]}, rows)
     phases = [sequences.anything] * sequences.ANYTHING + [sequences.faulty] * sequences.BAD
     phases += [sequences.good] * sequences.GOOD
     for cycle, phase in enumerate(phases):
@@ -205,6 +231,7 @@ def run_compensator(target, rows, seed, *, directions=BOTH, two_tasks=False):
         kept.see(given)
         if two_tasks:
             _disturb(block, random, rows, cycle < sequences.ANYTHING)
+        all_inputs(block, given, *(["bSlow", "fAgeLimit_s"] if two_tasks else []))
         block(**given)
         finite(block, outputs)
         correction = block["fCorrection_deg"]
@@ -252,11 +279,7 @@ def _disturb(block, random, rows, anything):
             block[path] = np.where(chosen, numbers, np.asarray(block[path])).astype(np.int32)
 
 
-LOAD_PARAMETERS = {
-    "fCycle_s": Parameter(1e-6, 1.0, 0.0005),
-    "fTorqueLimit_Nm": Parameter(0.0, 2000.0, 2000.0),
-    "fRate_Nm_s": Parameter(1.0, 1e5, 200.0),
-}
+LOAD_PARAMETERS = parameters_of("FB_LoadTorque")
 
 
 def run_load_torque(target, rows, seed, cycles=60):
@@ -273,6 +296,7 @@ def run_load_torque(target, rows, seed, cycles=60):
             fixed = {"fCycle_s": 1.0, "fTorqueLimit_Nm": 2000.0, "fRate_Nm_s": 500.0, "fTorque_Nm": np.nan}
             given = {name: np.full(rows, value) for name, value in fixed.items()}
         kept.see(given)
+        all_inputs(block, given, "bEnable")
         block(bEnable=random.random(rows) < 0.9, **given)
         finite(block, [port.name for port in block.outputs])
         torque = block["fShaftTorque_Nm"]
@@ -315,6 +339,7 @@ def run_experiment(target, rows, seed, cycles=60):
         if cycle >= end:
             given["fCycle_s"] = np.ones(rows)
         kept.see(given)
+        all_inputs(block, given, "bStart", "bAbort", "bEncodersReady")
         block(
             bStart=random.random(rows) < 0.95, bAbort=cycle >= end, bEncodersReady=random.random(rows) < 0.99, **given
         )
@@ -333,6 +358,65 @@ def run_experiment(target, rows, seed, cycles=60):
             assert not np.any(block["bDataValid"])
     assert not np.any(block["bBusy"] & (before == 0.0) & (cycles - end > 2)), "still busy"
     return rows * cycles
+
+
+#: The angle of the output in rad after a year at the highest input speed.
+YEAR = 1800.0 / RATIO / 60 * 2 * np.pi * 365.25 * 86400
+
+
+def run_year(target, rows, seed, cycles):
+    """Sequences through both blocks of the two-task form that nothing resets: a year's angles, counters that wrap.
+
+    Every row stands somewhere in a year of turning, in either direction, and its counter of sets wraps around in the
+    run. One call in a thousand has bad inputs. The transmission error is compared with the sum of its harmonics.
+    """
+    random = np.random.default_rng(seed)
+    block = Machine(loaded_with(target, pair(target)), rows=rows, loop_limit=LOOPS).instance("FB_Pair")
+    outputs = [port.name for port in block.outputs]
+    sign = random.choice([-1.0, 1.0], rows)
+    theta, speed = sign * random.uniform(0.0, YEAR, rows), sign * random.uniform(200.0, 1800.0, rows)
+    theta[:2] = [YEAR, -YEAR]
+    block["stExchange.nSequence"] = (2**31 - 1 - random.integers(0, max(1, cycles // 8), rows)).astype(np.int32)
+    fixed = {name: item.default for name, item in parameters_of("FB_CompensatorFast").items()}
+    wrapped, compared = np.zeros(rows, bool), 0
+    for cycle in range(cycles):
+        theta = theta + speed / RATIO / 60 * 2 * np.pi * fixed["fCycle_s"]
+        given = {name: np.full(rows, value) for name, value in fixed.items()}
+        given |= {"fThetaOut_rad": theta, "fSpeed_rpm": speed, "fTorque_Nm": np.full(rows, 900.0)}
+        given |= {"fTemperature_C": np.full(rows, 30.0), "bEnable": np.ones(rows, bool)}
+        given |= {"bPublishedLaw": np.zeros(rows, bool), "bSlow": np.full(rows, cycle % 4 == 0)}
+        bad = random.random(rows) < 0.001
+        for name in ("fThetaOut_rad", "fSpeed_rpm", "fTorque_Nm", "fTemperature_C"):
+            given[name] = np.where(bad, hostile(random, rows), given[name])
+        all_inputs(block, given)
+        block(**given)
+        finite(block, outputs)
+        assert np.all((block["fWeight"] >= 0.0) & (block["fWeight"] <= 1.0)), cycle
+        assert np.all(np.abs(block["fCorrection_deg"]) <= fixed["fCorrectionLimit_deg"])
+        wrapped |= np.asarray(block["stExchange.nSequence"]) < 2**30
+        sound = np.asarray(block["bValid"]) & ~bad
+        if cycle % 50 == 49:
+            compared += int(sound.sum())
+            expected, bound = _te(theta, speed)
+            error = np.abs(block["fTE_deg"] - expected)[sound]
+            assert np.all(error <= bound[sound]), (cycle, np.max(error / bound[sound]))
+    assert wrapped.all(), "a counter did not wrap"
+    assert compared > 0.9 * rows * (cycles // 50), compared
+    return rows * cycles
+
+
+def _te(theta, speed):
+    """The sum of the harmonics at an angle and speed, 900 Nm and 30 degC, and how far rounding may lead from it."""
+    total, bound = np.zeros(len(theta)), np.zeros(len(theta))
+    slope = 1e-6 * (np.abs(speed) + 900.0 + 30.0)
+    for direction, chosen in enumerate((speed > 0, speed < 0)):
+        for order, cosine, sine in zip(ORDERS, *parts(direction), strict=True):
+            # in the block a rounding of the angle, of the turns that it is reduced by, and of the order's multiple
+            angle = np.remainder(theta.astype(np.longdouble) * order, 2 * np.pi * np.longdouble(1)).astype(float)
+            along, across = cosine + slope, (sine + slope) * (order > 0)
+            total[chosen] += (along * np.cos(angle) - across * np.sin(angle))[chosen]
+            bound[chosen] += (np.hypot(along, across) * (order * np.abs(theta) * 8 + 100) * UNIT)[chosen]
+    return total, bound
 
 
 KINDS = {
@@ -358,5 +442,18 @@ def main(sequences=100_000, rows=4_000):
     print(f"soak: {done:,} sequences, {calls:,} calls of a block with orders {ORDERS}: nothing violated")
 
 
+def main_long(calls=5_000_000, rows=500):
+    """At least so many calls of both blocks of the two-task form without a restart; prints a closing line."""
+    started, done = time.monotonic(), 0
+    cycles = -(-calls // (2 * rows))
+    for seed, target in enumerate(("twincat", "iec")):
+        done += run_year(target, rows, seed, cycles)
+        print(f"{done:9,} calls, {time.monotonic() - started:6.1f} s: {target}", flush=True)
+    print(f"soak-long: {done:,} calls, {cycles:,} each of {2 * rows:,} sequences, angles to {YEAR:.3g} rad: no fault")
+
+
 if __name__ == "__main__":
-    main(*(int(argument) for argument in sys.argv[1:]))
+    if "--long" in sys.argv:
+        main_long(*(int(argument) for argument in sys.argv[1:] if argument != "--long"))
+    else:
+        main(*(int(argument) for argument in sys.argv[1:]))

@@ -5,13 +5,28 @@ import pytest
 
 from st_codegen.st import StRuntimeError
 from tests.te import hostile
-from tests.te.hostile import KINDS, run_compensator
+from tests.te.hostile import KINDS, run_compensator, run_year
 
 
 @pytest.mark.parametrize("target", ["twincat", "iec"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_input_whatever_breaks_a_limit(kind, target):
     assert KINDS[kind](target, 300, 7) >= 300 * 60
+
+
+@pytest.mark.parametrize("target", ["twincat", "iec"])
+def test_nothing_drifts_in_a_year(target):
+    assert run_year(target, 20, 3, 400) == 8000
+
+
+def test_every_input_of_a_block_is_among_those_that_are_tried():
+    for block in ("FB_Compensator", "FB_CompensatorFast"):
+        assert {"fFullSpeed_rpm", "fSlewLimit_deg_s", "fCycle_s"} <= hostile.parameters_of(block).keys()
+        assert hostile.declared(block)["fThetaOut_rad"] is None
+    assert hostile.declared("FB_CompensatorFast")["fAgeLimit_s"] == hostile.Parameter(0.0, 10.0, 0.02)
+    block = hostile.Machine(hostile.loaded_with("iec", hostile.pair("iec")), rows=1).instance("FB_Pair")
+    with pytest.raises(AssertionError, match="fLead_s"):
+        hostile.all_inputs(block, {port.name: 0 for port in block.inputs if port.name != "fLead_s"})
 
 
 @pytest.mark.slow
