@@ -44,10 +44,12 @@ Examples:
 @trust_option
 @quiet_option
 def command(models: Path, generated: Path, certificate_file: Path | None, trust_pickle: bool, quiet: bool) -> None:
-    """Prove that the generated text gives the bits that MODELS demand, for every float64 input.
+    """Prove that the generated text computes what MODELS demand, for every float64 input.
 
     The text is executed on intervals and boxes of inputs, which together are all inputs: NaN, infinities, denormals and
-    both zeros included. docs/proof.md says what is proved, what is assumed and what is not covered. Exit code 0 when
+    both zeros included. Of trees and tables it gives the model's bits. Of models without trees it computes the model's
+    expression, operation by operation, and nothing in it can fail; "bound" is how far that lies from the library at
+    most, anywhere in the declared ranges. docs/proof.md says what is assumed and what is not covered. Exit code 0 when
     every model is proved, 1 when one is refuted (an input is named for which the executed text differs) or not covered.
     """
     from st_codegen.emit.output import kinds_of_outputs
@@ -74,13 +76,15 @@ def _table(report: ProveReport) -> Table:
     from st_codegen.proof.prove.prove import Verdict
 
     table = Table(title="the generated text for all inputs", title_justify="left")
-    for name in ("model", "target", "verdict", "how", "trees", "boxes"):
-        table.add_column(name, justify="right" if name in ("trees", "boxes") else "left")
+    numbers = ("trees", "boxes", "operations", "bound")
+    for name in ("model", "target", "verdict", "how", *numbers):
+        table.add_column(name, justify="right" if name in numbers else "left")
     colours = {Verdict.PROVED: "green", Verdict.REFUTED: "bold red", Verdict.NOT_PROVED: "yellow"}
     for result in report.results:
         verdict = Text(result.verdict.value, colours[result.verdict])
-        counts = (f"{result.trees:,}", f"{result.boxes:,}") if result.verdict is Verdict.PROVED else ("", "")
-        table.add_row(result.model, result.target, verdict, result.method, *counts)
+        counts = [f"{count:,}" if count else "" for count in (result.trees, result.boxes, result.operations)]
+        bound = f"{max(result.bound):.2g}" if result.bound else ""
+        table.add_row(result.model, result.target, verdict, result.method, *counts, bound)
     return table
 
 

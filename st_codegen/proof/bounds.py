@@ -174,10 +174,10 @@ def _(op: Linear, operands: list[FloatArray], given: list[FloatArray], result: F
     size = np.abs(operands[0]) @ weights.T + np.abs(op.bias)
     if op.exact:
         return np.where(difference > 0, difference + 2 * gamma(2 * op.operand_width + 1, op.precision) * size, 0.0)
-    return difference + _sum_rounding(op.operand_width + 1, size + difference, result, op.precision)
+    return difference + sum_rounding(op.operand_width + 1, size + difference, result, op.precision)
 
 
-def _sum_rounding(terms: int, size: FloatArray, result: FloatArray, precision: Precision) -> FloatArray:
+def sum_rounding(terms: int, size: FloatArray, result: FloatArray, precision: Precision) -> FloatArray:
     """The library adds in its precision, the generated code in LREAL with one rounding at the end."""
     library = gamma(terms, precision) * size
     generated = gamma(terms, Precision.FLOAT64) * size
@@ -250,7 +250,7 @@ def _(op: KernelSum, operands: list[FloatArray], given: list[FloatArray], result
         kernel, change = _kernel_difference(op, x, moved, vector, factors)
         size += (np.abs(kernel) + change)[:, None] * coefficients
         difference += change[:, None] * coefficients
-    return difference + _sum_rounding(terms, size, result, op.precision)
+    return difference + sum_rounding(terms, size, result, op.precision)
 
 
 def _kernel_difference(

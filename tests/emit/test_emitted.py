@@ -19,13 +19,18 @@ from tests.examples import examples
 from tests.models import SMALL_MODELS, tree_models
 
 
-def run(model, target, folder, x, limits=None):
-    """Generate, parse and run a model's block on rows; NaN where it flags a row."""
+def generated(model, target, folder, limits=None):
+    """The checked text of a model's block."""
     for file in render(Contents((model,)), TARGETS[target], limits):
         path = folder / target / file.path
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("".join(file.pieces), encoding="utf-8")
-    code = GeneratedCode(folder / target, TARGETS[target].dialect)
+    return GeneratedCode(folder / target, TARGETS[target].dialect)
+
+
+def run(model, target, folder, x, limits=None):
+    """Generate, parse and run a model's block on rows; NaN where it flags a row."""
+    code = generated(model, target, folder, limits)
     assert (*single_rounds(code.project), *unused_variables(code.project)) == ()
     result = code.run_model(block_name(model.name), x, len(model.outputs))
     return np.where(result.valid[:, None], result.values, np.nan)

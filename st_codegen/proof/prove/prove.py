@@ -15,6 +15,7 @@ from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import ModelIR, TreeEnsemble, reference
 from st_codegen.ir.arrays import FloatArray, IntArray
 from st_codegen.project.bundle import Bundle
+from st_codegen.proof.prove.arithmetic import METHOD, prove_arithmetic
 from st_codegen.proof.prove.axis import (
     AxisValue,
     InputAxis,
@@ -56,7 +57,12 @@ class Counterexample:
 
 @dataclass(frozen=True)
 class ProofResult:
-    """The verdict for one model in one target; `method`, `cells` or `trees` say how it was reached."""
+    """The verdict for one model in one target.
+
+    `method` says how it was reached; `trees` and `boxes`, or the `operations` of an expression, how large it was.
+    `bound`: how far an expression may lie from the library's answer anywhere in the trained range, for each output;
+    empty where no range is declared.
+    """
 
     model: str
     target: str
@@ -67,6 +73,8 @@ class ProofResult:
     outputs: tuple[int, ...] = ()
     trees: int = 0
     boxes: int = 0
+    operations: int = 0
+    bound: tuple[float, ...] = ()
     counterexample: Counterexample | None = None
 
 
@@ -128,6 +136,11 @@ def _prove_model(model: ModelIR, code: GeneratedCode, folder: Path, runs: dict[s
     block, outputs = block_of(folder, model)
     result = ProofResult(model.name, folder.name, block, Verdict.NOT_PROVED, outputs=outputs)
     points: FloatArray = np.zeros((0, len(model.features)))
+    if model.classes is not None:
+        reason = "a classifier: the decision behind its scores is not followed yet"
+        return _with(result, Verdict.NOT_PROVED, reason=reason)
+    if not any(isinstance(op, TreeEnsemble) for op in model.ops):
+        return _prove_expression(model, code, result)
     try:
         proof = _Proof(model, code, block, outputs, runs)
         method, trees, boxes = proof.check()
@@ -143,6 +156,15 @@ def _prove_model(model: ModelIR, code: GeneratedCode, folder: Path, runs: dict[s
     return _with(result, Verdict.NOT_PROVED, reason=reason)
 
 
+def _prove_expression(model: ModelIR, code: GeneratedCode, result: ProofResult) -> ProofResult:
+    """The proof for a model without trees."""
+    try:
+        proof = prove_arithmetic(model, code.project, result.block, result.outputs)
+    except NotProvedError as error:
+        return _with(result, Verdict.NOT_PROVED, reason=str(error))
+    return _with(result, Verdict.PROVED, method=METHOD, operations=proof.operations, bound=proof.bound)
+
+
 def _with(result: ProofResult, verdict: Verdict, **changes: object) -> ProofResult:
     values = {**result.__dict__, "verdict": verdict, **changes}
     return ProofResult(**values)
@@ -156,10 +178,6 @@ class _Proof:
     ) -> None:
         self.model, self.outputs = model, outputs
         self.side = ModelSide(model)
-        if model.classes is not None:
-            raise NotProvedError("a classifier: the decision behind its scores is not followed yet")
-        if not self.side.ensembles:
-            raise NotProvedError("a model without trees is not followed yet")
         self.pool = Pool()
         self.fixed: dict[tuple[int, int, int], float] = {}
         self.expected = list(self._expected_terms())

@@ -1,0 +1,183 @@
+"""Models without trees: that the text computes the very expression of the model, and nothing in it can fail.
+
+The block is executed on terms twice. With inputs that the model takes, its outputs must be the terms that the model
+demands, and bValid must be where it has an answer. With all inputs, NaN and infinities included, nothing may overflow,
+divide by zero or meet NaN, the outputs must change only where bValid is TRUE, and bValid must be FALSE for every input
+that the model refuses.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from st_codegen.ir import FactoredKernel, KernelSum, ModelIR
+from st_codegen.passes.kernels import factored
+from st_codegen.proof.prove.axis import NotProvedError, from_keys
+from st_codegen.proof.prove.demand import Demand
+from st_codegen.proof.prove.model import InputDomain, domain_of
+from st_codegen.proof.prove.range_bound import range_bound
+from st_codegen.proof.prove.symbolic import Path, Symbolic, anything
+from st_codegen.proof.prove.terms import WHOLE, Interval, Term, Terms, Value
+from st_codegen.st import Project
+from st_codegen.st import tree as t
+
+METHOD = "the model's expression"
+
+_PATH: Path = ("BLOCK",)
+
+
+@dataclass(frozen=True)
+class ArithmeticProof:
+    """How many operations the outputs have, and how far they may lie from the library's anywhere in the range."""
+
+    operations: int
+    bound: tuple[float, ...]
+
+
+def prove_arithmetic(model: ModelIR, project: Project, block: str, outputs: tuple[int, ...]) -> ArithmeticProof:
+    """Prove a model without trees. Raises NotProvedError with what is missing."""
+    candidates = [model]
+    on_grid = factored(model)
+    if on_grid is not None and _is_the_same(model, on_grid):
+        candidates.append(on_grid)
+    operations = 0
+    for number, candidate in enumerate(candidates):
+        try:
+            operations = _compared(candidate, project, block, outputs)
+        except NotProvedError:
+            if number == len(candidates) - 1:
+                raise
+        else:
+            break
+    _check_all_inputs(model, project, block, outputs)
+    return ArithmeticProof(operations, range_bound(model))
+
+
+def _is_the_same(model: ModelIR, on_grid: ModelIR) -> bool:
+    """Whether kernels on a grid stand for the same support vectors and coefficients."""
+    for op, other in zip(model.ops, on_grid.ops, strict=True):
+        if isinstance(op, KernelSum) and isinstance(other, FactoredKernel):
+            order = np.argsort(other.columns)
+            grid = np.stack(np.meshgrid(*other.axes, indexing="ij"), -1).reshape(-1, len(other.axes))[:, order]
+            used = np.any(other.coefficients != 0, axis=0)
+            rows = [(*point, *numbers) for point, numbers in zip(grid[used], other.coefficients.T[used], strict=True)]
+            own = [(*v, *c) for v, c in zip(op.support_vectors, op.coefficients.T, strict=True) if np.any(c)]
+            if sorted(rows) != sorted(own) or op.gamma != other.gamma:
+                return False
+            if not np.array_equal(op.intercept, other.intercept) or op.precision is not other.precision:
+                return False
+    return True
+
+
+def _compared(model: ModelIR, project: Project, block: str, outputs: tuple[int, ...]) -> int:
+    """Compare with inputs that the model takes; the number of operations of the outputs."""
+    terms, domain = Terms(), domain_of(model)
+    ends = zip(from_keys(domain.low).tolist(), from_keys(domain.high).tolist(), strict=True)
+    run, inputs = _executed(terms, project, block, [(low, high, domain.nan) for low, high in ends])
+    demand = Demand(terms, model, inputs)
+    held = {variable.name: run.held[_PATH, variable] for variable in _outputs(project, block)}
+    if held["bValid"] is not demand.valid:
+        raise NotProvedError("bValid is not the condition under which the model has an answer")
+    for number, wanted in zip(outputs, demand.outputs, strict=True):
+        got = _assigned(held[f"fOut{number + 1}"], demand.valid)
+        same = got is wanted if isinstance(wanted, Term) else got == wanted
+        if not same:
+            raise NotProvedError(f"fOut{number + 1} is not the expression that the model demands")
+    _check_range(model, terms, inputs, held)
+    return _size(demand.outputs)
+
+
+def _check_range(model: ModelIR, terms: Terms, inputs: list[Term], held: dict[str, object]) -> None:
+    """bInRange, where there is one, is FALSE exactly where a number lies outside its declared range."""
+    if "bInRange" not in held:
+        return
+    inside: Value = True
+    for feature, x in zip(model.features, inputs, strict=True):
+        if feature.lower is None or feature.upper is None:
+            continue
+        inside = terms.choice(terms.compare("LT", x, feature.lower), False, inside)
+        with terms.assuming(terms.compare("LT", x, feature.lower), False):
+            above = terms.compare("GT", x, feature.upper)
+        inside = terms.choice(above, False, inside)
+    if not _same_conditions(held["bInRange"], inside):
+        raise NotProvedError("bInRange is not what the declared ranges demand")
+
+
+def _conditions(value: object) -> set[object]:
+    if isinstance(value, Term) and value.operation == "and":
+        return set().union(*(_conditions(argument) for argument in value.arguments))
+    return {id(value) if isinstance(value, Term) else value}
+
+
+def _same_conditions(one: object, other: object) -> bool:
+    return _conditions(one) == _conditions(other)
+
+
+def _executed(terms: Terms, project: Project, block: str, intervals: list[Interval]) -> tuple[Symbolic, list[Term]]:
+    unit = project.pous[block.upper()]
+    inputs = unit.section(t.Section.INPUT)
+    if len(inputs) != len(intervals):
+        raise NotProvedError("the block has another number of inputs than the model has features")
+    run = Symbolic(project, terms)
+    run.declare(_PATH, block, anything)
+    given = []
+    for variable, interval in zip(inputs, intervals, strict=True):
+        leaf = terms.leaf(("input", variable.key), "real", interval)
+        run.held[_PATH, variable] = leaf
+        given.append(leaf)
+    run.run(_PATH, block)
+    return run, given
+
+
+def _outputs(project: Project, block: str) -> tuple[t.Variable, ...]:
+    return project.pous[block.upper()].section(t.Section.OUTPUT)
+
+
+def _assigned(held: object, valid: Value) -> object:
+    """What an output is assigned where `valid` holds; it must keep its value elsewhere."""
+    if valid is True:
+        return held
+    if isinstance(held, Term) and held.operation == "if" and held.arguments[0] is valid:
+        kept = held.arguments[2]
+        if isinstance(kept, Term) and kept.operation == "leaf":
+            return held.arguments[1]
+    raise NotProvedError("an output does not keep its value exactly where bValid is FALSE")
+
+
+def _check_all_inputs(model: ModelIR, project: Project, block: str, outputs: tuple[int, ...]) -> None:
+    """Nothing fails for any input at all, and what the model refuses sets bValid to FALSE."""
+    terms, domain = Terms(), domain_of(model)
+    run, inputs = _executed(terms, project, block, [WHOLE] * len(model.features))
+    held = {variable.name: run.held[_PATH, variable] for variable in _outputs(project, block)}
+    valid = held["bValid"]
+    for number in outputs:
+        _assigned(held[f"fOut{number + 1}"], valid)  # type: ignore[arg-type]
+    for number, (feature, x) in enumerate(zip(model.features, inputs, strict=True)):
+        for interval in _refused(domain, number):
+            with terms.only(x, interval):
+                if terms.truth(valid) is not False:  # type: ignore[arg-type]
+                    raise NotProvedError(f"bValid may be TRUE for an input '{feature.name}' that is refused")
+
+
+def _refused(domain: InputDomain, number: int) -> list[Interval]:
+    low, high = (float(from_keys(keys[number : number + 1])[0]) for keys in (domain.low, domain.high))
+    found: list[Interval] = [] if domain.nan else [(math.inf, -math.inf, True)]
+    if low > -math.inf:
+        found.append((-math.inf, float(np.nextafter(low, -np.inf)), False))
+    if high < math.inf:
+        found.append((float(np.nextafter(high, np.inf)), math.inf, False))
+    return found
+
+
+def _size(outputs: list[Value]) -> int:
+    seen: set[Term] = set()
+    open_ = [value for value in outputs if isinstance(value, Term)]
+    while open_:
+        term = open_.pop()
+        if term not in seen:
+            seen.add(term)
+            open_ += [argument for argument in term.arguments if isinstance(argument, Term)]
+    return len(seen)

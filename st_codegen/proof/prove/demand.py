@@ -1,0 +1,382 @@
+"""The expressions that a model without trees demands, operation by operation, and the inputs that it refuses.
+
+A function of one number (tanh and its like) has one formula of +, -, *, / and EXP or LN here; docs/proof.md says how
+far each may lie from the function. Sums are added in the order of the model's numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import singledispatchmethod
+
+from st_codegen.ir import (
+    Activation,
+    Clip,
+    Combine,
+    FactoredKernel,
+    FillMissing,
+    Function,
+    Kernel,
+    KernelSum,
+    Linear,
+    ModelIR,
+    Norm,
+    Normalize,
+    Operation,
+    Operator,
+    Precision,
+    Round,
+    Scale,
+    Select,
+    SummationOrder,
+)
+from st_codegen.ir.base import Elementwise
+from st_codegen.proof.prove.axis import NotProvedError
+from st_codegen.proof.prove.terms import Term, Terms, Value
+
+#: Below minus this argument an exponential is taken as 0.
+_REACH = 708.0
+
+_SYMBOL = {Operator.ADD: "add", Operator.SUBTRACT: "sub", Operator.MULTIPLY: "mul", Operator.DIVIDE: "div"}
+
+
+class Demand:
+    """The outputs of a model as expressions of its inputs, and where it has an answer (`valid`)."""
+
+    def __init__(self, terms: Terms, model: ModelIR, inputs: list[Term]) -> None:
+        self.terms, self.model = terms, model
+        self.valid: Value = True
+        self.missing: list[list[Value]] = [[terms.negated(terms.is_number(x)) for x in inputs]]
+        self.values: list[list[Value]] = [[self._limited(number, x) for number, x in enumerate(inputs)]]
+        for op in model.ops:
+            given = [self.values[number] for number in op.inputs]
+            self.values.append(self.value(op, given))
+            flags = [self.missing[number] for number in op.inputs]
+            self.missing.append(_flags(op, flags))
+        self.outputs = self.values[-1]
+
+    def _limited(self, number: int, x: Value) -> Value:
+        declared = self.model.features[number]
+        y = self._where(self.missing[0][number], lambda: 0.0, lambda: x)
+        if declared.lower is None or declared.upper is None:
+            return y
+        low, high = declared.lower, declared.upper
+        return self._either("LT", y, low, lambda: low, lambda: self._either("GT", y, high, lambda: high, lambda: y))
+
+    # --- building blocks --------------------------------------------------------------------------------------------
+
+    def _either(
+        self, operator: str, one: Value, other: Value, then: Callable[[], Value], otherwise: Callable[[], Value]
+    ) -> Value:
+        """What `then` gives where a comparison holds, else what `otherwise` gives."""
+        return self._where(self.terms.compare(operator, one, other), then, otherwise)
+
+    def _where(self, condition: Value, then: Callable[[], Value], otherwise: Callable[[], Value]) -> Value:
+        """What `then` gives where a condition holds, else what `otherwise` gives."""
+        if not isinstance(condition, Term):
+            return then() if condition else otherwise()
+        sides = []
+        for truth, side in ((True, then), (False, otherwise)):
+            with self.terms.assuming(condition, truth):
+                value = side()
+                sides.append((value, self.terms.interval(value)))
+        return self.terms.merged(condition, *sides)
+
+    def _refuse(self, operator: str, one: Value, other: Value) -> None:
+        condition = self.terms.compare(operator, one, other)
+        self.valid = self.terms.choice(condition, False, self.valid)
+
+    def _rounded(self, value: Value, precision: Precision) -> Value:
+        return self.terms.real("single", value) if precision is Precision.FLOAT32 else value
+
+    def _sum(self, start: Value, terms: list[Value]) -> Value:
+        for term in terms:
+            start = self.terms.real("add", start, term)
+        return start
+
+    # --- operations -------------------------------------------------------------------------------------------------
+
+    @singledispatchmethod
+    def value(self, op: Operation, _: list[list[Value]]) -> list[Value]:
+        """The columns of the result of an operation."""
+        raise NotProvedError(f"the operation {type(op).__name__} is not followed in a model without trees")
+
+    @value.register
+    def _(self, op: Select, given: list[list[Value]]) -> list[Value]:
+        joined = [column for value in given for column in value]
+        return [joined[column] for column in op.columns]
+
+    @value.register
+    def _(self, op: Scale, given: list[list[Value]]) -> list[Value]:
+        result = []
+        for x, constant in zip(given[0], op.constant.tolist(), strict=True):
+            pair = (constant, x) if op.reverse else (x, constant)
+            if op.reverse and op.operator is Operator.DIVIDE:
+                least = abs(constant) * (1.0 / op.ceiling)
+                result.append(self._guarded(pair, least, op.precision))
+            else:
+                result.append(self._rounded(self.terms.real(_SYMBOL[op.operator], *pair), op.precision))
+        return result
+
+    @value.register
+    def _(self, op: Combine, given: list[list[Value]]) -> list[Value]:
+        result = []
+        for pair in zip(*given, strict=True):
+            if op.operator is Operator.DIVIDE:
+                least = self.terms.real("mul", self.terms.real("abs", pair[0]), 1.0 / op.ceiling)
+                result.append(self._guarded(pair, least, op.precision))
+            else:
+                result.append(self._rounded(self.terms.real(_SYMBOL[op.operator], *pair), op.precision))
+        return result
+
+    def _guarded(self, pair: tuple[Value, ...], least: Value, precision: Precision) -> Value:
+        size = self.terms.real("abs", pair[1])
+        self._refuse("LE", size, least)
+        return self._either(
+            "LE", size, least, lambda: 0.0, lambda: self._rounded(self.terms.real("div", *pair), precision)
+        )
+
+    @value.register
+    def _(self, _: Round, given: list[list[Value]]) -> list[Value]:
+        return [self.terms.real("single", x) for x in given[0]]
+
+    @value.register
+    def _(self, op: Clip, given: list[list[Value]]) -> list[Value]:
+        ends = zip(given[0], op.lower.tolist(), op.upper.tolist(), strict=True)
+        return [self.terms.real("min", self.terms.real("max", x, low), high) for x, low, high in ends]
+
+    @value.register
+    def _(self, op: FillMissing, given: list[list[Value]]) -> list[Value]:
+        result = []
+        for x, missing in zip(given[0], self.missing[op.inputs[0]], strict=True):
+            value: Value = x
+            if op.sentinel is not None:
+                apart = self.terms.real("abs", self.terms.real("sub", x, op.sentinel))
+                condition = self.terms.negated(self.terms.compare("GT", apart, 0.0))
+                value = self._where(condition, lambda: op.fill, lambda x=x: x)  # type: ignore[misc]
+            if self.model.accepts_nan:
+                value = self._where(missing, lambda: op.fill, lambda v=value: v)  # type: ignore[misc]
+            result.append(value)
+        return result
+
+    @value.register
+    def _(self, op: Linear, given: list[list[Value]]) -> list[Value]:
+        single = op.order is SummationOrder.SEQUENTIAL and op.precision is Precision.FLOAT32
+        result = []
+        for weights, bias in zip(op.weights.tolist(), op.bias.tolist(), strict=True):
+            total: Value = bias
+            for x, weight in zip(given[0], weights, strict=True):
+                product = self.terms.real("mul", x, weight)
+                product = self.terms.real("single", product) if single else product
+                total = self.terms.real("add", total, product)
+                total = self.terms.real("single", total) if single else total
+            result.append(total if single else self._rounded(total, op.precision))
+        return result
+
+    @value.register
+    def _(self, op: Activation, given: list[list[Value]]) -> list[Value]:
+        return [self._rounded(self._function(op, x), op.precision) for x in given[0]]
+
+    def _function(self, op: Activation, x: Value) -> Value:  # noqa: PLR0911 - one return a function
+        terms = self.terms
+        if op.function is Function.IDENTITY:
+            return x
+        if op.function is Function.RELU:
+            return terms.real("max", x, 0.0)
+        if op.function is Function.LEAKY_RELU:
+            return self._either("LT", x, 0.0, lambda: terms.real("mul", op.parameter, x), lambda: x)
+        if op.function is Function.SIGNED_SQUARE:
+            return terms.real("mul", x, terms.real("abs", x))
+        if op.function is Function.TANH:
+            return self._tanh(x)
+        if op.function is Function.LOGISTIC:
+            return self._logistic(x)
+        if op.function is Function.SOFTPLUS:
+            return self._softplus(x)
+        if op.function is Function.ELU:
+            return self._either("LT", x, 0.0, lambda: terms.real("mul", op.parameter, self._expm1(x)), lambda: x)
+        if op.function is Function.LOG1P:
+            self._refuse("LE", x, -1.0)
+            return self._either("LE", x, -1.0, lambda: 0.0, lambda: self._log1p(x))
+        formula = self._expm1 if op.function is Function.EXPM1 else self._exp
+        if not math.isfinite(op.limit):
+            return formula(x)
+        self._refuse("GT", x, op.limit)
+        return self._either("GT", x, op.limit, lambda: 0.0, lambda: formula(x))
+
+    def _exp(self, x: Value) -> Value:
+        return self._either("GT", x, -_REACH, lambda: self.terms.real("exp", x), lambda: 0.0)
+
+    def _logistic(self, x: Value) -> Value:
+        terms = self.terms
+        size = terms.real("abs", x)
+        decay = self._either("GT", size, _REACH, lambda: 0.0, lambda: terms.real("exp", terms.real("neg", size)))
+        below = terms.real("add", 1.0, decay)
+        return self._either(
+            "GE", x, 0.0, lambda: terms.real("div", 1.0, below), lambda: terms.real("div", decay, below)
+        )
+
+    def _softplus(self, x: Value) -> Value:
+        terms = self.terms
+        size = terms.real("abs", x)
+        rest = self._either(
+            "LT", size, _REACH, lambda: self._log1p(terms.real("exp", terms.real("neg", size))), lambda: 0.0
+        )
+        return terms.real("add", terms.real("max", x, 0.0), rest)
+
+    def _log1p(self, x: Value) -> Value:
+        """log(u) * x / (u - 1) with u = 1 + x."""
+        terms = self.terms
+        u = terms.real("add", 1.0, x)
+        rest = terms.real("sub", u, 1.0)
+        return self._either(
+            "GT",
+            terms.real("abs", rest),
+            0.0,
+            lambda: terms.real("div", terms.real("mul", terms.real("ln", u), x), rest),
+            lambda: x,
+        )
+
+    def _expm1(self, x: Value) -> Value:
+        """(u - 1) * x / log(u) with u = exp(x)."""
+        terms = self.terms
+
+        def near() -> Value:
+            u = terms.real("exp", x)
+            rest = terms.real("sub", u, 1.0)
+            return self._either(
+                "GT",
+                terms.real("abs", rest),
+                0.0,
+                lambda: terms.real("div", terms.real("mul", rest, x), terms.real("ln", u)),
+                lambda: x,
+            )
+
+        def far() -> Value:
+            return terms.real("sub", terms.real("exp", x), 1.0)
+
+        return self._either(
+            "LT", x, -40.0, lambda: -1.0, lambda: self._either("GT", terms.real("abs", x), 1.0, far, near)
+        )
+
+    def _tanh(self, x: Value) -> Value:
+        """Lambert's continued fraction near 0, else 1 - 2 / (exp(2 * |x|) + 1) with the sign of x."""
+        terms = self.terms
+        size = terms.real("abs", x)
+
+        def near() -> Value:
+            square = terms.real("mul", x, x)
+            top: Value = terms.real("add", 990.0, square)
+            for constant in (135135.0, 4729725.0, 34459425.0):
+                top = terms.real("add", constant, terms.real("mul", square, top))
+            bottom: Value = terms.real("add", 13860.0, terms.real("mul", square, 45.0))
+            for constant in (945945.0, 16216200.0, 34459425.0):
+                bottom = terms.real("add", constant, terms.real("mul", square, bottom))
+            return terms.real("div", terms.real("mul", x, top), bottom)
+
+        def far() -> Value:
+            e = terms.real("exp", terms.real("mul", 2.0, size))
+            y = terms.real("sub", 1.0, terms.real("div", 2.0, terms.real("add", e, 1.0)))
+            return self._either("LT", x, 0.0, lambda: terms.real("neg", y), lambda: y)
+
+        def beyond() -> Value:
+            return self._either("LT", x, 0.0, lambda: -1.0, lambda: 1.0)
+
+        return self._either("LT", size, 0.75, near, lambda: self._either("GT", size, 22.0, beyond, far))
+
+    @value.register
+    def _(self, op: Normalize, given: list[list[Value]]) -> list[Value]:
+        terms, x = self.terms, given[0]
+        if op.norm is Norm.MAX:
+            return self._by_largest(op, x)
+        total: Value = 0.0
+        for column in x:
+            square = terms.real("mul", column, column)
+            term = terms.real("abs", column) if op.norm is Norm.L1 else self._rounded(square, op.precision)
+            total = self._rounded(terms.real("add", total, term), op.precision)
+
+        def quotient(column: Value) -> Value:
+            if op.norm is Norm.L1:
+                return self._rounded(terms.real("div", column, total), op.precision)
+            y = self._rounded(terms.real("mul", column, column), op.precision)
+            y = self._rounded(terms.real("div", y, total), op.precision)
+            y = self._rounded(terms.real("sqrt", y), op.precision)
+            return self._either("LT", column, 0.0, lambda: terms.real("neg", y), lambda: y)
+
+        return [self._either("GT", total, 0.0, lambda c=c: quotient(c), lambda c=c: c) for c in x]  # type: ignore[misc]
+
+    def _by_largest(self, op: Normalize, x: list[Value]) -> list[Value]:
+        terms = self.terms
+        largest = x[0]
+        for column in x[1:]:
+            largest = terms.real("max", largest, column)
+        size = terms.real("abs", largest)
+        result = []
+        for column in x:
+            least = terms.real("mul", terms.real("abs", column), 1.0 / op.ceiling)
+            above = terms.compare("GT", size, least)
+            result.append(
+                self._where(
+                    above,
+                    lambda c=column: self._rounded(terms.real("div", c, largest), op.precision),  # type: ignore[misc]
+                    lambda c=column: c,  # type: ignore[misc]
+                )
+            )
+            with terms.assuming(above, False):
+                refused = terms.compare("GT", size, 0.0)
+            self.valid = terms.choice(above, self.valid, terms.choice(refused, False, self.valid))
+        return result
+
+    @value.register
+    def _(self, op: KernelSum, given: list[list[Value]]) -> list[Value]:
+        result: list[Value] = list(op.intercept.tolist())
+        for vector, coefficients in zip(op.support_vectors.tolist(), op.coefficients.T.tolist(), strict=True):
+            kernel = self._kernel(op, given[0], vector)
+            for output, coefficient in enumerate(coefficients):
+                result[output] = self.terms.real("add", result[output], self.terms.real("mul", coefficient, kernel))
+        return [self._rounded(value, op.precision) for value in result]
+
+    def _kernel(self, op: KernelSum, x: list[Value], vector: list[float]) -> Value:
+        terms = self.terms
+        if op.kernel is Kernel.RBF:
+            deltas = [terms.real("sub", column, number) for column, number in zip(x, vector, strict=True)]
+            distance = self._sum(0.0, [terms.real("mul", delta, delta) for delta in deltas])
+            return self._exp(terms.real("mul", -op.gamma, distance))
+        product = self._sum(0.0, [terms.real("mul", column, number) for column, number in zip(x, vector, strict=True)])
+        if op.kernel is Kernel.LINEAR:
+            return product
+        argument = terms.real("add", terms.real("mul", op.gamma, product), op.coef0)
+        if op.kernel is Kernel.SIGMOID:
+            return self._tanh(argument)
+        power: Value = 1.0
+        for _ in range(op.degree):
+            power = terms.real("mul", power, argument)
+        return power
+
+    @value.register
+    def _(self, op: FactoredKernel, given: list[list[Value]]) -> list[Value]:
+        terms = self.terms
+        factors = []
+        for column, axis in zip(op.columns, op.axes, strict=True):
+            deltas = [terms.real("sub", given[0][column], number) for number in axis.tolist()]
+            factors.append([self._exp(terms.real("mul", -op.gamma, terms.real("mul", d, d))) for d in deltas])
+        work: list[Value] = list(op.coefficients.ravel().tolist())
+        for factor in reversed(factors):
+            size = len(factor)
+            work = [
+                self._sum(0.0, [terms.real("mul", work[row * size + n], factor[n]) for n in range(size)])
+                for row in range(len(work) // size)
+            ]
+        sums = [terms.real("add", value, number) for value, number in zip(work, op.intercept.tolist(), strict=True)]
+        return [self._rounded(value, op.precision) for value in sums]
+
+
+def _flags(op: Operation, flags: list[list[Value]]) -> list[Value]:
+    """For each column of a result whether the input that it comes from is missing."""
+    if isinstance(op, Select):
+        joined = [flag for value in flags for flag in value]
+        return [joined[column] for column in op.columns]
+    if isinstance(op, Elementwise) and len(flags[0]) == op.width:
+        return flags[0]
+    return [False] * op.width

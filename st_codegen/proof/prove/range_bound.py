@@ -1,0 +1,223 @@
+"""A bound of the difference to the library on the whole trained range, by intervals.
+
+The range is cut into boxes. On each box an interval holds every intermediate number, and the row-wise derivation of
+`bounds` is taken for the largest magnitudes in it, for it grows with magnitudes. So the bound holds for every input of
+the range, not for rows that were tried.
+"""
+
+from __future__ import annotations
+
+from functools import singledispatch
+
+import numpy as np
+
+from st_codegen.ir import (
+    Activation,
+    Clip,
+    FillMissing,
+    FloatArray,
+    Function,
+    Kernel,
+    KernelSum,
+    Linear,
+    ModelIR,
+    Operation,
+    Operator,
+    Precision,
+    Round,
+    Scale,
+    Select,
+    reference,
+)
+from st_codegen.passes.kernels import grid_of
+from st_codegen.proof import bounds
+from st_codegen.proof.prove.axis import NotProvedError
+
+#: Boxes that the range is cut into, at most.
+_BOXES = 4096
+
+#: What intervals of intermediate numbers are widened by: far more than the roundings that led to them.
+_MARGIN = 1e-9
+
+#: The ends of intervals: (boxes, width) each.
+Ends = tuple[FloatArray, FloatArray]
+
+
+def range_bound(model: ModelIR) -> tuple[float, ...]:
+    """For each output the largest |library - text| on the declared ranges; empty where a feature declares none.
+
+    Raises NotProvedError for operations of which no such bound is known.
+    """
+    if model.exact:
+        return (0.0,) * len(model.outputs)
+    ends = [(feature.lower, feature.upper) for feature in model.features]
+    if any(low is None or high is None for low, high in ends):
+        return ()
+    values = [_boxes(np.array(ends, np.float64))]
+    found = [np.zeros_like(values[0][0])]
+    with np.errstate(all="ignore"):
+        for op in model.ops:
+            operands = [values[number] for number in op.inputs]
+            result = _widened(op, interval(op, operands))
+            difference = _difference(op, operands, [found[number] for number in op.inputs], result)
+            values.append(result)
+            found.append(np.where(np.isnan(difference), np.inf, difference))
+    return tuple(np.max(found[-1], axis=0).tolist())
+
+
+def _boxes(ends: FloatArray) -> Ends:
+    parts = max(int(_BOXES ** (1 / len(ends))), 1)
+    edges = [np.linspace(low, high, parts + 1) for low, high in ends]
+    low = np.stack(np.meshgrid(*(edge[:-1] for edge in edges), indexing="ij"), -1).reshape(-1, len(ends))
+    high = np.stack(np.meshgrid(*(edge[1:] for edge in edges), indexing="ij"), -1).reshape(-1, len(ends))
+    return low, high
+
+
+def _widened(op: Operation, ends: Ends) -> Ends:
+    if isinstance(op, Select):
+        return ends
+    margin = _MARGIN * np.maximum(np.abs(ends[0]), np.abs(ends[1])) + 1e-300
+    return ends[0] - margin, ends[1] + margin
+
+
+def magnitude(ends: Ends) -> FloatArray:
+    """The largest magnitudes in intervals."""
+    return np.maximum(np.abs(ends[0]), np.abs(ends[1]))
+
+
+def _difference(op: Operation, operands: list[Ends], given: list[FloatArray], result: Ends) -> FloatArray:
+    if isinstance(op, KernelSum):
+        return _kernel_difference(op, operands[0], given[0], result)
+    sizes = [magnitude(operand) for operand in operands]
+    if isinstance(op, Activation):
+        # the slope is largest at the upper end, for a logarithm at the lower one
+        sizes = [operands[0][0] if op.function is Function.LOG1P else operands[0][1]]
+        if op.function is Function.SIGNED_SQUARE:
+            sizes = [magnitude(operands[0])]
+    elif not isinstance(op, Select | Scale | Round | Clip | FillMissing | Linear):
+        raise NotProvedError(f"no bound on the whole range is known for {type(op).__name__}")
+    return bounds.step(op, sizes, given, magnitude(result))
+
+
+@singledispatch
+def interval(op: Operation, _: list[Ends]) -> Ends:
+    """The interval of an operation's results, without its roundings."""
+    raise NotProvedError(f"no bound on the whole range is known for {type(op).__name__}")
+
+
+@interval.register
+def _(op: Select, operands: list[Ends]) -> Ends:
+    low, high = (np.hstack([operand[end] for operand in operands])[:, op.columns] for end in (0, 1))
+    return low, high
+
+
+@interval.register
+def _(op: Scale, operands: list[Ends]) -> Ends:
+    if op.reverse and op.operator is Operator.DIVIDE:
+        raise NotProvedError("no bound on the whole range is known for a quotient by a computed number")
+    return _sorted(reference.apply(op, [operands[0][0]]), reference.apply(op, [operands[0][1]]))
+
+
+def _sorted(one: FloatArray, other: FloatArray) -> Ends:
+    return np.minimum(one, other), np.maximum(one, other)
+
+
+@interval.register(Round)
+@interval.register(Clip)
+@interval.register(FillMissing)
+def _(op: Operation, operands: list[Ends]) -> Ends:
+    if isinstance(op, FillMissing) and op.sentinel is not None:
+        low, high = operands[0]
+        return np.minimum(low, op.fill), np.maximum(high, op.fill)
+    return reference.apply(op, [operands[0][0]]), reference.apply(op, [operands[0][1]])
+
+
+@interval.register
+def _(op: Linear, operands: list[Ends]) -> Ends:
+    (low, high), positive, negative = operands[0], np.maximum(op.weights, 0).T, np.minimum(op.weights, 0).T
+    # without a small number more a sum that cancels would be narrower than its roundings
+    room = 1e-12 * (magnitude(operands[0]) @ np.abs(op.weights).T + np.abs(op.bias))
+    if op.precision is Precision.FLOAT32:
+        room *= 1e9
+    return low @ positive + high @ negative + op.bias - room, high @ positive + low @ negative + op.bias + room
+
+
+@interval.register
+def _(op: Activation, operands: list[Ends]) -> Ends:
+    if op.function in (Function.LOG1P, Function.EXP, Function.EXPM1):
+        beyond = operands[0][0] <= -1.0 if op.function is Function.LOG1P else operands[0][1] > op.limit
+        if np.any(beyond):
+            raise NotProvedError(f"{op.function.value} does not exist on the whole range")
+    ends = _sorted(reference.apply(op, [operands[0][0]]), reference.apply(op, [operands[0][1]]))
+    if op.function in (Function.LEAKY_RELU, Function.ELU) and op.parameter < 0:
+        inside = (operands[0][0] < 0) & (operands[0][1] > 0)
+        return np.where(inside, np.minimum(ends[0], 0.0), ends[0]), np.where(inside, np.maximum(ends[1], 0.0), ends[1])
+    return ends
+
+
+@interval.register
+def _(op: KernelSum, operands: list[Ends]) -> Ends:
+    """By magnitudes only: no step behind a kernel needs more."""
+    size = np.broadcast_to(np.abs(op.intercept), (len(operands[0][0]), op.width)).copy()
+    for vector, coefficients in zip(op.support_vectors, np.abs(op.coefficients.T), strict=True):
+        size += _largest_kernel(op, operands[0], vector)[:, None] * coefficients
+    return -size, size
+
+
+def _largest_kernel(op: KernelSum, x: Ends, vector: FloatArray) -> FloatArray:
+    if op.kernel is Kernel.RBF:
+        return np.asarray(np.exp(-op.gamma * np.sum(_distance(x, vector)[0] ** 2, axis=1)) * (1 + _MARGIN))
+    argument = magnitude(x) @ np.abs(vector)
+    if op.kernel is Kernel.LINEAR:
+        return np.asarray(argument)
+    argument = abs(op.gamma) * argument + abs(op.coef0)
+    return np.ones(len(argument)) if op.kernel is Kernel.SIGMOID else np.asarray(argument**op.degree)
+
+
+def _distance(x: Ends, vector: FloatArray) -> Ends:
+    """The smallest and the largest distance of each column of boxes from a vector."""
+    low, high = x
+    nearest = np.maximum(np.maximum(low - vector, vector - high), 0.0)
+    return nearest, np.maximum(np.abs(low - vector), np.abs(high - vector))
+
+
+def _kernel_difference(op: KernelSum, x: Ends, moved: FloatArray, result: Ends) -> FloatArray:
+    """As `bounds` does row by row: the kernel at its largest, its argument's error at the largest distance."""
+    axes = grid_of(op)
+    factors = 1 if axes is None else len(axes)
+    terms = len(op.support_vectors) + 1
+    if axes is not None:
+        terms = max(terms, sum(map(len, axes)) + 2 * factors + 1)
+    columns = op.support_vectors.shape[1]
+    both = bounds.gamma(columns + 4, op.precision) + bounds.gamma(columns + 4, Precision.FLOAT64)
+    unit = bounds.UNIT[op.precision] + bounds.UNIT[Precision.FLOAT64]
+    function = bounds.FUNCTION_ROUNDINGS * unit
+    size = np.broadcast_to(np.abs(op.intercept), result[0].shape).copy()
+    difference = np.zeros_like(size)
+    for vector, coefficients in zip(op.support_vectors, np.abs(op.coefficients.T), strict=True):
+        kernel = _largest_kernel(op, x, vector)
+        if op.kernel is Kernel.RBF:
+            delta = _distance(x, vector)[1]
+            argument = op.gamma * (both * np.sum(delta**2, axis=1) + np.sum(2 * delta * moved + moved**2, axis=1))
+            parts = function + (factors - 1) * (bounds.FUNCTION_ROUNDINGS + 1) * bounds.UNIT[Precision.FLOAT64]
+            change = kernel * (np.expm1(argument) + parts) + factors * 1e-307
+        else:
+            change = _product_difference(op, x, moved, vector, both, function)
+        size += (kernel + change)[:, None] * coefficients
+        difference += change[:, None] * coefficients
+    return difference + bounds.sum_rounding(terms, size, magnitude(result), op.precision)
+
+
+def _product_difference(
+    op: KernelSum, x: Ends, moved: FloatArray, vector: FloatArray, both: float, function: float
+) -> FloatArray:
+    size = magnitude(x) @ np.abs(vector)
+    change = both * size + moved @ np.abs(vector)
+    if op.kernel is Kernel.LINEAR:
+        return np.asarray(change)
+    base = abs(op.gamma) * size + abs(op.coef0)
+    change = abs(op.gamma) * change + both * base
+    if op.kernel is Kernel.SIGMOID:
+        return np.asarray(change + function)
+    larger = (base + change) ** op.degree
+    return np.asarray(larger - base**op.degree + op.degree * both * larger)

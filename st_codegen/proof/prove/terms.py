@@ -1,0 +1,565 @@
+"""Expressions of a text's numbers and truth values, each kept once, with the interval that holds its value.
+
+Intervals are those of the numbers that a controller computes: rounding to nearest is monotone, so the rounded results
+of the ends enclose the rounded results in between, and nothing has to be widened. Only EXP, LN, SIN, COS, ATAN and SQRT
+are widened, by what they may err (`FUNCTION_ERROR`). Inside of a branch its condition narrows the intervals of what it
+compares. An operation that may overflow, divide by zero or meet NaN raises NotProvedError.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from st_codegen.proof.prove.axis import NotProvedError
+from st_codegen.proof.prove.expressions import compute
+
+#: The largest relative error of EXP, LN, SQRT, SIN, COS and ATAN that is assumed of a controller.
+FUNCTION_ERROR = 1e-14
+
+LARGEST = float(np.finfo(np.float64).max)
+_SINGLE = 3.4028234663852886e38
+_HALF_ULP = 2.0**-53
+
+#: An interval, and whether the value may be NaN; low > high: no number.
+Interval = tuple[float, float, bool]
+
+WHOLE: Interval = (-math.inf, math.inf, True)
+_FLIPPED = {"LT": "GT", "LE": "GE", "GT": "LT", "GE": "LE", "EQ": "EQ", "NE": "NE"}
+_NEGATED = {"LT": "GE", "LE": "GT", "GT": "LE", "GE": "LT", "EQ": "NE", "NE": "EQ"}
+
+
+class Term:
+    """`operation` on `arguments` (terms and plain numbers); a leaf has a name in their place."""
+
+    __slots__ = ("arguments", "kind", "operation")
+
+    def __init__(self, operation: str, arguments: tuple[object, ...], kind: str) -> None:
+        self.operation, self.arguments, self.kind = operation, arguments, kind
+
+    def __repr__(self) -> str:
+        return f"{self.operation}({', '.join(map(repr, self.arguments))})"
+
+
+#: A plain number or truth value, or an expression.
+Value = bool | int | float | Term
+
+
+def _name(value: object) -> object:
+    if isinstance(value, Term):
+        return id(value)
+    return (type(value).__name__, value.hex() if isinstance(value, float) else value)
+
+
+def hull(one: Interval, other: Interval) -> Interval:
+    """The smallest interval that holds two."""
+    return min(one[0], other[0]), max(one[1], other[1]), one[2] or other[2]
+
+
+def _cut(one: Interval, other: Interval) -> Interval:
+    return max(one[0], other[0]), min(one[1], other[1]), one[2] and other[2]
+
+
+class Terms:
+    """All terms of a proof, and what is known of them here."""
+
+    def __init__(self) -> None:
+        self._known: dict[object, Term] = {}
+        self._intervals: list[dict[Term, Interval]] = [{}]
+        self._truths: list[dict[Term, bool]] = [{}]
+        self._apart: list[dict[Term, float]] = [{}]  # least magnitude of numbers that are not zero
+
+    # --- making terms -----------------------------------------------------------------------------------------------
+
+    def leaf(self, name: object, kind: str, interval: Interval = WHOLE) -> Term:
+        """Something unknown: an input, a variable before the call."""
+        term = self._term("leaf", (name,), kind)
+        self._intervals[0].setdefault(term, interval)
+        return term
+
+    def _term(self, operation: str, arguments: tuple[object, ...], kind: str) -> Term:
+        key = (operation, kind, *map(_name, arguments))
+        return self._known.setdefault(key, Term(operation, arguments, kind))
+
+    def interval(self, value: Value) -> Interval:
+        """Where the value lies, as far as it is known here."""
+        if not isinstance(value, Term):
+            return float(value), float(value), math.isnan(value)
+        for layer in reversed(self._intervals):
+            if value in layer:
+                return layer[value]
+        found = self._computed(value)
+        self._intervals[-1][value] = found
+        return found
+
+    def _computed(self, term: Term) -> Interval:
+        if term.operation == "if":
+            condition, one, other = term.arguments
+            truth = self.truth(condition)  # type: ignore[arg-type]
+            if truth is not None:
+                return self.interval(one if truth else other)  # type: ignore[arg-type]
+            return hull(self.interval(one), self.interval(other))  # type: ignore[arg-type]
+        if term.kind == "bool":
+            return 0.0, 1.0, False
+        try:
+            return self._result(term.operation, term.arguments, term)  # type: ignore[arg-type]
+        except NotProvedError:
+            return -LARGEST, LARGEST, False  # it was computed where it stood, and was a number there
+
+    def real(self, operation: str, *arguments: Value) -> Value:
+        """A floating point operation. Raises NotProvedError where it may overflow, divide by zero or meet NaN."""
+        if operation not in _FUNCTIONS and not any(isinstance(argument, Term) for argument in arguments):
+            return compute(operation, *(float(argument) for argument in arguments))  # type: ignore[arg-type]
+        if operation == "single" and isinstance(arguments[0], Term) and arguments[0].operation == "single":
+            return arguments[0]
+        term = self._term(operation, arguments, "real")
+        self._note(term, self._result(operation, arguments, term))
+        return term
+
+    def _note(self, term: Term, interval: Interval) -> None:
+        known = self.interval(term) if any(term in layer for layer in self._intervals) else interval
+        self._intervals[-1][term] = _cut(known, interval)
+
+    def _result(self, operation: str, arguments: tuple[Value, ...], term: Term) -> Interval:
+        given = [self.interval(argument) for argument in arguments]
+        if any(interval[2] for interval in given):
+            raise NotProvedError(f"{operation} may meet NaN")
+        if any(interval[0] > interval[1] for interval in given):
+            return math.inf, -math.inf, False  # this is not reached
+        if operation == "div":
+            return (*self._quotient(arguments, given), False)
+        if operation in _FUNCTIONS:
+            if operation == "ln" and self.apart(arguments[0], 1.0):
+                self._apart[-1][term] = _HALF_ULP / 2
+            low, high = _FUNCTIONS[operation](given[0][0], given[0][1])
+        elif operation in _INTEGER:
+            low, high = _INTEGER[operation](*given)
+        else:
+            low, high = _ends(operation, given)
+            if operation == "mul" and arguments[0] is arguments[1]:
+                low = 0.0 if given[0][0] < 0 < given[0][1] else max(low, 0.0)
+        if not (math.isfinite(low) and math.isfinite(high)) and operation not in ("min", "max", "neg", "abs"):
+            raise NotProvedError(f"{operation} may overflow")
+        return low, high, False
+
+    def _least(self, value: Value) -> float:
+        """A number above zero below which the magnitude of a value does not lie; 0.0: none is known."""
+        if not isinstance(value, Term):
+            return abs(float(value))
+        for layer in reversed(self._apart):
+            if value in layer:
+                return layer[value]
+        low, high, _ = self.interval(value)
+        return max(low, -high, 0.0)
+
+    def apart(self, value: Value, number: float) -> bool:
+        """Whether a value is known to be another number than `number`."""
+        low, high, _ = self.interval(value)
+        if number < low or number > high:
+            return True
+        return any(
+            term.operation == "sub" and term.arguments[0] is value and term.arguments[1] == number
+            for layer in self._apart
+            for term in layer
+        )
+
+    def _quotient(self, arguments: tuple[Value, ...], given: list[Interval]) -> tuple[float, float]:
+        least = self._least(arguments[1])
+        if not least:
+            raise NotProvedError("a division by what may be zero")
+        known = self._known_quotient(*arguments)
+        low, high = given[1][0], given[1][1]
+        divisors = [low, high]
+        if low < 0 < high or low in (0.0,) or high in (0.0,):
+            divisors = ([low] if low < 0 else []) + ([-least] if low < 0 else []) + ([least, high] if high > 0 else [])
+        with np.errstate(all="ignore"):
+            found = [float(np.float64(a) / np.float64(b)) for a in given[0][:2] for b in divisors]
+        if known is not None:
+            found = [min(max(number, -known), known) for number in found]
+            if given[1][0] < 0 < given[1][1]:
+                found += [-known, known]
+        if not all(map(math.isfinite, found)):
+            raise NotProvedError("div may overflow")
+        return min(found), max(found)
+
+    def _known_quotient(self, top: Value, bottom: Value) -> float | None:
+        """A bound of the magnitude of some quotients that intervals cannot see."""
+        magnitudes = [self._seen("abs", value) for value in (top, bottom)]
+        if None not in magnitudes and self._is_no_larger(magnitudes[0], magnitudes[1]):
+            return 1.0
+        guarded = self._guarded_quotient(*magnitudes)
+        if guarded is not None:
+            return guarded
+        summands = [] if not isinstance(bottom, Term) else _summands(bottom)
+        if any(value is top or value is magnitudes[0] for value in summands if isinstance(value, Term)) and all(
+            self.interval(value)[0] >= 0 for value in summands
+        ):
+            return 2.0  # a part of a sum of what is not negative
+        if isinstance(bottom, Term) and isinstance(top, Term) and top.operation == "mul":
+            one, other = top.arguments
+            # log(u) * x / (u - 1) with u = 1 + x: |x / (u - 1)| <= 2, and (u - 1) * x / log(u) with u = exp(x)
+            if bottom.operation == "sub" and bottom.arguments[1] == 1.0:
+                u = bottom.arguments[0]
+                if isinstance(u, Term) and u is self._seen("add", 1.0, other) and one is self._seen("ln", u):
+                    low, high, _ = self.interval(one)  # type: ignore[arg-type]
+                    return 2.0 * max(abs(low), abs(high))
+            if bottom.operation == "ln":
+                u = bottom.arguments[0]
+                if isinstance(u, Term) and u is self._seen("exp", other) and one is self._seen("sub", u, 1.0):
+                    low, high, _ = self.interval(one)  # type: ignore[arg-type]
+                    return 4.0 * max(abs(low), abs(high))
+        return None
+
+    def _guarded_quotient(self, top: Term | None, bottom: Term | None) -> float | None:
+        """1 / c where |bottom| > |top| * c is known; for a product that is denormal too, since floats are apart."""
+        for layer in self._truths:
+            for term, truth in layer.items():
+                if truth is (term.operation == "GT") and term.operation in ("GT", "LE") and term.arguments[0] is bottom:
+                    product = term.arguments[1]
+                    if isinstance(product, Term) and product.operation == "mul" and product.arguments[0] is top:
+                        return (1.0 + 1e-15) / float(product.arguments[1])  # type: ignore[arg-type]
+        return None
+
+    def _seen(self, operation: str, *arguments: object) -> Term | None:
+        return self._known.get((operation, "real", *map(_name, arguments)))
+
+    def _is_no_larger(self, one: Term | None, other: Term | None) -> bool:
+        for name, pair in (("LE", (one, other)), ("LT", (one, other)), ("GE", (other, one)), ("GT", (other, one))):
+            term = self._known.get((name, "bool", *map(_name, pair)))
+            if term is not None and self.truth(term):
+                return True
+        return False
+
+    def integer(self, operation: str, *arguments: Value, low: int, high: int) -> Value:
+        """An operation on integers that must stay within `low` .. `high`."""
+        if not any(isinstance(argument, Term) for argument in arguments):
+            found = _INTEGER[operation](*(self.interval(argument) for argument in arguments))[0]
+            result: Value = int(found)
+            interval = (found, found, False)
+        else:
+            term = self._term(operation, arguments, "int")
+            interval = self._result(operation, arguments, term)
+            self._note(term, interval)
+            result = term
+        if interval[0] < low or interval[1] > high:
+            raise NotProvedError("an integer overflows")
+        return result
+
+    # --- truth values -----------------------------------------------------------------------------------------------
+
+    def compare(self, operator: str, one: Value, other: Value) -> Value:
+        """A comparison of numbers. Raises NotProvedError where one may be NaN."""
+        for value in (one, other):
+            if self.interval(value)[2]:
+                raise NotProvedError("a comparison with NaN")
+        if operator in ("EQ", "NE"):
+            for value, number in ((one, other), (other, one)):
+                if isinstance(value, Term) and value.operation == "if" and not isinstance(number, Term):
+                    condition, first, second = value.arguments
+                    return self.choice(
+                        condition,  # type: ignore[arg-type]
+                        self.compare(operator, first, number),  # type: ignore[arg-type]
+                        self.compare(operator, second, number),  # type: ignore[arg-type]
+                    )
+        decided = self._decided(operator, one, other)
+        if decided is not None:
+            return decided
+        if not isinstance(one, Term):
+            one, other, operator = other, one, _FLIPPED[operator]
+        term = self._term(operator, (one, other), "bool")
+        known = self.truth(term)
+        return term if known is None else known
+
+    def _decided(self, operator: str, one: Value, other: Value) -> bool | None:
+        (a, b, _), (c, d, _) = self.interval(one), self.interval(other)
+        if operator == "LT":
+            return True if b < c else False if a >= d else None
+        if operator == "LE":
+            return True if b <= c else False if a > d else None
+        if operator in ("GT", "GE"):
+            return self._decided(_FLIPPED[operator], other, one)
+        equal = True if a == b == c == d else False if b < c or d < a else None
+        return equal if operator == "EQ" or equal is None else not equal
+
+    def is_number(self, value: Value) -> Value:
+        """Whether a value is not NaN."""
+        low, high, nan = self.interval(value)
+        if not nan:
+            return True
+        if low > high:
+            return False
+        return self._term("number", (value,), "bool")
+
+    def negated(self, value: Value) -> Value:
+        """NOT of a truth value."""
+        if not isinstance(value, Term):
+            return not value
+        if value.operation == "not":
+            return value.arguments[0]  # type: ignore[return-value]
+        return self._term("not", (value,), "bool")
+
+    def both(self, one: Value, other: Value) -> Value:
+        """AND of truth values."""
+        for value, rest in ((one, other), (other, one)):
+            if not isinstance(value, Term):
+                return rest if value else False
+        return one if one is other else self._term("and", (one, other), "bool")
+
+    def either(self, one: Value, other: Value) -> Value:
+        """OR of truth values."""
+        return self.negated(self.both(self.negated(one), self.negated(other)))
+
+    def choice(self, condition: Value, one: Value, other: Value) -> Value:  # noqa: PLR0911 - one a shape
+        """`one` where the condition holds, else `other`."""
+        if not isinstance(condition, Term):
+            return one if condition else other
+        if one is other or (type(one) is type(other) and not isinstance(one, Term) and _name(one) == _name(other)):
+            return one
+        if isinstance(one, bool) or isinstance(other, bool) or (isinstance(one, Term) and one.kind == "bool"):
+            if other is False:
+                return self.both(condition, one)
+            if one is False:
+                return self.both(self.negated(condition), other)
+            if other is True:
+                return self.either(self.negated(condition), one)
+            if one is True:
+                return self.either(condition, other)
+        kinds = {value.kind if isinstance(value, Term) else type(value).__name__ for value in (one, other)}
+        kind = "bool" if "bool" in kinds else "int" if kinds <= {"int"} else "real"
+        return self._term("if", (condition, one, other), kind)
+
+    def merged(self, condition: Term, one: tuple[Value, Interval], other: tuple[Value, Interval]) -> Value:
+        """A choice between values whose intervals are those of their branches."""
+        result = self.choice(condition, one[0], other[0])
+        if isinstance(result, Term) and result.operation == "if" and result.kind != "bool":
+            self._note(result, hull(one[1], other[1]))
+        return result
+
+    def truth(self, value: Value) -> bool | None:  # noqa: PLR0911, PLR0912 - one return a kind
+        """Whether a truth value is known here."""
+        if not isinstance(value, Term):
+            return bool(value)
+        for layer in reversed(self._truths):
+            if value in layer:
+                return layer[value]
+        arguments = value.arguments
+        if value.operation == "not":
+            inner = self.truth(arguments[0])  # type: ignore[arg-type]
+            return None if inner is None else not inner
+        if value.operation == "and":
+            found = []
+            for argument in arguments:
+                found.append(self.truth(argument))  # type: ignore[arg-type]
+                if found[-1] is False:
+                    return False
+            return True if None not in found else None
+        if value.operation == "if":
+            condition = self.truth(arguments[0])  # type: ignore[arg-type]
+            sides = [self.truth(argument) for argument in arguments[1:]]  # type: ignore[arg-type]
+            if condition is not None:
+                return sides[0] if condition else sides[1]
+            return sides[0] if sides[0] is sides[1] else None
+        if value.operation in _NEGATED:
+            negative = self._known.get((_NEGATED[value.operation], "bool", *map(_name, arguments)))
+            for layer in reversed(self._truths):
+                if negative in layer:
+                    return not layer[negative]
+            return self._decided(value.operation, *arguments)  # type: ignore[arg-type]
+        if value.operation == "number":
+            low, high, nan = self.interval(arguments[0])  # type: ignore[arg-type]
+            return True if not nan else False if low > high else None
+        return None
+
+    @contextmanager
+    def assuming(self, condition: Value, truth: bool = True) -> Iterator[bool]:
+        """A branch in which a condition is known; gives FALSE where it cannot be reached."""
+        for layers in (self._intervals, self._truths, self._apart):
+            layers.append({})
+        try:
+            yield self._assume(condition, truth)
+        finally:
+            for layers in (self._intervals, self._truths, self._apart):
+                layers.pop()
+
+    @contextmanager
+    def only(self, leaf: Term, interval: Interval) -> Iterator[None]:
+        """A look at terms from their leaves up, where one of these lies in another interval; nothing else is known."""
+        layers = self._intervals, self._truths, self._apart
+        leaves = {term: known for term, known in self._intervals[0].items() if term.operation == "leaf"}
+        self._intervals, self._truths, self._apart = [{**leaves, leaf: interval}], [{}], [{}]
+        try:
+            yield
+        finally:
+            self._intervals, self._truths, self._apart = layers
+
+    def _assume(self, value: Value, truth: bool) -> bool:  # noqa: PLR0911 - one return a kind
+        if not isinstance(value, Term):
+            return bool(value) is truth
+        known = self.truth(value)
+        if known is not None:
+            return known is truth
+        self._truths[-1][value] = truth
+        arguments = value.arguments
+        if value.operation == "not":
+            return self._assume(arguments[0], not truth)  # type: ignore[arg-type]
+        if value.operation == "and":
+            if truth:
+                narrowed = [self._assume(argument, True) for argument in arguments]  # type: ignore[arg-type]
+                return all(narrowed)
+            for one, other in (arguments, arguments[::-1]):
+                if self.truth(one):  # type: ignore[arg-type]
+                    return self._assume(other, False)  # type: ignore[arg-type]
+        elif value.operation == "number":
+            low, high, _ = self.interval(arguments[0])  # type: ignore[arg-type]
+            ends = (low, high, False) if truth else (math.inf, -math.inf, True)
+            return self._narrow(arguments[0], ends)  # type: ignore[arg-type]
+        elif value.operation in _NEGATED:
+            return self._assume_order(value.operation if truth else _NEGATED[value.operation], *arguments)  # type: ignore[arg-type]
+        return True
+
+    def _assume_order(self, operator: str, one: Value, other: Value) -> bool:
+        if operator in ("GT", "GE"):
+            one, other, operator = other, one, _FLIPPED[operator]
+        (a, b, _), (c, d, _) = self.interval(one), self.interval(other)
+        whole = all(isinstance(v, int) or (isinstance(v, Term) and v.kind == "int") for v in (one, other))
+        if operator == "EQ":
+            both = (max(a, c), min(b, d), False)
+            return self._narrow(one, both) and self._narrow(other, both)
+        if operator == "NE":
+            return True
+        strict = operator == "LT"
+        top = (d - 1 if whole else math.nextafter(d, -math.inf)) if strict else d
+        bottom = (a + 1 if whole else math.nextafter(a, math.inf)) if strict else a
+        return self._narrow(one, (a, min(b, top), False)) and self._narrow(other, (max(c, bottom), d, False))
+
+    def _narrow(self, value: Value, interval: Interval) -> bool:
+        if not isinstance(value, Term):
+            return interval[2] or interval[0] <= interval[1]
+        found = _cut(self.interval(value), interval)
+        self._intervals[-1][value] = found
+        if value.operation == "abs":
+            inner: Value = value.arguments[0]  # type: ignore[assignment]
+            self._narrow(inner, (-found[1], found[1], False))
+            if found[0] > 0:
+                self._not_zero(inner, found[0])
+        return found[2] or found[0] <= found[1]
+
+    def _not_zero(self, value: Value, least: float) -> None:
+        if not isinstance(value, Term):
+            return
+        if value.operation == "sub" and isinstance(value.arguments[1], float):
+            # two different numbers, of which one is known, are half a unit in its last place apart
+            least = max(least, abs(value.arguments[1]) * _HALF_ULP)
+        self._apart[-1][value] = least
+        low, high, nan = self.interval(value)
+        if low >= 0:
+            self._intervals[-1][value] = (max(low, least), high, nan)
+        elif high <= 0:
+            self._intervals[-1][value] = (low, min(high, -least), nan)
+
+
+def _summands(term: Value) -> list[Value]:
+    """What a sum is made of, through its roundings to REAL."""
+    found: list[Value] = []
+    while isinstance(term, Term) and term.operation in ("add", "single"):
+        if term.operation == "add":
+            found.append(term.arguments[1])  # type: ignore[arg-type]
+        term = term.arguments[0]  # type: ignore[assignment]
+        if isinstance(term, Term) and term.operation == "single" and term.arguments[0] is not None:
+            inner = term.arguments[0]
+            if not (isinstance(inner, Term) and inner.operation == "add"):
+                break
+    return [*found, term]
+
+
+def _ends(operation: str, given: list[Interval]) -> tuple[float, float]:  # noqa: PLR0911 - one return an operation
+    (a, b, _), (c, d, _) = given[0], given[-1]
+    if operation == "neg":
+        return -b, -a
+    if operation == "abs":
+        return (0.0 if a <= 0 <= b else min(abs(a), abs(b))), max(abs(a), abs(b))
+    if operation in ("min", "max"):
+        choose = min if operation == "min" else max
+        return choose(a, c), choose(b, d)
+    if operation == "single":
+        if max(abs(a), abs(b)) > _SINGLE:
+            raise NotProvedError("a conversion to REAL may overflow")
+        return float(np.float32(a)), float(np.float32(b))
+    if operation == "add":
+        return a + c, b + d
+    if operation == "sub":
+        return a - d, b - c
+    if operation == "mul":
+        products = [x * y if x and y else 0.0 for x in (a, b) for y in (c, d)]
+        return min(products), max(products)
+    raise NotProvedError(f"{operation} is not followed")
+
+
+def _widened(low: float, high: float) -> tuple[float, float]:
+    return low - abs(low) * FUNCTION_ERROR - 5e-324, high + abs(high) * FUNCTION_ERROR + 5e-324
+
+
+def _exp(low: float, high: float) -> tuple[float, float]:
+    if high > 709.0:
+        raise NotProvedError("an exponential may overflow")
+    found = _widened(math.exp(low) if low > -745 else 0.0, math.exp(high) if high > -745 else 0.0)
+    return max(found[0], 0.0), found[1]
+
+
+def _ln(low: float, high: float) -> tuple[float, float]:
+    if low <= 0:
+        raise NotProvedError("a logarithm of what may not be above zero")
+    return _widened(math.log(low), math.log(high))
+
+
+def _sqrt(low: float, high: float) -> tuple[float, float]:
+    if low < 0:
+        raise NotProvedError("a root of what may be negative")
+    return math.sqrt(low), math.sqrt(high)
+
+
+def _wave(low: float, high: float) -> tuple[float, float]:
+    if not (math.isfinite(low) and math.isfinite(high)):
+        raise NotProvedError("SIN or COS of what may not be finite")
+    return -1.0, 1.0
+
+
+#: Functions of one number, on the ends of an interval.
+_FUNCTIONS: dict[str, Callable[[float, float], tuple[float, float]]] = {
+    "exp": _exp,
+    "ln": _ln,
+    "sqrt": _sqrt,
+    "sin": _wave,
+    "cos": _wave,
+    "atan": lambda low, high: _widened(math.atan(low), math.atan(high)),
+}
+
+
+def _truncated(given: Interval) -> tuple[float, float]:
+    if not (math.isfinite(given[0]) and math.isfinite(given[1])):
+        raise NotProvedError("TRUNC of what may not be finite")
+    return float(math.trunc(given[0])), float(math.trunc(given[1]))
+
+
+def _remainder(one: Interval, other: Interval) -> tuple[float, float]:
+    if other[0] != other[1] or other[0] <= 0 or one[0] < 0:
+        raise NotProvedError("MOD of what may be negative, or by what is no constant")
+    if one[0] == one[1]:
+        return one[0] % other[0], one[0] % other[0]
+    return 0.0, min(other[0] - 1, one[1])
+
+
+_INTEGER: dict[str, Callable[..., tuple[float, float]]] = {
+    "iadd": lambda one, other: (one[0] + other[0], one[1] + other[1]),
+    "isub": lambda one, other: (one[0] - other[1], one[1] - other[0]),
+    "imul": lambda one, other: (
+        min(x * y for x in one[:2] for y in other[:2]),
+        max(x * y for x in one[:2] for y in other[:2]),
+    ),
+    "imod": _remainder,
+    "itrunc": _truncated,
+    "ireal": lambda one: (one[0], one[1]),
+}
