@@ -66,6 +66,11 @@ def command(models: Path, generated: Path, certificate_file: Path | None, trust_
         write_text(certificate_file, json.dumps(content, indent=1, sort_keys=True) + "\n")
     if not quiet:
         console.print(_table(report))
+        for result in report.results:
+            for claim in result.claims:
+                console.print(
+                    f"{result.block}, {result.target}: {claim}", highlight=False, soft_wrap=True, markup=False
+                )
     for result in report.results:
         if result.verdict is not Verdict.PROVED:
             console.print(_sentence(result), highlight=False, soft_wrap=True, markup=False)

@@ -77,6 +77,10 @@ class Purpose(Protocol):
         """What the blocks around the models must answer, by the models' libraries, for test suites."""
         ...
 
+    def called_blocks(self) -> tuple[str, ...]:
+        """The blocks around the models that a controller's program calls, of which `prove` shows what always holds."""
+        ...
+
     def checks(
         self, models: Sequence[ModelIR], code: RunsBlocks, seed: int, bound: DifferenceBound
     ) -> Sequence[BlockCheck]:

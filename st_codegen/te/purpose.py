@@ -73,6 +73,10 @@ class Compensation:
         """A test suite for FB_TEPredict."""
         return (prediction_vectors(self.te, models),)
 
+    def called_blocks(self) -> tuple[str, ...]:
+        """FB_TEPredict and FB_Compensator."""
+        return "FB_TEPredict", "FB_Compensator"
+
     def checks(
         self, models: Sequence[ModelIR], code: RunsBlocks, seed: int, bound: DifferenceBound
     ) -> Sequence[BlockCheck]:

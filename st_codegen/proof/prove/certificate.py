@@ -16,7 +16,9 @@ FORMAT = "st-codegen certificate 1"
 STATEMENT = (
     "For every proved entry and every float64 input (both zeros, denormals, infinities and NaN included) one call of "
     "the block sets bValid to TRUE exactly where the model has an answer, and then the outputs have the bits that the "
-    "model file demands; where bValid is FALSE the outputs keep their last values."
+    "model file demands; where bValid is FALSE the outputs keep their last values. Where the method is the model's "
+    "expression, the outputs are the operations that the model demands, in their order, none of them fails for any "
+    "input, and they lie within the bound, where there is one, of the library's answer on the declared ranges."
 )
 ASSUMPTIONS = (
     "LREAL and REAL are IEEE 754 binary64 and binary32, rounded to nearest, ties to even, with denormals",
@@ -50,6 +52,17 @@ def certificate(bundle: Bundle, models: Path, generated: Path, report: ProveRepo
         "proofs": [
             _entry(result, next(loaded.ir for loaded in bundle.models if loaded.ir.name == result.model))
             for result in report.results
+            if result.model in files
+        ],
+        "blocks": [
+            {
+                "block": result.block,
+                "target": result.target,
+                "verdict": result.verdict.value,
+                **({"claims": list(result.claims)} if result.claims else {"reason": result.reason}),
+            }
+            for result in report.results
+            if result.model not in files
         ],
     }
 
@@ -66,6 +79,8 @@ def _entry(result: ProofResult, model: ModelIR) -> dict[str, Any]:
     }
     if result.verdict is Verdict.PROVED:
         entry |= {"method": result.method, "trees": result.trees}
+        if result.bound:
+            entry["bound"] = list(result.bound)
     else:
         entry["reason"] = result.reason
     return entry

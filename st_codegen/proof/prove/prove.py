@@ -22,6 +22,7 @@ from st_codegen.proof.prove.axis import (
     NotProvedError,
     from_keys,
 )
+from st_codegen.proof.prove.blocks import prove_block
 from st_codegen.proof.prove.boxes import Lanes, Space
 from st_codegen.proof.prove.execute import All, Conditional, Executor, Kept, Value
 from st_codegen.proof.prove.expressions import ExpressionNode, Pool
@@ -61,7 +62,7 @@ class ProofResult:
 
     `method` says how it was reached; `trees` and `boxes`, or the `operations` of an expression, how large it was.
     `bound`: how far an expression may lie from the library's answer anywhere in the trained range, for each output;
-    empty where no range is declared.
+    empty where no range is declared. `claims`: what holds in every call of a block around models (`model` is its name).
     """
 
     model: str
@@ -75,6 +76,7 @@ class ProofResult:
     boxes: int = 0
     operations: int = 0
     bound: tuple[float, ...] = ()
+    claims: tuple[str, ...] = ()
     counterexample: Counterexample | None = None
 
 
@@ -112,9 +114,29 @@ def prove(bundle: Bundle, generated: Path | str, *, progress: Progress | None = 
             if progress is not None:
                 progress(len(results), total, loaded.ir.name)
             results.append(_prove_model(loaded.ir, code, folder, runs))
+        if bundle.purpose is not None:
+            here = [result for result in results if result.target == folder.name]
+            results += [_prove_around(name, code, bundle, here) for name in bundle.purpose.called_blocks()]
     if progress is not None:
         progress(total, total, "")
     return ProveReport(tuple(results))
+
+
+def _prove_around(block: str, code: GeneratedCode, bundle: Bundle, models: list[ProofResult]) -> ProofResult:
+    """The proof for a block around models of which there are proofs."""
+    result = ProofResult(block, code.folder.name, block, Verdict.NOT_PROVED)
+    missing = [model.model for model in models if model.verdict is not Verdict.PROVED]
+    if missing:
+        return _with(result, Verdict.NOT_PROVED, reason=f"it calls models that are not proved: {', '.join(missing)}")
+    irs = {loaded.ir.name: loaded.ir for loaded in bundle.models}
+    members: dict[str, list[tuple[ModelIR, tuple[int, ...]]]] = {}
+    for model in models:
+        members.setdefault(model.block, []).append((irs[model.model], model.outputs))
+    try:
+        proof = prove_block(code.project, block, members)
+    except NotProvedError as error:
+        return _with(result, Verdict.NOT_PROVED, reason=str(error))
+    return _with(result, Verdict.PROVED, method="invariant of a call", claims=proof.claims)
 
 
 def _left_out(model: ModelIR, folder: Path) -> ProofResult:

@@ -26,7 +26,7 @@ _INFINITY = 0x7FF0_0000_0000_0000
 
 
 @dataclass(frozen=True)
-class Bits:
+class RawBits:
     """The bits of a number; `magnitude`: without the sign."""
 
     value: Value
@@ -79,8 +79,10 @@ class Symbolic:
     ) -> Held:
         if isinstance(kind, StructType):
             return self._initial(variable)
-        name = _kind(kind)
-        return self.terms.leaf((*path, variable.key, place), name, before(path, variable, place))
+        name, interval = _kind(kind), before(path, variable, place)
+        if interval[0] == interval[1] and not interval[2]:
+            return {"bool": bool, "int": int, "real": float}[name](interval[0])
+        return self.terms.leaf((*path, variable.key, place), name, interval)
 
     def _initial(self, variable: t.Variable) -> Held:
         initial = variable.initial
@@ -268,7 +270,7 @@ class Symbolic:
             if place.name in stored:
                 return stored[place.name]
             if len(stored) == 1 and str(place.type) in ("LWORD", "ULINT"):
-                return Bits(next(iter(stored.values())))
+                return RawBits(next(iter(stored.values())))
             raise NotProvedError("a union is read in another way than as the bits of an LREAL")
         key = self._key(path, place)
         if key not in self.held and key[1].is_constant:
@@ -315,8 +317,8 @@ class Symbolic:
         if all(isinstance(side, t.Compare) and side.is_number_test for side in (left, right)):
             return self.terms.is_number(self._number(path, left.left))  # type: ignore[attr-defined]
         one, other = self._value(path, left), self._value(path, right)
-        if isinstance(one, Bits) and other == _MAGNITUDE and expression.operator == "AND":
-            return Bits(one.value, magnitude=True)
+        if isinstance(one, RawBits) and other == _MAGNITUDE and expression.operator == "AND":
+            return RawBits(one.value, magnitude=True)
         if not isinstance(one, bool | int | float | Term) or not isinstance(other, bool | int | float | Term):
             raise NotProvedError("arithmetic on what is no number")
         if _is_real(expression.type):
@@ -334,7 +336,7 @@ class Symbolic:
 
     def _comparison(self, path: Path, expression: t.Compare) -> Held:
         one, other = self._value(path, expression.left), self._value(path, expression.right)
-        if isinstance(one, Bits) and one.magnitude and expression.operator == "GT" and other == _INFINITY:
+        if isinstance(one, RawBits) and one.magnitude and expression.operator == "GT" and other == _INFINITY:
             return self.terms.negated(self.terms.is_number(one.value))
         for value in (one, other):
             if not isinstance(value, bool | int | float | Term):
@@ -345,7 +347,7 @@ class Symbolic:
         value, source, target = self._value(path, expression.operand), expression.operand.type, expression.type
         if not isinstance(source, Elementary) or not isinstance(target, Elementary):
             return value
-        if isinstance(value, Bits):
+        if isinstance(value, RawBits):
             raise NotProvedError("a conversion of bits")
         number = self._number(path, expression.operand)
         if source.is_real and target.is_real:

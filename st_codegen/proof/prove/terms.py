@@ -188,7 +188,11 @@ class Terms:
     def _known_quotient(self, top: Value, bottom: Value) -> float | None:
         """A bound of the magnitude of some quotients that intervals cannot see."""
         magnitudes = [self._seen("abs", value) for value in (top, bottom)]
-        if None not in magnitudes and self._is_no_larger(magnitudes[0], magnitudes[1]):
+        sizes = [
+            [size, value] if self.interval(value)[0] >= 0 else [size]
+            for value, size in zip((top, bottom), magnitudes, strict=True)
+        ]
+        if any(self._is_no_larger(one, other) for one in sizes[0] for other in sizes[1]):  # type: ignore[arg-type]
             return 1.0
         guarded = self._guarded_quotient(*magnitudes)
         if guarded is not None:
@@ -228,9 +232,10 @@ class Terms:
 
     def _is_no_larger(self, one: Term | None, other: Term | None) -> bool:
         for name, pair in (("LE", (one, other)), ("LT", (one, other)), ("GE", (other, one)), ("GT", (other, one))):
-            term = self._known.get((name, "bool", *map(_name, pair)))
-            if term is not None and self.truth(term):
-                return True
+            for operator, truth in ((name, True), (_NEGATED[name], False)):
+                term = self._known.get((operator, "bool", *map(_name, pair)))
+                if term is not None and self.truth(term) is truth:
+                    return True
         return False
 
     def integer(self, operation: str, *arguments: Value, low: int, high: int) -> Value:
@@ -316,6 +321,7 @@ class Terms:
         """`one` where the condition holds, else `other`."""
         if not isinstance(condition, Term):
             return one if condition else other
+        one, other = (True if one is condition else one), (False if other is condition else other)
         if one is other or (type(one) is type(other) and not isinstance(one, Term) and _name(one) == _name(other)):
             return one
         if isinstance(one, bool) or isinstance(other, bool) or (isinstance(one, Term) and one.kind == "bool"):
@@ -412,6 +418,10 @@ class Terms:
             for one, other in (arguments, arguments[::-1]):
                 if self.truth(one):  # type: ignore[arg-type]
                     return self._assume(other, False)  # type: ignore[arg-type]
+        elif value.operation == "if":
+            for at, holds in ((1, False), (2, True)):  # a side that cannot be tells the condition
+                if self.truth(arguments[at]) is (not truth):  # type: ignore[arg-type]
+                    return self._assume(arguments[0], holds) and self._assume(arguments[3 - at], truth)  # type: ignore[arg-type]
         elif value.operation == "number":
             low, high, _ = self.interval(arguments[0])  # type: ignore[arg-type]
             ends = (low, high, False) if truth else (math.inf, -math.inf, True)

@@ -1,0 +1,111 @@
+"""Blocks around models: an invariant of every call, and texts in which there is none."""
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from st_codegen.emit.output import block_of
+from st_codegen.emit.targets import TARGETS
+from st_codegen.project.bundle import load
+from st_codegen.proof.prove.axis import NotProvedError
+from st_codegen.proof.prove.blocks import prove_block
+from st_codegen.proof.runner import GeneratedCode
+
+GOLDEN = Path(__file__).resolve().parents[3] / "golden" / "bundle"
+
+
+@pytest.fixture(scope="module")
+def models():
+    return load(GOLDEN / "models").models
+
+
+def proof(folder, models, block="FB_Compensator"):
+    members = {}
+    for loaded in models:
+        name, outputs = block_of(folder, loaded.ir)
+        members.setdefault(name, []).append((loaded.ir, outputs))
+    return prove_block(GeneratedCode(folder, TARGETS[folder.name].dialect).project, block, members)
+
+
+@pytest.mark.parametrize("target", ["iec", "twincat"])
+def test_the_compensator_keeps_its_limits_and_its_slew(target, models):
+    found = proof(GOLDEN / "generated" / target, models)
+    limits = {limit.output: (limit.lower, limit.upper) for limit in found.limits}
+    assert limits["fCorrection_deg"] == limits["fTE_deg"] == (-360.0, 360.0)
+    assert limits["fWeight"] == (0.0, 1.0)
+    (slew,) = found.slews
+    assert (slew.output, slew.step, slew.largest, slew.target) == ("fCorrection_deg", "FSLEW * FCYCLE", 1e6, "FLIMIT")
+    assert "no call stops the controller" in found.claims[0]
+
+
+@pytest.mark.parametrize("target", ["iec", "twincat"])
+def test_the_prediction_has_numbers_as_large_as_its_models(target, models):
+    limits = {
+        limit.output: limit.upper for limit in proof(GOLDEN / "generated" / target, models, "FB_TEPredict").limits
+    }
+    assert 0.01 < limits["aAmplitudeFw"] < 1.0
+    assert limits["aPhaseFw"] < 3.93
+
+
+FAILING = {
+    "a division by zero": (r"IF ABS\(fCosine\) > 0.0 THEN", "IF TRUE THEN", "division"),
+    "a comparison with NaN": (
+        r"IF NOT F_IsWithin\(fValue := fHysteresis_rpm, fLower := 0.0, fUpper := 1000000.0\) THEN",
+        "IF FALSE THEN",
+        "NaN",
+    ),
+    "an overflow after many calls": (
+        r"fFade := MIN\(fFade \+ fStep, 1.0\)",
+        "fFade := fFade * 2.0 + 1.0",
+        "no invariant",
+    ),
+    "a conversion that overflows": (
+        r"fUpper := 1000000000.0\) THEN\n    eError",
+        "fUpper := 1.0E18) THEN\n    eError",
+        "overflow|TRUNC",
+    ),
+    "an index out of range": (r"FOR nOrder := 0 TO 2 DO", "FOR nOrder := 0 TO 3 DO", "index"),
+}
+
+
+@pytest.mark.parametrize("name", FAILING)
+def test_what_may_stop_a_controller_is_named(name, models, tmp_path):
+    pattern, change, reason = FAILING[name]
+    folder = tmp_path / "iec"
+    shutil.copytree(GOLDEN / "generated" / "iec", folder)
+    text = (folder / "golden.st").read_text()
+    changed, count = re.subn(pattern, change, text, count=1)
+    assert count == 1
+    (folder / "golden.st").write_text(changed)
+    with pytest.raises(NotProvedError, match=reason):
+        proof(folder, models)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "change"),
+    [
+        (r"fCorrection_deg \+ fStep\)", "fCorrection_deg + 2.0 * fStep)"),
+        (r"MAX\(fTarget, fCorrection_deg - fStep\)", "MAX(fTarget, fTarget - fStep)"),
+    ],
+)
+def test_a_step_that_is_not_limited_is_not_claimed(pattern, change, models, tmp_path):
+    folder = tmp_path / "iec"
+    shutil.copytree(GOLDEN / "generated" / "iec", folder)
+    text = (folder / "golden.st").read_text()
+    changed, count = re.subn(pattern, change, text, count=1)
+    assert count == 1
+    (folder / "golden.st").write_text(changed)
+    assert proof(folder, models).slews == ()
+
+
+def test_a_limit_that_is_left_out_shows_in_the_claims(models, tmp_path):
+    folder = tmp_path / "iec"
+    shutil.copytree(GOLDEN / "generated" / "iec", folder)
+    text = (folder / "golden.st").read_text()
+    changed = text.replace("fTE_deg := MIN(MAX(fbSum.fSum_deg, -360.0), 360.0);", "fTE_deg := fbSum.fSum_deg;")
+    assert changed != text
+    (folder / "golden.st").write_text(changed)
+    limits = {limit.output: limit.upper for limit in proof(folder, models).limits}
+    assert limits["fTE_deg"] > 360.0
