@@ -78,9 +78,9 @@ def above(builder: GraphBuilder, score: int, cut: float = 0.0, *, inclusive: boo
     return builder.add(Exceeds((score,), np.full(builder.width(score), cut), inclusive))
 
 
-def complement(builder: GraphBuilder, probability: int) -> int:
+def complement(builder: GraphBuilder, probability: int, precision: Precision = Precision.FLOAT64) -> int:
     """1 - p and p side by side, for the probability p of the second class."""
-    other = builder.add(Scale((probability,), Operator.SUBTRACT, np.ones(1), reverse=True))
+    other = builder.add(Scale((probability,), Operator.SUBTRACT, np.ones(1), precision, reverse=True))
     return builder.add(Select((other, probability), np.arange(2, dtype=np.int32)))
 
 

@@ -1,4 +1,4 @@
-"""LightGBM: text model files, LGBMRegressor and Booster objects.
+"""LightGBM: text model files, LGBMRegressor, LGBMClassifier, LGBMRanker and Booster objects.
 
 Rules of prediction, from LightGBM 4.7: the row buffer (`RowPairFunctionFromDenseMatrix`, src/c_api.cpp) drops numbers
 of magnitude `kZeroThreshold` or less, so that trees see 0; comparison and missing types (`Tree::NumericalDecision`,
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
@@ -26,12 +27,26 @@ from st_codegen.ir import (
     Feature,
     FloatArray,
     Function,
+    Label,
     NanRule,
+    Operator,
     Precision,
+    Scale,
     Source,
     TreeColumn,
 )
-from st_codegen.walkers.base import GraphBuilder, LoadedModel, walks
+from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor, Walked, walks
+from st_codegen.walkers.classes import (
+    above,
+    complement,
+    labels_of,
+    largest,
+    last_below,
+    most_probable,
+    numbers_of,
+    softmax,
+)
+from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.forest import FlatForest, category_note, flatten
 from st_codegen.walkers.lightgbm.text import READ_CATEGORY, READ_NAN_MISSING, READ_ZERO_MISSING, TextModel, parse
 
@@ -53,7 +68,14 @@ _LINKS: dict[str, Function] = {
     "tweedie": Function.EXP,
     "cross_entropy": Function.LOGISTIC,
     "xentropy": Function.LOGISTIC,
+    "cross_entropy_lambda": Function.SOFTPLUS,
+    "xentlambda": Function.SOFTPLUS,
+    "lambdarank": Function.IDENTITY,
+    "rank_xendcg": Function.IDENTITY,
 }
+
+#: Objectives of classes; LGBMClassifier takes cross_entropy as one too.
+_BINARY, _SOFTMAX, _ONE_AGAINST_REST = "binary", "multiclass", "multiclassova"
 
 #: Objectives whose word "sqrt" (reg_sqrt=True) squares the output; the others ignore it.
 _SQUARED = frozenset({"regression", "regression_l2", "regression_l1", "fair", "quantile", "mape"})
@@ -62,7 +84,7 @@ _SQUARED = frozenset({"regression", "regression_l2", "regression_l1", "fair", "q
 def load_file(path: Path, name: str) -> LoadedModel:
     """Read a LightGBM text model. `predict` of the result needs the package lightgbm; reading does not.
 
-    Raises InputError for a file that is no such model or is damaged, UnsupportedModelError for a classifier or ranker.
+    Raises InputError for a file that is no such model or is damaged, UnsupportedModelError for an unknown objective.
     """
     with errors_name(path.name):
         try:
@@ -77,18 +99,32 @@ def load_object(estimator: Any, name: str) -> LoadedModel:
     """A fitted LGBMRegressor or Booster as a model of its own, up to its best iteration; errors as in `load_file`."""
     with errors_name(type(estimator).__name__):
         booster = _booster(estimator)
-        return _loaded(_model_of(booster), name, lambda: booster)
+        labels = _labels(estimator)
+        return _loaded(_model_of(booster), name, lambda: booster, labels, estimator if labels else None)
 
 
 @walks(
     "lightgbm.LGBMRegressor",
+    "lightgbm.LGBMClassifier",
+    "lightgbm.LGBMRanker",
     "lightgbm.Booster",
-    trusts=("collections.OrderedDict", f"{__name__}.LightgbmBooster", "lightgbm.sklearn.LGBMRegressor"),
+    trusts=(
+        "collections.OrderedDict",
+        f"{__name__}.LightgbmBooster",
+        "lightgbm.sklearn.LGBMClassifier",
+        "lightgbm.sklearn.LGBMRanker",
+        "lightgbm.sklearn.LGBMRegressor",
+    ),
 )
-def walk(estimator: Any, builder: GraphBuilder, value: int) -> int:
-    """Add a fitted LGBMRegressor or Booster, up to its best iteration, as `predict` uses it."""
+def walk(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
+    """Add a fitted estimator or Booster, up to its best iteration, as `predict` uses it."""
     with errors_name(type(estimator).__name__):
-        return _add(_model_of(_booster(estimator)), builder, value)
+        return _add(_model_of(_booster(estimator)), builder, value, _labels(estimator))
+
+
+def _labels(estimator: Any) -> tuple[Label, ...]:
+    """The labels of a fitted LGBMClassifier; empty for what is none."""
+    return labels_of(Fitted(estimator)) if type(estimator).__name__ == "LGBMClassifier" else ()
 
 
 class LightgbmBooster:
@@ -130,11 +166,20 @@ def _model_of(booster: Any) -> TextModel:
     return parse(io.BytesIO(booster.model_to_string().encode()))
 
 
-def _loaded(model: TextModel, name: str, load_booster: Callable[[], Any]) -> LoadedModel:
+def _loaded(
+    model: TextModel,
+    name: str,
+    load_booster: Callable[[], Any],
+    labels: tuple[Label, ...] = (),
+    classifier: Any | None = None,
+) -> LoadedModel:
     builder = GraphBuilder(model.n_features)
-    _add(model, builder, 0)
+    result = _add(model, builder, 0, labels)
     features = tuple(Feature(feature) for feature in model.feature_names)
-    return LoadedModel(builder.model(name, features, _source(model)), _LightgbmPredictor(load_booster, model.n_outputs))
+    predict: Predictor = _LightgbmPredictor(load_booster, model.n_outputs)
+    if isinstance(result, Classified):
+        predict = _ClassPredictor(load_booster, model.n_outputs, result, classifier)
+    return LoadedModel(builder.model(name, features, _source(model), result), predict)
 
 
 def _load_booster(path: Path) -> Any:
@@ -178,8 +223,41 @@ class _LightgbmPredictor:
         """Rows (rows, features) -> (rows, outputs)."""
         if len(x) == 0:
             return np.zeros((0, self.n_outputs))
+        return self.numbers(np.ascontiguousarray(x, np.float64))
+
+    def numbers(self, rows: FloatArray, *, raw: bool = False) -> FloatArray:
+        """What the booster gives, or its raw scores, (rows, outputs)."""
+        found = self.booster.predict(rows, raw_score=raw, num_threads=1)
+        return np.asarray(found, np.float64).reshape(len(rows), self.n_outputs)
+
+
+class _ClassPredictor(_LightgbmPredictor):
+    """Number of the class, probabilities and scores.
+
+    The class is that of LGBMClassifier where there is one; of a booster, which knows no classes, by the same rule: the
+    first of the largest probabilities (`LGBMClassifier.predict`).
+    """
+
+    def __init__(
+        self, load_booster: Callable[[], Any], n_outputs: int, result: Classified, classifier: Any | None
+    ) -> None:
+        super().__init__(load_booster, n_outputs)
+        self.labels, self.classifier = result.labels, classifier
+        self.has_decision = result.decision is not None
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        """Rows (rows, features) -> (rows, 1 + classes + scores)."""
+        if len(x) == 0:
+            return np.zeros((0, 1 + len(self.labels) + self.n_outputs * self.has_decision))
         rows = np.ascontiguousarray(x, np.float64)
-        return np.asarray(self.booster.predict(rows, num_threads=1), np.float64).reshape(len(rows), self.n_outputs)
+        probability = self.numbers(rows)
+        if self.n_outputs == 1:
+            probability = np.hstack([1.0 - probability, probability])
+        if self.classifier is None:
+            number = np.argmax(probability, axis=1)[:, None].astype(np.float64)
+        else:
+            number = numbers_of(self.labels, self.classifier.predict(rows, num_threads=1))
+        return np.hstack([number, probability, *([self.numbers(rows, raw=True)] if self.has_decision else [])])
 
 
 def _source(model: TextModel) -> Source:
@@ -204,11 +282,16 @@ def _source(model: TextModel) -> Source:
     )
 
 
-def _add(model: TextModel, builder: GraphBuilder, value: int) -> int:
-    """Add the ensemble and the objective's output function; returns the value of the predictions."""
+def _add(model: TextModel, builder: GraphBuilder, value: int, labels: tuple[Label, ...] = ()) -> Walked:
+    """Add the ensemble and what the objective makes of its sums.
+
+    `labels` are those of an LGBMClassifier; a booster of classes numbers them 0, 1, ..
+    """
     if builder.width(value) != model.n_features:
         raise InputError(f"the model has {model.n_features} features, its input {builder.width(value)} columns")
-    link = _link(model)
+    objective, *_ = model.objective or ("custom",)
+    is_class = objective in (_BINARY, _SOFTMAX, _ONE_AGAINST_REST) or (labels and objective != "custom")
+    link = Function.IDENTITY if is_class else _link(model)
     flat = flatten(model.trees, _column, members_left=True, zero=ZERO_MAGNITUDE)
     iterations = len(model.trees) // model.n_outputs
     result = builder.add(
@@ -221,18 +304,58 @@ def _add(model: TextModel, builder: GraphBuilder, value: int) -> int:
             divisor=float(iterations) if model.average_output else 1.0,
         )
     )
+    if is_class:
+        return _classified(model, builder, result, labels)
     if link is not Function.IDENTITY:
         result = builder.add(Activation((result,), link, model.n_outputs))
     return result
+
+
+def _classified(model: TextModel, builder: GraphBuilder, raw: int, labels: tuple[Label, ...]) -> Classified:
+    """Probabilities by `ConvertOutput` of the objective, and the number of the largest (`LGBMClassifier.predict`)."""
+    objective = model.objective[0]
+    count = max(model.n_outputs, 2)
+    labels = labels or tuple(range(count))
+    if len(labels) != count or objective not in (_BINARY, _SOFTMAX, _ONE_AGAINST_REST, "cross_entropy", "xentropy"):
+        raise UnsupportedModelError(
+            f"objective '{' '.join(model.objective)}' with {model.n_outputs} trees an iteration for "
+            f"{len(labels)} classes"
+        )
+    decision = None if model.average_output else raw  # the raw scores of a random forest are the sums, not the mean
+    if objective == _SOFTMAX:
+        return Classified(labels, most_probable(builder, raw, Precision.FLOAT64), softmax(builder, raw), decision)
+    slope = _sigmoid(model)
+    score = builder.add(Scale((raw,), Operator.MULTIPLY, np.full(model.n_outputs, slope))) if slope != 1.0 else raw
+    probability = builder.add(Activation((score,), Function.LOGISTIC, model.n_outputs))
+    if model.n_outputs > 1:
+        return Classified(labels, largest(builder, probability), probability, decision)
+
+    def is_second(x: Any) -> bool:
+        p = 1.0 / (1.0 + math.exp(-slope * float(x)))
+        return p > 1.0 - p
+
+    cut = last_below(is_second, np.float64)
+    return Classified(labels, above(builder, raw, cut), complement(builder, probability), decision)
+
+
+def _sigmoid(model: TextModel) -> float:
+    """The factor in the exponent of the sigmoid."""
+    words = [word.partition(":")[2] for word in model.objective[1:] if word.startswith("sigmoid:")]
+    try:
+        slope = float(words[0]) if words else 1.0
+    except ValueError:
+        slope = math.nan
+    if not 1e-6 <= slope <= 1e6:
+        raise InputError(f"objective: '{' '.join(model.objective)[:60]}', expected a sigmoid of 1e-6 .. 1e6")
+    return slope
 
 
 def _link(model: TextModel) -> Function:
     """The output function of the objective, or UnsupportedModelError."""
     objective, *words = model.objective or ("custom",)
     if objective not in _LINKS:
-        raise UnsupportedModelError(
-            f"objective '{' '.join(model.objective)}' is not a regression; supported: {', '.join(sorted(_LINKS))}"
-        )
+        known = ", ".join(sorted([*_LINKS, _BINARY, _SOFTMAX, _ONE_AGAINST_REST]))
+        raise UnsupportedModelError(f"objective '{' '.join(model.objective)}' is not known; supported: {known}")
     if model.n_outputs > 1 and objective != "custom":
         raise UnsupportedModelError(f"objective '{objective}' with {model.n_outputs} trees an iteration")
     if "sqrt" in words and objective in _SQUARED:

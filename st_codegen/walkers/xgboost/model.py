@@ -1,4 +1,4 @@
-"""XGBoost: `.json` and `.ubj` files, XGBRegressor, XGBRFRegressor and Booster objects.
+"""XGBoost: `.json` and `.ubj` files, the classes XGBRegressor, XGBClassifier, XGBRanker, XGBRF.. and Booster objects.
 
 Rules of prediction, from XGBoost 3.2: inputs are rounded to float32, compared by `<`, missing values take the default
 child, categories of the set go right (src/predictor/predict_fn.h, src/common/categorical.h); leaves are added in tree
@@ -12,6 +12,8 @@ them, and stops at the best iteration. With dart they round differently (`Dart::
 
 from __future__ import annotations
 
+import ctypes
+import ctypes.util
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -25,6 +27,7 @@ from st_codegen.errors import InputError, MissingExtraError, UnsupportedModelErr
 from st_codegen.ir import (
     FLOAT32_OVERFLOW,
     Activation,
+    AnyArray,
     Comparison,
     Feature,
     FillMissing,
@@ -38,7 +41,8 @@ from st_codegen.ir import (
     SummationOrder,
     TreeColumn,
 )
-from st_codegen.walkers.base import GraphBuilder, LoadedModel, walks
+from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor, Walked, walks
+from st_codegen.walkers.classes import above, complement, largest, last_below, most_probable, numbers_of, softmax
 from st_codegen.walkers.forest import ParsedTree, category_note, flatten
 from st_codegen.walkers.xgboost import ubjson
 from st_codegen.walkers.xgboost.document import READ_CATEGORY, BoosterModel, loads
@@ -55,6 +59,20 @@ _LINKS: dict[str, Function] = {
     "reg:gamma": Function.EXP,
     "reg:tweedie": Function.EXP,
     "count:poisson": Function.EXP,
+    "rank:ndcg": Function.IDENTITY,
+    "rank:map": Function.IDENTITY,
+    "rank:pairwise": Function.IDENTITY,
+    "survival:cox": Function.EXP,
+    "survival:aft": Function.EXP,
+}
+
+#: Objectives of classes, and what their base score has passed.
+_CLASSES: dict[str, Function] = {
+    "binary:logistic": Function.LOGISTIC,
+    "binary:logitraw": Function.IDENTITY,
+    "binary:hinge": Function.IDENTITY,
+    "multi:softmax": Function.IDENTITY,
+    "multi:softprob": Function.IDENTITY,
 }
 
 #: `kRtEps`, include/xgboost/base.h: how near to 0 and 1 the base score of reg:logistic may come.
@@ -66,6 +84,7 @@ class _Path:
     """Which of the library's ways to predict is meant, and up to which round."""
 
     sklearn: bool
+    classifier: bool = False
     missing: float = math.nan
     best_round: int | None = None
 
@@ -78,8 +97,8 @@ class _Path:
 def load_file(path: Path, name: str) -> LoadedModel:
     """Read an XGBoost `.json` or `.ubj` file. `predict` of the result needs the package xgboost; reading does not.
 
-    A file saved from XGBRegressor predicts as that class does, any other as Booster on a DMatrix. Raises InputError for
-    a file that is no such model or is damaged, UnsupportedModelError for classifiers, rankers and survival models.
+    A file saved from a class such as XGBRegressor predicts as that class does, any other as Booster on a DMatrix.
+    Raises InputError for a file that is no such model or is damaged, UnsupportedModelError for unknown objectives.
     """
     with errors_name(path.name):
         try:
@@ -88,7 +107,8 @@ def load_file(path: Path, name: str) -> LoadedModel:
             raise InputError(f"cannot be read: {error.strerror}") from None
         model = loads(data, binary=path.suffix.lower() == ".ubj")
         sklearn = "scikit_learn" in model.attributes
-        way = _Path(sklearn, best_round=_best_round(model) if sklearn else None)
+        classifier = '"classifier"' in model.attributes.get("scikit_learn", "")
+        way = _Path(sklearn, classifier, best_round=_best_round(model) if sklearn else None)
         return _loaded(model, way, name, lambda: _load_booster(path))
 
 
@@ -97,17 +117,26 @@ def load_object(estimator: Any, name: str) -> LoadedModel:
     with errors_name(type(estimator).__name__):
         model, way = _model_of(estimator)
         booster = _booster(estimator)
-        return _loaded(model, way, name, lambda: booster)
+        return _loaded(model, way, name, lambda: booster, estimator if way.classifier else None)
 
 
 @walks(
     "xgboost.XGBRegressor",
     "xgboost.XGBRFRegressor",
+    "xgboost.XGBClassifier",
+    "xgboost.XGBRFClassifier",
+    "xgboost.XGBRanker",
     "xgboost.Booster",
-    trusts=(f"{__name__}.XgboostBooster", "xgboost.sklearn.XGBRFRegressor", "xgboost.sklearn.XGBRegressor"),
+    trusts=(
+        f"{__name__}.XgboostBooster",
+        *(
+            f"xgboost.sklearn.XGB{kind}"
+            for kind in ("Classifier", "RFClassifier", "RFRegressor", "Ranker", "Regressor")
+        ),
+    ),
 )
-def walk(estimator: Any, builder: GraphBuilder, value: int) -> int:
-    """Add a fitted XGBRegressor or XGBRFRegressor (up to its best iteration), or a Booster (all rounds)."""
+def walk(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
+    """Add a fitted estimator (up to its best iteration), or a Booster (all rounds)."""
     with errors_name(type(estimator).__name__):
         model, way = _model_of(estimator)
         return _add(model, builder, value, way)
@@ -154,11 +183,12 @@ def _model_of(estimator: Any) -> tuple[BoosterModel, _Path]:
     model = loads(bytes(booster.save_raw("ubj")), binary=True)
     if booster is estimator:
         return model, _Path(sklearn=False)
+    classifier = type(estimator).__name__ in ("XGBClassifier", "XGBRFClassifier")
     missing = math.nan if estimator.missing is None else float(estimator.missing)
     with np.errstate(over="ignore"):
         if np.isinf(np.float32(missing)):
             raise UnsupportedModelError(f"missing={missing}: use NaN or a finite number for missing values")
-    return model, _Path(True, missing, _best_round(model))
+    return model, _Path(True, classifier, missing, _best_round(model))
 
 
 def _best_round(model: BoosterModel) -> int | None:
@@ -172,11 +202,16 @@ def _best_round(model: BoosterModel) -> int | None:
     return int(text)
 
 
-def _loaded(model: BoosterModel, way: _Path, name: str, load_booster: Callable[[], Any]) -> LoadedModel:
+def _loaded(
+    model: BoosterModel, way: _Path, name: str, load_booster: Callable[[], Any], classifier: Any | None = None
+) -> LoadedModel:
     builder = GraphBuilder(model.n_features)
-    _add(model, builder, 0, way)
-    ir = builder.model(name, tuple(Feature(feature) for feature in model.names), _source(model, way))
-    return LoadedModel(ir, _XgboostPredictor(load_booster, model, way))
+    result = _add(model, builder, 0, way)
+    ir = builder.model(name, tuple(Feature(feature) for feature in model.names), _source(model, way), result)
+    predict: Predictor = _XgboostPredictor(load_booster, model, way)
+    if isinstance(result, Classified):
+        predict = _ClassPredictor(load_booster, model, way, result, classifier)
+    return LoadedModel(ir, predict)
 
 
 def _load_booster(path: Path) -> Any:
@@ -233,29 +268,77 @@ class _XgboostPredictor:
         if len(x) == 0:
             return np.zeros((0, self.n_outputs))
         rows = np.ascontiguousarray(x, np.float64)
+        return np.asarray(self.numbers(rows), np.float64).reshape(len(rows), self.n_outputs)
+
+    def numbers(self, rows: FloatArray, *, margin: bool = False) -> AnyArray:
+        """What the booster gives, or the margins before its objective transforms them."""
         booster = self.booster
         import xgboost
 
         try:
-            result = self._in_place(booster, rows) if self.in_place else self._by_matrix(booster, rows)
+            found = self._in_place(booster, rows, margin) if self.in_place else self._by_matrix(booster, rows, margin)
         except xgboost.core.XGBoostError as error:
             raise InputError(f"XGBoost cannot predict: {_first_line(error)}") from None
-        return np.asarray(result, np.float64).reshape(len(rows), self.n_outputs)
+        return np.asarray(found)
 
-    def _in_place(self, booster: Any, rows: FloatArray) -> Any:
-        return booster.inplace_predict(rows, iteration_range=self.iteration_range, missing=self.missing)
+    def _in_place(self, booster: Any, rows: FloatArray, margin: bool) -> Any:
+        return booster.inplace_predict(
+            rows,
+            iteration_range=self.iteration_range,
+            predict_type="margin" if margin else "value",
+            missing=self.missing,
+        )
 
-    def _by_matrix(self, booster: Any, rows: FloatArray) -> Any:
+    def _by_matrix(self, booster: Any, rows: FloatArray, margin: bool) -> Any:
         import xgboost
 
         matrix = xgboost.DMatrix(
             rows, missing=self.missing, feature_names=self.feature_names, feature_types=self.feature_types, nthread=1
         )
-        return booster.predict(matrix, iteration_range=self.iteration_range)
+        return booster.predict(matrix, iteration_range=self.iteration_range, output_margin=margin)
+
+
+class _ClassPredictor(_XgboostPredictor):
+    """Number of the class, probabilities where the objective gives them, and margins.
+
+    The class is that of XGBClassifier where there is one; of a booster that gives probabilities, by the same rule: of
+    two the second above 0.5, of more the first of the largest (`XGBClassifier.predict`).
+    """
+
+    def __init__(
+        self,
+        load_booster: Callable[[], Any],
+        model: BoosterModel,
+        way: _Path,
+        result: Classified,
+        classifier: Any | None,
+    ) -> None:
+        super().__init__(load_booster, model, way)
+        self.objective, self.labels, self.classifier = model.objective, result.labels, classifier
+        self.has_probability = result.probability is not None
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        """Rows (rows, features) -> (rows, 1 + probabilities + margins)."""
+        rows = np.ascontiguousarray(x, np.float64)
+        if len(x) == 0:
+            return np.zeros((0, 1 + len(self.labels) * self.has_probability + self.n_outputs))
+        found = self.numbers(rows)
+        if self.classifier is not None:
+            number = numbers_of(self.labels, self.classifier.predict(rows))
+        elif self.objective == "multi:softprob":
+            number = np.argmax(found, axis=1)[:, None].astype(np.float64)
+        elif self.objective == "multi:softmax":
+            number = found.reshape(-1, 1).astype(np.float64)
+        else:
+            number = (found > np.float32(0.5)).reshape(-1, 1).astype(np.float64)
+        parts = [number, self.numbers(rows, margin=True).reshape(len(rows), -1)]
+        if self.has_probability:
+            parts.insert(1, found if found.ndim > 1 else np.column_stack([np.float32(1) - found, found]))
+        return np.hstack([np.asarray(part, np.float64) for part in parts])
 
 
 def _source(model: BoosterModel, way: _Path) -> Source:
-    notes = [f"predicts as {'XGBRegressor.predict' if way.sklearn else 'Booster.predict on a DMatrix'}"]
+    notes = [f"predicts as {_caller(way)}"]
     if way.sentinel is not None:
         notes.append(f"missing values: NaN and {way.sentinel:.9g}")
     rounds = len(model.round_starts) - 1
@@ -274,16 +357,23 @@ def _source(model: BoosterModel, way: _Path) -> Source:
     )
 
 
-def _add(model: BoosterModel, builder: GraphBuilder, value: int, way: _Path) -> int:
-    """Add the booster and the objective's link; returns the value of the predictions."""
+def _caller(way: _Path) -> str:
+    if not way.sklearn:
+        return "Booster.predict on a DMatrix"
+    return f"XGB{'Classifier' if way.classifier else 'Regressor'}.predict"
+
+
+def _add(model: BoosterModel, builder: GraphBuilder, value: int, way: _Path) -> Walked:
+    """Add the booster and what its objective makes of the margin."""
     if builder.width(value) != model.n_features:
         raise InputError(f"the model has {model.n_features} features, its input {builder.width(value)} columns")
-    if model.objective not in _LINKS:
+    known = _CLASSES if way.classifier else _LINKS | _CLASSES
+    if model.objective not in known:
         raise UnsupportedModelError(
-            f"objective '{model.objective}' is not supported; supported: {', '.join(sorted(_LINKS))}"
+            f"objective '{model.objective}' is not supported; supported: {', '.join(sorted(known))}"
         )
-    link = _LINKS[model.objective]
-    base = _margin(link, model.base_score)
+    link = known[model.objective]
+    base = _margin(link, model.base_score, exact=model.objective in _CLASSES)
     if value == 0 and (model.booster == "gblinear" or not way.sklearn):
         builder.refuse_magnitude(FLOAT32_OVERFLOW)
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows float32 is refused as not finite
@@ -291,13 +381,48 @@ def _add(model: BoosterModel, builder: GraphBuilder, value: int, way: _Path) -> 
             result = _add_linear(model.linear, builder, value, base[0], way.sentinel)
         else:
             result = _add_trees(model, builder, value, base, way)
+    if model.objective in _CLASSES:
+        return _classified(model, builder, result, way)
     if link is not Function.IDENTITY:
         result = builder.add(Activation((result,), link, model.n_outputs, precision=Precision.FLOAT32))
     return result
 
 
-def _margin(link: Function, base_score: FloatArray) -> FloatArray:
-    """The start of the sum, (outputs,): `ProbToMargin` in float32."""
+def _classified(model: BoosterModel, builder: GraphBuilder, raw: int, way: _Path) -> Walked:
+    """What objectives of classes make of the margin (`regression_loss.h`, `hinge.cc`, `multiclass_obj.cc`)."""
+    objective, binary = model.objective, model.objective.startswith("binary:")
+    if binary and model.n_outputs > 1:
+        raise UnsupportedModelError(
+            f"objective '{objective}' with {model.n_outputs} outputs: train one for each of them"
+        )
+    labels = tuple(range(2 if binary else model.n_outputs))
+    if objective == "binary:logistic":
+        probability = builder.add(Activation((raw,), Function.LOGISTIC, 1, precision=Precision.FLOAT32))
+        both = complement(builder, probability, Precision.FLOAT32)
+        return Classified(labels, above(builder, raw, last_below(_is_second, np.float32)), both, raw)
+    if objective == "binary:logitraw":  # the booster gives the margin, in which its class looks for 0.5
+        return Classified(labels, above(builder, raw, 0.5), decision=raw) if way.classifier else raw
+    if objective == "binary:hinge":
+        return Classified(labels, above(builder, raw), decision=raw)
+    if objective == "multi:softmax":
+        return Classified(labels, largest(builder, raw), decision=raw)
+    if way.classifier and len(labels) == 2:
+        raise UnsupportedModelError("XGBClassifier with multi:softprob and two classes predicts a matrix, not a class")
+    single = Precision.FLOAT32
+    return Classified(labels, most_probable(builder, raw, single), softmax(builder, raw, single), raw)
+
+
+def _is_second(x: Any) -> bool:
+    """Whether the sigmoid of a margin exceeds 0.5, in float32 (`Sigmoid`, src/common/math.h)."""
+    one = np.float32(1)
+    return bool(one / (np.float32(math.exp(-float(x))) + one) > np.float32(0.5))
+
+
+def _margin(link: Function, base_score: FloatArray, *, exact: bool) -> FloatArray:
+    """The start of the sum, (outputs,): `ProbToMargin` in float32.
+
+    `exact`: with the logarithm of this machine's C library, which is XGBoost's, since margins of classes are exact.
+    """
     if link is Function.IDENTITY:
         return base_score
     score = base_score.astype(np.float32)
@@ -306,8 +431,19 @@ def _margin(link: Function, base_score: FloatArray) -> FloatArray:
         raise InputError(f"learner.learner_model_param.base_score: {base_score}, the objective needs {expected}")
     if link is Function.LOGISTIC:
         one = np.float32(1)
-        return -_logarithm(one / np.clip(score, _LOGISTIC_MARGIN, one - _LOGISTIC_MARGIN) - one)
+        odds = one / np.clip(score, _LOGISTIC_MARGIN, one - _LOGISTIC_MARGIN) - one
+        return -(_library_logarithm(odds) if exact else _logarithm(odds))
     return _logarithm(score)
+
+
+def _library_logarithm(values: Float32Array) -> FloatArray:
+    """`logf` of the C library; without one, the rounded logarithm."""
+    try:
+        logf = ctypes.CDLL(ctypes.util.find_library("m")).logf
+    except (OSError, AttributeError, TypeError):
+        return _logarithm(values)
+    logf.restype, logf.argtypes = ctypes.c_float, [ctypes.c_float]
+    return np.array([logf(float(value)) for value in values], np.float64)
 
 
 def _logarithm(values: Float32Array) -> FloatArray:
