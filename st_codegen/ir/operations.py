@@ -227,7 +227,8 @@ class Normalize(Quotient):
 class KernelSum:
     """Support vector regression: sum of coefficient * kernel(x, support vector), plus intercept.
 
-    `support_vectors` (vectors, columns); `coefficients` (outputs, vectors); `intercept` (outputs).
+    `support_vectors` (vectors, columns); `coefficients` (outputs, vectors); `intercept` (outputs). `expands`: the
+    library computes distances as u.u - 2 * u.v + v.v, which loses digits of those that are small beside u and v.
     """
 
     inputs: tuple[int, ...]
@@ -239,6 +240,7 @@ class KernelSum:
     coef0: float = 0.0
     degree: int = 3
     precision: Precision = Precision.FLOAT64
+    expands: bool = False
     exact: ClassVar[bool] = False
 
     def __post_init__(self) -> None:

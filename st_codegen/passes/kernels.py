@@ -16,7 +16,7 @@ _SPARSE = 8
 
 def grid_of(op: KernelSum) -> tuple[FloatArray, ...] | None:
     """The distinct values of each column where an RBF kernel is worth factoring, else None."""
-    if op.kernel is not Kernel.RBF:
+    if op.kernel is not Kernel.RBF or op.expands:
         return None
     vectors, columns = op.support_vectors.shape
     axes = tuple(np.unique(op.support_vectors[:, column]) for column in range(columns))

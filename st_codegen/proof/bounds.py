@@ -267,7 +267,8 @@ def _kernel_difference(
     if op.kernel is Kernel.RBF:
         delta = np.abs(x - vector)
         distance = np.sum(delta**2, axis=1)
-        argument = op.gamma * (both * distance + np.sum(2 * delta * moved + moved**2, axis=1))
+        lost = np.sum(np.square(np.abs(x) + np.abs(vector)), axis=1) if op.expands else distance
+        argument = op.gamma * (both * lost + np.sum(2 * delta * moved + moved**2, axis=1))
         function += (factors - 1) * (FUNCTION_ROUNDINGS + 1) * UNIT[Precision.FLOAT64]
         return kernel, kernel * (np.expm1(argument) + function) + factors * _TINY
     size = np.sum(np.abs(x * vector), axis=1)

@@ -144,4 +144,4 @@ def _of_class(kind: type) -> set[str]:
 
 
 #: Names that classes have as well as their objects.
-_SET_IN_BOTH = frozenset({"__doc__", "__module__", "__dict__", "__weakref__"})
+_SET_IN_BOTH = frozenset({"__doc__", "__module__", "__dict__", "__weakref__", "positive"})

@@ -263,11 +263,22 @@ def test_missing_file_and_folder_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "objective", ["binary sigmoid:1", "multiclass num_class:3", "multiclassova", "lambdarank", "rank_xendcg", "new_one"]
+    ("objective", "reason"),
+    [
+        ("new_one", "is not known; supported: binary,"),
+        ("multiclass num_class:3", "with 1 trees an iteration for 2 classes"),
+        ("multiclassova", "with 1 trees an iteration for 2 classes"),
+    ],
 )
-def test_objectives_that_are_no_regression_are_refused(objective: str, load: Any) -> None:
-    with pytest.raises(UnsupportedModelError, match=rf"^bad\.txt: objective '{objective}' is not a regression"):
+def test_objectives_that_are_not_known_or_do_not_fit_are_refused(objective: str, reason: str, load: Any) -> None:
+    with pytest.raises(UnsupportedModelError, match=rf"^bad\.txt: objective '{objective}' {reason}"):
         load(text_of(STUMP, header=f"objective={objective}"))
+
+
+@pytest.mark.parametrize("sigmoid", ["0", "-1", "nan", "1e9", "x", ""])
+def test_a_sigmoid_that_cannot_be_is_refused(sigmoid: str, load: Any) -> None:
+    with pytest.raises(InputError, match=r"expected a sigmoid of 1e-6 \.\. 1e6"):
+        load(text_of(STUMP, header=f"objective=binary sigmoid:{sigmoid}"))
 
 
 def test_several_trees_an_iteration_need_a_custom_objective(load: Any) -> None:

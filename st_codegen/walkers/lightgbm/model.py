@@ -76,6 +76,7 @@ _LINKS: dict[str, Function] = {
 
 #: Objectives of classes; LGBMClassifier takes cross_entropy as one too.
 _BINARY, _SOFTMAX, _ONE_AGAINST_REST = "binary", "multiclass", "multiclassova"
+_SEVERAL = (_SOFTMAX, _ONE_AGAINST_REST)
 
 #: Objectives whose word "sqrt" (reg_sqrt=True) squares the output; the others ignore it.
 _SQUARED = frozenset({"regression", "regression_l2", "regression_l1", "fair", "quantile", "mape"})
@@ -316,7 +317,8 @@ def _classified(model: TextModel, builder: GraphBuilder, raw: int, labels: tuple
     objective = model.objective[0]
     count = max(model.n_outputs, 2)
     labels = labels or tuple(range(count))
-    if len(labels) != count or objective not in (_BINARY, _SOFTMAX, _ONE_AGAINST_REST, "cross_entropy", "xentropy"):
+    of_one = objective in (_BINARY, "cross_entropy", "xentropy")
+    if len(labels) != count or of_one != (model.n_outputs == 1) or not (of_one or objective in _SEVERAL):
         raise UnsupportedModelError(
             f"objective '{' '.join(model.objective)}' with {model.n_outputs} trees an iteration for "
             f"{len(labels)} classes"

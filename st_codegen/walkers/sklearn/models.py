@@ -1,19 +1,32 @@
-"""Walkers for scikit-learn's support vector machines, neural networks and linear models.
+"""Walkers for scikit-learn's support vector machines, kernel regression and neural networks.
 
 These add products through BLAS, whose order is not specified: equal within the bound of `bounds.py`, not to the bit.
 """
 
 from __future__ import annotations
 
-import math
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import Activation, Function, Kernel, KernelSum, Linear
-from st_codegen.walkers.base import GraphBuilder, walks
+from st_codegen.ir import (
+    Activation,
+    Combine,
+    FloatArray,
+    Function,
+    IntArray,
+    Kernel,
+    KernelSum,
+    Linear,
+    Operator,
+    Scale,
+)
+from st_codegen.walkers.base import Classified, GraphBuilder, Walked, walks
+from st_codegen.walkers.classes import above, complement, labels_of, largest, softmax, whole_sums
 from st_codegen.walkers.fitted import Fitted
+from st_codegen.walkers.sklearn.linear import refuse_nan_and_infinity
 
 _KERNELS = {
     "linear": Kernel.LINEAR,
@@ -30,93 +43,174 @@ _FUNCTIONS = {
 }
 
 
+class _Machine:
+    """A fitted machine of libsvm, of which predictions read the private attributes; the public ones are copies.
+
+    For two classes scikit-learn shows them with the opposite sign.
+    """
+
+    def __init__(self, estimator: Any, width: int, n_classes: int) -> None:
+        self.fitted = fitted = Fitted(estimator)
+        self.kernel = fitted.choice("kernel", _KERNELS)
+        vectors = fitted.get("support_vectors_")
+        if not isinstance(vectors, np.ndarray) or fitted.flag("_sparse"):
+            raise UnsupportedModelError(f"{fitted.kind} was fitted on a sparse matrix: fit it on a dense array")
+        self.vectors = fitted.floats("support_vectors_", (None, width))
+        count, pairs = len(self.vectors), n_classes * (n_classes - 1) // 2
+        self.intercept = fitted.floats("_intercept_", (pairs,))
+        self.coefficients = fitted.floats("_dual_coef_", (n_classes - 1, count))
+        # libsvm reads as many entries of these as it has support vectors, and of the numbers one a class
+        fitted.integers("support_", (count,), low=0, high=2**31 - 1)
+        self.of_class = fitted.integers("_n_support", (n_classes,), low=0, high=2**31 - 1)
+        sign = -1.0 if hasattr(estimator, "classes_") and n_classes == 2 else 1.0
+        for public, used in (("intercept_", self.intercept), ("dual_coef_", self.coefficients)):
+            if not np.array_equal(fitted.floats(public, used.shape), sign * used):
+                raise fitted.fail(public, f"differs from _{public}, with which scikit-learn predicts")
+
+    def add(self, builder: GraphBuilder, value: int, coefficients: FloatArray) -> int:
+        """The sums of kernels with these coefficients (sums, vectors), plus the intercepts."""
+        fitted = self.fitted
+        refuse_nan_and_infinity(builder)
+        if not len(self.vectors):  # every target lies within epsilon of the mean: a constant
+            return builder.add(Linear((value,), np.zeros((len(coefficients), builder.width(value))), self.intercept))
+        return builder.add(
+            KernelSum(
+                inputs=(value,),
+                kernel=self.kernel,
+                support_vectors=self.vectors,
+                coefficients=coefficients,
+                intercept=self.intercept,
+                gamma=fitted.number("_gamma"),
+                coef0=fitted.number("coef0"),
+                degree=fitted.integer("degree", 0, 2**31 - 1),
+            )
+        )
+
+
 @walks("sklearn.SVR", "sklearn.NuSVR")
 def walk_svr(estimator: Any, builder: GraphBuilder, value: int) -> int:
-    """Sum of dual coefficient * kernel, plus intercept (`sklearn/svm/src/libsvm/svm.cpp: svm_predict_values`).
+    """Sum of dual coefficient * kernel, plus intercept (`sklearn/svm/src/libsvm/svm.cpp: svm_predict_values`)."""
+    machine = _Machine(estimator, builder.width(value), 2)
+    return machine.add(builder, value, machine.coefficients)
 
-    scikit-learn predicts with `_dual_coef_` and `_intercept_`, of which the public attributes are copies.
+
+@walks("sklearn.OneClassSVM")
+def walk_one_class(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """1 where the sum is above 0, else -1 (`svm.cpp: svm_predict_values`)."""
+    machine = _Machine(estimator, builder.width(value), 2)
+    scores = machine.add(builder, value, machine.coefficients)
+    return Classified((-1, 1), above(builder, scores), decision=scores)
+
+
+@walks("sklearn.SVC", "sklearn.NuSVC")
+def walk_svc(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """One machine a pair of classes, of which each has a vote; the first of most votes (`svm_predict_values`).
+
+    The score of a pair is above 0 for its first class. scikit-learn's own scores of two classes have the other sign,
+    and those of more are votes and confidences (`utils/multiclass.py: _ovr_decision_function`).
     """
     fitted = Fitted(estimator)
-    support_vectors = fitted.get("support_vectors_")
-    _refuse_nan_and_infinity(builder)
-    kernel = fitted.choice("kernel", _KERNELS)
-    if not isinstance(support_vectors, np.ndarray) or fitted.flag("_sparse"):
-        raise UnsupportedModelError(
-            f"{type(estimator).__name__} was fitted on a sparse matrix: fit it on a dense array"
-        )
+    labels = labels_of(fitted)
+    count = len(labels)
+    machine = _Machine(estimator, builder.width(value), count)
+    pairs = machine.add(builder, value, _pair_coefficients(machine.coefficients, machine.of_class, fitted))
+    turned = builder.add(Scale((pairs,), Operator.MULTIPLY, np.full(builder.width(pairs), -1.0)))
+    first = np.array([[1.0 if pair[0] == c else 0.0 for pair in combinations(range(count), 2)] for c in range(count)])
+    second = np.array([[1.0 if pair[1] == c else 0.0 for pair in combinations(range(count), 2)] for c in range(count)])
+    # a pair's vote is 1 for its first class; without it the second has one
+    votes = whole_sums(builder, above(builder, pairs), first - second, second.sum(axis=1))
+    if count == 2:
+        return Classified(labels, largest(builder, votes), decision=turned)
+    if estimator.decision_function_shape == "ovo":
+        return Classified(labels, largest(builder, votes), decision=pairs)
+    lost = whole_sums(builder, above(builder, turned), second - first, first.sum(axis=1))
+    confidence = builder.add(Linear((turned,), second - first, np.zeros(count)))
+    decision = builder.add(Combine((lost, _squashed(builder, confidence)), Operator.ADD, count))
+    return Classified(labels, largest(builder, decision if estimator.break_ties else votes), decision=decision)
+
+
+def _squashed(builder: GraphBuilder, value: int) -> int:
+    """x / (3 * (|x| + 1)) of each column."""
     width = builder.width(value)
-    support_vectors = fitted.floats("support_vectors_", (None, width))
-    count = len(support_vectors)
-    intercept = fitted.floats("_intercept_", (1,))
-    coefficients = fitted.floats("_dual_coef_", (1, count))
-    # libsvm reads as many entries of these as it has support vectors, and two of the numbers a class
-    fitted.integers("support_", (count,), low=0, high=2**31 - 1)
-    fitted.integers("_n_support", (2,), low=0, high=2**31 - 1)
-    for public, used in (("intercept_", intercept), ("dual_coef_", coefficients)):
-        if not np.array_equal(fitted.floats(public, used.shape), used):
-            raise fitted.fail(public, f"differs from _{public}, with which scikit-learn predicts")
-    if not count:  # every target lies within epsilon of the mean: a constant
-        return builder.add(Linear((value,), np.zeros((1, width)), intercept))
-    return builder.add(
-        KernelSum(
-            inputs=(value,),
-            kernel=kernel,
-            support_vectors=support_vectors,
-            coefficients=coefficients,
-            intercept=intercept,
-            gamma=fitted.number("_gamma"),
-            coef0=fitted.number("coef0"),
-            degree=fitted.integer("degree", 0, 2**31 - 1),
-        )
-    )
+    size = builder.add(Activation((value,), Function.LEAKY_RELU, width, -1.0))  # |x|
+    above_one = builder.add(Scale((size,), Operator.ADD, np.ones(width)))
+    tripled = builder.add(Scale((above_one,), Operator.MULTIPLY, np.full(width, 3.0)))
+    return builder.add(Combine((value, tripled), Operator.DIVIDE, width))
+
+
+def _pair_coefficients(dual: FloatArray, of_class: IntArray, fitted: Fitted) -> FloatArray:
+    """The coefficients of each pair (pairs, vectors); vectors stand class by class, with a row for each other class."""
+    ends = np.cumsum(of_class)
+    if ends[-1] != dual.shape[1]:
+        raise fitted.fail("_n_support", f"{ends[-1]} vectors in all, expected {dual.shape[1]}")
+    blocks = [slice(end - size, end) for end, size in zip(ends, of_class, strict=True)]
+    rows = []
+    for one, other in combinations(range(len(of_class)), 2):
+        row = np.zeros(dual.shape[1])
+        row[blocks[one]] = dual[other - 1, blocks[one]]
+        row[blocks[other]] = dual[one, blocks[other]]
+        rows.append(row)
+    return np.array(rows)
 
 
 @walks(
     "sklearn.MLPRegressor",
+    "sklearn.MLPClassifier",
     trusts=(
         "sklearn.neural_network._stochastic_optimizers.AdamOptimizer",
         "sklearn.neural_network._stochastic_optimizers.SGDOptimizer",
     ),
 )
-def walk_mlp(estimator: Any, builder: GraphBuilder, value: int) -> int:
-    """Add the dense layers of a network, each with its function (`_multilayer_perceptron.py: _forward_pass_fast`)."""
+def walk_mlp(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
+    """Add the dense layers of a network, each with its function (`_multilayer_perceptron.py: _forward_pass_fast`).
+
+    Of two classes the second is taken above 0.5, of more the first of the largest probabilities (`LabelBinarizer`).
+    """
     fitted = Fitted(estimator)
     layers = fitted.items("coefs_")
     last = len(layers) - 1
     biases = fitted.items("intercepts_", len(layers))
     fitted.integers("n_layers_", (), low=len(layers) + 1, high=len(layers) + 1)
-    _refuse_nan_and_infinity(builder)
+    refuse_nan_and_infinity(builder)
     for layer, (given, given_bias) in enumerate(zip(layers, biases, strict=True)):
         weights = fitted.floats_of(f"coefs_[{layer}]", given, (builder.width(value), None))
         bias = fitted.floats_of(f"intercepts_[{layer}]", given_bias, (weights.shape[1],))
         value = builder.add(Linear((value,), weights.T, bias))
+        if layer == last and fitted.get("out_activation_") == "softmax":
+            value = softmax(builder, value)
+            continue
         function = fitted.choice("out_activation_" if layer == last else "activation", _FUNCTIONS)
         if function is not Function.IDENTITY:
             value = builder.add(Activation((value,), function, builder.width(value)))
-    return value
+    if fitted.kind != "MLPClassifier":
+        return value
+    labels, count = labels_of(fitted), builder.width(value)
+    if count != (len(labels) if len(labels) > 2 else 1) or (count > 1) != (fitted.get("out_activation_") == "softmax"):
+        raise UnsupportedModelError(f"MLPClassifier with {count} outputs for {len(labels)} labels: train one for each")
+    if count > 1:
+        return Classified(labels, largest(builder, value), value)
+    return Classified(labels, above(builder, value, 0.5), complement(builder, value))
 
 
-@walks(
-    "sklearn.LinearRegression",
-    "sklearn.Ridge",
-    "sklearn.RidgeCV",
-    "sklearn.Lasso",
-    "sklearn.LassoCV",
-    "sklearn.ElasticNet",
-    "sklearn.ElasticNetCV",
-    "sklearn.LinearSVR",
-)
-def walk_linear(estimator: Any, builder: GraphBuilder, value: int) -> int:
-    """`X @ coef_.T + intercept_` (`sklearn/linear_model/_base.py: LinearModel._decision_function`)."""
+@walks("sklearn.KernelRidge")
+def walk_kernel_ridge(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """Sum of dual coefficient * kernel (`kernel_ridge.py: predict`, `metrics/pairwise.py`)."""
     fitted = Fitted(estimator)
+    kernel = fitted.choice("kernel", _KERNELS)
     width = builder.width(value)
-    weights = np.atleast_2d(fitted.floats("coef_", (width,), (None, width)))
-    _refuse_nan_and_infinity(builder)
-    intercept = fitted.floats("intercept_", (), (1,), (len(weights),))
-    return builder.add(Linear((value,), weights, np.broadcast_to(intercept, (len(weights),))))
-
-
-def _refuse_nan_and_infinity(builder: GraphBuilder) -> None:
-    """scikit-learn's `check_array` raises for both."""
-    builder.refuse_nan()
-    builder.refuse_magnitude(math.inf)
+    vectors = fitted.floats("X_fit_", (None, width))
+    dual = fitted.floats("dual_coef_", (len(vectors),), (len(vectors), None)).reshape(len(vectors), -1)
+    refuse_nan_and_infinity(builder)
+    return builder.add(
+        KernelSum(
+            inputs=(value,),
+            kernel=kernel,
+            support_vectors=vectors,
+            coefficients=dual.T,
+            intercept=np.zeros(dual.shape[1]),
+            gamma=1.0 / width if fitted.get("gamma") is None else fitted.number("gamma"),
+            coef0=fitted.number("coef0"),
+            degree=fitted.integer("degree", 0, 2**31 - 1),
+            expands=True,
+        )
+    )

@@ -1,0 +1,221 @@
+"""Walkers for scikit-learn's linear models, of numbers and of classes: one weighted sum, and what is made of it.
+
+They add products through BLAS, whose order is not specified: equal within the bound of `bounds.py`, not to the bit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from st_codegen.errors import UnsupportedModelError
+from st_codegen.ir import Activation, Combine, Exceeds, FloatArray, Function, Linear, Operator, Scale, Select
+from st_codegen.walkers.base import Classified, GraphBuilder, walk_estimator, walks
+from st_codegen.walkers.classes import above, complement, labels_of, largest, softmax, whole_sums
+from st_codegen.walkers.fitted import Fitted
+
+
+def refuse_nan_and_infinity(builder: GraphBuilder) -> None:
+    """scikit-learn's `check_array` raises for both."""
+    builder.refuse_nan()
+    builder.refuse_magnitude(math.inf)
+
+
+def _weighted_sum(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
+    """`X @ coef_.T + intercept_` (`sklearn/linear_model/_base.py: LinearModel._decision_function`)."""
+    width = builder.width(value)
+    weights = np.atleast_2d(fitted.floats("coef_", (width,), (None, width)))
+    refuse_nan_and_infinity(builder)
+    intercept = fitted.floats("intercept_", (), (1,), (len(weights),))
+    return builder.add(Linear((value,), weights, np.broadcast_to(intercept, (len(weights),))))
+
+
+@walks(
+    *(
+        f"sklearn.{name}"
+        for name in """
+        ARDRegression BayesianRidge ElasticNet ElasticNetCV HuberRegressor Lars LarsCV Lasso LassoCV LassoLars
+        LassoLarsCV LassoLarsIC LinearRegression LinearSVR MultiTaskElasticNet MultiTaskElasticNetCV MultiTaskLasso
+        MultiTaskLassoCV OrthogonalMatchingPursuit OrthogonalMatchingPursuitCV PassiveAggressiveRegressor
+        QuantileRegressor Ridge RidgeCV SGDRegressor TheilSenRegressor
+        """.split()
+    )
+)
+def walk_linear(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """One weighted sum an output."""
+    return _weighted_sum(Fitted(estimator), builder, value)
+
+
+@walks("sklearn.PoissonRegressor", "sklearn.GammaRegressor", "sklearn.TweedieRegressor")
+def walk_generalized(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """A weighted sum behind the inverse of the loss's link (`linear_model/_glm/glm.py: predict`)."""
+    total = _weighted_sum(Fitted(estimator), builder, value)
+    link = type(estimator._base_loss.link).__name__
+    if link == "IdentityLink":
+        return total
+    if link != "LogLink":
+        raise UnsupportedModelError(f"{type(estimator).__name__} with the link {link}")
+    return builder.add(Activation((total,), Function.EXP, 1))
+
+
+@walks("sklearn.PLSRegression", "sklearn.PLSCanonical", "sklearn.CCA")
+def walk_partial_least_squares(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """Centred inputs, then a weighted sum an output (`cross_decomposition/_pls.py: predict`)."""
+    fitted = Fitted(estimator)
+    mean = fitted.floats("_x_mean", (builder.width(value),))
+    return _weighted_sum(fitted, builder, builder.add(Scale((value,), Operator.SUBTRACT, mean)))
+
+
+@walks("sklearn.RANSACRegressor")
+def walk_consensus(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """The regressor that was fitted on the inliers."""
+    return walk_estimator(Fitted(estimator).get("estimator_"), builder, value)
+
+
+@walks(
+    *(
+        f"sklearn.{name}"
+        for name in """
+        LinearDiscriminantAnalysis LinearSVC LogisticRegression LogisticRegressionCV PassiveAggressiveClassifier
+        Perceptron RidgeClassifier RidgeClassifierCV SGDClassifier
+        """.split()
+    )
+)
+def walk_linear_classifier(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """Of two classes the second above 0, of more the first of the largest (`LinearClassifierMixin.predict`).
+
+    Probabilities of logistic models and of discriminant analysis: the sigmoid of the one score, the softmax of several.
+    """
+    fitted = Fitted(estimator)
+    labels = labels_of(fitted)
+    scores = _weighted_sum(fitted, builder, value)
+    count = builder.width(scores)
+    several = getattr(getattr(estimator, "_label_binarizer", None), "y_type_", "").startswith("multilabel")
+    if several or count != (len(labels) if len(labels) > 2 else 1):
+        raise UnsupportedModelError(f"{fitted.kind} with {count} scores for {len(labels)} classes: train one for each")
+    logistic = fitted.kind in ("LogisticRegression", "LogisticRegressionCV", "LinearDiscriminantAnalysis")
+    if count > 1:
+        return Classified(labels, largest(builder, scores), softmax(builder, scores) if logistic else None, scores)
+    probability = None
+    if logistic or (fitted.kind == "SGDClassifier" and estimator.loss == "log_loss"):
+        probability = complement(builder, builder.add(Activation((scores,), Function.LOGISTIC, 1)))
+    return Classified(labels, above(builder, scores), probability, scores)
+
+
+def _most_likely(fitted: Fitted, builder: GraphBuilder, scores: int) -> Classified:
+    """The first of the largest log-likelihoods; probabilities are their exponentials, divided by the sum."""
+    labels = labels_of(fitted)
+    if builder.width(scores) != len(labels):
+        raise fitted.fail("classes_", f"{len(labels)} labels, {builder.width(scores)} scores")
+    return Classified(labels, largest(builder, scores), softmax(builder, scores))
+
+
+def _squares(builder: GraphBuilder, value: int) -> int:
+    return builder.add(Combine((value, value), Operator.MULTIPLY, builder.width(value)))
+
+
+def _repeated(builder: GraphBuilder, value: int, times: int) -> int:
+    """All columns, so many times one after another."""
+    return builder.add(Select((value,), np.tile(np.arange(builder.width(value), dtype=np.int32), times)))
+
+
+def _block_sums(builder: GraphBuilder, value: int, blocks: int, weight: float, bias: FloatArray) -> int:
+    """`bias + weight * sum` of each of so many equal blocks of columns."""
+    weights = np.kron(np.eye(blocks), np.full(builder.width(value) // blocks, weight))
+    return builder.add(Linear((value,), weights, bias))
+
+
+@walks("sklearn.GaussianNB")
+def walk_gaussian_bayes(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """`naive_bayes.py: GaussianNB._joint_log_likelihood`, its constants computed as there."""
+    fitted = Fitted(estimator)
+    refuse_nan_and_infinity(builder)
+    width = builder.width(value)
+    means = fitted.floats("theta_", (None, width))
+    variances = fitted.floats("var_", means.shape)
+    prior = fitted.floats("class_prior_", (len(means),))
+    if np.any(variances <= 0) or np.any(prior < 0):
+        raise fitted.fail("var_", "a variance that is not above 0, or a negative prior")
+    value = _repeated(builder, value, len(means))
+    value = _squares(builder, builder.add(Scale((value,), Operator.SUBTRACT, means.ravel())))
+    value = builder.add(Scale((value,), Operator.DIVIDE, variances.ravel()))
+    constant = np.array([-0.5 * np.sum(np.log(2.0 * np.pi * row)) for row in variances])
+    value = _block_sums(builder, value, len(means), -0.5, constant)
+    return _most_likely(fitted, builder, builder.add(Scale((value,), Operator.ADD, np.log(prior))))
+
+
+@walks("sklearn.BernoulliNB", "sklearn.MultinomialNB", "sklearn.ComplementNB")
+def walk_discrete_bayes(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """`naive_bayes.py: _joint_log_likelihood` of these classes, constants computed as there."""
+    fitted = Fitted(estimator)
+    refuse_nan_and_infinity(builder)
+    width = builder.width(value)
+    weights = fitted.floats("feature_log_prob_", (None, width))
+    constant = fitted.floats("class_log_prior_", (len(weights),))
+    if fitted.kind == "BernoulliNB":
+        if fitted.get("binarize") is not None:
+            value = builder.add(Exceeds((value,), np.full(width, fitted.number("binarize"))))
+        absent = np.log(1 - np.exp(weights))
+        weights = weights - absent
+        constant = constant + absent.sum(axis=1)
+    elif fitted.kind == "ComplementNB" and len(weights) > 1:
+        constant = np.zeros(len(weights))
+    total = builder.add(Linear((value,), weights, np.zeros(len(weights))))
+    return _most_likely(fitted, builder, builder.add(Scale((total,), Operator.ADD, constant)))
+
+
+@walks("sklearn.QuadraticDiscriminantAnalysis")
+def walk_quadratic(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """`discriminant_analysis.py: QuadraticDiscriminantAnalysis._decision_function`, class by class."""
+    fitted = Fitted(estimator)
+    refuse_nan_and_infinity(builder)
+    width = builder.width(value)
+    means = fitted.floats("means_", (None, width))
+    count = len(means)
+    rotations, scalings = fitted.items("rotations_", count), fitted.items("scalings_", count)
+    parts, logarithms = [], []
+    for number in range(count):
+        scaling = fitted.floats_of(f"scalings_[{number}]", scalings[number], (None,))
+        rotation = fitted.floats_of(f"rotations_[{number}]", rotations[number], (width, len(scaling)))
+        if np.any(scaling <= 0):
+            raise fitted.fail(f"scalings_[{number}]", "a variance that is not above 0")
+        centred = builder.add(Scale((value,), Operator.SUBTRACT, means[number]))
+        turned = builder.add(Linear((centred,), (rotation * scaling**-0.5).T, np.zeros(len(scaling))))
+        logarithms.append(np.sum(np.log(scaling)))
+        parts.append(_block_sums(builder, _squares(builder, turned), 1, 1.0, np.zeros(1)))
+    norms = builder.add(Select(tuple(parts), np.arange(count, dtype=np.int32)))
+    shifted = builder.add(Scale((norms,), Operator.ADD, np.array(logarithms)))
+    halved = builder.add(Scale((shifted,), Operator.MULTIPLY, np.full(count, -0.5)))
+    prior = np.log(fitted.floats("priors_", (count,)))
+    scores = builder.add(Scale((halved,), Operator.ADD, prior))
+    decision = scores
+    if count == 2:
+        decision = whole_sums(builder, scores, np.array([[-1.0, 1.0]]), np.zeros(1))
+    return replace(_most_likely(fitted, builder, scores), decision=decision)
+
+
+@walks("sklearn.NearestCentroid")
+def walk_nearest_centroid(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """The nearest centre by the Euclidean distance, the first of equal ones (`pairwise_distances_argmin`)."""
+    fitted = Fitted(estimator)
+    labels = labels_of(fitted)
+    prior = fitted.floats("class_prior_", (len(labels),))
+    if estimator.metric != "euclidean" or not np.isclose(prior, 1 / len(labels)).all():
+        raise UnsupportedModelError(
+            f"NearestCentroid with metric={estimator.metric!r} and priors {prior[:3]}: supported are "
+            "metric='euclidean' and equal priors (priors='uniform')"
+        )
+    refuse_nan_and_infinity(builder)
+    centres = fitted.floats("centroids_", (len(labels), builder.width(value)))
+    return Classified(labels, largest(builder, negative_square_distances(builder, value, centres)))
+
+
+def negative_square_distances(builder: GraphBuilder, value: int, centres: FloatArray) -> int:
+    """-|x - c|**2 for each centre c, as -x*x + 2*x*c - c*c: the library multiplies matrices so."""
+    squares = _squares(builder, value)
+    both = builder.add(Select((squares, value), np.arange(2 * builder.width(value), dtype=np.int32)))
+    weights = np.hstack([-np.ones_like(centres), 2.0 * centres])
+    return builder.add(Linear((both,), weights, -np.sum(centres**2, axis=1)))

@@ -1,0 +1,148 @@
+"""Linear, Bayesian, kernel and network models of classes against scikit-learn, and linear models of numbers."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+pytest.importorskip("sklearn")
+
+from sklearn import cross_decomposition, discriminant_analysis, linear_model, naive_bayes, neighbors, svm
+from sklearn.kernel_ridge import KernelRidge
+from sklearn.neural_network import MLPClassifier
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+
+from st_codegen.errors import UnsupportedModelError
+from st_codegen.ir import OutputKind, reference
+from st_codegen.proof import bounds
+from tests.classifiers import SCORE, THREE, TWO, WORDS, X, loaded, verified
+
+COUNTS = np.abs(np.round(X * [2.0, 1.0, 20.0]))
+YN = np.column_stack([SCORE, SCORE**2 - X[:, 1]])
+
+CLASSIFIERS = {
+    "logistic": (linear_model.LogisticRegression(), X, TWO),
+    "logistic of words": (linear_model.LogisticRegression(), X, WORDS),
+    "logistic, cross-validated": (linear_model.LogisticRegressionCV(Cs=3, use_legacy_attributes=False), X, THREE),
+    "scaled logistic": (make_pipeline(StandardScaler(), linear_model.LogisticRegression()), X, WORDS),
+    "ridge": (linear_model.RidgeClassifier(), X, WORDS),
+    "ridge of two": (linear_model.RidgeClassifierCV(), X, TWO),
+    "gradient descent": (linear_model.SGDClassifier(random_state=0), X, THREE - 1),
+    "gradient descent, logistic": (linear_model.SGDClassifier(loss="log_loss", random_state=0), X, TWO),
+    "perceptron": (linear_model.Perceptron(random_state=0), X, WORDS),
+    "passive aggressive": (linear_model.PassiveAggressiveClassifier(random_state=0), X, TWO),
+    "linear machine": (svm.LinearSVC(random_state=0), X, THREE),
+    "discriminant": (discriminant_analysis.LinearDiscriminantAnalysis(), X, WORDS),
+    "discriminant of two": (discriminant_analysis.LinearDiscriminantAnalysis(solver="lsqr"), X, TWO),
+    "quadratic": (discriminant_analysis.QuadraticDiscriminantAnalysis(), X, WORDS),
+    "quadratic of two": (discriminant_analysis.QuadraticDiscriminantAnalysis(), X, TWO),
+    "gaussian bayes": (naive_bayes.GaussianNB(), X, WORDS),
+    "bernoulli bayes": (naive_bayes.BernoulliNB(binarize=0.25), X, WORDS),
+    "bernoulli bayes of flags": (naive_bayes.BernoulliNB(binarize=None), (X > 0).astype(float), TWO),
+    "multinomial bayes": (naive_bayes.MultinomialNB(), COUNTS, THREE),
+    "complement bayes": (naive_bayes.ComplementNB(), COUNTS, WORDS),
+    "centroid": (neighbors.NearestCentroid(), X, WORDS),
+    "machine": (svm.SVC(), X, TWO),
+    "machine of words": (svm.SVC(C=3.0), X, WORDS),
+    "polynomial machine, pairs": (svm.SVC(kernel="poly", decision_function_shape="ovo"), X / 5, THREE),
+    "machine with ties broken": (svm.SVC(break_ties=True), X, THREE),
+    "linear machine of four": (svm.SVC(kernel="linear"), X, np.digitize(SCORE, [-0.5, 0.2, 0.9])),
+    "nu machine": (svm.NuSVC(nu=0.2, kernel="sigmoid"), X, TWO),
+    "network": (MLPClassifier((6,), max_iter=60, random_state=0), X, TWO),
+    "network of words": (MLPClassifier((5, 4), "tanh", max_iter=60, random_state=0), X, WORDS),
+    "outliers by a machine": (svm.OneClassSVM(nu=0.2), X, None),
+}
+NUMBERS = {
+    **{
+        name: (getattr(linear_model, name)(), SCORE)
+        for name in """ARDRegression BayesianRidge HuberRegressor Lars LarsCV LassoLars LassoLarsCV LassoLarsIC
+        OrthogonalMatchingPursuit OrthogonalMatchingPursuitCV PassiveAggressiveRegressor QuantileRegressor SGDRegressor
+        TheilSenRegressor RANSACRegressor""".split()
+    },
+    **{
+        name: (getattr(linear_model, name)(), YN)
+        for name in "MultiTaskElasticNet MultiTaskElasticNetCV MultiTaskLasso MultiTaskLassoCV".split()
+    },
+    "PoissonRegressor": (linear_model.PoissonRegressor(), np.abs(SCORE)),
+    "GammaRegressor": (linear_model.GammaRegressor(), np.abs(SCORE) + 0.1),
+    "TweedieRegressor": (linear_model.TweedieRegressor(power=1.5), np.abs(SCORE)),
+    "TweedieRegressor, identity": (linear_model.TweedieRegressor(power=0), SCORE),
+    "PLSRegression": (cross_decomposition.PLSRegression(2), YN),
+    "PLSCanonical": (cross_decomposition.PLSCanonical(2), YN),
+    **{
+        f"KernelRidge {kernel}": (KernelRidge(kernel=kernel, gamma=0.05, degree=2), SCORE)
+        for kernel in ("linear", "rbf", "poly", "sigmoid")
+    },
+}
+
+
+def fit(estimator, x, y):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return estimator.fit(x, y)
+
+
+@pytest.mark.parametrize("name", CLASSIFIERS)
+def test_classifiers_have_the_library_s_labels_within_the_bound(name, tmp_path):
+    estimator, x, y = CLASSIFIERS[name]
+    model = loaded(fit(estimator, x, y))
+    report = verified(model, tmp_path, rows=300)
+    assert report.open_rows < 0.3 * report.n  # the special values, among which are numbers up to 1e308
+    library, found = model.predict(x), reference.evaluate(model.ir, x)
+    bound = bounds.difference_bound(model.ir, x)
+    assert np.all(np.abs(library - found) <= bound)
+    certain = bound[:, 0] == 0
+    assert certain.mean() > 0.98 and np.array_equal(library[certain, 0], found[certain, 0])
+    assert np.max(bound[:, 1:], initial=0.0) < 1e-7 * (1 + np.max(np.abs(found)))
+    assert len(np.unique(library[:, 0])) > 1
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_linear_and_kernel_models_of_numbers(name):
+    estimator, y = NUMBERS[name]
+    model = loaded(fit(estimator, X, y))
+    library, found = model.predict(X), reference.evaluate(model.ir, X)
+    bound = bounds.difference_bound(model.ir, X)
+    assert np.all(np.abs(library - found) <= bound)
+    assert np.max(bound) < 1e-9 * (1 + np.max(np.abs(found)))
+
+
+@pytest.mark.parametrize("kernel", ["rbf", "poly"])
+def test_the_bound_of_kernel_ridge_covers_distances_that_lose_their_digits(kernel):
+    x = 1000.0 + X
+    model = loaded(fit(KernelRidge(kernel=kernel, gamma=0.05, degree=2), x, SCORE))
+    library, found = model.predict(x), reference.evaluate(model.ir, x)
+    assert np.all(np.abs(library - found) <= bounds.difference_bound(model.ir, x))
+
+
+def test_a_row_on_the_border_is_open_and_not_wrong(tmp_path):
+    """On the border of a linear machine the score is 0 but for its rounding."""
+    model = loaded(fit(linear_model.LogisticRegression(), X, TWO))
+    weights, bias = model.ir.ops[0].weights[0], model.ir.ops[0].bias[0]
+    x = np.array(X)
+    x[:, 0] = -(bias + x[:, 1:] @ weights[1:]) / weights[0]
+    bound = bounds.difference_bound(model.ir, x)
+    assert np.all(bound[:, 0] > 0)
+    assert np.all(bounds.difference_bound(model.ir, x + np.array([1e-6, 0, 0]))[:, 0] == 0)
+
+
+@pytest.mark.parametrize(
+    ("estimator", "y", "message"),
+    [
+        (linear_model.RidgeClassifier(), np.column_stack([TWO, ~TWO, THREE > 0]).astype(int), "train one for each"),
+        (MLPClassifier((2,), max_iter=5), np.column_stack([TWO, ~TWO]).astype(int), "train one for each"),
+        (neighbors.NearestCentroid(metric="manhattan"), TWO, "metric='manhattan'"),
+        (svm.SVC(kernel="precomputed"), TWO, "kernel=precomputed"),
+    ],
+)
+def test_what_is_not_supported_says_so(estimator, y, message):
+    x = X @ X.T if getattr(estimator, "kernel", "") == "precomputed" else X
+    with pytest.raises(UnsupportedModelError, match=message):
+        loaded(fit(estimator, x, y))
+
+
+def test_probabilities_are_given_where_the_library_gives_them():
+    for name in ("logistic", "discriminant", "quadratic", "gaussian bayes", "network", "gradient descent, logistic"):
+        estimator, x, y = CLASSIFIERS[name]
+        assert OutputKind.PROBABILITY in loaded(fit(estimator, x, y)).ir.classes.kinds
