@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from st_codegen.errors import Problems
-from st_codegen.ir.arrays import BoolArray, FloatArray
+from st_codegen.ir.arrays import BoolArray
 from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.data.observations import Observations, rms_deg
 from st_codegen.reconcile.data.reading import check, read_measured
@@ -33,7 +33,7 @@ from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unm
 from st_codegen.reconcile.judge.measurement import Examined, Mistake, examine
 from st_codegen.reconcile.judge.selection import search, with_noise_of
 from st_codegen.reconcile.judge.suspects import bad_runs
-from st_codegen.reconcile.judge.unexplained import Signature, scatter_at_lowest, signatures
+from st_codegen.reconcile.judge.unexplained import Signature, floors, scatter_of_encoder, signatures, structure
 from st_codegen.reconcile.judge.unseen import cannot_show
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Effect, Stage
@@ -203,6 +203,7 @@ def _reconcile(rig: RigModel, known: Catalogue, progress: Progress | None, exami
     last, _ = without_misfits(last)
     # which effects there are is decided; how large they are all runs may say
     last = fit(with_noise_of(replace(last, target=replace(target, data=data)))[0], last.state)
+    last, _ = without_misfits(last)
     conclusions = conclude(rig, last, known)
     result = _result(rig, data, conclusions, tuple(judged), examined.mistakes, apart)
     worse = result.held_out.after > SETTINGS.worse * result.held_out.before
@@ -238,23 +239,26 @@ def _result(
     """Gaps, and what is left, of a fit."""
     final = conclusions.final
     target, noise = with_noise_of(final)
-    noise = _with_suspects(data, final, noise)
+    noise = _with_suspects(target, final, noise)
     target = replace(target, good=noise.good)
     before, after, good = target.residual(rig), final.residual, noise.good
     weight = np.where(data.orders == 0, 1.0, 0.5)
     gap_power = float((weight * (np.abs(before[good]) ** 2).mean(axis=0)).sum())
-    describe = signatures if data.angle_rad is None else lines_in_samples
-    left = tuple(describe(target, after, gap_power))
-    floor_power = weight * np.where(data.orders == 0, 1, 2) * _floor_rms(target, noise) ** 2
+    if data.angle_rad is None:
+        floor_rms = floors(target, after, noise.floor_rms)
+        left = signatures(target, after, gap_power, floor_rms)
+    else:
+        floor_rms, left = noise.floor_rms, lines_in_samples(target, after, gap_power)
+    floor_power = weight * np.where(data.orders == 0, 1, 2) * floor_rms**2
     floor = float(np.sqrt(floor_power.sum()))
-    kept = apart & good
+    held_out, first = held_out_rms(replace(final, target=target)), rms_deg(before[good], data.orders)
+    kept, unseen_curves = apart & good, 0
     if kept.any():
         trained = fit(target.subset(~apart), final.state).state.model()
-        unseen = target.residual(trained, kept)
-        held_out = np.sqrt(weight * (np.abs(unseen) ** 2).mean(axis=0))
-        first = rms_deg(before[kept], data.orders)
-    else:
-        held_out, first = held_out_rms(replace(final, target=target)), rms_deg(before[good], data.orders)
+        unseen = np.sqrt(weight * (np.abs(target.residual(trained, kept)) ** 2).mean(axis=0))
+        # runs between those that were seen say nothing of levels between them: the worse of both counts
+        if (unseen**2).sum() > (held_out**2).sum():
+            held_out, first, unseen_curves = unseen, rms_deg(before[kept], data.orders), int(kept.sum())
     per_order = tuple(
         OrderGap(
             int(order),
@@ -273,33 +277,20 @@ def _result(
         noise=noise,
         conclusions=conclusions,
         judged=judged,
-        unexplained=left,
+        unexplained=tuple(left),
         fitted=Gap(rms_deg(before[good], data.orders), rms_deg(after[good], data.orders), floor),
         held_out=Gap(first, float(np.sqrt((held_out**2).sum())), floor),
         orders=per_order,
         mistakes=mistakes,
-        cannot_show=(*cannot_show(data), *scatter_at_lowest(target, after)),
-        unseen_curves=int(kept.sum()),
+        cannot_show=(*cannot_show(data), *scatter_of_encoder(target, after)),
+        unseen_curves=unseen_curves,
     )
 
 
-def _floor_rms(target: FitData, noise: Noise) -> FloatArray:
-    """RMS of one component of the noise by order, (K,): for curves that between the orders.
-
-    At the lowest orders noise may last over a turn, within a limit.
-    """
-    spectral = target.data.spectral_deg
-    if spectral is None or not target.good.any():
-        return noise.floor_rms
-    own = np.sqrt((spectral[target.good] ** 2).mean(axis=0))
-    lasts = (target.data.orders <= SETTINGS.wander_orders) & (noise.floor_rms < SETTINGS.beyond_lowest * own)
-    found: FloatArray = np.where(lasts, noise.floor_rms, own)
-    return found
-
-
-def _with_suspects(data: Observations, final: Fit, noise: Noise) -> Noise:
+def _with_suspects(target: FitData, final: Fit, noise: Noise) -> Noise:
     """The noise with the bad runs that only the fitted model shows: they are named, and stay out of gap and rest."""
-    found = bad_runs(data, final.residual, noise.sigma)
+    data = target.data
+    found = bad_runs(data, final.residual, noise.sigma, structure(target, final.residual).significant)
     if not found:
         return noise
     bad = ~noise.good

@@ -26,13 +26,13 @@ class Settings:
     ramp: float = 4.0
     #: orders of curves at which it is looked for: above those of shafts, where there are samples enough
     ramp_orders: tuple[int, int] = (5, 60)
-    #: an order has a vote where the rig's power is so many times the noise's; fewer votes say nothing
+    #: a coefficient of a run tells a factor where its power is so many times the noise's; fewer orders say nothing
     loud_order: float = 4.0
     least_votes: int = 4
     #: noise is at most this share of what is measured, where too few runs tell it
     most_noise: float = 0.02
-    #: the mean of many runs tells a gap of this part of the noise's power
-    noise_share: float = 10.0
+    #: the mean power of n runs of noise scatters by 1/sqrt(n): a gap below so many of these is not told
+    told: float = 3.0
     #: an order votes for a mistake when its gap falls to half (a logarithm)
     vote: float = 0.7
     #: an angle of home below this is the rounding of the grid; a factor between columns below this may be the rig's own
@@ -66,6 +66,9 @@ class Settings:
     huber: float = 3.0
     #: a value of the rig is believed this far (relative) before the data speak: what they do not see stays in place
     prior: float = 1.0
+    #: a parameter moves with the levels that are left out when its moves are so many times the variance that noise
+    #: gives them: of three folds, the fewest, noise does that once in 1000
+    moved: float = 5.0
 
     # --- search ---
     #: effects that may be added, candidates fitted in full in a round, and rounds, before the search ends
@@ -153,12 +156,17 @@ class Settings:
     cut: float = 5.0
     #: structure is an error of the estimate of the noise below this part of it (power)
     least_excess: float = 0.4
-    #: a residual so many times the noise between the orders of its curves is more than that noise, but for the lowest
-    #: orders, where a slow wander within one turn shows
+    #: a residual so many times the noise between the orders of its curves is more than that noise; at the lowest
+    #: orders, where a slow wander within one turn shows, it may be larger by what the orders next to it are, and by so
+    #: much more (a random walk falls with the order)
     beyond_spectral: float = 2.0
     wander_orders: int = 5
-    #: there it counts from so many times on: a level that differs from run to run by a part of a sample's noise
-    beyond_lowest: float = 20.0
+    wander: float = 3.0
+    #: orders that tell what the noise of one between them is
+    near_floors: int = 4
+    #: lines a turn that encoders have, and how far sidebands of them reach
+    encoder_lines: tuple[int, ...] = (512, 1024, 2048, 2500, 3600, 4096, 5000, 8192, 9000, 16384, 18000, 32768, 65536)
+    sidebands_of_lines: int = 2
     #: runs in a known order that are needed to look for steps and trends, and how much of what it
     #: leaves it must explain: a wander as large as the noise passes for noise that lasts
     least_in_time: int = 24

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from st_codegen.reconcile.data.observations import Observations, labels
-from st_codegen.reconcile.judge.held_out import folds_of
 from st_codegen.reconcile.run import reconcile_observations
 from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import read_rig
@@ -28,6 +27,7 @@ def grid(speeds=8, torques=7, temperatures=(25, 30, 35)):
 #: what is hidden, written out: the mean in deg of each row
 HIDDEN = {
     "torsional_compliance": lambda at: -at.sign * at.torque_Nm / 454.0 / 60,
+    "hanging_load_compliance": lambda at: -at.torque_Nm / 320.0 / 60,
     "thermal_drift": lambda at: 0.008 * (at.temperature_C - 30.0) / 60,
     "backlash": lambda at: -at.sign * 0.3 / 120 * np.tanh(at.torque_Nm / 60.0),
 }
@@ -73,7 +73,7 @@ def test_what_is_found_in_noise_is_found_in_less_of_it(name, digits, seed):
 def test_a_fold_that_alone_identifies_a_parameter_does_not_vote():
     """Without the runs at 0 N m nothing tells backlash from dry friction: that fold says so, the others vote."""
     result = reconciled("thermal_drift", 5e-5, seed=0)
-    folds = folds_of(result.conclusions.joint, "torque")
+    folds = result.conclusions.joint.folds("torque")
     at = result.data.at
     for fold in folds:
         assert fold.identified == bool((at.torque_Nm[~fold.rows] == 0).any())

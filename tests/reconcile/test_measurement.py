@@ -93,6 +93,16 @@ def test_two_mistakes_at_once_are_two_questions():
         assert all(word in str(asked.value) for word in words)
 
 
+@pytest.mark.parametrize(("name", "sigma"), [("home_offset", 1e-3), ("direction", 1e-3), ("column_scale", 2e-4)])
+def test_orders_that_are_noise_have_no_vote(name, sigma):
+    """In loud noise the largest orders alone tell a mistake: the others do not outvote them."""
+    data = measured(sigma)
+    data = replace(data, spectral_deg=np.full(data.values.shape, sigma))
+    with pytest.raises(InputError, match=f"--accept {name}") as asked:
+        examine(MADE[name](data), RIG, PATH)
+    assert "problems" not in str(asked.value), "one mistake is one question"
+
+
 def test_wrong_labels_are_left_out_and_named():
     data, random = measured(), np.random.default_rng(4)
     chosen = random.choice(RUNS, 17, replace=False)

@@ -25,8 +25,8 @@ def residual(seed, heavy, directions=(1.0, -1.0)):
     return Observations(at, labels(at), ORDERS, values)
 
 
-def found(data):
-    return bad_runs(data, data.values, np.broadcast_to(SIGMA, data.values.shape))
+def found(data, structured=()):
+    return bad_runs(data, data.values, np.broadcast_to(SIGMA, data.values.shape), np.isin(ORDERS, structured))
 
 
 @pytest.mark.parametrize("heavy", [False, True])
@@ -44,6 +44,16 @@ def test_bad_runs_are_named_in_both_directions(heavy):
     data.values[[60, 60 + count], 3] += 2e-4
     data.values[[99, 99 + count], 1:] += 3e-4j
     assert set(found(data)) == {10, 60, 99, 10 + count, 60 + count, 99 + count}
+
+
+def test_what_is_off_only_where_the_model_lacks_something_is_no_bad_run():
+    """A peak that one run alone meets, say; a run that is off in several orders is bad all the same."""
+    data = residual(0, heavy=False)
+    count = len(GRID)
+    data.values[[60, 60 + count], 3] += 2e-4
+    data.values[[99, 99 + count], 1:] += 3e-4j
+    assert set(found(data)) == {60, 99, 60 + count, 99 + count}
+    assert set(found(data, structured=[39])) == {99, 99 + count}
 
 
 def test_one_direction_alone_needs_several_orders():

@@ -6,7 +6,7 @@ import pytest
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.unexplained import main_cause, signatures
+from st_codegen.reconcile.judge.unexplained import floors, main_cause, signatures
 from st_codegen.rig.effects import Conditions
 
 SIGMA = 1.3e-5
@@ -29,7 +29,7 @@ def found(at, waves, sigma=SIGMA):
     data = Observations(at, labels(at), ORDERS, values, run=order_of_runs(at))
     noise = estimate(data, values)
     target = FitData(data, noise.sigma, noise.good, groups_of(at))
-    return {s.order: s for s in signatures(target, values, 1.0)}
+    return {s.order: s for s in signatures(target, values, 1.0, floors(target, values, noise.floor_rms))}
 
 
 def test_noise_has_no_signature():
@@ -102,6 +102,45 @@ def test_more_than_the_noise_of_the_curves_is_said_even_without_a_pattern():
     values[:, 2] += wave
     data = Observations(at, labels(at), ORDERS, values, spectral_deg=np.full(values.shape, SIGMA))
     noise = estimate(data, values)
-    (one,) = signatures(FitData(data, noise.sigma, noise.good, groups_of(at)), values, 1.0)
+    target = FitData(data, noise.sigma, noise.good, groups_of(at))
+    (one,) = signatures(target, values, 1.0, floors(target, values, noise.floor_rms))
     assert one.order == 53 and "repeat some runs" in one.text
     assert one.rms_deg == pytest.approx(10 * SIGMA / np.sqrt(2), rel=0.05)
+
+
+def curves(values, spectral, samples=0):
+    """Signatures and floors of curves with this noise within each of them."""
+    at = grid()
+    orders = np.array([0, 1, 2, 3, 48, 53])
+    data = Observations(at, labels(at), orders, values, spectral_deg=np.full(values.shape, spectral), samples=samples)
+    noise = estimate(data, values)
+    target = FitData(data, noise.sigma, noise.good, groups_of(at))
+    own = floors(target, values, noise.floor_rms)
+    return {s.order: s for s in signatures(target, values, 1.0, own)}, dict(zip(orders.tolist(), own, strict=True))
+
+
+def white(sizes, seed=2):
+    """White noise of six orders, each of its own size, as a residual of nothing."""
+    random = np.random.default_rng(seed)
+    shape = (len(grid()), 6)
+    values = SIGMA * np.array(sizes) * (random.standard_normal(shape) + 1j * random.standard_normal(shape))
+    values[:, 0] = values[:, 0].real
+    return values
+
+
+def test_a_wander_within_the_turn_is_noise_and_a_mean_that_jumps_alone_is_not():
+    """The lowest orders say how far a slow wander reaches; the mean had passed for noise up to twenty times."""
+    left, floor = curves(white([9, 12, 6, 4, 1, 1]), SIGMA)
+    assert left == {} and floor[1] == pytest.approx(12 * SIGMA, rel=0.1)
+    left, floor = curves(white([9, 1, 1, 1, 1, 1]), SIGMA)
+    assert list(left) == [0] and floor[0] == pytest.approx(SIGMA)
+
+
+def test_the_error_between_lines_of_an_encoder_is_noise_where_it_shows():
+    """2048 lines at 1000 samples a turn show as order 48, with another phase in each run."""
+    values = white([1, 1, 1, 1, 14, 1])
+    left, floor = curves(values, SIGMA)
+    assert list(left) == [48]
+    left, floor = curves(values, SIGMA, samples=1000)
+    assert left == {} and floor[48] == pytest.approx(14 * SIGMA, rel=0.1)
+    assert list(curves(values, SIGMA, samples=1024)[0]) == [48]

@@ -20,9 +20,10 @@ THETA = np.linspace(0, 360, 721)
 #: theta in rad
 X = np.deg2rad(THETA)
 
-NAMES = """backlash torsional_compliance friction_windup output_shaft_eccentricity output_shaft_ovality
-crank_misalignment cycloid_tooth_error pin_error input_shaft_misalignment carrier_modulation structural_resonance
-thermal_drift measurement_delay encoder_eccentricity load_dependent_mesh wear control_lag coupling_compliance
+NAMES = """backlash torsional_compliance hanging_load_compliance friction_windup output_shaft_eccentricity
+output_shaft_ovality crank_misalignment cycloid_tooth_error pin_error input_shaft_misalignment
+carrier_modulation structural_resonance thermal_drift measurement_delay encoder_eccentricity
+load_dependent_mesh wear control_lag coupling_compliance
 empirical"""
 
 
@@ -46,6 +47,7 @@ def test_every_effect_is_documented_with_its_keys():
 # what docs/effects.md says, written as functions of the angle: an independent way to the same numbers
 FORMULAS = {
     "torsional_compliance": ({"stiffness_Nm_per_arcmin": 400}, lambda s, n, M, T: -s * M / 400 / 60 + 0 * X),
+    "hanging_load_compliance": ({"stiffness_Nm_per_arcmin": 400}, lambda s, n, M, T: -M / 400 / 60 + 0 * X),
     "backlash": (
         {"gap_arcmin": 1.2, "seating_torque_Nm": 50},
         lambda s, n, M, T: -s * 0.01 * np.tanh(M / 50) + 0 * X,

@@ -25,7 +25,7 @@ class Observations:
     at: conditions (n,); labels: name of each row for messages; orders: int (K,), rising; values: complex128 (n, K),
     deg. Samples over time are rows of their own, with the TE in the place of order 0: then `angle_rad` (n,) is the
     angle of each and `inside` the orders of which its TE is the sum. run: int (n,), the number of each run in the order
-    of measuring, where that is known.
+    of measuring, where that is known. samples: of each curve, where all have as many, else 0.
     """
 
     at: Conditions
@@ -39,6 +39,7 @@ class Observations:
     left_out: BoolArray | None = None
     seen: BoolArray | None = None
     not_looked_at: tuple[str, ...] = ()
+    samples: int = 0
 
     def model_orders(self) -> tuple[int, ...]:
         """The orders whose coefficients a model must give."""

@@ -66,6 +66,7 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
         values[row, seen[row]] = fit.coefficients
         spectral[row, seen[row]] = fit.noise_floor
     spectral /= np.where(np.array(orders) == 0, 1.0, np.sqrt(2.0))
+    counts = {curve.sums.samples for curve in campaign.curves}
     files = [curve.path.relative_to(folder).as_posix() for curve in campaign.curves]
     return Observations(
         campaign.at,
@@ -76,6 +77,7 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
         spectral_deg=spectral,
         seen=None if seen.all() else seen,
         not_looked_at=_not_looked_at(folder, campaign, rig, bands, files),
+        samples=counts.pop() if len(counts) == 1 else 0,
     )
 
 

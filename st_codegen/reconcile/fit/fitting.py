@@ -21,6 +21,21 @@ from st_codegen.reconcile.fit.target import Column, FitData
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Form
 
+AXES = ("speed", "torque", "temperature")
+
+
+@dataclass(frozen=True)
+class Fold:
+    """One left-out block: its rows (n,), the parameters fitted without it, and whether the others identify them all.
+
+    variance: (p,), what the noise lets each parameter move when the block is left out.
+    """
+
+    rows: BoolArray
+    vector: FloatArray
+    identified: bool
+    variance: FloatArray
+
 
 @dataclass(frozen=True)
 class Fit:
@@ -71,6 +86,60 @@ class Fit:
         # what no run pulls at has no sandwich at all
         np.fill_diagonal(found, np.maximum(np.diag(found), np.diag(plain)))
         return found
+
+    @cached_property
+    def covariance_with_form(self) -> FloatArray:
+        """The covariance, larger for what moves farther than by noise when whole levels are left out, (p, p).
+
+        Where the form of the model is right they move as far as their errors say; where it is not, each part of the
+        data wants other values, and the errors must say that.
+        """
+        times, known = np.ones(len(self.inverse)), np.diag(self.inverse)
+        for axis in AXES:
+            # what a block alone knows cannot be compared with what the others say
+            told = [(f, f.variance * SETTINGS.kept_knowledge < known) for f in self.folds(axis)]
+            moved = np.sum([(f.vector - self.state.vector()) ** 2 * kept for f, kept in told], axis=0)
+            by_noise = np.sum([np.maximum(f.variance, 1e-3 * known) * kept for f, kept in told], axis=0)
+            ratio = moved / np.maximum(by_noise, 1e-300)
+            times = np.where(ratio > SETTINGS.moved, np.maximum(times, ratio), times)
+        root = np.sqrt(times)
+        found: FloatArray = self.covariance * root[:, None] * root[None, :]
+        return found
+
+    def folds(self, axis: str) -> list[Fold]:
+        """The folds of an axis (one of AXES), each with the parameters that the other runs give.
+
+        None where there are fewer than three.
+        """
+        groups = self.target.groups
+        folds = groups.folds[axis]
+        if len(np.unique(folds)) < 3:
+            return []
+        matrix, gradient = (by_group(part, folds) for part in (self.normal.matrix, self.normal.gradient))
+        whole, vector = matrix.sum(axis=0) + np.diag(self.prior), self.state.vector()
+        # priors and bounds hold a fit where its runs still pull: that pull is no news, and stays out of the steps
+        pull = gradient.sum(axis=0) - self.prior * (vector - self.centre)
+        known = np.diag(inverse(whole))
+        found = []
+        for number, (own, g) in enumerate(zip(matrix, gradient, strict=True)):
+            rows = (folds == number)[groups.cells]
+            if not (rows & self.target.good).any():
+                continue
+            step = bounded_step(whole - own, pull - g, vector, self.bounds)
+            variance = np.maximum(np.diag(inverse(whole - own)) - known, 0.0)
+            found.append(Fold(rows, vector + step, _identified(whole, own), variance))
+        return found
+
+
+def _identified(whole: FloatArray, own: FloatArray) -> bool:
+    """Whether every combination of parameters keeps a part of what is known of it when the fold is left out."""
+    size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    scaled, without = (part / size[:, None] / size[None, :] for part in (whole, whole - own))
+    scaled[np.diag_indices_from(scaled)] += 1e-10
+    root = np.linalg.cholesky(scaled)
+    half = np.linalg.solve(root, without)
+    kept = np.linalg.eigvalsh(np.linalg.solve(root, half.T))
+    return bool(kept[0] > SETTINGS.kept_knowledge)
 
 
 def _prior(state: State) -> tuple[FloatArray, FloatArray]:

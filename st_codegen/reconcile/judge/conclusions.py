@@ -12,7 +12,7 @@ from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.judge.candidates import STAGES, Candidate, Search
-from st_codegen.reconcile.judge.evidence import Evidence, judge
+from st_codegen.reconcile.judge.evidence import Evidence, judge, p_of_clusters
 from st_codegen.reconcile.judge.peaks import bracket, has_a_frequency, spread
 from st_codegen.reconcile.judge.plausible import bounds_met, is_a_peak
 from st_codegen.reconcile.judge.retuned import change_after_all, changes
@@ -87,7 +87,7 @@ def without_misfits(current: Fit) -> tuple[Fit, list[Piece]]:
                 continue
             ratio = _misfit(current, piece)
             limit = SETTINGS.misfit if piece.effect.stage is not Stage.STRUCTURE else _misfit_of_peaks(piece)
-            if bounds_met(piece) or not is_a_peak(piece):
+            if bounds_met(piece) or not is_a_peak(piece) or _is_gone(current, number):
                 ratio = float("inf")
             if ratio > limit and (worst is None or ratio > worst[0]):
                 worst = (ratio, number)
@@ -95,6 +95,13 @@ def without_misfits(current: Fit) -> tuple[Fit, list[Piece]]:
             return current, dropped
         dropped.append(current.state.pieces[worst[1]])
         current = fit(current.target, current.state.without(worst[1]))
+
+
+def _is_gone(current: Fit, number: int) -> bool:
+    """Whether an addition is no longer more than noise, now that other runs and other effects are there."""
+    place = current.state.slices()[number]
+    places = list(range(place.start, place.stop))
+    return p_of_clusters(current, places, current.state.vector()[places]) > SETTINGS.p_clusters
 
 
 def _misfit_of_peaks(piece: Piece) -> float:
@@ -253,7 +260,7 @@ def _held(joint: Fit, changed: dict[int, float], offset_changed: bool) -> State:
 def standard_errors(joint: Fit, number: int) -> dict[str, float]:
     """Standard errors of the free keys of a piece, from the covariance of the joint fit; lists: `key[order]`."""
     piece, place = joint.state.pieces[number], joint.state.slices()[number]
-    covariance = joint.covariance[place, place]
+    covariance = joint.covariance_with_form[place, place]
     coordinates, vector = piece.coordinates(), piece.vector()
     found: dict[str, float] = {}
     listed = piece.effect.orders_key == "orders"

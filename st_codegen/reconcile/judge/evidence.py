@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, FloatArray
-from st_codegen.reconcile.fit.fitting import Fit
+from st_codegen.reconcile.fit.fitting import AXES, Fit
 from st_codegen.reconcile.fit.normal import by_group, inverse
-from st_codegen.reconcile.judge.held_out import AXES, compared
+from st_codegen.reconcile.judge.held_out import compared
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Form
 
@@ -89,10 +89,13 @@ def size_in_noise(fit: Fit, places: list[int], number: int) -> float:
     return float(np.sqrt(squares[touched].sum() / max(parts[touched].sum(), 1)))
 
 
-def p_of_clusters(fit: Fit, places: list[int], difference: FloatArray) -> float:
-    """Chance of a difference from zero by noise that is shared within clusters of runs (Hotelling's T squared)."""
-    covariance = fit.covariance[np.ix_(places, places)]
-    square = float(difference @ inverse(covariance) @ difference)
+def p_of_clusters(fit: Fit, places: list[int], difference: FloatArray, *, with_form: bool = False) -> float:
+    """Chance of a difference from zero by noise that is shared within clusters of runs (Hotelling's T squared).
+
+    with_form: also where it may come from a form of the model that is not right.
+    """
+    covariance = fit.covariance_with_form if with_form else fit.covariance
+    square = float(difference @ inverse(covariance[np.ix_(places, places)]) @ difference)
     gradient = by_group(fit.normal.gradient, fit.target.groups.clusters)
     clusters, count = int((np.abs(gradient).sum(axis=1) > 0).sum()), len(places)
     if clusters <= count + 1:

@@ -103,12 +103,16 @@ def _ratio(data: Observations, rig: RigModel) -> list[Mistake]:
 
 @dataclass(frozen=True)
 class _Sums:
-    """Mean powers by direction and order: of what is measured, of the model, and their product; noise power."""
+    """Mean powers by direction and order: of what is measured, of the model, and their product; noise power.
+
+    least: the power of a gap that the mean of the runs tells.
+    """
 
     measured: FloatArray
     model: FloatArray
     product: ComplexArray
     noise: FloatArray
+    least: FloatArray
     orders: IntArray
 
     def gap(self, scale: FloatArray, turn: ComplexArray) -> FloatArray:
@@ -117,7 +121,7 @@ class _Sums:
 
     def beyond_noise(self, left: FloatArray) -> FloatArray:
         """What of a power is more than noise; never less than the mean of many runs can tell."""
-        found: FloatArray = np.maximum(left - self.noise, 0.0) + self.noise / SETTINGS.noise_share
+        found: FloatArray = np.maximum(left - self.noise, 0.0) + self.least
         return found
 
 
@@ -133,7 +137,13 @@ def _loud(data: Observations, rig: RigModel) -> BoolArray:
         both = (power > 0) & (measured > 0)
         # in the unit of the data, whatever it is
         unit = float(np.median(measured[both] / power[both])) if both.any() else 1.0
-        found &= unit * power > SETTINGS.loud_order * noise[rows].mean(axis=0)
+        found &= unit * power > _least(noise[rows])
+    return found
+
+
+def _least(noise: FloatArray) -> FloatArray:
+    """The power of a gap that the mean of rows with this noise (n, K) tells, (K,)."""
+    found: FloatArray = SETTINGS.told / np.sqrt(len(noise)) * noise.mean(axis=0)
     return found
 
 
@@ -143,9 +153,11 @@ def _can_vote(data: Observations, loud: BoolArray) -> bool:
 
 
 def _noise_power(data: Observations) -> FloatArray:
-    """Power of the noise of each coefficient, (n, K), by its neighbours; at most a part of all that is there."""
-    sigma = estimate(data, data.values).sigma
+    """Power of the noise of each coefficient, (n, K): of its curve, or by its neighbours, at most a part of it all."""
     parts = np.where(data.orders == 0, 1, 2)
+    if data.spectral_deg is not None:
+        return np.asarray(parts * data.spectral_deg**2)
+    sigma = estimate(data, data.values).sigma
     found: FloatArray = parts * np.minimum(sigma**2, SETTINGS.most_noise * np.abs(data.values) ** 2)
     return found
 
@@ -159,9 +171,9 @@ def _sums(data: Observations, rig: RigModel, loud: BoolArray, swapped: bool) -> 
     for _, sign in _ROWS:
         m, s, n = (part[at.sign == sign][:, loud] for part in (data.values, model, noise))
         powers = ((np.abs(m) ** 2).mean(axis=0), (np.abs(s) ** 2).mean(axis=0))
-        tables.append((*powers, (m * s.conj()).mean(axis=0), n.mean(axis=0)))
-    measured, power, product, noise_power = (np.array(column) for column in zip(*tables, strict=True))
-    return _Sums(measured, power, product, noise_power, data.orders[loud])
+        tables.append((*powers, (m * s.conj()).mean(axis=0), n.mean(axis=0), _least(n)))
+    measured, power, product, noise_power, least = (np.array(column) for column in zip(*tables, strict=True))
+    return _Sums(measured, power, product, noise_power, least, data.orders[loud])
 
 
 @dataclass(frozen=True)
@@ -187,6 +199,8 @@ def _best(sums: _Sums) -> _Common:
     """Sign, angle and factors that leave least, one vote an order however large it is."""
     ratio = np.abs(sums.product) / np.maximum(sums.model, 1e-300)
     factors = np.exp(np.median(np.log(np.maximum(ratio, 1e-12)), axis=1))[:, None]
+    # a factor so near to one may be the rig's own
+    factors = np.where(np.abs(np.log(factors)) < np.log(SETTINGS.column_factor), 1.0, factors)
     grid = np.arange(0.0, 2 * np.pi, 2 * np.pi / (8 * max(int(sums.orders.max()), 1)))
     turns = np.exp(-1j * np.outer(grid, sums.orders))
     trials = []
@@ -208,21 +222,23 @@ def _common(data: Observations, rig: RigModel, scale: float | None) -> list[Mist
     if not _can_vote(data, loud):
         return []
     same, other = (_best(_sums(data, rig, loud, swapped)) for swapped in (False, True))
-    swapped = _better(same.gap, other.gap)
+    least = same.sums.least
+    swapped = _better(same.gap, other.gap, least)
     found = other if swapped else same
     ones = np.ones((2, 1))
-    if not _better(same.left(ones, 0.0), found.gap):
+    if not _better(same.left(ones, 0.0), found.gap, least):
         return []
     mistakes = [Mistake("direction", _DIRECTION, _swapped)] if swapped else []
     offset = float(np.rad2deg(np.angle(np.exp(1j * found.angle))))
-    if abs(offset) > SETTINGS.least_home_deg and _better(found.left(found.sign * found.factors, 0.0), found.gap):
+    if abs(offset) > SETTINGS.least_home_deg and _better(found.left(found.sign * found.factors, 0.0), found.gap, least):
         mistakes.append(Mistake("home_offset", _HOME.format(offset), _turned(found.angle)))
-    if found.sign < 0 and _better(found.left(found.factors, found.angle), found.gap):
+    if found.sign < 0 and _better(found.left(found.factors, found.angle), found.gap, least):
         mistakes.append(Mistake("sign", _SIGN, _times(-1.0, -1.0)))
     forward, backward = (float(x) for x in found.factors[:, 0])
     both = float(np.sqrt(forward * backward))
     apart = abs(np.log(forward / backward)) > np.log(SETTINGS.column_factor)
-    if apart and _better(found.left(found.sign * both * ones, found.angle), found.gap):
+    common = [found.left(found.sign * factor * ones, found.angle) for factor in (forward, backward)]
+    if apart and all(_better(left, found.gap, least) for left in common):
         louder = abs(np.log(forward)) > abs(np.log(backward))
         which, factor, both = ("forward", forward / backward, backward) if louder else (
             "backward", backward / forward, forward)  # fmt: skip
@@ -232,11 +248,15 @@ def _common(data: Observations, rig: RigModel, scale: float | None) -> list[Mist
     return [*mistakes, Mistake("unit", choices)] if choices else mistakes
 
 
-def _better(left: FloatArray, right: FloatArray) -> bool:
-    """Whether in a direction most orders have a clearly smaller gap on the right, and in none a clearly larger one."""
-    gain = np.log(left / right)
-    votes = np.minimum(np.median(gain, axis=1), gain.mean(axis=1))
-    return bool(votes.max() > SETTINGS.vote and votes.min() > -SETTINGS.vote)
+def _better(left: FloatArray, right: FloatArray, least: FloatArray) -> bool:
+    """Whether in a direction most orders have a clearly smaller gap on the right, and in none a clearly larger one.
+
+    An order without a gap on either side has no vote: the question does not touch it, or noise hides it.
+    """
+    gain, told = np.log(left / right), np.maximum(left, right) > 2.0 * least
+    votes = np.array([min(np.median(g[t]), g[t].mean()) if t.any() else 0.0 for g, t in zip(gain, told, strict=True)])
+    enough = told.sum() >= SETTINGS.least_votes
+    return bool(enough and votes.max() > SETTINGS.vote and votes.min() > -SETTINGS.vote)
 
 
 _DIRECTION = (

@@ -87,7 +87,7 @@ def _lasting_noise(joint: Fit, piece: Piece) -> bool:
 
 def _p_of(joint: Fit, places: list[int], difference: FloatArray) -> float:
     """The larger chance of both tests; the one by clusters is brought to the scale of the other."""
-    plain, clusters = _p_alone(joint, places, difference), p_of_clusters(joint, places, difference)
+    plain, clusters = _p_alone(joint, places, difference), p_of_clusters(joint, places, difference, with_form=True)
     return plain if clusters < SETTINGS.p_clusters else max(plain, clusters)
 
 

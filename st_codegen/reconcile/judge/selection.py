@@ -124,6 +124,12 @@ def _tried(current: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:
         steps=SETTINGS.quick_steps,
         tolerance=SETTINGS.quick_tolerance,
     )
+    if fitted.loss > current.loss:
+        # the linear step led astray: from where nothing of it is there yet
+        nothing = candidate.piece.with_vector(
+            np.array([0.0 if c.linear and not candidate.grown else x for c, x in
+                      zip(candidate.piece.coordinates(), candidate.piece.vector(), strict=True)]))  # fmt: skip
+        fitted = fit(current.target, replace(candidate, piece=nothing).put_into(current.state))
     piece = fitted.state.pieces[candidate.place(fitted.state)]
     effect = piece.effect
     if not has_a_frequency(effect):

@@ -16,8 +16,12 @@ from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
 
 
-def bad_runs(data: Observations, residual: ComplexArray, sigma: FloatArray) -> dict[int, float]:
-    """Rows of bad runs and how far off they are, in standard deviations; residual (n, K), sigma (n, K)."""
+def bad_runs(data: Observations, residual: ComplexArray, sigma: FloatArray, structured: BoolArray) -> dict[int, float]:
+    """Rows of bad runs and how far off they are, in standard deviations; residual (n, K), sigma (n, K).
+
+    structured: bool (K,), orders in which the model lacks something: being off in one of these alone is no fault of
+    the run.
+    """
     if data.angle_rad is not None:
         return {}
     size = _scaled(data, residual, sigma)
@@ -26,7 +30,9 @@ def bad_runs(data: Observations, residual: ComplexArray, sigma: FloatArray) -> d
     found: dict[int, float] = {}
     for rows in _runs(data):
         off = {row: _alone(size[row]) for row in rows}
-        both = float(size[rows].min(axis=0).max()) if len({data.at.sign[row] for row in rows}) == 2 else 0.0
+        pair = size[rows].min(axis=0)
+        is_pair = len({data.at.sign[row] for row in rows}) == 2
+        both = max(_alone(pair), float(pair[~structured].max(initial=0.0))) if is_pair else 0.0
         again = [row for row in rows if repeats(data.at, deviation, row)]
         if both > SETTINGS.off:
             # the run is bad as a whole, unless each direction shows what others show as well

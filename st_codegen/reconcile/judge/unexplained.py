@@ -15,6 +15,7 @@ import numpy as np
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.contrasts import neighbours
 from st_codegen.reconcile.data.levels import levels_of, speed_levels
+from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.evidence import chi_square_tail, false_discoveries, normal_tail
 from st_codegen.reconcile.judge.formulas import Formula, formula_of
@@ -26,13 +27,11 @@ from st_codegen.reconcile.settings import SETTINGS
 class ResidualStructure:
     """How much of a residual is structure.
 
-    orders: int (K,); p: chance by noise alone; power: deg^2, mean square amplitude of what is no noise; significant:
-    after control of the false discovery rate; courses: by order the step or trend over the runs, or None.
+    orders: int (K,); significant: after control of the false discovery rate; courses: by order the step or trend over
+    the runs, or None.
     """
 
     orders: IntArray
-    p: FloatArray
-    power: FloatArray
     significant: BoolArray
     courses: tuple[Course | None, ...]
 
@@ -46,15 +45,12 @@ def structure(target: FitData, residual: ComplexArray) -> ResidualStructure:
     z = (z * np.minimum(1.0, SETTINGS.cut / np.maximum(np.abs(z), 1e-300))) * good[:, None]
     p_levels, excess, scale = _between_levels(target, z[good], parts)
     p_shared, shared = _between_neighbours(target, z, parts)
-    noise = (target.sigma[good] ** 2).mean(axis=0)
     large = np.maximum(excess / scale, shared) > SETTINGS.least_excess * parts
     courses = course_of(target, z, parts)
     in_time = np.array([course is not None for course in courses])
     p = np.minimum(np.minimum(2 * p_levels, 2 * p_shared), 1.0)
     significant = (false_discoveries(p, SETTINGS.discovery_rate) & large) | in_time
-    power = np.maximum((np.abs(r[good]) ** 2).mean(axis=0) - parts * noise, 0.0)
-    power = np.maximum(power, [0.0 if course is None else course.power for course in courses])
-    return ResidualStructure(data.orders, p, power, significant, tuple(courses))
+    return ResidualStructure(data.orders, significant, tuple(courses))
 
 
 def _between_levels(target: FitData, z: ComplexArray, parts: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -150,37 +146,97 @@ class Signature:
     formula: Formula | None = None
 
 
-def signatures(target: FitData, residual: ComplexArray, gap_power: float) -> list[Signature]:
-    """Signatures of all orders with significant structure, largest first. gap_power: deg^2, of the whole gap."""
+def signatures(target: FitData, residual: ComplexArray, gap_power: float, floor: FloatArray) -> list[Signature]:
+    """Signatures of all orders with significant structure, largest first.
+
+    gap_power: deg^2, of the whole gap; floor: RMS of one component of the noise by order, (K,).
+    """
     found = structure(target, residual)
-    out = [_signature(target, residual, found, int(k), gap_power) for k in np.flatnonzero(found.significant)]
+    out = [_signature(target, residual, found, int(k), gap_power, floor[k]) for k in np.flatnonzero(found.significant)]
     out += [
         _scattered(target, residual, int(k), gap_power)
         for k in scatter(target, residual)
-        if not found.significant[k] and found.orders[k] > SETTINGS.wander_orders
+        if not found.significant[k] and not of_an_encoder(target.data)[k]
     ]
     return sorted(out, key=lambda signature: -signature.rms_deg)
 
 
-def scatter(target: FitData, residual: ComplexArray) -> IntArray:
-    """Columns of orders whose residual is larger than the noise within the curves, whatever its pattern.
+def floors(target: FitData, residual: ComplexArray, of_contrasts: FloatArray) -> FloatArray:
+    """RMS of one component of the noise by order, (K,), from that of contrasts between runs.
 
-    The lowest orders may be many times as large: a slow wander within one turn shows there, not between the orders.
+    Of curves it is that between their orders, but where noise lasts over a turn or comes from the lines of an encoder.
+    Contrasts hold what structure is left; where there is some, the noise is that of the orders next to it.
     """
-    data, good = target.data, target.good
-    if data.spectral_deg is None or not good.any():
-        return np.zeros(0, np.int64)
-    left = (np.abs(residual[good]) ** 2).mean(axis=0) / np.where(data.orders == 0, 1, 2)
-    own = (data.spectral_deg[good] ** 2).mean(axis=0)
-    times = np.where(data.orders > SETTINGS.wander_orders, SETTINGS.beyond_spectral, SETTINGS.beyond_lowest)
-    found: IntArray = np.flatnonzero(left > times**2 * own)
+    data, found = target.data, of_contrasts.copy()
+    if not target.good.any():
+        return found
+    if data.spectral_deg is not None:
+        own = np.sqrt((data.spectral_deg[target.good] ** 2).mean(axis=0))
+        lasts = (data.orders <= SETTINGS.wander_orders) & (found < _beyond(target, residual) * own)
+        return np.where(lasts | (of_an_encoder(data) > 0), found, own)
+    left = structure(target, residual).significant
+    clean = np.flatnonzero(~left & (data.orders > 0))
+    for k in np.flatnonzero(left & (data.orders > 0)) if len(clean) else ():
+        near = clean[np.argsort(np.abs(data.orders[clean] - data.orders[k]), kind="stable")[: SETTINGS.near_floors]]
+        found[k] = min(found[k], float(np.median(of_contrasts[near])))
     return found
 
 
-def scatter_at_lowest(target: FitData, residual: ComplexArray) -> tuple[str, ...]:
-    """What is said of the lowest orders that differ from run to run far more than within their curves."""
-    low = [int(k) for k in scatter(target, residual) if target.data.orders[k] <= SETTINGS.wander_orders]
-    return tuple(_scattered(target, residual, k, 1.0).text for k in low)
+def scatter(target: FitData, residual: ComplexArray) -> IntArray:
+    """Columns of orders whose residual is larger than the noise within the curves, whatever its pattern."""
+    data = target.data
+    if data.spectral_deg is None or not target.good.any():
+        return np.zeros(0, np.int64)
+    found: IntArray = np.flatnonzero(_times_spectral(target, residual) > _beyond(target, residual))
+    return found
+
+
+def _times_spectral(target: FitData, residual: ComplexArray) -> FloatArray:
+    """How many times the noise within the curves a residual is, by order (K,)."""
+    data, good = target.data, target.good
+    assert data.spectral_deg is not None
+    left = (np.abs(residual[good]) ** 2).mean(axis=0) / np.where(data.orders == 0, 1, 2)
+    found: FloatArray = np.sqrt(left / np.maximum((data.spectral_deg[good] ** 2).mean(axis=0), 1e-300))
+    return found
+
+
+def _beyond(target: FitData, residual: ComplexArray) -> FloatArray:
+    """How many times the noise within the curves a residual may be, (K,): a slow wander shows in the lowest orders.
+
+    It shows in all of them: how far each may be above is told by the others, order 0 aside.
+    """
+    orders, times = target.data.orders, _times_spectral(target, residual)
+    found = np.full(len(orders), SETTINGS.beyond_spectral)
+    for k in np.flatnonzero(orders <= SETTINGS.wander_orders):
+        others = np.flatnonzero((orders > 0) & (np.arange(len(orders)) != k))[: SETTINGS.near_floors]
+        if len(others):
+            found[k] *= max(1.0, SETTINGS.wander * float(np.median(times[others])))
+    return found
+
+
+def of_an_encoder(data: Observations) -> IntArray:
+    """The number of lines of an encoder whose error between two lines shows at an order as it was sampled, (K,), or 0.
+
+    With n samples a turn, order L of the lines shows as the distance of L from the next multiple of n; the waves of the
+    lowest orders make sidebands of it.
+    """
+    found = np.zeros(len(data.orders), np.int64)
+    for lines in SETTINGS.encoder_lines if data.samples else ():
+        alias = min(lines % data.samples, -lines % data.samples)
+        near = np.abs(data.orders - alias) <= SETTINGS.sidebands_of_lines
+        found[near & (data.orders > SETTINGS.wander_orders)] = lines
+    return found
+
+
+def scatter_of_encoder(target: FitData, residual: ComplexArray) -> tuple[str, ...]:
+    """What is said of orders that differ from run to run as the error of an encoder between its lines does."""
+    data, lines = target.data, of_an_encoder(target.data)
+    columns = [k for k in scatter(target, residual) if lines[k]]
+    return tuple(
+        f"order {data.orders[k]} differs from run to run, as the error of an encoder of {lines[k]} lines between "
+        f"two of them would at {data.samples} samples a turn: it counts as noise"
+        for k in columns
+    )
 
 
 def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float) -> Signature:
@@ -209,13 +265,13 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
 
 
 def _signature(
-    target: FitData, residual: ComplexArray, found: ResidualStructure, k: int, gap_power: float
+    target: FitData, residual: ComplexArray, found: ResidualStructure, k: int, gap_power: float, floor: float
 ) -> Signature:
     order, course = int(found.orders[k]), found.courses[k]
     r = residual[:, k] if order else residual[:, k].real.astype(np.complex128)
     parts = 2 if order else 1
-    noise = parts * float((target.sigma[target.good, k] ** 2).mean())
-    power = float(found.power[k]) * (0.5 if order else 1.0)
+    noise = parts * min(float((target.sigma[target.good, k] ** 2).mean()), floor**2)
+    power = max(float((np.abs(r[target.good]) ** 2).mean()) - noise, 0.0 if course is None else course.power) / parts
     shares = dependence(target, r, noise, course)
     direction = _direction(target, r)
     formula = formula_of(target, r, k)

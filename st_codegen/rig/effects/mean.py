@@ -39,6 +39,18 @@ class TorsionalCompliance(_MeanEffect):
         return found
 
 
+class HangingLoadCompliance(_MeanEffect):
+    """The transmission twists under a load that pulls the same way whichever way it turns: a weight on an arm."""
+
+    name = "hanging_load_compliance"
+    title = "torsional compliance under a load that keeps its direction"
+    scalars = TorsionalCompliance.scalars
+
+    def mean(self, at: Conditions) -> FloatArray:
+        found: FloatArray = -at.torque_Nm / self.scalar("stiffness_Nm_per_arcmin") * ARCMIN
+        return found
+
+
 class Backlash(_MeanEffect):
     """Clearance between the flanks, closed by a small load."""
 

@@ -255,13 +255,15 @@ def mains(draw: Draw) -> Drawn:
 
 def linear_spring(draw: Draw) -> Drawn:
     stiffness = draw.random.uniform(250.0, 700.0)
-    part = slow.mean_part("spring", ("torsional_compliance",), slow.linear_spring(stiffness))
+    part = slow.mean_part("spring", ("torsional_compliance", "hanging_load_compliance"), slow.linear_spring(stiffness))
     return draw.machine.without("torsional_compliance"), (part,)
 
 
 def hertz_spring(draw: Draw) -> Drawn:
     value = slow.hertz_spring(draw.random.uniform(0.03, 0.09), 1600.0)
-    part = slow.mean_part("spring of Hertzian contact, power 2/3", ("torsional_compliance",), value)
+    part = slow.mean_part(
+        "spring of Hertzian contact, power 2/3", ("torsional_compliance", "hanging_load_compliance"), value
+    )
     return draw.machine.without("torsional_compliance"), (part,)
 
 
@@ -269,7 +271,7 @@ def stepped_spring(draw: Draw) -> Drawn:
     first = draw.random.uniform(200.0, 320.0)
     stiffness = (first, first * draw.random.uniform(1.3, 1.8), first * draw.random.uniform(2.0, 2.8))
     value = slow.stepped_spring(stiffness, (draw.random.uniform(200, 400), draw.random.uniform(600, 1000)))
-    part = slow.mean_part("stiffness in three steps", ("torsional_compliance",), value)
+    part = slow.mean_part("stiffness in three steps", ("torsional_compliance", "hanging_load_compliance"), value)
     return draw.machine.without("torsional_compliance"), (part,)
 
 

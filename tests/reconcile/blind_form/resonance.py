@@ -51,12 +51,18 @@ def states(cold: float, warm: float, edge_C: float) -> Callable[[Points], Array]
 def modal_part(
     title: str, modes: tuple[Mode, ...], sizes: dict[int, Complex], ratio: int, hertz: tuple[float, float]
 ) -> Part:
-    """Each order drives each mode: `sizes[order]` has the shape (modes, 2), forward and backward."""
+    """Each order drives each mode: `sizes[order]` has the shape (modes, 2), forward and backward.
+
+    Turning backward the angle falls in time: exp(i*k*theta) turns the other way, and the lag is the conjugate.
+    """
+
+    def both(response: Complex) -> Complex:
+        return np.stack([response, response.conj()], axis=1)
 
     def waves(points: Points) -> Waves:
         return {
             float(order): sum(
-                (mode.response(points, order, ratio)[:, None] * size[None, :])
+                both(mode.response(points, order, ratio)) * size[None, :]
                 for mode, size in zip(modes, table, strict=True)
             )
             for order, table in sizes.items()

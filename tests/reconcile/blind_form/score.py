@@ -124,7 +124,8 @@ def _bounds(report: Report) -> list[Statement]:
         if claim.name == "empirical" or report.is_rounded:
             continue  # its exponents are whole numbers
         for key, value in claim.parameters.items():
-            is_fitted = key.split("[")[0] not in ("order", "orders", "cranks")
+            # what has no error is a guess beside what was fitted, and said to be one
+            is_fitted = key.split("[")[0] not in ("order", "orders", "cranks") and value.stderr is not None
             if is_fitted and value.value != 0.0 and float(f"{value.value:.3g}") == value.value:
                 rows.append(Statement("bound", f"{claim.name}: {key} = {value.value:g} stands at a bound"))
     return rows

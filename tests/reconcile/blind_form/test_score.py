@@ -140,7 +140,7 @@ def test_a_rig_that_the_program_refuses_is_a_false_statement():
 def test_a_parameter_at_a_bound_is_no_finding():
     effect = {
         "name": "pin_error",
-        "parameters": {"damping_ratio": {"value": 0.3}, "frequency_Hz": {"value": 41.23456789}},
+        "parameters": {"damping_ratio": {"value": 0.3, "stderr": 0.01}, "frequency_Hz": {"value": 41.23456789}},
     }
     truth = truth_of(wave(53, ("pin_error",)))
     assert kinds(judged(truth, report_of(effects=[effect]))) == {"bound"}
