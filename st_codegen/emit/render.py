@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -32,10 +33,10 @@ def templates_folder() -> Path:
     return installed if installed.is_dir() else Path(__file__).resolve().parents[2] / "templates"
 
 
-def _environment(*, autoescape: bool) -> jinja2.Environment:
+def _environment(folder: Path, *, autoescape: bool) -> jinja2.Environment:
     """The templates of the package with the rules that hold for all of them."""
     return jinja2.Environment(
-        loader=jinja2.FileSystemLoader(templates_folder()),
+        loader=jinja2.FileSystemLoader(folder),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -44,13 +45,14 @@ def _environment(*, autoescape: bool) -> jinja2.Environment:
     )
 
 
-def environment(target: Target) -> jinja2.Environment:
-    """The templates of a target. They lay out, Python decides; an undefined name is an error.
+@cache
+def _templates(folder: Path, name: str) -> jinja2.Environment:
+    """The templates of targets with the folder `name`. They lay out, Python decides; an undefined name is an error.
 
-    Every template sees the macros of `common/macros.st.j2`, the target's dialect, and `code(block, section)`, which
-    prints a section of a block by the section's own template.
+    Every template sees the macros of `common/macros.st.j2`, the dialect of that folder, and `code(block, section)`,
+    which prints a section of a block by the section's own template. Templates are compiled once in a process.
     """
-    templates = _environment(autoescape=False)
+    templates = _environment(folder, autoescape=False)
     templates.filters["xml"] = _as_xml_text
     templates.filters["single_round"] = _single_round
 
@@ -59,7 +61,7 @@ def environment(target: Target) -> jinja2.Environment:
         return template.render(block=block, **section.values)
 
     templates.globals["code"] = code
-    templates.globals["dialect"] = templates.get_template(f"{target.templates}/dialect.st.j2").module
+    templates.globals["dialect"] = templates.get_template(f"{name}/dialect.st.j2").module
     macros = templates.get_template("common/macros.st.j2").module
     templates.globals.update({name: macro for name, macro in vars(macros).items() if not name.startswith("_")})
     return templates
@@ -86,13 +88,13 @@ def render(contents: Contents, target: Target, limits: Limits | None = None) -> 
 
 def print_plans(target: Target, plans: Iterable[FilePlan]) -> Iterator[RenderedFile]:
     """The files that a target has planned, printed piece by piece while they are consumed."""
-    templates = environment(target)
+    templates = _templates(templates_folder(), target.templates)
     return (RenderedFile(plan.path, _print(templates, plan)) for plan in plans)
 
 
 def render_report(template: str, values: Mapping[str, Any]) -> str:
     """A page of a report from `templates/`; text is escaped for HTML, an undefined name is an error."""
-    return _environment(autoescape=True).get_template(template).render(**values)
+    return _environment(templates_folder(), autoescape=True).get_template(template).render(**values)
 
 
 def _print(templates: jinja2.Environment, plan: FilePlan) -> Iterator[str]:

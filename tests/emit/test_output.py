@@ -211,6 +211,8 @@ from st_codegen.passes.choose import Layout, Options
 from st_codegen.project.bundle import load
 bundles = [load(Path(folder)) for folder in sys.argv[1:3]]
 out = sys.argv[3]
+for bundle in bundles:  # what is imported and compiled here, no child does again
+    generate(bundle, TARGETS["twincat"], Path(sys.argv[4]), options=Options(Layout.TREES))
 
 def killed_at(last):
     count = 0
@@ -247,7 +249,7 @@ def test_a_killed_run_leaves_a_whole_project(lone_folder, lightgbm_text, tmp_pat
         wholes.append(snapshot(generate(load(models), TWINCAT, tmp_path / f"whole{number}", options=TREES).folder))
     out = tmp_path / "out"
     generate(load(lone_folder), TWINCAT, out, options=TREES)
-    program = [sys.executable, "-c", WRITER, str(lone_folder), str(other), str(out)]
+    program = [sys.executable, "-c", WRITER, str(lone_folder), str(other), str(out), str(tmp_path / "warm")]
     present, seen = 0, []
     with subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as writer:
         for last in range(1, 1000):

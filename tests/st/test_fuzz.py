@@ -146,7 +146,7 @@ def test_long_chains_compile() -> None:
     for operator, kind in (("+", "LREAL"), ("+", "DINT"), ("AND", "BOOL"), ("-", "LREAL")):
         chain = f" {operator} ".join(["x", *["y"] * 3000])
         source = f"FUNCTION_BLOCK FB_T VAR x : {kind}; y : {kind}; z : {kind}; END_VAR z := {chain}; END_FUNCTION_BLOCK"
-        Machine(parse_project({"a.st": source})).instance("FB_T")()
+        Machine(parse_project({"a.st": source}), 1).instance("FB_T")()
     chain = " + ".join(["x", *["y"] * 3000])
     source = f"FUNCTION_BLOCK FB_T VAR_INPUT x : LREAL; y : LREAL; END_VAR VAR z : LREAL; END_VAR z := {chain}; END_FUNCTION_BLOCK"
     with pytest.raises(StRuntimeError, match="overflow"):
