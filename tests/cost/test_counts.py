@@ -150,6 +150,23 @@ BOUNDED = {
     "FOR i := ROWS[n] TO ROWS[n + 1] - 1 DO x := SQRT(x); END_FOR;": 40,
     "FOR i := ROWS[n + 1] + 2 TO ROWS[n + 2] DO x := SQRT(x); END_FOR;": 39,
     "FOR i := 0 TO n MOD 4 DO x := SQRT(x); END_FOR;": 4,
+    # K[n] is 1..4: what is computed from it, at the ends that make the most rounds
+    "FOR i := 1 TO K[n] * 3 DO x := SQRT(x); END_FOR;": 12,
+    "FOR i := 1 TO (K[n] - 2) * (K[n] - 5) DO x := SQRT(x); END_FOR;": 4,
+    "FOR i := 1 TO 9 / K[n] DO x := SQRT(x); END_FOR;": 9,
+    "FOR i := 1 TO (2 - K[n] * 3) / (-2) DO x := SQRT(x); END_FOR;": 5,
+    "FOR i := K[n] / (-2) TO 0 DO x := SQRT(x); END_FOR;": 3,
+    "FOR i := 1 TO 9 / (K[n] - 2) DO x := SQRT(x); END_FOR;": None,
+    "FOR i := 1 TO K[n] MOD 3 DO x := SQRT(x); END_FOR;": 2,
+    "FOR i := -K[n] TO 0 DO x := SQRT(x); END_FOR;": 5,
+    "FOR i := 1 TO MAX(K[n], 6) DO x := SQRT(x); END_FOR;": 6,
+    "FOR i := MAX(K[n], 3) TO 4 DO x := SQRT(x); END_FOR;": 2,
+    "FOR i := MIN(K[n], 3) TO 4 DO x := SQRT(x); END_FOR;": 4,
+    "FOR i := 1 TO LIMIT(2, n, 6) DO x := SQRT(x); END_FOR;": 6,
+    "FOR i := LIMIT(2, n, 6) TO 6 DO x := SQRT(x); END_FOR;": 5,
+    "FOR i := 1 TO SEL(b, K[n], 7) DO x := SQRT(x); END_FOR;": 7,
+    "FOR i := SEL(b, K[n] + 2, 3) TO 7 DO x := SQRT(x); END_FOR;": 5,
+    "FOR i := 1 TO ABS(K[n] - 6) DO x := SQRT(x); END_FOR;": 5,
     "i := 0; n := 99; WHILE i < n DO m := (i + n) / 2; IF T[m] < x THEN i := m + 1; ELSE n := m; END_IF;"
     " x := SQRT(x); END_WHILE;": None,
     "i := 0; WHILE b AND i <= 7 DO x := SQRT(x); i := i + 2; END_WHILE;": 4,
@@ -220,6 +237,29 @@ def test_a_search_that_halves_is_bounded():
         instance["x"] = x
         instance()
         assert instance["nRounds"] <= 7
+
+
+SEARCH = "i := 0; n := 99; WHILE i {} n DO m := {}; IF T[m] < x THEN i := {}; ELSE n := {}; END_IF; END_WHILE;"
+
+
+@pytest.mark.parametrize(
+    ("compare", "middle", "low", "high", "is_bounded"),
+    [
+        ("<", "(i + n) / 2", "m + 1", "m", True),
+        ("<", "(n + i) / 2", "m + 1", "m - 1", True),
+        ("<=", "(i + n) / 2", "m + 1", "m - 1", True),
+        ("<=", "(i + n) / 2", "m + 1", "m", False),
+        ("<", "(i + n) / 2", "m", "m", False),
+        ("<", "(i + n) / 2", "m + 1", "m + 1", False),
+        ("<", "(i + n) / 2", "m - 1", "m", False),
+        ("<", "(i + n) / 2", "n + 1", "m", False),
+        ("<", "(i + n) / 3", "m + 1", "m", False),
+        ("<", "(i - n) / 2", "m + 1", "m", False),
+        ("<", "(i + i) / 2", "m + 1", "m", False),
+    ],
+)
+def test_only_a_search_that_leaves_half_is_bounded(compare, middle, low, high, is_bounded):
+    assert (unit(SEARCH.format(compare, middle, low, high)).unbounded == ()) is is_bounded
 
 
 def test_no_run_takes_more_rounds_than_the_bound():

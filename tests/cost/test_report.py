@@ -82,6 +82,7 @@ def test_every_problem_of_a_profile_is_in_one_message(tmp_path):
     text = text.replace('store = { value = 1.0, source = "slm" }', "store = 1.0")
     text = text.replace('load = { value = 3.0, source = "slm" }', "")
     text = text.replace("compute = 1.0", "compute = -1.0")
+    text = text.replace('add = { value = 3.0, source = "', 'add = { value = 3.0, source = "" } # "', 1)
     text = re.sub(r"clock_MHz = .*", 'clock_MHz = { value = 0.0, source = "x" }', text)
     path = tmp_path / "mine.toml"
     path.write_text(text + '\nflop = { value = 1.0, source = "x" }\n[other]\n', encoding="utf-8")
@@ -89,7 +90,8 @@ def test_every_problem_of_a_profile_is_in_one_message(tmp_path):
         load_profile(path)
     message = str(caught.value)
     for part in (
-        "6 problems",
+        "7 problems",
+        "[cycles.add]: source is empty",
         "[cycles]: store = 1.0; write { value",
         "'load' is missing",
         "compute = -1.0 is outside",
@@ -126,6 +128,15 @@ def test_calibration_finds_the_factors_that_made_the_times(tmp_path):
     assert (fit.compute, fit.memory) == pytest.approx((0.6, 1.0), rel=1e-4)
 
 
+def test_a_time_below_the_wait_for_memory_scales_both_alike():
+    checked = project(TWO)
+    modelled = project_cost(checked, PROFILE).blocks["FB_Other"].cold_us
+    fit = calibrate(checked, PROFILE, (Measurement("FB_Other", True, 1e-3 * modelled),))
+    assert not fit.is_memory_known
+    assert (fit.compute, fit.memory) == pytest.approx((1e-3, 1e-3))
+    assert fit.modelled == pytest.approx((1e-3 * modelled,))
+
+
 def test_noisy_times_give_the_least_squares_factors():
     checked = project(TWO)
     random = np.random.default_rng(0)
@@ -156,3 +167,12 @@ def test_measured_times_are_read_with_all_their_problems(tmp_path):
         read_measurements(tmp_path / "none.csv")
     with pytest.raises(InputError, match=r"no block 'FB_None'"):
         calibrate(project(TWO), PROFILE, (Measurement("FB_None", False, 1.0),))
+    path.write_text("block,caches,us\n")
+    with pytest.raises(InputError, match="no rows; give one for each measured call"):
+        read_measurements(path)
+    with pytest.raises(InputError, match=r"block 'FB_T' has no known worst case: .*no bound known"):
+        calibrate(
+            project(block("WHILE x < 1.0 DO x := x * 2.0; END_WHILE;", VARIABLES)),
+            PROFILE,
+            (Measurement("FB_T", False, 1.0),),
+        )
