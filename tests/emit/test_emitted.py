@@ -14,9 +14,10 @@ from st_codegen.passes.domain import limit_inputs
 from st_codegen.proof import bounds
 from st_codegen.proof.probes import probe_rows
 from st_codegen.proof.runner import GeneratedCode
-from st_codegen.st.check.generated import single_rounds, unused_variables
+from st_codegen.st.check.generated import single_rounds
 from tests.examples import examples
 from tests.models import SMALL_MODELS, tree_models
+from tests.st.leftovers import unused_variables
 
 
 def generated(model, target, folder, limits=None):

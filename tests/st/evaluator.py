@@ -16,6 +16,7 @@ from st_codegen.st.check import constants
 from st_codegen.st.errors import Position
 from st_codegen.st.tree import PouKind
 from st_codegen.st.types import REAL, ArrayType, BlockType, Elementary, StructType, Type, storage_type
+from tests.st import functions
 
 
 class StoppedError(Exception):
@@ -215,7 +216,7 @@ class _Unit:
             case t.Binary(operator=operator):
                 left, right = self.value(node.left), self.value(node.right)
                 if node.type is REAL:
-                    return self.at(at, a.single(a.REAL_OPERATORS[operator]), left, right)
+                    return self.at(at, functions.single(a.REAL_OPERATORS[operator]), left, right)
                 return self.at(at, constants.binary, operator, storage_type(node.type), node.overflow, left, right)
             case t.ShortCircuit(operator=operator):
                 left = self.value(node.left)
@@ -237,13 +238,13 @@ class _Unit:
     def standard(node: t.StandardCall, type_: Elementary, *x: Any) -> Any:
         name = node.function
         if name in a.FUNCTIONS or name in ("EXPT", "ATAN2"):
-            function = a.FUNCTIONS.get(name) or {"EXPT": a.expt, "ATAN2": a.atan2}[name]
-            return (a.single(function) if type_ is REAL else function)(*x)
+            function = a.FUNCTIONS.get(name) or {"EXPT": functions.expt, "ATAN2": functions.atan2}[name]
+            return (functions.single(function) if type_ is REAL else function)(*x)
         match name:
             case "ABS":
                 return abs(x[0]) if type_.is_real else a.exact(abs(x[0]), type_.lower, type_.upper, x[0])
             case "TRUNC":
-                return a.truncate(x[0], type_.lower, type_.upper)
+                return functions.truncate(x[0], type_.lower, type_.upper)
             case "SEL":
                 return x[2] if x[0] else x[1]
             case "MUX":
@@ -262,7 +263,7 @@ class _Unit:
             raise a.Fault(a.SHIFT, x)
         if name == "SHR":
             return x[0] >> count
-        function = {"SHL": a.shift_left, "ROL": a.rotate_left, "ROR": a.rotate_right}[name]
+        function = {"SHL": functions.shift_left, "ROL": functions.rotate_left, "ROR": functions.rotate_right}[name]
         return a.wrap(function(x[0] & mask, count, type_.bits, mask), type_.lower, type_.upper)
 
     def call(self, node: t.Call) -> Any:

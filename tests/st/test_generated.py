@@ -3,7 +3,8 @@
 import pytest
 
 from st_codegen.st import parse_project
-from st_codegen.st.check.generated import single_rounds, unused_variables
+from st_codegen.st.check.generated import single_rounds
+from tests.st.leftovers import unused_variables
 
 BLOCK = """FUNCTION_BLOCK FB_A
 VAR_INPUT n : DINT; END_VAR

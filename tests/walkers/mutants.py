@@ -3,6 +3,8 @@
 `python -m tests.walkers.mutants FILE COUNT SEED` prints how many were refused, accepted, or ended in another way.
 """
 
+import contextlib
+import importlib
 import io
 import json
 import os
@@ -137,6 +139,10 @@ def outcome(path: Path) -> str:
 
 def main(source: Path, count: int, seed: int) -> None:
     """Print the outcomes of `count` mutants as JSON; those that are neither accepted nor refused are kept."""
+    # imported once, not in each child; nothing is loaded here, for threads of a library do not survive a fork
+    for library in ("skops.io", "sklearn.ensemble", "lightgbm", "xgboost"):
+        with contextlib.suppress(ImportError):
+            importlib.import_module(library)
     data, rng, outcomes = source.read_bytes(), random.Random(seed), Counter[str]()
     path = source.with_name(f"mutant_{source.name}")
     for number in range(count):

@@ -123,11 +123,6 @@ def to_integer(value: float, lower: int, upper: int, to_whole: Callable[[float],
     return result
 
 
-def truncate(value: float, lower: int, upper: int) -> int:
-    """A real number to the next integer towards zero."""
-    return to_integer(value, lower, upper, int)
-
-
 def wrap(value: int, lower: int, upper: int) -> int:
     """Two's complement: the value of the type that has the same low bits."""
     return ((value - lower) & (upper - lower)) + lower
@@ -169,45 +164,8 @@ def compared(a: float, b: float) -> bool:
     return False
 
 
-def shift_left(value: int, count: int, bits: int, mask: int) -> int:
-    """SHL of a value that is not negative."""
-    if not 0 <= count < bits:
-        raise Fault(SHIFT, (value, count))
-    return (value << count) & mask
-
-
-def rotate_left(value: int, count: int, bits: int, mask: int) -> int:
-    """ROL of a value that is not negative."""
-    if count < 0:
-        raise Fault(SHIFT, (value, count))
-    turn = count % bits
-    return ((value << turn) | (value >> (bits - turn))) & mask
-
-
-def rotate_right(value: int, count: int, bits: int, mask: int) -> int:
-    """ROR of a value that is not negative."""
-    if count < 0:
-        raise Fault(SHIFT, (value, count))
-    return rotate_left(value, bits - count % bits, bits, mask)
-
-
 # --- functions --------------------------------------------------------------------------------------------------------
 # The C library evaluates them here, by Python's own functions, and in compiled code: they agree to the last bit.
-
-
-def expt(x: float, y: float) -> float:
-    """EXPT, also written `**`."""
-    if x == 0.0 and y < 0.0 and not math.isinf(y):
-        raise Fault(DIVISION, (x, y))
-    if x < 0.0 and math.isfinite(x) and math.isfinite(y) and y != math.floor(y):
-        raise Fault(INVALID, (x, y))
-    try:
-        result = math.pow(x, y)
-    except OverflowError:
-        raise Fault(OVERFLOW, (x, y)) from None
-    if result - result and not math.isnan(x) and not math.isnan(y):
-        return check_float(result, x, y)
-    return result
 
 
 def _guarded(compute: RealFunction, is_outside: Callable[[float], bool], kind: str = INVALID) -> RealFunction:
@@ -238,22 +196,6 @@ FUNCTIONS: dict[str, RealFunction] = {
     "ACOS": _guarded(math.acos, lambda x: abs(x) > 1.0),
     "ATAN": _guarded(math.atan, lambda _: False),
 }
-
-
-def atan2(y: float, x: float) -> float:
-    """ATAN2 of two LREAL values."""
-    if math.isnan(x) or math.isnan(y):
-        return check_float(math.nan, x, y)
-    return math.atan2(y, x)
-
-
-def single(function: Callable[..., float]) -> Callable[..., float]:
-    """A function of REAL values: evaluated as LREAL, then rounded."""
-
-    def evaluate(*arguments: float) -> float:
-        return round_single(function(*arguments), *arguments)
-
-    return evaluate
 
 
 def stored(value: float, type_: Elementary) -> float:

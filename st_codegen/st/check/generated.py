@@ -1,4 +1,4 @@
-"""What no generated text has, in whatever dialect: constructs that compilers in use get wrong, and leftovers."""
+"""What no generated text has, in whatever dialect: constructs that compilers in use get wrong."""
 
 from __future__ import annotations
 
@@ -30,16 +30,3 @@ def _constant(expression: t.Expression) -> Scalar | None:
         return evaluate(expression)
     except NotConstantError:
         return None
-
-
-def unused_variables(project: t.Project) -> tuple[Problem, ...]:
-    """Local variables and constants that the body of their unit does not mention, in the order of the text."""
-    return tuple(sorted(_unused_variables(project)))
-
-
-def _unused_variables(project: t.Project) -> Iterator[Problem]:
-    for pou in project.pous.values():
-        read = {part.variable for part in walk.all_expressions(pou.body) if isinstance(part, t.VariableRef)}
-        for variable in pou.variables:
-            if variable.section is t.Section.VAR and variable not in read:
-                yield Problem(variable.position, f"'{variable.name}' is declared and not used")

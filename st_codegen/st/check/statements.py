@@ -14,7 +14,7 @@ from st_codegen.st.check.symbols import DeclaredUnit, failure
 from st_codegen.st.errors import Problem, StCheckError
 from st_codegen.st.types import ArrayType, BlockType, EnumType, Type
 
-# Python nests no deeper than 100 levels of indentation and 20 loops, and the back ends use up to three for one here
+#: Statements inside of statements are followed by recursion, here and by all that reads a checked tree.
 MAX_NESTED = 30
 MAX_LOOPS = 12
 
