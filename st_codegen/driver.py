@@ -30,6 +30,8 @@ from st_codegen.proof.probes import trained_range
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.proof.vectors import reference_vectors
 
+#: More elements, or bytes, than any table has.
+_UNLIMITED = 2**31 - 1
 #: Blocks that an error names
 _NAMED = 5
 
@@ -159,7 +161,9 @@ def predict(bundle: Bundle, columns: dict[str, FloatArray], engine: Evaluator) -
             return predictions.predict(dataclasses.replace(bundle, models=models), columns, predictions.by_library)
     with tempfile.TemporaryDirectory(prefix="st-codegen-") as folder:
         target = TARGETS["twincat"]
-        code = GeneratedCode(generate(bundle, target, folder).folder, target.dialect)
+        # no controller has to hold this text: no table is too large
+        made = generate(bundle, target, folder, max_array=_UNLIMITED, options=Options(data_bytes=_UNLIMITED))
+        code = GeneratedCode(made.folder, target.dialect)
         return predictions.predict(bundle, columns, predictions.by_text(code))
 
 

@@ -6,7 +6,7 @@ A test compares them with the rooms'.
 from __future__ import annotations
 
 TARGETS = ("iec", "plcopen", "twincat", "beckhoff-ml")
-LAYOUTS = ("auto", "trees", "table")
+LAYOUTS = ("auto", "trees", "ranked", "table")
 TABLE_KILOBYTES = 64
 OUTPUTS = ("class", "probability", "decision")
 EVALUATORS = ("st", "reference", "source")

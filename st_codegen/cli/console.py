@@ -98,7 +98,8 @@ def array_option(function: Command) -> Command:
         "--max-array",
         type=Whole(min=1),
         default=None,
-        help="Largest number of elements in one array (default: the target's). Larger tables are cut into several.",
+        help="Largest number of elements in one array (default: the target's). Tables of trees, neurons and support "
+        "vectors are cut into several, a tree or a vector never; what cannot be cut is refused.",
     )(function)
 
 
@@ -119,7 +120,9 @@ def layout_options(function: Command) -> Command:
         type=click.Choice(LAYOUTS),
         default=LAYOUTS[0],
         show_default=True,
-        help="How trees are written: as nodes, as tables of their values in every cell, or whichever is cheaper.",
+        help="How trees are written: trees, as they were trained, to be read; ranked, as nodes that compare ranks, "
+        "which is faster; table, as a table of their values in every cell. With auto, and where ranked or table is "
+        "impossible, whichever is cheapest.",
     )
     limit = click.option(
         "--table-limit",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ from st_codegen.cost.profile_files import DEFAULT, profile_names
 
 if TYPE_CHECKING:
     from st_codegen.cost.report import BlockCost, ProjectCost, UnitPart
-    from st_codegen.proof.explain import Price
+    from st_codegen.proof.explain import InputLimit, Price
 
 #: Parts of a cycle that take less than this share are added up in one row.
 _SMALL = 0.002
@@ -113,6 +114,17 @@ def price_table(target: str, profile: str, priced: Iterable[Price]) -> Table:
             f"{cost.cold_us:.2f}",
         )
     return table
+
+
+def limits_table(limits: Iterable[InputLimit]) -> Table | str:
+    """A row for each input that a block refuses beyond a magnitude, or a sentence where there is none."""
+    table = Table(title="inputs that are refused: bValid is FALSE from this magnitude on", title_justify="left")
+    for name in ("model", "input", "magnitude"):
+        table.add_column(name)
+    for limit in limits:
+        infinite = math.isinf(limit.magnitude)
+        table.add_row(limit.model, limit.feature, "infinite" if infinite else f"{limit.magnitude:.17g}")
+    return table if table.row_count else "no input is refused for its magnitude"
 
 
 def _cells(parts: list[UnitPart], total: float) -> list[str]:

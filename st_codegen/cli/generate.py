@@ -22,7 +22,7 @@ from st_codegen.cli.console import (
     quiet_option,
     trust_option,
 )
-from st_codegen.cli.costs import price_table, print_budget
+from st_codegen.cli.costs import limits_table, price_table, print_budget
 
 if TYPE_CHECKING:
     from st_codegen.driver import Generated
@@ -89,7 +89,11 @@ Examples:
     help="Choose layouts by the worst case of the emitted text on this controller (see verify); slower. Default: by an "
     "estimate from the model alone.",
 )
-@click.option("--explain", is_flag=True, help="Print the layouts of each model with their prices, and who spends what.")
+@click.option(
+    "--explain",
+    is_flag=True,
+    help="Print which inputs are refused, the layouts of each model with prices, and who spends what.",
+)
 @layout_options
 @outputs_option
 @trust_option
@@ -122,7 +126,7 @@ def command(
     from st_codegen.emit.targets import target_named
     from st_codegen.passes.choose import Layout, Options, simple_cost
     from st_codegen.project.bundle import load
-    from st_codegen.proof.explain import Pricing, prices
+    from st_codegen.proof.explain import Pricing, input_limits, prices
     from st_codegen.proof.runner import GeneratedCode
     from st_codegen.proof.verify import cycle_cost
 
@@ -181,6 +185,7 @@ def command(
             for remark in generated.purpose.remarks() if generated.purpose else ():
                 console.print(remark, soft_wrap=True)
         if explain:
+            console.print(limits_table(input_limits(bundle.irs)))
             if generated.compiled.decisions:
                 console.print(price_table(target.name, machine.name, prices(generated.compiled, pricing[target.name])))
             cost = cycle_cost(GeneratedCode(generated.folder, target.dialect), machine)

@@ -32,6 +32,10 @@ class Feature:
         if self.lower is not None and self.upper is not None and not self.lower < self.upper:
             raise InputError(f"feature '{self.name}': the range {self.lower} .. {self.upper} is empty")
 
+    def is_below(self, magnitude: float) -> bool:
+        """Whether the trained range keeps the input below a magnitude."""
+        return self.lower is not None and self.upper is not None and max(-self.lower, self.upper) < magnitude
+
 
 @dataclass(frozen=True)
 class Source:

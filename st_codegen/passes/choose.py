@@ -30,7 +30,8 @@ class Layout(StrEnum):
     """Which layouts of trees the user allows."""
 
     AUTO = "auto"  # the cheapest
-    TREES = "trees"  # nodes, never a table
+    TREES = "trees"  # nodes as they were trained, for people who want to read them
+    RANKED = "ranked"  # nodes that compare ranks, wherever there are such
     TABLE = "table"  # a table wherever one exists below the limit
 
 
@@ -40,7 +41,7 @@ class Options:
 
     `table_bytes`: no table has more for one output of a model. `merged_bytes`: no table of several models is larger.
     `max_array`: elements of an array that the target holds; longer lists of thresholds have no layout.
-    `ranks`: trees may compare ranks; False leaves them as their library has them. `outputs_per_cycle`: models are
+    `outputs_per_cycle`: models are
     spread over successive calls, at most so many outputs in each (one model is never cut); None: all in every call.
     `data_bytes`: of all tables that are printed, more is an error; None: what the target says.
     """
@@ -49,7 +50,6 @@ class Options:
     table_bytes: int = 64 * 1024
     merged_bytes: int = 1024 * 1024
     max_array: int = 65_536
-    ranks: bool = True
     outputs_per_cycle: int | None = None
     data_bytes: int | None = None
 

@@ -88,10 +88,12 @@ def limit_inputs(model: ModelIR) -> ModelIR:
         without = np.where(np.arange(len(needed)) == feature, np.inf, needed)
         needed = without if _is_safe(candidates[best], without) else needed
     _check_ranges(model, needed)
-    limits = (min(limit, known or np.inf) for limit, known in zip(needed.tolist(), model.magnitude_limits, strict=True))
-    return dataclasses.replace(
-        candidates[best], magnitude_limits=tuple(limit if math.isfinite(limit) else None for limit in limits)
+    # what the library refuses, infinities or more, stays refused
+    limits = tuple(
+        known if math.isinf(limit) else min(limit, math.inf if known is None else known)
+        for limit, known in zip(needed.tolist(), model.magnitude_limits, strict=True)
     )
+    return dataclasses.replace(candidates[best], magnitude_limits=limits)
 
 
 def _widest(model: ModelIR) -> float:

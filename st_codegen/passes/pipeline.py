@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from st_codegen.ir import FactoredKernel, Feature, ModelIR, Rank, Source
+from st_codegen.ir import FactoredKernel, ModelIR, Rank, Source
 from st_codegen.passes import tables
 from st_codegen.passes.choose import (
     MAY_GROW,
@@ -156,10 +156,11 @@ def _decide(model: ModelIR, options: Options, cost: CostFunction, earlier: str |
     on_grid = factored(model)
     if on_grid is not None and _fits(on_grid, options):
         candidates.append(priced("factored kernel", on_grid, cost))
-    on_ranks = _on_ranks(model, options) if options.ranks else None
+    on_ranks = None if options.layout is Layout.TREES else _on_ranks(model, options)
     if on_ranks is not None:
-        candidates.append(priced("ranked trees", on_ranks, cost))
-    if options.layout is not Layout.TREES:
+        ranked_trees = priced("ranked trees", on_ranks, cost)
+        candidates = [ranked_trees] if options.layout is Layout.RANKED else [*candidates, ranked_trees]
+    if options.layout in (Layout.AUTO, Layout.TABLE):
         found = _cells(model, options, earlier)
         if found is not None:
             table = priced("table", tables.as_model(model, found), cost)
@@ -274,13 +275,9 @@ def _refuses(model: ModelIR) -> tuple[object, ...]:
 def _limits(model: ModelIR) -> tuple[float | None, ...]:
     """The magnitudes that a model refuses, without those that its declared ranges keep away from."""
     return tuple(
-        None if limit is None or _below(feature, limit) else limit
+        None if limit is None or feature.is_below(limit) else limit
         for feature, limit in zip(model.features, model.magnitude_limits, strict=True)
     )
-
-
-def _below(feature: Feature, limit: float) -> bool:
-    return feature.lower is not None and feature.upper is not None and max(-feature.lower, feature.upper) < limit
 
 
 def _joint_source(models: Sequence[ModelIR]) -> Source:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from st_codegen.cost.profile import Profile
@@ -56,6 +57,25 @@ class Pricing:
         project = parse_project(texts, self.target.dialect)
         name = block_name(model.name)
         return project_cost(project, self.profile, [name]).blocks[name]
+
+
+@dataclass(frozen=True)
+class InputLimit:
+    """From which magnitude on a model's block refuses an input; infinity where it refuses infinities only."""
+
+    model: str
+    feature: str
+    magnitude: float
+
+
+def input_limits(models: Sequence[ModelIR]) -> list[InputLimit]:
+    """The inputs that are refused beyond a magnitude, but for those that are limited to a range below it."""
+    return [
+        InputLimit(model.name, feature.name, limit)
+        for model in models
+        for feature, limit in zip(model.features, model.magnitude_limits, strict=True)
+        if limit is not None and not feature.is_below(limit)
+    ]
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from st_codegen.cli.main import main
+from st_codegen.emit import render
 from st_codegen.errors import InputError
 from tests.cli.helpers import run, snapshot
 from tests.examples import examples
@@ -277,6 +278,25 @@ def test_a_defect_of_ours_asks_for_a_report(place, capsys, monkeypatch):
     monkeypatch.setenv("ST_CODEGEN_TRACEBACK", "1")
     assert run(*arguments) == 70
     assert "Traceback" in capsys.readouterr().err
+
+
+def test_text_that_is_wrong_is_a_defect_and_leaves_the_earlier_project_whole(place, capsys, monkeypatch):
+    out = place.folder / "generated"
+    assert run(place.lone, "--target", "iec", "--out", out, "-q") == 0
+    before = snapshot(place.folder)
+    template = render.templates_folder() / "common" / "operations" / "outputs.st.j2"
+    wrong = place.folder / "templates"
+    shutil.copytree(render.templates_folder(), wrong)
+    (wrong / "common" / "operations" / "outputs.st.j2").write_text(template.read_text() + "FOR nTwice := 0 TO 0 DO")
+    monkeypatch.setattr(render, "templates_folder", lambda: wrong)
+    for target in ("iec", "twincat"):
+        assert run(place.lone, "--target", target, "--out", out, "-q") == 70
+        shown = capsys.readouterr().err
+        assert shown.count("error:") == 1
+        assert "DefectError: st-codegen wrote text that it cannot read itself" in shown
+        assert "Traceback" not in shown
+    shutil.rmtree(wrong)
+    assert snapshot(place.folder) == before
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,8 @@
 
 import csv
 import json
+import re
+from pathlib import Path
 
 import pytest
 
@@ -25,6 +27,17 @@ def generated(bundle_folder, tmp_path):
     out = tmp_path / "out"
     assert run(bundle_folder, "--out", out, "-q") == 0
     return out
+
+
+def test_explain_lists_the_inputs_that_are_refused(bundle_folder, tmp_path, capsys):
+    models = Path(__file__).resolve().parents[2] / "golden" / "lone" / "models"
+    for name, shown in (("svr.skops", "1e+"), ("random_forest.skops", "3.40282356"), ("lightgbm_gbdt.txt", None)):
+        assert run(models / name, "--target", "iec", "--out", tmp_path, "--explain") == 0
+        text = capsys.readouterr().err
+        if shown is None:
+            assert "no input is refused for its magnitude" in text
+        else:
+            assert re.search(rf"inputs that are refused: .*{name.split('.')[0]} .*f0 .*{re.escape(shown)}", text, re.S)
 
 
 def test_verify_fails_with_a_table_when_a_cycle_does_not_fit(bundle_folder, generated, tmp_path, capsys):

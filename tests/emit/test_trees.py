@@ -57,3 +57,24 @@ def test_a_tree_whose_nodes_all_equal_those_of_an_earlier_one_has_no_lines_of_it
     assert [group.label for group in nodes.groups] == ["roots", "tree 0"]
     x = np.random.default_rng(1).normal(size=(200, 3))
     assert np.array_equal(reference.evaluate(on_ranks, x), run(on_ranks, "iec", tmp_path, x))
+
+
+@pytest.mark.parametrize("target", ["iec", "twincat"])
+@pytest.mark.parametrize("categorical", [(0,), (0, 1, 2)])
+def test_answers_of_categorical_splits_are_cut_with_their_trees(categorical, target, tmp_path):
+    random = np.random.default_rng(11)
+    trees = random_trees(random, trees=9, splits=5, comparison=Comparison.LESS, categorical=categorical)
+    made = model(trees, accepts_nan=True)
+    limits = Limits(45)
+    assert len(trees.category_left) > limits.max_array
+    tables = {table.name: len(table.values) for table in model_block(made, limits).tables}
+    assert {"CATEGORY_LEFT_0_1", "CATEGORY_LEFT_1_1"} <= {*tables}
+    assert max(tables.values()) <= limits.max_array
+    x = np.stack([random.choice([-1.0, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 0.5, np.nan], 400) for _ in range(3)], axis=1)
+    assert np.array_equal(reference.evaluate(made, x), run(made, target, tmp_path, x, limits))
+
+
+def test_a_tree_with_more_answers_than_an_array_holds_is_refused():
+    trees = random_trees(np.random.default_rng(3), trees=2, splits=5, comparison=Comparison.LESS, categorical=(0, 1, 2))
+    with pytest.raises(InputError, match=r"tree \d needs 28 elements in one array, the limit is 20: .*--max-array"):
+        model_block(model(trees), Limits(20))

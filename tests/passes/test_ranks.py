@@ -200,13 +200,15 @@ def test_what_has_no_ranks_keeps_its_layout():
         assert ranked(made) is None
 
 
-def test_auto_takes_the_cheapest_and_trees_never_a_table():
+def test_auto_takes_the_cheapest_and_other_layouts_are_taken_by_their_name():
 
     few = model(random_trees(np.random.default_rng(1), trees=20, comparison=Comparison.LESS))
     assert compile_models([few]).decisions[0].chosen == "table"
-    for options in (Options(Layout.TREES), Options(Layout.TREES, ranks=False)):
-        (decision,) = compile_models([few], options).decisions
-        assert decision.chosen in ("as trained", "ranked trees")
+    for layout, name in ((Layout.TREES, "as trained"), (Layout.RANKED, "ranked trees"), (Layout.TABLE, "table")):
+        assert compile_models([few], Options(layout)).decisions[0].chosen == name
+    many = model(random_trees(np.random.default_rng(1), trees=200, splits=20, comparison=Comparison.LESS))
+    assert compile_models([many], Options(table_bytes=1024)).decisions[0].chosen == "ranked trees"
+    assert compile_models([many], Options(Layout.TREES, table_bytes=1024)).decisions[0].chosen == "as trained"
     (decision,) = compile_models([few]).decisions
     costs = [candidate.cost.nanoseconds for candidate in decision.candidates]
     assert costs == sorted(costs)

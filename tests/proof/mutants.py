@@ -39,8 +39,8 @@ MODELS += (
 )
 LAYOUTS = {
     "table": Options(),
-    "ranks": Options(layout=Layout.TREES),
-    "trees": Options(layout=Layout.TREES, ranks=False),
+    "ranks": Options(layout=Layout.RANKED),
+    "trees": Options(layout=Layout.TREES),
 }
 #: What a rejected certificate may raise, as in the checker's own main.
 REJECTIONS = (check_certificate.Reject, OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError)

@@ -15,7 +15,7 @@ from st_codegen.proof.verify import ulps_between, verify
 @pytest.fixture
 def generated(lone_folder, tmp_path):
     for target in TARGETS.values():
-        generate(load(lone_folder), target, tmp_path / "out", options=Options(Layout.TREES, ranks=False))
+        generate(load(lone_folder), target, tmp_path / "out", options=Options(Layout.TREES))
     return tmp_path / "out"
 
 

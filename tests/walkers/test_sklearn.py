@@ -1,5 +1,7 @@
 """scikit-learn's own predictions against the reference evaluation of what the walkers make."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -271,3 +273,27 @@ def test_a_model_with_infinite_coefficients_is_refused():
 def test_a_class_of_another_library_is_refused():
     with pytest.raises(UnsupportedModelError, match="not a model of"):
         from_estimator({"a": 1}, "m")
+
+
+@pytest.mark.parametrize("scaler", [MinMaxScaler(clip=True), MinMaxScaler((-3.0, 7.0), clip=True)])
+def test_inputs_that_are_clipped_first_are_refused_only_where_the_library_refuses_them(scaler):
+    estimator = make_pipeline(scaler, SVR(C=10.0)).fit(X, Y)
+    ir = limit_inputs(from_estimator(estimator, "m").ir)
+    assert ir.magnitude_limits == (math.inf,) * 3
+    largest = np.finfo(np.float64).max
+    numbers = [-largest, -1e300, -1e9, -1.0, 0.0, *X[:5, 0], 1e4, 1e9, 1e35, 1e300, largest]
+    rows = np.stack(np.meshgrid(numbers, numbers, [0.0, 30.0, largest]), -1).reshape(-1, 3)
+    got = reference.evaluate(ir, rows)
+    assert np.isfinite(got).all()
+    with np.errstate(over="ignore"):
+        assert np.all(np.abs(got[:, 0] - estimator.predict(rows)) <= bounds.difference_bound(ir, rows)[:, 0])
+
+
+def test_a_column_whose_scaler_gives_one_number_is_clipped_behind_it():
+    estimator = make_pipeline(MinMaxScaler(clip=True), Ridge()).fit(np.column_stack([X, np.zeros(len(X))]), Y)
+    rows = np.column_stack([X, np.linspace(-3.0, 3.0, len(X))])
+    assert np.allclose(
+        reference.evaluate(limit_inputs(from_estimator(estimator, "m").ir), rows)[:, 0],
+        estimator.predict(rows),
+        rtol=1e-13,
+    )

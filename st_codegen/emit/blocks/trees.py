@@ -19,7 +19,17 @@ from st_codegen.emit.blocks.listing import Group, Listing
 from st_codegen.emit.blocks.operations import Step, lay_out
 from st_codegen.emit.blocks.ranked_trees import lay_out_ranked, sum_values
 from st_codegen.errors import InputError
-from st_codegen.ir import FLOAT32_OVERFLOW, FloatArray, Int32Array, NanRule, Precision, TreeEnsemble, depth_of
+from st_codegen.ir import (
+    FLOAT32_OVERFLOW,
+    BoolArray,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    NanRule,
+    Precision,
+    TreeEnsemble,
+    depth_of,
+)
 
 #: A missing value that goes left (right) is read as minus (plus) this number.
 MISSING_VALUE = 1e306
@@ -54,9 +64,11 @@ def _(op: TreeEnsemble, step: Step, listing: Listing) -> None:
     if op.input_precision is Precision.FLOAT32 and not step.fits_real and np.any(op.split >= 0):
         values["real_limit"] = listing.table(step.table("REAL_LIMIT"), "LREAL", [FLOAT32_OVERFLOW])
     values |= _slot_values(op, step, listing, slots)
-    values |= _category_values(op, step, listing, slots)
+    runs = _tree_runs(op, listing)
+    answers = _category_answers(op, runs)
+    values |= _category_values(op, step, listing, slots, answers)
     values |= _leaf_values(op, step, listing)
-    values["parts"] = _node_tables(op, step, listing, slots)
+    values["parts"] = _node_tables(op, step, listing, slots, runs, answers)
     values["comparison"] = op.comparison.value
     values |= sum_values(op, step, listing)
     title = f"{op.n_trees:,} trees, {op.n_nodes:,} nodes, at most {values['depth']} comparisons a tree"
@@ -116,8 +128,48 @@ def _slot_values(op: TreeEnsemble, step: Step, listing: Listing, slots: _Slots) 
     return values
 
 
-def _category_values(op: TreeEnsemble, step: Step, listing: Listing, slots: _Slots) -> dict[str, object]:
-    """Category codes, and the answers of the splits for each code."""
+@dataclass(frozen=True)
+class _Answers:
+    """The answers of the categorical splits of some trees, and where those of each of their nodes start."""
+
+    left: BoolArray
+    row: Int32Array
+
+
+def _tree_runs(op: TreeEnsemble, listing: Listing) -> list[tuple[int, int]]:
+    """Runs of whole trees of which the nodes, and the answers of categorical splits, fit an array."""
+    sizes = np.diff(np.append(op.roots, op.n_nodes))
+    if len(op.category_left) > listing.max_array:
+        sizes = np.maximum(sizes, np.add.reduceat(_answer_counts(op), op.roots))
+    return listing.chunks(sizes, "tree")
+
+
+def _answer_counts(op: TreeEnsemble) -> IntArray:
+    """How many answers each node has: one a category of a categorical split, one for others, one for missing values."""
+    counts = np.array([column.n_categories + 2 if column.categorical else 0 for column in op.columns] or [0])
+    return np.where(op.split >= 0, counts[op.split], 0)
+
+
+def _category_answers(op: TreeEnsemble, runs: list[tuple[int, int]]) -> list[_Answers]:
+    """The answers of each run of trees; of a single run they stay where the model has them."""
+    if len(runs) == 1 or not len(op.category_left):
+        return [_Answers(op.category_left, op.category_row)] * len(runs)
+    counts, stops = _answer_counts(op), np.append(op.roots[1:], op.n_nodes)
+    found = []
+    for first, stop in runs:
+        nodes = slice(int(op.roots[first]), int(stops[stop - 1]))
+        own = counts[nodes]
+        start = np.cumsum(own) - own
+        at = np.repeat(op.category_row[nodes] - start, own) + np.arange(own.sum())
+        left = op.category_left[at] if len(at) else np.zeros(1, np.bool_)  # a table has an element
+        found.append(_Answers(left, np.where(own > 0, start, 0).astype(np.int32)))
+    return found
+
+
+def _category_values(
+    op: TreeEnsemble, step: Step, listing: Listing, slots: _Slots, answers: list[_Answers]
+) -> dict[str, object]:
+    """Category codes, and the answers of the splits for each code, a table a run of trees."""
     numbers = [number for number, column in enumerate(op.columns) if column.categorical]
     if not numbers or not len(op.category_left):
         return {"categories": None}
@@ -156,7 +208,10 @@ def _category_values(op: TreeEnsemble, step: Step, listing: Listing, slots: _Slo
         "categories": {
             "columns": columns,
             "codes": listing.local(f"anCode{step.number}", "DINT", len(numbers)),
-            "left": listing.table(step.table("CATEGORY_LEFT"), "SINT", op.category_left.astype(np.int8)),
+            "left": [
+                listing.table(step.table(f"CATEGORY_LEFT{suffix}"), "SINT", part.left.astype(np.int8))
+                for suffix, part in zip(_suffixes(len(answers)), answers, strict=True)
+            ],
             "first": len(slots.column),
         }
     }
@@ -190,7 +245,14 @@ def _leaf_values(op: TreeEnsemble, step: Step, listing: Listing) -> dict[str, ob
     return values
 
 
-def _node_tables(op: TreeEnsemble, step: Step, listing: Listing, slots: _Slots) -> list[dict[str, object]]:
+def _suffixes(runs: int) -> list[str]:
+    """Ends of the names of tables that each run of trees has for itself."""
+    return [""] if runs == 1 else [f"_{number}" for number in range(runs)]
+
+
+def _node_tables(
+    op: TreeEnsemble, step: Step, listing: Listing, slots: _Slots, runs: list[tuple[int, int]], answers: list[_Answers]
+) -> list[dict[str, object]]:
     """The nodes, cut into runs of whole trees that fit an array."""
     stops = np.append(op.roots[1:], op.n_nodes)
     sizes = stops - op.roots
@@ -210,9 +272,7 @@ def _node_tables(op: TreeEnsemble, step: Step, listing: Listing, slots: _Slots) 
     jump = np.where(inner, op.right - nodes, (0 if narrow and op.linear is None else row * op.leaf_value.shape[1]))
     compares = bool(np.any(slots.of_node >= 0))
     parts: list[dict[str, object]] = []
-    runs = listing.chunks(sizes, "tree")
-    for number, (first, stop) in enumerate(runs):
-        suffix = "" if len(runs) == 1 else f"_{number}"
+    for suffix, (first, stop), part in zip(_suffixes(len(runs)), runs, answers, strict=True):
         listing.loop("nTree", stop - first)
         begin, end = int(op.roots[first]), int(stops[stop - 1])
         groups = [Group(f"tree {t}", int(op.roots[t]) - begin, int(stops[t]) - begin) for t in range(first, stop)]
@@ -224,9 +284,7 @@ def _node_tables(op: TreeEnsemble, step: Step, listing: Listing, slots: _Slots) 
                 "split": listing.table(step.table(f"SPLIT{suffix}"), "DINT", split[begin:end], groups)
                 if np.any(inner)
                 else None,
-                "row": listing.table(step.table(f"ROW{suffix}"), "DINT", op.category_row[begin:end], groups)
-                if op.has_categories and len(op.category_left)
-                else None,
+                "row": listing.table(step.table(f"ROW{suffix}"), "DINT", part.row, groups) if len(part.left) else None,
                 "value": listing.table(step.table(f"THRESHOLD{suffix}"), "LREAL", value[begin:end], groups)
                 if compares or (narrow and op.linear is None) or (op.linear is not None and step.missing is not None)
                 else None,

@@ -102,12 +102,34 @@ def walk_scaler(estimator: Any, builder: GraphBuilder, value: int) -> int:
     fitted = Fitted(estimator)
     builder.refuse_magnitude(math.inf)
     width = builder.width(value)
-    value = _add_steps(_SCALERS[fitted.kind](fitted, width), builder, value)
-    if hasattr(estimator, "clip") and fitted.flag("clip"):
-        low, high = (-1.0, 1.0) if fitted.kind == "MaxAbsScaler" else fitted.items("feature_range", 2)
-        ends = (fitted.floats_of("feature_range", end, ()) for end in (low, high))
-        value = builder.add(Clip((value,), *(np.full(width, end) for end in ends)))
-    return value
+    steps = _SCALERS[fitted.kind](fitted, width)
+    if not (hasattr(estimator, "clip") and fitted.flag("clip")):
+        return _add_steps(steps, builder, value)
+    low, high = (-1.0, 1.0) if fitted.kind == "MaxAbsScaler" else fitted.items("feature_range", 2)
+    low, high = (float(fitted.floats_of("feature_range", end, ())) for end in (low, high))
+    reach = _reach(steps, low, high, width)
+    if np.all(np.isfinite(reach)):
+        value = builder.add(Clip((value,), -reach, reach))
+    value = _add_steps(steps, builder, value)
+    return builder.add(Clip((value,), np.full(width, low), np.full(width, high)))
+
+
+def _reach(steps: Steps, low: float, high: float, width: int) -> FloatArray:
+    """Magnitudes beyond which rising steps give less than `low` or more than `high`, a power of two for each column.
+
+    Inputs may be limited to them first, which changes no result and leaves no number that overflows; infinity where
+    there is no such magnitude.
+    """
+    reach = np.ones(width)
+    while True:
+        ends = np.array([-reach, reach])
+        with np.errstate(all="ignore"):
+            for operator, constant in steps:
+                ends = _COMPUTE[operator](ends, constant)
+        short = np.isfinite(reach) & ~((ends[0] <= low) & (ends[1] >= high))
+        if not np.any(short):
+            return reach
+        reach[short] *= 2.0
 
 
 @walks("sklearn.FunctionTransformer")
@@ -157,6 +179,14 @@ _SCALERS: dict[str, Callable[[Fitted, int], Steps]] = {
     "MinMaxScaler": _min_max,
     "RobustScaler": _robust,
     "MaxAbsScaler": _max_abs,
+}
+
+
+_COMPUTE = {
+    Operator.ADD: np.add,
+    Operator.SUBTRACT: np.subtract,
+    Operator.MULTIPLY: np.multiply,
+    Operator.DIVIDE: np.divide,
 }
 
 

@@ -40,7 +40,7 @@ def test_golden_models_are_proved_and_what_is_not_covered_is_named(target):
 @pytest.mark.parametrize("ranks", [True, False])
 def test_trees_are_proved_tree_by_tree(ranks, tmp_path):
     bundle = load(GOLDEN / "lone" / "models")
-    generate(bundle, "iec", tmp_path, options=Options(layout=Layout.TREES, ranks=ranks))
+    generate(bundle, "iec", tmp_path, options=Options(layout=Layout.RANKED if ranks else Layout.TREES))
     for result in prove(bundle, tmp_path).results:
         covered = expected_reason(result.model) is None and result.model != "xgboost_poisson"
         if covered and result.method != METHOD:
