@@ -89,9 +89,11 @@ def whole_sums(builder: GraphBuilder, value: int, weights: FloatArray, bias: Flo
     return builder.add(Linear((value,), weights, bias, SummationOrder.SEQUENTIAL))
 
 
-def last_below(reached: Callable[[Any], Any], dtype: type[np.float32] | type[np.float64]) -> float:
-    """The largest number from -1 to 1 for which a rising condition does not hold yet, of the numbers of a type."""
-    low, high = dtype(-1), dtype(1)
+def last_below(
+    reached: Callable[[Any], Any], dtype: type[np.float32] | type[np.float64], ends: tuple[float, float] = (-1.0, 1.0)
+) -> float:
+    """The largest number between two for which a rising condition does not hold yet, of the numbers of a type."""
+    low, high = dtype(ends[0]), dtype(ends[1])
     while True:
         middle = dtype((low + high) / dtype(2))
         if middle in (low, high):

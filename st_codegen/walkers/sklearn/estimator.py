@@ -111,7 +111,8 @@ def _predictor(estimator: Any, result: Walked) -> Predictor:
 
 def _set_fitted_jobs(estimator: Any) -> None:
     """`set_params` reaches the templates of a composition, not the fitted copies that predict: reach those too."""
-    for _, part in _parts(estimator):
+    found = vars(estimator).get("estimators_") if hasattr(estimator, "__dict__") else None
+    for part in (*(part for _, part in _parts(estimator)), *(found if isinstance(found, list) else ())):
         if hasattr(part, "n_jobs"):
             part.n_jobs = 1
         _set_fitted_jobs(part)

@@ -62,7 +62,7 @@ def walk_generalized(estimator: Any, builder: GraphBuilder, value: int) -> int:
 
 
 @walks("sklearn.PLSRegression", "sklearn.PLSCanonical", "sklearn.CCA")
-def walk_partial_least_squares(estimator: Any, builder: GraphBuilder, value: int) -> int:
+def walk_partial_leastsquares(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Centred inputs, then a weighted sum an output (`cross_decomposition/_pls.py: predict`)."""
     fitted = Fitted(estimator)
     mean = fitted.floats("_x_mean", (builder.width(value),))
@@ -113,7 +113,8 @@ def _most_likely(fitted: Fitted, builder: GraphBuilder, scores: int) -> Classifi
     return Classified(labels, largest(builder, scores), softmax(builder, scores))
 
 
-def _squares(builder: GraphBuilder, value: int) -> int:
+def squares(builder: GraphBuilder, value: int) -> int:
+    """The square of each column."""
     return builder.add(Combine((value, value), Operator.MULTIPLY, builder.width(value)))
 
 
@@ -122,7 +123,7 @@ def _repeated(builder: GraphBuilder, value: int, times: int) -> int:
     return builder.add(Select((value,), np.tile(np.arange(builder.width(value), dtype=np.int32), times)))
 
 
-def _block_sums(builder: GraphBuilder, value: int, blocks: int, weight: float, bias: FloatArray) -> int:
+def block_sums(builder: GraphBuilder, value: int, blocks: int, weight: float, bias: FloatArray) -> int:
     """`bias + weight * sum` of each of so many equal blocks of columns."""
     weights = np.kron(np.eye(blocks), np.full(builder.width(value) // blocks, weight))
     return builder.add(Linear((value,), weights, bias))
@@ -140,10 +141,10 @@ def walk_gaussian_bayes(estimator: Any, builder: GraphBuilder, value: int) -> Cl
     if np.any(variances <= 0) or np.any(prior < 0):
         raise fitted.fail("var_", "a variance that is not above 0, or a negative prior")
     value = _repeated(builder, value, len(means))
-    value = _squares(builder, builder.add(Scale((value,), Operator.SUBTRACT, means.ravel())))
+    value = squares(builder, builder.add(Scale((value,), Operator.SUBTRACT, means.ravel())))
     value = builder.add(Scale((value,), Operator.DIVIDE, variances.ravel()))
     constant = np.array([-0.5 * np.sum(np.log(2.0 * np.pi * row)) for row in variances])
-    value = _block_sums(builder, value, len(means), -0.5, constant)
+    value = block_sums(builder, value, len(means), -0.5, constant)
     return _most_likely(fitted, builder, builder.add(Scale((value,), Operator.ADD, np.log(prior))))
 
 
@@ -185,7 +186,7 @@ def walk_quadratic(estimator: Any, builder: GraphBuilder, value: int) -> Classif
         centred = builder.add(Scale((value,), Operator.SUBTRACT, means[number]))
         turned = builder.add(Linear((centred,), (rotation * scaling**-0.5).T, np.zeros(len(scaling))))
         logarithms.append(np.sum(np.log(scaling)))
-        parts.append(_block_sums(builder, _squares(builder, turned), 1, 1.0, np.zeros(1)))
+        parts.append(block_sums(builder, squares(builder, turned), 1, 1.0, np.zeros(1)))
     norms = builder.add(Select(tuple(parts), np.arange(count, dtype=np.int32)))
     shifted = builder.add(Scale((norms,), Operator.ADD, np.array(logarithms)))
     halved = builder.add(Scale((shifted,), Operator.MULTIPLY, np.full(count, -0.5)))
@@ -215,7 +216,7 @@ def walk_nearest_centroid(estimator: Any, builder: GraphBuilder, value: int) -> 
 
 def negative_square_distances(builder: GraphBuilder, value: int, centres: FloatArray) -> int:
     """-|x - c|**2 for each centre c, as -x*x + 2*x*c - c*c: the library multiplies matrices so."""
-    squares = _squares(builder, value)
-    both = builder.add(Select((squares, value), np.arange(2 * builder.width(value), dtype=np.int32)))
+    squared = squares(builder, value)
+    both = builder.add(Select((squared, value), np.arange(2 * builder.width(value), dtype=np.int32)))
     weights = np.hstack([-np.ones_like(centres), 2.0 * centres])
     return builder.add(Linear((both,), weights, -np.sum(centres**2, axis=1)))

@@ -115,18 +115,32 @@ def walk_svc(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     machine = _Machine(estimator, builder.width(value), count)
     pairs = machine.add(builder, value, _pair_coefficients(machine.coefficients, machine.of_class, fitted))
     turned = builder.add(Scale((pairs,), Operator.MULTIPLY, np.full(builder.width(pairs), -1.0)))
-    first = np.array([[1.0 if pair[0] == c else 0.0 for pair in combinations(range(count), 2)] for c in range(count)])
-    second = np.array([[1.0 if pair[1] == c else 0.0 for pair in combinations(range(count), 2)] for c in range(count)])
+    first, second = _pair_members(count)
     # a pair's vote is 1 for its first class; without it the second has one
     votes = whole_sums(builder, above(builder, pairs), first - second, second.sum(axis=1))
     if count == 2:
         return Classified(labels, largest(builder, votes), decision=turned)
     if estimator.decision_function_shape == "ovo":
         return Classified(labels, largest(builder, votes), decision=pairs)
-    lost = whole_sums(builder, above(builder, turned), second - first, first.sum(axis=1))
-    confidence = builder.add(Linear((turned,), second - first, np.zeros(count)))
-    decision = builder.add(Combine((lost, _squashed(builder, confidence)), Operator.ADD, count))
+    decision = votes_and_confidences(builder, above(builder, turned), turned, count)
     return Classified(labels, largest(builder, decision if estimator.break_ties else votes), decision=decision)
+
+
+def votes_and_confidences(builder: GraphBuilder, seconds: int, scores: int, count: int) -> int:
+    """Votes of the pairs of classes and, below one vote, their confidences (`_ovr_decision_function`).
+
+    A column a pair: `seconds` is 1 where its second class was chosen, and `scores` how much the pair is for that class.
+    """
+    first, second = _pair_members(count)
+    votes = whole_sums(builder, seconds, second - first, first.sum(axis=1))
+    confidence = builder.add(Linear((scores,), second - first, np.zeros(count)))
+    return builder.add(Combine((votes, _squashed(builder, confidence)), Operator.ADD, count))
+
+
+def _pair_members(count: int) -> tuple[FloatArray, FloatArray]:
+    """For each class and pair (classes, pairs), whether the class is its first, and whether it is its second one."""
+    pairs = np.array(list(combinations(range(count), 2)))
+    return tuple((pairs[:, side] == np.arange(count)[:, None]).astype(np.float64) for side in (0, 1))
 
 
 def _squashed(builder: GraphBuilder, value: int) -> int:

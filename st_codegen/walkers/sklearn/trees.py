@@ -11,6 +11,7 @@ HistGradientBoosting compares float64 and adds leaves to its baseline.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -45,14 +46,14 @@ _TREE = ("sklearn.tree._tree.Tree",)
 @walks("sklearn.DecisionTreeRegressor", "sklearn.ExtraTreeRegressor", trusts=_TREE)
 def walk_tree(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """One tree; several outputs are wide leaves."""
-    return _add_float32_trees(builder, value, [estimator], Fitted(estimator))
+    return add_float32_trees(builder, value, [estimator], Fitted(estimator))
 
 
 @walks("sklearn.DecisionTreeClassifier", "sklearn.ExtraTreeClassifier", trusts=_TREE)
 def walk_class_tree(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """The fractions of the classes in a leaf, and the first of the largest (`tree/_classes.py: predict`)."""
     fitted = Fitted(estimator)
-    shares = _add_float32_trees(builder, value, [estimator], fitted)
+    shares = add_float32_trees(builder, value, [estimator], fitted)
     return Classified(labels_of(fitted), largest(builder, shares), probability=shares)
 
 
@@ -61,7 +62,7 @@ def walk_class_forest(estimator: Any, builder: GraphBuilder, value: int) -> Clas
     """The mean of the trees' fractions, and the first of the largest (`ensemble/_forest.py: ForestClassifier`)."""
     fitted = Fitted(estimator)
     trees = fitted.items("estimators_")
-    shares = _add_float32_trees(builder, value, trees, fitted, divisor=len(trees))
+    shares = add_float32_trees(builder, value, trees, fitted, TreeSum(divisor=len(trees)))
     return Classified(labels_of(fitted), largest(builder, shares), probability=shares)
 
 
@@ -70,7 +71,7 @@ def walk_forest(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Sum of the trees in order, divided by their number (`ForestRegressor.predict` with n_jobs=1)."""
     fitted = Fitted(estimator)
     trees = fitted.items("estimators_")
-    return _add_float32_trees(builder, value, trees, fitted, divisor=len(trees))
+    return add_float32_trees(builder, value, trees, fitted, TreeSum(divisor=len(trees)))
 
 
 @walks("sklearn.GradientBoostingRegressor", trusts=_TREE)
@@ -90,8 +91,8 @@ def walk_gradient_boosting(estimator: Any, builder: GraphBuilder, value: int) ->
     # the library adds the trees of a row in native code, which takes as many columns as there are outputs
     if not isinstance(trees, np.ndarray) or trees.ndim != 2 or trees.shape[1] != 1 or not len(trees):
         raise fitted.fail("estimators_", "not an array of one tree an iteration")
-    return _add_float32_trees(
-        builder, value, list(trees[:, 0]), fitted, base=initial, leaf_scale=fitted.number("learning_rate")
+    return add_float32_trees(
+        builder, value, list(trees[:, 0]), fitted, TreeSum(initial, fitted.number("learning_rate"))
     )
 
 
@@ -111,13 +112,12 @@ def walk_class_gradient_boosting(estimator: Any, builder: GraphBuilder, value: i
     if not isinstance(trees, np.ndarray) or trees.ndim != 2 or trees.shape[1] != count or not len(trees):
         raise fitted.fail("estimators_", f"not an array of {count} trees an iteration")
     initial = estimator._raw_predict_init(np.zeros((1, builder.width(value))))
-    raw = _add_float32_trees(
+    raw = add_float32_trees(
         builder,
         value,
         list(trees.ravel()),
         fitted,
-        base=np.ravel(fitted.floats_of("init_", initial, (1, count))),
-        leaf_scale=fitted.number("learning_rate"),
+        TreeSum(np.ravel(fitted.floats_of("init_", initial, (1, count))), fitted.number("learning_rate")),
     )
     if count > 1:
         return Classified(labels, largest(builder, raw), softmax(builder, raw), raw)
@@ -128,21 +128,24 @@ def walk_class_gradient_boosting(estimator: Any, builder: GraphBuilder, value: i
     return Classified(labels, above(builder, raw, inclusive=True), complement(builder, probability), raw)
 
 
-def _add_float32_trees(
-    builder: GraphBuilder,
-    value: int,
-    trees: Sequence[Any],
-    fitted: Fitted,
-    *,
-    base: FloatArray | float = 0.0,
-    leaf_scale: float = 1.0,
-    divisor: float = 1.0,
-) -> int:
-    """The trees of `sklearn.tree`; `leaf_scale * leaf` is rounded once here as the library rounds it at run time.
+@dataclass(frozen=True)
+class TreeSum:
+    """What trees add up to: `(base + leaf_scale * leaf + ..) / divisor`, each product rounded once.
 
     A leaf has a number for each output or for each class; leaves of one number add to the outputs in turn, of which
-    there is one for each `base`.
+    there is one for each `base`. `leaves`: numbers of the nodes of each tree that stand in place of the trees' own.
     """
+
+    base: FloatArray | float = 0.0
+    leaf_scale: float = 1.0
+    divisor: float = 1.0
+    leaves: Sequence[FloatArray] | None = None
+
+
+def add_float32_trees(
+    builder: GraphBuilder, value: int, trees: Sequence[Any], fitted: Fitted, rule: TreeSum = TreeSum()
+) -> int:
+    """The trees of `sklearn.tree`; `leaf_scale * leaf` is rounded once here as the library rounds it at run time."""
     structures = [_structure(Fitted(tree), builder.width(value)) for tree in trees]
     wanted = (1, 1)
     if hasattr(trees[0], "classes_"):
@@ -166,8 +169,9 @@ def _add_float32_trees(
     order = layout.order
     inner = layout.left >= 0
     # (nodes, outputs, classes), of which one is 1
-    leaf_values: FloatArray = leaf_scale * joined("value").reshape(len(order), -1)[order[~inner]]
-    n_outputs = max(leaf_values.shape[1], np.size(base))
+    numbers = joined("value") if rule.leaves is None else np.concatenate(rule.leaves)
+    leaf_values: FloatArray = rule.leaf_scale * numbers.reshape(len(order), -1)[order[~inner]]
+    n_outputs = max(leaf_values.shape[1], np.size(rule.base))
     return builder.add(
         TreeEnsemble(
             inputs=(value,),
@@ -180,11 +184,11 @@ def _add_float32_trees(
             missing_left=inner & joined("missing_go_to_left")[order].astype(np.bool_),
             leaf=np.where(inner, -1, np.cumsum(~inner) - 1),
             leaf_value=leaf_values,
-            tree_output=(np.arange(len(structures)) % np.size(base)).astype(np.int32),
-            base=np.broadcast_to(base, n_outputs),
+            tree_output=(np.arange(len(structures)) % np.size(rule.base)).astype(np.int32),
+            base=np.broadcast_to(rule.base, n_outputs),
             comparison=Comparison.LESS_OR_EQUAL,
             input_precision=Precision.FLOAT32,
-            divisor=float(divisor),
+            divisor=float(rule.divisor),
         )
     )
 

@@ -1,0 +1,123 @@
+"""Walkers for scikit-learn's detectors of anomalies, clusterings and projections."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from st_codegen.errors import UnsupportedModelError
+from st_codegen.ir import Activation, Combine, Function, Linear, Operator, Scale, Select, SummationOrder
+from st_codegen.walkers.base import Classified, GraphBuilder, walks
+from st_codegen.walkers.classes import above, largest, last_below, softmax
+from st_codegen.walkers.fitted import Fitted
+from st_codegen.walkers.sklearn.linear import (
+    block_sums,
+    negative_square_distances,
+    refuse_nan_and_infinity,
+    squares,
+)
+from st_codegen.walkers.sklearn.trees import TreeSum, add_float32_trees
+
+_INLIERS = (-1, 1)
+
+
+@walks("sklearn.IsolationForest", trusts=("sklearn.tree._tree.Tree",))
+def walk_isolation_forest(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """Lengths of paths, added in order; the score is 2 to the minus their mean, in units of what is usual.
+
+    The label is 1 where the score does not lie below `offset_` (`_iforest.py: _compute_score_samples, predict`). The
+    sum of the lengths at which that changes is found by bisection, so that labels are exact.
+    """
+    fitted = Fitted(estimator)
+    trees = fitted.items("estimators_")
+    width, count = builder.width(value), len(trees)
+    if fitted.integer("_max_features", 1, width) != width:
+        raise UnsupportedModelError("IsolationForest with max_features below 1: train it on all features")
+    paths = [np.asarray(path, np.float64) for path in fitted.items("_decision_path_lengths", count)]
+    usual = [np.asarray(path, np.float64) for path in fitted.items("_average_path_length_per_tree", count)]
+    for tree, path, mean in zip(trees, paths, usual, strict=True):
+        if path.shape != (tree.tree_.node_count,) or mean.shape != path.shape:
+            raise fitted.fail("_decision_path_lengths", "not one number a node")
+    leaves = [(path + mean - 1.0)[:, None] for path, mean in zip(paths, usual, strict=True)]
+    depth = add_float32_trees(builder, value, trees, fitted, TreeSum(leaves=leaves))
+    unit, offset = count * _usual_length(fitted.integer("_max_samples", 1, 2**53)), fitted.number("offset_")
+    longest = sum(float(np.max(lengths)) for lengths in leaves)
+    if not unit > 0.0 or longest * math.log(2.0) > 8.0 * unit:
+        raise UnsupportedModelError("IsolationForest of single samples, or of paths longer than any that it can have")
+    cut = last_below(
+        lambda depth: -(2.0 ** (-np.divide(depth, unit))) - offset >= 0, np.float64, (-1.0, 2.0 * longest + 1.0)
+    )
+    # 2 ** x as exp(x * log(2)): |x * log(2)| is below 8, so that the roundings before the exponential are few units
+    share = builder.add(Scale((depth,), Operator.DIVIDE, np.full(1, unit)))
+    exponent = builder.add(Scale((share,), Operator.MULTIPLY, np.full(1, -math.log(2.0))))
+    score = builder.add(Activation((exponent,), Function.EXP, 1))
+    turned = builder.add(Scale((score,), Operator.MULTIPLY, np.full(1, -1.0)))
+    decision = builder.add(Scale((turned,), Operator.SUBTRACT, np.full(1, offset)))
+    return Classified(_INLIERS, above(builder, depth, cut), decision=decision)
+
+
+def _usual_length(samples: int) -> float:
+    """`_iforest.py: _average_path_length` of one number of samples."""
+    if samples <= 2:
+        return float(samples == 2)
+    return float(2.0 * (np.log(samples - 1.0) + np.euler_gamma) - 2.0 * (samples - 1.0) / samples)
+
+
+@walks("sklearn.EllipticEnvelope")
+def walk_envelope(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """Minus the square of Mahalanobis' distance against `offset_` (`_elliptic_envelope.py: predict`)."""
+    fitted = Fitted(estimator)
+    refuse_nan_and_infinity(builder)
+    width = builder.width(value)
+    precision = fitted.floats("precision_", (width, width))
+    centred = builder.add(Scale((value,), Operator.SUBTRACT, fitted.floats("location_", (width,))))
+    # x.P.x is the sum over the columns of P of (x.P) * x
+    turned = builder.add(Linear((centred,), precision.T, np.zeros(width)))
+    products = builder.add(Combine((turned, centred), Operator.MULTIPLY, width))
+    distance = block_sums(builder, products, 1, -1.0, np.zeros(1))
+    decision = builder.add(Scale((distance,), Operator.SUBTRACT, np.full(1, fitted.number("offset_"))))
+    return Classified(_INLIERS, above(builder, decision, inclusive=True), decision=decision)
+
+
+@walks("sklearn.KMeans", "sklearn.MiniBatchKMeans")
+def walk_clusters(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """The nearest centre, the first of equal ones (`cluster/_k_means_lloyd.pyx: lloyd_iter_chunked_dense`)."""
+    fitted = Fitted(estimator)
+    refuse_nan_and_infinity(builder)
+    centres = fitted.floats("cluster_centers_", (None, builder.width(value)))
+    near = negative_square_distances(builder, value, centres)
+    return Classified(tuple(range(len(centres))), largest(builder, near))
+
+
+@walks("sklearn.GaussianMixture")
+def walk_mixture(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """The most probable component (`mixture/_gaussian_mixture.py: _estimate_log_gaussian_prob`)."""
+    fitted = Fitted(estimator)
+    if estimator.covariance_type not in ("full", "tied"):
+        raise UnsupportedModelError(
+            f"GaussianMixture with covariance_type={estimator.covariance_type!r}: supported are 'full' and 'tied'"
+        )
+    refuse_nan_and_infinity(builder)
+    width = builder.width(value)
+    means = fitted.floats("means_", (None, width))
+    count = len(means)
+    shape = (count, width, width) if estimator.covariance_type == "full" else (width, width)
+    roots = np.broadcast_to(fitted.floats("precisions_cholesky_", shape), (count, width, width))
+    weights = fitted.floats("weights_", (count,))
+    if np.any(weights <= 0) or np.any(np.diagonal(roots, axis1=1, axis2=2) <= 0):
+        raise fitted.fail("weights_", "a component without weight or extent")
+    parts = []
+    for mean, root in zip(means, roots, strict=True):
+        # the mean as a value of its own: the library multiplies it by the root, and errs in proportion to both
+        fixed = builder.add(Linear((value,), np.zeros((width, width)), mean, SummationOrder.SEQUENTIAL))
+        both = builder.add(Select((value, fixed), np.arange(2 * width, dtype=np.int32)))
+        moved = builder.add(Linear((both,), np.hstack([root.T, -root.T]), np.zeros(width)))
+        parts.append(block_sums(builder, squares(builder, moved), 1, 1.0, np.full(1, width * math.log(2 * math.pi))))
+    norms = builder.add(Select(tuple(parts), np.arange(count, dtype=np.int32)))
+    halved = builder.add(Scale((norms,), Operator.MULTIPLY, np.full(count, -0.5)))
+    determinants = np.sum(np.log(np.diagonal(roots, axis1=1, axis2=2)), axis=1)
+    likely = builder.add(Scale((halved,), Operator.ADD, determinants))
+    scores = builder.add(Scale((likely,), Operator.ADD, np.log(weights)))
+    return Classified(tuple(range(count)), largest(builder, scores), softmax(builder, scores))

@@ -1,0 +1,290 @@
+"""Walkers for scikit-learn's compositions of classifiers and regressors: votes, means, chains, one against the rest.
+
+The order of additions is the library's: NumPy adds whole arrays, estimator by estimator.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from st_codegen.errors import UnsupportedModelError
+from st_codegen.ir import Activation, Combine, Exceeds, FloatArray, Function, Label, Linear, Operator, Scale, Select
+from st_codegen.walkers.base import Classified, GraphBuilder, walk_classifier, walk_estimator, walks
+from st_codegen.walkers.classes import above, complement, labels_of, largest, softmax, whole_sums
+from st_codegen.walkers.fitted import Fitted
+from st_codegen.walkers.sklearn.linear import refuse_nan_and_infinity
+from st_codegen.walkers.sklearn.models import votes_and_confidences
+
+
+def _side_by_side(builder: GraphBuilder, values: Sequence[int]) -> int:
+    total = sum(builder.width(value) for value in values)
+    return builder.add(Select(tuple(values), np.arange(total, dtype=np.int32)))
+
+
+def _column(builder: GraphBuilder, value: int, number: int) -> int:
+    return builder.add(Select((value,), np.array([number], np.int32)))
+
+
+def _mean(builder: GraphBuilder, values: Sequence[int], divisor: float) -> int:
+    """The values added one after another, then divided."""
+    total = values[0]
+    for value in values[1:]:
+        total = builder.add(Combine((total, value), Operator.ADD, builder.width(total)))
+    return builder.add(Scale((total,), Operator.DIVIDE, np.full(builder.width(total), divisor)))
+
+
+def _one_hot(builder: GraphBuilder, index: int, count: int) -> int:
+    """1 in the column of the class, 0 in the others."""
+    repeated = builder.add(Select((index,), np.zeros(count, np.int32)))
+    reached = builder.add(Exceeds((repeated,), np.arange(float(count)) - 0.5))
+    return whole_sums(builder, reached, np.eye(count) - np.eye(count, k=1), np.zeros(count))
+
+
+def _scattered(fitted: Fitted, part: Classified, value: int, labels: Sequence[Label], builder: GraphBuilder) -> int:
+    """Columns of a part's classes at the places of these classes in the whole; the others are 0."""
+    if tuple(labels) == part.labels:
+        return value
+    if not set(part.labels) <= set(labels):
+        raise fitted.fail("classes_", "an estimator has a class that the whole does not have")
+    weights = np.array([[1.0 if own == label else 0.0 for own in part.labels] for label in labels])
+    return whole_sums(builder, value, weights, np.zeros(len(labels)))
+
+
+def _probability(part: Classified, estimator: Any) -> int:
+    if part.probability is None:
+        raise UnsupportedModelError(f"{type(estimator).__name__} gives no probabilities, which the whole needs")
+    return part.probability
+
+
+def _response(part: Classified, estimator: Any, builder: GraphBuilder) -> int:
+    """The score that says how much an estimator is for its second class (`_predict_binary`)."""
+    if hasattr(estimator, "decision_function"):
+        if part.decision is None or builder.width(part.decision) != 1:
+            raise UnsupportedModelError(f"{type(estimator).__name__} gives no single score, which the whole needs")
+        return part.decision
+    return _column(builder, _probability(part, estimator), 1)
+
+
+def _weights(fitted: Fitted, count: int) -> FloatArray | None:
+    """Weights of the estimators that are not dropped; None where there are none."""
+    given = fitted.get("weights")
+    if given is None:
+        return None
+    chosen = [weight for (_, kind), weight in zip(fitted.items("estimators"), given, strict=True) if kind != "drop"]
+    return fitted.floats_of("weights", np.array(chosen), (count,))
+
+
+@walks("sklearn.VotingClassifier")
+def walk_voting(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """The first class of most votes, or of the largest mean probability (`ensemble/_voting.py: predict`)."""
+    fitted = Fitted(estimator)
+    labels, parts = labels_of(fitted), fitted.items("estimators_")
+    weights, numbers = _weights(fitted, len(parts)), tuple(range(len(labels)))
+    found = [walk_classifier(part, builder, value) for part in parts]
+    if estimator.voting == "soft":
+        shares = [_probability(one, part) for one, part in zip(found, parts, strict=True)]
+        if weights is not None:
+            shares = [
+                builder.add(Scale((share,), Operator.MULTIPLY, np.full(len(labels), weight)))
+                for share, weight in zip(shares, weights, strict=True)
+            ]
+        mean = _mean(builder, shares, float(len(parts)) if weights is None else float(weights.sum()))
+        return Classified(labels, largest(builder, mean), mean)
+    votes = [_scattered(fitted, one, _one_hot(builder, one.index, len(one.labels)), numbers, builder) for one in found]
+    each = np.ones(len(parts)) if weights is None else weights
+    table = np.hstack([weight * np.eye(len(labels)) for weight in each])
+    return Classified(
+        labels, largest(builder, whole_sums(builder, _side_by_side(builder, votes), table, np.zeros(len(labels))))
+    )
+
+
+@walks("sklearn.VotingRegressor")
+def walk_voting_regressor(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """The weighted mean of the regressors, which NumPy adds in an order of its own."""
+    fitted = Fitted(estimator)
+    parts = fitted.items("estimators_")
+    found = [walk_estimator(part, builder, value) for part in parts]
+    if any(builder.width(one) != 1 for one in found):
+        raise UnsupportedModelError("VotingRegressor with several outputs")
+    weights = _weights(fitted, len(parts))
+    each = np.ones(len(parts)) if weights is None else weights
+    total = builder.add(Linear((_side_by_side(builder, found),), each[None, :], np.zeros(1)))
+    return builder.add(Scale((total,), Operator.DIVIDE, np.full(1, each.sum())))
+
+
+def _bagged(fitted: Fitted, builder: GraphBuilder, value: int) -> list[tuple[Any, int]]:
+    """Each estimator of a bag, and the columns that it takes."""
+    parts, width = fitted.items("estimators_"), builder.width(value)
+    given = fitted.items("estimators_features_", len(parts))
+    found = []
+    for part, columns in zip(parts, given, strict=True):
+        chosen = fitted.integers_of("estimators_features_", columns, (None,), low=0, high=width - 1)
+        everything = np.array_equal(chosen, np.arange(width))
+        found.append((part, value if everything else builder.add(Select((value,), chosen.astype(np.int32)))))
+    return found
+
+
+@walks("sklearn.BaggingClassifier")
+def walk_bagging(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """The mean of probabilities, or of votes (`ensemble/_bagging.py: _parallel_predict_proba` with n_jobs=1)."""
+    fitted = Fitted(estimator)
+    labels = labels_of(fitted)
+    numbers = tuple(range(len(labels)))
+    shares = []
+    for part, columns in _bagged(fitted, builder, value):
+        one = walk_classifier(part, builder, columns)
+        if hasattr(part, "predict_proba"):
+            shares.append(_scattered(fitted, one, _probability(one, part), numbers, builder))
+        else:
+            shares.append(_scattered(fitted, one, _one_hot(builder, one.index, len(one.labels)), numbers, builder))
+    mean = _mean(builder, shares, float(len(shares)))
+    return Classified(labels, largest(builder, mean), mean)
+
+
+@walks("sklearn.BaggingRegressor")
+def walk_bagging_regressor(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """The mean of the regressors, added in order."""
+    found = [walk_estimator(part, builder, columns) for part, columns in _bagged(Fitted(estimator), builder, value)]
+    return _mean(builder, found, float(len(found)))
+
+
+@walks("sklearn.AdaBoostClassifier")
+def walk_ada_boost(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """Each estimator adds its weight to its class, and takes a share of it from the others (SAMME)."""
+    fitted = Fitted(estimator)
+    labels, parts = labels_of(fitted), fitted.items("estimators_")
+    count = len(labels)
+    if count < 2:
+        raise UnsupportedModelError("AdaBoostClassifier with one class")
+    refuse_nan_and_infinity(builder)
+    weights = fitted.floats("estimator_weights_", (None,))[: len(parts)]
+    columns, table = [], []
+    for part, weight in zip(parts, weights, strict=True):
+        one = walk_classifier(part, builder, value)
+        chosen = _scattered(fitted, one, _one_hot(builder, one.index, len(one.labels)), labels, builder)
+        other = builder.add(Scale((chosen,), Operator.SUBTRACT, np.ones(count), reverse=True))
+        columns += [chosen, other]
+        table += [weight * np.eye(count), -1 / (count - 1) * weight * np.eye(count)]
+    # each sum has one product that is not zero for an estimator, so that nothing is rounded but the sum itself
+    total = whole_sums(builder, _side_by_side(builder, columns), np.hstack(table), np.zeros(count))
+    scores = builder.add(Scale((total,), Operator.DIVIDE, np.full(count, weights.sum())))
+    if count > 2:
+        shares = builder.add(Scale((scores,), Operator.DIVIDE, np.full(count, count - 1.0)))
+        return Classified(labels, largest(builder, scores), softmax(builder, shares), scores)
+    score = whole_sums(builder, scores, np.array([[-1.0, 1.0]]), np.zeros(1))
+    halves = whole_sums(builder, score, np.array([[-0.5], [0.5]]), np.zeros(2))
+    return Classified(labels, above(builder, score), softmax(builder, halves), score)
+
+
+@walks("sklearn.OneVsRestClassifier", trusts=("sklearn.multiclass._ConstantPredictor",))
+def walk_one_vs_rest(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """The last of the largest scores, one estimator a class; of two classes the second beyond the threshold."""
+    fitted = Fitted(estimator)
+    parts = fitted.items("estimators_")
+    binarizer = Fitted(fitted.get("label_binarizer_"))
+    labels = labels_of(binarizer)
+    if str(binarizer.get("y_type_")).startswith("multilabel"):
+        raise UnsupportedModelError("OneVsRestClassifier with several labels a row: train one for each of them")
+    scores = [_response(walk_classifier(part, builder, value), part, builder) for part in parts]
+    if len(parts) == 1:
+        cut = 0.0 if hasattr(parts[0], "decision_function") else 0.5
+        return Classified(labels, above(builder, scores[0], cut))
+    turned = largest(builder, _side_by_side(builder, scores[::-1]))
+    last = builder.add(Scale((turned,), Operator.SUBTRACT, np.full(1, len(parts) - 1.0), reverse=True))
+    return Classified(labels, last)
+
+
+@walks("sklearn.OneVsOneClassifier")
+def walk_one_vs_one(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """Votes of one estimator a pair of classes; what they leave equal is decided by their scores."""
+    fitted = Fitted(estimator)
+    labels, parts = labels_of(fitted), fitted.items("estimators_")
+    if fitted.get("pairwise_indices_") is not None or len(parts) != len(list(combinations(labels, 2))):
+        raise UnsupportedModelError("OneVsOneClassifier of a precomputed kernel")
+    found = [walk_classifier(part, builder, value) for part in parts]
+    scores = [_response(one, part, builder) for one, part in zip(found, parts, strict=True)]
+    seconds = _side_by_side(builder, [one.index for one in found])
+    decision = votes_and_confidences(builder, seconds, _side_by_side(builder, scores), len(labels))
+    if len(labels) == 2:
+        cut = 0.0 if hasattr(parts[0], "decision_function") else 0.5
+        decision = _column(builder, decision, 1)
+        return Classified(labels, above(builder, decision, cut), decision=decision)
+    return Classified(labels, largest(builder, decision), decision=decision)
+
+
+@walks(
+    "sklearn.CalibratedClassifierCV",
+    trusts=("sklearn.calibration._CalibratedClassifier", "sklearn.calibration._SigmoidCalibration"),
+)
+def walk_calibrated(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """The mean of sigmoids of the scores of two classes (`calibration.py: _CalibratedClassifier.predict_proba`)."""
+    fitted = Fitted(estimator)
+    labels = labels_of(fitted)
+    if estimator.method != "sigmoid" or len(labels) != 2:
+        raise UnsupportedModelError(
+            f"CalibratedClassifierCV with method={estimator.method!r} and {len(labels)} classes: supported is "
+            "method='sigmoid' with two classes"
+        )
+    shares = []
+    for calibrated in fitted.items("calibrated_classifiers_"):
+        inner = calibrated.estimator
+        score = _response(walk_classifier(inner, builder, value), inner, builder)
+        sigmoid = Fitted(Fitted(calibrated).items("calibrators", 1)[0])
+        argument = builder.add(Scale((score,), Operator.MULTIPLY, np.full(1, sigmoid.number("a_"))))
+        argument = builder.add(Scale((argument,), Operator.ADD, np.full(1, sigmoid.number("b_"))))
+        argument = builder.add(Scale((argument,), Operator.MULTIPLY, np.full(1, -1.0)))
+        shares.append(complement(builder, builder.add(Activation((argument,), Function.LOGISTIC, 1))))
+    mean = _mean(builder, shares, float(len(shares)))
+    return Classified(labels, largest(builder, mean), mean)
+
+
+def _stacked(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
+    """What the estimators of a stack give to the last one, and the inputs where they are passed through."""
+    parts, methods = fitted.items("estimators_"), fitted.items("stack_method_")
+    columns = []
+    for part, method in zip(parts, methods, strict=True):
+        if not hasattr(part, "classes_"):
+            columns.append(walk_estimator(part, builder, value))
+            continue
+        one = walk_classifier(part, builder, value)
+        given = {"predict": one.index, "decision_function": one.decision, "predict_proba": one.probability}.get(method)
+        if given is None or (method == "predict" and one.labels != tuple(range(len(one.labels)))):
+            raise UnsupportedModelError(f"{type(part).__name__} in a stack by its {method}")
+        second = method == "predict_proba" and len(one.labels) == 2
+        columns.append(_column(builder, given, 1) if second else given)
+    return _side_by_side(builder, [*columns, value] if fitted.get("passthrough") else columns)
+
+
+@walks("sklearn.StackingRegressor")
+def walk_stack(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """The last regressor on what the others give (`ensemble/_stacking.py: _concatenate_predictions`)."""
+    fitted = Fitted(estimator)
+    return walk_estimator(fitted.get("final_estimator_"), builder, _stacked(fitted, builder, value))
+
+
+@walks("sklearn.StackingClassifier")
+def walk_stack_of_classes(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """The last classifier on what the others give; it knows the classes by their numbers."""
+    fitted = Fitted(estimator)
+    labels = labels_of(fitted)
+    last = walk_classifier(fitted.get("final_estimator_"), builder, _stacked(fitted, builder, value))
+    if last.labels != tuple(range(len(labels))):
+        raise fitted.fail("final_estimator_", "other classes than the whole")
+    return Classified(labels, last.index, last.probability, last.decision)
+
+
+@walks("sklearn.RegressorChain")
+def walk_chain(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """Each regressor takes the inputs and what those before it gave (`multioutput.py: _BaseChain._get_predictions`)."""
+    fitted = Fitted(estimator)
+    parts = fitted.items("estimators_")
+    order = fitted.integers_of("order_", np.asarray(fitted.get("order_")), (len(parts),), low=0, high=len(parts) - 1)
+    refuse_nan_and_infinity(builder)
+    given: list[int] = []
+    for part in parts:
+        given.append(walk_estimator(part, builder, _side_by_side(builder, [value, *given])))
+    return builder.add(Select((_side_by_side(builder, given),), np.argsort(order).astype(np.int32)))

@@ -1,0 +1,147 @@
+"""Compositions of classifiers and regressors, detectors of anomalies and clusterings against scikit-learn."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+pytest.importorskip("sklearn")
+
+from sklearn import cluster, covariance, ensemble, mixture, multiclass, multioutput
+from sklearn.calibration import CalibratedClassifierCV
+from sklearn.linear_model import LinearRegression, LogisticRegression, Perceptron, RidgeClassifier
+from sklearn.naive_bayes import GaussianNB
+from sklearn.svm import SVC, LinearSVC
+from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
+
+from st_codegen.errors import UnsupportedModelError
+from st_codegen.ir import reference
+from st_codegen.proof import bounds
+from tests.classifiers import SCORE, THREE, TWO, WORDS, X, loaded, verified
+
+YN = np.column_stack([SCORE, SCORE**2 - X[:, 1], X[:, 0]])
+
+
+def tree(depth=3, seed=0):
+    return DecisionTreeClassifier(max_depth=depth, random_state=seed)
+
+
+def grown(depth=3):
+    return DecisionTreeRegressor(max_depth=depth, random_state=0)
+
+
+NAMED = [("a", tree(2)), ("b", tree(4, 1)), ("c", GaussianNB())]
+EXACT = {
+    "hard votes": (ensemble.VotingClassifier([("a", tree(1)), ("b", tree(2)), ("c", tree(3))]), WORDS),
+    "weighted votes": (
+        ensemble.VotingClassifier([("a", tree(1)), ("b", tree(2)), ("c", tree(3))], weights=[0.1, 0.2, 0.3]),
+        THREE,
+    ),
+    "soft votes of trees": (
+        ensemble.VotingClassifier([("a", tree(2)), ("b", tree(3))], voting="soft", weights=[1.0, 0.7]),
+        WORDS,
+    ),
+    "bag of trees": (ensemble.BaggingClassifier(tree(4), 5, max_features=2, random_state=0, n_jobs=2), WORDS),
+    "bag of small samples": (ensemble.BaggingClassifier(tree(4), 5, max_samples=6, random_state=3), THREE - 1),
+    "boosted": (ensemble.AdaBoostClassifier(tree(1), n_estimators=6, random_state=0), TWO),
+    "boosted, three": (ensemble.AdaBoostClassifier(tree(2), n_estimators=5, random_state=0), WORDS),
+    "rest of trees": (multiclass.OneVsRestClassifier(tree(3)), WORDS),
+    "isolation": (ensemble.IsolationForest(n_estimators=12, max_samples=40, random_state=0), None),
+    "isolation, contamination": (ensemble.IsolationForest(n_estimators=8, contamination=0.2, random_state=1), None),
+    "bagged regressors": (ensemble.BaggingRegressor(grown(4), 4, max_features=2, random_state=0), SCORE),
+    "chain of trees": (multioutput.RegressorChain(grown(4), order=[2, 0, 1]), YN),
+}
+WITHIN = {
+    "soft votes": (ensemble.VotingClassifier(NAMED, voting="soft"), WORDS),
+    "votes of machines": (ensemble.VotingClassifier([("a", SVC()), ("b", RidgeClassifier()), ("c", tree(3))]), TWO),
+    "bag of perceptrons": (ensemble.BaggingClassifier(Perceptron(), 3, random_state=0), WORDS),
+    "rest": (multiclass.OneVsRestClassifier(LogisticRegression()), WORDS),
+    "rest of two": (multiclass.OneVsRestClassifier(LinearSVC()), TWO),
+    "pairs": (multiclass.OneVsOneClassifier(LinearSVC()), WORDS),
+    "pairs of two": (multiclass.OneVsOneClassifier(GaussianNB()), TWO),
+    "calibrated": (CalibratedClassifierCV(LinearSVC(), cv=2), TWO),
+    "calibrated probabilities": (CalibratedClassifierCV(GaussianNB(), cv=2, ensemble=False), TWO),
+    "stack": (ensemble.StackingClassifier(NAMED, LogisticRegression(), cv=2), WORDS),
+    "stack of two": (ensemble.StackingClassifier([("a", tree(3)), ("b", SVC())], tree(2), cv=2, passthrough=True), TWO),
+    "envelope": (covariance.EllipticEnvelope(random_state=0), None),
+    "clusters": (cluster.KMeans(4, n_init=1, random_state=0), None),
+    "clusters in batches": (cluster.MiniBatchKMeans(3, n_init=1, random_state=0), None),
+    "mixture": (mixture.GaussianMixture(3, random_state=0), None),
+    "tied mixture": (mixture.GaussianMixture(2, covariance_type="tied", random_state=0), None),
+    "voting regressor": (ensemble.VotingRegressor([("a", grown()), ("b", LinearRegression())], weights=[2, 1]), SCORE),
+    "stacked regressor": (ensemble.StackingRegressor([("a", grown()), ("b", LinearRegression())], cv=2), SCORE),
+}
+
+
+def fit(estimator, y):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return estimator.fit(X, y)
+
+
+def rows_of(model):
+    thresholds = [op.threshold[op.split >= 0] for op in model.ir.ops if hasattr(op, "threshold")]
+    points = np.concatenate([*thresholds, np.zeros(1)])
+    near = np.concatenate([points, np.nextafter(points, np.inf), np.nextafter(points.astype(np.float32), -np.inf)])
+    drawn = np.random.default_rng(0).choice(near, (400, X.shape[1]))
+    return np.vstack([X, drawn, 3 * X[::-1, ::-1]])
+
+
+@pytest.mark.parametrize("name", EXACT)
+def test_what_trees_decide_together_is_exact(name):
+    model = loaded(fit(*EXACT[name]))
+    rows = rows_of(model)
+    library, found = model.predict(rows), reference.evaluate(model.ir, rows)
+    bound = bounds.difference_bound(model.ir, rows)
+    assert np.all(np.abs(library - found) <= bound)
+    assert not np.any(bound[:, 0])
+    kinds = ["class"] if model.ir.classes is None else list(model.ir.classes.kinds)
+    numbers = [number for number, kind in enumerate(kinds) if kind == "class" or "isolation" not in name]
+    if "boosted" not in name:
+        assert np.array_equal(library[:, numbers], found[:, numbers])
+    assert len(np.unique(library[:, 0])) > 1
+
+
+@pytest.mark.parametrize("name", WITHIN)
+def test_other_compositions_lie_within_the_bound(name):
+    model = loaded(fit(*WITHIN[name]))
+    library, found = model.predict(X), reference.evaluate(model.ir, X)
+    bound = bounds.difference_bound(model.ir, X)
+    assert np.all(np.abs(library - found) <= bound)
+    if model.ir.classes is not None:
+        assert np.mean(bound[:, 0] == 0) > 0.97
+    assert np.max(bound[:, 1:], initial=0.0) < 1e-6 * (1 + np.max(np.abs(found)))
+    assert len(np.unique(library[:, 0])) > 1
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "soft votes of trees",
+        "bag of trees",
+        "chain of trees",
+        "boosted, three",
+        "isolation",
+        "pairs",
+        "stack of two",
+        "mixture",
+    ],
+)
+def test_the_text_of_compositions(name, tmp_path):
+    verified(loaded(fit(*(EXACT | WITHIN)[name])), tmp_path, rows=300)
+
+
+@pytest.mark.parametrize(
+    ("estimator", "y", "message"),
+    [
+        (CalibratedClassifierCV(GaussianNB(), method="isotonic", cv=2), TWO, "supported is method='sigmoid'"),
+        (CalibratedClassifierCV(GaussianNB(), cv=2), WORDS, "and 3 classes"),
+        (mixture.GaussianMixture(2, covariance_type="diag"), None, "supported are 'full' and 'tied'"),
+        (ensemble.IsolationForest(n_estimators=3, max_features=1), None, "max_features below 1"),
+        (ensemble.AdaBoostRegressor(n_estimators=3), SCORE, "no walker for sklearn.ensemble"),
+        (multiclass.OneVsRestClassifier(tree()), np.column_stack([TWO, ~TWO, TWO]).astype(int), "several labels a row"),
+    ],
+)
+def test_what_is_not_supported_says_so(estimator, y, message):
+    with pytest.raises(UnsupportedModelError, match=message):
+        loaded(fit(estimator, y))
