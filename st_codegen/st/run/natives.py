@@ -30,23 +30,13 @@ class Host(Protocol):
         """Call the body of the instance that a native block belongs to, in one row."""
 
 
-class NativePointer(Protocol):
-    """What ADR gives to native code: a variable, or an array, of the project."""
-
-    def read(self) -> Values:
-        """The variable in the calling rows, shape (rows,), or the array, shape (rows, elements)."""
-
-    def write(self, values: Any) -> None:
-        """Assign the variable or the array in the calling rows."""
-
-
 @dataclass
 class NativeCall:
     """One call of native code, from one row or from several at once.
 
     `call["IN"]` is an input, in-out or own output as an array with one entry for each of the `rows` (for a pointer a
-    `NativePointer`, None when it is null); `call["Q"] = values` sets an output, in-out or, by the name of the function
-    or method, the result. A method also sees the variables of its block. Names are paths in upper case.
+    `calls.FramePointer`, None when it is null); `call["Q"] = values` sets an output, in-out or, by the name of the
+    function or method, the result. A method also sees the variables of its block. Names are paths in upper case.
     """
 
     machine: Host
