@@ -67,6 +67,14 @@ def test_the_generated_code_takes_the_error_down(out):
     assert max(r["rms_after"] for r in best) < min(r["rms_after"] for r in rows if r["law"] == "published")
 
 
+def test_proposed_runs_are_measured_beside_those_of_the_campaign(example, out):
+    names = {folder: {path.name for path in (out / folder).rglob("*.csv")} for folder in ("campaign", "measured")}
+    proposed = (out / "reconciled_1" / "next_runs.csv").read_text().splitlines()[1:]
+    assert 0 < len(proposed) <= 12
+    assert names["measured"] == names["campaign"] | {line.split(",")[0] for line in proposed}
+    assert "structural_resonance" not in (out / "known.toml").read_text()
+
+
 def test_what_limits_it_is_written_in_all_forms(out):
     rows = json.loads((out / "limits.json").read_text())
     names = [row["what"] for row in rows]
@@ -89,9 +97,9 @@ def test_a_second_run_keeps_what_is_there(example, out, monkeypatch, capsys):
     for place in ((example, "command"), (sys.modules["jobs"], "simulate")):
         monkeypatch.setattr(*place, lambda *_, **__: pytest.fail("made again"))
     (out / "motion.json").unlink()
-    example.main(["--quick", "--jobs", "1", "--out", str(out), "--only", "campaign", "--only", "train",
-                  "--only", "compile", "--only", "motion"])  # fmt: skip
-    assert capsys.readouterr().out.count("kept") == 3
+    example.main(["--quick", "--jobs", "1", "--out", str(out), "--only", "campaign", "--only", "more", "--only",
+                  "train", "--only", "compile", "--only", "motion"])  # fmt: skip
+    assert capsys.readouterr().out.count("kept") == 4
     assert len(json.loads((out / "motion.json").read_text())) == 5
 
 
