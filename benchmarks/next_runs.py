@@ -145,12 +145,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=8)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--kind", choices=list(GRIDS), action="append", help="kinds of hidden effects (default: all)")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args(arguments)
     rig = read_rig(RIG, KNOWN)
     rows = []
     for seed in range(options.first, options.first + options.seeds):
         for kind, hidden in cases(seed).items():
+            if kind not in (options.kind or GRIDS):
+                continue
             known = rig.with_effects(e for e in rig.effects if e.name != hidden.name)
             truth = known.with_effects([*known.effects, hidden])
             proposed, how = with_proposals(known, truth, hidden, grid(*GRIDS[kind][0]), seed)

@@ -101,7 +101,7 @@ def command(
     from st_codegen.reconcile.models.update import check_models
     from st_codegen.reconcile.plan.next_runs import next_runs
     from st_codegen.reconcile.report.output import report
-    from st_codegen.reconcile.report.sentences import next_runs_summary, summary, update_summary
+    from st_codegen.reconcile.report.summary import next_runs_summary, summary, update_summary
     from st_codegen.reconcile.run import reconcile_files, with_empirical
     from st_codegen.rig.effects import catalogue
     from st_codegen.rig.model import read_rig

@@ -217,10 +217,10 @@ class Settings:
     near_orders: int = 8
 
     # --- the next measurement ---
-    #: runs that are proposed at once, and what one must add (nats: 0.2 is a volume of errors a fifth smaller) beside
-    #: those before it
+    #: runs that are proposed at once, and what one must add beside those before it (nats: 0.05 is a volume of errors
+    #: that is a twentieth smaller)
     most_next_runs: int = 12
-    least_gain: float = 0.2
+    least_gain: float = 0.05
     #: expected logarithm of the odds at which two explanations count as told apart: a chance of one in a million
     told_apart: float = 14.0
     #: points between two measured speeds that are considered, levels of torque and of temperature at most

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+import textwrap
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -25,8 +26,11 @@ _STYLE: dict[Any, Any] = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "legend.frameon": False,
+    "legend.fontsize": 7.5,
 }
 _CENTIMETRE = 1 / 2.54
+#: letters of a title beside each other, with room for fonts that run wide
+_LETTERS_PER_CM = 3.6
 
 
 def figure(
@@ -75,6 +79,12 @@ def figures(panels: Sequence[tuple[str, Draw]], *, columns: int = 2, size_cm: tu
         text = io.StringIO()
         canvas.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
     return _embeddable(text.getvalue())
+
+
+def panels(shown: Sequence[tuple[str, Draw]], *, size_cm: tuple[float, float] = (11, 7.5)) -> list[str]:
+    """Panels (title, draw) as an SVG each, which a page puts side by side where it is wide enough."""
+    letters = int(size_cm[0] * _LETTERS_PER_CM)
+    return [figures([(textwrap.fill(title, letters), draw)], columns=1, size_cm=size_cm) for title, draw in shown]
 
 
 def _show_as_they_are(axes: Any) -> None:

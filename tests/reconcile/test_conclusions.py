@@ -1,21 +1,19 @@
 """What is concluded from a fit: changed parameters, errors of what no run sees, a resonance placed by its peaks."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.fit.fitting import fit
-from st_codegen.reconcile.fit.parameters import Piece, piece_of
+from st_codegen.reconcile.fit.parameters import piece_of
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.candidates import Search, variants
-from st_codegen.reconcile.judge.conclusions import Claim
 from st_codegen.reconcile.judge.peaks import bracket, spread
 from st_codegen.reconcile.judge.retuned import changes
-from st_codegen.reconcile.report.sentences import sentence
+from st_codegen.reconcile.report.findings import Finding, share_text
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
 from st_codegen.threads import one_thread
@@ -133,8 +131,6 @@ def test_linear_algebra_has_one_thread_while_reconciling():
 
 def test_a_small_share_is_told_by_the_gap_of_its_own_orders():
     """Where the mean has most of the gap, a share of it says nothing of an order."""
-    effect = RIG.effects[0]
-    result = SimpleNamespace(data=SimpleNamespace(at=SimpleNamespace(torque_Nm=np.array([454.0]))))
-    claim = Claim(Piece(effect, frozenset(), True), {}, None, (), (), 0.002, (3e-3, 4e-4), ())
-    assert sentence(claim, result).endswith("; the gap of its orders falls from 0.003 to 0.0004 deg")
-    assert sentence(replace(claim, share=0.05), result).endswith("; it explains 5 % of the gap")
+    finding = Finding("", RIG.effects[0], None, (), (), "", "", 0.002, (3e-3, 4e-4))
+    assert share_text(finding, first=True) == "the gap of its orders falls from 0.003 to 0.0004 deg"
+    assert share_text(replace(finding, share=0.05), first=True) == "it explains 5 % of the gap"

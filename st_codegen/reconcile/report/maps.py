@@ -11,7 +11,7 @@ from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.levels import speed_levels
 from st_codegen.reconcile.run import Reconciliation
 from st_codegen.report.html import PageSection
-from st_codegen.report.picture import Draw, figures
+from st_codegen.report.picture import Draw, panels
 
 _MOST_ORDERS = 20
 _LEVELS = 12
@@ -38,7 +38,7 @@ def _orders(result: Reconciliation, before: ComplexArray, after: ComplexArray) -
     """Rows of panels: direction, before and after; columns: speed, torque, temperature."""
     data, good = result.data, result.target.good
     places = _loudest(result, before)
-    panels: list[tuple[str, Draw]] = []
+    shown: list[tuple[str, Draw]] = []
     top = max(_TOP, float((np.abs(before[good][:, places]) / result.target.sigma[good][:, places]).max(initial=0.0)))
     for direction, sign in _DIRECTIONS:
         rows = good & (data.at.sign == sign)
@@ -48,7 +48,7 @@ def _orders(result: Reconciliation, before: ComplexArray, after: ComplexArray) -
             size = np.abs(residual[rows][:, places]) / result.target.sigma[rows][:, places]
             for field, label in _AXES:
                 levels, names = _levels(getattr(data.at, field)[rows], by_speed=field == "speed_rpm")
-                panels.append(
+                shown.append(
                     (
                         f"{direction}, {when}",
                         _heat(_by_level(size, levels, len(names)).T, top, names, label, data.orders[places], "order"),
@@ -59,9 +59,7 @@ def _orders(result: Reconciliation, before: ComplexArray, after: ComplexArray) -
         f"noise alone gives 1.4 (the mean: 1). The {len(places)} orders that stood out most before."
     )
     height = 2.2 + 0.28 * len(places)
-    return PageSection(
-        "Where: orders and operating points", text, figures=[figures(panels, columns=3, size_cm=(7, height))]
-    )
+    return PageSection("Where: orders and operating points", text, figures=panels(shown, size_cm=(9, height)))
 
 
 def _angles(result: Reconciliation, before: ComplexArray, after: ComplexArray) -> PageSection:
@@ -72,7 +70,7 @@ def _angles(result: Reconciliation, before: ComplexArray, after: ComplexArray) -
     waves = np.exp(1j * np.outer(data.orders, theta))
     curves = [(residual @ waves).real for residual in (before, after)]
     top = float(np.percentile(np.abs(curves[0][good]), 99)) if good.any() else 1.0
-    panels: list[tuple[str, Draw]] = []
+    shown: list[tuple[str, Draw]] = []
     for direction, sign in _DIRECTIONS:
         rows = good & (data.at.sign == sign)
         if not rows.any():
@@ -80,9 +78,9 @@ def _angles(result: Reconciliation, before: ComplexArray, after: ComplexArray) -
         levels, names = _levels(data.at.speed_rpm[rows], by_speed=True)
         for when, curve in zip(("before", "after"), curves, strict=True):
             size = _by_level(curve[rows], levels, len(names))
-            panels.append((f"{direction}, {when}", _angle_map(size, names, top)))
+            shown.append((f"{direction}, {when}", _angle_map(size, names, top)))
     text = f"RMS of measured - simulated over the angle of the output, by speed; the scale ends at {top:.2g} deg."
-    return PageSection("Where: angle", text, figures=[figures(panels, columns=2, size_cm=(10, 6))])
+    return PageSection("Where: angle", text, figures=panels(shown, size_cm=(11, 6.5)))
 
 
 def _loudest(result: Reconciliation, before: ComplexArray) -> IntArray:

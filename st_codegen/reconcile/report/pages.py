@@ -9,14 +9,17 @@ import numpy as np
 
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.judge.conclusions import Claim
-from st_codegen.reconcile.judge.evidence import digits
 from st_codegen.reconcile.judge.spectrum import SpectrumResult, sizes, spectrum_report, spectrum_summary
+from st_codegen.reconcile.report.evidence import evidence_panels, unexplained_panels
+from st_codegen.reconcile.report.findings import Finding, findings, share_text
 from st_codegen.reconcile.report.maps import map_sections
 from st_codegen.reconcile.report.output import parameters_of, rig_diff
-from st_codegen.reconcile.report.sentences import VERDICT_TEXT, floor_text, plain, sentence
+from st_codegen.reconcile.report.ranking import ranking_section
+from st_codegen.reconcile.report.sentences import VERDICT_TEXT, floor_text, taken_back_text
 from st_codegen.reconcile.run import OrderGap, Reconciliation
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.report.html import PageSection, PageTable, page
-from st_codegen.report.picture import Draw, figure, figures
+from st_codegen.report.picture import Draw, figure, panels
 
 if TYPE_CHECKING:
     from st_codegen.reconcile.models.update import Update
@@ -30,10 +33,12 @@ _SHORT = 80
 
 def report_page(result: Reconciliation, update: Update | None = None, ahead: NextRuns | None = None) -> str:
     """The report as one HTML page. Raises MissingExtraError without Matplotlib."""
-    sections = [_findings(result), _gap(result), _by_order(result), _claims(result), _unexplained(result)]
+    found = findings(result, ahead)
+    sections: list[PageSection | None] = [_findings(result, found)]
     sections += [] if ahead is None else [_next_runs(ahead)]
+    sections += [_evidence(result, found), _unexplained(result), _gap(result), _by_order(result), _claims(result)]
     sections += map_sections(result)
-    sections += [_curves(result), _ranking(result), _runs(result), _limits(result), _rig(result)]
+    sections += [_curves(result), ranking_section(result), _runs(result), _limits(result), _rig(result)]
     if update is not None:
         sections += [_models(update), _motion(update)]
     return page(
@@ -71,16 +76,31 @@ def spectrum_page(result: SpectrumResult) -> str:
     )
 
 
-def _findings(result: Reconciliation) -> PageSection:
-    found = result.conclusions
-    rows: list[list[Any]] = [[sentence(claim, result)] for claim in found.claims]
-    rows += [[f"{plain(entry.after, result)}: parameters of the rig that the data refuse"] for entry in found.retuned]
-    if found.offset_changed:
-        old, new = result.rig.zero_offset_deg, result.new_rig.zero_offset_deg
-        rows.append([f"the encoders' common zero moved from {old:.4g} to {new:.4g} deg"])
-    return PageSection(
-        "Findings", "" if rows else "No effect is claimed.", PageTable(["finding"], rows) if rows else None
+def _findings(result: Reconciliation, found: Sequence[Finding]) -> PageSection:
+    """The findings by size, each as a paragraph, which fits any width."""
+    parts = []
+    for number, finding in enumerate(found, 1):
+        share = share_text(finding, first=number == 1)
+        parts.append(
+            f"{number}. {finding.text}."
+            + (f" {share[0].upper()}{share[1:]}." if share else "")
+            + (f" {'; '.join(finding.numbers)}." if finding.numbers else "")
+            + (f" The name: {finding.name}." if finding.name else "")
+            + f" Next: {finding.todo}."
+        )
+    if result.taken_back is not None:
+        parts.append(taken_back_text(result.taken_back))
+    intro = "By size. The share of each is of the power that the larger ones leave, noise included." if found else ""
+    return PageSection("Findings", "\n\n".join([intro, *parts]) if parts else "No effect is claimed.")
+
+
+def _evidence(result: Reconciliation, found: Sequence[Finding]) -> PageSection | None:
+    shown = panels(evidence_panels(result, found))
+    text = (
+        "The measured part from which each finding is read, less all else that the new rig has: points are medians of "
+        "runs, bands hold 80 % of them. Resonances: all orders and both directions brought to the same height."
     )
+    return PageSection("Evidence", text, figures=shown) if shown else None
 
 
 def _gap(result: Reconciliation) -> PageSection:
@@ -101,17 +121,29 @@ def _gap(result: Reconciliation) -> PageSection:
 
 def _by_order(result: Reconciliation) -> PageSection:
     shown = _largest(result)
-    rows = [[gap.order, gap.before, gap.after, gap.held_out, gap.noise_floor] for gap in shown]
+    rows = [
+        [gap.order, gap.before, gap.after, gap.held_out, gap.noise_floor, "worse" if _is_worse(gap) else ""]
+        for gap in shown
+    ]
+    worse = [str(gap.order) for gap in result.orders if _is_worse(gap)]
+    texts = [f"The new rig is worse than the old one at order {', '.join(worse)}."] if worse else []
     left = len(result.orders) - len(shown)
-    text = f"The {len(shown)} orders with the largest gap; report.json has the other {left}." if left else ""
-    columns = ["order", "before", "after", "after, held out", "noise floor"]
-    return PageSection("The gap by order, RMS in deg", text, PageTable(columns, rows))
+    texts += [f"The {len(shown)} orders with the largest gap; report.json has the other {left}."] if left else []
+    columns = ["order", "before", "after", "after, held out", "noise floor", ""]
+    strong = {(row, 5) for row in range(len(rows))}
+    return PageSection("The gap by order, RMS in deg", " ".join(texts), PageTable(columns, rows, strong))
+
+
+def _is_worse(gap: OrderGap) -> bool:
+    """Whether the new rig leaves more of an order than the old one, beyond what a gap scatters by."""
+    return gap.after > SETTINGS.worse * gap.before
 
 
 def _largest(result: Reconciliation) -> list[OrderGap]:
-    """The orders with the largest gap before, by order."""
+    """The orders with the largest gap before, and those that got worse, by order."""
     largest = sorted(result.orders, key=lambda gap: -gap.before)[:_MOST_BARS]
-    return sorted(largest, key=lambda gap: gap.order)
+    worse = [gap for gap in result.orders if _is_worse(gap) and gap not in largest]
+    return sorted([*largest, *worse], key=lambda gap: gap.order)
 
 
 def _bars(result: Reconciliation) -> str:
@@ -120,13 +152,18 @@ def _bars(result: Reconciliation) -> str:
 
     def draw(axes: Any) -> None:
         axes.bar(place - 0.27, [gap.before for gap in shown], 0.27, label="before")
-        axes.bar(place, [gap.after for gap in shown], 0.27, label="after")
+        bars = axes.bar(place, [gap.after for gap in shown], 0.27, label="after")
+        for gap, bar in zip(shown, bars, strict=True):
+            if _is_worse(gap):
+                bar.set(hatch="///", edgecolor="black")
         axes.bar(place + 0.27, [gap.held_out for gap in shown], 0.27, label="after, held out")
         axes.plot(place, [gap.noise_floor for gap in shown], "k_", markersize=12, label="noise floor")
         axes.set_yscale("log")
-        axes.set_xticks(place, [str(gap.order) for gap in shown])
+        every = -(-len(shown) // 12)
+        axes.set_xticks(place[::every], [str(gap.order) for gap in shown[::every]])
+        axes.margins(y=0.3)
 
-    return figure(draw, xlabel="order", ylabel="RMS, deg", title="Gap by order")
+    return figure(draw, xlabel="order (hatched: worse)", ylabel="RMS, deg", title="Gap by order")
 
 
 def _claims(result: Reconciliation) -> PageSection | None:
@@ -156,9 +193,10 @@ def _unexplained(result: Reconciliation) -> PageSection | None:
         return None
     rows = [[s.order, s.rms_deg, f"{100 * s.share:.2g} %", s.direction, s.text] for s in result.unexplained]
     text = "Parts that stand above the noise and that no effect of the catalogue explains: by their signature."
-    return PageSection(
-        "What stays unexplained", text, PageTable(["order", "RMS, deg", "of the gap", "direction", ""], rows)
-    )
+    shown = panels(unexplained_panels(result))
+    text += " Pictures: medians and bands of 80 % of the runs; grey is noise." if shown else ""
+    table = PageTable(["order", "RMS, deg", "of the gap", "direction", ""], rows)
+    return PageSection("What stays unexplained", text, table, shown)
 
 
 def _curves(result: Reconciliation) -> PageSection | None:
@@ -169,7 +207,7 @@ def _curves(result: Reconciliation) -> PageSection | None:
     before = np.abs(result.target.residual(result.rig)) ** 2 * result.target.good[:, None]
     theta = np.linspace(0, 360, _SAMPLES)
     waves = np.exp(1j * np.outer(data.orders, np.deg2rad(theta)))
-    panels: list[tuple[str, Draw]] = []
+    shown: list[tuple[str, Draw]] = []
     for sign in (1.0, -1.0):
         rows = np.flatnonzero(data.at.sign == sign)
         if not len(rows):
@@ -178,13 +216,11 @@ def _curves(result: Reconciliation) -> PageSection | None:
         point = data.at.rows(np.array([row]))
         models = [rig.coefficients(point, data.orders.tolist())[0] for rig in (result.rig, result.new_rig)]
         measured, before_, after_ = ((values @ waves).real for values in (data.values[row], *models))
-        panels.append(
-            (data.labels[row], _lines(theta, [("measured", measured), ("rig", before_), ("new rig", after_)]))
-        )
+        shown.append((data.labels[row], _lines(theta, [("measured", measured), ("rig", before_), ("new rig", after_)])))
         rest = [("measured - rig", measured - before_), ("measured - new rig", measured - after_)]
-        panels.append(("what is left", _lines(theta, rest)))
+        shown.append(("what is left", _lines(theta, rest)))
     text = "The run with the largest gap in each direction; angle of the output in deg, TE in deg."
-    return PageSection("Curves", text, figures=[figures(panels, columns=2, size_cm=(12, 7))])
+    return PageSection("Curves", text, figures=panels(shown, size_cm=(12, 7)))
 
 
 def _lines(x: FloatArray, curves: Sequence[tuple[str, FloatArray]]) -> Draw:
@@ -193,45 +229,6 @@ def _lines(x: FloatArray, curves: Sequence[tuple[str, FloatArray]]) -> Draw:
             axes.plot(x, y, label=name, linewidth=0.8)
 
     return draw
-
-
-def _ranking(result: Reconciliation) -> PageSection | None:
-    if not result.judged:
-        return None
-    # what was added first, in its order, then the refused ones by what they would have explained
-    ranked = sorted(
-        result.judged, key=lambda pair: (not pair[1].passed, 0.0 if pair[1].passed else -pair[1].loss_saved)
-    )
-    rows = [
-        [
-            candidate.name,
-            ", ".join(map(str, candidate.piece.effect.orders)),
-            "yes" if evidence.passed else "no",
-            evidence.loss_saved,
-            round(digits(evidence.p_chance), 1),
-            round(digits(evidence.p_clusters), 1),
-            ", ".join(f"{axis} {value:.2g}" for axis, value in evidence.held_out.items()),
-            evidence.stability,
-            evidence.size_in_noise,
-        ]
-        for candidate, evidence in ranked
-    ]
-    columns = [
-        "candidate",
-        "order",
-        "passed",
-        "loss saved",
-        "digits of chance",
-        "the same, by clusters",
-        "held out (loss saved a curve)",
-        "stability",
-        "size over noise",
-    ]
-    text = (
-        "First those that passed all tests, in the order in which they were added; then the others by what they would "
-        "have explained. docs/reconcile.md says which tests there are and how strict they are."
-    )
-    return PageSection("Ranking of candidates", text, PageTable(columns, rows))
 
 
 def _runs(result: Reconciliation) -> PageSection | None:

@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from st_codegen.campaign.conditions import OperatingPoint
 from st_codegen.reconcile.judge.conclusions import Claim
 from st_codegen.reconcile.run import Reconciliation, TakenBack
-from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect
 from st_codegen.rig.effects.base import ARCMIN
-
-if TYPE_CHECKING:
-    from st_codegen.reconcile.models.update import Update
-    from st_codegen.reconcile.plan.next_runs import NextRuns
 
 VERDICT_TEXT = {
     "explained": "What was missing is named; what is left has no pattern over the conditions that were measured.",
@@ -54,49 +48,6 @@ def floor_text(result: Reconciliation) -> str:
     return text + "."
 
 
-def summary(result: Reconciliation) -> str:
-    """The findings as a few lines."""
-    lines = [VERDICT_TEXT[result.verdict]]
-    lines += [f"- the measurement: {mistake.text}" for mistake in result.mistakes]
-    lines += [f"- {sentence(claim, result)}" for claim in result.conclusions.claims]
-    lines += [
-        f"- {plain(entry.after, result)}: its parameters in the rig do not fit the data"
-        for entry in result.conclusions.retuned
-    ]
-    if result.conclusions.offset_changed:
-        lines.append("- the encoders' common zero has moved")
-    lines += [f"- unexplained: {signature.text}" for signature in result.unexplained[:8]]
-    if len(result.unexplained) > 8:
-        lines.append(f"- and {len(result.unexplained) - 8} more unexplained orders")
-    if result.taken_back is not None:
-        lines.append(f"- {taken_back_text(result.taken_back)}")
-    gap = result.held_out
-    lines.append(
-        f"Gap on held-out runs: {gap.before:.3g} -> {gap.after:.3g} deg RMS, noise floor {gap.noise_floor:.3g} deg"
-    )
-    lines.append(floor_text(result))
-    lines += [f"Cannot be shown: {text}" for text in result.cannot_show]
-    lines += [f"Not looked at: {text}" for text in result.data.not_looked_at]
-    if result.noise.suspects:
-        worst = result.data.labels[result.noise.suspects[0][0]]
-        lines.append(f"Suspected bad runs: {len(result.noise.suspects)}, the worst {worst}")
-    return "\n".join(lines)
-
-
-def next_runs_summary(ahead: NextRuns) -> str:
-    """What to measure next, in one line."""
-    if not ahead.runs:
-        return f"Next measurement: none proposed; {ahead.none_because}"
-    first = ahead.runs[0]
-    count = f"{len(ahead.runs)} runs" if len(ahead.runs) > 1 else "1 run"
-    return f"Next measurement: {count} in next_runs.csv, the first at {point_text(first.point)}, which {first.purpose}"
-
-
-def point_text(point: OperatingPoint) -> str:
-    """An operating point in words."""
-    return f"{point.speed_rpm:g} rpm, {point.torque_Nm:g} N m, {point.temperature_C:g} degC"
-
-
 def taken_back_text(back: TakenBack) -> str:
     """Why the rig stays as it is."""
     return (
@@ -105,44 +56,10 @@ def taken_back_text(back: TakenBack) -> str:
     )
 
 
-def update_summary(update: Update) -> str:
-    """What became of the models, as a few lines."""
-    entered = [d for d in update.decisions if d.entered]
-    lines = []
-    if entered:
-        new, added = ([str(d.order) for d in entered if d.new is kind] for kind in (True, False))
-        parts = [f"new orders {', '.join(new)}"] if new else []
-        parts += [f"terms on orders {', '.join(added)}"] if added else []
-        lines.append(f"Models: {'; '.join(parts)}; compiled for {update.target} and verified")
-    else:
-        lines.append("Models: nothing to add")
-    for reason in sorted({d.reason for d in update.decisions if not d.entered}):
-        orders = [str(d.order) for d in update.decisions if not d.entered and d.reason == reason]
-        lines.append(f"- left out: order {', '.join(orders)}: {reason}")
-    if update.motion is not None:
-        sizes = [
-            f"{_COMPENSATOR[case.name]} {case.full.rms:.3g} (maximum {case.full.maximum:.3g})"
-            for case in update.motion.cases
-        ]
-        lines.append(
-            f"Error of the output on the profile {update.motion.profile}, deg RMS at full correction: "
-            f"{', '.join(sizes)}"
-        )
-    return "\n".join(lines)
-
-
-_COMPENSATOR = {"none": "without compensation", "old": "with the old models", "new": "with the new models"}
-
-
-def sentence(claim: Claim, result: Reconciliation) -> str:
+def words(claim: Claim, result: Reconciliation) -> str:
     """One claim in words."""
     effect = claim.piece.effect
-    words = _WORDS.get(effect.name, plain)(effect, result)
-    hedge = f" (the data would allow {', '.join(claim.alternatives)} as well)" if claim.alternatives else ""
-    if claim.share >= SETTINGS.much:
-        return f"{words}{hedge}; it explains {100 * claim.share:.0f} % of the gap"
-    before, after = claim.own_gap
-    return f"{words}{hedge}; the gap of its orders falls from {before:.2g} to {after:.2g} deg"
+    return _WORDS.get(effect.name, plain)(effect, result)
 
 
 def _value(effect: Effect, key: str) -> float:

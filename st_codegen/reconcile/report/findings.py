@@ -1,0 +1,207 @@
+"""What was found, by size: each with its share of what the larger ones leave, its errors, and what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from st_codegen.reconcile.data.observations import rms_deg
+from st_codegen.reconcile.judge.conclusions import SOMETHING_ELSE, Claim
+from st_codegen.reconcile.report.output import parameters_of
+from st_codegen.reconcile.report.sentences import plain, words
+from st_codegen.reconcile.run import Reconciliation
+from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects import Effect, Stage
+from st_codegen.rig.model import RigModel
+
+if TYPE_CHECKING:
+    from st_codegen.reconcile.plan.next_runs import NextRuns
+
+_Change = Callable[[RigModel], RigModel]
+#: parameters that are shown of one finding
+_MOST_NUMBERS = 4
+#: standard errors by which a parameter must differ to be shown as changed
+_CLEARLY = 2.0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One finding: words, its effect now and (for a changed one) before, numbers with errors, and how sure its name is.
+
+    share: of the power that the larger findings leave, noise included; None where the data are over time.
+    """
+
+    text: str
+    effect: Effect | None
+    before: Effect | None
+    numbers: tuple[str, ...]
+    others: tuple[str, ...]
+    name: str
+    todo: str
+    share: float | None
+    own_gap: tuple[float, float] | None
+
+
+def findings(result: Reconciliation, ahead: NextRuns | None = None) -> list[Finding]:
+    """All findings, the largest first."""
+    found = result.conclusions
+    entries: list[tuple[Finding, _Change]] = []
+    for claim in found.claims:
+        effect = claim.piece.effect
+        finding = Finding(
+            words(claim, result),
+            effect,
+            None,
+            _numbers(effect, claim.stderr),
+            claim.alternatives,
+            _how_sure(claim),
+            _todo(effect, ahead),
+            claim.share if effect.stage is Stage.AXIS else None,
+            claim.own_gap,
+        )
+        entries.append((finding, _added(effect)))
+    for entry in found.retuned:
+        numbers = _numbers(entry.after, entry.stderr, entry.before)
+        text = f"{plain(entry.after, result)}: the data refuse what the rig says of it"
+        finding = Finding(
+            text, entry.after, entry.before, numbers, (), "it is in the rig already", _todo(entry.after, ahead), None,
+            _own_gap(result, entry.after),
+        )  # fmt: skip
+        entries.append((finding, _replaced(entry.before, entry.after)))
+    if found.offset_changed:
+        old, new = result.rig.zero_offset_deg, result.new_rig.zero_offset_deg
+        finding = Finding(
+            "the encoders' common zero has moved", None, None, (f"zero_offset_deg {old:.4g} -> {new:.4g} deg",), (), "",
+            "set the zero anew, or take the new offset", None, None,
+        )  # fmt: skip
+        entries.append((finding, _moved(new)))
+    return _by_size(result, entries)
+
+
+def _added(effect: Effect) -> _Change:
+    return lambda rig: rig.with_effects([*rig.effects, effect])
+
+
+def _replaced(before: Effect, after: Effect) -> _Change:
+    return lambda rig: rig.with_effects(after if effect is before else effect for effect in rig.effects)
+
+
+def _moved(offset_deg: float) -> _Change:
+    return lambda rig: replace(rig, zero_offset_deg=offset_deg)
+
+
+def _by_size(result: Reconciliation, entries: Sequence[tuple[Finding, _Change]]) -> list[Finding]:
+    """Findings by the power that each takes off alone; the share of each is of what those before it leave."""
+    whole = _power(result, result.rig)
+    alone = []
+    for finding, change in entries:
+        of_axis = finding.effect is not None and finding.effect.stage is Stage.AXIS
+        size = (finding.share or 0.0) * whole if of_axis else whole - _power(result, change(result.rig))
+        alone.append(size)
+    found, rig, left = [], result.rig, whole
+    for i in np.argsort(-np.array(alone), kind="stable"):
+        finding, change = entries[i]
+        rig = change(rig)
+        after = _power(result, rig)
+        if finding.effect is None or finding.effect.stage is not Stage.AXIS:
+            finding = replace(finding, share=max(0.0, 1.0 - after / left) if left > 0 else None)
+        found.append(finding)
+        left = after
+    return found
+
+
+def _power(result: Reconciliation, rig: RigModel) -> float:
+    """Power (deg^2) of what a rig leaves of the good runs."""
+    return rms_deg(result.target.residual(rig)[result.target.good], result.data.orders) ** 2
+
+
+def _own_gap(result: Reconciliation, effect: Effect) -> tuple[float, float] | None:
+    """RMS of what the old and the new rig leave at the orders of an effect; None over time."""
+    orders, good = result.data.orders, result.target.good
+    own = np.isin(orders, effect.touched_orders())
+    if result.data.angle_rad is not None or not own.any():
+        return None
+    before, after = (
+        rms_deg(residual[good][:, own], orders[own])
+        for residual in (result.target.residual(result.rig), result.conclusions.final.residual)
+    )
+    return before, after
+
+
+def share_text(finding: Finding, *, first: bool) -> str:
+    """The share of a finding in words, with the gap of its own orders where that says more; empty without either."""
+    own = finding.own_gap
+    if finding.share is not None and (finding.share >= SETTINGS.much or own is None):
+        of = "the gap" if first else "what the larger findings leave"
+        return f"it explains {100 * finding.share:.0f} % of {of}"
+    return "" if own is None else f"the gap of its orders falls from {own[0]:.2g} to {own[1]:.2g} deg"
+
+
+def _numbers(effect: Effect, stderr: Mapping[str, float], before: Effect | None = None) -> tuple[str, ...]:
+    """The parameters that matter, with standard errors; of a changed effect those that changed, old and new."""
+    old = {} if before is None else parameters_of(before, {})
+    listed = []
+    for key, now in parameters_of(effect, dict(stderr)).items():
+        if "phase" in key:
+            continue
+        value, error, unit = now["value"], now["stderr"], now["unit"]
+        text = f"{value:.4g}" + ("" if error is None else f" +- {error:.1g}") + (f" {unit}" if unit else "")
+        was = old.get(key, {}).get("value")
+        if before is not None and was is not None:
+            if error is not None and abs(value - was) < _CLEARLY * error:
+                continue
+            text = f"{was:.4g} -> {text}"
+        listed.append(f"{key} {text}")
+    if before is not None and not listed:
+        listed = ["its phases turned"]
+    shown = listed[:_MOST_NUMBERS]
+    return (*shown, *([f"and {len(listed) - len(shown)} more"] if len(listed) > len(shown) else []))
+
+
+def _how_sure(claim: Claim) -> str:
+    """What is known of other names for the same data."""
+    others = [name for name in claim.alternatives if name != SOMETHING_ELSE]
+    parts = [f"{', '.join(others)} would do as well"] if others else []
+    if SOMETHING_ELSE in claim.alternatives:
+        parts.append("named by its order alone: something else may make the same wave")
+    kept = f"kept its size in {100 * claim.evidence.stability:.0f} % of the resampled data sets"
+    return "; ".join(parts or ["no other effect that was tried does as well"]) + f"; {kept}"
+
+
+#: what a maintenance engineer looks at first
+_NEXT = {
+    "torsional_compliance": "check the bolts of flange and coupling, and the scale of the torque sensor",
+    "backlash": "measure the play with the motor held",
+    "friction_windup": "check oil, seals and bearings",
+    "thermal_drift": "measure at a second oil temperature once it has settled",
+    "structural_resonance": "tap the structure and look for this frequency; check its mounts; avoid these speeds",
+    "measurement_delay": "check time stamps and filters of both encoders",
+    "carrier_modulation": "check the bearings of the carrier",
+    "load_dependent_mesh": "measure again at other loads; compare with another unit",
+    "wear": "look at the sector; measure again after some weeks",
+    "control_lag": "check gains and feedforward of the drive",
+    "coupling_compliance": "check the coupling and its clamping",
+    "cycloid_tooth_error": "compare with another unit of the same kind",
+    "pin_error": "compare with another unit of the same kind",
+    "crank_misalignment": "check the seats of the cranks",
+    "input_shaft_misalignment": "align the input shaft",
+    "output_shaft_eccentricity": "check the centring of shaft and encoder",
+    "output_shaft_ovality": "check the seat of shaft and encoder",
+}
+
+
+def _todo(effect: Effect, ahead: NextRuns | None) -> str:
+    """What to do next about an effect: a look at the machine, and the proposed runs that are for it."""
+    parts = [effect.experiment or _NEXT.get(effect.name, "look at the picture of its evidence")]
+    where = f"(order {', '.join(map(str, effect.orders))})" if effect.orders else ""
+    runs = [] if ahead is None else [
+        str(number)
+        for number, run in enumerate(ahead.runs, 1)
+        if f" {effect.name}" in run.purpose and (where in run.purpose or "narrows" not in run.purpose)
+    ]  # fmt: skip
+    if runs:
+        parts.append(f"make run{'s' if len(runs) > 1 else ''} {', '.join(runs)} of next_runs.csv")
+    return "; ".join(parts)

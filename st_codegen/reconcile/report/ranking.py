@@ -1,0 +1,73 @@
+"""Every effect that was tried, and what became of it, in words."""
+
+from __future__ import annotations
+
+from st_codegen.reconcile.judge.candidates import Candidate
+from st_codegen.reconcile.judge.evidence import Evidence
+from st_codegen.reconcile.run import Reconciliation
+from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.report.html import PageSection, PageTable
+
+
+def ranking_section(result: Reconciliation) -> PageSection | None:
+    """What was tried: first what is claimed, then the others by what they would have explained."""
+    if not result.judged:
+        return None
+    ranked = sorted(
+        ((candidate, evidence, outcome(result, candidate, evidence)) for candidate, evidence in result.judged),
+        key=lambda entry: (not entry[2].startswith("claimed"), -entry[1].loss_saved),
+    )
+    rows = [
+        [
+            candidate.name,
+            ", ".join(map(str, candidate.piece.effect.orders)),
+            became,
+            f"{evidence.size_in_noise:.2g} times",
+            f"{100 * evidence.stability:.0f} %",
+            _left_out(evidence),
+        ]
+        for candidate, evidence, became in ranked
+    ]
+    columns = ["effect", "order", "what became of it", "size over noise", "kept when resampled", "left-out runs"]
+    text = "docs/reconcile.md says which tests there are. An effect may have been tried several times."
+    return PageSection("What was tried", text, PageTable(columns, rows))
+
+
+def outcome(result: Reconciliation, candidate: Candidate, evidence: Evidence) -> str:
+    """What became of a candidate: claimed, part of a changed effect of the rig, not claimed, or refused and why."""
+    if not evidence.passed:
+        return f"refused: {', '.join(_failed(evidence)) or 'the tests disagree'}"
+    effect = candidate.piece.effect
+    own = set(effect.orders)
+    for kind, effects in (
+        ("claimed", [claim.piece.effect for claim in result.conclusions.claims]),
+        ("part of a changed effect of the rig", [entry.after for entry in result.conclusions.retuned]),
+    ):
+        if any(other.name == effect.name and (not own or own & set(other.orders)) for other in effects):
+            return kind
+    return "not claimed: beside the others it was no longer needed, or its orders kept too much"
+
+
+def _failed(evidence: Evidence) -> list[str]:
+    """The tests that refuse, in words."""
+    found = []
+    if evidence.p_chance >= SETTINGS.p_chance:
+        found.append("noise could look like it")
+    elif evidence.p_clusters >= SETTINGS.p_clusters:
+        found.append("noise that lasts over runs could look like it")
+    losses = list(evidence.held_out.values())
+    if losses and (sum(x > 0 for x in losses) < max(1, len(losses) - 1) or 2 * evidence.votes[0] <= evidence.votes[1]):
+        found.append("left-out runs are predicted no better")
+    if evidence.stability < SETTINGS.stable:
+        found.append("its size changes when runs are resampled")
+    if evidence.size_in_noise < SETTINGS.least_size:
+        found.append("smaller than the noise of one coefficient")
+    return found
+
+
+def _left_out(evidence: Evidence) -> str:
+    """Along which axes left-out runs are predicted better."""
+    better = [axis for axis, saved in evidence.held_out.items() if saved > 0]
+    worse = [axis for axis, saved in evidence.held_out.items() if saved <= 0]
+    parts = [f"better by {', '.join(better)}"] if better else []
+    return "; ".join([*parts, *([f"not by {', '.join(worse)}"] if worse else [])])

@@ -1,0 +1,89 @@
+"""The findings on a terminal: a few lines."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from st_codegen.campaign.conditions import OperatingPoint
+from st_codegen.reconcile.report.findings import findings, share_text
+from st_codegen.reconcile.report.sentences import VERDICT_TEXT, floor_text, taken_back_text
+from st_codegen.reconcile.run import Reconciliation
+
+if TYPE_CHECKING:
+    from st_codegen.reconcile.models.update import Update
+    from st_codegen.reconcile.plan.next_runs import NextRuns
+    from st_codegen.reconcile.report.findings import Finding
+
+
+def summary(result: Reconciliation) -> str:
+    """The findings as a few lines."""
+    lines = [VERDICT_TEXT[result.verdict]]
+    lines += [f"- the measurement: {mistake.text}" for mistake in result.mistakes]
+    lines += [f"- {finding_text(finding, first=number == 0)}" for number, finding in enumerate(findings(result))]
+    lines += [f"- unexplained: {signature.text}" for signature in result.unexplained[:8]]
+    if len(result.unexplained) > 8:
+        lines.append(f"- and {len(result.unexplained) - 8} more unexplained orders")
+    if result.taken_back is not None:
+        lines.append(f"- {taken_back_text(result.taken_back)}")
+    gap = result.held_out
+    lines.append(
+        f"Gap on held-out runs: {gap.before:.3g} -> {gap.after:.3g} deg RMS, noise floor {gap.noise_floor:.3g} deg"
+    )
+    lines.append(floor_text(result))
+    lines += [f"Cannot be shown: {text}" for text in result.cannot_show]
+    lines += [f"Not looked at: {text}" for text in result.data.not_looked_at]
+    if result.noise.suspects:
+        worst = result.data.labels[result.noise.suspects[0][0]]
+        lines.append(f"Suspected bad runs: {len(result.noise.suspects)}, the worst {worst}")
+    return "\n".join(lines)
+
+
+def finding_text(finding: Finding, *, first: bool) -> str:
+    """One finding in a line: words, numbers of a changed one, other names, share."""
+    changed = f": {', '.join(finding.numbers)}" if finding.before is not None or finding.effect is None else ""
+    others = f" (the data would allow {', '.join(finding.others)} as well)" if finding.others else ""
+    share = share_text(finding, first=first)
+    return f"{finding.text}{changed}{others}" + (f"; {share}" if share else "")
+
+
+def next_runs_summary(ahead: NextRuns) -> str:
+    """What to measure next, in one line."""
+    if not ahead.runs:
+        return f"Next measurement: none proposed; {ahead.none_because}"
+    first = ahead.runs[0]
+    count = f"{len(ahead.runs)} runs" if len(ahead.runs) > 1 else "1 run"
+    return f"Next measurement: {count} in next_runs.csv, the first at {point_text(first.point)}, which {first.purpose}"
+
+
+def point_text(point: OperatingPoint) -> str:
+    """An operating point in words."""
+    return f"{point.speed_rpm:g} rpm, {point.torque_Nm:g} N m, {point.temperature_C:g} degC"
+
+
+def update_summary(update: Update) -> str:
+    """What became of the models, as a few lines."""
+    entered = [d for d in update.decisions if d.entered]
+    lines = []
+    if entered:
+        new, added = ([str(d.order) for d in entered if d.new is kind] for kind in (True, False))
+        parts = [f"new orders {', '.join(new)}"] if new else []
+        parts += [f"terms on orders {', '.join(added)}"] if added else []
+        lines.append(f"Models: {'; '.join(parts)}; compiled for {update.target} and verified")
+    else:
+        lines.append("Models: nothing to add")
+    for reason in sorted({d.reason for d in update.decisions if not d.entered}):
+        orders = [str(d.order) for d in update.decisions if not d.entered and d.reason == reason]
+        lines.append(f"- left out: order {', '.join(orders)}: {reason}")
+    if update.motion is not None:
+        sizes = [
+            f"{_COMPENSATOR[case.name]} {case.full.rms:.3g} (maximum {case.full.maximum:.3g})"
+            for case in update.motion.cases
+        ]
+        lines.append(
+            f"Error of the output on the profile {update.motion.profile}, deg RMS at full correction: "
+            f"{', '.join(sizes)}"
+        )
+    return "\n".join(lines)
+
+
+_COMPENSATOR = {"none": "without compensation", "old": "with the old models", "new": "with the new models"}

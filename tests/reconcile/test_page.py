@@ -1,0 +1,158 @@
+"""The page: what it says of findings, and, in a browser, that nothing is cut and no labels overlap."""
+
+import html
+import json
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from st_codegen.reconcile.plan.next_runs import next_runs
+from st_codegen.reconcile.report.findings import findings, share_text
+from st_codegen.reconcile.report.pages import report_page
+from st_codegen.reconcile.report.ranking import outcome, ranking_section
+from st_codegen.reconcile.report.summary import summary
+from st_codegen.reconcile.run import OrderGap, reconcile_observations
+
+from .test_core import KNOWN, RIG, effect, grid, observed
+
+pytest.importorskip("matplotlib")
+
+ORDERS = (0, 1, 2, 3, 36, 39, 40, 42, 78)
+RESONANCE = effect(
+    "structural_resonance", orders=[40, 78], frequency_Hz=12.0, damping_ratio=0.03, amplitude_deg=[2e-3, 3e-3],
+    phase_rad=[0.3, 1.0], backward_amplitude_deg=[2e-3, 2e-3], backward_phase_rad=[0.3, 2.0],
+)  # fmt: skip
+SIDEBANDS = effect(
+    "carrier_modulation", order=39, lower_ratio=0.3, lower_phase_rad=0.0, upper_ratio=0.2, upper_phase_rad=0.5
+)
+
+
+@pytest.fixture(scope="module")
+def result():
+    """A softer transmission, a resonance, sidebands, and a wave of order 3 that nothing makes."""
+    soft = effect("torsional_compliance", stiffness_Nm_per_arcmin=400.0)
+    at = grid(12, 5, 2)
+    data = observed(replace(RIG, effects=(soft, *RIG.effects[1:], RESONANCE, SIDEBANDS)), at, ORDERS)
+    values = data.values.copy()
+    values[:, ORDERS.index(3)] += 4e-4 * np.cos(at.speed_rpm / 90) * np.exp(1j * at.torque_Nm / 300)
+    return reconcile_observations(RIG, replace(data, values=values), KNOWN)
+
+
+@pytest.fixture(scope="module")
+def page(result):
+    return report_page(result, None, next_runs(result, KNOWN))
+
+
+def test_findings_stand_by_size_with_what_the_larger_ones_leave(result):
+    found = findings(result)
+    assert [f.effect.name for f in found] == ["torsional_compliance", "structural_resonance", "carrier_modulation"]
+    # 454 to 400 is nearly all of the gap; the others explain parts of the rest
+    assert found[0].share > 0.9
+    assert found[1].share > 0.5
+    assert share_text(found[0], first=True).endswith("% of the gap")
+    assert share_text(found[1], first=False).endswith("% of what the larger findings leave")
+    # shares of what is left multiply to what is left after all
+    before, after = result.fitted.before, result.fitted.after
+    assert np.prod([1 - f.share for f in found]) == pytest.approx((after / before) ** 2, rel=1e-6)
+
+
+def test_a_changed_parameter_shows_old_and_new(result, page):
+    changed = findings(result)[0]
+    [number] = changed.numbers
+    assert re.fullmatch(r"stiffness_Nm_per_arcmin 454 -> (399|400|401)(\.\d)? \+- \S+ Nm/arcmin", number)
+    assert html.escape(number) in page
+    assert number in summary(result)
+
+
+def test_each_finding_says_what_is_next(result, page):
+    for finding in findings(result, next_runs(result, KNOWN)):
+        assert finding.todo
+        assert html.escape(finding.todo) in page
+
+
+def test_no_words_of_statisticians(page):
+    for words in ("loss saved", "digits of chance", "passed"):
+        assert words not in page
+
+
+def test_what_is_not_claimed_is_not_called_claimed(result):
+    claimed = {claim.piece.effect.name for claim in result.conclusions.claims}
+    for candidate, evidence in result.judged:
+        said = outcome(result, candidate, evidence)
+        assert said.startswith("claimed") <= (candidate.name in claimed)
+        assert said.startswith("refused") == (not evidence.passed)
+    without = replace(result, conclusions=replace(result.conclusions, claims=(), retuned=()))
+    assert all(not row[2].startswith("claimed") for row in ranking_section(without).table.rows)
+
+
+def test_an_order_that_got_worse_is_shown_as_such(result, page):
+    assert "worse than the old one" not in page
+    worse = OrderGap(2, 1e-5, 3e-5, 1e-5, 3e-5)
+    orders = tuple(worse if gap.order == 2 else gap for gap in result.orders)
+    text = report_page(replace(result, orders=orders))
+    assert "The new rig is worse than the old one at order 2." in text
+    assert "<strong>worse</strong>" in text
+
+
+def test_every_finding_has_its_picture(page):
+    """Compliance over the torque, the resonance with its phase over Hz, the spectrum of sidebands, the rest."""
+    for wanted in ("1: torsional compliance", "2: resonance of the structure", "2: resonance of the structure, phase",
+                   "3: modulation of a mesh order", "order 3"):  # fmt: skip
+        assert re.search(rf"<text [^>]*>{wanted}", page), wanted
+
+
+MEASURE = """
+const f = document.getElementById("f");
+f.onload = () => {
+  const d = f.contentDocument, wide = d.documentElement.clientWidth, found = [];
+  if (d.documentElement.scrollWidth > wide) found.push("the page is wider than the window");
+  for (const e of d.querySelectorAll("p, h1, h2, svg, td, th")) {
+    const r = e.getBoundingClientRect();
+    const scrolls = e.closest(".wide table");
+    if (!scrolls && (r.right > wide + 1 || r.left < -1)) found.push("cut: " + e.textContent.slice(0, 60));
+  }
+  d.querySelectorAll("svg").forEach((svg, n) => {
+    const box = svg.getBoundingClientRect(), texts = [...svg.querySelectorAll("text")];
+    const rects = texts.map(t => t.getBoundingClientRect());
+    rects.forEach((a, i) => {
+      if (a.left < box.left - 1 || a.right > box.right + 1 || a.top < box.top - 1 || a.bottom > box.bottom + 1)
+        found.push("picture " + n + " cuts '" + texts[i].textContent + "'");
+      for (let j = 0; j < i; j++) {
+        const b = rects[j];
+        const x = Math.min(a.right, b.right) - Math.max(a.left, b.left);
+        const y = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
+        // a third of the height is the leading of a line
+        if (x > 1.5 && y > 0.34 * Math.min(a.height, b.height))
+          found.push("picture " + n + ": '" + texts[i].textContent + "' on '" + texts[j].textContent + "'");
+      }
+    });
+  });
+  document.title = JSON.stringify([d.querySelectorAll("svg text").length, found]);
+};
+f.srcdoc = PAGE;
+"""
+
+
+@pytest.mark.parametrize("width", [1400, 400])
+def test_in_a_browser_nothing_is_cut_and_no_labels_overlap(width, page, tmp_path):
+    browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("no Chromium here: the layout of the page was not looked at (apt-get install chromium)")
+    quoted = json.dumps(page).replace("</", "<\\/")
+    frame = f'<iframe id="f" style="width:{width}px;height:9000px;border:0"></iframe>'
+    script = MEASURE.replace("PAGE", quoted)
+    (tmp_path / "frame.html").write_text(f"<!DOCTYPE html><meta charset=utf-8>{frame}<script>{script}</script>")
+    done = subprocess.run(
+        [browser, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}",
+         "--window-size=1600,9100", "--virtual-time-budget=20000", "--dump-dom", str(tmp_path / "frame.html")],
+        capture_output=True, text=True, timeout=600, check=False,
+    )  # fmt: skip
+    title = re.search(r"<title>(.*?)</title>", done.stdout, re.DOTALL)
+    assert title is not None, done.stderr[-2000:]
+    count, found = json.loads(html.unescape(title[1]))
+    assert count > 100
+    assert found == []
