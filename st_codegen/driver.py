@@ -61,6 +61,7 @@ def generate(  # noqa: PLR0913 - one argument an option
     max_array: int | None = None,
     options: Options | None = None,
     with_tests: bool = False,
+    with_configuration: bool = False,
     cost: CostFunction = simple_cost,
     relayout: bool = False,
 ) -> Generated:
@@ -82,6 +83,9 @@ def generate(  # noqa: PLR0913 - one argument an option
     cost a library in the project and a prediction of some rows by each model's library here; only targets with a test
     library have them.
 
+    `with_configuration` writes one file that a soft PLC runs as it is: all blocks, programs that call them, and the
+    CONFIGURATION that calls the programs; only portable text has it.
+
     `cost` prices the layouts among which is chosen. The default estimates from the model alone, in no time;
     `proof.explain.Pricing` prints, reads and counts every candidate for a real controller, which takes many times as
     long as all the rest.
@@ -101,7 +105,7 @@ def generate(  # noqa: PLR0913 - one argument an option
     target = target_named(target) if isinstance(target, str) else target
     folder = Path(out) / target.name
     output.check_place(folder)
-    settings = CompileSettings.of(target, max_array, options, with_tests, cost)
+    settings = CompileSettings.of(target, max_array, options, with_tests, cost, with_configuration)
     with _staged(models, target, Path(out), settings, Choices() if relayout else _earlier(folder)) as staged:
         files = {name: (staged.stage / name).stat().st_size for name in staged.names if name != output.MANIFEST}
         changed = output.install(staged.stage, folder)
@@ -116,6 +120,7 @@ def check(  # noqa: PLR0913 - one argument an option
     max_array: int | None = None,
     options: Options | None = None,
     with_tests: bool = False,
+    with_configuration: bool = False,
     cost: CostFunction = simple_cost,
     relayout: bool = False,
     provenance: bool = False,
@@ -129,7 +134,7 @@ def check(  # noqa: PLR0913 - one argument an option
     target = target_named(target) if isinstance(target, str) else target
     folder = Path(out) / target.name
     output.check_place(folder)
-    settings = CompileSettings.of(target, max_array, options, with_tests, cost)
+    settings = CompileSettings.of(target, max_array, options, with_tests, cost, with_configuration)
     with _staged(models, target, None, settings, Choices() if relayout else _earlier(folder)) as staged:
         on_disk = {name for name in output.generated_names(folder) if (folder / name).exists()}
         for name in sorted({*staged.names, *on_disk}):
@@ -175,17 +180,28 @@ class CompileSettings:
     options: Options
     with_tests: bool
     cost: CostFunction
+    with_configuration: bool = False
 
     @classmethod
     def of(
-        cls, target: Target, max_array: int | None, options: Options | None, with_tests: bool, cost: CostFunction
+        cls,
+        target: Target,
+        max_array: int | None,
+        options: Options | None,
+        with_tests: bool,
+        cost: CostFunction,
+        with_configuration: bool,
     ) -> CompileSettings:
-        """The settings of `generate`. Raises TargetError for test suites of a target that has none."""
+        """The settings of `generate`. Raises TargetError for tests or a configuration of a target that has none."""
         if with_tests and not target.has_tests:
             able = ", ".join(name for name, other in TARGETS.items() if other.has_tests)
             raise TargetError(f"the target {target.name} has no test suites; --with-tests goes with {able}")
+        if with_configuration and not target.has_configuration:
+            able = ", ".join(name for name, other in TARGETS.items() if other.has_configuration)
+            raise TargetError(f"the target {target.name} has its own tasks; --with-configuration goes with {able}")
         limits = limits_for(target, max_array)
-        return cls(limits, dataclasses.replace(options or Options(), max_array=limits.max_array), with_tests, cost)
+        options = dataclasses.replace(options or Options(), max_array=limits.max_array)
+        return cls(limits, options, with_tests, cost, with_configuration)
 
 
 @dataclass(frozen=True)
@@ -254,6 +270,9 @@ def _planned(
     contents = Contents(compiled.models)
     if purpose is not None:
         contents = Contents(compiled.models, purpose.application(), purpose.uses())
+    if settings.with_configuration:
+        around = dataclasses.replace(contents.around, has_configuration=True)
+        contents = dataclasses.replace(contents, around=around)
     vectors = reference_vectors(bundle, compiled) if settings.with_tests else ()
     plans = tuple(target.plan(contents, settings.limits, vectors))
     asked = settings.options.data_bytes

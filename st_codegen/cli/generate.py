@@ -37,6 +37,7 @@ Examples:
   st-codegen models/ --target twincat
   st-codegen generate models/ --target iec --target twincat --out plc/
   st-codegen models/ --target twincat --with-tests
+  st-codegen models/ --target iec --with-configuration
   st-codegen models/ --target twincat --profile cx5140 --explain
   st-codegen models/ --layout table --table-limit 256
   st-codegen models/ --outputs class,probability             classifiers: the class, and how probable each class is
@@ -81,6 +82,11 @@ Examples:
     is_flag=True,
     help="Also write TcUnit suites that compare every block with the library's answers, and a task that runs them.",
 )
+@click.option(
+    "--with-configuration",
+    is_flag=True,
+    help="For iec: write one file with programs that call the blocks and a CONFIGURATION that runs them.",
+)
 @array_option
 @bytes_option
 @click.option(
@@ -106,6 +112,7 @@ def command(
     relayout: bool,
     provenance: bool,
     with_tests: bool,
+    with_configuration: bool,
     max_array: int | None,
     max_bytes: int | None,
     explain: bool,
@@ -152,6 +159,7 @@ def command(
                 max_array=max_array,
                 options=options,
                 with_tests=with_tests,
+                with_configuration=with_configuration,
                 cost=costs[target.name],
                 relayout=relayout,
                 provenance=provenance,
@@ -167,6 +175,7 @@ def command(
             max_array=max_array,
             options=options,
             with_tests=with_tests,
+            with_configuration=with_configuration,
             cost=costs[target.name],
             relayout=relayout,
         )

@@ -106,6 +106,18 @@ REPEAT a := a - 1; UNTIL a < 0 END_REPEAT;
 RETURN;
 END_PROGRAM
 """,
+    "configuration": """
+PROGRAM PRG_Slow END_PROGRAM
+PROGRAM PRG_Fast END_PROGRAM
+CONFIGURATION Config
+    RESOURCE Controller ON PLC
+        TASK Slow(INTERVAL := T#10ms, PRIORITY := 20);
+        TASK Fast(INTERVAL := T#500us, PRIORITY := 10);
+        PROGRAM Run_Slow WITH Slow : PRG_Slow;
+        PROGRAM Run_Fast WITH Fast : PRG_Fast;
+    END_RESOURCE
+END_CONFIGURATION
+""",
     "expressions": """
 PROGRAM PRG_Expressions
 x := a OR b XOR c AND d & e;

@@ -290,5 +290,16 @@ def _(node: d.PouDeclaration) -> str:
 
 
 @show.register
+def _(node: d.ConfigurationDeclaration) -> str:
+    tasks = "".join(
+        f"TASK {task.name}(INTERVAL := {show(task.interval)}, PRIORITY := {show(task.priority)});\n"
+        for task in node.tasks
+    )
+    programs = "".join(f"PROGRAM {run.name} WITH {run.task} : {run.program};\n" for run in node.programs)
+    head = f"CONFIGURATION {node.name} RESOURCE {node.resource} ON {node.platform}"
+    return f"{head}\n{tasks}{programs}END_RESOURCE END_CONFIGURATION"
+
+
+@show.register
 def _(node: d.GlobalDeclarations) -> str:
     return _attributes(node.attributes) + lines(node.blocks)

@@ -164,7 +164,7 @@ def test_attributes_belong_to_what_follows() -> None:
         ("PROGRAM P (* abc (* *) END_PROGRAM", "this comment never ends"),
         ("PROGRAM P {attribute 'a' END_PROGRAM", "this pragma never ends"),
         ("TYPE A EXTENDS B : (C, D); END_TYPE", "only structures and blocks can extend another one"),
-        ("banana", "unexpected 'banana'; expected 'FUNCTION'"),
+        ("banana", "unexpected 'banana'; expected 'CONFIGURATION', 'FUNCTION'"),
     ],
 )
 def test_errors_say_what_is_wrong_and_where(text: str, message: str) -> None:

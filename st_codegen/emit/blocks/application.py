@@ -114,7 +114,8 @@ class Application:
 
     `blocks` are functions, function blocks and programs; `tests` are test suites and the program that runs them, which
     targets without a test library leave out, with the tasks of such programs. `libraries` are names of TwinCAT
-    libraries beside Tc2_Standard. Where `connected` is False, every block stands alone.
+    libraries beside Tc2_Standard. Where `connected` is False, every block stands alone. With
+    `has_configuration` the text says itself what runs it.
     """
 
     name: str
@@ -125,6 +126,7 @@ class Application:
     tasks: tuple[Task, ...] = ()
     tests: tuple[Block, ...] = ()
     libraries: tuple[str, ...] = ()
+    has_configuration: bool = False
 
     def __post_init__(self) -> None:
         taken: dict[str, str] = {}

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from types import MappingProxyType
+from typing import cast
 
 from st_codegen.st import tree as t
 from st_codegen.st.check.declare import Declarations
@@ -31,6 +32,8 @@ def check(
     types = _types(symbols, declarations, problems)
     for unit in (*symbols.lists.values(), *symbols.units.values()):
         _declare(declarations, unit, problems)
+    for configuration in symbols.configurations:
+        problems += _configuration_problems(configuration, symbols)
     pous = {key: pou for key, unit in symbols.units.items() if (pou := _pou(declarations, unit, problems)) is not None}
     if problems:
         raise StCheckError(problems)
@@ -40,6 +43,23 @@ def check(
     if problems:
         raise StCheckError(problems)
     return project
+
+
+def _configuration_problems(configuration: d.ConfigurationDeclaration, symbols: Symbols) -> Iterator[Problem]:
+    """Tasks without a time, and calls of programs or by tasks that there are not."""
+    tasks = {task.name.upper() for task in configuration.tasks}
+    for task in configuration.tasks:
+        is_time = isinstance(task.interval, t.Literal) and task.interval.kind is t.LiteralKind.TIME
+        if not (is_time and cast(int, cast(t.Literal, task.interval).value) > 0):
+            yield Problem(task.position, f"the task '{task.name}' needs a time above zero between its calls")
+        if not (isinstance(task.priority, t.Literal) and task.priority.kind is t.LiteralKind.INTEGER):
+            yield Problem(task.position, f"the priority of the task '{task.name}' is no whole number")
+    for instance in configuration.programs:
+        unit = symbols.units.get(instance.program.upper())
+        if unit is None or unit.kind is not PouKind.PROGRAM:
+            yield Problem(instance.position, f"there is no program '{instance.program}'")
+        if instance.task.upper() not in tasks:
+            yield Problem(instance.position, f"there is no task '{instance.task}'")
 
 
 def _types(symbols: Symbols, declarations: Declarations, problems: list[Problem]) -> dict[str, Type]:

@@ -95,6 +95,7 @@ class Symbols:
         self.units: dict[str, DeclaredUnit] = {}
         self.lists: dict[str, DeclaredUnit] = {}
         self.types: dict[str, d.TypeDeclaration] = {}
+        self.configurations: list[d.ConfigurationDeclaration] = []
         self._taken: dict[str, Position] = {}
         for declaration in native:
             self._add(declaration, is_native=True)
@@ -120,6 +121,8 @@ class Symbols:
             self._add_entries(self.lists[key], declaration.blocks)
         elif isinstance(declaration, d.PouDeclaration):
             self.units[key] = self._unit(declaration, key, None, is_native)
+        elif isinstance(declaration, d.ConfigurationDeclaration):
+            self.configurations.append(declaration)
         else:
             self.types[key] = declaration
 

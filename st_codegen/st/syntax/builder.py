@@ -159,6 +159,16 @@ class Builder(Transformer[Token, Any]):
 
     function_block = program = method = function
 
+    task = _node(d.TaskDeclaration)
+    program_instance = _node(d.ProgramInstance, skip=1)
+
+    def configuration(self, children: Children) -> d.ConfigurationDeclaration:
+        name, resource, platform, *parts = children
+        tasks = tuple(part for part in parts if isinstance(part, d.TaskDeclaration))
+        programs = tuple(part for part in parts if isinstance(part, d.ProgramInstance))
+        where = self._at(name)
+        return d.ConfigurationDeclaration(str(name), str(resource), str(platform), tasks, programs, position=where)
+
     def modifier(self, children: Children) -> str:
         return str(children[0]).upper()
 

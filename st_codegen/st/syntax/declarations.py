@@ -207,4 +207,33 @@ class GlobalDeclarations(Node):
     attributes: tuple[str, ...] = ()
 
 
-Declaration = TypeDeclaration | PouDeclaration | GlobalDeclarations
+@dataclass(frozen=True)
+class TaskDeclaration(Node):
+    """A task with the time between its calls; of two that wait, the one with the smaller priority goes first."""
+
+    name: str
+    interval: Expression
+    priority: Expression
+
+
+@dataclass(frozen=True)
+class ProgramInstance(Node):
+    """A program that a task calls."""
+
+    name: str
+    task: str
+    program: str
+
+
+@dataclass(frozen=True)
+class ConfigurationDeclaration(Node):
+    """A CONFIGURATION of one RESOURCE: its tasks, and the programs that they call, in order."""
+
+    name: str
+    resource: str
+    platform: str
+    tasks: tuple[TaskDeclaration, ...]
+    programs: tuple[ProgramInstance, ...]
+
+
+Declaration = TypeDeclaration | PouDeclaration | GlobalDeclarations | ConfigurationDeclaration

@@ -24,6 +24,7 @@ STARTS = ("file", "head", "body", "globals", "types")
 _SHOWN = 6
 # Words that are reserved everywhere, so that a missing END_IF is found at the next END_, not at the end of the file
 _SOFT = {"NAME", "MODIFIER", "CONSTANT", "RETAIN", "PERSISTENT", "POINTER", "REFERENCE", "METHOD", "UNION", "SUPER"}
+_SOFT |= {"_CONFIGURATION", "_RESOURCE", "_ON", "_TASK", "_INTERVAL", "_PRIORITY", "_WITH"}
 _SYMBOL_NAMES = {
     "NAME": "a name",
     "INTEGER": "a number",
