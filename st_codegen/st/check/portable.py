@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 
 from st_codegen.st import tree as t
@@ -46,7 +46,7 @@ class Text:
             elif isinstance(item, t.Node):
                 found.append(item)
                 if not isinstance(item, d.NumberTable):
-                    stack.extend(getattr(item, entry.name) for entry in fields(item))
+                    stack.extend(vars(item).values())
         return found
 
     @cached_property

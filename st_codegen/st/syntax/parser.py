@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import fields
 from functools import cache
 from importlib.resources import files
 from re import ASCII
@@ -153,7 +152,6 @@ def _check_depth(root: object) -> None:
             if depth > MAX_DEPTH:
                 raise StSyntaxError([Problem(item.position, f"more than {MAX_DEPTH} levels of nesting")])
             chain = item.left if isinstance(item, t.Infix) else None
-            for entry in fields(item):
-                value = getattr(item, entry.name)
+            for value in vars(item).values():
                 if isinstance(value, t.Node | tuple):
                     stack.append((value, depth if value is chain else depth + 1))
