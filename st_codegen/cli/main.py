@@ -29,6 +29,7 @@ _COMMANDS = {
     "latency": Lazy("st_codegen.cli.latency", "Tell the age of an angle when the correction made from it arrives."),
     "simulate": Lazy("st_codegen.cli.simulate", "Simulate the rig: measured campaigns, and motions."),
     "reconcile": Lazy("st_codegen.cli.reconcile", "Name the effects that a rig model lacks, and add them."),
+    "models": Lazy("st_codegen.cli.models", "List the classes, objectives and operators that are compiled."),
     "calibrate": Lazy("st_codegen.cli.calibrate", "Fit a profile to times measured on the controller."),
 }
 #: Exit codes beside 0 (yes) and 1 (the answer is no).
@@ -42,7 +43,10 @@ class _Commands(LazyGroup):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         own = {"--help", "-h", "--version"}
-        if args and args[0] not in _COMMANDS and args[0] not in own:
+        is_command = bool(args) and args[0] in _COMMANDS
+        if args[:1] == ["models"] and args[1:] and args[1] not in own:  # the command takes nothing: a folder is meant
+            is_command = False
+        if args and not is_command and args[0] not in own:
             args = ["generate", *args]
         return super().parse_args(ctx, args)
 

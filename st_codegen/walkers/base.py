@@ -156,6 +156,12 @@ def _import_walkers(package: str) -> None:
         importlib.import_module(f"{folder.__name__}.{module.name}")
 
 
+def known_walkers(package: str) -> dict[str, EstimatorWalker]:
+    """The walkers of a library by the names of their classes."""
+    _import_walkers(package)
+    return {name: walker for (owner, name), walker in _WALKERS.items() if owner == package}
+
+
 def walk_estimator(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Add the operations of a fitted estimator that computes numbers; errors as in `walk_any`."""
     result = walk_any(estimator, builder, value)

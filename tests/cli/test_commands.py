@@ -116,3 +116,11 @@ def test_diff_exits_with_1_on_a_difference(lone_folder, tmp_path, capsys):
     assert run("diff", tmp_path / "a", tmp_path / "b", "--json", tmp_path / "r.json", "-q") == 1
     assert json.loads((tmp_path / "r.json").read_text())["changed"] is True
     assert run("diff", tmp_path / "a", tmp_path / "nowhere") == 2
+
+
+def test_models_is_a_command_and_a_folder_of_that_name_is_compiled(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert run("models") == 0
+    assert capsys.readouterr().out.startswith("| library | gives | models |")
+    assert run("models", "--target", "iec") == 2
+    assert "models: no such folder" in capsys.readouterr().err

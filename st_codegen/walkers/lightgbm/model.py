@@ -78,6 +78,9 @@ _LINKS: dict[str, Function] = {
 _BINARY, _SOFTMAX, _ONE_AGAINST_REST = "binary", "multiclass", "multiclassova"
 _SEVERAL = (_SOFTMAX, _ONE_AGAINST_REST)
 
+#: All objectives; `custom` is what a file without one has.
+OBJECTIVES = tuple(sorted([*_LINKS, _BINARY, *_SEVERAL]))
+
 #: Objectives whose word "sqrt" (reg_sqrt=True) squares the output; the others ignore it.
 _SQUARED = frozenset({"regression", "regression_l2", "regression_l1", "fair", "quantile", "mape"})
 
@@ -356,8 +359,9 @@ def _link(model: TextModel) -> Function:
     """The output function of the objective, or UnsupportedModelError."""
     objective, *words = model.objective or ("custom",)
     if objective not in _LINKS:
-        known = ", ".join(sorted([*_LINKS, _BINARY, _SOFTMAX, _ONE_AGAINST_REST]))
-        raise UnsupportedModelError(f"objective '{' '.join(model.objective)}' is not known; supported: {known}")
+        raise UnsupportedModelError(
+            f"objective '{' '.join(model.objective)}' is not known; supported: {', '.join(OBJECTIVES)}"
+        )
     if model.n_outputs > 1 and objective != "custom":
         raise UnsupportedModelError(f"objective '{objective}' with {model.n_outputs} trees an iteration")
     if "sqrt" in words and objective in _SQUARED:

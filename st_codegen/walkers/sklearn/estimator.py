@@ -83,7 +83,8 @@ def _first(estimator: Any, attribute: str) -> Any:
 def _predictor(estimator: Any, result: Walked) -> Predictor:
     """The library's own answers, single-threaded: the order in which a forest adds its trees is fixed only then.
 
-    That is `predict`, whose labels become their numbers, and of a classifier its probabilities and scores beside it.
+    That is `predict`, whose labels become their numbers, and of a classifier its probabilities and scores beside it;
+    of a scaler or another preparation that stands alone it is `transform`.
     """
     if hasattr(estimator, "get_params"):
         serial = {key: 1 for key in estimator.get_params(deep=True) if key == "n_jobs" or key.endswith("__n_jobs")}
@@ -95,7 +96,7 @@ def _predictor(estimator: Any, result: Walked) -> Predictor:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             rows = _with_names(x, names)
-            found = estimator.predict(rows)
+            found = (estimator.predict if hasattr(estimator, "predict") else estimator.transform)(rows)
             if not isinstance(result, Classified):
                 return np.asarray(found, np.float64).reshape(len(x), -1)
             parts = [numbers_of(result.labels, found)]

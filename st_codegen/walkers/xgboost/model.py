@@ -75,6 +75,9 @@ _CLASSES: dict[str, Function] = {
     "multi:softprob": Function.IDENTITY,
 }
 
+#: All objectives.
+OBJECTIVES = tuple(sorted(_LINKS | _CLASSES))
+
 #: `kRtEps`, include/xgboost/base.h: how near to 0 and 1 the base score of reg:logistic may come.
 _LOGISTIC_MARGIN = np.float32(1e-6)
 

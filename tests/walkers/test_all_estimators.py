@@ -1,0 +1,118 @@
+"""Every estimator of scikit-learn is compiled and agrees with the library, or is refused in one line."""
+
+import contextlib
+import inspect
+import io
+import re
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("sklearn")
+
+from sklearn.linear_model import LogisticRegression, Ridge
+from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
+from sklearn.utils import all_estimators
+
+from st_codegen.errors import InputError
+from st_codegen.ir import reference
+from st_codegen.proof import bounds
+from st_codegen.walkers.base import known_walkers
+from st_codegen.walkers.supported import table
+from tests.classifiers import SCORE, THREE, X, loaded
+
+ROOT = Path(__file__).resolve().parents[2]
+ESTIMATORS = dict(all_estimators())
+PARTS = [("a", DecisionTreeClassifier(max_depth=3)), ("b", LogisticRegression())]
+NUMBERS = [("a", DecisionTreeRegressor(max_depth=3)), ("b", Ridge())]
+#: What estimators need beyond their defaults.
+ARGUMENTS = {
+    "estimators": lambda kind: NUMBERS if "Regressor" in kind else PARTS,
+    "transformers": lambda kind: [("all", "passthrough", [0, 1, 2])],
+    "transformer_list": lambda kind: [("all", "passthrough")],
+    "steps": lambda kind: [("tree", DecisionTreeRegressor(max_depth=3))],
+    "estimator": lambda kind: Ridge() if any(w in kind for w in ("Regressor", "RFE", "From")) else LogisticRegression(),
+    "base_estimator": lambda kind: Ridge(),
+    "param_grid": lambda kind: {},
+    "param_distributions": lambda kind: {},
+}
+SMALLER = {"n_estimators": 5, "max_iter": 50, "n_components": 2, "max_depth": 4}
+#: These build a model that is not fitted by rows of numbers and their answers.
+OTHER_DATA = {
+    "SparseCoder": "takes a dictionary",
+    "FrozenEstimator": "is fitted before it is made",
+    "ClassifierChain": "takes several labels a row",
+    "MultiOutputClassifier": "takes several labels a row",
+    "IsotonicRegression": "takes one column",
+}
+
+
+def built(name):
+    """A small estimator of a class."""
+    kind = ESTIMATORS[name]
+    parameters = inspect.signature(kind).parameters
+    given = {
+        key: make(name)
+        for key, make in ARGUMENTS.items()
+        if key in parameters and (parameters[key].default is inspect.Parameter.empty or key == "estimators")
+    }
+    given |= {key: value for key, value in SMALLER.items() if key in parameters and "Theil" not in name}
+    return kind(**given)
+
+
+def fitted(estimator, name):
+    """The estimator after `fit` on data that it takes; skips where it takes none of these."""
+    answers = [
+        THREE,
+        SCORE,
+        np.abs(SCORE) + 0.1,
+        np.column_stack([SCORE, X[:, 0]]),
+        np.column_stack([THREE, THREE > 1]),
+    ]
+    if "Classifier" not in name and "Cross" not in name:
+        answers = [SCORE, THREE, *answers[2:]]
+    if getattr(estimator, "_estimator_type", None) == "classifier" or hasattr(estimator, "decision_function"):
+        answers = [THREE, *answers]
+    for y in answers:
+        for x in (X, np.abs(X)):
+            with contextlib.suppress(Exception), contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                return estimator.fit(x, y), x
+    pytest.skip("fits none of the data of this test")
+
+
+@pytest.mark.parametrize("name", [name for name in ESTIMATORS if name not in OTHER_DATA])
+def test_an_estimator_is_compiled_or_refused_in_one_line(name):
+    estimator, x = fitted(built(name), name)
+    try:
+        model = loaded(estimator)
+    except InputError as error:
+        assert "\n" not in str(error) and len(str(error)) < 6000
+        assert name not in known_walkers("sklearn") or "no walker for" not in str(error)
+        return
+    rows = x[:80]
+    library = model.predict(rows)
+    found, bound = reference.evaluate(model.ir, rows), bounds.difference_bound(model.ir, rows)
+    same = (np.abs(library - found) <= bound) | (np.isnan(library) & np.isnan(found)) | np.isinf(bound)
+    assert np.all(same)
+    assert np.isfinite(found).all(axis=1).mean() > 0.9
+
+
+def test_most_estimators_that_predict_are_compiled():
+    predicting = {name for name, kind in ESTIMATORS.items() if hasattr(kind, "predict")}
+    assert len(predicting & set(known_walkers("sklearn"))) >= 75
+
+
+def test_the_page_of_models_is_what_the_command_prints():
+    pytest.importorskip("onnx")
+    page = (ROOT / "docs" / "models.md").read_text(encoding="utf-8")
+    assert page.endswith("\n\n" + table() + "\n"), "docs/models.md: replace its table by that of `st-codegen models`"
+
+
+def test_the_readme_names_no_class_that_is_not_compiled():
+    lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
+    row = next(line for line in lines if "| scikit-learn |" in line)
+    named = {word for word in re.findall(r"\b[A-Z]\w+", row) if word in ESTIMATORS}
+    assert named and named <= set(known_walkers("sklearn"))
