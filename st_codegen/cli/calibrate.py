@@ -46,8 +46,7 @@ def command(generated: Path, measured: Path, profile: str, out: Path, quiet: boo
     from st_codegen.cost.calibrate import calibrate, read_measurements, with_factors
     from st_codegen.cost.profile import load_profile
     from st_codegen.emit.targets import TARGETS
-    from st_codegen.proof.runner import GeneratedCode
-    from st_codegen.proof.verify import target_folders
+    from st_codegen.proof.runner import GeneratedCode, target_folders
 
     if out.suffix != ".toml":
         raise InputError(f"{out}: a profile is a .toml file")

@@ -85,14 +85,15 @@ def command(
         console.print(_table(report))
         for target, note in report.notes.items():
             console.print(f"{target}: {note}", soft_wrap=True)
-        for model in report.models:
-            if model.jump:
-                console.print(
-                    f"{model.name}: trees split behind an inexact step; where the number that a split compares lies "
-                    f"within {model.jump_width:.2g} of the threshold, their sum may differ by up to {model.jump:.3g}",
-                    soft_wrap=True,
-                    markup=False,
-                )
+        _print_remarks(report)
+    for model in report.models:
+        if model.jump:
+            console.print(
+                f"{model.name}: trees split behind an inexact step; where the number that a split compares lies "
+                f"within {model.jump_width:.2g} of the threshold, their sum may differ by up to {model.jump:.3g}",
+                soft_wrap=True,
+                markup=False,
+            )
     for model in report.models:
         if not quiet:
             console.print(_open_rows(model), end="", soft_wrap=True)
@@ -125,6 +126,17 @@ def _open_rows(model: ModelReport) -> str:
     for row in model.open_examples:
         lines.append(f"  {list(row.input)}: library {row.library!r}, reference {row.reference!r}")
     return "\n".join(lines) + "\n"
+
+
+def _print_remarks(report: VerifyReport) -> None:
+    """What was proved instead of tried, and where trees may jump."""
+    proved = [model.name for model in report.models if model.proved]
+    if proved:
+        console.print(
+            f"proved for all inputs, and compared with the library on a sample of rows: {', '.join(proved)}",
+            soft_wrap=True,
+            markup=False,
+        )
 
 
 def _table(report: VerifyReport) -> Table:

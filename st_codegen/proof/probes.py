@@ -48,12 +48,13 @@ SPECIAL = np.array(
 )
 
 
-def probe_rows(model: ModelIR, rows: int, seed: int = 0) -> FloatArray:
+def probe_rows(model: ModelIR, rows: int, seed: int = 0, *, sampled: bool = False) -> FloatArray:
     """At least `rows` rows (rows, features), deterministic: special values, thresholds, and the rest at random.
 
     Every threshold that can be traced back to an input is there with its two neighbours in float64 and in float32, even
     where that takes more rows; the points where rounding to float32 changes over are there as far as there is room.
-    Special values stand one at a time in a row, thresholds of different columns share rows.
+    Special values stand one at a time in a row, thresholds of different columns share rows. `sampled`: of the rows with
+    thresholds only as many as there is room for, drawn at random.
     """
     random = np.random.default_rng(seed)
     lower, upper = trained_range(model)
@@ -61,7 +62,10 @@ def probe_rows(model: ModelIR, rows: int, seed: int = 0) -> FloatArray:
     special = _special_rows(lower, upper, random)
     edges = _rows_of([near for near, _ in points], lower, upper, random)
     more = _rows_of([changeover for _, changeover in points], lower, upper, random)
-    room = max(rows - len(special) - len(edges), 0)
+    room = max(rows - len(special), 0)
+    if sampled and len(edges) > room:
+        edges = edges[np.sort(random.choice(len(edges), room, replace=False))]
+    room = max(room - len(edges), 0)
     if len(more) > room:
         more = more[np.sort(random.choice(len(more), room, replace=False))]
     inside = _random_rows(max(room - len(more), 0), lower, upper, random)

@@ -17,8 +17,7 @@ from st_codegen.emit.output import Manifest, read_manifest
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import FloatArray
-from st_codegen.proof.runner import GeneratedCode
-from st_codegen.proof.verify import target_folders
+from st_codegen.proof.runner import GeneratedCode, target_folders
 
 #: Called with (number done, total, what is next).
 Progress = Callable[[int, int, str], None]

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from st_codegen.emit.output import MANIFEST
+from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import BoolArray, FloatArray
 from st_codegen.proof.arithmetic import libraries_of
@@ -32,6 +34,15 @@ _PART_OF_FILE = {
     **dict.fromkeys(PLAIN, r"^FUNCTION_BLOCK {}$.*?^END_FUNCTION_BLOCK"),
     ".xml": r'^ *<pou name="{}" .*?</pou>',
 }
+
+
+def target_folders(generated: Path) -> list[Path]:
+    """The generated folders in `generated`, or `generated` itself when it is one."""
+    candidates = [generated, *(generated / name for name in TARGETS)]
+    folders = [folder for folder in candidates if folder.name in TARGETS and (folder / MANIFEST).is_file()]
+    if not folders:
+        raise GeneratedCodeError(f"{generated}: no generated files; run st-codegen generate MODELS --out {generated}")
+    return folders
 
 
 @dataclass(frozen=True)

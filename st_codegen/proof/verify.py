@@ -22,7 +22,7 @@ import numpy as np
 from st_codegen.cost.profile import Profile
 from st_codegen.cost.report import ProjectCost, project_cost
 from st_codegen.emit.blocks.self_test import SELF_TEST
-from st_codegen.emit.output import MANIFEST, block_of
+from st_codegen.emit.output import block_of
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import AnyArray, BoolArray, FloatArray, IntArray, Label, ModelIR, TreeEnsemble, reference
@@ -33,9 +33,13 @@ from st_codegen.proof import bounds
 from st_codegen.proof.arithmetic import arithmetic_of
 from st_codegen.proof.isolated import LibraryRefusesError, isolated
 from st_codegen.proof.probes import probe_rows, trained_range
-from st_codegen.proof.runner import GeneratedCode
+from st_codegen.proof.prove.prove import Verdict, prove_model
+from st_codegen.proof.runner import GeneratedCode, target_folders
 from st_codegen.st.run.machine import processors
 from st_codegen.walkers.base import LoadedModel
+
+#: What trying a row on a tree, and proving a node, take about.
+_SECONDS_A_ROW, _SECONDS_A_NODE = 5e-7, 6e-5
 
 #: Called with (number done, total, what is next).
 Progress = Callable[[int, int, str], None]
@@ -65,13 +69,15 @@ class OpenRow:
 class ModelReport:
     """What verification found for one model (or block) over all generated targets.
 
-    `n` rows were tried in each target, and each must agree. `exact`: every bit did. `max_abs_err`, `max_ulp` and
-    `worst_input` (the row with the largest error) compare the emitted text with the library on the rows inside the
-    trained range, `bound` is the largest error that the derivation allows there: the error of a sum at an input of 1E30
-    says nothing. Units in the last place are those of float32 where the library answers in float32. `unbounded` rows
-    lie so close to a threshold behind an inexact operation that no finite bound holds; they do not count. By `jump` at
-    most the sum of the trees behind such an operation may differ, where the number that a split compares lies within
-    `jump_width` of its threshold (the largest width on these rows, in the trained range).
+    `n` rows were tried in each target, and each must agree. `proved`: the text was proved for all inputs
+    (`prove`) instead of being tried on every threshold, and these rows are a sample, for the library. `exact`: every
+    bit did. `max_abs_err`, `max_ulp` and `worst_input` (the row with the largest error) compare the emitted text with
+    the library on the rows inside the trained range, `bound` is the largest error that the derivation allows there: the
+    error of a sum at an input of 1E30 says nothing. Units in the last place are those of float32 where the library
+    answers in float32. `unbounded` rows lie so close to a threshold behind an inexact operation that no finite bound
+    holds; they do not count. By `jump` at most the sum of the trees behind such an operation may differ, where the
+    number that a split compares lies within `jump_width` of its threshold (the largest width on these rows, in the
+    trained range).
 
     Of a classifier every row must have the library's label, but for the `open_rows`: rows on which the bound leaves
     more than one label possible. The first of them are in `open_examples`.
@@ -87,6 +93,7 @@ class ModelReport:
     worst_input: list[float] | None = None
     bound: float = 0.0
     unbounded: int = 0
+    proved: bool = False
     jump: float = 0.0
     jump_width: float = 0.0
     open_rows: int = 0
@@ -236,15 +243,6 @@ def cycle_cost(code: GeneratedCode, profile: Profile, entries: tuple[str, ...] =
     return dataclasses.replace(cost, entries=tuple(name for name in cost.entries if name != SELF_TEST))
 
 
-def target_folders(generated: Path) -> list[Path]:
-    """The generated folders in `generated`, or `generated` itself when it is one."""
-    candidates = [generated, *(generated / name for name in TARGETS)]
-    folders = [folder for folder in candidates if folder.name in TARGETS and (folder / MANIFEST).is_file()]
-    if not folders:
-        raise GeneratedCodeError(f"{generated}: no generated files; run st-codegen generate MODELS --out {generated}")
-    return folders
-
-
 def _model_reports(
     models: Sequence[LoadedModel],
     targets: dict[str, GeneratedCode],
@@ -269,14 +267,27 @@ def _model_reports(
     return reports
 
 
+def _is_worth_a_proof(model: ModelIR, count: int, rows: int) -> bool:
+    """Whether trying all thresholds would take longer than to prove the text: rows times trees, against nodes."""
+    ensembles = [op for op in model.ops if isinstance(op, TreeEnsemble)]
+    tried = count * sum(op.n_trees for op in ensembles) * _SECONDS_A_ROW
+    return count > rows and tried > sum(op.n_nodes for op in ensembles) * _SECONDS_A_NODE
+
+
 def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: int, seed: int) -> ModelReport:
     ir = model.ir
     x = probe_rows(ir, rows, seed)
+    proved = _is_worth_a_proof(ir, len(x), rows) and all(
+        prove_model(ir, code).verdict is Verdict.PROVED for code in targets.values()
+    )
+    if proved:
+        # the text is the model's for all inputs: what is left to try is the library, on a sample of the rows
+        x = probe_rows(ir, rows, seed, sampled=True)
     expected = reference.evaluate(ir, x)
     usable = np.all(np.isfinite(expected), axis=1)
     limited = reference.limited(ir, x)
     bound = np.where(usable[:, None], bounds.difference_bound(ir, limited), 0.0)
-    report = ModelReport(ir.name, n=len(x), must_be_exact=ir.exact)
+    report = ModelReport(ir.name, n=len(x), proved=proved, must_be_exact=ir.exact)
     library = np.full_like(expected, np.nan)
     try:
         library[usable] = model.predict(limited[usable])

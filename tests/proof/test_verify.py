@@ -7,9 +7,12 @@ import pytest
 from st_codegen.driver import generate
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
+from st_codegen.ir import Comparison, reference
 from st_codegen.passes.choose import Layout, Options
-from st_codegen.project.bundle import load
+from st_codegen.project.bundle import Bundle, load
 from st_codegen.proof.verify import ulps_between, verify
+from st_codegen.walkers.base import LoadedModel
+from tests.models import model, random_trees
 
 
 @pytest.fixture
@@ -156,3 +159,30 @@ def test_ulps():
     other = np.array([np.nextafter(1.0, 2.0), -0.0, 5e-324, -5e-324, -1.0, -1e308])
     assert list(ulps_between(one, other)) == [1, 0, 1, 2, 0, 2**62]
     assert list(ulps_between(np.array([1.0, -0.5]), np.array([1.0 + 2.0**-23, -0.5 - 2.0**-23]))) == [1, 2]
+
+
+def test_a_proof_takes_the_place_of_rows_for_every_threshold(tmp_path, monkeypatch):
+    """With many trees: the rows that are left are a sample, special values among them, and the report says so."""
+    trees = random_trees(
+        np.random.default_rng(0),
+        trees=40,
+        splits=60,
+        thresholds=np.random.default_rng(1).normal(size=2000),
+        comparison=Comparison.LESS_OR_EQUAL,
+    )
+    bundle = Bundle((LoadedModel(model(trees), lambda x: reference.evaluate(model(trees), x)),), None)
+    generate(bundle, "iec", tmp_path)
+    whole = verify(bundle, tmp_path, rows=500).models[0]
+    assert whole.n > 2000
+    assert not whole.proved
+    monkeypatch.setattr("st_codegen.proof.verify._SECONDS_A_NODE", 0.0)
+    sampled = verify(bundle, tmp_path, rows=500).models[0]
+    assert (sampled.n, sampled.proved, sampled.passed, sampled.exact) == (500, True, True, True)
+    text = tmp_path / "iec" / "FB_M.st"
+    changed, count = re.subn(r"( LEAF\w* : ARRAY.* OF LREAL := \[\s+(\(\*.*?\*\)\s+)?-?)", r"\g<1>9", text.read_text())
+    assert count
+    text.write_text(changed)
+    damaged = verify(bundle, tmp_path, rows=500).models[0]
+    assert not damaged.proved
+    assert damaged.n == whole.n
+    assert not damaged.passed

@@ -142,6 +142,9 @@ class AxisValue:
     chains: tuple[tuple[Link, ...], ...] = ()
     known: BoolArray | None = None
     version: int = -1
+    #: What `in_order` and `held_alike` found, and for which version.
+    order: tuple[int, tuple[IntArray, AnyArray, AnyArray, bool] | None] | None = None
+    alike: int = -1
 
     def __post_init__(self) -> None:
         if self.version < 0:
@@ -186,14 +189,44 @@ class AxisValue:
 
     def held_alike(self) -> None:
         """Raise NotProvedError unless the value is the same for all inputs that the model refuses, and for 0.0."""
+        if self.alike == len(self.axis.parents):
+            return
         taken = self.axis.taken
+        self.alike = len(self.axis.parents)
         if np.all(taken):
             return
+        self.alike = -1
         first, last = self.ends()
         zero = np.searchsorted(self.axis.ends, 0)
         for side in (first, last):
             if np.any(_bits(side[~taken]) != _bits(first[zero : zero + 1])):
                 raise NotProvedError("an input that the model refuses changes more than bValid")
+        self.alike = len(self.axis.parents)
+
+    def in_order(self) -> tuple[IntArray, AnyArray, AnyArray, bool] | None:
+        """The lanes that the model takes, the values at their ends, negated where they fall, and whether they do.
+
+        None where they neither rise nor fall throughout. Raises NotProvedError where there is no value.
+        """
+        version = len(self.axis.parents)
+        if self.order is None or self.order[0] != version:
+            self.order = version, self._ordered()
+        return self.order[1]
+
+    def _ordered(self) -> tuple[IntArray, AnyArray, AnyArray, bool] | None:
+        taken = self.axis.taken
+        lanes = np.flatnonzero(taken[:-1])
+        first, last = (values[lanes] for values in self.ends())
+        if self.known is not None and not np.all(self.known[taken]):
+            raise NotProvedError("an element is read before it is assigned")
+        sequence = np.column_stack([first, last]).ravel()
+        if np.any(np.isnan(sequence.astype(np.float64))):
+            return None
+        falling = bool(sequence[0] > sequence[-1])
+        if not np.all(sequence[1:] <= sequence[:-1] if falling else sequence[1:] >= sequence[:-1]):
+            return None
+        sign = -1 if falling else 1
+        return lanes, sign * first, sign * last, falling
 
     def with_links(self, name: str, constants: FloatArray, result: AnyArray, active: BoolArray) -> AxisValue:
         """The value behind one more link: `result` has the constant lanes, `constants` those of the chains.

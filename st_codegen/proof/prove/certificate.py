@@ -9,7 +9,7 @@ from typing import Any
 from st_codegen.ir import ModelIR
 from st_codegen.project.bundle import Bundle
 from st_codegen.proof.prove.prove import ProofResult, ProveReport, Verdict
-from st_codegen.proof.verify import target_folders
+from st_codegen.proof.runner import target_folders
 
 FORMAT = "st-codegen certificate 1"
 

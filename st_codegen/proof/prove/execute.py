@@ -872,24 +872,16 @@ def _changeovers(operator: str, item: AxisValue, thresholds: FloatArray) -> tupl
     item.held_alike()
     distinct, back = np.unique(thresholds, return_inverse=True)
     while True:
-        taken = axis.taken
-        lanes = np.flatnonzero(taken[:-1])
-        first, last = (values[lanes] for values in item.ends())
-        known = item.known
-        if known is not None and not np.all(known[taken]):
-            raise NotProvedError("an element is read before it is assigned")
-        sequence = np.column_stack([first, last]).ravel()
-        if np.any(np.isnan(sequence.astype(np.float64))):
+        order = item.in_order()
+        if order is None:
             return None
-        falling = bool(sequence[0] > sequence[-1])
-        if not np.all(sequence[1:] <= sequence[:-1] if falling else sequence[1:] >= sequence[:-1]):
-            return None
+        lanes, first, last, falling = order
         sign = -1 if falling else 1
         name = _FLIPPED[operator] if falling else operator
         side: Literal["left", "right"] = "left" if name in ("LT", "GE") else "right"
-        count = np.searchsorted(sign * first, sign * distinct, side=side)  # lanes that begin below the threshold
+        count = np.searchsorted(first, sign * distinct, side=side)  # lanes that begin below the threshold
         lane = np.maximum(count - 1, 0)
-        ends_beyond = sign * last[lane] >= sign * distinct if side == "left" else sign * last[lane] > sign * distinct
+        ends_beyond = last[lane] >= sign * distinct if side == "left" else last[lane] > sign * distinct
         open_ = (count > 0) & ends_beyond
         if not np.any(open_):
             break

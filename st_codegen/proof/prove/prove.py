@@ -27,8 +27,7 @@ from st_codegen.proof.prove.boxes import Lanes, Space
 from st_codegen.proof.prove.execute import All, Conditional, Executor, Kept, Value
 from st_codegen.proof.prove.expressions import ExpressionNode, Pool
 from st_codegen.proof.prove.model import ModelSide, tree_leaf
-from st_codegen.proof.runner import GeneratedCode
-from st_codegen.proof.verify import target_folders
+from st_codegen.proof.runner import GeneratedCode, target_folders
 
 #: Called with (number done, total, what is next).
 Progress = Callable[[int, int, str], None]
@@ -113,7 +112,7 @@ def prove(bundle: Bundle, generated: Path | str, *, progress: Progress | None = 
         for loaded in bundle.models:
             if progress is not None:
                 progress(len(results), total, loaded.ir.name)
-            results.append(_prove_model(loaded.ir, code, folder, runs))
+            results.append(prove_model(loaded.ir, code, runs))
         if bundle.purpose is not None:
             here = [result for result in results if result.target == folder.name]
             results += [_prove_around(name, code, bundle, here) for name in bundle.purpose.called_blocks()]
@@ -154,9 +153,14 @@ class BlockRun:
     outputs: dict[str, Value]
 
 
-def _prove_model(model: ModelIR, code: GeneratedCode, folder: Path, runs: dict[str, BlockRun]) -> ProofResult:
+def prove_model(model: ModelIR, code: GeneratedCode, runs: dict[str, BlockRun] | None = None) -> ProofResult:
+    """Prove a model in one target; `runs` keeps blocks that several models share."""
+    folder = code.folder
     block, outputs = block_of(folder, model)
     result = ProofResult(model.name, folder.name, block, Verdict.NOT_PROVED, outputs=outputs)
+    if folder.name == "beckhoff-ml":
+        return _left_out(model, folder)
+    runs = {} if runs is None else runs
     points: FloatArray = np.zeros((0, len(model.features)))
     if model.classes is not None:
         reason = "a classifier: the decision behind its scores is not followed yet"
