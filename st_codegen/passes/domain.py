@@ -84,16 +84,37 @@ def limit_inputs(model: ModelIR) -> ModelIR:
             "possible for inputs of magnitude 1; check the training data and scale the target"
         )
     needed = np.full(len(model.features), ranges[best])
+    chosen = _raised(candidates[best], needed)
     for feature in range(len(needed)):
         without = np.where(np.arange(len(needed)) == feature, np.inf, needed)
-        needed = without if _is_safe(candidates[best], without) else needed
+        needed = without if _is_safe(chosen, without) else needed
     _check_ranges(model, needed)
     # what the library refuses, infinities or more, stays refused
     limits = tuple(
         known if math.isinf(limit) else min(limit, math.inf if known is None else known)
         for limit, known in zip(needed.tolist(), model.magnitude_limits, strict=True)
     )
-    return dataclasses.replace(candidates[best], magnitude_limits=limits)
+    return dataclasses.replace(chosen, magnitude_limits=limits)
+
+
+def _raised(model: ModelIR, inputs: FloatArray) -> ModelIR:
+    """The model with the limit of each exponential, the last one first, as large as is safe for inputs of this range.
+
+    Exponentials behind one another need not have the same limit: what the last one leaves is often the output.
+    """
+    for number, op in reversed(tuple(enumerate(model.ops))):
+        if isinstance(op, Activation) and op.function in (Function.EXP, Function.EXPM1):
+            largest = _EXP_LIMITS[op.precision][0]
+            tried = [
+                dataclasses.replace(
+                    model,
+                    ops=(*model.ops[:number], dataclasses.replace(op, limit=float(limit)), *model.ops[number + 1 :]),
+                )
+                for limit in range(int(op.limit) + 1, int(largest) + 1)
+            ]
+            safe = bisect.bisect_left(tried, True, key=lambda other: not _is_safe(other, inputs))
+            model = tried[safe - 1] if safe else model
+    return model
 
 
 def _widest(model: ModelIR) -> float:

@@ -229,8 +229,8 @@ def verify(
 def cycle_cost(code: GeneratedCode, profile: Profile, entries: tuple[str, ...] = ()) -> ProjectCost:
     """The worst case of a cycle of generated text: of `entries`, else of what its tasks call (see `project_cost`).
 
-    FB_SelfTest, which runs once, is part of no cycle unless it is named or a program calls it. Programs of several tasks are added up, for
-    they share a processor. Raises GeneratedCodeError for an unknown entry.
+    FB_SelfTest, which runs once, is part of no cycle unless it is named or a program calls it. Programs of several
+    tasks are added up, for they share a processor. Raises GeneratedCodeError for an unknown entry.
     """
     names = {name.upper() for name in code.project.pous}
     missing = [name for name in entries if name.upper() not in names]
