@@ -106,7 +106,8 @@ def kinds_of_outputs(generated: Path) -> dict[str, tuple[OutputKind, ...]]:
     for folder in (generated, *(sorted(generated.iterdir()) if generated.is_dir() else ())):
         manifest = read_manifest(folder) if folder.is_dir() else None
         for name, facts in ({} if manifest is None else manifest.facts["models"]).items():
-            found.setdefault(name, tuple(OutputKind(kind) for kind in facts.get("kinds", ())))
+            given = facts.get("kinds", ())
+            found.setdefault(name, tuple(kind for kind in OutputKind if kind in given))
     return found
 
 

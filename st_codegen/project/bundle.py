@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tomllib
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -80,7 +81,8 @@ def load(
     """Load a folder of models (or one model file).
 
     `outputs` says what classifiers give beside the number of the class; each costs what it takes to compute it, and
-    models that are no classifiers have none of these.
+    models that are no classifiers have none of these. A `bundle.toml` with nothing but a table `[outputs]` says so for
+    single models, by their names.
 
     `trust_pickle` allows `.joblib` and `.pkl` files, which can run any code when they are opened. `progress` is told of
     each file. Raises one InputError that lists everything that is wrong: files, models, names, and the description of
@@ -89,9 +91,13 @@ def load(
     folder, reading = Path(folder), Reading(trust_pickle, progress)
     if not folder.exists():
         raise InputError(f"{folder}: no such folder")
+    own: dict[str, tuple[OutputKind, ...]] = {}
     for name, read in READERS.items():
         if folder.is_dir() and os.path.lexists(folder / name):
-            return read(folder / name, reading)
+            found = _outputs_in(folder / name)
+            if found is None:
+                return read(folder / name, reading)
+            own = found
     known = suffixes()
     files = [folder] if folder.is_file() else sorted(p for p in folder.iterdir() if p.suffix.lower() in known)
     if not files:
@@ -99,7 +105,11 @@ def load(
     problems = Problems(str(folder))
     check_names([path.stem for path in files], problems)
     models = reading.models({path.stem: path for path in files}, problems)
-    finished = tuple(_finished(model, outputs, problems) for model in models.values())
+    for name in own:
+        if name not in (path.stem for path in files):
+            problems.add(f"[outputs] names '{name}', but there is no such model")
+    wanted = outputs if isinstance(outputs, Mapping) else {name: own.get(name, outputs) for name in models}
+    finished = tuple(_finished(model, wanted, problems) for model in models.values())
     problems.raise_if_any()
     return Bundle(finished)
 
@@ -118,10 +128,25 @@ def check_names(names: Sequence[str], problems: Problems) -> None:
             taken[key] = name
 
 
-def _finished(model: LoadedModel, outputs: Outputs, problems: Problems) -> LoadedModel:
+def _outputs_in(path: Path) -> dict[str, tuple[OutputKind, ...]] | None:
+    """The outputs of classifiers in a file that says nothing else; None for a file that says what models are for."""
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):  # its reader says what is wrong
+        return None
+    if list(content) != ["outputs"] or not isinstance(content["outputs"], dict):
+        return None
+    found = {}
+    for name, words in content["outputs"].items():
+        if not isinstance(words, list) or not all(word in list(OutputKind) for word in words):
+            raise InputError(f"{path}: outputs.{name}: expected a list of {', '.join(OutputKind)}")
+        found[name] = tuple(OutputKind(word) for word in words)
+    return found
+
+
+def _finished(model: LoadedModel, outputs: Mapping[str, Collection[OutputKind]], problems: Problems) -> LoadedModel:
     """The model with the outputs that are wanted, the limits of its inputs, and its trees on the inputs themselves."""
     with problems.collect():
-        wanted = outputs.get(model.ir.name, ()) if isinstance(outputs, Mapping) else outputs
-        ir, columns = with_outputs(model.ir, wanted)
+        ir, columns = with_outputs(model.ir, outputs.get(model.ir.name, ()))
         return LoadedModel(without_inexact_steps(limit_inputs(ir)), lambda x: model.predict(x)[:, columns])
     return model

@@ -22,7 +22,7 @@ from st_codegen.driver import generate
 from st_codegen.emit.blocks.classes import class_type, label_text
 from st_codegen.errors import GeneratedCodeError, InputError, UnsupportedModelError
 from st_codegen.ir import Classes, OutputKind, reference
-from st_codegen.project.bundle import Bundle
+from st_codegen.project.bundle import Bundle, load
 from st_codegen.proof import predict as predictions
 from st_codegen.proof.verify import verify
 from tests.classifiers import GAPS, MANY, THREE, TWO, WORDS, X, loaded, verified
@@ -168,3 +168,22 @@ def test_the_command_line_writes_verifies_and_predicts_labels(tmp_path, capsys):
     assert run("predict", str(models), "--input", str(tmp_path / "x.csv"), "--output", str(tmp_path / "y.csv")) == 0
     lines = (tmp_path / "y.csv").read_text().splitlines()
     assert lines[0] == "parts" and set(lines[1:]) <= {f'"{word}"' if "," in word else word for word in set(WORDS)}
+
+
+def test_bundle_toml_says_what_single_classifiers_give(tmp_path):
+    skops_io = pytest.importorskip("skops.io")
+    for name in ("parts", "others"):
+        skops_io.dump(DecisionTreeClassifier(max_depth=2, random_state=0).fit(X, TWO), tmp_path / f"{name}.skops")
+    file = tmp_path / "bundle.toml"
+    file.write_text('[outputs]\nparts = ["class", "probability"]\n')
+    models = {model.ir.name: model.ir.outputs for model in load(tmp_path).models}
+    assert models == {"parts": ("class", "probability of class 0", "probability of class 1"), "others": ("class",)}
+    file.write_text('[outputs]\nparts = ["colour"]\n')
+    with pytest.raises(InputError, match=r"outputs\.parts: expected a list of class, probability, decision"):
+        load(tmp_path)
+    file.write_text('[outputs]\nnone = ["class"]\n')
+    with pytest.raises(InputError, match=r"\[outputs\] names 'none', but there is no such model"):
+        load(tmp_path)
+    file.write_text("[outputs]\n[bundle]\n")  # the description of a bundle, which has no such table
+    with pytest.raises(InputError, match="outputs"):
+        load(tmp_path)

@@ -47,7 +47,9 @@ def walk_isolation_forest(estimator: Any, builder: GraphBuilder, value: int) -> 
     if not unit > 0.0 or longest * math.log(2.0) > 8.0 * unit:
         raise UnsupportedModelError("IsolationForest of single samples, or of paths longer than any that it can have")
     cut = last_below(
-        lambda depth: -(2.0 ** (-np.divide(depth, unit))) - offset >= 0, np.float64, (-1.0, 2.0 * longest + 1.0)
+        lambda depth: (-(2 ** (-np.divide(np.full(1, depth), unit))) - offset >= 0)[0],
+        np.float64,
+        (-1.0, 2.0 * longest + 1.0),
     )
     # 2 ** x as exp(x * log(2)): |x * log(2)| is below 8, so that the roundings before the exponential are few units
     share = builder.add(Scale((depth,), Operator.DIVIDE, np.full(1, unit)))
