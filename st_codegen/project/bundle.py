@@ -132,7 +132,7 @@ def _outputs_in(path: Path) -> dict[str, tuple[OutputKind, ...]] | None:
     """The outputs of classifiers in a file that says nothing else; None for a file that says what models are for."""
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):  # its reader says what is wrong
+    except (OSError, ValueError, RecursionError):  # its reader says what is wrong
         return None
     if list(content) != ["outputs"] or not isinstance(content["outputs"], dict):
         return None

@@ -30,6 +30,20 @@ def walk_pipeline(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
     return value if last is None or isinstance(last, str) else walk_any(last, builder, value)
 
 
+@walks("sklearn.GridSearchCV", "sklearn.RandomizedSearchCV")
+def walk_search(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
+    """The estimator that the search found best and fitted again (`_search.py: BaseSearchCV.predict`)."""
+    return walk_any(Fitted(estimator).get("best_estimator_"), builder, value)
+
+
+@walks("sklearn.RFE", "sklearn.RFECV")
+def walk_elimination(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
+    """The estimator on the features that are left (`feature_selection/_rfe.py: predict`)."""
+    fitted = Fitted(estimator)
+    left = np.flatnonzero(fitted.flags("support_", (builder.width(value),))).astype(np.int32)
+    return walk_any(fitted.get("estimator_"), builder, builder.add(Select((value,), left)))
+
+
 @walks("sklearn.ColumnTransformer")
 def walk_columns(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Each transformer on its own columns; results side by side in the order of `transformers_`."""
