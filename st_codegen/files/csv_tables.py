@@ -93,6 +93,24 @@ def read_csv(path: Path, wanted: Sequence[str] = ()) -> CsvTable:
     return CsvTable(names, tuple(rows[1:]), separator == ";")
 
 
+def header_of(path: Path) -> tuple[str, ...]:
+    """The names in the first line of a file, without reading the rest; none where that line is no text.
+
+    Raises InputError for a file that cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            line = file.readline().decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return ()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    try:
+        return tuple(cell.strip() for cell in next(csv.reader([line], delimiter=separator_of(line)), []))
+    except csv.Error:
+        return ()
+
+
 def separator_of(text: str) -> str:
     """The character between the cells of a table, told from its first line."""
     return ";" if ";" in text.partition("\n")[0] else ","

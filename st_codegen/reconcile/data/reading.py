@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from st_codegen.campaign.harmonic_table import read_table
 from st_codegen.campaign.orders import BAND, OrderFit, fit_orders
 from st_codegen.campaign.reader import Campaign, read_campaign
 from st_codegen.errors import InputError, Problems
+from st_codegen.files.csv_tables import read_csv
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.observations import Observations, from_table, labels, order_of_runs
 from st_codegen.reconcile.settings import SETTINGS
@@ -35,16 +35,6 @@ def read_measured(
     if not path.is_file():
         raise InputError(f"{path}: no such file or folder")
     return from_table(read_table(path))
-
-
-def columns_of(path: Path) -> list[str]:
-    """The header of a CSV file, or nothing."""
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            line = file.readline()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not readable as text ({error})") from None
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=";" if ";" in line else ","), [])]
 
 
 def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: bool) -> Observations:
@@ -143,9 +133,8 @@ def _listed_runs(folder: Path, campaign: Campaign) -> IntArray | None:
     listed = folder / CONDITIONS_FILE
     if not listed.is_file():
         return None
-    text = listed.read_text(encoding="utf-8-sig").splitlines()
-    rows = csv.DictReader(text, delimiter=";" if text and ";" in text[0] else ",", skipinitialspace=True)
-    number = {folder / (row.get("file") or "").strip(): i for i, row in enumerate(rows)}
+    table = read_csv(listed, ["file"])
+    number = {folder / table.text(row, "file"): i for i, row in enumerate(table.rows)}
     if not all(curve.path in number for curve in campaign.curves):
         return None
     run = np.array([number[curve.path] for curve in campaign.curves], np.int64)

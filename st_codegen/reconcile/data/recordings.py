@@ -7,14 +7,14 @@ by sample. Columns and signs: docs/effects.md.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from st_codegen.errors import InputError, Problems
+from st_codegen.errors import Problems
+from st_codegen.files.csv_tables import header_of, read_csv
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
@@ -40,11 +40,7 @@ class Recording:
 
 def is_recording(path: Path) -> bool:
     """Whether a file has the columns of a recording."""
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            names = {cell.strip() for cell in file.readline().replace(";", ",").split(",")}
-    except (OSError, UnicodeDecodeError):
-        return False
+    names = set(header_of(path))
     return "t" in names and bool(names & set(ANGLES))
 
 
@@ -89,19 +85,11 @@ def _read(path: Path) -> Recording:
 
 def _columns(path: Path) -> dict[str, FloatArray]:
     """The columns of a file by name. Raises InputError for what is no table of numbers."""
-    text = path.read_text(encoding="utf-8-sig")
-    first = text.partition("\n")[0]
-    separator = ";" if ";" in first else ","
-    names = [cell.strip() for cell in next(csv.reader([first], delimiter=separator))]
-    if separator == ";":
-        text = text.replace(",", ".")
-    try:
-        table = np.loadtxt(text.splitlines()[1:], delimiter=separator, ndmin=2)
-    except ValueError as error:
-        raise InputError(f"{path}: not readable as numbers ({error})") from None
-    if table.shape[1] != len(names):
-        raise InputError(f"{path}: rows of {table.shape[1]} values do not fit the header with {len(names)}")
-    return dict(zip(names, table.T, strict=True))
+    table = read_csv(path)
+    problems = Problems(str(path))
+    values = table.numbers(table.names, problems, is_finite=False)
+    problems.raise_if_any()
+    return dict(zip(table.names, values.T, strict=True))
 
 
 def _smoothed(values: FloatArray, count: int) -> FloatArray:

@@ -7,7 +7,6 @@ the loudest order down, as long as no more than a tenth of those of one effect a
 
 from __future__ import annotations
 
-import csv
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -18,9 +17,10 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import InputError, Problems
+from st_codegen.files.csv_tables import RowError, header_of, read_csv
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.data.observations import Observations, labels
-from st_codegen.reconcile.data.reading import check_units, columns_of
+from st_codegen.reconcile.data.reading import check_units
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, Constants
 from st_codegen.rig.model import RigModel
@@ -90,33 +90,27 @@ class SpectrumResult:
 
 def is_spectrum(path: Path) -> bool:
     """Whether a file is an order spectrum, by its header."""
-    return path.is_file() and {"order", "median_deg"} <= set(columns_of(path))
+    return path.is_file() and {"order", "median_deg"} <= set(header_of(path))
 
 
 def read_spectrum(path: Path) -> Spectrum:
     """Read `direction,order,median_deg,..`. Raises one InputError that lists every problem."""
-    problems = Problems(str(path))
-    names = columns_of(path)
-    if missing := [name for name in COLUMNS if name not in names]:
-        problems.add(f"the columns {', '.join(missing)} are missing; an order spectrum has {','.join(COLUMNS)}")
-        problems.raise_if_any()
-    text = path.read_text(encoding="utf-8-sig").splitlines()
-    delimiter = ";" if ";" in text[0] else ","
+    table, problems = read_csv(path, COLUMNS), Problems(str(path))
     size: dict[tuple[float, int], float] = {}
-    for line, row in enumerate(csv.DictReader(text, delimiter=delimiter), 2):
-        cells = {str(key).strip(): str(value).strip() for key, value in row.items()}
-        sign = _DIRECTIONS.get(cells["direction"].lower())
-        try:
-            order = int(cells["order"])
-            median = float(cells["median_deg"].replace(",", ".") if delimiter == ";" else cells["median_deg"])
-        except ValueError:
-            order, median = -1, math.nan
-        if sign is None or order < 0 or not math.isfinite(median) or median < 0:
-            problems.add(f"line {line}: '{delimiter.join(cells.values())}' is no direction, order and size in deg")
-        elif (sign, order) in size:
-            problems.add(f"line {line}: order {order} stands there twice for this direction")
-        else:
-            size[sign, order] = median
+    for row in table.rows:
+        with problems.collect():
+            direction = table.text(row, "direction")
+            sign = _DIRECTIONS.get(direction.lower())
+            if sign is None:
+                raise RowError(row.line, f"'{direction}' is no direction; there are {', '.join(_DIRECTIONS)}")
+            order, median = table.number(row, "order"), table.number(row, "median_deg")
+            if order < 0 or order != int(order):
+                raise RowError(row.line, f"order: {order:g} is no whole number from 0 on")
+            if median < 0:
+                raise RowError(row.line, f"median_deg: {median:g} is no size")
+            if (sign, int(order)) in size:
+                raise RowError(row.line, f"order {order:g} stands there twice for this direction")
+            size[sign, int(order)] = median
     if len(size) < 8 and not problems.errors:
         problems.add(f"{len(size)} orders are too few for a floor; list all that were measured")
     problems.raise_if_any()

@@ -35,6 +35,8 @@ from st_codegen.rig.compensator import roles_of
 from st_codegen.te.harmonics import Direction, Quantity, TransmissionError
 from st_codegen.te.purpose import transmission_error
 
+#: standard errors by which a term must take off power
+_SURE = 3.0
 SIGN = {Direction.FORWARD: 1.0, Direction.BACKWARD: -1.0}
 
 
@@ -102,7 +104,8 @@ def decide(bundle: Bundle, result: Reconciliation) -> list[Decision]:
     inputs, data = Inputs.of(te), result.data
     rows = np.flatnonzero(_inside(te, inputs, result))
     data = data.rows(rows)
-    weight = 1.0 / result.target.sigma[rows] ** 2
+    # samples over time: what a wave of the whole recording shares with their noise
+    noise = result.target.sigma[rows] / (1.0 if data.angle_rad is None else np.sqrt(len(rows) / 2))
     orders = np.array(sorted({*te.orders, *data.model_orders()}), np.int64)
     measured = np.isin(orders, data.model_orders())
     x = np.column_stack([getattr(data.at, name) for name in inputs.quantities])
@@ -118,19 +121,35 @@ def decide(bundle: Bundle, result: Reconciliation) -> list[Decision]:
         added = np.zeros((len(rows), len(data.model_orders())), np.complex128)
         added[:, data.model_orders().index(change.order)] = _values(change.parts, data.at.sign, x, inputs)
         after = residual - data.observed(added)
-        saved = float((weight * (np.abs(residual) ** 2 - np.abs(after) ** 2)).sum())
         columns = data.orders == change.order if data.angle_rad is None else slice(None)
         sizes = [rms_deg(part[:, columns], data.orders[columns]) for part in (residual, after)]
-        entered = saved > 0.0
-        reason = (
-            "" if entered else "the bundle comes no closer to what was measured; it seems to know the effect already"
-        )
+        reason = not_worth(residual[:, columns], after[:, columns], noise[:, columns], data.orders[columns])
+        entered = not reason
         decisions.append(
             Decision(change.order, change.effects, change.new, entered, reason, sizes[0], sizes[1], change.parts)
         )
         if entered:
             residual = after
     return decisions
+
+
+def not_worth(before: ComplexArray, after: ComplexArray, noise: FloatArray, orders: IntArray) -> str:
+    """Why a term stays out: the bundle comes no closer, by chance only, or by less than one run scatters; else empty.
+
+    The power that it takes off must be sure, three standard errors of its mean over the rows, and at least that of the
+    noise of one coefficient: less could be seen in no run, and costs the controller a formula all the same.
+    """
+    weight = np.where(orders == 0, 1.0, 0.5)
+    saved = (weight * (np.abs(before) ** 2 - np.abs(after) ** 2)).sum(axis=1)
+    mean, error = float(saved.mean()), float(saved.std() / np.sqrt(max(len(saved) - 1, 1)))
+    if mean <= 0.0:
+        return "the bundle comes no closer to what was measured; it seems to know the effect already"
+    if mean < _SURE * error:
+        return "the bundle comes closer to what was measured by no more than chance does"
+    scatter = float((noise**2).mean(axis=0).sum())
+    if mean < scatter:
+        return "the bundle comes closer by less than one run scatters"
+    return ""
 
 
 def _left_out(change: Decision, reason: str) -> Decision:

@@ -17,7 +17,7 @@ from st_codegen.reconcile.models.bundle_files import write_updated
 from st_codegen.reconcile.models.terms import Decision, decide
 from st_codegen.reconcile.run import Reconciliation
 from st_codegen.rig.compensator import EmittedCompensator
-from st_codegen.rig.machine import machine_of
+from st_codegen.rig.machine import another_specimen, machine_of
 from st_codegen.rig.model import RigModel
 from st_codegen.rig.motion import CompensationCase, Size, compare, lead_time_s, plan, run
 from st_codegen.rig.profiles import profile_named
@@ -29,6 +29,9 @@ Progress = Callable[[int, int, str], None]
 #: folders below the output
 MODELS, CODE = "models", "plc"
 LAW, FORM = "continuous", TaskForm.SPLIT
+#: the rehearsal moves another specimen than the fitted one: its sizes differ by this share (standard deviation), as in
+#: the example. A draw that leaves the bounds of a parameter is drawn anew
+SPREAD, FIRST_SPECIMEN, MOST_DRAWS = 0.02, 11, 20
 
 
 @dataclass(frozen=True)
@@ -58,9 +61,13 @@ class Moved:
 
 @dataclass(frozen=True)
 class Motion:
-    """The rehearsal: without compensation, with the old, with the new compensator; time in s."""
+    """The rehearsal: without compensation, with the old, with the new compensator; time in s.
+
+    specimen: the seed of the machine that moved, which is not the fitted one.
+    """
 
     profile: str
+    specimen: int
     lead_s: float
     time_s: FloatArray
     cases: tuple[Moved, ...]
@@ -100,6 +107,7 @@ class Update:
             "motion": moved
             and {
                 "profile": moved.profile,
+                "specimen": {"spread": SPREAD, "seed": moved.specimen},
                 "law": LAW,
                 "tasks": str(FORM),
                 "lead_us": round(moved.lead_s * 1e6, 3),
@@ -168,8 +176,12 @@ def update_models(result: Reconciliation, wish: Wish, out: Path, progress: Progr
 
 
 def rehearse(result: Reconciliation, old: Bundle, new: Bundle, wish: Wish, step: Callable[[int, str], None]) -> Motion:
-    """Move the new rig along a profile: without compensation, with the old text, with the new one."""
-    rig = machine_of(result.new_rig)
+    """Move a machine along a profile: without compensation, with the old text, with the new one.
+
+    It is another specimen of the new rig: on the rig that the terms were read from they would prove themselves.
+    """
+    seed, specimen = _unseen(result.new_rig)
+    rig = machine_of(specimen)
     try:
         planned = plan(rig, profile_named(wish.profile, rig.tasks.main_us * 1e-6))
     except InputError as error:
@@ -186,4 +198,16 @@ def rehearse(result: Reconciliation, old: Bundle, new: Bundle, wish: Wish, step:
         if not cases:
             cases.append(Moved("none", (), outcome.before, outcome.full_before, outcome.error_before_deg))
         cases.append(Moved(name, orders, outcome.after, outcome.full_after, outcome.error_after_deg))
-    return Motion(planned.profile.name, lead, planned.time_s[planned.first :], tuple(cases))
+    return Motion(planned.profile.name, seed, lead, planned.time_s[planned.first :], tuple(cases))
+
+
+def _unseen(rig: RigModel) -> tuple[int, RigModel]:
+    """A machine of the same kind that no fit has seen, and its seed. Raises InputError."""
+    kinds = {effect.name: type(effect) for effect in rig.effects}
+    problem = InputError("no specimen could be drawn")
+    for seed in range(FIRST_SPECIMEN, FIRST_SPECIMEN + MOST_DRAWS):
+        try:
+            return seed, another_specimen(rig, kinds, SPREAD, seed)
+        except InputError as error:
+            problem = error
+    raise InputError(f"rehearsal of the new models: {problem}")

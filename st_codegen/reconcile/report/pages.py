@@ -332,7 +332,8 @@ def _motion(update: Update) -> PageSection | None:
             axes.plot(moved.time_s[::every], case.error_deg[::every], label=case.name, linewidth=0.8)
 
     text = (
-        f"The new rig moves along the profile {moved.profile}; the generated text runs in its tasks, ahead by the "
+        "Another specimen of the new rig, which no model has seen (sizes differ at random by 2 %, standard deviation), "
+        f"moves along the profile {moved.profile}; the generated text runs in its tasks, ahead by the "
         f"{moved.lead_s * 1e6:.0f} us that are known to pass from encoder to motor. Full weight: without the times "
         "near standstill, in which the compensator fades its correction."
     )

@@ -54,7 +54,7 @@ class Empirical(Effect):
         found: Any = 0.0
         for name in TERMS:
             if f"{name}_deg" in self.values:
-                found = found + self.complex_at(f"{name}_deg", at) * term_values(
-                    name, at, self.constants.reference_temperature_C
-                )
-        return found if order else found.real
+                size = self.complex_at(f"{name}_deg", at)
+                values = term_values(name, at, self.constants.reference_temperature_C)
+                found = found + (size if order else size.real) * values
+        return found
