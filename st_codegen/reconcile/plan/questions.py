@@ -84,7 +84,7 @@ class Parameters:
         best = int(ratio.argmin())
         effect, orders, key = self.names[best]
         where = f" (order {', '.join(map(str, orders))})" if orders else ""
-        return f"narrows {key} of {effect}{where}: its error falls by {100 * (1 - ratio[best]):.0f} %"
+        return f"narrows {key} of {effect}{where}: its error is expected to fall by {100 * (1 - ratio[best]):.0f} %"
 
     def ratios(self) -> dict[Name, float]:
         """By effect and key: the expected error with all runs taken, over that without."""

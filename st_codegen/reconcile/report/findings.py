@@ -136,7 +136,9 @@ def share_text(finding: Finding, *, first: bool) -> str:
     own = finding.own_gap
     if finding.share is not None and (finding.share >= SETTINGS.much or own is None):
         of = "the gap" if first else "what the larger findings leave"
-        return f"it explains {100 * finding.share:.0f} % of {of}"
+        rounded = round(100 * finding.share)
+        share = "more than 99" if rounded == 100 and finding.share < 1.0 else str(rounded)
+        return f"it explains {share} % of {of}"
     return "" if own is None else f"the gap of its orders falls from {own[0]:.2g} to {own[1]:.2g} deg"
 
 
@@ -163,6 +165,8 @@ def _numbers(effect: Effect, stderr: Mapping[str, float], before: Effect | None 
 
 def _how_sure(claim: Claim) -> str:
     """What is known of other names for the same data."""
+    if claim.piece.effect.stage is Stage.AXIS:
+        return "read from its own link of the axis, where no other effect was tried"
     others = [name for name in claim.alternatives if name != SOMETHING_ELSE]
     parts = [f"{', '.join(others)} would do as well"] if others else []
     if SOMETHING_ELSE in claim.alternatives:

@@ -45,7 +45,12 @@ def outcome(result: Reconciliation, candidate: Candidate, evidence: Evidence) ->
     ):
         if any(other.name == effect.name and (not own or own & set(other.orders)) for other in effects):
             return kind
-    return "not claimed: beside the others it was no longer needed, or its orders kept too much"
+    if result.taken_back is not None and effect.name in result.taken_back.names:
+        return "taken back: with it the rig predicted left-out runs worse"
+    return (
+        "not claimed: no longer needed beside the others, seen at one frequency only, at the expense of other orders, "
+        "or its orders kept too much"
+    )
 
 
 def _failed(evidence: Evidence) -> list[str]:
