@@ -85,7 +85,7 @@ def test_two_explanations_are_told_apart(coarse):
     assert {claim.piece.effect.name, *claim.alternatives} == {"friction_windup", "backlash"}
     ahead = next_runs(first, KNOWN)
     assert ahead.runs[0].purpose.startswith("tells friction_windup from backlash")
-    assert 100 < ahead.runs[0].point.torque_Nm < 500
+    assert 100 <= ahead.runs[0].point.torque_Nm < 500
     again = found(BACKLASH, with_runs(at, ahead))
     assert [claim.piece.effect.name for claim in again.conclusions.claims] == ["backlash"]
     assert not again.conclusions.claims[0].alternatives
