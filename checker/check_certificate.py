@@ -588,7 +588,9 @@ def has_isnan(folder):
 STATEMENT = (
     "For every proved entry and every float64 input (both zeros, denormals, infinities and NaN included) one call of "
     "the block sets bValid to TRUE exactly where the model has an answer, and then the outputs have the bits that the "
-    "model file demands; where bValid is FALSE the outputs keep their last values."
+    "model file demands; where bValid is FALSE the outputs keep their last values. Where the method is the model's "
+    "expression, the outputs are the operations that the model demands, in their order, none of them fails for any "
+    "input, and they lie within the bound, where there is one, of the library's answer on the declared ranges."
 )
 ASSUMPTIONS = [
     "LREAL and REAL are IEEE 754 binary64 and binary32, rounded to nearest, ties to even, with denormals",
@@ -597,8 +599,10 @@ ASSUMPTIONS = [
     "variables start with the initial values of the text, and nothing but the block writes to its instance",
     "the rules of the library are those that docs/proof.md lists",
 ]
-PARTS = {"format", "statement", "assumptions", "models", "texts", "proofs"}
+PARTS = {"format", "statement", "assumptions", "models", "texts", "proofs", "blocks"}
 ENTRY = {"model", "file", "target", "block", "outputs", "inputs", "verdict", "method", "trees"}
+UNPROVED = ENTRY - {"method", "trees"} | {"reason"}
+EXPRESSION, BLOCK = "the model's expression", {"block", "target", "verdict"}
 TEXTS = {".st", ".TcPOU", ".TcDUT", ".TcGVL", ".xml"}
 
 
@@ -606,8 +610,18 @@ def sha256(path):
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
+def unchecked(entry):
+    """What is said of an entry that is not checked here; None for one that is."""
+    if entry["verdict"] == "not proved" and entry.keys() == UNPROVED:
+        return "not proved, by its own words"
+    if entry["verdict"] == "proved" and entry.get("method") == EXPRESSION and entry.keys() - {"bound"} == ENTRY:
+        return "claimed: expressions are not checked here"
+    need(entry["verdict"] == "proved" and entry.keys() == ENTRY, "another form of entry")
+    return None
+
+
 def main(certificate, models, out):
-    """Check every sentence of a certificate; raises Reject for the first that does not hold."""
+    """Check a certificate, and say what is confirmed; raises Reject for the first entry that does not hold."""
     content = json.loads(Path(certificate).read_text("utf-8"))
     models, out = Path(models), Path(out)
     folder = models if models.is_dir() else models.parent
@@ -622,12 +636,17 @@ def main(certificate, models, out):
         need(content["texts"][target] == texts, f"{target}: other texts")
     every = {(name, target) for name in {e["model"] for e in proofs} for target in targets}
     need(proofs and {(e["model"], e["target"]) for e in proofs} == every and len(proofs) == len(every), "entries")
-    ranges = tomllib.loads(bundle.read_text("utf-8"))["feature"] if bundle.is_file() else None
+    need(all(e.keys() in (BLOCK | {"claims"}, BLOCK | {"reason"}) for e in content["blocks"]), "another form of block")
+    need(bundle.is_file() or not content["blocks"], "blocks around models that stand alone")
+    confirmed, ranges = 0, tomllib.loads(bundle.read_text("utf-8"))["feature"] if bundle.is_file() else None
     for entry in proofs:
         where = f"{entry['model']}, {entry['target']}"
         try:
-            need(entry["verdict"] == "proved", "not proved")
-            need(entry.keys() == ENTRY and Path(entry["file"]).stem == entry["model"], "another form of entry")
+            need(Path(entry["file"]).stem == entry["model"], "another file")
+            other = unchecked(entry)
+            if other:
+                print(f"{where}: {other}")
+                continue
             model = read_model(folder / entry["file"])
             names = model.names or [f"f{number}" for number in range(model.features)]
             if ranges is not None:
@@ -641,14 +660,19 @@ def main(certificate, models, out):
             need((found.method, found.trees) == (entry["method"], entry["trees"]), "proved in another way")
         except Reject as reason:
             raise Reject(f"{where}: {reason}") from None
+        confirmed += 1
         print(f"{where}: confirmed")
+    for entry in content["blocks"]:
+        print(f"{entry['block']}, {entry['target']}: claimed: invariants are not checked here")
+    need(confirmed, "nothing in it is checked here")
+    return confirmed, len(proofs) + len(content["blocks"])
 
 
 if __name__ == "__main__":
     try:
         need(len(sys.argv) == 4, "usage: check_certificate.py CERTIFICATE MODELS OUT")
-        main(*sys.argv[1:])
+        numbers = main(*sys.argv[1:])
     except (Reject, OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError) as error:
         print(f"rejected: {type(error).__name__}: {error}")
         sys.exit(1)
-    print("the certificate is accepted")
+    print("the certificate is accepted: {} of its {} entries are confirmed".format(*numbers))

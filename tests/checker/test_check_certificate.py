@@ -69,7 +69,7 @@ def test_golden_models_are_confirmed(target, tmp_path):
     models = folder_of(tmp_path, KNOWN)
     result = check(written(tmp_path, models, GOLDEN / "generated" / target), models, GOLDEN / "generated" / target)
     assert result.returncode == 0, result.stdout + result.stderr
-    assert result.stdout.count("confirmed") == len(KNOWN)
+    assert result.stdout.count(": confirmed") == len(KNOWN)
 
 
 @pytest.mark.parametrize("ranks", [True, False])
@@ -87,6 +87,28 @@ def test_what_is_outside_is_named_and_not_accepted(name, tmp_path):
     result = check(written(tmp_path, models, out), models, out)
     assert result.returncode == 1
     assert OUTSIDE[name] in result.stdout
+
+
+def test_entries_that_are_not_checked_are_named_beside_those_that_are(tmp_path):
+    models = folder_of(tmp_path, ["random_forest.skops", "ridge.skops", "lightgbm_linear.txt"])
+    out = GOLDEN / "generated" / "iec"
+    result = check(written(tmp_path, models, out), models, out)
+    assert result.returncode == 0, result.stdout
+    assert "random_forest, iec: confirmed" in result.stdout
+    assert "ridge, iec: claimed: expressions are not checked here" in result.stdout
+    assert "lightgbm_linear, iec: not proved, by its own words" in result.stdout
+    assert "1 of its 3 entries are confirmed" in result.stdout
+
+
+def test_an_entry_that_was_proved_cannot_be_renamed_to_one_that_is_not_checked(tmp_path):
+    models = folder_of(tmp_path, ["random_forest.skops", "lightgbm_dart.txt"])
+    out = GOLDEN / "generated" / "iec"
+    path = written(tmp_path, models, out)
+    content = json.loads(path.read_text())
+    content["proofs"][0]["verdict"] = "not proved"
+    path.write_text(json.dumps(content))
+    result = check(path, models, out)
+    assert (result.returncode, "another form of entry" in result.stdout) == (1, True)
 
 
 def test_the_checker_shares_nothing_with_the_package():

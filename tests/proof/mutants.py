@@ -237,7 +237,9 @@ def certificates(count, seed=0):
         path.write_text(json.dumps(content))
         check_certificate.main(path, models, out)
         for _ in range(count):
-            changed = mutated_certificate(content, chance)
+            changed = content
+            while changed == content:
+                changed = mutated_certificate(content, chance)
             path.write_text(json.dumps(changed))
             try:
                 check_certificate.main(path, models, out)

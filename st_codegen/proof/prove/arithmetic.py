@@ -166,9 +166,9 @@ def _refused(domain: InputDomain, number: int) -> list[Interval]:
     low, high = (float(from_keys(keys[number : number + 1])[0]) for keys in (domain.low, domain.high))
     found: list[Interval] = [] if domain.nan else [(math.inf, -math.inf, True)]
     if low > -math.inf:
-        found.append((-math.inf, float(np.nextafter(low, -np.inf)), False))
+        found.append((-math.inf, math.nextafter(low, -math.inf), False))
     if high < math.inf:
-        found.append((float(np.nextafter(high, np.inf)), math.inf, False))
+        found.append((math.nextafter(high, math.inf), math.inf, False))
     return found
 
 
