@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 import st_codegen.emit.blocks.model  # noqa: F401 - all code of operations is registered with it
 from st_codegen import ir
 from st_codegen.emit.blocks.operations import lay_out
-from st_codegen.ir import CellTable, ColumnFunction, FactoredKernel, Rank, TreeEnsemble, reference
+from st_codegen.errors import InputError
+from st_codegen.ir import CellTable, ColumnFunction, FactoredKernel, Rank, RankColumn, TreeEnsemble, reference
 from st_codegen.passes import domain
 from st_codegen.proof import bounds
 from tests.models import SMALL_MODELS
@@ -61,3 +62,9 @@ def test_slope_and_magnitude_of_a_function_hold(op, data):
     rounding = 1e-15 * (np.abs(x) + np.abs(y))
     assert np.all(np.abs(values[0] - values[1]) <= op.slope(x, difference) * difference + rounding)
     assert np.all(np.abs(values[0]) <= op.largest(np.abs(x[0])))
+
+
+@pytest.mark.parametrize("edge", [np.nan, np.inf])
+def test_edges_of_ranks_are_numbers(edge):
+    with pytest.raises(InputError, match=r"RankColumn\.edges: 1 coefficients are not finite"):
+        RankColumn(0, np.array([0.0, edge]))
