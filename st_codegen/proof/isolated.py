@@ -1,4 +1,4 @@
-"""The libraries' own predictions, computed in another process: what ends that process is one line here.
+"""The libraries' own predictions, computed in another process where that can be: what ends it is one line here.
 
 A library reads a model file with native code of its own. Whatever our readers overlooked must not end the command.
 """
@@ -15,6 +15,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -41,11 +42,11 @@ def isolated(models: Sequence[LoadedModel]) -> Iterator[tuple[LoadedModel, ...]]
     """The same models, whose `predict` asks a process that is a copy of this one.
 
     It raises LibraryRefusesError with the library's reason. The copy shares what is loaded already, computes on one
-    thread, and is made anew where a library ends it. On systems that cannot copy a process (Windows) a thread answers
-    instead, and what ends a library ends the command.
+    thread, and is made anew where a library ends it. Where this process cannot be copied safely (`_can_be_copied`) a
+    thread answers instead, and what ends a library ends the command.
     """
     ours, theirs = multiprocessing.Pipe()
-    if hasattr(os, "fork"):
+    if _can_be_copied():
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of threads: none of them is needed in the copy
             keeper = os.fork()
@@ -55,7 +56,7 @@ def isolated(models: Sequence[LoadedModel]) -> Iterator[tuple[LoadedModel, ...]]
         theirs.close()
     else:
         keeper = 0
-        threading.Thread(target=_serve, args=(theirs, models), daemon=True).start()
+        threading.Thread(target=_answers, args=(theirs, models), daemon=True).start()
     lock = threading.Lock()
     try:
         yield tuple(
@@ -66,6 +67,18 @@ def isolated(models: Sequence[LoadedModel]) -> Iterator[tuple[LoadedModel, ...]]
         ours.close()
         if keeper:
             os.waitpid(keeper, 0)
+
+
+def _can_be_copied() -> bool:
+    """Whether a copy of this process can compute: not where an OpenMP library is loaded, whose threads it would lack.
+
+    The command line loads none before it reads LightGBM text, XGBoost or ONNX files; scikit-learn brings one along.
+    """
+    try:
+        loaded = Path("/proc/self/maps").read_text(encoding="utf-8", errors="replace")
+    except OSError:  # not Linux
+        return False
+    return not any(name in loaded for name in ("libgomp", "libomp", "libiomp"))
 
 
 def _keep(connection: Connection, models: Sequence[LoadedModel]) -> None:
@@ -89,10 +102,16 @@ def _keep(connection: Connection, models: Sequence[LoadedModel]) -> None:
 
 
 def _serve(connection: Connection, models: Sequence[LoadedModel]) -> None:
-    """Answer requests (number of a model, rows) until the connection is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN) if hasattr(os, "fork") else None
-    with contextlib.suppress(EOFError, OSError), one_thread(), warnings.catch_warnings():
+    """Answer in a process that does nothing else."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with one_thread(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
+        _answers(connection, models)
+
+
+def _answers(connection: Connection, models: Sequence[LoadedModel]) -> None:
+    """Answer requests (number of a model, rows) until the connection is closed."""
+    with contextlib.suppress(EOFError, OSError):
         while True:
             number, rows = connection.recv()
             connection.send(_answer(models[number].predict, rows))

@@ -52,7 +52,7 @@ class Constants:
     def shaft_orders(self) -> tuple[int, ...]:
         """Whole multiples of the reduction ratio, up to the 4th."""
         multiples = (self.reduction_ratio * m for m in range(1, 5))
-        return tuple(round(order) for order in multiples if abs(order - round(order)) < 1e-9)
+        return tuple(round(order) for order in multiples if math.isfinite(order) and abs(order - round(order)) < 1e-9)
 
 
 class Form(Enum):
