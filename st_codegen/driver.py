@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -18,6 +17,7 @@ from st_codegen.emit.contents import Contents
 from st_codegen.emit.render import print_plans
 from st_codegen.emit.targets import TARGETS, FilePlan, Target, target_named
 from st_codegen.errors import TargetError
+from st_codegen.files.html_text import html_table
 from st_codegen.ir import AnyArray, Classes, FloatArray, KernelSum, ModelIR, TreeEnsemble
 from st_codegen.passes.choose import Choices, CostFunction, Options, simple_cost
 from st_codegen.passes.pipeline import Compiled, compile_models, unchanged
@@ -26,7 +26,7 @@ from st_codegen.project.purpose import Purpose
 from st_codegen.proof import predict as predictions
 from st_codegen.proof.emitted import check_emitted
 from st_codegen.proof.isolated import isolated
-from st_codegen.proof.probes import trained_range
+from st_codegen.proof.probes import operating_range, range_source
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.proof.vectors import reference_vectors
 
@@ -36,7 +36,7 @@ _UNLIMITED = 2**31 - 1
 _NAMED = 5
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Generated:
     """What one run wrote: the folder of the target, its files with their sizes in bytes, and why it looks as it does.
 
@@ -52,6 +52,21 @@ class Generated:
     facts: dict[str, Any]
     changed: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"Generated({self.folder}: {len(self.files)} files, {sum(self.files.values()):,} bytes)"
+
+    def _repr_html_(self) -> str:
+        return html_table(repr(self), ("model", "layout", "block", "bytes of tables"), self.models())
+
+    def models(self) -> list[tuple[str, str, str, str]]:
+        """For each model: its name, its layout, the block that computes it and the bytes of the block's tables."""
+        rows = []
+        for name, facts in self.facts["models"].items():
+            size = self.facts["blocks"].get(facts["block"], {}).get("data_bytes", 0)
+            block = facts["block"] + (" (shared)" if facts["shared"] else "")
+            rows.append((name, facts["layout"], block, f"{size:,}"))
+        return rows
+
 
 def generate(  # noqa: PLR0913 - one argument an option
     models: Bundle | Path | str,
@@ -64,6 +79,7 @@ def generate(  # noqa: PLR0913 - one argument an option
     with_configuration: bool = False,
     cost: CostFunction = simple_cost,
     relayout: bool = False,
+    force: bool = False,
 ) -> Generated:
     """Compile models for one target and write the files to `out/<target>`.
 
@@ -94,6 +110,9 @@ def generate(  # noqa: PLR0913 - one argument an option
     another choice saves much (`passes.choose.SAVES_MUCH`) or it is no longer possible: a model that was trained again
     changes no more than its numbers. `Generated.compiled.decisions` says where a layout changed, and why.
 
+    `force` overwrites generated files that were changed by hand; without it such a change is shown and nothing is
+    written. What editors and version control leave in a file (`emit.traces`) is no change.
+
     The text is read back and checked before it replaces anything: valid in the target's dialect, of the portable subset
     where the target says so, no loop of one round. That takes about as long as printing.
 
@@ -108,7 +127,7 @@ def generate(  # noqa: PLR0913 - one argument an option
     settings = CompileSettings.of(target, max_array, options, with_tests, cost, with_configuration)
     with _staged(models, target, Path(out), settings, Choices() if relayout else _earlier(folder)) as staged:
         files = {name: (staged.stage / name).stat().st_size for name in staged.names if name != output.MANIFEST}
-        changed = output.install(staged.stage, folder)
+        changed = output.install(staged.stage, folder, force=force)
     return Generated(target.name, folder, files, staged.compiled, staged.purpose, staged.facts, changed)
 
 
@@ -125,11 +144,41 @@ def check(  # noqa: PLR0913 - one argument an option
     relayout: bool = False,
     provenance: bool = False,
 ) -> Iterator[str]:
-    """The unified diff, line by line, between the files on disk and what `generate` would write; empty when equal.
+    """The unified diff, line by line, of all `differences`; empty when there is none."""
+    found = differences(
+        models,
+        target,
+        out,
+        max_array=max_array,
+        options=options,
+        with_tests=with_tests,
+        with_configuration=with_configuration,
+        cost=cost,
+        relayout=relayout,
+        provenance=provenance,
+    )
+    return (line for difference in found for line in difference.lines())
 
-    Takes what `generate` takes, and as long. Line ends do not count: version control may change them. Nor do the hashes
-    of the model files in the manifest, unless `provenance` asks for them: a file that was saved again may hold the same
-    model. Nothing is written below `out`, which may be read-only or missing.
+
+def differences(  # noqa: PLR0913 - one argument an option
+    models: Bundle | Path | str,
+    target: Target | str,
+    out: Path | str,
+    *,
+    max_array: int | None = None,
+    options: Options | None = None,
+    with_tests: bool = False,
+    with_configuration: bool = False,
+    cost: CostFunction = simple_cost,
+    relayout: bool = False,
+    provenance: bool = False,
+) -> Iterator[output.FileChange]:
+    """The files on disk that are not as `generate` would write them, each beside what it would write.
+
+    Takes what `generate` takes, and as long. Line ends, byte order marks and what TwinCAT's development environment
+    leaves in a file do not count (`emit.traces`), nor do the hashes of the model files in the manifest, unless
+    `provenance` asks for them: a file that was saved again may hold the same model. Nothing is written below `out`,
+    which may be read-only or missing.
     """
     target = target_named(target) if isinstance(target, str) else target
     folder = Path(out) / target.name
@@ -138,12 +187,9 @@ def check(  # noqa: PLR0913 - one argument an option
     with _staged(models, target, None, settings, Choices() if relayout else _earlier(folder)) as staged:
         on_disk = {name for name in output.generated_names(folder) if (folder / name).exists()}
         for name in sorted({*staged.names, *on_disk}):
-            yield from difflib.unified_diff(
-                _lines(folder / name, provenance=provenance),
-                _lines(staged.stage / name, provenance=provenance),
-                f"{folder / name} (on disk)",
-                f"{folder / name} (generated)",
-            )
+            found = output.FileChange.between(name, folder, staged.stage, provenance=provenance)
+            if found.before != found.after:
+                yield found
 
 
 class Evaluator(StrEnum):
@@ -257,9 +303,8 @@ def _compiled(
     purpose = bundle.purpose
     if not target.compiles:
         return unchanged(bundle.irs), purpose
-    compiled = compile_models(
-        bundle.irs, settings.options, settings.cost, together=purpose is not None, earlier=earlier
-    )
+    options = dataclasses.replace(settings.options, layouts=bundle.configuration.layouts())
+    compiled = compile_models(bundle.irs, options, settings.cost, together=purpose is not None, earlier=earlier)
     return compiled, None if purpose is None else purpose.settled(compiled, settings.options)
 
 
@@ -267,7 +312,7 @@ def _planned(
     bundle: Bundle, compiled: Compiled, purpose: Purpose | None, target: Target, settings: CompileSettings
 ) -> tuple[FilePlan, ...]:
     """The files of the project. Raises TargetError where its tables do not fit the controller."""
-    contents = Contents(compiled.models)
+    contents = Contents(compiled.models, bundle.configuration.application())
     if purpose is not None:
         contents = Contents(compiled.models, purpose.application(), purpose.uses())
     if settings.with_configuration:
@@ -278,16 +323,6 @@ def _planned(
     asked = settings.options.data_bytes
     _check_size(target, plans, settings.limits.data_bytes if asked is None else asked)
     return plans
-
-
-def _lines(path: Path, *, provenance: bool) -> list[str]:
-    """The lines of a generated file as they are compared."""
-    if not path.is_file():
-        return []
-    text = path.read_text(encoding="utf-8")
-    if path.name == output.MANIFEST and not provenance:
-        text = output.without_provenance(text)
-    return text.splitlines(keepends=True)
 
 
 def limits_for(target: Target, max_array: int | None) -> Limits:
@@ -334,7 +369,7 @@ def _model_facts(model: ModelIR, compiled: Compiled) -> dict[str, Any]:
     layouts = {decision.model: decision.chosen for decision in compiled.decisions}
     trees = [op for op in model.ops if isinstance(op, TreeEnsemble)]
     kernels = [op for op in model.ops if isinstance(op, KernelSum)]
-    lower, upper = trained_range(model)
+    lower, upper = operating_range(model)
     return {
         "block": block_name(location.model),
         "block_outputs": list(location.outputs),
@@ -346,7 +381,13 @@ def _model_facts(model: ModelIR, compiled: Compiled) -> dict[str, Any]:
         "exact": model.exact,
         "accepts_nan": model.accepts_nan,
         "features": [
-            {"name": f.name, "unit": f.unit, "limited": f.lower is not None, "range": [float(low), float(high)]}
+            {
+                "name": f.name,
+                "unit": f.unit,
+                "limited": f.lower is not None,
+                "range": [float(low), float(high)],
+                "range_from": range_source(f).value,
+            }
             for f, low, high in zip(model.features, lower, upper, strict=True)
         ],
         "outputs": list(model.outputs),

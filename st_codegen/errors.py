@@ -6,8 +6,13 @@ so that one run reports all of them: see `Problems`.
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+#: So many messages of one kind are shown as one.
+_MANY_ALIKE = 8
 
 #: A message that collects problems shows so many of them.
 MOST_SHOWN = 50
@@ -90,12 +95,27 @@ class Problems:
             only = self.errors[0]
             text = str(only)
             raise only if text.startswith(self.subject) else with_subject(only, self.subject)
-        lines = "\n".join(f"  - {error}".replace("\n", "\n  ") for error in self.errors[:MOST_SHOWN])
-        if len(self.errors) > MOST_SHOWN:
-            lines += f"\n  - and {len(self.errors) - MOST_SHOWN} more"
+        shown = _grouped([str(error) for error in self.errors])
+        lines = "\n".join(f"  - {text}".replace("\n", "\n  ") for text in shown[:MOST_SHOWN])
+        if len(shown) > MOST_SHOWN:
+            lines += f"\n  - and {len(shown) - MOST_SHOWN} more"
         unsupported = all(isinstance(error, UnsupportedModelError) for error in self.errors)
         kind = UnsupportedModelError if unsupported else InputError
         raise kind(f"{self.subject}: {len(self.errors)} problems\n{lines}")
+
+
+def _grouped(messages: list[str]) -> list[str]:
+    """The messages; of many that differ in quoted names and numbers alone, the first with the count of the others."""
+    kinds = [re.sub(r"'[^']*'|\d+", "*", message) for message in messages]
+    counts = Counter(kinds)
+    shown: dict[tuple[str, int], str] = {}
+    for number, (kind, message) in enumerate(zip(kinds, messages, strict=True)):
+        if counts[kind] <= _MANY_ALIKE:
+            shown[kind, number] = message
+        else:
+            others = f"; and {counts[kind] - 1} more that differ in names and numbers only"
+            shown.setdefault((kind, 0), message + others)
+    return list(shown.values())
 
 
 class _Collector:

@@ -29,12 +29,12 @@ MAY_USE = {
     # the reader of Structured Text shares nothing with its writer: a shared formatter would hide a shared mistake
     "st": {"errors"},
     "cost": {"errors", "st", "files"},
-    "project": {"entries", "errors", "ir", "walkers", "passes", "emit"},
+    "project": {"entries", "errors", "files", "ir", "walkers", "passes", "emit"},
     "proof": {"threads", "entries", "errors", "files", "ir", "walkers", "passes", "emit", "st", "cost", "project"},
     # what a purpose and a target may bring of their own; entered into tables of the rooms above
     "te": {"errors", "files", "ir", "walkers", "passes", "emit", "project", "proof"},
     "beckhoff_ml": {"errors", "ir", "walkers", "passes", "emit", "st", "proof"},
-    "driver": {"errors", "ir", "passes", "emit", "project", "proof"},
+    "driver": {"errors", "files", "ir", "passes", "emit", "project", "proof"},
     # users of the compiler
     "report": {"errors", "files", "emit"},
     "campaign": {"errors", "files", "ir", "te"},
@@ -56,7 +56,7 @@ MAY_USE = {
     },
 }
 #: What stands on top and may use every room: the command line and the public functions.
-TOP = {"cli", "__init__", "__main__"}
+TOP = {"cli", "testing", "__init__", "__main__"}
 COMPILER = {"ir", "walkers", "passes", "emit", "project", "te", "beckhoff_ml", "driver"}
 
 

@@ -93,10 +93,11 @@ def _block(model: ModelIR, engines: tuple[Engine, ...], listing: Listing) -> Blo
         "outputs",
         "outputs",
         assignments=[
-            {"output": f"fOut{number + 1}", "value": ArrayElement("aResult", number), "cut": False}
-            for number in range(len(model.outputs))
+            {"output": variable, "value": ArrayElement("aResult", number), "cut": False}
+            for number, variable in enumerate(model.variables)
         ],
         ranged=is_ranged(model),
+        plausible=[],
     )
     closing = [f"Engine: {engine.template}, files {', '.join(engine_names(model, engines))}", _WITHIN]
     closing += [_SINGLE] if single else []

@@ -46,8 +46,23 @@ class Whole(click.IntRange):
 
 
 def models_argument(function: Command) -> Command:
-    """Add the argument MODELS to a command."""
-    return click.argument("models", type=click.Path(path_type=Path))(function)
+    """Add the argument MODELS to a command; the [build] table beside the models gives its options their defaults."""
+    return click.argument("models", type=click.Path(path_type=Path), is_eager=True, callback=_with_defaults)(function)
+
+
+#: Options of the command line by their names in [build], where these differ.
+_OPTION_OF = {"target": "targets", "entry": "entries"}
+
+
+def _with_defaults(context: click.Context, _: click.Parameter, models: Path) -> Path:
+    from st_codegen.project.configuration import read_configuration
+
+    build = read_configuration(models).build if models.exists() else {}
+    defaults = {_OPTION_OF.get(key, key): value for key, value in build.items()}
+    if "out" in defaults:  # where generate writes, the others read
+        defaults["generated"] = defaults["out"]
+    context.default_map = {**(context.default_map or {}), **defaults}
+    return models
 
 
 def trust_option(function: Command) -> Command:

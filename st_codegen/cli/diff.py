@@ -1,16 +1,17 @@
-"""`st-codegen diff`: what changed between two generated folders."""
+"""`st-codegen diff`: what changed between two generated folders, or two revisions of one."""
 
 from __future__ import annotations
 
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.table import Table
 
-from st_codegen.cli.console import Whole, console, progress_bar, quiet_option
+from st_codegen.cli.console import Whole, console, progress_bar, quiet_option, trust_option
+from st_codegen.cli.costs import profile_option
 from st_codegen.files.text import write_text
 
 if TYPE_CHECKING:
@@ -22,28 +23,57 @@ if TYPE_CHECKING:
     epilog="""\b
 Examples:
   st-codegen diff main/generated generated
-  st-codegen diff old/ new/ --json review.json     for a bot; without a name: on standard output""",
+  st-codegen diff old/ new/ --json review.json     for a bot; without a name: on standard output
+  st-codegen diff old/ new/ --html review.html --markdown review.md
+  st-codegen diff HEAD~1 HEAD models/              two revisions of git: models are compiled first""",
 )
-@click.argument("old", type=click.Path(path_type=Path))
-@click.argument("new", type=click.Path(path_type=Path))
+@click.argument("old")
+@click.argument("new")
+@click.argument("path", type=click.Path(path_type=Path), required=False)
 @click.option("-n", "--rows", type=Whole(min=1), default=10_000, show_default=True, help="Operating points.")
 @click.option("--json", "json_file", is_flag=False, flag_value="-", help="Write the review to this file, - for output.")
+@click.option("--html", type=click.Path(path_type=Path, dir_okay=False), help="Write a page with curves to this file.")
+@click.option(
+    "--markdown", "markdown_file", type=click.Path(path_type=Path, dir_okay=False), help="Write it as Markdown."
+)
+@profile_option
+@trust_option
 @quiet_option
-def command(old: Path, new: Path, rows: int, json_file: str | None, quiet: bool) -> None:
-    """Say what changed from OLD to NEW, two folders that `generate` wrote.
+def command(
+    old: str,
+    new: str,
+    path: Path | None,
+    rows: int,
+    json_file: str | None,
+    html: Path | None,
+    markdown_file: Path | None,
+    profile: str,
+    trust_pickle: bool,
+    quiet: bool,
+) -> None:
+    """Say what changed from OLD to NEW, two folders that `generate` wrote, or two revisions of the folder PATH.
 
     Models added, removed and changed; trees, nodes, support vectors, bytes, features and ranges before and after; and
-    how far each output moved over the trained range, with the place of the largest change. Exit code 1 on a difference.
+    how far each output moved over the operating range, with the place of the largest change. Exit code 1 on a
+    difference.
     """
+    from st_codegen.cli.revisions import two_states
+    from st_codegen.cost.profile import load_profile
     from st_codegen.proof.review import diff
 
-    with progress_bar("comparing", quiet=quiet) as progress:
-        found = diff(old, new, rows=rows, progress=progress)
+    machine = load_profile(profile)
+    with two_states(old, new, path, trust_pickle=trust_pickle) as states, progress_bar("", quiet=quiet) as progress:
+        found = diff(*states, rows=rows, profile=machine, progress=progress)
     text = json.dumps(found.as_json(), indent=1) + "\n"
     if json_file == "-":
         click.echo(text, nl=False)
     elif json_file is not None:
         write_text(Path(json_file), text)
+    if html is not None or markdown_file is not None:
+        from st_codegen.cli.pages import review_sections, write_pages
+
+        summary, sections = review_sections(found, _lines(found), draw=html is not None)
+        write_pages(f"From {old} to {new}", sections, summary, html, markdown_file)
     if not quiet and json_file != "-":
         _show(found)
     sys.exit(1 if found.changed else 0)
@@ -86,17 +116,24 @@ def _sentence(prefix: str, change: Change) -> str:
 def _text(value: object) -> str:
     """Features as name, unit and range; everything else as it is."""
     if isinstance(value, list) and value and isinstance(value[0], dict):
-        return ", ".join(f"{f['name']} [{f['unit']}] {f['range'][0]:g} .. {f['range'][1]:g}" for f in value)
+        return ", ".join(map(_feature, value))
     return str(value)
 
 
+def _feature(feature: dict[str, Any]) -> str:
+    """Name and unit of a feature, and its range where one is known."""
+    known = feature.get("range")
+    ends = "" if known is None else f" {known[0]:g} .. {known[1]:g}"
+    return f"{feature['name']} [{feature['unit']}]{ends}"
+
+
 def _table(models: list[ModelChange]) -> Table:
-    table = Table(title="change of the outputs over the trained range", title_justify="left")
-    for name in ("output", "largest", "mean", "largest at"):
+    table = Table(title="change of the outputs over the operating range", title_justify="left")
+    for name in ("output", "largest", "mean", "points that moved", "largest at"):
         table.add_column(name)
     for model in models:
         for output in model.outputs:
             name = model.name if len(model.outputs) == 1 else f"{model.name}[{output.output}]"
             where = ", ".join(f"{key} = {value:.6g}" for key, value in output.where.items())
-            table.add_row(name, f"{output.largest:.3g}", f"{output.mean:.3g}", where)
+            table.add_row(name, f"{output.largest:.3g}", f"{output.mean:.3g}", f"{output.moved:.1%}", where)
     return table

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ from rich.table import Table
 
 from st_codegen.cli.choices import TARGETS
 from st_codegen.cli.console import (
+    Whole,
     array_option,
     bytes_option,
     console,
@@ -26,6 +27,7 @@ from st_codegen.cli.costs import limits_table, price_table, print_budget
 
 if TYPE_CHECKING:
     from st_codegen.driver import Generated
+    from st_codegen.emit.output import FileChange
     from st_codegen.ir import OutputKind
     from st_codegen.passes.choose import CostFunction
 
@@ -66,6 +68,15 @@ Examples:
     is_flag=True,
     help="Write nothing; print a diff and exit 1 if the files are not up to date.",
 )
+@click.option("--stat", is_flag=True, help="With --check: a line for each file that is not up to date, no diff.")
+@click.option(
+    "--limit",
+    type=Whole(min=0),
+    default=1000,
+    show_default=True,
+    help="With --check: the most lines of the diff that are printed; 0 for all.",
+)
+@click.option("--force", is_flag=True, help="Overwrite generated files that were changed by hand.")
 @click.option(
     "--relayout",
     is_flag=True,
@@ -109,6 +120,9 @@ def command(
     targets: tuple[str, ...],
     out: Path,
     only_check: bool,
+    stat: bool,
+    limit: int,
+    force: bool,
     relayout: bool,
     provenance: bool,
     with_tests: bool,
@@ -129,7 +143,7 @@ def command(
     """
     from st_codegen.cost.profile import load_profile
     from st_codegen.cost.profile_files import DEFAULT
-    from st_codegen.driver import check, generate, limits_for
+    from st_codegen.driver import differences, generate, limits_for
     from st_codegen.emit.targets import target_named
     from st_codegen.passes.choose import Layout, Options, simple_cost
     from st_codegen.project.bundle import load
@@ -150,9 +164,9 @@ def command(
     pricing = {target.name: Pricing(target, limits_for(target, max_array), machine) for target in chosen}
     costs: dict[str, CostFunction] = {name: simple_cost if profile is None else own for name, own in pricing.items()}
     if only_check:
-        different = False
+        stale = False
         for target in chosen:
-            for line in check(
+            found = differences(
                 bundle,
                 target,
                 out,
@@ -163,10 +177,9 @@ def command(
                 cost=costs[target.name],
                 relayout=relayout,
                 provenance=provenance,
-            ):
-                different = True
-                click.echo(line if line.endswith("\n") else line + "\n", nl=False)
-        sys.exit(1 if different else 0)
+            )
+            stale |= _show(found, limit, stat=stat)
+        sys.exit(1 if stale else 0)
     for target in chosen:
         generated = generate(
             bundle,
@@ -178,6 +191,7 @@ def command(
             with_configuration=with_configuration,
             cost=costs[target.name],
             relayout=relayout,
+            force=force,
         )
         if not quiet:
             console.print(f"{generated.folder}: {len(generated.files)} file(s)", soft_wrap=True)
@@ -201,6 +215,24 @@ def command(
             print_budget(target.name, cost, None)
 
 
+def _show(found: Iterable[FileChange], limit: int, *, stat: bool) -> bool:
+    """Print differences, `limit` lines of them (0: all) or a line for each file; whether there is any."""
+    files = lines = 0
+    for difference in found:
+        files += 1
+        if stat:
+            more, fewer = difference.counts()
+            click.echo(f"{difference.path}: +{more:,} -{fewer:,} lines")
+            continue
+        for line in difference.lines():
+            lines += 1
+            if not limit or lines <= limit:
+                click.echo(line.rstrip("\n"))
+    if not stat and limit and lines > limit:
+        click.echo(f".. {lines - limit:,} more lines in {files:,} file(s); --limit 0 shows all, --stat a line a file")
+    return files > 0
+
+
 def _files_table(generated: Generated) -> Table:
     table = Table()
     table.add_column("file")
@@ -215,8 +247,6 @@ def _models_table(generated: Generated) -> Table:
     table = Table()
     for name in ("model", "layout", "block", "bytes of tables"):
         table.add_column(name, justify="right" if name.startswith("bytes") else "left")
-    for name, facts in generated.facts["models"].items():
-        size = generated.facts["blocks"].get(facts["block"], {}).get("data_bytes", 0)
-        shared = " (shared)" if facts["shared"] else ""
-        table.add_row(name, facts["layout"], facts["block"] + shared, f"{size:,}")
+    for row in generated.models():
+        table.add_row(*row)
     return table

@@ -22,6 +22,8 @@ _COMMANDS = {
     "train": Lazy("st_codegen.cli.train", "Learn from measured curves or a harmonic table; write a bundle of models."),
     "tables": Lazy("st_codegen.cli.tables", "Write the paper's tables 2 to 6 with our errors beside the authors'."),
     "generate": Lazy("st_codegen.cli.generate", "Compile a folder of models (or one file) to Structured Text."),
+    "doctor": Lazy("st_codegen.cli.doctor", "Show what is installed, what is missing, and how to get it."),
+    "init": Lazy("st_codegen.cli.init", "Write the configuration of a folder of models from what its files know."),
     "verify": Lazy("st_codegen.cli.verify", "Compare the generated text with the models' libraries; check its time."),
     "prove": Lazy("st_codegen.cli.prove", "Prove that the generated text equals its models for every input."),
     "predict": Lazy("st_codegen.cli.predict", "Predict the rows of a table by text, reference or library."),
@@ -82,7 +84,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     rest = [argument for argument in given if argument != _TRACEBACK]
     shows_traceback = len(rest) < len(given) or os.environ.get(_TRACEBACK_VARIABLE, "") not in ("", "0")
     try:
-        code = cli.main(args=rest, prog_name="st-codegen", standalone_mode=False)
+        code = cli.main(args=rest, obj=rest, prog_name="st-codegen", standalone_mode=False)
     except click.exceptions.Abort:
         _fail("stopped", _INTERRUPTED)
     except click.ClickException as error:

@@ -16,6 +16,7 @@ from st_codegen.cli.costs import cycle_option, entry_option, print_budget, print
 from st_codegen.files.text import write_text
 
 if TYPE_CHECKING:
+    from st_codegen.project.bundle import Bundle
     from st_codegen.proof.verify import ModelReport, VerifyReport
 
 
@@ -48,6 +49,7 @@ Examples:
 @click.option(
     "--json", "json_file", type=click.Path(path_type=Path, dir_okay=False), help="Write the report to this file."
 )
+@click.option("--html", type=click.Path(path_type=Path, dir_okay=False), help="Write a page to this file.")
 @trust_option
 @quiet_option
 def command(
@@ -60,6 +62,7 @@ def command(
     profile: str,
     entries: tuple[str, ...],
     json_file: Path | None,
+    html: Path | None,
     trust_pickle: bool,
     quiet: bool,
 ) -> None:
@@ -81,6 +84,8 @@ def command(
         report = verify(bundle, generated, rows=rows, seed=seed, budget=budget, progress=progress, jobs=jobs)
     if json_file is not None:
         write_text(json_file, json.dumps(report.as_json(), indent=1) + "\n")
+    if html is not None:
+        _write_page(html, models, report, bundle)
     if not quiet:
         console.print(_table(report))
         for target, note in report.notes.items():
@@ -99,12 +104,7 @@ def command(
             console.print(_open_rows(model), end="", soft_wrap=True)
         for line in _failures(model):
             console.print(Text.assemble((model.name, "red"), f": {line}"), soft_wrap=True)
-    for target, cost in report.over_budget.items():
-        print_budget(target, cost, report.cycle_us)
-    if cycle_us is not None and not quiet:
-        for target, cost in report.costs.items():
-            if target not in report.over_budget:
-                print_verdict(target, cost, cycle_us)
+    _print_times(report, cycle_us, quiet=quiet)
     sys.exit(0 if report.passed else 1)
 
 
@@ -126,6 +126,23 @@ def _open_rows(model: ModelReport) -> str:
     for row in model.open_examples:
         lines.append(f"  {list(row.input)}: library {row.library!r}, reference {row.reference!r}")
     return "\n".join(lines) + "\n"
+
+
+def _print_times(report: VerifyReport, cycle_us: float | None, *, quiet: bool) -> None:
+    """Who spends what in the cycles that do not fit, a line for those that do."""
+    for target, cost in report.over_budget.items():
+        print_budget(target, cost, report.cycle_us)
+    if cycle_us is not None and not quiet:
+        for target, cost in report.costs.items():
+            if target not in report.over_budget:
+                print_verdict(target, cost, cycle_us)
+
+
+def _write_page(path: Path, models: Path, report: VerifyReport, bundle: Bundle) -> None:
+    from st_codegen.cli.pages import verify_sections, write_pages
+
+    summary, sections = verify_sections(report, bundle)
+    write_pages(f"Verification of {models}", sections, summary, path, None)
 
 
 def _print_remarks(report: VerifyReport) -> None:

@@ -74,17 +74,17 @@ def unit_text(unit: str, what: str) -> str:
     return check_text(unit.translate(_UNITS), what)
 
 
-def identifier(name: str, what: str) -> str:
+def identifier(name: str, what: str, prefix: str = "") -> str:
     """`name` as the inner part of an ST identifier: blanks and punctuation become single underscores.
 
-    Raises InputError, naming `what` it is, for an empty or over-long name, a keyword, non-ASCII and what `check_text`
-    refuses.
+    `prefix` is what will stand in front of it: FB_Log is a name, though LOG is a reserved word. Raises InputError,
+    naming `what` it is, for an empty or over-long name, a keyword, non-ASCII and what `check_text` refuses.
     """
     check_text(name, what)
     text = re.sub(r"_+", "_", re.sub(r"[^A-Za-z0-9_]", "_", name)).strip("_")
     if not text:
         raise InputError(f"{what} {name!r} has no letter or digit: rename it")
-    if text.upper() in KEYWORDS:
+    if (prefix + text).upper() in KEYWORDS:
         raise InputError(f"{what} {name!r} is a reserved word of Structured Text: rename it")
     if len(text) > MAX_IDENTIFIER:
         raise InputError(f"{what} {name!r} is longer than {MAX_IDENTIFIER} characters: shorten it")

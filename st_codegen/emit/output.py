@@ -1,17 +1,20 @@
 """Writing generated files: staged in a temporary folder, moved into place, never half a project.
 
-`st-codegen.json` beside the generated files lists them with their SHA-256, so that a later run removes what is no
-longer generated and leaves the user's own files alone, to which a generated file belongs once it was changed by hand.
+`st-codegen.json` beside the generated files lists them with the SHA-256 of their content (`traces`), so that a later
+run removes what is no longer generated and leaves the user's own files alone, to which a generated file belongs once it
+was changed by hand.
 """
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
+import difflib
 import hashlib
 import json
 import os
 import shutil
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -19,12 +22,15 @@ from typing import Any
 
 from st_codegen.emit.blocks.model import block_name
 from st_codegen.emit.render import RenderedFile
+from st_codegen.emit.traces import without_traces
 from st_codegen.errors import GeneratedCodeError, InputError
 from st_codegen.files.temporary import temporary_folder
 from st_codegen.ir import ModelIR, OutputKind
 
 MANIFEST = "st-codegen.json"
 _FORMAT = 1
+#: Lines of a change by hand that a message shows
+_SHOWN = 30
 #: What the manifest calls the facts of the models' purpose, whatever the purpose is: named after the first one.
 PURPOSE = "transmission_error"
 #: The files that the models were read from, with their SHA-256; a file saved again may hold the same model.
@@ -36,7 +42,7 @@ _FACTS = ("models", "blocks", PURPOSE, CHOICES, PROVENANCE)
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a generated folder contains: files with their SHA-256, and the facts of the project (`driver.facts`)."""
+    """What a generated folder contains: files with the SHA-256 of their content, and the project's `driver.facts`."""
 
     files: Mapping[str, str]
     facts: Mapping[str, Any]
@@ -68,7 +74,7 @@ def read_manifest(folder: Path) -> Manifest | None:
     return manifest
 
 
-def without_provenance(text: str) -> str:
+def _without_provenance(text: str) -> str:
     """The text of a manifest without the hashes of the model files; what is no manifest stays as it is."""
     try:
         content = json.loads(text)
@@ -140,15 +146,17 @@ def staged(parent: Path, files: Iterable[RenderedFile], facts: Mapping[str, Any]
 
 
 def _write(path: Path, pieces: Iterable[str]) -> str:
-    """Write a text piece by piece; returns its SHA-256."""
+    """Write a text piece by piece; returns the SHA-256 of its content, which editors' traces do not change."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    digest = hashlib.sha256()
     with path.open("wb") as file:
         for piece in pieces:
-            data = piece.encode("utf-8")
-            digest.update(data)
-            file.write(data)
-    return digest.hexdigest()
+            file.write(piece.encode("utf-8"))
+    return hashlib.sha256(content_of(path)).hexdigest()
+
+
+def content_of(path: Path) -> bytes:
+    """The content of a generated file, by which it is compared: without the traces of editors."""
+    return without_traces(path.name, path.read_bytes())
 
 
 def generated_names(folder: Path) -> list[str]:
@@ -168,7 +176,7 @@ def check_place(folder: Path) -> None:
         raise InputError(f"{folder} is a file; the generated files need a folder of this name")
 
 
-def install(stage: Path, folder: Path) -> tuple[str, ...]:
+def install(stage: Path, folder: Path, *, force: bool = False) -> tuple[str, ...]:
     """Put a staged folder in place of `folder`; files in `folder` that are not generated are kept.
 
     Returns the files of an earlier run that are no longer generated and are kept all the same, since they have been
@@ -176,12 +184,15 @@ def install(stage: Path, folder: Path) -> tuple[str, ...]:
 
     The new folder is completed beside the old one and exchanged with it in one step (two where the system cannot), so
     that a crash leaves the old project or the new one. Raises InputError where a file of the user's has the name of a
-    generated one.
+    generated one, and, without `force`, where a generated file that is not as it would be written now was changed by
+    hand: it shows the change.
     """
     check_place(folder)
     if not folder.exists():
         stage.rename(folder)
         return ()
+    if not force:
+        _refuse_to_lose_changes(folder, stage)
     changed = _keep_user_files(folder, stage)
     if _exchange(stage, folder):
         shutil.rmtree(stage)
@@ -224,20 +235,73 @@ def _keep_user_files(folder: Path, stage: Path) -> tuple[str, ...]:
                 target.parent.mkdir(parents=True, exist_ok=True)
                 _link(path, target)
         elif target.exists() and _same_content(path, target):
-            shutil.copystat(path, target)
+            shutil.copy2(path, target)  # with its traces and times, so that no tool reloads it
     return tuple(name for name in changed if os.path.lexists(folder / name))
 
 
 def _is_as_written(path: Path, sha256: str) -> bool:
-    """Whether a file still has the content that was written; line ends do not count, version control changes them."""
+    """Whether a file still has the content that was written."""
     if path.is_symlink() or not path.is_file():
         return False
-    data = path.read_bytes()
-    return sha256 in (hashlib.sha256(text).hexdigest() for text in (data, data.replace(b"\r\n", b"\n")))
+    return sha256 in (hashlib.sha256(text).hexdigest() for text in (content_of(path), path.read_bytes()))
 
 
 def _same_content(path: Path, target: Path) -> bool:
-    return path.is_file() and target.is_file() and path.read_bytes() == target.read_bytes()
+    return path.is_file() and target.is_file() and content_of(path) == content_of(target)
+
+
+def _refuse_to_lose_changes(folder: Path, stage: Path) -> None:
+    """Raises InputError where a generated file that was changed by hand would be overwritten by another text."""
+    manifest = read_manifest(folder)
+    lost = [
+        name
+        for name, sha256 in ({} if manifest is None else manifest.files).items()
+        if (folder / name).is_file() and (stage / name).is_file()
+        if not _is_as_written(folder / name, sha256) and not _same_content(folder / name, stage / name)
+    ]
+    if not lost:
+        return
+    lines = [line for name in lost for line in FileChange.between(name, folder, stage).lines()]
+    shown = "\n".join(line.rstrip("\n") for line in lines[:_SHOWN])
+    more = f"\n.. and {len(lines) - _SHOWN} more lines" if len(lines) > _SHOWN else ""
+    raise InputError(
+        f"{len(lost)} generated file{' was' if len(lost) == 1 else 's were'} changed by hand and would be overwritten: "
+        f"{', '.join(str(folder / name) for name in lost)}. Put the change into the model or the configuration, or "
+        f"into a file of your own; --force overwrites. On disk (-) and as generated now (+):\n{shown}{more}"
+    )
+
+
+@dataclass(frozen=True)
+class FileChange:
+    """A generated file on disk and as it would be written now, line by line, without editors' traces."""
+
+    path: Path
+    before: tuple[str, ...]
+    after: tuple[str, ...]
+
+    @classmethod
+    def between(cls, name: str, folder: Path, stage: Path, *, provenance: bool = False) -> FileChange:
+        """The file of a name in the generated folder and in the staged one; empty where it is in one only."""
+        return cls(folder / name, *(_lines(root / name, provenance=provenance) for root in (folder, stage)))
+
+    def lines(self) -> Iterator[str]:
+        """The unified diff."""
+        return difflib.unified_diff(self.before, self.after, f"{self.path} (on disk)", f"{self.path} (generated)")
+
+    def counts(self) -> tuple[int, int]:
+        """How many lines only the new and only the old text has, wherever they stand."""
+        before, after = Counter(self.before), Counter(self.after)
+        return (after - before).total(), (before - after).total()
+
+
+def _lines(path: Path, *, provenance: bool) -> tuple[str, ...]:
+    """The lines of a generated file as they are compared."""
+    if not path.is_file():
+        return ()
+    text = content_of(path).decode("utf-8", errors="backslashreplace")
+    if path.name == MANIFEST and not provenance:
+        text = _without_provenance(text)
+    return tuple(text.splitlines(keepends=True))
 
 
 def _holds_user_files(path: Path, folder: Path, ours: set[str]) -> bool:

@@ -37,6 +37,7 @@ from st_codegen.ir.digest import digest
 from st_codegen.ir.model import (
     Feature,
     ModelIR,
+    Output,
     Source,
 )
 from st_codegen.ir.operations import (
@@ -95,6 +96,7 @@ __all__ = [
     "Normalize",
     "Operation",
     "Operator",
+    "Output",
     "OutputKind",
     "Precision",
     "Quotient",

@@ -12,8 +12,8 @@ import numpy as np
 
 from st_codegen.ir.model import ModelIR
 
-#: What says where a model comes from and what it is called, not what it computes.
-_LABELS = frozenset({"name", "source"})
+#: What says where a model comes from, what it is called and on which data it was trained, not what it computes.
+_LABELS = frozenset({"source", "seen"})
 
 
 def digest(model: ModelIR) -> str:
@@ -23,7 +23,7 @@ def digest(model: ModelIR) -> str:
     that have their default value do not count, so that a new field of an operation leaves the digests as they are.
     """
     found = hashlib.sha256()
-    _add(model, found.update)
+    _add(dataclasses.replace(model, name="m"), found.update)
     return found.hexdigest()
 
 

@@ -15,15 +15,24 @@ from st_codegen.ir.decisions import Classes
 class Feature:
     """One input of a model.
 
-    `lower` and `upper` are the trained range in `unit`; a lone model declares none.
+    `lower` and `upper` are the range to which the generated block limits the input, in `unit`; a lone model declares
+    none. `flagged` is a range outside of which bInRange is FALSE and the input stays as it is. `seen` is the range of
+    the training data where it is known: nothing is limited to it. `variable` is the name of the block's input where it
+    is not made of `name`.
     """
 
     name: str
     unit: str = ""
     lower: float | None = None
     upper: float | None = None
+    variable: str = ""
+    flagged: tuple[float, float] | None = None
+    seen: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
+        for low, high in filter(None, (self.flagged, self.seen)):
+            if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+                raise InputError(f"feature '{self.name}': the range {low} .. {high} is empty or not finite")
         for bound in (self.lower, self.upper):
             if bound is not None and not math.isfinite(bound):
                 raise InputError(f"feature '{self.name}': the range {self.lower} .. {self.upper} is not finite")
@@ -35,6 +44,21 @@ class Feature:
     def is_below(self, magnitude: float) -> bool:
         """Whether the trained range keeps the input below a magnitude."""
         return self.lower is not None and self.upper is not None and max(-self.lower, self.upper) < magnitude
+
+    @property
+    def checked(self) -> tuple[float, float] | None:
+        """The range outside of which bInRange is FALSE."""
+        return self.flagged if self.lower is None or self.upper is None else (self.lower, self.upper)
+
+
+@dataclass(frozen=True)
+class Output:
+    """One output of a model: the block's variable, its unit, and what is plausible (None: everything)."""
+
+    variable: str
+    unit: str = ""
+    lower: float | None = None
+    upper: float | None = None
 
 
 @dataclass(frozen=True)
@@ -54,7 +78,7 @@ class Source:
     notes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ModelIR:
     """One trained model: features in, numbers out.
 
@@ -62,8 +86,8 @@ class ModelIR:
     refuses the row. `magnitude_limits`: for each feature, the magnitude from which on the library refuses an input
     (infinity: it refuses infinities only; None: it takes everything). Empty: it takes everything. `accepted`: for each
     feature the closed interval of numbers for which there is an answer (None, or empty: no interval), once the feature
-    is limited to its declared range.
-    `classes`: the labels of a classifier, whose first output is the number of one of them.
+    is limited to its declared range. `ports` are the block's outputs where the user named them. `classes`: the labels
+    of a classifier, whose first output is the number of one of them.
     """
 
     name: str
@@ -75,8 +99,13 @@ class ModelIR:
     magnitude_limits: tuple[float | None, ...] = ()
     accepted: tuple[tuple[float, float] | None, ...] = ()
     classes: Classes | None = None
+    ports: tuple[Output, ...] = ()
 
     def __post_init__(self) -> None:
+        if self.ports and self.classes is not None:
+            raise InputError(f"model '{self.name}': the outputs of a classifier cannot be named")
+        if self.ports and len(self.ports) != len(self.outputs):
+            raise InputError(f"model '{self.name}': {len(self.ports)} outputs described, it has {len(self.outputs)}")
         if not self.features:
             raise InputError(f"model '{self.name}' has no features")
         if not self.magnitude_limits:
@@ -117,6 +146,22 @@ class ModelIR:
     def reads_ranks(self, op: Operation) -> bool:
         """Whether the only operand of an operation is a list of ranks."""
         return len(op.inputs) == 1 and op.inputs[0] > 0 and isinstance(self.ops[op.inputs[0] - 1], Rank)
+
+    def __repr__(self) -> str:
+        """What it is in a line; the numbers of a model fill pages."""
+        ops = ", ".join(dict.fromkeys(type(op).__name__ for op in self.ops))
+        return f"ModelIR({self.name!r}: {len(self.features)} features -> {ops} -> {len(self.outputs)} outputs)"
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """The block's output for each output of the model: fOut1, .. where the user gave no name.
+
+        A classifier has nClass in front of them.
+        """
+        if self.ports:
+            return tuple(port.variable for port in self.ports)
+        first = 1 if self.classes is None else 0
+        return tuple(f"fOut{first + n}" if first + n else "nClass" for n in range(len(self.outputs)))
 
     @property
     def exact(self) -> bool:

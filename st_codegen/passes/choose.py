@@ -43,7 +43,8 @@ class Options:
     `max_array`: elements of an array that the target holds; longer lists of thresholds have no layout.
     `outputs_per_cycle`: models are
     spread over successive calls, at most so many outputs in each (one model is never cut); None: all in every call.
-    `data_bytes`: of all tables that are printed, more is an error; None: what the target says.
+    `data_bytes`: of all tables that are printed, more is an error; None: what the target says. `layouts`: what is
+    asked for single models, by their names, in place of `layout`.
     """
 
     layout: Layout = Layout.AUTO
@@ -52,6 +53,7 @@ class Options:
     max_array: int = 65_536
     outputs_per_cycle: int | None = None
     data_bytes: int | None = None
+    layouts: Mapping[str, Layout] = field(default_factory=dict)
 
 
 #: A layout that is in place gives way to one that takes at most this share of its time.

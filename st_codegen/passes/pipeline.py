@@ -156,15 +156,16 @@ def _decide(model: ModelIR, options: Options, cost: CostFunction, earlier: str |
     on_grid = factored(model)
     if on_grid is not None and _fits(on_grid, options):
         candidates.append(priced("factored kernel", on_grid, cost))
-    on_ranks = None if options.layout is Layout.TREES else _on_ranks(model, options)
+    layout = options.layouts.get(model.name, options.layout)
+    on_ranks = None if layout is Layout.TREES else _on_ranks(model, options)
     if on_ranks is not None:
         ranked_trees = priced("ranked trees", on_ranks, cost)
-        candidates = [ranked_trees] if options.layout is Layout.RANKED else [*candidates, ranked_trees]
-    if options.layout in (Layout.AUTO, Layout.TABLE):
+        candidates = [ranked_trees] if layout is Layout.RANKED else [*candidates, ranked_trees]
+    if layout in (Layout.AUTO, Layout.TABLE):
         found = _cells(model, options, earlier)
         if found is not None:
             table = priced("table", tables.as_model(model, found), cost)
-            candidates = [table] if options.layout is Layout.TABLE else [*candidates, table]
+            candidates = [table] if layout is Layout.TABLE else [*candidates, table]
     best = preferred(candidates, earlier)
     others = sorted((c for c in candidates if c is not best), key=lambda c: c.cost.nanoseconds)
     return LayoutDecision(model.name, best.layout, (best, *others), earlier)

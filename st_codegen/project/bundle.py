@@ -2,38 +2,54 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import tomllib
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from st_codegen.emit.literals import identifier
 from st_codegen.entries import Entries
 from st_codegen.errors import InputError, Problems, with_subject
-from st_codegen.ir import ModelIR, OutputKind
+from st_codegen.files.html_text import html_table
+from st_codegen.ir import ModelIR, OutputKind, digest
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.passes.inexact import without_inexact_steps
 from st_codegen.passes.outputs import with_outputs
+from st_codegen.project.configuration import CONFIGURATION_FILE, Configuration, read_configuration
 from st_codegen.project.purpose import Purpose
 from st_codegen.walkers.base import LoadedModel
 from st_codegen.walkers.files import known_formats, load_model, suffixes
+from st_codegen.walkers.objects import from_estimator
 
 #: Called with (number of files done, number of files, name of the next one).
 Progress = Callable[[int, int, str], None]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Bundle:
     """Models ready for compilation, in the order of their names, and what they are for (None: each stands alone)."""
 
     models: tuple[LoadedModel, ...]
     purpose: Purpose | None = None
+    configuration: Configuration = field(default_factory=Configuration)
 
     @property
     def irs(self) -> tuple[ModelIR, ...]:
         """The models as the compiler sees them."""
         return tuple(model.ir for model in self.models)
+
+    def __repr__(self) -> str:
+        return f"Bundle({', '.join(model.name for model in self.irs)})"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (m.name, m.source.model_class, ", ".join(f.name for f in m.features), str(len(m.outputs)), m.source.file)
+            for m in self.irs
+        ]
+        return html_table(f"{len(rows)} models", ("model", "class", "features", "outputs", "file"), rows)
 
 
 @dataclass(frozen=True)
@@ -72,13 +88,15 @@ Outputs = Collection[OutputKind] | Mapping[str, Collection[OutputKind]]
 
 
 def load(
-    folder: Path | str,
+    models: Any,
     *,
     trust_pickle: bool = False,
     outputs: Outputs = (OutputKind.CLASS,),
     progress: Progress | None = None,
 ) -> Bundle:
-    """Load a folder of models (or one model file).
+    """Load a folder of models (or one model file), as the `st-codegen.toml` beside them says where there is one.
+
+    `models` may also be a fitted estimator, which is then called `model`, or a dictionary of estimators by their names.
 
     `outputs` says what classifiers give beside the number of the class; each costs what it takes to compute it, and
     models that are no classifiers have none of these. A `bundle.toml` with nothing but a table `[outputs]` says so for
@@ -88,44 +106,78 @@ def load(
     each file. Raises one InputError that lists everything that is wrong: files, models, names, and the description of
     what the models are for.
     """
-    folder, reading = Path(folder), Reading(trust_pickle, progress)
+    if not isinstance(models, str | os.PathLike):
+        return _from_memory(models if isinstance(models, Mapping) else {"model": models}, outputs)
+    folder, reading = Path(models), Reading(trust_pickle, progress)
     if not folder.exists():
         raise InputError(f"{folder}: no such folder")
     own: dict[str, tuple[OutputKind, ...]] = {}
+    configuration = read_configuration(folder)
     for name, read in READERS.items():
         if folder.is_dir() and os.path.lexists(folder / name):
             found = _outputs_in(folder / name)
-            if found is None:
-                return read(folder / name, reading)
-            own = found
+            if found is not None:
+                own = found
+                continue
+            if configuration.describes_models:
+                raise InputError(
+                    f"{folder / CONFIGURATION_FILE}: {name} describes these models; only [build] has a use beside it"
+                )
+            return dataclasses.replace(read(folder / name, reading), configuration=configuration)
     known = suffixes()
     files = [folder] if folder.is_file() else sorted(p for p in folder.iterdir() if p.suffix.lower() in known)
+    files = [path for path in files if not configuration.leaves_out(path)]
     if not files:
         raise InputError(f"{folder}: no model files; supported are {known_formats()}")
     problems = Problems(str(folder))
-    check_names([path.stem for path in files], problems)
-    models = reading.models({path.stem: path for path in files}, problems)
+    named = {path.name: configuration.model_name(path.name) for path in files}
+    check_names(named, problems)
+    models = reading.models({named[path.name]: path for path in files}, problems)
     for name in own:
-        if name not in (path.stem for path in files):
+        if name not in named.values():
             problems.add(f"[outputs] names '{name}', but there is no such model")
     wanted = outputs if isinstance(outputs, Mapping) else {name: own.get(name, outputs) for name in models}
-    finished = tuple(_finished(model, wanted, problems) for model in models.values())
+    finished = tuple(_finished(model, configuration, wanted, problems) for model in models.values())
+    if folder.is_dir() and not problems.errors:
+        features = {m.ir.source.file: tuple(f.name for f in m.ir.features) for m in models.values()}
+        configuration.check_used(features, problems)
     problems.raise_if_any()
-    return Bundle(finished)
+    return Bundle(finished, configuration=configuration)
 
 
-def check_names(names: Sequence[str], problems: Problems) -> None:
-    """Names must differ as Structured Text sees them: without case, punctuation as underscores."""
+def _from_memory(estimators: Mapping[str, Any], outputs: Outputs) -> Bundle:
+    """Fitted estimators, by name, as a bundle."""
+    problems = Problems("models")
+    check_names({name: name for name in estimators}, problems)
+    found = []
+    for name, estimator in estimators.items():
+        with problems.collect(name):
+            loaded = from_estimator(estimator, name)
+            source = dataclasses.replace(loaded.ir.source, digest=digest(loaded.ir))
+            model = LoadedModel(dataclasses.replace(loaded.ir, source=source), loaded.predict)
+            found.append(_finished(model, Configuration(), outputs, problems))
+    problems.raise_if_any()
+    return Bundle(tuple(sorted(found, key=lambda model: model.ir.name)))
+
+
+def check_names(names: Mapping[str, str], problems: Problems) -> None:
+    """Names must differ as Structured Text sees them: without case, punctuation as underscores.
+
+    `names` has the name of the model in each file.
+    """
     taken: dict[str, str] = {}
-    for name in names:
+    for file, name in names.items():
         with problems.collect():
-            key = identifier(name, "model name").lower()
-            if key in taken:
+            try:
+                text = identifier(name, "model name", "FB_")
+            except InputError as error:
+                raise InputError(f"{file}: {error}, or give it a name in {CONFIGURATION_FILE}") from None
+            other = taken.setdefault(text.lower(), file)
+            if other != file:
                 raise InputError(
-                    f"two models would be called FB_{identifier(name, 'model name')}: {taken[key]} and {name}; "
-                    "rename one of the files"
+                    f"two models would be called FB_{text}: {other} and {file}; rename one of the files, or give it a "
+                    f"name in {CONFIGURATION_FILE}"
                 )
-            taken[key] = name
 
 
 def _outputs_in(path: Path) -> dict[str, tuple[OutputKind, ...]] | None:
@@ -144,9 +196,11 @@ def _outputs_in(path: Path) -> dict[str, tuple[OutputKind, ...]] | None:
     return found
 
 
-def _finished(model: LoadedModel, outputs: Mapping[str, Collection[OutputKind]], problems: Problems) -> LoadedModel:
-    """The model with the outputs that are wanted, the limits of its inputs, and its trees on the inputs themselves."""
+def _finished(model: LoadedModel, configuration: Configuration, outputs: Outputs, problems: Problems) -> LoadedModel:
+    """The model as it is configured, with the outputs that are wanted and the limits of its inputs."""
     with problems.collect():
-        ir, columns = with_outputs(model.ir, outputs.get(model.ir.name, ()))
-        return LoadedModel(without_inexact_steps(limit_inputs(ir)), lambda x: model.predict(x)[:, columns])
+        wanted = outputs.get(model.ir.name, ()) if isinstance(outputs, Mapping) else outputs
+        ir, columns = with_outputs(model.ir, wanted)
+        ir = limit_inputs(configuration.applied(ir))
+        return LoadedModel(without_inexact_steps(ir), lambda x: model.predict(x)[:, columns])
     return model

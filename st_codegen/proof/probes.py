@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from functools import singledispatch
 
 import numpy as np
 
 from st_codegen.ir import (
+    Feature,
     FloatArray,
     KernelSum,
     ModelIR,
@@ -57,7 +59,7 @@ def probe_rows(model: ModelIR, rows: int, seed: int = 0, *, sampled: bool = Fals
     thresholds only as many as there is room for, drawn at random.
     """
     random = np.random.default_rng(seed)
-    lower, upper = trained_range(model)
+    lower, upper = operating_range(model)
     points = _critical_points(model)
     special = _special_rows(lower, upper, random)
     edges = _rows_of([near for near, _ in points], lower, upper, random)
@@ -89,13 +91,33 @@ def _rows_of(points: list[FloatArray], lower: FloatArray, upper: FloatArray, ran
     return rows
 
 
-def trained_range(model: ModelIR) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper ends of each feature: as declared, else as the thresholds, vectors and scalers suggest."""
+def operating_range(model: ModelIR) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper ends of each feature, between which models are tried.
+
+    As declared, else of the training data where they are known, else (`RangeSource.GUESS`) as the thresholds, vectors
+    and scalers suggest.
+    """
     low, high = _suggested_range(model)
     for number, feature in enumerate(model.features):
-        if feature.lower is not None and feature.upper is not None:
-            low[number], high[number] = feature.lower, feature.upper
+        known = feature.checked or feature.seen
+        if known is not None:
+            low[number], high[number] = known if known[0] < known[1] else (known[0] - 1.0, known[1] + 1.0)
     return low, high
+
+
+class RangeSource(StrEnum):
+    """What the range of a feature is known from."""
+
+    DECLARED = "configuration"
+    DATA = "training data"
+    GUESS = "guess from the model's numbers"
+
+
+def range_source(feature: Feature) -> RangeSource:
+    """What the operating range of a feature is known from."""
+    if feature.checked is not None:
+        return RangeSource.DECLARED
+    return RangeSource.GUESS if feature.seen is None else RangeSource.DATA
 
 
 def _special_rows(lower: FloatArray, upper: FloatArray, random: np.random.Generator) -> FloatArray:

@@ -13,14 +13,20 @@ from typing import Any
 
 import numpy as np
 
+from st_codegen.cost.profile import Profile
+from st_codegen.cost.report import project_cost
 from st_codegen.emit.output import Manifest, read_manifest
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import FloatArray
+from st_codegen.proof.probes import RangeSource
 from st_codegen.proof.runner import GeneratedCode, target_folders
 
 #: Called with (number done, total, what is next).
 Progress = Callable[[int, int, str], None]
+
+#: Points of a curve
+_CURVE = 120
 
 #: Facts of a model that are compared one by one, with their labels.
 _FACTS = {
@@ -36,6 +42,7 @@ _FACTS = {
     "nodes": "nodes",
     "support_vectors": "support vectors",
     "table_bytes": "bytes of tables",
+    "worst_us": "worst case with cold caches, us",
 }
 
 
@@ -49,18 +56,37 @@ class Change:
 
 
 @dataclass(frozen=True)
+class Sweep:
+    """An output before and after along one feature, the others as at the point of the largest change."""
+
+    feature: str
+    x: tuple[float, ...]
+    before: tuple[float, ...]
+    after: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class OutputChange:
-    """How one output moved over the trained range; `where` is the operating point of the largest change."""
+    """How one output moved over the operating range; `where` is the operating point of the largest change.
+
+    `moved` is the share of the tried points at which the output is another number.
+    """
 
     output: str
     largest: float
     mean: float
     where: dict[str, float]
+    moved: float = 0.0
+    curves: tuple[Sweep, ...] = ()
 
 
 @dataclass(frozen=True)
 class ModelChange:
-    """What changed in one model that both folders have. `rows_lost`: points that only the old text answered."""
+    """What changed in one model that both folders have.
+
+    `rows_lost`: points that only the old text answered; `guessed`: features whose operating range is not known, so that
+    the points lie where the model's own numbers are.
+    """
 
     name: str
     facts: tuple[Change, ...]
@@ -69,6 +95,7 @@ class ModelChange:
     rows_lost: int
     rows_gained: int
     text_changed: bool
+    guessed: tuple[str, ...] = ()
 
     @property
     def changed(self) -> bool:
@@ -97,21 +124,31 @@ class Review:
         return bool(self.added or self.removed or self.project or self.files or any(m.changed for m in self.models))
 
     def as_json(self) -> dict[str, Any]:
-        """Everything, with `changed` on top."""
-        return {"changed": self.changed, **asdict(self)}
+        """Everything but the curves, with `changed` on top."""
+        content = {"changed": self.changed, **asdict(self)}
+        for output in (output for model in content["models"] for output in model["outputs"]):
+            del output["curves"]
+        return content
 
 
 def diff(
-    old: Path | str, new: Path | str, *, rows: int = 10_000, seed: int = 0, progress: Progress | None = None
+    old: Path | str,
+    new: Path | str,
+    *,
+    rows: int = 10_000,
+    seed: int = 0,
+    profile: Profile | None = None,
+    progress: Progress | None = None,
 ) -> Review:
     """Compare two folders that `generate` wrote, on the first target that both have.
 
-    Raises GeneratedCodeError where a folder holds no generated files, or they have no target in common.
+    With a `profile` the worst case of each model's block is compared too. Raises GeneratedCodeError where a folder
+    holds no generated files, or they have no target in common.
     """
     before, after = _common_target(Path(old), Path(new))
     manifests = [_manifest(folder) for folder in (before, after)]
     codes = [GeneratedCode(folder, TARGETS[folder.name].dialect) for folder in (before, after)]
-    models = [_with_sizes(manifest, code) for manifest, code in zip(manifests, codes, strict=True)]
+    models = [_with_sizes(manifest, code, profile) for manifest, code in zip(manifests, codes, strict=True)]
     common = sorted(set(models[0]) & set(models[1]))
     changes = []
     for number, name in enumerate(common):
@@ -151,13 +188,16 @@ def _manifest(folder: Path) -> Manifest:
     return manifest
 
 
-def _with_sizes(manifest: Manifest, code: GeneratedCode) -> dict[str, dict[str, Any]]:
-    """The facts of the models, with what their tables take in memory by the text itself (not of a shared block's)."""
-    models = manifest.facts["models"]
-    return {
-        name: facts if facts.get("shared") else {**facts, "table_bytes": code.table_bytes(facts["block"])}
-        for name, facts in models.items()
-    }
+def _with_sizes(manifest: Manifest, code: GeneratedCode, profile: Profile | None) -> dict[str, dict[str, Any]]:
+    """The facts of the models, with what their blocks take in memory and time by the text (not of a shared block's)."""
+    models: dict[str, dict[str, Any]] = manifest.facts["models"]
+    own = {name: facts["block"] for name, facts in models.items() if not facts.get("shared")}
+    more: dict[str, dict[str, Any]] = {name: {"table_bytes": code.table_bytes(block)} for name, block in own.items()}
+    if profile is not None and own:
+        costs = project_cost(code.project, profile, sorted(set(own.values()))).blocks
+        for name, block in own.items():
+            more[name]["worst_us"] = round(costs[block].cold_us, 2)
+    return {name: {**facts, **more.get(name, {})} for name, facts in models.items()}
 
 
 def _changed_files(before: tuple[Path, Manifest], after: tuple[Path, Manifest]) -> dict[str, str]:
@@ -178,7 +218,9 @@ def _compare_model(
 ) -> ModelChange:
     old, new = facts
     changes = tuple(
-        Change(label, old.get(key), new.get(key)) for key, label in _FACTS.items() if old.get(key) != new.get(key)
+        Change(label, _known(old.get(key)), _known(new.get(key)))
+        for key, label in _FACTS.items()
+        if _known(old.get(key)) != _known(new.get(key))
     )
     text_changed = codes[0].text(old["block"]) != codes[1].text(new["block"])
     same_shape = len(old["features"]) == len(new["features"]) and len(old["outputs"]) == len(new["outputs"])
@@ -194,11 +236,29 @@ def _compare_model(
     if new.get("shared"):  # the text is that of other models too
         text_changed = bool(changes or np.any(difference) or np.any(results[0].valid != results[1].valid))
     names = [feature["name"] for feature in new["features"]]
+    ends = x.min(axis=0), x.max(axis=0)
+
+    def sweep(point: FloatArray, number: int) -> tuple[Sweep, ...]:
+        """The output before and after along each feature through a point."""
+        lines = np.repeat(point[None], len(names) * _CURVE, axis=0).reshape(len(names), _CURVE, -1)
+        for feature, (low, high) in enumerate(zip(*ends, strict=True)):
+            lines[feature, :, feature] = np.linspace(low, high, _CURVE)
+        flat = lines.reshape(-1, len(names))
+        runs = [
+            code.run_model(f["block"], flat, f.get("block_outputs", len(f["outputs"])))
+            for code, f in zip(codes, facts, strict=True)
+        ]
+        values = [np.where(r.valid, r.values[:, number], np.nan).reshape(len(names), _CURVE) for r in runs]
+        return tuple(
+            Sweep(name, *(tuple(map(float, v)) for v in (lines[n, :, n], values[0][n], values[1][n])))
+            for n, name in enumerate(names)
+        )
+
     return ModelChange(
         name,
         changes,
         tuple(
-            _output_change(output, difference[:, number], x[both], names)
+            _output_change(output, number, difference[:, number], x[both], names, sweep)
             for number, output in enumerate(new["outputs"])
             if both.any()
         ),
@@ -206,11 +266,24 @@ def _compare_model(
         int(np.sum(results[0].valid & ~results[1].valid)),
         int(np.sum(results[1].valid & ~results[0].valid)),
         text_changed,
+        tuple(f["name"] for f in new["features"] if f.get("range_from") == RangeSource.GUESS),
     )
 
 
+def _known(value: Any) -> Any:
+    """A fact of a model; of features without ranges that are guesses, which move with every training."""
+    if not isinstance(value, list):
+        return value
+    return [
+        {key: v for key, v in entry.items() if key != "range" or entry.get("range_from") != RangeSource.GUESS}
+        if isinstance(entry, dict)
+        else entry
+        for entry in value
+    ]
+
+
 def _operating_points(old: dict[str, Any], new: dict[str, Any], rows: int, seed: int) -> FloatArray:
-    """Points at random in the trained range; what only one of two differing ranges covers belongs to it."""
+    """Points at random in the operating range; what only one of two differing ranges covers belongs to it."""
     ends = np.array([[feature["range"] for feature in facts["features"]] for facts in (old, new)])
     lower, upper = ends[:, :, 0].min(axis=0), ends[:, :, 1].max(axis=0)
     random = np.random.default_rng(seed)
@@ -218,11 +291,20 @@ def _operating_points(old: dict[str, Any], new: dict[str, Any], rows: int, seed:
     return points
 
 
-def _output_change(output: str, difference: FloatArray, x: FloatArray, names: list[str]) -> OutputChange:
+def _output_change(
+    output: str,
+    number: int,
+    difference: FloatArray,
+    x: FloatArray,
+    names: list[str],
+    sweep: Callable[[FloatArray, int], tuple[Sweep, ...]],
+) -> OutputChange:
     worst = int(np.argmax(difference))
     return OutputChange(
         output,
         float(difference[worst]),
         float(np.mean(difference)),
         {name: float(value) for name, value in zip(names, x[worst], strict=True)},
+        float(np.mean(difference > 0)),
+        sweep(x[worst], number) if difference[worst] else (),
     )

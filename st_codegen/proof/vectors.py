@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from st_codegen.emit.blocks.model import block_name, output_name
+from st_codegen.emit.blocks.model import block_name
 from st_codegen.emit.blocks.tests import ReferenceVectors
 from st_codegen.ir import BoolArray, FloatArray, reference
 from st_codegen.passes.pipeline import Compiled
@@ -45,14 +45,14 @@ def _of_model(model: LoadedModel, compiled: Compiled) -> ReferenceVectors:
             usable &= bounds.difference_bound(ir, reference.limited(ir, x))[:, 0] == 0
         x = _chosen(x, usable)
     location = compiled.locations[ir.name]
-    limited = reference.limited(ir, x)
+    printed, limited = compiled.block_model(ir.name), reference.limited(ir, x)
     return ReferenceVectors(
         name=block_name(ir.name).removeprefix("FB_"),
         block=block_name(location.model),
-        results=tuple(output_name(compiled.block_model(ir.name), output) for output in location.outputs),
+        results=tuple(printed.variables[output] for output in location.outputs),
         inputs=x,
         expected=model.predict(limited),
         allowed=bounds.difference_bound(ir, limited),
-        refuses_nan=not compiled.block_model(ir.name).accepts_nan,
+        refuses_nan=not printed.accepts_nan,
         source=ir.source,
     )

@@ -25,6 +25,7 @@ from st_codegen.emit.blocks.self_test import SELF_TEST
 from st_codegen.emit.output import block_of
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
+from st_codegen.files.html_text import html_table
 from st_codegen.ir import AnyArray, BoolArray, FloatArray, IntArray, Label, ModelIR, TreeEnsemble, reference
 from st_codegen.passes.jumps import largest_jump, unsure_columns
 from st_codegen.project.bundle import Bundle
@@ -32,7 +33,7 @@ from st_codegen.project.purpose import BlockCheck
 from st_codegen.proof import bounds
 from st_codegen.proof.arithmetic import arithmetic_of
 from st_codegen.proof.isolated import LibraryRefusesError, isolated
-from st_codegen.proof.probes import probe_rows, trained_range
+from st_codegen.proof.probes import operating_range, probe_rows
 from st_codegen.proof.prove.prove import Verdict, prove_model
 from st_codegen.proof.runner import GeneratedCode, target_folders
 from st_codegen.st.run.machine import processors
@@ -107,6 +108,11 @@ class ModelReport:
     def passed(self) -> bool:
         return self.refusal is None and not self.failures and (self.exact or not self.must_be_exact)
 
+    @property
+    def verdict(self) -> str:
+        """In a word or two."""
+        return ("exact" if self.exact else "within bound") if self.passed else "FAILED"
+
     def as_json(self) -> dict[str, Any]:
         """For reports: numbers that JSON has no way to write become text."""
         content = asdict(self)
@@ -114,7 +120,7 @@ class ModelReport:
         return {key: _plain(value) for key, value in content.items()}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class VerifyReport:
     """What `st-codegen verify` found.
 
@@ -126,6 +132,20 @@ class VerifyReport:
     notes: Mapping[str, str] = field(default_factory=dict)
     costs: Mapping[str, ProjectCost] = field(default_factory=dict)
     cycle_us: float | None = None
+
+    def __repr__(self) -> str:
+        failed = [model.name for model in self.models if not model.passed]
+        return f"VerifyReport({len(self.models)} models, {f'failed: {failed}' if failed else 'all passed'})"
+
+    def _repr_html_(self) -> str:
+        return html_table(
+            "library = reference = generated text",
+            ("model", "rows", "max error", "allowed", "ulp", "result"),
+            [
+                (m.name, f"{m.n:,}", f"{m.max_abs_err:.2g}", f"{m.bound:.2g}", f"{m.max_ulp:,}", m.verdict)
+                for m in self.models
+            ],
+        )
 
     @property
     def passed(self) -> bool:
@@ -296,7 +316,7 @@ def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: i
         return report
     _note_open_rows(report, ir, x, library, expected, bound)
     report.unbounded = int(np.sum(~np.all(np.isfinite(bound), axis=1)))
-    lower, upper = trained_range(ir)
+    lower, upper = operating_range(ir)
     inside = usable & np.all((x >= lower) & (x <= upper), axis=1)
     numbers = 0 if ir.classes is None else 1  # the first output that has a size
     near = bound[inside, numbers:]

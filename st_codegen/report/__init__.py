@@ -10,7 +10,7 @@ A page is one file without scripts or links to elsewhere, and the same bytes on 
     path.write_text(page("Campaign", sections, summary="969 runs."), encoding="utf-8")
 """
 
-from st_codegen.report.html import PageSection, PageTable, page
+from st_codegen.report.html import PageSection, PageTable, markdown, page
 from st_codegen.report.picture import COLOURS, figure, figures
 
-__all__ = ["COLOURS", "PageSection", "PageTable", "figure", "figures", "page"]
+__all__ = ["COLOURS", "PageSection", "PageTable", "figure", "figures", "markdown", "page"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -25,8 +26,9 @@ class PageTable:
         """This table as Markdown."""
         lines = ["| " + " | ".join(self.columns) + " |", "|" + "---|" * len(self.columns)]
         for row, cells in enumerate(self._cells()):
-            texts = [f"**{text}**" if (row, column) in self.strong else text for column, (text, _) in enumerate(cells)]
-            lines.append("| " + " | ".join(text.replace("|", "\\|") for text in texts) + " |")
+            words = [_literal(text) for text, _ in cells]
+            texts = [f"**{word}**" if (row, column) in self.strong else word for column, word in enumerate(words)]
+            lines.append("| " + " | ".join(texts) + " |")
         return "\n".join(lines) + "\n"
 
     def _cells(self) -> list[list[tuple[str, bool]]]:
@@ -58,13 +60,14 @@ class PageSection:
     open_details: bool = False
 
 
-def page(title: str, sections: Sequence[PageSection], *, summary: str = "") -> str:
-    """A complete HTML page; all text is escaped, pictures are put in as they are."""
+def page(title: str, sections: Sequence[PageSection], *, summary: str = "", footer: str = "") -> str:
+    """A complete HTML page; all text is escaped, pictures are put in as they are. `footer`: what made the page."""
     return render_report(
         "report/page.html.j2",
         {
             "title": title,
             "summary": _paragraphs(summary),
+            "footer": footer,
             "sections": [
                 {
                     "title": section.title,
@@ -78,6 +81,20 @@ def page(title: str, sections: Sequence[PageSection], *, summary: str = "") -> s
             ],
         },
     )
+
+
+def markdown(title: str, sections: Sequence[PageSection], *, summary: str = "", footer: str = "") -> str:
+    """The same page as Markdown, without its pictures."""
+    parts = [f"# {_literal(title)}", *map(_literal, _paragraphs(summary))]
+    for section in sections:
+        parts += [f"## {_literal(section.title)}", *map(_literal, _paragraphs(section.text))]
+        parts += [section.table.markdown().rstrip()] if section.table else []
+    return "\n\n".join([*parts, *([f"_{_literal(footer)}_"] if footer else [])]) + "\n"
+
+
+def _literal(text: str) -> str:
+    """Text in which nothing is read as Markdown or HTML."""
+    return re.sub(r"([\\`*\[\]<>|])", r"\\\1", text)
 
 
 def _paragraphs(text: str) -> list[str]:

@@ -23,7 +23,7 @@ def read_bundle(path: Path, reading: Reading) -> Bundle:
     description = read_description(path)
     problems = Problems(str(path))
     files = {Path(reference.file).stem: path.parent / reference.file for reference in description.references}
-    check_names(sorted(files), problems)
+    check_names({files[name].name: name for name in sorted(files)}, problems)
     problems.raise_if_any()
     loaded = reading.models({name: files[name] for name in sorted(files)}, problems)
     models = {name: _for_bundle(model, description.features, problems) for name, model in loaded.items()}

@@ -118,7 +118,7 @@ def _features(file: TomlTable) -> tuple[Feature, ...]:
         if not table.is_sound:
             continue
         with table.collect():
-            identifier(name, "feature name")
+            identifier(name, "feature name", "f")
             if name in features:
                 raise InputError(f"the name '{name}' is used twice")
             features[name] = Feature(name, unit, lower, upper)

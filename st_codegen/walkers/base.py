@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
@@ -24,7 +24,7 @@ class LoadedModel:
     """A model as the compiler sees it, beside the library's own answer."""
 
     ir: ModelIR
-    predict: Predictor
+    predict: Predictor = field(repr=False)
 
 
 @dataclass(frozen=True)
@@ -157,8 +157,9 @@ def _import_walkers(package: str) -> None:
 
 
 def known_walkers(package: str) -> dict[str, EstimatorWalker]:
-    """The walkers of a library by the names of their classes."""
-    _import_walkers(package)
+    """The walkers of a library by the names of their classes; none of a package that is no library of ours."""
+    if package in LIBRARIES:
+        _import_walkers(package)
     return {name: walker for (owner, name), walker in _WALKERS.items() if owner == package}
 
 
@@ -179,22 +180,34 @@ def walk_classifier(estimator: Any, builder: GraphBuilder, value: int) -> Classi
 
 
 def walk_any(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
-    """Add the operations of any fitted estimator.
-
-    Raises UnsupportedModelError that lists the known classes of the package when there is no walker for the class.
-    """
+    """Add the operations of any fitted estimator. Raises UnsupportedModelError for a class that has no walker."""
     package = type(estimator).__module__.partition(".")[0]
-    if package in LIBRARIES:
-        _import_walkers(package)
-    walker = _WALKERS.get((package, type(estimator).__name__))
+    walker = known_walkers(package).get(type(estimator).__name__)
     if walker is None:
-        known = sorted(name for owner, name in _WALKERS if owner == package)
-        raise UnsupportedModelError(
-            f"no walker for {type(estimator).__module__}.{type(estimator).__qualname__}; "
-            + (
-                f"supported classes of {package}: {', '.join(known)}"
-                if known
-                else "supported packages: scikit-learn, LightGBM, XGBoost, ONNX files"
-            )
-        )
+        raise unsupported(package, type(estimator).__name__)
     return walker(estimator, builder, value)
+
+
+def is_known(package: str, name: str) -> bool:
+    """Whether a class of a library is compiled."""
+    return name in known_walkers(package)
+
+
+#: What does the work of a class that is not compiled, for messages.
+_NEAR = {
+    "KNeighborsRegressor": "RandomForestRegressor and ExtraTreesRegressor",
+    "RadiusNeighborsRegressor": "RandomForestRegressor and ExtraTreesRegressor",
+    "GaussianProcessRegressor": "SVR with kernel='rbf'",
+    "KernelRidge": "SVR",
+    "AdaBoostRegressor": "GradientBoostingRegressor and RandomForestRegressor",
+    "BaggingRegressor": "RandomForestRegressor",
+    "SGDRegressor": "Ridge and ElasticNet",
+    "PolynomialFeatures": "SVR with kernel='poly', or columns that the PLC computes",
+}
+
+
+def unsupported(package: str, name: str) -> UnsupportedModelError:
+    """The error for a class that is not compiled."""
+    owner = f"{LIBRARIES[package]}'s {name}" if package in LIBRARIES else f"{package}.{name}"
+    near = f"; near it: {_NEAR[name]}" if name in _NEAR else ""
+    return UnsupportedModelError(f"{owner} is not supported{near}; `st-codegen models` lists what is")

@@ -14,8 +14,8 @@ from st_codegen.errors import (
     UntrustedFileError,
     with_subject,
 )
-from st_codegen.walkers.base import LIBRARIES, LoadedModel, trusted_types
-from st_codegen.walkers.skops_file import checked_archive
+from st_codegen.walkers.base import LIBRARIES, LoadedModel, is_known, trusted_types, unsupported
+from st_codegen.walkers.skops_file import checked_archive, classes_in
 
 #: For each library, the module whose `load_object` makes a model of an object of that library.
 _LOADERS = {
@@ -24,6 +24,9 @@ _LOADERS = {
     "xgboost": "st_codegen.walkers.xgboost.model",
 }
 
+
+#: How the names of estimators end, as against those of their parts.
+_ESTIMATORS = ("Regressor", "Classifier", "Ridge", "SVC", "Features", "Transformer", "Encoder", "Imputer", "PCA")
 
 #: What raises in walkers where an object is not built as `fit` builds it: anybody can write any object into a file.
 _NOT_AS_MADE = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
@@ -40,6 +43,9 @@ def load_skops(path: Path, name: str) -> LoadedModel:
         unknown = skops.io.get_untrusted_types(data=data)
         foreign = sorted(set(unknown) - trusted_types())
         if foreign:
+            for package, kind in classes_in(data):
+                if package in LIBRARIES and not is_known(package, kind) and kind.endswith(_ESTIMATORS):
+                    raise unsupported(package, kind)
             raise UntrustedFileError(
                 "the file names types that no supported model needs, and loading them could run code: "
                 f"{', '.join(foreign)}; save the model without them"
@@ -80,7 +86,7 @@ def from_estimator(estimator: Any, name: str) -> LoadedModel:
     package = type(estimator).__module__.partition(".")[0]
     if package not in LIBRARIES:
         raise UnsupportedModelError(
-            f"the file holds a {type(estimator).__module__}.{type(estimator).__qualname__}, not a model of "
+            f"this is a {type(estimator).__module__}.{type(estimator).__qualname__}, not a model of "
             "scikit-learn, LightGBM or XGBoost"
         )
     module = importlib.import_module(_LOADERS[package])

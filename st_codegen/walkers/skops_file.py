@@ -76,6 +76,14 @@ def checked_archive(path: Path) -> bytes:
     return result.getvalue()
 
 
+def classes_in(archive: bytes) -> Iterator[tuple[str, str]]:
+    """Package and name of the class of each object in an archive of `checked_archive`, the outer ones first."""
+    with zipfile.ZipFile(io.BytesIO(archive)) as opened:
+        schema = json.loads(opened.read(_SCHEMA))
+    for node in _nodes(schema):
+        yield node["__module__"].partition(".")[0], node["__class__"]
+
+
 def _unpacked(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> bytes:
     """A member; no more than its declared size is unpacked, whatever it holds."""
     with archive.open(info) as stream:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from st_codegen.driver import generate
+from st_codegen.driver import check, generate
 from st_codegen.emit.blocks.model import block_name
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import UnsupportedModelError
@@ -210,3 +210,12 @@ def test_lines_are_short_and_ascii_and_cdata_ends_once(name):
             assert text.count("]]>") == text.count("<![CDATA["), path
             assert "\t" not in text
             assert not any(line != line.rstrip() for line in text.splitlines()), path
+
+
+def test_the_example_of_a_users_repository_is_up_to_date(request):
+    example = GOLDEN.parent / "examples" / "user_repository"
+    bundle = load(example / "models")
+    if request.config.getoption("--update-golden"):
+        generate(bundle, "twincat", example / "plc", relayout=True, force=True)
+    lines = list(check(bundle, "twincat", example / "plc"))
+    assert not lines, "".join(lines) + "\nif this is wanted: pytest tests/emit/test_golden.py --update-golden"

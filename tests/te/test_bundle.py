@@ -86,7 +86,7 @@ def bad(text, replace, by):
         ("max = 1800.0", "max = inf", "is not finite"),
         ('unit = "rpm"\n', "", "'unit' is missing"),
         ('name = "torque_Nm"', 'name = "speed_rpm"', "'speed_rpm' is used twice"),
-        ('name = "torque_Nm"', 'name = "if"', "reserved word"),
+        ('name = "torque_Nm"', 'name = "or"', "reserved word"),
         ('phase = "b.txt"\n', "", "order 1 needs amplitude and phase or cosine and sine, it has amplitude"),
         (
             'amplitude = "a.txt"\nphase',
@@ -229,11 +229,11 @@ def test_feature_names_that_only_partly_agree_are_refused(bundle_folder):
 
 def test_duplicate_names_are_named(lone_folder, lightgbm_text):
     (lone_folder / "TE.txt").write_text(lightgbm_text)
-    with pytest.raises(InputError, match="two models would be called FB_te: TE and te"):
+    with pytest.raises(InputError, match=r"two models would be called FB_te: TE\.txt and te\.txt"):
         load(lone_folder)
 
 
-@pytest.mark.parametrize("name", ["while.txt", "größe.txt", "a*)b.txt", "a]]>b.txt", "a\nb.txt"])
+@pytest.mark.parametrize("name", ["größe.txt", "a*)b.txt", "a]]>b.txt", "a\nb.txt"])
 def test_file_names_that_cannot_become_blocks_are_refused(tmp_path, lightgbm_text, name):
     (tmp_path / name).write_text(lightgbm_text)
     with pytest.raises(InputError, match="model name"):

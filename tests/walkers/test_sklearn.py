@@ -241,7 +241,7 @@ class _Own(BaseEstimator):
 @pytest.mark.parametrize(
     ("estimator", "reason"),
     [
-        (make_pipeline(StandardScaler(), _Own()), "no walker for .*_Own"),
+        (make_pipeline(StandardScaler(), _Own()), ".*_Own is not supported"),
         (SVR(kernel="precomputed", max_iter=10), "kernel=precomputed"),
         (make_pipeline(FunctionTransformer(np.sqrt), Ridge()), "func=sqrt"),
         (make_pipeline(FunctionTransformer(lambda x: x), Ridge()), "Python function cannot be compiled"),

@@ -114,8 +114,8 @@ class Application:
 
     `blocks` are functions, function blocks and programs; `tests` are test suites and the program that runs them, which
     targets without a test library leave out, with the tasks of such programs. `libraries` are names of TwinCAT
-    libraries beside Tc2_Standard. Where `connected` is False, every block stands alone. With
-    `has_configuration` the text says itself what runs it.
+    libraries beside Tc2_Standard. Where `connected` is False, every block stands alone. With `has_configuration` the
+    text says itself what runs it. `attributes` are pragmas of all blocks, where a dialect has them.
     """
 
     name: str
@@ -127,6 +127,7 @@ class Application:
     tests: tuple[Block, ...] = ()
     libraries: tuple[str, ...] = ()
     has_configuration: bool = False
+    attributes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         taken: dict[str, str] = {}

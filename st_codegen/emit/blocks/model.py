@@ -25,13 +25,12 @@ from st_codegen.ir import (
     Linear,
     ModelIR,
     Operation,
+    Output,
     Rank,
     Select,
     TreeEnsemble,
 )
 
-#: Names a block uses itself; an input may not be called so.
-_OUTPUT_STEM = "fOut"
 CLASS_OUTPUT = "nClass"
 
 
@@ -49,7 +48,7 @@ class Limits:
 
 def block_name(model: str) -> str:
     """The name of a model's function block."""
-    return f"FB_{capitalised(identifier(model, 'model name'))}"
+    return f"FB_{capitalised(identifier(model, 'model name', 'FB_'))}"
 
 
 def model_block(model: ModelIR, limits: Limits) -> Block:
@@ -69,31 +68,37 @@ def _block(model: ModelIR, listing: Listing) -> Block:
     return finished_block(model, inputs, outputs, listing, model_header(model))
 
 
-def output_name(model: ModelIR, number: int) -> str:
-    """The variable of an output: fOut1, fOut2, ..; a classifier has nClass in front of them."""
-    if model.classes is None:
-        return f"{_OUTPUT_STEM}{number + 1}"
-    return f"{_OUTPUT_STEM}{number}" if number else CLASS_OUTPUT
-
-
 def _output(model: ModelIR, number: int) -> BlockVariable:
-    name = output_name(model, number)
+    name = model.variables[number]
     if name == CLASS_OUTPUT:
         return BlockVariable(name, "DINT", comment="number of the class; its label stands above")
-    return BlockVariable(name, "LREAL", comment=f"prediction: {model.outputs[number]}")
+    unit = f", {model.ports[number].unit}" if model.ports and model.ports[number].unit else ""
+    return BlockVariable(name, "LREAL", comment=f"prediction: {model.outputs[number]}{unit}")
 
 
 def model_outputs(model: ModelIR) -> tuple[BlockVariable, ...]:
-    """nClass of a classifier, fOut1 .., bValid, and bInRange where inputs are limited."""
+    """nClass of a classifier, the numbers, bValid, bInRange and bPlausible where inputs and outputs have ranges."""
     return (
         *(_output(model, number) for number in range(len(model.outputs))),
         BlockVariable("bValid", "BOOL", comment="the outputs belong to the inputs of this call"),
+        *([BlockVariable("bInRange", "BOOL", comment=_in_range_text(model))] if is_ranged(model) else []),
         *(
-            [BlockVariable("bInRange", "BOOL", comment="no input had to be limited to its trained range")]
-            if is_ranged(model)
+            [BlockVariable("bPlausible", "BOOL", comment="the outputs are valid and lie in their plausible ranges")]
+            if _plausible(model)
             else []
         ),
     )
+
+
+def _in_range_text(model: ModelIR) -> str:
+    if any(feature.flagged is not None for feature in model.features):
+        return "all inputs lie in their ranges"
+    return "no input had to be limited to its trained range"
+
+
+def _plausible(model: ModelIR) -> list[Output]:
+    """The outputs of which a plausible range is known."""
+    return [port for port in model.ports if port.lower is not None and port.upper is not None]
 
 
 def finished_block(
@@ -104,7 +109,11 @@ def finished_block(
     header: tuple[str, ...],
 ) -> Block:
     """The block of what was laid out; inputs that have the name of one of its own variables are renamed."""
-    clash = {name.lower() for name in listing.variables} | {variable.name.lower() for variable in outputs}
+    own = {name.lower() for name in listing.variables}
+    for variable in outputs:
+        if variable.name.lower() in own:
+            raise InputError(f"the output {variable.name} has the name of a variable of the block: rename it")
+    clash = own | {variable.name.lower() for variable in outputs}
     inputs = tuple(_renamed(variable) if variable.name.lower() in clash else variable for variable in inputs)
     return Block(
         name=block_name(model.name),
@@ -119,15 +128,15 @@ def finished_block(
 
 
 def is_ranged(model: ModelIR) -> bool:
-    """Whether any input is limited to its trained range."""
-    return any(feature.lower is not None for feature in model.features)
+    """Whether any input has a range."""
+    return any(feature.checked is not None for feature in model.features)
 
 
 def input_variables(features: tuple[Feature, ...]) -> tuple[BlockVariable, ...]:
     """One LREAL input a feature, in order. Raises InputError for names that become equal."""
     variables: dict[str, BlockVariable] = {}
     for feature in features:
-        name = "f" + capitalised(identifier(feature.name, "feature name"))
+        name = feature.variable or f"f{capitalised(identifier(feature.name, 'feature name', 'f'))}"
         if name.lower() in variables:
             raise InputError(
                 f"feature '{feature.name}': its input would be called {name}, as that of another feature: rename one"
@@ -145,11 +154,15 @@ def _renamed(variable: BlockVariable) -> BlockVariable:
 
 def feature_text(feature: Feature) -> str:
     """Name, unit and range of a feature, for comments."""
-    text = feature.name
+    text = feature.name if feature.name.isascii() else feature.variable
     if feature.unit:
         text += f", {unit_text(feature.unit, f'unit of feature {feature.name}')}"
     if feature.lower is not None and feature.upper is not None:
         text += f", trained {real(feature.lower)} .. {real(feature.upper)}"
+    if feature.flagged is not None:
+        text += f", flagged outside {real(feature.flagged[0])} .. {real(feature.flagged[1])}"
+    if feature.seen is not None and feature.lower is None:
+        text += f", training data {real(feature.seen[0])} .. {real(feature.seen[1])}"
     return text
 
 
@@ -174,7 +187,7 @@ def model_header(model: ModelIR, *closing: str) -> tuple[str, ...]:
     source = model.source
     lines = [f"{block_name(model.name)}: {source.model_class}", f"Source: {source.library} {source.version}".rstrip()]
     if source.file:
-        lines.append(f"File: {source.file}")
+        lines.append(f"File: {source.file.encode('ascii', 'backslashreplace').decode()}")
     if source.digest:
         lines.append(f"Model digest: {source.digest}")
     lines.extend(f"Note: {note}" for note in source.notes)
@@ -209,10 +222,13 @@ def check_inputs(model: ModelIR, inputs: tuple[BlockVariable, ...], listing: Lis
     listing.locals("BOOL", "bUsable", *(["bInside"] if is_ranged(model) else []))
     if model.accepts_nan:
         listing.local("abMissing", "BOOL", len(inputs))
-    ranged = is_ranged(model)
     largest = float(np.finfo(np.float64).max)  # the range of a feature that declares none
-    lower = upper = limit = None
-    if ranged:
+    lower = upper = limit = flag_lower = flag_upper = None
+    flagged = [feature.flagged or (-largest, largest) for feature in model.features]
+    if any(feature.flagged is not None for feature in model.features):
+        flag_lower = listing.table("FLAG_LOWER", "LREAL", [low for low, _ in flagged])
+        flag_upper = listing.table("FLAG_UPPER", "LREAL", [high for _, high in flagged])
+    if any(feature.lower is not None for feature in model.features):
         lower = listing.table(
             "RANGE_LOWER", "LREAL", [-largest if f.lower is None else f.lower for f in model.features]
         )
@@ -241,6 +257,8 @@ def check_inputs(model: ModelIR, inputs: tuple[BlockVariable, ...], listing: Lis
         lower=lower,
         upper=upper,
         limit=limit,
+        flag_lower=flag_lower,
+        flag_upper=flag_upper,
         some_unlimited=any(value is None for value in limits),
         accepted=tables,
     )
@@ -287,13 +305,21 @@ def _operations(model: ModelIR, listing: Listing) -> None:
         "outputs",
         assignments=[
             {
-                "output": output_name(model, number),
+                "output": variable,
                 "value": value,
-                "cut": output_name(model, number) == CLASS_OUTPUT and value.name.startswith("aStep"),
+                "cut": variable == CLASS_OUTPUT and value.name.startswith("aStep"),
             }
-            for number, value in enumerate(results)
+            for variable, value in zip(model.variables, results, strict=True)
         ],
         ranged=is_ranged(model),
+        plausible=[
+            {
+                "output": port.variable,
+                "lower": listing.constant(f"PLAUSIBLE_LOWER_{number}", float(port.lower or 0.0)),
+                "upper": listing.constant(f"PLAUSIBLE_UPPER_{number}", float(port.upper or 0.0)),
+            }
+            for number, port in enumerate(_plausible(model), 1)
+        ],
     )
 
 

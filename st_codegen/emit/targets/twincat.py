@@ -38,7 +38,7 @@ class TwinCatTarget(Target):
     def files(self, application: Application) -> Iterable[FilePlan]:
         application = with_bit_test(application)
         files = [
-            *(_pou("POUs", block) for block in application.blocks),
+            *(_pou("POUs", block, application.attributes) for block in application.blocks),
             *(_type(data_type) for data_type in application.types),
             *(_globals(variables) for variables in application.globals),
             *(_pou("Tests", block) for block in application.tests),
@@ -72,8 +72,8 @@ def with_bit_test(application: Application) -> Application:
     return dataclasses.replace(application, types=(bits, *application.types), blocks=(is_nan, *application.blocks))
 
 
-def _pou(folder: str, block: Block) -> FilePlan:
-    return _object(folder, block.name, "pou.TcPOU", block=block)
+def _pou(folder: str, block: Block, attributes: tuple[str, ...] = ()) -> FilePlan:
+    return _object(folder, block.name, "pou.TcPOU", block=block, attributes=attributes)
 
 
 def _type(data_type: DataType) -> FilePlan:

@@ -73,7 +73,7 @@ def _entry(result: ProofResult, model: ModelIR) -> dict[str, Any]:
         "file": model.source.file,
         "target": result.target,
         "block": result.block,
-        "outputs": [f"fOut{number + 1}" for number in result.outputs],
+        "outputs": [_variable(model, result, number) for number in result.outputs],
         "inputs": [feature.name for feature in model.features],
         "verdict": result.verdict.value,
     }
@@ -84,6 +84,11 @@ def _entry(result: ProofResult, model: ModelIR) -> dict[str, Any]:
     else:
         entry["reason"] = result.reason
     return entry
+
+
+def _variable(model: ModelIR, result: ProofResult, number: int) -> str:
+    """The block's output: the model's own name for it, unless the block holds several models."""
+    return model.variables[number] if len(result.outputs) == len(model.ports) else f"fOut{number + 1}"
 
 
 def _sha256(path: Path) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 from st_codegen.emit.output import block_of
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
+from st_codegen.files.html_text import html_table
 from st_codegen.ir import ModelIR, TreeEnsemble, reference
 from st_codegen.ir.arrays import FloatArray, IntArray
 from st_codegen.project.bundle import Bundle
@@ -35,6 +36,8 @@ Progress = Callable[[int, int, str], None]
 
 #: Rows that the reference evaluates at once: bounds its memory.
 _BATCH = 20_000
+#: The range of a feature that declares none, where another does: no infinity lies in it
+_LARGEST = float(np.finfo(np.float64).max)
 
 
 class Verdict(StrEnum):
@@ -79,11 +82,21 @@ class ProofResult:
     counterexample: Counterexample | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ProveReport:
     """All verdicts."""
 
     results: tuple[ProofResult, ...] = field(default=())
+
+    def __repr__(self) -> str:
+        proved = sum(result.verdict is Verdict.PROVED for result in self.results)
+        return f"ProveReport({proved} of {len(self.results)} proved)"
+
+    def _repr_html_(self) -> str:
+        rows = [(r.model, r.target, r.block, r.verdict.value, r.reason or r.method) for r in self.results]
+        return html_table(
+            "the text equals the model for all inputs", ("model", "target", "block", "verdict", "by"), rows
+        )
 
     @property
     def proved(self) -> bool:
@@ -310,7 +323,7 @@ class _Proof:
         return method, len(self.expected), self.boxes
 
     def _value(self, outputs: dict[str, Value], number: int, valid: Value) -> Value:
-        name = f"fOut{number + 1}"
+        name = [name for name in outputs if not name.startswith("b")][number]  # the others are flags
         value = outputs[name]
         if isinstance(value, Conditional):
             same = isinstance(value.otherwise, Kept) and value.otherwise.name == name
@@ -347,9 +360,9 @@ class _Proof:
         parts = _condition_parts(outputs["bInRange"])
         domain = self.side.domain
         for axis, feature in zip(self.run.executor.axes, self.model.features, strict=True):
-            low = -np.inf if feature.lower is None else feature.lower
-            high = np.inf if feature.upper is None else feature.upper
-            axis.cut_below(np.array([low, np.nextafter(high, np.inf)]) if np.isfinite(high) else np.array([low]))
+            low, high = feature.checked or (-_LARGEST, _LARGEST)  # an infinity is in no range
+            with np.errstate(over="ignore"):
+                axis.cut_below(np.array([low, np.nextafter(high, np.inf)]))
             wanted = np.append((axis.low[:-1] >= low) & (axis.high[:-1] <= high), True)
             if low == 0.0:
                 wanted |= axis.low == 0.0

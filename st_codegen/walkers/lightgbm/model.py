@@ -179,11 +179,25 @@ def _loaded(
 ) -> LoadedModel:
     builder = GraphBuilder(model.n_features)
     result = _add(model, builder, 0, labels)
-    features = tuple(Feature(feature) for feature in model.feature_names)
+    features = tuple(
+        Feature(feature, seen=_seen(info))
+        for feature, info in zip(model.feature_names, model.feature_infos, strict=True)
+    )
     predict: Predictor = _LightgbmPredictor(load_booster, model.n_outputs)
     if isinstance(result, Classified):
         predict = _ClassPredictor(load_booster, model.n_outputs, result, classifier)
     return LoadedModel(builder.model(name, features, _source(model), result), predict)
+
+
+def _seen(info: str) -> tuple[float, float] | None:
+    """The range of the training data by a word of feature_infos: [lowest:highest] for numbers that were used."""
+    low, _, high = info.strip("[]").partition(":")
+    try:
+        found = float(low), float(high)
+    except ValueError:
+        return None
+    is_range = info.startswith("[") and all(map(math.isfinite, found)) and found[0] <= found[1]
+    return found if is_range else None
 
 
 def _load_booster(path: Path) -> Any:

@@ -74,7 +74,10 @@ def parse(stream: BinaryIO) -> TextModel:
     Raises InputError that names the field and tree where the text is no LightGBM model, cut or inconsistent.
     """
     if stream.readline(64).rstrip(b"\r\n") != b"tree":
-        raise InputError("not a LightGBM text model: the first line is not 'tree'")
+        raise InputError(
+            "not a LightGBM text model: the first line is not 'tree'; if it is no model, name it in leave_out of "
+            "st-codegen.toml"
+        )
     lines = _whole_lines(stream)
     header, line = _read_header(lines)
     n_features = _integer(header, "max_feature_idx", "the header") + 1

@@ -19,12 +19,17 @@ from st_codegen.walkers.limits import MAX_COLUMNS
 def load_object(estimator: Any, name: str) -> LoadedModel:
     """A fitted estimator of scikit-learn as a model, with the estimators of other libraries that it is composed of.
 
-    Raises UnsupportedModelError for classes without a walker, InputError for an estimator that is not fitted.
+    What predicts nothing is compiled by its `transform`, with an output for each column. Raises UnsupportedModelError
+    for classes without a walker, InputError for an estimator that is not fitted.
     """
     features = _features(estimator)
     builder = GraphBuilder(len(features))
     result = walk_any(estimator, builder, 0)
-    source = Source(library=LIBRARIES["sklearn"], version=_version(estimator), model_class=_description(estimator))
+    notes: tuple[str, ...] = ()
+    if not hasattr(estimator, "predict"):
+        builder.refuse_nan()  # the library hands NaN on, and the block has no output for it
+        notes = ("computes transform; a row with NaN is not valid",)
+    source = Source(LIBRARIES["sklearn"], _version(estimator), _description(estimator), notes=notes)
     return LoadedModel(builder.model(name, features, source, result), _predictor(estimator, result))
 
 
@@ -91,12 +96,13 @@ def _predictor(estimator: Any, result: Walked) -> Predictor:
         _set_fitted_jobs(estimator)
         estimator.set_params(**serial)
     names = _first(estimator, "feature_names_in_")
+    compute = estimator.predict if hasattr(estimator, "predict") else estimator.transform
 
     def predict(x: FloatArray) -> FloatArray:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             rows = _with_names(x, names)
-            found = (estimator.predict if hasattr(estimator, "predict") else estimator.transform)(rows)
+            found = compute(rows)
             if not isinstance(result, Classified):
                 return np.asarray(found, np.float64).reshape(len(x), -1)
             parts = [numbers_of(result.labels, found)]

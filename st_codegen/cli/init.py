@@ -1,0 +1,46 @@
+"""`st-codegen init`: the configuration of a folder of models, from what the files know."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from st_codegen.cli.console import console, quiet_option, trust_option
+
+
+@click.command(
+    "init",
+    epilog="""\b
+Examples:
+  st-codegen init models/
+  st-codegen init models/ --training-data train.csv      with the range of each feature in that table
+  st-codegen init models/ --force                        over a configuration that is there""",
+)
+@click.argument("models", type=click.Path(path_type=Path, file_okay=False))
+@click.option(
+    "--training-data",
+    type=click.Path(path_type=Path),
+    default=None,
+    help="CSV with a column for each feature, by its name in the models: writes lowest and highest value of each.",
+)
+@click.option("--force", is_flag=True, help="Replace a configuration that is there.")
+@trust_option
+@quiet_option
+def command(models: Path, training_data: Path | None, force: bool, trust_pickle: bool, quiet: bool) -> None:
+    """Write st-codegen.toml into the folder MODELS: names, units and ranges of its models, to be completed by hand.
+
+    Files that cannot be read as models are left out, with the reason beside them.
+    """
+    from st_codegen.files.text import write_text
+    from st_codegen.project.configuration import CONFIGURATION_FILE
+    from st_codegen.project.initial import initial_configuration
+    from st_codegen.proof.predict import read_table
+
+    path = models / CONFIGURATION_FILE
+    if path.exists() and not force:
+        raise click.ClickException(f"{path} is there already; --force replaces it")
+    table = None if training_data is None else read_table(training_data)
+    write_text(path, initial_configuration(models, table, trust_pickle=trust_pickle))
+    if not quiet:
+        console.print(f"{path}: complete names, units and ranges, then st-codegen {models}", soft_wrap=True)

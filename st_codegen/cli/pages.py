@@ -1,0 +1,149 @@
+"""Pages of `diff` and `verify`: what they found, with pictures, for a review or a file."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from st_codegen import __version__
+from st_codegen.files.text import write_text
+from st_codegen.report import COLOURS, PageSection, PageTable, figures, markdown, page
+
+if TYPE_CHECKING:
+    from st_codegen.cost.report import ProjectCost
+    from st_codegen.project.bundle import Bundle
+    from st_codegen.proof.review import ModelChange, Review, Sweep
+    from st_codegen.proof.verify import VerifyReport
+
+#: Outputs whose curves a page shows: those that moved most.
+_MOST_DRAWN = 12
+
+
+def made_by() -> str:
+    """The tool's version and the command, for the foot of a page."""
+    return f"st-codegen {__version__}: {shlex.join(['st-codegen', *click.get_current_context().obj])}"
+
+
+def write_pages(
+    title: str, sections: list[PageSection], summary: str, html: Path | None, markdown_file: Path | None
+) -> None:
+    """Write the page as HTML and as Markdown, where a file is given."""
+    if html is not None:
+        write_text(html, page(title, sections, summary=summary, footer=made_by()))
+    if markdown_file is not None:
+        write_text(markdown_file, markdown(title, sections, summary=summary, footer=made_by()))
+
+
+# --- diff
+
+
+def review_sections(found: Review, lines: list[str], *, draw: bool) -> tuple[str, list[PageSection]]:
+    """The summary of a review, and its sections: the model, the numbers, the text; `draw`: with pictures."""
+    changed = [model for model in found.models if model.changed]
+    same = [model.name for model in found.models if not model.changed]
+    summary = "No difference." if not found.changed else f"{len(changed)} of {len(found.models)} models changed."
+    if found.added or found.removed:
+        summary += f" {len(found.added)} added, {len(found.removed)} removed."
+    sections = [PageSection("What changed", "\n\n".join(lines))]
+    moved = [(model, output) for model in changed for output in model.outputs]
+    moved.sort(key=lambda entry: -entry[1].largest)
+    if moved:
+        rows = [
+            (
+                _label(model, output.output),
+                output.largest,
+                output.mean,
+                f"{output.moved:.1%}",
+                ", ".join(f"{name} = {value:.6g}" for name, value in output.where.items()),
+            )
+            for model, output in moved
+        ]
+        columns = ("output", "largest change", "mean change", "points that moved", "largest at")
+        pictures = (
+            tuple(_curves(_label(m, o.output), o.curves) for m, o in moved[:_MOST_DRAWN] if o.curves) if draw else ()
+        )
+        sections.append(PageSection("Numbers", _points_text(changed), PageTable(columns, rows), pictures))
+    if found.files:
+        sections.append(PageSection("Files", table=PageTable(("file", "is"), sorted(found.files.items()))))
+    if same:
+        sections.append(PageSection("What did not change", ", ".join(same) + "."))
+    return summary, sections
+
+
+def _label(model: ModelChange, output: str) -> str:
+    return model.name if len(model.outputs) == 1 else f"{model.name}[{output}]"
+
+
+def _points_text(changed: list[ModelChange]) -> str:
+    text = "Both texts were run at random points of the operating range; a larger change may lie between them."
+    guessed = sorted({f"{model.name}: {', '.join(model.guessed)}" for model in changed if model.guessed})
+    if guessed:
+        text += (
+            " No operating range is known for these features, and the points lie where the model's own numbers are: "
+            f"{'; '.join(guessed)}. st-codegen.toml can give it."
+        )
+    return text + " Curves go through the point of the largest change."
+
+
+def _curves(title: str, curves: Iterable[Sweep]) -> str:
+    def draw(curve: Sweep) -> Callable[[Any], None]:
+        def panel(axes: Any) -> None:
+            axes.plot(curve.x, curve.before, color=COLOURS[0], linewidth=2.2, alpha=0.6, label="old")
+            axes.plot(curve.x, curve.after, color=COLOURS[1], linewidth=1.1, label="new")
+            axes.set(xlabel=curve.feature)
+            axes.legend(loc="best")
+
+        return panel
+
+    return figures([(title, draw(curve)) for curve in curves], columns=2)
+
+
+# --- verify
+
+
+def verify_sections(report: VerifyReport, bundle: Bundle) -> tuple[str, list[PageSection]]:
+    """The summary of a verification, and its sections: agreement, provenance, cost."""
+    failed = [model.name for model in report.models if not model.passed]
+    tried = sum(model.n for model in report.models)
+    summary = (
+        f"{'FAILED: ' + ', '.join(failed) if failed else 'All agree'}: library, reference and generated text on a "
+        f"sample of {tried:,} rows."
+    )
+    rows = [(m.name, m.n, m.max_abs_err, m.bound, m.max_ulp, m.verdict, ", ".join(m.targets)) for m in report.models]
+    columns = ("model", "rows", "largest error", "allowed", "ulp", "result", "targets")
+    strong = {(row, 5) for row, model in enumerate(report.models) if not model.passed}
+    notes = "\n\n".join(f"{target}: {note}" for target, note in report.notes.items())
+    sections = [PageSection("Agreement", notes, PageTable(columns, rows, strong))]
+    sources = [
+        (ir.name, ir.source.file, f"{ir.source.library} {ir.source.version}", ir.source.model_class, ir.source.digest)
+        for ir in bundle.irs
+    ]
+    head = ("model", "file", "library", "class", "digest of what was read")
+    sections.append(PageSection("Provenance", table=PageTable(head, sources)))
+    return summary, sections + [_cost_section(target, cost, report.cycle_us) for target, cost in report.costs.items()]
+
+
+def _cost_section(target: str, cost: ProjectCost, cycle_us: float | None) -> PageSection:
+    parts = sorted((part for block in cost.cycle for part in block.parts), key=lambda part: -part.cold_us)[:20]
+    rows = [(p.unit, p.total_operations, p.table_bytes, p.warm_us, p.cold_us) for p in parts]
+    text = f"{cost.warm_us:.1f} us with warm caches, {cost.cold_us:.1f} us with cold ones on {cost.profile.name}."
+    text += " Loops without a bound were counted once: there is no bound." if cost.unbounded else ""
+    text += f" Budget: {cycle_us:g} us." if cycle_us is not None else ""
+    if cost.profile.compute_factor == cost.profile.memory_factor == 1.0:
+        text += " The profile was not calibrated: the times are estimates."
+
+    def bars(axes: Any) -> None:
+        names = [part.unit for part in parts][::-1]
+        axes.barh(names, [part.cold_us for part in parts][::-1], color=COLOURS[0], label="cold caches")
+        axes.barh(names, [part.warm_us for part in parts][::-1], color=COLOURS[1], height=0.4, label="warm caches")
+        axes.set(xlabel="us in a cycle")
+
+    picture = figures([("", bars)], columns=1, size_cm=(16, 2.5 + 0.7 * len(parts))) if parts else ""
+    columns = ("block", "operations", "bytes of tables", "warm us", "cold us")
+    return PageSection(
+        f"Worst case of a cycle, {target}", text, PageTable(columns, rows), (picture,) if picture else ()
+    )

@@ -1,0 +1,283 @@
+"""`st-codegen.toml` beside model files: what the generated project is called, and what the files do not know.
+
+[project]
+name = "Pumps"                       # of the PLC project; default: Models
+prefix = "P1_"                       # of all blocks: FB_P1_Power
+leave_out = ["notes.txt", "old_*"]   # files that are no models of this project
+attributes = ["no_check"]            # pragmas of every block, in TwinCAT
+real = "LREAL"                       # the arithmetic; nothing else is built
+
+[build]                              # defaults of the options of the same names
+target = ["twincat", "iec"]
+out = "generated"
+layout = "auto"
+
+[[input]]                            # of all models that have this feature, or of one: file = "power.txt"
+feature = "Öltemperatur °C"          # as the model calls it
+name = "fOil_degC"                   # the block's input
+unit = "degC"
+min = 3.0                            # the range in which the block is used ..
+max = 60.0
+outside = "clamp"                    # .. outside of which inputs are limited to it, or "flag": bInRange alone says so
+trained = [3.5, 58.0]                # range of the training data, where it is known: nothing is limited to it
+
+[[model]]
+file = "kühlung.skops"
+name = "Cooling"                     # FB_Cooling
+layout = "table"                     # auto, trees or table
+outputs = [{name = "fPower_kW", unit = "kW", min = 0.0, max = 11.0}]   # bPlausible is FALSE outside
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import fnmatch
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from st_codegen.emit.blocks.application import Application
+from st_codegen.emit.foreign_names import is_foreign
+from st_codegen.emit.literals import KEYWORDS, MAX_IDENTIFIER, check_text, identifier, unit_text
+from st_codegen.errors import InputError, Problems
+from st_codegen.files.toml_tables import TomlTable, nearest, read_toml, shown
+from st_codegen.ir import Feature, ModelIR, Output
+from st_codegen.passes.choose import Layout
+
+CONFIGURATION_FILE = "st-codegen.toml"
+
+#: Options of the command line that [build] may give a default.
+BUILD_KEYS = (
+    *("target", "out", "layout", "table_limit", "outputs_per_cycle", "max_array", "max_bytes", "with_tests"),
+    *("profile", "cycle_us", "entry", "rows"),
+)
+
+
+class Outside(StrEnum):
+    """What a block does with an input outside of its range."""
+
+    CLAMP = "clamp"  # computes with the nearest end of the range, bInRange is FALSE
+    FLAG = "flag"  # computes with the input, bInRange is FALSE
+
+
+@dataclass(frozen=True)
+class InputEntry:
+    """What an [[input]] table says of a feature, of all models or of that of one file."""
+
+    feature: str
+    file: str
+    name: str
+    unit: str
+    limits: tuple[float, float] | None
+    outside: Outside
+    trained: tuple[float, float] | None
+
+    def applied(self, feature: Feature) -> Feature:
+        """The feature as the project has it."""
+        clamped = self.limits if self.outside is Outside.CLAMP else None
+        return dataclasses.replace(
+            feature,
+            variable=self.name,
+            unit=self.unit or feature.unit,
+            lower=clamped and clamped[0],
+            upper=clamped and clamped[1],
+            flagged=self.limits if self.outside is Outside.FLAG else None,
+            seen=self.trained or feature.seen,
+        )
+
+
+@dataclass(frozen=True)
+class ModelEntry:
+    """What a [[model]] table says of one file."""
+
+    file: str
+    name: str
+    layout: Layout | None
+    outputs: tuple[Output, ...]
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """The contents of a `st-codegen.toml`; an empty one changes nothing."""
+
+    name: str = "Models"
+    prefix: str = ""
+    leave_out: tuple[str, ...] = ()
+    attributes: tuple[str, ...] = ()
+    inputs: tuple[InputEntry, ...] = ()
+    models: tuple[ModelEntry, ...] = ()
+    build: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def describes_models(self) -> bool:
+        """Whether anything but the defaults of options is given."""
+        return dataclasses.replace(self, build={}) != Configuration()
+
+    def leaves_out(self, path: Path) -> bool:
+        """Whether a file is no model of this project."""
+        return any(fnmatch.fnmatchcase(path.name, pattern) for pattern in self.leave_out)
+
+    def model_name(self, file: str) -> str:
+        """The name of the model of a file: as the file has it given, else its stem; behind the prefix."""
+        return self.prefix + next((m.name for m in self.models if m.file == file and m.name), Path(file).stem)
+
+    def layouts(self) -> dict[str, Layout]:
+        """The layouts that are asked for, by the names of models."""
+        return {self.model_name(entry.file): entry.layout for entry in self.models if entry.layout is not None}
+
+    def application(self) -> Application:
+        """The project around the blocks of lone models."""
+        return Application(self.name, connected=False, attributes=self.attributes)
+
+    def applied(self, model: ModelIR) -> ModelIR:
+        """The model with the names, units and ranges that are given for it. Raises InputError for other outputs."""
+        features = list(model.features)
+        for entry in self.inputs:
+            if entry.file in ("", model.source.file):
+                features = [entry.applied(f) if f.name == entry.feature else f for f in features]
+        ports = next((entry.outputs for entry in self.models if entry.file == model.source.file), ())
+        return dataclasses.replace(model, features=tuple(features), ports=ports)
+
+    def check_used(self, models: Mapping[str, tuple[str, ...]], problems: Problems) -> None:
+        """Note what is said of files and features that are not there; `models`: the features of each file."""
+        for model in self.models:
+            if model.file not in models:
+                problems.add(f"[[model]] file = '{model.file}': no such model; {nearest(model.file, models)}")
+        for entry in self.inputs:
+            where = f"[[input]] feature = '{entry.feature}'"
+            if entry.file and entry.file not in models:
+                problems.add(f"{where}, file = '{entry.file}': no such model; {nearest(entry.file, models)}")
+                continue
+            known = dict.fromkeys(name for file, names in models.items() if entry.file in ("", file) for name in names)
+            if entry.feature not in known:
+                problems.add(f"{where}: no model has it; {nearest(entry.feature, known)}")
+
+
+def read_configuration(folder: Path) -> Configuration:
+    """The configuration of a folder (or of the folder of one file); an empty one where there is none.
+
+    Raises one InputError that lists every problem.
+    """
+    path = (folder if folder.is_dir() else folder.parent) / CONFIGURATION_FILE
+    if not path.is_file():
+        return Configuration()
+    problems = Problems(str(path))
+    with TomlTable(read_toml(path), "", problems) as file:
+        configuration = _configuration(file)
+    problems.raise_if_any()
+    return configuration
+
+
+def _configuration(file: TomlTable) -> Configuration:
+    with file.table("project") as project:
+        name = project.text("name", "Models")
+        prefix = project.text("prefix", "")
+        leave_out = _texts(project, "leave_out")
+        attributes = _texts(project, "attributes")
+        real = project.text("real", "LREAL")
+        with project.collect():
+            identifier(name, "project name")
+            for attribute in attributes:
+                if not re.fullmatch(r"[A-Za-z_][\w.\-]*", attribute):
+                    raise InputError(f"attributes: {attribute!r} is no name of a pragma")
+        if prefix and not re.fullmatch(r"[A-Za-z]\w*", prefix, re.ASCII):
+            project.note(f"prefix = {shown(prefix)}: letters, digits and underscores, a letter first")
+        if real != "LREAL":
+            project.note(
+                f"real = {shown(real)}: blocks compute in LREAL, in which they equal their libraries; arithmetic in "
+                "REAL is not built, since no proof would hold for it"
+            )
+    build = file.table("build")
+    build.declare(*BUILD_KEYS)
+    build.refuse_others()
+    for key in ("target", "entry"):
+        _texts(build, key)
+    inputs = tuple(filter(None, map(_input, file.tables("input"))))
+    models = tuple(filter(None, map(_model, file.tables("model"))))
+    files = [model.file for model in models]
+    for twice in sorted({name for name in files if files.count(name) > 1}):
+        file.note(f"[[model]] file = '{twice}' is there twice")
+    return Configuration(name, prefix, leave_out, attributes, inputs, models, build.values)
+
+
+def _texts(table: TomlTable, key: str) -> tuple[str, ...]:
+    """A list of texts that may be missing."""
+
+    def text(key: str, value: Any) -> str | None:
+        if isinstance(value, str):
+            return value
+        table.note(f"{key}: {shown(value)} is not a text")
+        return None
+
+    table.declare(key)
+    return table.list_of(key, text) if key in table else ()
+
+
+def _input(table: TomlTable) -> InputEntry | None:
+    with table:
+        feature, file = table.text("feature"), table.text("file", "")
+        name = _variable(table, table.text("name", ""))
+        unit = table.text("unit", "")
+        limits = _range(table)
+        outside = table.choice("outside", Outside) if "outside" in table else Outside.CLAMP
+        table.declare("outside", "trained")
+        seen = table.list_of("trained", table.number_of) if "trained" in table else None
+        if seen is not None and (len(seen) != 2 or seen[0] > seen[1]):
+            table.note("trained: the lowest and the highest value of the training data are wanted")
+        if not feature.isascii() and not name:
+            table.note(f"feature '{feature}' is not ASCII: give it a name")
+        with table.collect():
+            unit_text(unit, "unit")
+    if not table.is_sound or outside is None:
+        return None
+    return InputEntry(feature, file, name, unit, limits, outside, (seen[0], seen[1]) if seen else None)
+
+
+def _model(table: TomlTable) -> ModelEntry | None:
+    with table:
+        file, name = table.text("file"), table.text("name", "")
+        layout = table.choice("layout", Layout) if "layout" in table else None
+        outputs = tuple(_output(entry) for entry in table.tables("outputs"))
+        table.declare("layout")
+        names = [output.variable.lower() for output in outputs]
+        if len(set(names)) < len(names):
+            table.note("two outputs have the same name")
+        with table.collect():
+            check_text(name, "name")
+    return ModelEntry(file, name, layout, outputs) if table.is_sound else None
+
+
+def _output(table: TomlTable) -> Output:
+    with table:
+        name, unit = _variable(table, table.text("name")), table.text("unit", "")
+        limits = _range(table)
+        with table.collect():
+            unit = unit_text(unit, "unit")
+    return Output(name, unit, *(limits or (None, None)))
+
+
+def _range(table: TomlTable) -> tuple[float, float] | None:
+    """The keys min and max, both or none."""
+    table.declare("min", "max")
+    if "min" not in table and "max" not in table:
+        return None
+    low, high = table.number("min"), table.number("max")
+    if low >= high:
+        table.note(f"min = {low:g} is not below max = {high:g}")
+    return low, high
+
+
+def _variable(table: TomlTable, name: str) -> str:
+    """A name for a variable of a block; empty stays empty."""
+    if not name:
+        return name
+    if not re.fullmatch(r"f[A-Z0-9]\w*", name, re.ASCII) or name.endswith("_") or "__" in name:
+        table.note(f"name = {shown(name)}: f and a capital letter, then letters, digits and single underscores")
+    elif name.upper() in KEYWORDS or is_foreign(name):
+        table.note(f"name = {shown(name)} is a reserved word of a compiler")
+    elif len(name) > MAX_IDENTIFIER:
+        table.note(f"name = {shown(name)} is longer than {MAX_IDENTIFIER} characters")
+    return name

@@ -1,0 +1,128 @@
+"""The first `st-codegen.toml` of a folder: everything that its model files know, to be completed by hand."""
+
+from __future__ import annotations
+
+import itertools
+import re
+import unicodedata
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from st_codegen.emit.blocks.model import input_variables
+from st_codegen.emit.literals import MAX_IDENTIFIER, capitalised, identifier
+from st_codegen.errors import InputError, Problems
+from st_codegen.files.toml_text import table_lines, toml_value
+from st_codegen.ir import Feature, FloatArray, ModelIR
+from st_codegen.project.bundle import READERS, Reading
+from st_codegen.walkers.files import known_formats, suffixes
+
+_HEAD = """\
+# What the generated project is called, and what the model files do not know: complete it by hand.
+# Keys that may be added: [project] name, prefix, attributes; [[input]] min, max and outside = "clamp" or "flag";
+# [[model]] layout; outputs unit, min and max.
+"""
+_LETTERS = str.maketrans(
+    {"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss", "°": "deg", "µ": "u", "μ": "u"}
+)
+
+
+def initial_configuration(
+    folder: Path, training_data: Mapping[str, FloatArray] | None = None, *, trust_pickle: bool = False
+) -> str:
+    """The text of a configuration for a folder of models.
+
+    `training_data` has a column of values for each feature, of which the range is written. Raises InputError where the
+    folder has no model file, or is described by a file of its own.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder")
+    for name in READERS:
+        if (folder / name).is_file():
+            raise InputError(f"{folder / name} describes these models; it has names, units and ranges")
+    files = {p.name: p for p in sorted(folder.iterdir()) if p.suffix.lower() in suffixes()}
+    models, reasons = {}, {}
+    for name, path in files.items():
+        problems = Problems(str(folder))
+        found = Reading(trust_pickle).models({"m": path}, problems)
+        if found:
+            models[name] = found["m"].ir
+        else:
+            reasons[name] = str(problems.errors[0]).splitlines()[0].encode("ascii", "replace").decode()
+    if not models:
+        why = "".join(f"\n  - {name}: {reason}" for name, reason in reasons.items())
+        raise InputError(f"{folder}: no model files; supported are {known_formats()}{why}")
+    lines = [_HEAD, "[project]", f"name = {toml_value(_project_name(folder))}", "leave_out = ["]
+    lines += [f"    {toml_value(name)},  # {reason}" for name, reason in reasons.items()]
+    lines += ["]", "", "[build]", 'target = ["twincat"]', 'out = "generated"']
+    for feature in _features(models):
+        lines += ["", *_input(feature, training_data)]
+    for file, name in _names(models).items():
+        lines += ["", *_model(file, name, models[file])]
+    return "\n".join(lines) + "\n"
+
+
+def _project_name(folder: Path) -> str:
+    return _plain(folder.resolve().name, "") or "Models"
+
+
+def _features(models: Mapping[str, ModelIR]) -> list[Feature]:
+    """Each feature of any model once, with the range of the data of all models that know it."""
+    found: dict[str, Feature] = {}
+    for feature in (feature for model in models.values() for feature in model.features):
+        known = found.setdefault(feature.name, feature)
+        ends = [end for f in (known, feature) if f.seen is not None for end in f.seen]
+        found[feature.name] = Feature(feature.name, known.unit, seen=(min(ends), max(ends)) if ends else None)
+    return list(found.values())
+
+
+def _input(feature: Feature, training_data: Mapping[str, FloatArray] | None) -> list[str]:
+    values = {"feature": feature.name, "name": _variable(feature), "unit": feature.unit}
+    seen = feature.seen
+    if training_data is not None:
+        if feature.name not in training_data:
+            raise InputError(f"training data: no column '{feature.name}'; there are {', '.join(training_data)}")
+        column = training_data[feature.name][np.isfinite(training_data[feature.name])]
+        seen = (float(column.min()), float(column.max())) if column.size else None
+    lines = table_lines("[[input]]", values)
+    return [*lines, f"trained = {toml_value(seen)}"] if seen is not None else lines
+
+
+def _variable(feature: Feature) -> str:
+    """The name that the block's input has by itself, or one of the ASCII letters in the feature's name."""
+    try:
+        return input_variables((feature,))[0].name
+    except InputError:
+        return f"fInput_{_plain(feature.name, 'x')}"
+
+
+def _names(files: Iterable[str]) -> dict[str, str]:
+    """A name for the model of each file, in the letters of Structured Text, no two alike."""
+    names: dict[str, str] = {}
+    taken: set[str] = set()
+    for file in files:
+        stem = Path(file).stem
+        try:
+            text = identifier(stem, "model name", "FB_")
+        except InputError:
+            text = stem = _plain(stem, "model")
+        alike = itertools.count(2)
+        name = stem
+        while text.lower() in taken:
+            name = text = f"{_plain(stem, 'model')}_{next(alike)}"
+        taken.add(text.lower())
+        names[file] = name
+    return names
+
+
+def _model(file: str, name: str, model: ModelIR) -> list[str]:
+    outputs = ", ".join(f'{{name = "{variable}", unit = ""}}' for variable in model.variables)
+    return [*table_lines("[[model]]", {"file": file, "name": name}), f"outputs = [{outputs}]"]
+
+
+def _plain(text: str, otherwise: str) -> str:
+    """The ASCII letters and digits of a name."""
+    spelt = unicodedata.normalize("NFKD", text.translate(_LETTERS)).encode("ascii", "ignore").decode()
+    words = re.sub(r"\W+", "_", re.sub(r"_+", "_", spelt)).strip("_")[: MAX_IDENTIFIER - 10]
+    return capitalised(words) if words[:1].isalpha() else otherwise + words

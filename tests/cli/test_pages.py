@@ -1,0 +1,108 @@
+"""Pages of `diff` and `verify`, and `diff` of revisions of git."""
+
+import re
+import shutil
+import subprocess
+
+import pytest
+
+from tests.cli.helpers import run
+
+pytest.importorskip("matplotlib")
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+
+def other_leaf(text):
+    leaf = re.search(r"leaf_value=(\S+)", text)[1]
+    return text.replace(leaf, f"{float(leaf) + 0.25!r}"[: len(leaf)].ljust(len(leaf), "0"), 1)
+
+
+@pytest.fixture
+def two(lone_folder, lightgbm_text, tmp_path):
+    """Two generated folders, of which one leaf of one of two models differs."""
+    (lone_folder / "same.txt").write_text(lightgbm_text)
+    assert run(lone_folder, "--out", tmp_path / "old", "-q") == 0
+    (lone_folder / "te.txt").write_text(other_leaf(lightgbm_text))
+    assert run(lone_folder, "--out", tmp_path / "new", "-q") == 0
+    return tmp_path / "old", tmp_path / "new"
+
+
+def test_a_review_shows_numbers_curves_and_what_stayed(two, tmp_path):
+    html, text = tmp_path / "r.html", tmp_path / "r.md"
+    assert run("diff", *two, "--html", html, "--markdown", text, "-n", 500, "-q") == 1
+    page, marks = html.read_text(encoding="utf-8"), text.read_text(encoding="utf-8")
+    assert page.count("<svg") == 1
+    assert all(name in page for name in ("speed_rpm", "torque_Nm", "temperature_C"))
+    for shown in (page, marks):
+        assert "1 of 2 models changed." in shown
+        assert "same." in shown
+        assert "st-codegen diff" in shown
+        assert re.search(r"\d+\.\d%", shown)
+        assert "No operating range is known" not in shown  # the file has that of the training data
+    assert "| te | 0.25 |" in marks
+    again = tmp_path / "again.html"
+    assert run("diff", *two, "--html", again, "-n", 500, "-q") == 1
+    assert re.sub("<footer>.*</footer>", "", again.read_text("utf-8")) == re.sub("<footer>.*</footer>", "", page)
+
+
+def test_equal_folders_give_a_page_that_says_so(two, tmp_path):
+    assert run("diff", two[0], two[0], "--html", tmp_path / "r.html", "-q") == 0
+    assert "No difference." in (tmp_path / "r.html").read_text(encoding="utf-8")
+
+
+def test_verification_has_a_page(lone_folder, tmp_path):
+    assert run(lone_folder, "--out", tmp_path, "-q") == 0
+    page = tmp_path / "v.html"
+    assert run("verify", lone_folder, "-g", tmp_path, "-n", 100, "--cycle-us", 1000, "--html", page, "-q") == 0
+    text = page.read_text(encoding="utf-8")
+    assert "All agree: library, reference and generated text on a sample of" in text
+    assert "te.txt" in text
+    assert "estimates" in text
+
+
+def git(folder, *arguments):
+    settings = ["-c", "user.name=a", "-c", "user.email=a@example.invalid", "-c", "init.defaultBranch=main"]
+    subprocess.run(["git", "-C", folder, *settings, *arguments], check=True, capture_output=True)
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="needs git")
+def test_two_revisions_of_models_and_of_generated_files(lone_folder, lightgbm_text, tmp_path, capsys):
+    repository = tmp_path / "repository"
+    repository.mkdir()
+    git(repository, "init")
+    shutil.move(lone_folder, repository / "models")
+    assert run(repository / "models", "--out", repository / "plc", "-q") == 0
+    git(repository, "add", ".")
+    git(repository, "commit", "-m", "one")
+    (repository / "models" / "te.txt").write_text(other_leaf(lightgbm_text))
+    assert run(repository / "models", "--out", repository / "plc", "-q") == 0
+    git(repository, "commit", "-a", "-m", "two")
+    for path in ("models", "plc"):
+        capsys.readouterr()
+        assert run("diff", "HEAD~1", "HEAD", repository / path, "-n", 300) == 1
+        assert "0.25" in capsys.readouterr().err
+        assert run("diff", "HEAD", "HEAD", repository / path, "-q") == 0
+    assert run("diff", "HEAD~7", "HEAD", repository / "models") == 2
+    assert "revision 'HEAD~7'" in capsys.readouterr().err
+    assert run("diff", "--", "--output=x", "HEAD", repository / "models") == 2
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+@pytest.mark.parametrize("width", [400, 1200])
+def test_a_page_is_as_wide_as_the_window(two, tmp_path, width):
+    page = tmp_path / "r.html"
+    assert run("diff", *two, "--html", page, "-n", 200, "-q") == 1
+    script = (
+        "<script>const e = document.documentElement;"
+        "document.title = (e.scrollWidth <= e.clientWidth) + ' ' + window.innerWidth</script>"
+    )
+    frame = tmp_path / "frame.html"
+    page.write_text(page.read_text("utf-8").replace("</body>", f"{script}</body>"), encoding="utf-8")
+    frame.write_text(f'<iframe src="r.html" width="{width}" height="800" style="border:0"></iframe>', encoding="utf-8")
+    frame_script = "document.querySelector('iframe').onload = e => document.title = e.target.contentDocument.title"
+    frame.write_text(f"{frame.read_text()}<script>{frame_script}</script>")
+    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--allow-file-access-from-files"]
+    command += [f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=5000", "--dump-dom", frame.as_uri()]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    assert f"<title>true {width}</title>" in done.stdout

@@ -1,0 +1,226 @@
+"""`st-codegen.toml` beside lone models, and `st-codegen init`, which writes it."""
+
+import re
+import tomllib
+
+import numpy as np
+import pytest
+
+from st_codegen.driver import generate
+from st_codegen.emit import output
+from st_codegen.errors import InputError
+from st_codegen.project.bundle import load
+from st_codegen.project.configuration import read_configuration
+from st_codegen.project.initial import initial_configuration
+from st_codegen.proof.probes import operating_range
+from st_codegen.proof.prove.prove import Verdict, prove
+from st_codegen.proof.review import diff
+from st_codegen.proof.runner import GeneratedCode
+from st_codegen.proof.verify import verify
+from tests.cli.helpers import run
+
+FEATURES = ["speed_rpm", "torque_Nm", "temperature_C"]
+WHOLE = """
+[project]
+name = "Pumps"
+prefix = "P1_"
+leave_out = ["notes.txt", "old_*"]
+attributes = ["no_check"]
+
+[[input]]
+feature = "speed_rpm"
+name = "fSpeed"
+unit = "1/min"
+min = 300.0
+max = 1500.0
+
+[[input]]
+feature = "torque_Nm"
+name = "fTorque"
+min = 100.0
+max = 900.0
+outside = "flag"
+
+[[model]]
+file = "te.txt"
+name = "Power"
+layout = "trees"
+outputs = [{name = "fPower_kW", unit = "kW", min = 0.0, max = 1.1}]
+"""
+
+
+@pytest.fixture
+def configured(lone_folder):
+    (lone_folder / "notes.txt").write_text("to do")
+    (lone_folder / "old_1.txt").write_text("no model")
+    (lone_folder / "st-codegen.toml").write_text(WHOLE)
+    return lone_folder
+
+
+@pytest.mark.parametrize("target", ["twincat", "iec"])
+def test_names_ranges_and_outputs_are_those_of_the_configuration(configured, tmp_path, target):
+    bundle = load(configured)
+    generated = generate(bundle, target, tmp_path)
+    code = GeneratedCode(generated.folder, target)
+    text = code.text("FB_P1_Power")
+    assert re.search(r"fSpeed : LREAL; .*speed_rpm, 1/min, trained 300\.0 \.\. 1500\.0", text)
+    assert re.search(r"fPower_kW : LREAL; .*prediction: out1, kW", text)
+    assert ("{attribute 'no_check'}" in text) == (target == "twincat")
+    x = np.array([[100.0, 500.0, 30.0], [300.0, 500.0, 30.0], [600.0, 1e4, 30.0], [600.0, 500.0, 30.0]])
+    got = code.call("FB_P1_Power", dict(zip(["fSpeed", "fTorque", "fTemperature_C"], x.T, strict=True)), 4)
+    assert got["bValid"].all()
+    assert list(got["bInRange"]) == [False, True, False, True]
+    expected = bundle.models[0].predict(np.array([[300.0, *x[0, 1:]], *x[1:]]))[:, 0]
+    assert np.array_equal(got["fPower_kW"], expected)  # the first row is limited, the third is not
+    assert list(got["bPlausible"]) == list((expected >= 0.0) & (expected <= 1.1))
+    assert len(set(got["bPlausible"])) == 2
+    assert verify(bundle, tmp_path, rows=500).passed
+    assert generated.facts["models"]["P1_Power"]["layout"] != "table"
+
+
+def test_the_project_has_the_name(configured, tmp_path):
+    assert (generate(load(configured), "twincat", tmp_path).folder / "Pumps.plcproj").is_file()
+
+
+def test_configured_blocks_are_proved_and_tested(configured, tmp_path):
+    # a plausible range is a comparison of a computed number, which prove does not follow and says so
+    (configured / "st-codegen.toml").write_text(WHOLE.replace(", min = 0.0, max = 1.1", ""))
+    bundle = load(configured)
+    folder = generate(bundle, "twincat", tmp_path, with_tests=True).folder
+    (result,) = prove(bundle, tmp_path).results
+    assert result.verdict is Verdict.PROVED, result.reason
+    suite = (folder / "Tests" / "FB_P1_Power_Test.TcPOU").read_text(encoding="utf-8")
+    assert "fbBlock.fPower_kW" in suite
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("[project]", '[project]\nreal = "REAL"'), "arithmetic in REAL is not built"),
+        (('"fSpeed"', '"Speed"'), "f and a capital letter"),
+        (('"fTorque"', '"fSpeed"'), "its input would be called fSpeed"),
+        (('"te.txt"', '"tee.txt"'), "did you mean 'te.txt'"),
+        (('feature = "speed_rpm"', 'feature = "speed"'), "did you mean 'speed_rpm'"),
+        (("max = 1500.0", "max = 15.0"), "min = 300 is not below max = 15"),
+        (('layout = "trees"', 'layout = "tree"'), "did you mean 'trees'"),
+        (('unit = "1/min"', "units = 3"), "did you mean 'unit'"),
+        (('"P1_"', '"1_"'), "prefix = '1_'"),
+        (('"no_check"', '"x\'y"'), "no name of a pragma"),
+        (("outputs = [", 'outputs = [{name = "fB"}, '), "2 outputs described, it has 1"),
+        (('"fPower_kW"', '"fX"'), "the output fX has the name of a variable"),
+    ],
+)
+def test_what_is_wrong_is_named_with_the_place(configured, tmp_path, change, message):
+    assert change[0] in WHOLE
+    (configured / "st-codegen.toml").write_text(WHOLE.replace(*change))
+    with pytest.raises(InputError, match=re.escape(message)):
+        generate(load(configured), "twincat", tmp_path)
+
+
+def test_a_bundle_of_transmission_error_keeps_its_own_description(bundle_folder):
+    (bundle_folder / "st-codegen.toml").write_text('[build]\nlayout = "trees"\n')
+    assert load(bundle_folder).configuration.build == {"layout": "trees"}
+    (bundle_folder / "st-codegen.toml").write_text(WHOLE)
+    with pytest.raises(InputError, match=r"bundle\.toml describes these models"):
+        load(bundle_folder)
+
+
+def test_build_gives_options_their_defaults(lone_folder, tmp_path, capsys):
+    out = tmp_path / "plc"
+    (lone_folder / "st-codegen.toml").write_text(
+        f'[build]\ntarget = ["iec", "twincat"]\nout = {str(out)!r}\nlayout = "trees"\n'
+    )
+    assert run(lone_folder, "-q") == 0
+    assert sorted(path.name for path in out.iterdir()) == ["iec", "twincat"]
+    assert output.read_manifest(out / "iec").facts["models"]["te"]["layout"] != "table"
+    assert run("verify", lone_folder, "-n", "50", "-q") == 0
+    assert run(lone_folder, "-q", "--layout", "table", "--relayout") == 0
+    assert output.read_manifest(out / "iec").facts["models"]["te"]["layout"] == "table"
+    (lone_folder / "st-codegen.toml").write_text('[build]\nlayot = "trees"\n')
+    assert run(lone_folder, "-q") == 2
+    assert "did you mean 'layout'" in capsys.readouterr().err
+    (lone_folder / "st-codegen.toml").write_text('[build]\nlayout = "tree"\n')
+    assert run(lone_folder, "-q") == 2
+
+
+def test_reserved_words_are_refused_only_as_whole_names(lone_folder, tmp_path):
+    (lone_folder / "te.txt").rename(lone_folder / "log.txt")
+    folder = generate(load(lone_folder), "twincat", tmp_path).folder
+    assert (folder / "POUs" / "FB_Log.TcPOU").is_file()
+
+
+def test_two_files_of_one_name_are_told_with_their_suffixes(lone_folder):
+    (lone_folder / "te.json").write_text("{}")
+    with pytest.raises(InputError, match=r"called FB_te: te\.json and te\.txt; rename one"):
+        load(lone_folder)
+
+
+def umlauts(folder):
+    """A model whose file and features no compiler takes by name."""
+    ensemble = pytest.importorskip("sklearn.ensemble")
+    joblib = pytest.importorskip("joblib")
+    pandas = pytest.importorskip("pandas")
+    x = np.random.default_rng(0).uniform(3.0, 60.0, (80, 2))
+    table = pandas.DataFrame(x, columns=["Öltemperatur °C", "Drehzahl"])
+    folder.mkdir()
+    joblib.dump(ensemble.RandomForestRegressor(3, max_depth=3, random_state=0).fit(table, x[:, 0]), folder / "kühl.pkl")
+    (folder / "notes.txt").write_text("[nan: no model")
+    table.to_csv(folder / "data.csv", index=False)
+    return x
+
+
+def test_init_writes_what_the_files_know_and_the_result_compiles(tmp_path, capsys):
+    folder = tmp_path / "models"
+    x = umlauts(folder)
+    with pytest.raises(InputError, match=r"use printable ASCII characters only, or give it a name in st-codegen\.toml"):
+        load(folder, trust_pickle=True)
+    assert run("init", folder, "--trust-pickle", "--training-data", folder / "data.csv") == 0
+    content = tomllib.loads((folder / "st-codegen.toml").read_text(encoding="utf-8"))
+    assert content["project"] == {"name": "Models", "leave_out": ["notes.txt"]}
+    assert content["input"][0] == {
+        "feature": "Öltemperatur °C",
+        "name": "fInput_Oeltemperatur_degC",
+        "unit": "",
+        "trained": [x[:, 0].min(), x[:, 0].max()],
+    }
+    assert content["model"] == [{"file": "kühl.pkl", "name": "Kuehl", "outputs": [{"name": "fOut1", "unit": ""}]}]
+    bundle = load(folder, trust_pickle=True)
+    generated = generate(bundle, "twincat", tmp_path / "out")
+    assert "FB_Kuehl" in generated.facts["blocks"]
+    assert verify(bundle, tmp_path / "out", rows=300).passed
+    low, high = operating_range(bundle.models[0].ir)
+    assert np.array_equal([low, high], [x.min(axis=0), x.max(axis=0)])
+    assert run("init", folder) == 1
+    assert "is there already" in capsys.readouterr().err
+
+
+def test_init_names_two_files_of_one_stem_apart(lone_folder, tmp_path):
+    (lone_folder / "TE.lgb.txt").write_text((lone_folder / "te.txt").read_text())
+    (lone_folder / "te-lgb.txt").write_text((lone_folder / "te.txt").read_text())
+    (lone_folder / "st-codegen.toml").write_text(initial_configuration(lone_folder))
+    assert len(load(lone_folder).models) == 3
+
+
+def test_a_range_is_claimed_only_where_it_is_known(lone_folder, tmp_path, capsys):
+    joblib, tree = pytest.importorskip("joblib"), pytest.importorskip("sklearn.tree")
+    x = np.random.default_rng(1).uniform(3.0, 60.0, (50, 1))
+    joblib.dump(tree.DecisionTreeRegressor(max_depth=2).fit(x, x[:, 0]), lone_folder / "guess.pkl")
+    bundle = load(lone_folder, trust_pickle=True)
+    facts = generate(bundle, "twincat", tmp_path / "a").facts["models"]
+    assert [f["range_from"] for f in facts["te"]["features"]] == ["training data"] * 3
+    assert facts["guess"]["features"][0]["range_from"] == "guess from the model's numbers"
+    seen = bundle.models[1].ir.features[0].seen
+    assert 100 <= seen[0] < seen[1] <= 1800
+    text = (tmp_path / "a/twincat/POUs/FB_Te.TcPOU").read_text(encoding="utf-8")
+    assert re.search(r"speed_rpm, training data \d", text)
+    assert "training data" not in (tmp_path / "a/twincat/POUs/FB_Guess.TcPOU").read_text(encoding="utf-8")
+    # the guess moves with the model: that is no change of a feature
+    joblib.dump(tree.DecisionTreeRegressor(max_depth=2).fit(x + 1, x[:, 0]), lone_folder / "guess.pkl")
+    generate(load(lone_folder, trust_pickle=True), "twincat", tmp_path / "b")
+    (changed,) = [m for m in diff(tmp_path / "a", tmp_path / "b", rows=50).models if m.changed]
+    assert (changed.name, [c.what for c in changed.facts if c.what == "features"]) == ("guess", [])
+
+
+def test_no_configuration_changes_nothing(lone_folder):
+    assert read_configuration(lone_folder) == read_configuration(lone_folder / "te.txt")
+    assert not read_configuration(lone_folder).describes_models

@@ -1,0 +1,159 @@
+"""What is said of models that cannot be compiled: the class and what is near, once; nothing of data is markup."""
+
+import numpy as np
+import pytest
+
+import st_codegen
+from st_codegen.driver import generate
+from st_codegen.errors import InputError, Problems, UnsupportedModelError
+from st_codegen.project.bundle import load
+from st_codegen.proof.predict import by_library, by_text, predict, read_table
+from st_codegen.proof.runner import GeneratedCode
+from st_codegen.proof.verify import verify
+from tests.cli.helpers import run
+
+X = np.random.default_rng(0).uniform(3.0, 60.0, (60, 2))
+
+
+def save(folder, name, estimator):
+    skops = pytest.importorskip("skops.io")
+    folder.mkdir(exist_ok=True)
+    skops.dump(estimator.fit(X, X[:, 0]), folder / f"{name}.skops")
+    return folder
+
+
+def test_a_class_that_is_not_supported_is_named_with_what_is_near(tmp_path):
+    neighbors, pipeline = pytest.importorskip("sklearn.neighbors"), pytest.importorskip("sklearn.pipeline")
+    from sklearn.preprocessing import StandardScaler
+
+    alone = save(tmp_path / "a", "knn", neighbors.KNeighborsRegressor())
+    inside = save(tmp_path / "b", "knn", pipeline.make_pipeline(StandardScaler(), neighbors.KNeighborsRegressor()))
+    for folder in (alone, inside):
+        with pytest.raises(UnsupportedModelError) as caught:
+            load(folder)
+        assert str(caught.value) == (
+            f"{folder}: knn.skops: scikit-learn's KNeighborsRegressor is not supported; near it: "
+            "RandomForestRegressor and ExtraTreesRegressor; `st-codegen models` lists what is"
+        )
+
+
+def test_many_problems_of_one_kind_are_one_line():
+    problems = Problems("graph.onnx")
+    for number in range(48):
+        problems.add(f"node 'Sin_{number}': operand {number} is of type int8")
+    problems.add("no output")
+    with pytest.raises(InputError) as caught:
+        problems.raise_if_any()
+    assert str(caught.value).splitlines() == [
+        "graph.onnx: 49 problems",
+        "  - node 'Sin_0': operand 0 is of type int8; and 47 more that differ in names and numbers only",
+        "  - no output",
+    ]
+
+
+def test_a_few_problems_of_one_kind_are_all_shown():
+    problems = Problems("x")
+    for number in range(8):
+        problems.add(f"node 'n{number}' is wrong")
+    with pytest.raises(InputError) as caught:
+        problems.raise_if_any()
+    assert len(str(caught.value).splitlines()) == 9
+
+
+def test_decimal_commas_are_read_as_in_training(lone_folder, tmp_path):
+    path = tmp_path / "x.csv"
+    path.write_text("f0;f1;f2\n300,5;100;nan\n", encoding="utf-8")
+    table = read_table(path)
+    assert table["f0"] == [300.5]
+    assert np.isnan(table["f2"]).all()
+
+
+def test_brackets_in_data_are_shown(lone_folder, tmp_path, capsys):
+    (lone_folder / "[nan.txt").write_text("no model [red]at[/red] all")
+    path = tmp_path / "x.csv"
+    path.write_text("f0,f1,f2\n1,2,[nan\n")
+    assert run("predict", lone_folder, "-i", path, "-o", tmp_path / "y.csv") == 2
+    assert "'[nan' is not a number" in capsys.readouterr().err
+    assert run(lone_folder, "--out", tmp_path) == 2
+    assert "[nan.txt: not a LightGBM text model" in capsys.readouterr().err
+    (lone_folder / "[nan.txt").write_text((lone_folder / "te.txt").read_text())
+    assert run(lone_folder, "--out", tmp_path) == 0
+    assert "[nan" in capsys.readouterr().err
+
+
+def test_models_lists_what_is_supported_and_a_folder_of_that_name_compiles(lone_folder, tmp_path, capsys, monkeypatch):
+    assert run("models") == 0
+    printed = capsys.readouterr().out
+    assert "RandomForestRegressor" in printed
+    assert "LGBMRegressor" in printed
+    lone_folder.rename(tmp_path / "models")
+    monkeypatch.chdir(tmp_path)
+    assert run("models", "--out", "plc", "-q") == 0
+    assert run("models/", "--out", "plc", "-q") == 0
+    assert (tmp_path / "plc" / "twincat").is_dir()
+
+
+# --- transformers, and what stands in memory
+
+
+def transformers():
+    pytest.importorskip("sklearn")
+    from sklearn.compose import ColumnTransformer
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import FunctionTransformer, MinMaxScaler, StandardScaler
+
+    return {
+        "scaler": StandardScaler(),
+        "chain": make_pipeline(StandardScaler(), MinMaxScaler()),
+        "columns": ColumnTransformer([("a", MinMaxScaler(), [1]), ("b", "passthrough", [0])]),
+        "logarithm": FunctionTransformer(np.log1p),
+    }
+
+
+@pytest.mark.parametrize("name", ["scaler", "chain", "columns", "logarithm"])
+def test_a_transformer_is_compiled_by_its_transform(name, tmp_path):
+    estimator = transformers()[name].fit(X)
+    bundle = load(estimator)
+    (model,) = bundle.models
+    assert model.ir.outputs == ("out1", "out2")
+    assert np.array_equal(model.predict(X), estimator.transform(X))
+    folder = generate(bundle, "twincat", tmp_path).folder
+    assert verify(bundle, tmp_path, rows=300).passed
+    columns = {"f0": np.array([3.5, np.nan]), "f1": np.array([5.0, 5.0])}
+    expected = estimator.transform(np.array([[3.5, 5.0]]))[0]
+    for answer in (by_library, by_text(GeneratedCode(folder, "twincat"))):
+        got = predict(bundle, columns, answer)
+        assert list(got) == ["model[0]", "model[1]"]
+        values = np.column_stack(list(got.values()))
+        assert np.allclose(values[0], expected, rtol=1e-15, atol=0)
+        assert np.isnan(values[1]).all()
+
+
+def test_estimators_are_compiled_from_memory(tmp_path):
+    ensemble, linear = pytest.importorskip("sklearn.ensemble"), pytest.importorskip("sklearn.linear_model")
+    forest = ensemble.RandomForestRegressor(3, max_depth=3, random_state=0).fit(X, X[:, 0])
+    bundle = st_codegen.load({"forest": forest, "line": linear.Ridge().fit(X, X[:, 1])})
+    generated = st_codegen.generate(bundle, "twincat", tmp_path)
+    report = st_codegen.verify(bundle, tmp_path, rows=200)
+    assert report.passed
+    assert [model.name for model in bundle.irs] == ["forest", "line"]
+    assert len(bundle.irs[0].source.digest) == 64
+    shown = [bundle, generated, report, bundle.models[0]]
+    assert [len(repr(value)) < 300 for value in shown] == [True] * 4
+    assert repr(bundle) == "Bundle(forest, line)"
+    assert repr(report) == "VerifyReport(2 models, all passed)"
+    pages = [value._repr_html_() for value in shown[:3]]
+    assert all(page.startswith("<table>") and "forest" in page for page in pages)
+    assert "FB_Forest" in pages[1]
+    assert "exact" in pages[2]
+
+
+def test_texts_of_a_notebook_are_escaped():
+    from st_codegen.files.html_text import html_table
+
+    assert "<b>" not in html_table("<b>", ["<b>"], [["<b>"]])
+
+
+def test_what_is_no_estimator_is_refused():
+    with pytest.raises(InputError, match=r"this is a builtins\.list, not a model of scikit-learn"):
+        load([1, 2])
