@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 RACE := .venv-race
 INSTALLED := $(VENV)/.installed
 
-.PHONY: run test real blark soak soak-long lint sizes nightly bench clean tables train-long blind blind-form mutate mutants example race
+.PHONY: run test real blark soak soak-long fuzz sbom audit lint sizes nightly bench clean tables train-long blind blind-form mutate mutants example race
 
 run: $(INSTALLED)  ## compile the example bundle, verify the result
 	$(BIN)/st-codegen examples/rv160n/models/ --target twincat --out build/rv160n
@@ -36,6 +36,19 @@ sizes: $(INSTALLED)  ## files and tables of millions of numbers
 
 nightly: $(INSTALLED)  ## the property tests with twenty times as many examples, new ones each time
 	HYPOTHESIS_PROFILE=nightly $(BIN)/python -m pytest -n 2 -q
+
+fuzz: $(INSTALLED)  ## damaged files of every kind for ten minutes, each in a process of its own; build/fuzz/ keeps what fails
+	$(BIN)/python -m tests.fuzz --seconds 600
+
+sbom: requirements.lock  ## software bill of materials of the pinned packages, build/sbom.json; installs its tool: needs a network
+	$(PYTHON) -m venv build/audit
+	build/audit/bin/python -m pip install --quiet --disable-pip-version-check cyclonedx-bom
+	build/audit/bin/cyclonedx-py requirements requirements.lock --output-file build/sbom.json
+
+audit: requirements.lock  ## known vulnerabilities of the pinned packages; installs its tool and asks a database: needs a network
+	$(PYTHON) -m venv build/audit
+	build/audit/bin/python -m pip install --quiet --disable-pip-version-check pip-audit
+	build/audit/bin/pip-audit --require-hashes --disable-pip --requirement requirements.lock
 
 lint: $(INSTALLED)  ## style and types
 	$(BIN)/ruff check .
@@ -85,9 +98,8 @@ $(INSTALLED): requirements.lock pyproject.toml
 	touch $@
 
 # what the race compares with: its own environment, since some of it needs old versions
-$(RACE)/.installed: benchmarks/requirements-race.txt
+$(RACE)/.installed: benchmarks/requirements-race.txt benchmarks/requirements-race-lleaves.txt
 	$(PYTHON) -m venv $(RACE)
-	$(RACE)/bin/python -m pip install --quiet --disable-pip-version-check --requirement benchmarks/requirements-race.txt
-	# fails with llvmlite 0.44 and above: module 'llvmlite.binding' has no attribute 'PassManagerBuilder'
-	$(RACE)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --target $(RACE)/lleaves lleaves==1.3.0 llvmlite==0.43.0
+	$(RACE)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes --no-deps --requirement benchmarks/requirements-race.txt
+	$(RACE)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes --no-deps --target $(RACE)/lleaves --requirement benchmarks/requirements-race-lleaves.txt
 	touch $@

@@ -56,7 +56,7 @@ def _run(check, arguments, output):
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         spent = int(sum(resource.getrusage(resource.RUSAGE_SELF)[:2]))
         resource.setrlimit(resource.RLIMIT_CPU, (spent + SECONDS, spent + SECONDS + 5))
-        signal.alarm(20 * SECONDS)  # what sleeps, on a machine however busy
+        signal.alarm(4 * SECONDS)  # what sleeps, on a machine however busy
         code = 0 if check(*arguments) else 3
     except StCodegenError as error:
         code = 2 if str(error).strip() else 70

@@ -1,0 +1,49 @@
+"""`python -m tests.fuzz`: damaged files of every kind, each in a process of its own; anything but two outcomes fails.
+
+A mutant must be refused in one line, or be accepted and then equal what its library or another reading makes of it.
+What does neither is kept in build/fuzz/; put it into tests/fuzz/corpus/, which the quick suite replays.
+"""
+
+import argparse
+import os
+import random
+import sys
+import time
+from collections import Counter
+from multiprocessing import get_context
+
+os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "POLARS_MAX_THREADS": "1"}
+
+from tests.fuzz.kinds import KINDS
+from tests.fuzz.process import GOOD, Outcome
+from tests.fuzz.runner import run
+
+
+def main(arguments):
+    """Run the jobs and print a table; exit code 1 where a mutant did what none may do."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=600, help="for all kinds together")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count())
+    parser.add_argument("--seed", type=int, default=random.randrange(10**6))
+    parser.add_argument("--most", type=int, default=10**9, help="mutants of each kind")
+    parser.add_argument("kinds", nargs="*", default=list(KINDS))
+    given = parser.parse_args(arguments)
+    share = given.seconds * given.jobs / len(given.kinds)
+    started, total = time.monotonic(), Counter()
+    with get_context("spawn").Pool(given.jobs, maxtasksperchild=1) as pool:
+        runs = [pool.apply_async(run, (name, given.seed, share, given.most)) for name in given.kinds]
+        for job in runs:
+            name, counts = job.get()
+            total += counts
+            print(f"{name:14} {sum(counts.values()):6}  {_classes(counts)}", flush=True)
+    spent = time.monotonic() - started
+    print(f"fuzz: {sum(total.values()):,} mutants, seed {given.seed}, {spent:.0f} s: {_classes(total)}")
+    return 0 if set(total) <= set(GOOD) else 1
+
+
+def _classes(counts):
+    return ", ".join(f"{counts[one]:,} {one}" for one in Outcome if counts[one])
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
