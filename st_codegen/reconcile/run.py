@@ -25,7 +25,7 @@ from st_codegen.reconcile.fit.parameters import Piece, piece_of
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.candidates import Candidate
-from st_codegen.reconcile.judge.conclusions import Conclusions, conclude, unchanged, without_misfits
+from st_codegen.reconcile.judge.conclusions import Conclusions, conclude, unchanged, without_gone, without_misfits
 from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.held_out import held_out_rms
 from st_codegen.reconcile.judge.lines import lines_in_samples
@@ -203,7 +203,7 @@ def _reconcile(rig: RigModel, known: Catalogue, progress: Progress | None, exami
     last, _ = without_misfits(last)
     # which effects there are is decided; how large they are all runs may say
     last = fit(with_noise_of(replace(last, target=replace(target, data=data)))[0], last.state)
-    last, _ = without_misfits(last)
+    last = without_gone(last)
     conclusions = conclude(rig, last, known)
     result = _result(rig, data, conclusions, tuple(judged), examined.mistakes, apart)
     worse = result.held_out.after > SETTINGS.worse * result.held_out.before
@@ -256,9 +256,10 @@ def _result(
     if kept.any():
         trained = fit(target.subset(~apart), final.state).state.model()
         unseen = np.sqrt(weight * (np.abs(target.residual(trained, kept)) ** 2).mean(axis=0))
-        # runs between those that were seen say nothing of levels between them: the worse of both counts
-        if (unseen**2).sum() > (held_out**2).sum():
-            held_out, first, unseen_curves = unseen, rms_deg(before[kept], data.orders), int(kept.sum())
+        # runs between those seen say nothing of levels between them: a gap that falls clearly less there counts
+        own = rms_deg(before[kept], data.orders)
+        if np.linalg.norm(held_out) / first < SETTINGS.clearly_larger * np.linalg.norm(unseen) / own:
+            held_out, first, unseen_curves = unseen, own, int(kept.sum())
     per_order = tuple(
         OrderGap(
             int(order),
@@ -300,8 +301,8 @@ def _with_suspects(target: FitData, final: Fit, noise: Noise) -> Noise:
     return replace(again, suspects=tuple(ranked))
 
 
-def _of(rig: RigModel) -> tuple[float, float]:
-    return rig.constants.reduction_ratio, rig.constants.reference_temperature_C
+def _of(rig: RigModel) -> tuple[float, float, float]:
+    return rig.constants.reduction_ratio, rig.constants.reference_temperature_C, rig.noise.run_offset_deg
 
 
 def _own(effect: Effect) -> Piece:

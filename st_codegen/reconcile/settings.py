@@ -117,6 +117,8 @@ class Settings:
     one_apart_in: int = 8
     #: a held-out gap that rises by more than its own scatter from run to run: the rig stays as it is
     worse: float = 1.02
+    #: the gap of levels that were left out counts in place of that of unseen runs from so many times on: both scatter
+    clearly_larger: float = 1.25
     #: resampled data sets, and the share of them in which an effect must keep its size
     resamplings: int = 60
     stable: float = 0.9
@@ -162,6 +164,8 @@ class Settings:
     beyond_spectral: float = 2.0
     wander_orders: int = 5
     wander: float = 3.0
+    #: a residual so many times that of the orders beside it is more than noise, where no curve tells its own
+    beyond_beside: float = 10.0
     #: orders that tell what the noise of one between them is
     near_floors: int = 4
     #: lines a turn that encoders have, and how far sidebands of them reach

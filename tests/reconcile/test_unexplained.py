@@ -144,3 +144,16 @@ def test_the_error_between_lines_of_an_encoder_is_noise_where_it_shows():
     left, floor = curves(values, SIGMA, samples=1000)
     assert left == {} and floor[48] == pytest.approx(14 * SIGMA, rel=0.1)
     assert list(curves(values, SIGMA, samples=1024)[0]) == [48]
+
+
+def test_an_order_of_a_table_far_louder_than_those_beside_it_is_not_called_noise():
+    """A table has no noise of its own curves; a peak between scattered runs looks like noise to its contrasts."""
+    at, orders = grid(), np.array([0, 36, 39, 40, 42, 53])
+    values = white([1, 1, 1.5, 0.7, 30, 1])
+    data = Observations(at, labels(at), orders, values)
+    noise = estimate(data, values)
+    target = FitData(data, noise.sigma, noise.good, groups_of(at))
+    own = floors(target, values, noise.floor_rms)
+    (one,) = signatures(target, values, 1.0, own)
+    assert one.order == 42 and "orders beside it" in one.text
+    assert own[4] < 2 * SIGMA

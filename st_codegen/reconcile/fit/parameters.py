@@ -69,8 +69,8 @@ class Piece:
             self.origin,
         )
 
-    def unit(self, chosen: Coordinate) -> Effect:
-        """The effect with this linear coordinate at 1 and the other linear ones at 0."""
+    def unit(self, chosen: Coordinate | None) -> Effect:
+        """The effect with this linear coordinate at 1 and the other linear ones at 0; None: all of them at 0."""
         coordinates = self.coordinates()
         vector = np.array([_read(self.effect, c) if c.form is Form.SHAPE else float(c == chosen) for c in coordinates])
         values = _written(self.effect, coordinates, vector)

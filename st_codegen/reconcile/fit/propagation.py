@@ -59,8 +59,10 @@ class Propagation:
         """Derivatives of the measured coefficients by the coordinates of a piece."""
         found = []
         coordinates, vector = piece.coordinates(), piece.vector()
+        # what a shape alone makes (a delay turns all orders) is no part of what a linear coordinate adds
+        nothing = self.change(piece.unit(None)) if piece.effect.stage is Stage.MEASURING else 0.0
         for number, c in enumerate(coordinates):
-            change = self.change(piece.unit(c)) if c.linear else self._slope(piece, vector, number, c)
+            change = self.change(piece.unit(c)) - nothing if c.linear else self._slope(piece, vector, number, c)
             found.append(self._column(self.measured(change, piece.effect.stage)))
         return found
 

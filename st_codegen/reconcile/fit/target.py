@@ -67,7 +67,8 @@ class FitData:
     """What is fitted: data, their noise sigma (n, K), the rows that count (n,), and how the rows are grouped.
 
     wide: (n, K), how far coefficients scatter about the model, never less than the noise: the fit weighs by it, since
-    a model whose form is not quite right must not be bent by the last digit of a clean order.
+    a model whose form is not quite right must not be bent by the last digit of a clean order. run_offset_deg: how far
+    the mean differs from run to run, as the rig says.
     """
 
     data: Observations
@@ -76,6 +77,7 @@ class FitData:
     groups: Groups
     reduction_ratio: float = 81.0
     reference_temperature_C: float = 30.0
+    run_offset_deg: float = 0.0
     wide: FloatArray | None = None
     cache: dict[object, tuple[Column, ...]] = field(default_factory=dict, compare=False)
     responses: dict[object, ComplexArray] = field(default_factory=dict, compare=False)

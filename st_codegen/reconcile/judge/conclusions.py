@@ -87,7 +87,7 @@ def without_misfits(current: Fit) -> tuple[Fit, list[Piece]]:
                 continue
             ratio = _misfit(current, piece)
             limit = SETTINGS.misfit if piece.effect.stage is not Stage.STRUCTURE else _misfit_of_peaks(piece)
-            if bounds_met(piece) or not is_a_peak(piece) or _is_gone(current, number):
+            if bounds_met(piece) or not is_a_peak(piece):
                 ratio = float("inf")
             if ratio > limit and (worst is None or ratio > worst[0]):
                 worst = (ratio, number)
@@ -97,11 +97,15 @@ def without_misfits(current: Fit) -> tuple[Fit, list[Piece]]:
         current = fit(current.target, current.state.without(worst[1]))
 
 
-def _is_gone(current: Fit, number: int) -> bool:
-    """Whether an addition is no longer more than noise, now that other runs and other effects are there."""
-    place = current.state.slices()[number]
-    places = list(range(place.start, place.stop))
-    return p_of_clusters(current, places, current.state.vector()[places]) > SETTINGS.p_clusters
+def without_gone(current: Fit) -> Fit:
+    """Take back additions that are no longer more than noise, now that other runs and other effects are there."""
+    for number in reversed(range(len(current.state.pieces))):
+        place = current.state.slices()[number]
+        places = list(range(place.start, place.stop))
+        vector = current.state.vector()[places]
+        if current.state.pieces[number].added and p_of_clusters(current, places, vector) > SETTINGS.p_clusters:
+            current = fit(current.target, current.state.without(number))
+    return current
 
 
 def _misfit_of_peaks(piece: Piece) -> float:
@@ -209,11 +213,14 @@ SOMETHING_ELSE = "something_else"
 
 
 def _by_order_alone(final: Fit, number: int) -> bool:
-    """Whether nothing but its order ties a constant wave to the part that it is named after.
+    """Whether nothing but its order ties a wave to the part that it is named after.
 
-    Growth with the load or sidebands of the carrier on the same order do; an error of a shaft has no such company.
+    Growth with the load or sidebands of the carrier on the same order do; an error of a shaft has no such company, nor
+    has a sideband without the other one.
     """
     piece = final.state.pieces[number]
+    if piece.effect.stage is Stage.MODULATION:
+        return _single_sideband(piece)
     if piece.effect.orders_key != "order" or piece.effect.stage is not Stage.ADDITIVE:
         return False
     depends = piece.effect.name == "load_dependent_mesh"
@@ -225,11 +232,20 @@ def _by_order_alone(final: Fit, number: int) -> bool:
     return not depends and not company
 
 
+def _single_sideband(piece: Piece) -> bool:
+    """Whether a modulation makes one order beside its mesh order, and not the two that a turning carrier makes."""
+    ratios = [x for key, x in piece.effect.values.items() if key.endswith("_ratio")]
+    return sum(bool(x) for x in ratios) == 1
+
+
 def _of_its_order(final: Fit, number: int) -> tuple[str, ...]:
     """What is said beside a name that only an order gives."""
     if not _by_order_alone(final, number):
         return ()
-    order = final.state.pieces[number].effect.orders[0]
+    piece = final.state.pieces[number]
+    order = piece.effect.orders[0]
+    if piece.effect.stage is Stage.MODULATION:
+        return (f"one sideband of order {order} without the other: a wave of that order from elsewhere is as likely",)
     return (
         f"order {order} is one that this part makes; a constant wave of that order from elsewhere would look the same",
     )

@@ -170,33 +170,44 @@ def floors(target: FitData, residual: ComplexArray, of_contrasts: FloatArray) ->
     data, found = target.data, of_contrasts.copy()
     if not target.good.any():
         return found
+    own = _within(target)
     if data.spectral_deg is not None:
-        own = np.sqrt((data.spectral_deg[target.good] ** 2).mean(axis=0))
         lasts = (data.orders <= SETTINGS.wander_orders) & (found < _beyond(target, residual) * own)
         return np.where(lasts | (of_an_encoder(data) > 0), found, own)
     left = structure(target, residual).significant
-    clean = np.flatnonzero(~left & (data.orders > 0))
-    for k in np.flatnonzero(left & (data.orders > 0)) if len(clean) else ():
-        near = clean[np.argsort(np.abs(data.orders[clean] - data.orders[k]), kind="stable")[: SETTINGS.near_floors]]
-        found[k] = min(found[k], float(np.median(of_contrasts[near])))
+    left[scatter(target, residual)] = True
+    return np.where(left, np.minimum(found, own), found)
+
+
+def _within(target: FitData) -> FloatArray:
+    """RMS of one component of the noise that is no structure, (K,): that within the curves, of tables that beside.
+
+    The orders beside an order differ from run to run by about as much; those of the mean say nothing of it (inf).
+    """
+    data, good = target.data, target.good
+    if data.spectral_deg is not None:
+        return np.asarray(np.sqrt((data.spectral_deg[good] ** 2).mean(axis=0)))
+    sizes, found = np.sqrt((target.sigma[good] ** 2).mean(axis=0)), np.full(len(data.orders), np.inf)
+    waves = np.flatnonzero(data.orders > 0)
+    for k in waves if len(waves) > SETTINGS.near_floors else ():
+        others = waves[waves != k]
+        near = np.argsort(np.abs(data.orders[others] - data.orders[k]), kind="stable")[: SETTINGS.near_floors]
+        found[k] = np.median(sizes[others[near]])
     return found
 
 
 def scatter(target: FitData, residual: ComplexArray) -> IntArray:
-    """Columns of orders whose residual is larger than the noise within the curves, whatever its pattern."""
-    data = target.data
-    if data.spectral_deg is None or not target.good.any():
+    """Columns of orders whose residual is larger than the noise can be, whatever its pattern."""
+    if not target.good.any():
         return np.zeros(0, np.int64)
     found: IntArray = np.flatnonzero(_times_spectral(target, residual) > _beyond(target, residual))
     return found
 
 
 def _times_spectral(target: FitData, residual: ComplexArray) -> FloatArray:
-    """How many times the noise within the curves a residual is, by order (K,)."""
-    data, good = target.data, target.good
-    assert data.spectral_deg is not None
-    left = (np.abs(residual[good]) ** 2).mean(axis=0) / np.where(data.orders == 0, 1, 2)
-    found: FloatArray = np.sqrt(left / np.maximum((data.spectral_deg[good] ** 2).mean(axis=0), 1e-300))
+    """How many times the noise that is no structure a residual is, by order (K,)."""
+    left = (np.abs(residual[target.good]) ** 2).mean(axis=0) / np.where(target.data.orders == 0, 1, 2)
+    found: FloatArray = np.sqrt(left) / np.maximum(_within(target), 1e-150)
     return found
 
 
@@ -205,12 +216,16 @@ def _beyond(target: FitData, residual: ComplexArray) -> FloatArray:
 
     It shows in all of them: how far each may be above is told by the others, order 0 aside.
     """
+    if target.data.spectral_deg is None:
+        return np.full(len(target.data.orders), SETTINGS.beyond_beside)
     orders, times = target.data.orders, _times_spectral(target, residual)
     found = np.full(len(orders), SETTINGS.beyond_spectral)
     for k in np.flatnonzero(orders <= SETTINGS.wander_orders):
         others = np.flatnonzero((orders > 0) & (np.arange(len(orders)) != k))[: SETTINGS.near_floors]
         if len(others):
             found[k] *= max(1.0, SETTINGS.wander * float(np.median(times[others])))
+        if orders[k] == 0:
+            found[k] *= max(1.0, target.run_offset_deg / float(_within(target)[k]))
     return found
 
 
@@ -241,15 +256,14 @@ def scatter_of_encoder(target: FitData, residual: ComplexArray) -> tuple[str, ..
 
 def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float) -> Signature:
     """An order that differs from run to run by more than the noise of a curve, with no pattern that was found."""
-    assert target.data.spectral_deg is not None
     order = int(target.data.orders[k])
     # RMS over the angle: of a wave half the square of its amplitude, of the mean its square
     power = float((np.abs(residual[target.good, k]) ** 2).mean()) / (2 if order else 1)
-    own = float((target.data.spectral_deg[target.good, k] ** 2).mean())
+    own = float(_within(target)[k] ** 2)
+    what = "what orders beside it differ by" if target.data.spectral_deg is None else "the noise within the curves"
     text = (
         f"{f'order {order}' if order else 'the mean'}: {np.sqrt(power):.2g} deg RMS, {np.sqrt(power / own):.1f} times "
-        "the noise within the curves, with no pattern over the conditions: runs differ, or the structure is sharp; "
-        "repeat some runs"
+        f"{what}, with no pattern over the conditions: runs differ, or the structure is sharp; repeat some runs"
     )
     size = float(np.sqrt(max(power - own, 0.0)))
     share = min(1.0, size**2 / max(gap_power, 1e-300))

@@ -158,6 +158,8 @@ def _verdict(truth: Truth, report: Report, rig: NewRig, is_measured_right: bool)
         return []
     if not is_measured_right:
         return [Statement("verdict", f"says {report.verdict} although the measurement has a mistake")]
+    if "delay" in truth.case.mistakes:
+        return []  # a rig that has the delay predicts what was measured, not the truth without it
     orders = _seen_orders(truth, report)
     left, floor = _total(remaining(truth, rig), orders), _total(truth.noise_by_order, orders)
     strongest = max(truth.strength, default=0.0)
