@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import tomllib
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +13,7 @@ from st_codegen.emit.literals import identifier
 from st_codegen.entries import Entries
 from st_codegen.errors import InputError, Problems, with_subject
 from st_codegen.files.html_text import html_table
+from st_codegen.files.toml_tables import read_toml
 from st_codegen.ir import ModelIR, OutputKind, digest
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.passes.inexact import without_inexact_steps
@@ -183,8 +183,8 @@ def check_names(names: Mapping[str, str], problems: Problems) -> None:
 def _outputs_in(path: Path) -> dict[str, tuple[OutputKind, ...]] | None:
     """The outputs of classifiers in a file that says nothing else; None for a file that says what models are for."""
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):  # its reader says what is wrong
+        content = read_toml(path)
+    except InputError:  # its reader says what is wrong
         return None
     if list(content) != ["outputs"] or not isinstance(content["outputs"], dict):
         return None

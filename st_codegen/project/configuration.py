@@ -32,6 +32,7 @@ from __future__ import annotations
 
 import dataclasses
 import fnmatch
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -162,7 +163,7 @@ def read_configuration(folder: Path) -> Configuration:
     Raises one InputError that lists every problem.
     """
     path = (folder if folder.is_dir() else folder.parent) / CONFIGURATION_FILE
-    if not path.is_file():
+    if not os.path.lexists(path):
         return Configuration()
     problems = Problems(str(path))
     with TomlTable(read_toml(path), "", problems) as file:

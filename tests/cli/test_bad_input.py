@@ -136,6 +136,7 @@ CASES = {
     "a dead link for a bundle": (lambda p: instead_of_bundle(p, lambda path: path.symlink_to("x")), "no such file"),
     "a pipe for a model": (lambda p: [os.mkfifo(p.lone / "a.txt") or p.lone], "a.txt: no ordinary file"),
     "a folder for a model": (lambda p: [(p.lone / "a.txt").mkdir() or p.lone], "a.txt: a folder"),
+    "a pipe for a configuration": (lambda p: [os.mkfifo(p.lone / "st-codegen.toml") or p.lone], "no ordinary file"),
     "models that differ in case only": (in_another_case, "two models would be called"),
     "bundle twice": (lambda p: p.in_bundle("[bundle]", "[[bundle]]"), "write [bundle]"),
     "bundle with a misspelt table": (lambda p: p.in_bundle("[bundle]", "[bundel]"), "did you mean 'bundle'"),
