@@ -39,7 +39,11 @@ COUNTER = Block(
         CodeSection(
             "outputs & more",
             "outputs",
-            {"assignments": [{"output": "fOut1", "value": ArrayElement("WEIGHT", 1), "cut": False}], "ranged": False},
+            {
+                "assignments": [{"output": "fOut1", "value": ArrayElement("WEIGHT", 1), "cut": False}],
+                "ranged": False,
+                "plausible": [],
+            },
         ),
     ),
 )
