@@ -296,6 +296,7 @@ def _is_worth_a_proof(model: ModelIR, count: int, rows: int) -> bool:
 
 def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: int, seed: int) -> ModelReport:
     ir = model.ir
+    blocks = {name: block_of(code.folder, ir) for name, code in targets.items()}
     x = probe_rows(ir, rows, seed)
     proved = _is_worth_a_proof(ir, len(x), rows) and all(
         prove_model(ir, code).verdict is Verdict.PROVED for code in targets.values()
@@ -327,7 +328,7 @@ def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: i
     _compare(report, "library and reference", x, library, expected, bound)
     for name, code in targets.items():
         report.targets.append(name)
-        block, outputs = block_of(code.folder, ir)
+        block, outputs = blocks[name]
         result = code.run_model(block, x, outputs)
         got = np.where(result.valid[:, None], result.values, np.nan)
         arithmetic = arithmetic_of(name)

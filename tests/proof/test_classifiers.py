@@ -104,9 +104,10 @@ def test_a_classifier_of_several_outputs_is_refused():
 
 
 def test_text_of_other_classes_is_not_compared(tmp_path):
-    trained = DecisionTreeClassifier(max_depth=2, random_state=0)
-    generate(Bundle((loaded(trained.fit(X, THREE)),)), "twincat", tmp_path)
-    for model in (loaded(trained.fit(X, WORDS)), loaded(trained.fit(X, THREE), outputs=())):
+    trained = DecisionTreeClassifier(max_depth=2, random_state=0).fit(X, THREE)
+    generate(Bundle((loaded(trained),)), "twincat", tmp_path)
+    other = DecisionTreeClassifier(max_depth=2, random_state=0).fit(X, WORDS)
+    for model in (loaded(other), loaded(trained, outputs=())):
         with pytest.raises(GeneratedCodeError, match="other outputs or classes"):
             verify(Bundle((model,)), tmp_path, rows=10)
 
