@@ -148,6 +148,24 @@ def test_estimators_are_compiled_from_memory(tmp_path):
     assert "exact" in pages[2]
 
 
+def test_an_estimator_from_memory_is_copied(tmp_path):
+    ensemble = pytest.importorskip("sklearn.ensemble")
+    forest = ensemble.RandomForestRegressor(3, max_depth=3, random_state=0, n_jobs=2).fit(X, X[:, 0])
+    bundle = st_codegen.load(forest)
+    assert forest.n_jobs == 2
+    forest.fit(X, -X[:, 0])
+    generated = st_codegen.generate(bundle, "iec", tmp_path)
+    assert st_codegen.verify(bundle, tmp_path, rows=200).passed
+    assert "n_jobs=1" in (generated.folder / "FB_Model.st").read_text()
+
+
+@pytest.mark.parametrize("jobs", [None, 1])
+def test_one_job_needs_no_word(jobs):
+    ensemble = pytest.importorskip("sklearn.ensemble")
+    forest = ensemble.RandomForestRegressor(3, max_depth=3, random_state=0, n_jobs=jobs).fit(X, X[:, 0])
+    assert st_codegen.load(forest).irs[0].source.notes == ()
+
+
 def test_texts_of_a_notebook_are_escaped():
     from st_codegen.files.html_text import html_table
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import os
 from collections.abc import Callable, Collection, Mapping
@@ -152,7 +153,8 @@ def _from_memory(estimators: Mapping[str, Any], outputs: Outputs) -> Bundle:
     found = []
     for name, estimator in estimators.items():
         with problems.collect(name):
-            loaded = from_estimator(estimator, name)
+            # a copy: it predicts with one job, and stays as it is where the user's own is fitted again
+            loaded = from_estimator(copy.deepcopy(estimator), name)
             source = dataclasses.replace(loaded.ir.source, digest=digest(loaded.ir))
             model = LoadedModel(dataclasses.replace(loaded.ir, source=source), loaded.predict)
             found.append(_finished(model, Configuration(), outputs, problems))

@@ -29,6 +29,9 @@ def load_object(estimator: Any, name: str) -> LoadedModel:
     if not hasattr(estimator, "predict"):
         builder.refuse_nan()  # the library hands NaN on, and the block has no output for it
         notes = ("computes transform; a row with NaN is not valid",)
+    if any(jobs is not None and jobs != 1 for jobs in _jobs(estimator).values()):
+        # a forest adds its trees in the order in which its jobs finish: two calls differ in their last bits
+        notes += ("as the library predicts with n_jobs=1; with more, its own last bits may vary from call to call",)
     source = Source(LIBRARIES["sklearn"], _version(estimator), _description(estimator), notes=notes)
     return LoadedModel(builder.model(name, features, source, result), _predictor(estimator, result))
 
@@ -92,9 +95,8 @@ def _predictor(estimator: Any, result: Walked) -> Predictor:
     of a scaler or another preparation that stands alone it is `transform`.
     """
     if hasattr(estimator, "get_params"):
-        serial = {key: 1 for key in estimator.get_params(deep=True) if key == "n_jobs" or key.endswith("__n_jobs")}
         _set_fitted_jobs(estimator)
-        estimator.set_params(**serial)
+        estimator.set_params(**dict.fromkeys(_jobs(estimator), 1))
     names = _first(estimator, "feature_names_in_")
     compute = estimator.predict if hasattr(estimator, "predict") else estimator.transform
 
@@ -114,6 +116,12 @@ def _predictor(estimator: Any, result: Walked) -> Predictor:
             return np.hstack(parts)
 
     return predict
+
+
+def _jobs(estimator: Any) -> dict[str, Any]:
+    """The parameters of an estimator, and of those inside it, that say how many jobs it runs."""
+    parameters = estimator.get_params(deep=True) if hasattr(estimator, "get_params") else {}
+    return {key: jobs for key, jobs in parameters.items() if key == "n_jobs" or key.endswith("__n_jobs")}
 
 
 def _set_fitted_jobs(estimator: Any) -> None:
