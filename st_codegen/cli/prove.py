@@ -88,7 +88,7 @@ def _table(report: ProveReport) -> Table:
     for result in report.results:
         verdict = Text(result.verdict.value, colours[result.verdict])
         counts = [f"{count:,}" if count else "" for count in (result.trees, result.boxes, result.operations)]
-        bound = f"{max(result.bound):.2g}" if result.bound else ""
+        bound = f"{max(result.bound):.2g}" if result.bound else "no range known" if result.operations else ""
         table.add_row(result.model, result.target, verdict, result.method, *counts, bound)
     return table
 

@@ -84,6 +84,14 @@ def test_an_unknown_statement_is_never_proved(tmp_path):
     assert "While" in result.reason
 
 
+def test_a_bound_that_is_missing_has_its_reason(tmp_path, capsys):
+    models, _ = copied(tmp_path, "svr")
+    with pytest.raises(SystemExit) as end:
+        main(["prove", str(models), "-g", str(tmp_path / "out")])
+    assert end.value.code == 0
+    assert "no range known" in capsys.readouterr().err
+
+
 def test_the_command_proves_and_writes_the_same_certificate_twice(tmp_path, capsys):
     models, _ = copied(tmp_path)
     contents = []
