@@ -16,9 +16,9 @@ class Feature:
     """One input of a model.
 
     `lower` and `upper` are the range to which the generated block limits the input, in `unit`; a lone model declares
-    none. `flagged` is a range outside of which bInRange is FALSE and the input stays as it is. `seen` is the range of
-    the training data where it is known: nothing is limited to it. `variable` is the name of the block's input where it
-    is not made of `name`.
+    none. `flagged` is a range outside of which bInRange is FALSE and the input stays as it is. `seen` is a range whose
+    ends were in the training data, which may reach further: nothing is limited to it. `variable` is the name of the
+    block's input where it is not made of `name`.
     """
 
     name: str

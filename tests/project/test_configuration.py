@@ -212,7 +212,7 @@ def test_a_range_is_claimed_only_where_it_is_known(lone_folder, tmp_path, capsys
     seen = bundle.models[1].ir.features[0].seen
     assert 100 <= seen[0] < seen[1] <= 1800
     text = (tmp_path / "a/twincat/POUs/FB_Te.TcPOU").read_text(encoding="utf-8")
-    assert re.search(r"speed_rpm, training data \d", text)
+    assert re.search(r"speed_rpm, training data reach \d", text)
     assert "training data" not in (tmp_path / "a/twincat/POUs/FB_Guess.TcPOU").read_text(encoding="utf-8")
     # the guess moves with the model: that is no change of a feature
     joblib.dump(tree.DecisionTreeRegressor(max_depth=2).fit(x + 1, x[:, 0]), lone_folder / "guess.pkl")
@@ -224,3 +224,17 @@ def test_a_range_is_claimed_only_where_it_is_known(lone_folder, tmp_path, capsys
 def test_no_configuration_changes_nothing(lone_folder):
     assert read_configuration(lone_folder) == read_configuration(lone_folder / "te.txt")
     assert not read_configuration(lone_folder).describes_models
+
+
+def test_a_range_from_a_file_is_what_the_data_reach_at_least(tmp_path):
+    """LightGBM draws some rows for its bins; numbers of the others lie outside of the range in its file."""
+    lightgbm = pytest.importorskip("lightgbm")
+    x = np.linspace(0.0, 1.0, 2000)
+    x[::4] *= 100.0
+    settings = {"verbose": -1, "bin_construct_sample_cnt": 100, "data_random_seed": 1}
+    lightgbm.train(settings, lightgbm.Dataset(x[:, None], x), 2).save_model(tmp_path / "wide.txt")
+    bundle = load(tmp_path)
+    low, high = bundle.irs[0].features[0].seen
+    assert low in x and high in x and high < x.max()
+    text = (generate(bundle, "iec", tmp_path / "out").folder / "FB_Wide.st").read_text()
+    assert "training data reach" in text

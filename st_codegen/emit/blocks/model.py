@@ -162,7 +162,7 @@ def feature_text(feature: Feature) -> str:
     if feature.flagged is not None:
         text += f", flagged outside {real(feature.flagged[0])} .. {real(feature.flagged[1])}"
     if feature.seen is not None and feature.lower is None:
-        text += f", training data {real(feature.seen[0])} .. {real(feature.seen[1])}"
+        text += f", training data reach {real(feature.seen[0])} .. {real(feature.seen[1])}"
     return text
 
 

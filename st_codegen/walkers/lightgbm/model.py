@@ -190,7 +190,10 @@ def _loaded(
 
 
 def _seen(info: str) -> tuple[float, float] | None:
-    """The range of the training data by a word of feature_infos: [lowest:highest] for numbers that were used."""
+    """What the training data reached by a word of feature_infos: [lowest:highest] for numbers that were used.
+
+    Of the rows that LightGBM drew to make its bins (`bin_construct_sample_cnt`, 200,000): others may reach further.
+    """
     low, _, high = info.strip("[]").partition(":")
     try:
         found = float(low), float(high)
