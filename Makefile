@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 RACE := .venv-race
 INSTALLED := $(VENV)/.installed
 
-.PHONY: run test real blark soak soak-long fuzz sbom audit lint sizes nightly bench clean tables train-long blind blind-form mutate mutants example race
+.PHONY: run test pictures real blark soak soak-long fuzz sbom audit lint sizes nightly bench clean tables train-long blind blind-form mutate mutants example race
 
 run: $(INSTALLED)  ## compile the example bundle, verify the result
 	$(BIN)/st-codegen examples/rv160n/models/ --target twincat --out build/rv160n
@@ -81,6 +81,9 @@ mutate: $(INSTALLED)  ## changes 300 places one by one and lists the changes tha
 
 example: $(INSTALLED)  ## campaign of the simulated rig, training, Structured Text, motions with it; build/example/motion.json
 	$(BIN)/python examples/motion/run.py --out build/example
+
+pictures: $(INSTALLED)  ## the pictures of README and site anew: simulation, training and commands; some two minutes
+	$(BIN)/python -m site_tools.pictures --record
 
 race: $(RACE)/.installed  ## the emitted text, as C, against what others generate; writes build/race.json
 	@command -v gcc > /dev/null || { echo "the race needs a C compiler: apt-get install gcc libc6-dev"; exit 2; }

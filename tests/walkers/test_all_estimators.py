@@ -111,8 +111,8 @@ def test_the_page_of_models_is_what_the_command_prints():
     assert page.endswith("\n\n" + table() + "\n"), "docs/models.md: replace its table by that of `st-codegen models`"
 
 
-def test_the_readme_names_no_class_that_is_not_compiled():
-    lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
+def test_the_table_of_libraries_names_no_class_that_is_not_compiled():
+    lines = (ROOT / "docs" / "models.md").read_text(encoding="utf-8").splitlines()
     row = next(line for line in lines if "| scikit-learn |" in line)
     named = {word for word in re.findall(r"\b[A-Z]\w+", row) if word in ESTIMATORS}
     assert named and named <= set(known_walkers("sklearn"))

@@ -1,0 +1,1 @@
+"""What makes the documentation: its pictures, and the pages that are read from the code."""

@@ -1,0 +1,45 @@
+"""README: short, its two commands, links that lead somewhere, pictures that are drawn from their records."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from site_tools import pictures
+
+ROOT = Path(__file__).resolve().parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_it_is_short_and_starts_with_a_picture():
+    lines = README.splitlines()
+    assert len(lines) < 120
+    assert any(line.startswith("![") for line in lines[:8])
+
+
+def test_other_programs_find_the_two_commands():
+    commands = [line.split("#")[0].strip() for line in README.splitlines() if line.startswith("    make ")]
+    assert commands == ["make run", "make test"]
+    rules = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    assert {"run", "test"} <= rules
+
+
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "SECURITY.md", "CHANGELOG.md"])
+def test_its_links_lead_to_files(page):
+    links = re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", (ROOT / page).read_text(encoding="utf-8"))
+    local = [link for link in links if "://" not in link]
+    assert [link for link in local if not (ROOT / link).exists()] == []
+
+
+@pytest.mark.parametrize("name", sorted(pictures.DRAWN))
+def test_a_picture_is_what_is_drawn_from_its_record(name):
+    drawn = pictures.DRAWN[name](pictures.PICTURES)
+    assert (pictures.PICTURES / name).read_text(encoding="utf-8") == drawn, "python -m site_tools.pictures"
+    assert "http" not in drawn.replace("http://www.w3.org/2000/svg", "")
+
+
+def test_the_terminal_shows_commands_that_the_page_explains():
+    shown = [
+        line[2:] for line in (pictures.PICTURES / "terminal.txt").read_text("utf-8").splitlines() if line[:1] == "$"
+    ]
+    assert tuple(shown) == pictures.COMMANDS
