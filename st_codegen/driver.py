@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from st_codegen.emit import output
+from st_codegen.emit.blocks import comparison
 from st_codegen.emit.blocks.model import Limits, block_name
 from st_codegen.emit.contents import Contents
 from st_codegen.emit.render import print_plans
@@ -77,6 +80,7 @@ def generate(  # noqa: PLR0913 - one argument an option
     options: Options | None = None,
     with_tests: bool = False,
     with_configuration: bool = False,
+    with_comparison: bool = False,
     cost: CostFunction = simple_cost,
     relayout: bool = False,
     force: bool = False,
@@ -102,6 +106,11 @@ def generate(  # noqa: PLR0913 - one argument an option
     `with_configuration` writes one file that a soft PLC runs as it is: all blocks, programs that call them, and the
     CONFIGURATION that calls the programs; only portable text has it.
 
+    `with_comparison` adds what `compare` needs on the controller: a program that runs rows of inputs through the
+    models' blocks and keeps outputs and times, in a task of its own that is less urgent than all others; for a bundle
+    also what `record` needs, a program that keeps the samples of a measurement. They take memory for their arrays and a
+    second instance of each model's block.
+
     `cost` prices the layouts among which is chosen. The default estimates from the model alone, in no time;
     `proof.explain.Pricing` prints, reads and counts every candidate for a real controller, which takes many times as
     long as all the rest.
@@ -124,7 +133,9 @@ def generate(  # noqa: PLR0913 - one argument an option
     target = target_named(target) if isinstance(target, str) else target
     folder = Path(out) / target.name
     output.check_place(folder)
-    settings = CompileSettings.of(target, max_array, options, with_tests, cost, with_configuration)
+    settings = CompileSettings.of(
+        target, max_array, options, with_tests, cost, with_configuration, with_comparison=with_comparison
+    )
     with _staged(models, target, Path(out), settings, Choices() if relayout else _earlier(folder)) as staged:
         files = {name: (staged.stage / name).stat().st_size for name in staged.names if name != output.MANIFEST}
         changed = output.install(staged.stage, folder, force=force)
@@ -140,6 +151,7 @@ def check(  # noqa: PLR0913 - one argument an option
     options: Options | None = None,
     with_tests: bool = False,
     with_configuration: bool = False,
+    with_comparison: bool = False,
     cost: CostFunction = simple_cost,
     relayout: bool = False,
     provenance: bool = False,
@@ -153,6 +165,7 @@ def check(  # noqa: PLR0913 - one argument an option
         options=options,
         with_tests=with_tests,
         with_configuration=with_configuration,
+        with_comparison=with_comparison,
         cost=cost,
         relayout=relayout,
         provenance=provenance,
@@ -169,6 +182,7 @@ def differences(  # noqa: PLR0913 - one argument an option
     options: Options | None = None,
     with_tests: bool = False,
     with_configuration: bool = False,
+    with_comparison: bool = False,
     cost: CostFunction = simple_cost,
     relayout: bool = False,
     provenance: bool = False,
@@ -183,7 +197,9 @@ def differences(  # noqa: PLR0913 - one argument an option
     target = target_named(target) if isinstance(target, str) else target
     folder = Path(out) / target.name
     output.check_place(folder)
-    settings = CompileSettings.of(target, max_array, options, with_tests, cost, with_configuration)
+    settings = CompileSettings.of(
+        target, max_array, options, with_tests, cost, with_configuration, with_comparison=with_comparison
+    )
     with _staged(models, target, None, settings, Choices() if relayout else _earlier(folder)) as staged:
         on_disk = {name for name in output.generated_names(folder) if (folder / name).exists()}
         for name in sorted({*staged.names, *on_disk}):
@@ -227,6 +243,7 @@ class CompileSettings:
     with_tests: bool
     cost: CostFunction
     with_configuration: bool = False
+    with_comparison: bool = False
 
     @classmethod
     def of(
@@ -237,17 +254,23 @@ class CompileSettings:
         with_tests: bool,
         cost: CostFunction,
         with_configuration: bool,
+        *,
+        with_comparison: bool = False,
     ) -> CompileSettings:
-        """The settings of `generate`. Raises TargetError for tests or a configuration of a target that has none."""
+        """The settings of `generate`. Raises TargetError for tests, a configuration or a comparison of a target that
+        has none."""
         if with_tests and not target.has_tests:
             able = ", ".join(name for name, other in TARGETS.items() if other.has_tests)
             raise TargetError(f"the target {target.name} has no test suites; --with-tests goes with {able}")
         if with_configuration and not target.has_configuration:
             able = ", ".join(name for name, other in TARGETS.items() if other.has_configuration)
             raise TargetError(f"the target {target.name} has its own tasks; --with-configuration goes with {able}")
+        if with_comparison and not target.has_comparison:
+            able = ", ".join(name for name, other in TARGETS.items() if other.has_comparison)
+            raise TargetError(f"the target {target.name} has no clock; --with-comparison goes with {able}")
         limits = limits_for(target, max_array)
         options = dataclasses.replace(options or Options(), max_array=limits.max_array)
-        return cls(limits, options, with_tests, cost, with_configuration)
+        return cls(limits, options, with_tests, cost, with_configuration, with_comparison)
 
 
 @dataclass(frozen=True)
@@ -314,15 +337,32 @@ def _planned(
     """The files of the project. Raises TargetError where its tables do not fit the controller."""
     contents = Contents(compiled.models, bundle.configuration.application())
     if purpose is not None:
-        contents = Contents(compiled.models, purpose.application(), purpose.uses())
+        around = purpose.application(recorded=settings.with_comparison)
+        contents = Contents(compiled.models, around, purpose.uses())
     if settings.with_configuration:
         around = dataclasses.replace(contents.around, has_configuration=True)
         contents = dataclasses.replace(contents, around=around)
     vectors = reference_vectors(bundle, compiled) if settings.with_tests else ()
     plans = tuple(target.plan(contents, settings.limits, vectors))
+    if settings.with_comparison:
+        # the fingerprint stands in the text, and is that of all the rest
+        models = {block_name(model.name) for model in compiled.models}
+        fingerprint = _fingerprint(target, plans)
+        extended = partial(comparison.with_comparison, models=models, fingerprint=fingerprint)
+        plans = tuple(target.plan(dataclasses.replace(contents, extended=extended), settings.limits, vectors))
     asked = settings.options.data_bytes
     _check_size(target, plans, settings.limits.data_bytes if asked is None else asked)
     return plans
+
+
+def _fingerprint(target: Target, plans: Sequence[FilePlan]) -> int:
+    """64 bits of the SHA-256 of all texts with their paths."""
+    found = hashlib.sha256()
+    for file in print_plans(target, plans):
+        found.update(f"{file.path}\n".encode())
+        for piece in file.pieces:
+            found.update(piece.encode())
+    return int.from_bytes(found.digest()[:8], "big")
 
 
 def limits_for(target: Target, max_array: int | None) -> Limits:
@@ -352,11 +392,23 @@ def facts(bundle: Bundle, compiled: Compiled, purpose: Purpose | None, plans: Se
         "models": {model.name: _model_facts(model, compiled) for model in bundle.irs},
         "blocks": {block.name: {"data_bytes": block.table_bytes} for plan in plans for block in plan.blocks},
         output.PURPOSE: {} if purpose is None else purpose.facts(),
+        **_comparison_facts(compiled, plans),
         output.CHOICES: dataclasses.asdict(compiled.choices),
         output.PROVENANCE: {
             model.source.file: model.source.file_sha256 for model in bundle.irs if model.source.file_sha256
         },
     }
+
+
+def _comparison_facts(compiled: Compiled, plans: Sequence[FilePlan]) -> dict[str, Any]:
+    """Which blocks the program of the comparison can run; empty where there is none."""
+    lists = [plan.values["list"] for plan in plans if "list" in plan.values]
+    signals = next((signals for signals in lists if signals.name == comparison.LIST), None)
+    if signals is None:
+        return {}
+    blocks = [block for plan in plans for block in plan.blocks]
+    compared = comparison.compared_blocks(blocks, {block_name(model.name) for model in compiled.models})
+    return {output.COMPARISON: comparison.facts(compared, signals)}
 
 
 def _class_facts(classes: Classes) -> dict[str, Any]:

@@ -83,6 +83,7 @@ def _settings(build: dict[str, Any] | Any) -> tuple[dict[str, Any], list[str]]:
         data_bytes=build.get("max_bytes"),
     )
     settings = {"options": options, "max_array": build.get("max_array"), "with_tests": build.get("with_tests", False)}
+    settings["with_comparison"] = build.get("with_comparison", False)
     return settings, list(build.get("target", ()))
 
 

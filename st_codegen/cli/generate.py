@@ -98,6 +98,11 @@ Examples:
     is_flag=True,
     help="For iec: write one file with programs that call the blocks and a CONFIGURATION that runs them.",
 )
+@click.option(
+    "--with-comparison",
+    is_flag=True,
+    help="For twincat: also write the programs that `compare` and `record` need on the controller.",
+)
 @array_option
 @bytes_option
 @click.option(
@@ -127,6 +132,7 @@ def command(
     provenance: bool,
     with_tests: bool,
     with_configuration: bool,
+    with_comparison: bool,
     max_array: int | None,
     max_bytes: int | None,
     explain: bool,
@@ -174,6 +180,7 @@ def command(
                 options=options,
                 with_tests=with_tests,
                 with_configuration=with_configuration,
+                with_comparison=with_comparison,
                 cost=costs[target.name],
                 relayout=relayout,
                 provenance=provenance,
@@ -189,6 +196,7 @@ def command(
             options=options,
             with_tests=with_tests,
             with_configuration=with_configuration,
+            with_comparison=with_comparison,
             cost=costs[target.name],
             relayout=relayout,
             force=force,

@@ -22,11 +22,13 @@ class Contents:
 
     `around` has the project's name and all that the purpose of the models adds: types, signals, blocks that call the
     models' blocks, programs and tasks. `uses` says in a word what a model predicts, for the models that have a use.
+    `extended` adds to the whole application what needs to know all its blocks.
     """
 
     models: tuple[ModelIR, ...]
     around: Application = LONE
     uses: Mapping[str, str] = field(default_factory=dict)
+    extended: Callable[[Application], Application] = lambda application: application
 
     def application(self, block_of: Callable[[ModelIR], Block]) -> Application:
         """The whole application; `block_of` makes the block of a model. FB_SelfTest comes first, if its name is free.
@@ -38,4 +40,4 @@ class Contents:
         types = tuple(found for model in self.models if (found := class_type(model)) is not None)
         is_free = all(block.name.lower() != SELF_TEST.lower() for block in blocks)
         blocks = (*([self_test_block()] if is_free else []), *blocks)
-        return dataclasses.replace(self.around, types=(*types, *self.around.types), blocks=blocks)
+        return self.extended(dataclasses.replace(self.around, types=(*types, *self.around.types), blocks=blocks))

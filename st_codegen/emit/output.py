@@ -37,7 +37,9 @@ PURPOSE = "transmission_error"
 PROVENANCE = "provenance"
 #: What the next run keeps: the layouts of models, and which of them share tables.
 CHOICES = "choices"
-_FACTS = ("models", "blocks", PURPOSE, CHOICES, PROVENANCE)
+#: What `compare` has to know: the blocks that the controller can run, and the fingerprint of the text.
+COMPARISON = "comparison"
+_FACTS = ("models", "blocks", PURPOSE, CHOICES, PROVENANCE, COMPARISON)
 
 
 @dataclass(frozen=True)

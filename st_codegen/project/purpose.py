@@ -54,8 +54,8 @@ class Purpose(Protocol):
         """The purpose of the compiled models, which may compute several of the user's models in one."""
         ...
 
-    def application(self) -> Application:
-        """The project's name and all that surrounds the models' blocks.
+    def application(self, *, recorded: bool = False) -> Application:
+        """The project's name and all that surrounds the models' blocks; `recorded`: with what `record` needs.
 
         Raises InputError for names that clash.
         """

@@ -21,6 +21,7 @@ import numpy as np
 
 from st_codegen.cost.profile import Profile
 from st_codegen.cost.report import ProjectCost, project_cost
+from st_codegen.emit.blocks.comparison import PROGRAM
 from st_codegen.emit.blocks.self_test import SELF_TEST
 from st_codegen.emit.output import block_of
 from st_codegen.emit.targets import TARGETS
@@ -256,11 +257,12 @@ def cycle_cost(code: GeneratedCode, profile: Profile, entries: tuple[str, ...] =
     missing = [name for name in entries if name.upper() not in names]
     if missing:
         raise GeneratedCodeError(f"{code.folder}: no block {', '.join(missing)}")
-    tasks = tuple(name for name in code.task_programs if name.upper() in names)
+    # rows of `compare` run in a task that leaves the others their time, and not in operation
+    tasks = tuple(name for name in code.task_programs if name.upper() in names and name != PROGRAM)
     cost = project_cost(code.project, profile, entries or tasks or None)
     if entries or tasks:
         return cost
-    return dataclasses.replace(cost, entries=tuple(name for name in cost.entries if name != SELF_TEST))
+    return dataclasses.replace(cost, entries=tuple(name for name in cost.entries if name not in (SELF_TEST, PROGRAM)))
 
 
 def _model_reports(

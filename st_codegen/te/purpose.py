@@ -17,6 +17,7 @@ from st_codegen.project.bundle import Bundle
 from st_codegen.project.purpose import BlockCheck, DifferenceBound, RunsBlocks
 from st_codegen.te.check import check_transmission_error
 from st_codegen.te.compensation import compensation
+from st_codegen.te.compensation.recorder import with_recorder
 from st_codegen.te.harmonics import TransmissionError
 from st_codegen.te.vectors import prediction_vectors
 from st_codegen.walkers.base import LoadedModel
@@ -35,9 +36,10 @@ class Compensation:
             te = dataclasses.replace(te, cycles=_cycles(te, compiled.models, options.outputs_per_cycle))
         return Compensation(te)
 
-    def application(self) -> Application:
+    def application(self, *, recorded: bool = False) -> Application:
         """Blocks, programs, types, signals and tasks. Raises InputError for names that clash."""
-        return compensation(self.te)
+        application = compensation(self.te)
+        return with_recorder(application) if recorded else application
 
     def uses(self) -> dict[str, str]:
         """The quantities that each model predicts, such as `amplitude` or `cosine_sine`."""

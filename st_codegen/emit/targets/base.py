@@ -41,7 +41,7 @@ class Target(ABC):
     `dialect` names the rules by which the text is checked and executed. `templates` is the folder of templates whose
     `dialect.st.j2` says how the dialect writes what differs. `compiles` says whether the passes rewrite the models
     first; a target that hands the models themselves on has False. `has_tests` says whether test suites can be written,
-    `has_configuration` whether a CONFIGURATION can,
+    `has_configuration` whether a CONFIGURATION can, `has_comparison` whether programs for `compare` and `record` can,
     `is_portable` whether all of the text is of the subset that strict compilers of other vendors accept.
     """
 
@@ -53,6 +53,7 @@ class Target(ABC):
     compiles: bool = True
     has_tests: bool = False
     has_configuration: bool = False
+    has_comparison: bool = False
     is_portable: bool = False
 
     def plan(self, contents: Contents, limits: Limits, vectors: Sequence[ReferenceVectors] = ()) -> Iterable[FilePlan]:

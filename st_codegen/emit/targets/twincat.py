@@ -34,6 +34,7 @@ class TwinCatTarget(Target):
     templates = "twincat"
     limits = Limits(max_array=65_536, data_bytes=32 * 1024 * 1024)
     has_tests = True
+    has_comparison = True
 
     def files(self, application: Application) -> Iterable[FilePlan]:
         application = with_bit_test(application)

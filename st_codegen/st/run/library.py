@@ -1,7 +1,8 @@
-"""TcUnit for the engine: the part that test suites use."""
+"""Libraries of TwinCAT for the engine: the part of TcUnit that test suites use, and a clock of Tc2_System."""
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -112,3 +113,21 @@ def _run_suites(call: NativeCall) -> None:
 
 
 TCUNIT = Library("TcUnit", _TCUNIT, blocks={"FB_TestSuite": TestSuite}, functions={"RUN": _run_suites})
+
+_TC2_SYSTEM = """
+FUNCTION_BLOCK GETCPUCOUNTER
+VAR_OUTPUT cpuCntLoDW : UDINT; cpuCntHiDW : UDINT; END_VAR
+END_FUNCTION_BLOCK
+"""
+
+
+class CpuCounter(NativeBlock):
+    """GETCPUCOUNTER: the clock of this machine in units of 100 ns, as two halves of 64 bits."""
+
+    def body(self, call: NativeCall) -> None:
+        now = time.perf_counter_ns() // 100
+        call["CPUCNTLODW"] = np.full(len(call.rows), now & 0xFFFFFFFF, np.uint32)
+        call["CPUCNTHIDW"] = np.full(len(call.rows), now >> 32, np.uint32)
+
+
+TC2_SYSTEM = Library("Tc2_System", _TC2_SYSTEM, blocks={"GETCPUCOUNTER": CpuCounter})

@@ -91,7 +91,8 @@ def _names(variables: Iterable[BlockVariable]) -> list[str]:
     return [variable.name for variable in variables]
 
 
-def _cycle(microseconds: int) -> BlockVariable:
+def cycle_constant(microseconds: int) -> BlockVariable:
+    """CYCLE_S, the cycle time of a program that a task calls."""
     return lreal("CYCLE_S", "cycle time of the task that calls this program, s", real(microseconds * 1e-6))
 
 
@@ -108,7 +109,7 @@ def main_program(te: TransmissionError) -> Block:
         inputs=compensation_inputs(te),
         outputs=compensation_outputs(),
         variables=(BlockVariable("fbCompensator", "FB_Compensator", comment="prediction and correction"),),
-        constants=(_cycle(SLOW_US),),
+        constants=(cycle_constant(SLOW_US),),
         sections=(
             _call("fbCompensator", arguments, "prediction and correction"),
             _results("fbCompensator", _names(compensation_outputs()), "signals to the axes"),
@@ -147,7 +148,7 @@ def fast_program(te: TransmissionError) -> Block:
             "To be called by the fast task with the cycle time CYCLE_S, in place of PRG_Main.",
         ),
         variables=(BlockVariable("fbFast", "FB_CompensatorFast", comment="harmonic sum and correction"),),
-        constants=(_cycle(FAST_US),),
+        constants=(cycle_constant(FAST_US),),
         sections=(
             _call("fbFast", [*_given(given), CallArgument("fCycle_s", "CYCLE_S")], "correction"),
             _results("fbFast", outputs, "signals to the axes"),
@@ -178,7 +179,7 @@ def experiment_program() -> Block:
             BlockVariable("fbExperiment", "FB_Experiment", comment="the measurement, step by step"),
             BlockVariable("fbLoadTorque", "FB_LoadTorque", comment="the loading side"),
         ),
-        constants=(_cycle(SLOW_US),),
+        constants=(cycle_constant(SLOW_US),),
         sections=(
             _call("fbExperiment", [*_given(_names(experiment_inputs()), EXPERIMENT_SIGNALS), cycle], "measurement"),
             _call("fbLoadTorque", load, "loading side"),
