@@ -9,6 +9,7 @@ that the model refuses.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,7 +54,7 @@ def prove_arithmetic(model: ModelIR, project: Project, block: str, outputs: tupl
         else:
             break
     _check_all_inputs(model, project, block, outputs)
-    return ArithmeticProof(operations, range_bound(model))
+    return ArithmeticProof(operations, range_bound(model) if model.classes is None else ())
 
 
 def _is_the_same(model: ModelIR, on_grid: ModelIR) -> bool:
@@ -81,13 +82,33 @@ def _compared(model: ModelIR, project: Project, block: str, outputs: tuple[int, 
     held = {variable.name: run.held[_PATH, variable] for variable in _outputs(project, block)}
     if held["bValid"] is not demand.valid:
         raise NotProvedError("bValid is not the condition under which the model has an answer")
-    for number, wanted in zip(outputs, demand.outputs, strict=True):
-        got = _assigned(held[f"fOut{number + 1}"], demand.valid)
+    names = numbers_of(project, block)
+    for number, wanted in zip(outputs, demand.put_out(), strict=True):
+        got = _assigned(held[names[number]], demand.valid)
         same = got is wanted if isinstance(wanted, Term) else got == wanted
         if not same:
-            raise NotProvedError(f"fOut{number + 1} is not the expression that the model demands")
+            raise NotProvedError(f"{names[number]} is not the expression that the model demands")
     _check_range(model, terms, inputs, held)
     return _size(demand.outputs)
+
+
+def numbers_of(project: Project, block: str) -> list[str]:
+    """The outputs of a block in their order, without its flags."""
+    return [variable.name for variable in _outputs(project, block) if str(variable.type) != "BOOL"]
+
+
+def check_plausible(model: ModelIR, terms: Terms, held: Mapping[str, object], valid: Value) -> None:
+    """bPlausible, where there is one, is bValid and that no output lies outside of its plausible range."""
+    if "bPlausible" not in held:
+        return
+    plausible = valid
+    for port in model.ports:
+        if port.lower is not None and port.upper is not None:
+            value: Value = held[port.variable]  # type: ignore[assignment]
+            beyond = terms.either(terms.compare("LT", value, port.lower), terms.compare("GT", value, port.upper))
+            plausible = terms.choice(beyond, False, plausible)
+    if held["bPlausible"] is not plausible:
+        raise NotProvedError("bPlausible is not what the plausible ranges demand")
 
 
 def _check_range(model: ModelIR, terms: Terms, inputs: list[Term], held: dict[str, object]) -> None:
@@ -122,7 +143,7 @@ def _executed(terms: Terms, project: Project, block: str, intervals: list[Interv
     if len(inputs) != len(intervals):
         raise NotProvedError("the block has another number of inputs than the model has features")
     run = Symbolic(project, terms)
-    run.declare(_PATH, block, anything)
+    run.declare(_PATH, block, _before)
     given = []
     for variable, interval in zip(inputs, intervals, strict=True):
         leaf = terms.leaf(("input", variable.key), "real", interval)
@@ -130,6 +151,13 @@ def _executed(terms: Terms, project: Project, block: str, intervals: list[Interv
         given.append(leaf)
     run.run(_PATH, block)
     return run, given
+
+
+def _before(path: Path, variable: t.Variable, place: int) -> Interval:
+    """Outputs are numbers before the call: initially, and behind each call, as `_check_all_inputs` holds."""
+    low, high, nan = anything(path, variable, place)
+    number = isinstance(variable.initial, bool | int | float) and variable.initial == variable.initial
+    return low, high, nan and not (number and variable.section is t.Section.OUTPUT)
 
 
 def _outputs(project: Project, block: str) -> tuple[t.Variable, ...]:
@@ -153,8 +181,12 @@ def _check_all_inputs(model: ModelIR, project: Project, block: str, outputs: tup
     run, inputs = _executed(terms, project, block, [WHOLE] * len(model.features))
     held = {variable.name: run.held[_PATH, variable] for variable in _outputs(project, block)}
     valid = held["bValid"]
+    names = numbers_of(project, block)
     for number in outputs:
-        _assigned(held[f"fOut{number + 1}"], valid)  # type: ignore[arg-type]
+        value = _assigned(held[names[number]], valid)  # type: ignore[arg-type]
+        if terms.interval(value)[2]:  # type: ignore[arg-type]
+            raise NotProvedError(f"{names[number]} may be NaN")
+    check_plausible(model, terms, held, valid)  # type: ignore[arg-type]
     for number, (feature, x) in enumerate(zip(model.features, inputs, strict=True)):
         for interval in _refused(domain, number):
             with terms.only(x, interval):

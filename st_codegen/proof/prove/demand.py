@@ -12,8 +12,10 @@ from functools import singledispatchmethod
 
 from st_codegen.ir import (
     Activation,
+    ArgMax,
     Clip,
     Combine,
+    Exceeds,
     FactoredKernel,
     FillMissing,
     Function,
@@ -29,6 +31,7 @@ from st_codegen.ir import (
     Round,
     Scale,
     Select,
+    Softmax,
     SummationOrder,
 )
 from st_codegen.ir.base import Elementwise
@@ -55,6 +58,13 @@ class Demand:
             flags = [self.missing[number] for number in op.inputs]
             self.missing.append(_flags(op, flags))
         self.outputs = self.values[-1]
+
+    def put_out(self) -> list[Value]:
+        """The outputs as the block has them: the number of a class is an integer."""
+        if self.model.classes is None:
+            return self.outputs
+        most = len(self.model.classes.labels) - 1
+        return [self.terms.integer("itrunc", self.outputs[0], low=0, high=most), *self.outputs[1:]]
 
     def _limited(self, number: int, x: Value) -> Value:
         declared = self.model.features[number]
@@ -147,6 +157,44 @@ class Demand:
         return [self.terms.real("min", self.terms.real("max", x, low), high) for x, low, high in ends]
 
     @value.register
+    def _(self, op: Exceeds, given: list[list[Value]]) -> list[Value]:
+        name = "GE" if op.inclusive else "GT"
+        return [
+            self._either(name, x, cut, lambda: 1.0, lambda: 0.0)
+            for x, cut in zip(given[0], op.cut.tolist(), strict=True)
+        ]
+
+    def _largest(self, columns: list[Value]) -> tuple[Value, Value]:
+        """The largest of some numbers and its place, of equal ones the first."""
+        largest: Value = columns[0]
+        best: Value = 0
+        for number, x in enumerate(columns[1:], 1):
+            above = self.terms.compare("GT", x, largest)
+            best = self._where(above, lambda n=number: n, lambda b=best: b)  # type: ignore[misc]
+            largest = self._where(above, lambda x=x: x, lambda y=largest: y)  # type: ignore[misc]
+        return largest, best
+
+    @value.register
+    def _(self, op: ArgMax, given: list[list[Value]]) -> list[Value]:
+        """The place of the first column that is the largest, or lies below it by `merged` at most."""
+        terms = self.terms
+        largest, best = self._largest(given[0])
+        for number, x in enumerate(given[0][:-1]):
+            if not op.merged:
+                break
+            before = terms.compare("LT", number, best)
+            near = terms.compare("LE", terms.real("sub", largest, x), op.merged)
+            best = self._where(terms.both(before, near), lambda n=number: n, lambda b=best: b)  # type: ignore[misc]
+        return [terms.integer("ireal", best, low=0, high=op.n_columns - 1) if isinstance(best, Term) else float(best)]
+
+    @value.register
+    def _(self, op: Softmax, given: list[list[Value]]) -> list[Value]:
+        largest, _ = self._largest(given[0])
+        powers = [self._exp(self.terms.real("sub", x, largest), op.precision) for x in given[0]]
+        total = self._sum(0.0, powers)
+        return [self._rounded(self.terms.real("div", power, total), op.precision) for power in powers]
+
+    @value.register
     def _(self, op: FillMissing, given: list[list[Value]]) -> list[Value]:
         result = []
         for x, missing in zip(given[0], self.missing[op.inputs[0]], strict=True):
@@ -205,8 +253,8 @@ class Demand:
         self._refuse("GT", x, op.limit)
         return self._either("GT", x, op.limit, lambda: 0.0, lambda: formula(x))
 
-    def _exp(self, x: Value) -> Value:
-        return self._either("GT", x, -_REACH, lambda: self.terms.real("exp", x), lambda: 0.0)
+    def _exp(self, x: Value, precision: Precision = Precision.FLOAT64) -> Value:
+        return self._either("GT", x, -_REACH, lambda: self._rounded(self.terms.real("exp", x), precision), lambda: 0.0)
 
     def _logistic(self, x: Value) -> Value:
         terms = self.terms

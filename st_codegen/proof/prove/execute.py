@@ -708,6 +708,8 @@ class Executor:
                     result = self._float(_FLOAT[name], [result, argument], mask)
                 return result
             return self.pool.make(name.lower(), *(self.as_node(argument) for argument in arguments))
+        if name == "TRUNC" and isinstance(kind, Elementary):
+            return self._elementwise(truncated(kind), arguments, mask)
         raise NotProvedError(f"{name} is not followed")
 
     def _call(self, call: t.Call, mask: Value) -> Value:
@@ -853,6 +855,19 @@ class Executor:
             return AxisValue(axis, np.asarray(compute(*(value.constant for value in on_axis), active)))
         space, arrays = self._joined(values, mask, needed=needed)
         return Lanes(space, np.asarray(compute(*arrays, self._active(mask, space))))
+
+
+def truncated(kind: Elementary) -> Callable[..., AnyArray]:
+    """TRUNC to an integer type, on numbers of lanes. Raises NotProvedError where one does not fit."""
+
+    def whole(a: AnyArray, active: BoolArray) -> AnyArray:
+        inside = np.isfinite(a) & (np.trunc(np.where(np.isfinite(a), a, 0.0)) >= kind.lower)
+        inside &= np.where(np.isfinite(a), a, 0.0) < kind.upper + 1.0
+        if np.any(~inside & active):
+            raise NotProvedError("TRUNC of a number that the type does not hold")
+        return np.where(inside, a, 0.0).astype(np.int64)
+
+    return whole
 
 
 def _parts(value: Value) -> dict[int, AxisValue]:

@@ -21,6 +21,8 @@ from st_codegen.proof.prove.expressions import compute
 FUNCTION_ERROR = 1e-14
 
 LARGEST = float(np.finfo(np.float64).max)
+#: A number below exp(0.0), as it may err, and rounded to REAL.
+_POWER = 0.999
 _SINGLE = 3.4028234663852886e38
 _HALF_ULP = 2.0**-53
 
@@ -141,9 +143,29 @@ class Terms:
             low, high = _ends(operation, given)
             if operation == "mul" and arguments[0] is arguments[1]:
                 low = 0.0 if given[0][0] < 0 < given[0][1] else max(low, 0.0)
+            if operation == "sub" and arguments[0] in _largest_of(arguments[1]):
+                high = min(high, 0.0)
+            if operation == "add" and low < _POWER and self._holds_the_largest_power(term):
+                low = _POWER
         if not (math.isfinite(low) and math.isfinite(high)) and operation not in ("min", "max", "neg", "abs"):
             raise NotProvedError(f"{operation} may overflow")
         return low, high, False
+
+    def _holds_the_largest_power(self, total: Term) -> bool:
+        """Whether a sum of what is not negative has exp(x - largest) for each x of which `largest` is the largest.
+
+        One of these is exp(0.0), so that the sum is no smaller: additions of what is not negative never fall.
+        """
+        seen: set[Value] = set()
+        largest: Value | None = None
+        for summand in _summands(total):
+            if self.interval(summand)[0] < 0:
+                return False
+            apart = _exponent(summand)
+            if apart is not None and (largest is None or largest is apart[1]):
+                seen.add(apart[0])
+                largest = apart[1]
+        return largest is not None and _largest_of(largest) <= seen
 
     def _least(self, value: Value) -> float:
         """A number above zero below which the magnitude of a value does not lie; 0.0: none is known."""
@@ -469,6 +491,40 @@ class Terms:
             self._intervals[-1][value] = (max(low, least), high, nan)
         elif high <= 0:
             self._intervals[-1][value] = (low, min(high, -least), nan)
+
+
+def _largest_of(value: Value) -> set[Value]:
+    """The numbers of which a value is the largest, as a chain of IF x > largest THEN largest := x."""
+    found: set[Value] = set()
+    while isinstance(value, Term) and value.operation == "if":
+        condition, one, other = value.arguments
+        pair = condition.arguments if isinstance(condition, Term) else ()
+        if not isinstance(condition, Term) or (condition.operation, *map(_name, pair)) not in (
+            ("GT", _name(one), _name(other)),
+            ("LT", _name(other), _name(one)),
+        ):
+            break
+        found.add(one)  # type: ignore[arg-type]
+        value = other  # type: ignore[assignment]
+    return {*found, value}
+
+
+def _exponent(value: Value) -> tuple[Value, Value] | None:
+    """(x, largest) of IF x - largest > c THEN exp(x - largest) ELSE 0, rounded to REAL or not, with c below zero."""
+    if not isinstance(value, Term) or value.operation != "if" or value.arguments[2] != 0.0:
+        return None
+    condition, power, _ = value.arguments
+    if isinstance(power, Term) and power.operation == "single":
+        power = power.arguments[0]
+    if not isinstance(power, Term) or power.operation != "exp":
+        return None
+    apart = power.arguments[0]
+    if not isinstance(apart, Term) or apart.operation != "sub":
+        return None
+    if not isinstance(condition, Term) or condition.operation != "GT" or condition.arguments[0] is not apart:
+        return None
+    cut = condition.arguments[1]
+    return apart.arguments if isinstance(cut, float) and cut < 0 else None  # type: ignore[return-value]
 
 
 def _summands(term: Value) -> list[Value]:
