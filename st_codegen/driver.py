@@ -15,6 +15,7 @@ from typing import Any
 
 from st_codegen.emit import output
 from st_codegen.emit.blocks import comparison
+from st_codegen.emit.blocks.application import AS_SOLUTION, Packaging, ProjectForm
 from st_codegen.emit.blocks.model import Limits, block_name
 from st_codegen.emit.contents import Contents
 from st_codegen.emit.render import print_plans
@@ -81,6 +82,7 @@ def generate(  # noqa: PLR0913 - one argument an option
     with_tests: bool = False,
     with_configuration: bool = False,
     with_comparison: bool = False,
+    packaging: Packaging | None = None,
     cost: CostFunction = simple_cost,
     relayout: bool = False,
     force: bool = False,
@@ -111,6 +113,9 @@ def generate(  # noqa: PLR0913 - one argument an option
     also what `record` needs, a program that keeps the samples of a measurement. They take memory for their arrays and a
     second instance of each model's block.
 
+    `packaging` says in which form a development environment gets the project (`ProjectForm`): a solution that opens by
+    itself, which is the default, a PLC project alone, or a library; only TwinCAT's targets have the choice.
+
     `cost` prices the layouts among which is chosen. The default estimates from the model alone, in no time;
     `proof.explain.Pricing` prints, reads and counts every candidate for a real controller, which takes many times as
     long as all the rest.
@@ -134,7 +139,14 @@ def generate(  # noqa: PLR0913 - one argument an option
     folder = Path(out) / target.name
     output.check_place(folder)
     settings = CompileSettings.of(
-        target, max_array, options, with_tests, cost, with_configuration, with_comparison=with_comparison
+        target,
+        max_array,
+        options,
+        with_tests,
+        cost,
+        with_configuration,
+        with_comparison=with_comparison,
+        packaging=packaging,
     )
     with _staged(models, target, Path(out), settings, Choices() if relayout else _earlier(folder)) as staged:
         files = {name: (staged.stage / name).stat().st_size for name in staged.names if name != output.MANIFEST}
@@ -152,6 +164,7 @@ def check(  # noqa: PLR0913 - one argument an option
     with_tests: bool = False,
     with_configuration: bool = False,
     with_comparison: bool = False,
+    packaging: Packaging | None = None,
     cost: CostFunction = simple_cost,
     relayout: bool = False,
     provenance: bool = False,
@@ -166,6 +179,7 @@ def check(  # noqa: PLR0913 - one argument an option
         with_tests=with_tests,
         with_configuration=with_configuration,
         with_comparison=with_comparison,
+        packaging=packaging,
         cost=cost,
         relayout=relayout,
         provenance=provenance,
@@ -183,6 +197,7 @@ def differences(  # noqa: PLR0913 - one argument an option
     with_tests: bool = False,
     with_configuration: bool = False,
     with_comparison: bool = False,
+    packaging: Packaging | None = None,
     cost: CostFunction = simple_cost,
     relayout: bool = False,
     provenance: bool = False,
@@ -198,7 +213,14 @@ def differences(  # noqa: PLR0913 - one argument an option
     folder = Path(out) / target.name
     output.check_place(folder)
     settings = CompileSettings.of(
-        target, max_array, options, with_tests, cost, with_configuration, with_comparison=with_comparison
+        target,
+        max_array,
+        options,
+        with_tests,
+        cost,
+        with_configuration,
+        with_comparison=with_comparison,
+        packaging=packaging,
     )
     with _staged(models, target, None, settings, Choices() if relayout else _earlier(folder)) as staged:
         on_disk = {name for name in output.generated_names(folder) if (folder / name).exists()}
@@ -244,9 +266,10 @@ class CompileSettings:
     cost: CostFunction
     with_configuration: bool = False
     with_comparison: bool = False
+    packaging: Packaging = AS_SOLUTION
 
     @classmethod
-    def of(
+    def of(  # noqa: PLR0913 - one argument an option
         cls,
         target: Target,
         max_array: int | None,
@@ -256,9 +279,10 @@ class CompileSettings:
         with_configuration: bool,
         *,
         with_comparison: bool = False,
+        packaging: Packaging | None = None,
     ) -> CompileSettings:
-        """The settings of `generate`. Raises TargetError for tests, a configuration or a comparison of a target that
-        has none."""
+        """The settings of `generate`. Raises TargetError for tests, a configuration, a comparison or a form of a
+        project that the target does not have."""
         if with_tests and not target.has_tests:
             able = ", ".join(name for name, other in TARGETS.items() if other.has_tests)
             raise TargetError(f"the target {target.name} has no test suites; --with-tests goes with {able}")
@@ -268,9 +292,16 @@ class CompileSettings:
         if with_comparison and not target.has_comparison:
             able = ", ".join(name for name, other in TARGETS.items() if other.has_comparison)
             raise TargetError(f"the target {target.name} has no clock; --with-comparison goes with {able}")
+        packaging = packaging or AS_SOLUTION
+        if packaging != AS_SOLUTION and not target.has_project_forms:
+            able = ", ".join(name for name, other in TARGETS.items() if other.has_project_forms)
+            raise TargetError(f"the target {target.name} has no forms of a project; --project goes with {able}")
+        if (with_tests or with_comparison) and packaging.form is ProjectForm.LIBRARY:
+            wrong = "--with-tests" if with_tests else "--with-comparison"
+            raise TargetError(f"a library has no task that runs programs: leave out {wrong} or --project library")
         limits = limits_for(target, max_array)
         options = dataclasses.replace(options or Options(), max_array=limits.max_array)
-        return cls(limits, options, with_tests, cost, with_configuration, with_comparison)
+        return cls(limits, options, with_tests, cost, with_configuration, with_comparison, packaging)
 
 
 @dataclass(frozen=True)
@@ -339,9 +370,10 @@ def _planned(
     if purpose is not None:
         around = purpose.application(recorded=settings.with_comparison)
         contents = Contents(compiled.models, around, purpose.uses())
-    if settings.with_configuration:
-        around = dataclasses.replace(contents.around, has_configuration=True)
-        contents = dataclasses.replace(contents, around=around)
+    around = dataclasses.replace(
+        contents.around, has_configuration=settings.with_configuration, packaging=settings.packaging
+    )
+    contents = dataclasses.replace(contents, around=around)
     vectors = reference_vectors(bundle, compiled) if settings.with_tests else ()
     plans = tuple(target.plan(contents, settings.limits, vectors))
     if settings.with_comparison:

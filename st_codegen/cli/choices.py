@@ -6,6 +6,8 @@ A test compares them with the rooms'.
 from __future__ import annotations
 
 TARGETS = ("iec", "plcopen", "twincat", "beckhoff-ml")
+#: What a development environment is given to open.
+PROJECT_FORMS = ("solution", "plc", "library")
 LAYOUTS = ("auto", "trees", "ranked", "table")
 TABLE_KILOBYTES = 64
 OUTPUTS = ("class", "probability", "decision")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.table import Table
 
-from st_codegen.cli.choices import TARGETS
+from st_codegen.cli.choices import PROJECT_FORMS, TARGETS
 from st_codegen.cli.console import (
     Whole,
     array_option,
@@ -27,6 +27,7 @@ from st_codegen.cli.costs import limits_table, price_table, print_budget
 
 if TYPE_CHECKING:
     from st_codegen.driver import Generated
+    from st_codegen.emit.blocks.application import Packaging
     from st_codegen.emit.output import FileChange
     from st_codegen.ir import OutputKind
     from st_codegen.passes.choose import CostFunction
@@ -39,6 +40,7 @@ Examples:
   st-codegen models/ --target twincat
   st-codegen generate models/ --target iec --target twincat --out plc/
   st-codegen models/ --target twincat --with-tests
+  st-codegen models/ --target twincat --project library --company Plant
   st-codegen models/ --target iec --with-configuration
   st-codegen models/ --target twincat --profile cx5140 --explain
   st-codegen models/ --layout table --table-limit 256
@@ -103,6 +105,17 @@ Examples:
     is_flag=True,
     help="For twincat: also write the programs that `compare` and `record` need on the controller.",
 )
+@click.option(
+    "--project",
+    type=click.Choice(PROJECT_FORMS),
+    default=PROJECT_FORMS[0],
+    show_default=True,
+    help="For TwinCAT: a solution that opens by itself, a PLC project alone to be added to a solution of yours, or a "
+    "library of the blocks, without programs and tasks.",
+)
+@click.option("--library-version", metavar="1.0.0.0", help="With --project library: its version. Default: 1.0.0.0.")
+@click.option("--company", metavar="NAME", help="With --project library: who offers it.")
+@click.option("--namespace", metavar="NAME", help="With --project library: its namespace. Default: the project's name.")
 @array_option
 @bytes_option
 @click.option(
@@ -133,6 +146,10 @@ def command(
     with_tests: bool,
     with_configuration: bool,
     with_comparison: bool,
+    project: str,
+    library_version: str | None,
+    company: str | None,
+    namespace: str | None,
     max_array: int | None,
     max_bytes: int | None,
     explain: bool,
@@ -165,6 +182,8 @@ def command(
         data_bytes=max_bytes,
     )
     chosen = [target_named(name) for name in targets or ("twincat",)]
+    packaging = _packaging(project, library_version, company, namespace)
+    able = any(target.has_project_forms for target in chosen)
     with progress_bar("loading", quiet=quiet) as progress:
         bundle = load(models, trust_pickle=trust_pickle, outputs=outputs, progress=progress)
     pricing = {target.name: Pricing(target, limits_for(target, max_array), machine) for target in chosen}
@@ -181,6 +200,7 @@ def command(
                 with_tests=with_tests,
                 with_configuration=with_configuration,
                 with_comparison=with_comparison,
+                packaging=packaging if target.has_project_forms or not able else None,
                 cost=costs[target.name],
                 relayout=relayout,
                 provenance=provenance,
@@ -197,6 +217,7 @@ def command(
             with_tests=with_tests,
             with_configuration=with_configuration,
             with_comparison=with_comparison,
+            packaging=packaging if target.has_project_forms or not able else None,
             cost=costs[target.name],
             relayout=relayout,
             force=force,
@@ -221,6 +242,19 @@ def command(
                 console.print(price_table(target.name, machine.name, prices(generated.compiled, pricing[target.name])))
             cost = cycle_cost(GeneratedCode(generated.folder, target.dialect), machine)
             print_budget(target.name, cost, None)
+
+
+def _packaging(project: str, version: str | None, company: str | None, namespace: str | None) -> Packaging:
+    """The form of the project. Raises InputError for what only libraries have."""
+    from st_codegen.emit.blocks.application import Packaging, ProjectForm
+    from st_codegen.errors import InputError
+
+    form = ProjectForm(project)
+    given = {"--library-version": version, "--company": company, "--namespace": namespace}
+    wrong = [option for option, value in given.items() if value]
+    if wrong and form is not ProjectForm.LIBRARY:
+        raise InputError(f"{', '.join(wrong)}: libraries have these; give --project library, or leave them out")
+    return Packaging(form, version or Packaging.version, company or "", namespace or "")
 
 
 def _show(found: Iterable[FileChange], limit: int, *, stat: bool) -> bool:

@@ -218,7 +218,10 @@ def _keep_user_files(folder: Path, stage: Path) -> tuple[str, ...]:
     sums = {} if manifest is None else manifest.files
     new = {path.relative_to(stage).as_posix() for path in stage.rglob("*") if path.is_file()}
     changed = tuple(name for name in sums if name not in new and not _is_as_written(folder / name, sums[name]))
-    ours = {*sums, MANIFEST}.difference(changed)
+    # a solution is one thing in several files of one name: where one of them was changed, the others stay with it
+    kept = {PurePosixPath(name).with_suffix("") for name in changed}
+    together = {name for name in sums if name not in new and PurePosixPath(name).with_suffix("") in kept}
+    ours = {*sums, MANIFEST}.difference(together)
     spelt = {name.casefold(): name for name in new}
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()

@@ -16,7 +16,8 @@ import jinja2
 from st_codegen.emit.blocks.listing import Block, CodeSection
 from st_codegen.emit.blocks.model import Limits
 from st_codegen.emit.contents import Contents
-from st_codegen.emit.targets import FilePlan, Target
+from st_codegen.emit.file_plan import PLAIN, FileForm, FilePlan
+from st_codegen.emit.targets import Target
 
 
 @dataclass(frozen=True)
@@ -99,14 +100,14 @@ def render_report(template: str, values: Mapping[str, Any]) -> str:
 
 def _print(templates: jinja2.Environment, plan: FilePlan) -> Iterator[str]:
     pieces = templates.get_template(plan.template).generate(**plan.values)
-    return _as_twincat(pieces) if plan.twincat_xml else pieces
+    return pieces if plan.form == PLAIN else _formed(pieces, plan.form)
 
 
-def _as_twincat(pieces: Iterator[str]) -> Iterator[str]:
-    """With the byte order mark, and without the last line end."""
-    held = "\ufeff"
+def _formed(pieces: Iterator[str], form: FileForm) -> Iterator[str]:
+    """The pieces of a text as those of its file."""
+    held = "\ufeff" if form.has_mark else ""
     for piece in pieces:
         if piece:
             yield held
-            held = piece
-    yield held.removesuffix("\n")
+            held = piece.replace("\n", form.line_end)
+    yield held if form.ends_last_line else held.removesuffix(form.line_end)

@@ -53,7 +53,7 @@ CONFIGURATION_FILE = "st-codegen.toml"
 #: Options of the command line that [build] may give a default.
 BUILD_KEYS = (
     *("target", "out", "layout", "table_limit", "outputs_per_cycle", "max_array", "max_bytes", "with_tests"),
-    "with_comparison",
+    *("with_comparison", "with_configuration", "project", "library_version", "company", "namespace", "outputs"),
     *("profile", "cycle_us", "entry", "rows"),
 )
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from st_codegen.cost.profile import Profile
 from st_codegen.cost.report import project_cost
-from st_codegen.emit.output import Manifest, read_manifest
+from st_codegen.emit.output import Manifest, content_of, read_manifest
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import FloatArray
@@ -201,9 +201,9 @@ def _with_sizes(manifest: Manifest, code: GeneratedCode, profile: Profile | None
 
 
 def _changed_files(before: tuple[Path, Manifest], after: tuple[Path, Manifest]) -> dict[str, str]:
-    """Generated files that differ as they are on disk: added, removed or changed."""
+    """Generated files that differ as they are on disk (but for editors' traces): added, removed or changed."""
     texts = [
-        {name: (folder / name).read_bytes() for name in manifest.files if (folder / name).is_file()}
+        {name: content_of(folder / name) for name in manifest.files if (folder / name).is_file()}
         for folder, manifest in (before, after)
     ]
     kinds = {}

@@ -117,7 +117,7 @@ def test_an_orphan_that_was_changed_stays_with_a_warning(lone_folder, lightgbm_t
     if edit == "changed":
         path.write_bytes(text + b"(* mine *)")
     elif edit == "line ends":
-        path.write_bytes(text.replace(b"\n", b"\r\n"))
+        path.write_bytes(text.replace(b"\r\n", b"\n"))
     elif edit == "a folder":
         path.mkdir()
         (path / "notes").write_text("mine")
@@ -291,5 +291,5 @@ def test_check_shows_a_unified_diff(lone_folder, lightgbm_text, tmp_path):
 def test_check_does_not_mind_line_ends(lone_folder, tmp_path):
     folder = generate(load(lone_folder), TWINCAT, tmp_path).folder
     path = folder / "POUs" / "FB_Te.TcPOU"
-    path.write_bytes(path.read_bytes().replace(b"\n", b"\r\n"))
+    path.write_bytes(path.read_bytes().replace(b"\r\n", b"\n"))
     assert list(check(load(lone_folder), TWINCAT, tmp_path)) == []

@@ -24,7 +24,7 @@ def test_bundles_of_any_shape_give_text_that_is_checked_portable_and_narrow(orde
     for target in ("twincat", "iec"):
         loaded(target, orders, directions)
         for path, text in texts(project(orders, directions), target).items():
-            wide = [line for line in text.splitlines() if len(line) > 100 and "<" not in line]
+            wide = [line for line in text.splitlines() if len(line) > 100 and "<" not in line and path[-4:] != ".sln"]
             assert not wide, path
             assert "RETURN" not in text
             assert not re.search(r"[ \t]$", text, re.M), path

@@ -6,8 +6,10 @@ here and appears in every target, with its file, its entry in the project file a
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import ClassVar
 
 from st_codegen.emit.blocks.listing import Block, BlockVariable, Table
@@ -82,13 +84,17 @@ DataType = Structure | Overlay | Enumeration | ArrayAlias
 
 @dataclass(frozen=True)
 class GlobalList:
-    """VAR_GLOBAL, always used with its name in front (`GVL_X.nValue`)."""
+    """VAR_GLOBAL, always used with its name in front (`GVL_X.nValue`).
+
+    `of_programs`: signals between programs and the machine, which no function block uses.
+    """
 
     name: str
     comment: tuple[str, ...]
     variables: tuple[BlockVariable, ...] = ()
     tables: tuple[Table, ...] = ()
     constant: bool = False
+    of_programs: bool = False
 
 
 @dataclass(frozen=True)
@@ -108,6 +114,38 @@ class Task:
             )
 
 
+class ProjectForm(StrEnum):
+    """What a development environment is given to open."""
+
+    SOLUTION = "solution"  # opens by itself: system, tasks and the PLC project
+    PLC = "plc"  # a PLC project alone, to be added to a solution
+    LIBRARY = "library"  # function blocks without programs and tasks, which other projects refer to
+
+
+@dataclass(frozen=True)
+class Packaging:
+    """The form of a project, and what a library is called by those that refer to it.
+
+    `company` and `namespace` may be empty: the first is then left out, the second is the project's name.
+    """
+
+    form: ProjectForm = ProjectForm.SOLUTION
+    version: str = "1.0.0.0"
+    company: str = ""
+    namespace: str = ""
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"\d{1,5}(\.\d{1,5}){1,3}", self.version, re.ASCII):
+            raise InputError(f"version {self.version!r}: two to four numbers with dots are wanted, such as 1.0.0.0")
+        if self.namespace and not re.fullmatch(r"[A-Za-z]\w*", self.namespace, re.ASCII):
+            raise InputError(f"namespace {self.namespace!r}: letters, digits and underscores, a letter first")
+        if not self.company.isprintable():
+            raise InputError(f"company {self.company!r}: a character that cannot be printed")
+
+
+AS_SOLUTION = Packaging()
+
+
 @dataclass(frozen=True)
 class Application:
     """All of a project, each kind in the order in which strict compilers want it declared: users after what they use.
@@ -115,7 +153,8 @@ class Application:
     `blocks` are functions, function blocks and programs; `tests` are test suites and the program that runs them, which
     targets without a test library leave out, with the tasks of such programs. `libraries` are names of TwinCAT
     libraries beside Tc2_Standard. Where `connected` is False, every block stands alone. With `has_configuration` the
-    text says itself what runs it. `attributes` are pragmas of all blocks, where a dialect has them.
+    text says itself what runs it. `attributes` are pragmas of all blocks, where a dialect has them. `packaging` is for
+    dialects whose development environment has projects.
     """
 
     name: str
@@ -128,6 +167,7 @@ class Application:
     libraries: tuple[str, ...] = ()
     has_configuration: bool = False
     attributes: tuple[str, ...] = ()
+    packaging: Packaging = AS_SOLUTION
 
     def __post_init__(self) -> None:
         taken: dict[str, str] = {}

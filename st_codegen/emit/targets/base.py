@@ -3,36 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterable, Sequence
 
 from st_codegen.emit.blocks.application import Application
-from st_codegen.emit.blocks.listing import Block
 from st_codegen.emit.blocks.model import Limits, model_block
 from st_codegen.emit.blocks.tests import ReferenceVectors, with_tests
 from st_codegen.emit.contents import Contents
+from st_codegen.emit.file_plan import FilePlan
 from st_codegen.entries import Entries
 from st_codegen.errors import InputError
-
-
-@dataclass(frozen=True)
-class FilePlan:
-    """A file to write: its path below the target's folder, the template that prints it and what that prints.
-
-    `twincat_xml`: starts with a byte order mark and ends without a line end, as TwinCAT writes its files.
-    """
-
-    path: str
-    template: str
-    values: Mapping[str, Any]
-    twincat_xml: bool = False
-
-    @property
-    def blocks(self) -> tuple[Block, ...]:
-        """The function blocks that the file prints."""
-        one = self.values.get("block")
-        return tuple(self.values.get("blocks", () if one is None else (one,)))
 
 
 class Target(ABC):
@@ -42,6 +21,7 @@ class Target(ABC):
     `dialect.st.j2` says how the dialect writes what differs. `compiles` says whether the passes rewrite the models
     first; a target that hands the models themselves on has False. `has_tests` says whether test suites can be written,
     `has_configuration` whether a CONFIGURATION can, `has_comparison` whether programs for `compare` and `record` can,
+    `has_project_forms` whether there is a choice of `ProjectForm`,
     `is_portable` whether all of the text is of the subset that strict compilers of other vendors accept.
     """
 
@@ -54,6 +34,7 @@ class Target(ABC):
     has_tests: bool = False
     has_configuration: bool = False
     has_comparison: bool = False
+    has_project_forms: bool = False
     is_portable: bool = False
 
     def plan(self, contents: Contents, limits: Limits, vectors: Sequence[ReferenceVectors] = ()) -> Iterable[FilePlan]:

@@ -8,7 +8,8 @@ from st_codegen.emit.blocks.application import Application, DataType, Task
 from st_codegen.emit.blocks.configuration import with_programs
 from st_codegen.emit.blocks.listing import Block
 from st_codegen.emit.blocks.model import Limits
-from st_codegen.emit.targets.base import FilePlan, Target, enter_target
+from st_codegen.emit.file_plan import FilePlan
+from st_codegen.emit.targets.base import Target, enter_target
 
 
 class IecTarget(Target):

@@ -1,42 +1,34 @@
-"""TwinCAT 3 source files: TcPOU, TcDUT, TcGVL, TcTTO, and the plcproj that lists them."""
+"""TwinCAT 3 source files: TcPOU, TcDUT, TcGVL, TcTTO, and the project files around them."""
 
 from __future__ import annotations
 
 import dataclasses
-import uuid
 from collections.abc import Iterable
 from pathlib import PurePosixPath
 
-from st_codegen.emit.blocks.application import Application, DataType, GlobalList, Overlay, Task
+from st_codegen.emit.blocks.application import Application, DataType, GlobalList, Overlay, ProjectForm, Task
 from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection
 from st_codegen.emit.blocks.model import Limits
-from st_codegen.emit.targets.base import FilePlan, Target, enter_target
-
-#: Object identifiers are derived from names, so that they never change.
-_NAMESPACE = uuid.uuid5(uuid.NAMESPACE_DNS, "st-codegen")
-
-#: Who offers a library; all others come from the first.
-_COMPANY = "Beckhoff Automation GmbH"
-_COMPANIES = {"TcUnit": "www.tcunit.org"}
-
-
-def object_id(name: str) -> str:
-    """The identifier of an object in TwinCAT's files."""
-    return f"{{{uuid.uuid5(_NAMESPACE, name)}}}"
+from st_codegen.emit.file_plan import FilePlan
+from st_codegen.emit.targets.base import Target, enter_target
+from st_codegen.emit.twincat_project import OBJECT, object_id, project_files
 
 
 class TwinCatTarget(Target):
-    """One file an object, in the folders that TwinCAT projects use, and the project file."""
+    """One file an object, in the folders that TwinCAT projects use, and the files of project and solution."""
 
     name = "twincat"
-    summary = "TwinCAT 3 PLC project (.plcproj, .TcPOU, .TcDUT, .TcGVL, .TcTTO)"
+    summary = "TwinCAT 3 solution (.sln, .tsproj, .plcproj, .TcPOU, .TcDUT, .TcGVL, .TcTTO)"
     dialect = "twincat"
     templates = "twincat"
     limits = Limits(max_array=65_536, data_bytes=32 * 1024 * 1024)
     has_tests = True
     has_comparison = True
+    has_project_forms = True
 
     def files(self, application: Application) -> Iterable[FilePlan]:
+        if application.packaging.form is ProjectForm.LIBRARY:
+            application = as_library(application)
         application = with_bit_test(application)
         files = [
             *(_pou("POUs", block, application.attributes) for block in application.blocks),
@@ -45,7 +37,18 @@ class TwinCatTarget(Target):
             *(_pou("Tests", block) for block in application.tests),
             *(_task(task) for task in application.tasks),
         ]
-        return [*files, project_file(application, files)]
+        return [*files, *project_files(application, files)]
+
+
+def as_library(application: Application) -> Application:
+    """The application without its programs, and without what only programs use."""
+    return dataclasses.replace(
+        application,
+        blocks=tuple(block for block in application.blocks if block.kind != "PROGRAM"),
+        globals=tuple(variables for variables in application.globals if not variables.of_programs),
+        tasks=(),
+        tests=(),
+    )
 
 
 def with_bit_test(application: Application) -> Application:
@@ -86,28 +89,15 @@ def _globals(variables: GlobalList) -> FilePlan:
 
 
 def _task(task: Task) -> FilePlan:
-    return _object("", task.name, "task.TcTTO", task=task)
+    parts = ("TaskFBGuid", "Fb_init", "Fb_exit", "CycleUpdate", "PostCycleUpdate")
+    return _object(
+        "", task.name, "task.TcTTO", task=task, parts=[(part, object_id(f"{part} of {task.name}")) for part in parts]
+    )
 
 
 def _object(folder: str, name: str, template: str, **values: object) -> FilePlan:
     path = PurePosixPath(folder, name + PurePosixPath(template).suffix)
-    return FilePlan(str(path), f"twincat/{template}.j2", {"id": object_id(name), **values}, twincat_xml=True)
-
-
-def project_file(application: Application, files: list[FilePlan]) -> FilePlan:
-    """The project that lists all other files and the libraries they need."""
-    paths = [PurePosixPath(file.path) for file in files]
-    names = dict.fromkeys(("Tc2_Standard", "Tc2_System", "Tc3_Module", *application.libraries))
-    values = {
-        "id": object_id(f"project {application.name}"),
-        "name": application.name,
-        "files": [
-            {"path": "\\".join(path.parts), "link_always": path.suffix == ".TcGVL"} for path in sorted(paths, key=str)
-        ],
-        "folders": sorted({str(path.parent) for path in paths if path.parent.parts}),
-        "libraries": [{"name": name, "company": _COMPANIES.get(name, _COMPANY)} for name in names],
-    }
-    return FilePlan(f"{application.name}.plcproj", "twincat/project.plcproj.j2", values)
+    return FilePlan(str(path), f"twincat/{template}.j2", {"id": object_id(name), **values}, OBJECT)
 
 
 enter_target(TwinCatTarget())

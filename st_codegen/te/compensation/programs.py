@@ -53,6 +53,7 @@ def signals(te: TransmissionError) -> GlobalList:
         SIGNALS,
         ("Signals of the programs: link the inputs to sensors and motion profile, the outputs to the axes.",),
         (*compensation_inputs(te), *compensation_outputs(), AGE_LIMIT, *fast_results(), EXCHANGE),
+        of_programs=True,
     )
 
 
@@ -72,6 +73,7 @@ def experiment_signals() -> GlobalList:
         EXPERIMENT_SIGNALS,
         ("Signals of a measurement: link the inputs to sensors and the operator, the outputs to the axes.",),
         (*experiment_inputs(), *experiment_outputs()),
+        of_programs=True,
     )
 
 

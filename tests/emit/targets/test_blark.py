@@ -30,14 +30,14 @@ def cut(text):
     return ARRAY.sub(short, text)
 
 
-def cut_project(folder, to):
-    """The generated files of a folder with short arrays; returns the project file."""
+def cut_project(folder, to, of="plcproj"):
+    """The generated files of a folder with short arrays; returns the file of the project, or of the solution."""
     for path in folder.rglob("*"):
-        if path.suffix in {*OBJECTS, ".TcTTO", ".plcproj"}:
+        if path.suffix in {*OBJECTS, ".TcTTO", ".plcproj", ".tsproj", ".sln"}:
             copy = to / path.relative_to(folder)
             copy.parent.mkdir(parents=True, exist_ok=True)
             copy.write_text(cut(path.read_text(encoding="utf-8")), encoding="utf-8")
-    (project,) = to.glob("*.plcproj")
+    (project,) = to.glob(f"*.{of}")
     return project
 
 
@@ -67,6 +67,12 @@ def test_one_of_each_kind_is_read(name, tmp_path):
     path = tmp_path / Path(name).name
     path.write_text(cut((GOLDEN / "bundle" / "generated" / name).read_text(encoding="utf-8")), encoding="utf-8")
     assert parsed(path) == {path.name}
+
+
+@pytest.mark.slow
+def test_every_file_is_read_through_the_solution(lone_folder, tmp_path):
+    folder = generate(load(lone_folder), "twincat", tmp_path / "out").folder
+    assert parsed(cut_project(folder, tmp_path / "cut", "sln")) == objects(folder)
 
 
 @pytest.mark.slow

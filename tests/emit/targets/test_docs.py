@@ -21,9 +21,9 @@ def section(target):
 def test_every_file_is_described(target, tmp_path):
     folder = generate(load(ROOT / "golden" / "bundle" / "models"), target, tmp_path).folder
     files = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
-    described = set(re.findall(r"`((?:\w+/)*[\w-]+\.\w+)`", section(target)))
+    described = set(re.findall(r"`((?:\w+/)*[\w-]*\.\w+)`", section(target)))
     if target == "beckhoff-ml":
-        described |= set(re.findall(r"`((?:\w+/)*[\w-]+\.\w+)`", section("twincat"))) - {"POUs/FB_Tables.TcPOU"}
+        described |= set(re.findall(r"`((?:\w+/)*[\w-]*\.\w+)`", section("twincat"))) - {"POUs/FB_Tables.TcPOU"}
     described -= {name for name in described if name.startswith("Tests/")} | {"TestTask.TcTTO"}
     assert described == files
 
