@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 RACE := .venv-race
 INSTALLED := $(VENV)/.installed
 
-.PHONY: run test pictures real blark soak soak-long fuzz sbom audit lint sizes nightly bench clean tables train-long blind blind-form mutate mutants example race
+.PHONY: run test pictures real blark soak soak-long fuzz sbom audit lint sizes nightly bench clean tables train-long blind blind-form mutate mutants example race kills
 
 run: $(INSTALLED)  ## compile the example bundle, verify the result
 	$(BIN)/st-codegen examples/rv160n/models/ --target twincat --out build/rv160n
@@ -39,6 +39,9 @@ nightly: $(INSTALLED)  ## the property tests with twenty times as many examples,
 
 fuzz: $(INSTALLED)  ## damaged files of every kind for ten minutes, each in a process of its own; build/fuzz/ keeps what fails
 	$(BIN)/python -m tests.fuzz --seconds 600
+
+kills: $(INSTALLED)  ## train, tables, simulate and reconcile killed at random moments, and run again; some 10 minutes
+	$(BIN)/python -m pytest -q -m slow tests/cli/test_kills.py
 
 sbom: requirements.lock  ## software bill of materials of the pinned packages, build/sbom.json; installs its tool: needs a network
 	$(PYTHON) -m venv build/audit

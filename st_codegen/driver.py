@@ -22,6 +22,7 @@ from st_codegen.emit.render import print_plans
 from st_codegen.emit.targets import TARGETS, FilePlan, Target, target_named
 from st_codegen.errors import TargetError
 from st_codegen.files.html_text import html_table
+from st_codegen.files.temporary import temporary_folder
 from st_codegen.ir import AnyArray, Classes, FloatArray, KernelSum, ModelIR, TreeEnsemble
 from st_codegen.passes.choose import Choices, CostFunction, Options, simple_cost
 from st_codegen.passes.pipeline import Compiled, compile_models, unchanged
@@ -248,7 +249,7 @@ def predict(bundle: Bundle, columns: dict[str, FloatArray], engine: Evaluator) -
     if engine is Evaluator.SOURCE:
         with isolated(bundle.models) as models:
             return predictions.predict(dataclasses.replace(bundle, models=models), columns, predictions.by_library)
-    with tempfile.TemporaryDirectory(prefix="st-codegen-") as folder:
+    with temporary_folder(Path(tempfile.gettempdir())) as folder:
         target = TARGETS["twincat"]
         # no controller has to hold this text: no table is too large
         made = generate(bundle, target, folder, max_array=_UNLIMITED, options=Options(data_bytes=_UNLIMITED))

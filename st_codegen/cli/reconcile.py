@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import tempfile
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +11,8 @@ import click
 from st_codegen.cli.choices import MISTAKES, UPDATED_CODE, UPDATED_MODELS
 from st_codegen.cli.console import Number, console, progress_bar, quiet_option, trust_option
 from st_codegen.errors import InputError
+from st_codegen.files.folders import write_texts
+from st_codegen.files.temporary import temporary_folder
 from st_codegen.files.text import make_folder
 
 if TYPE_CHECKING:
@@ -117,7 +116,7 @@ def command(
         if wish is not None:
             raise InputError(f"{measured}: a spectrum has no phases, so that no model can be made from it")
         found = reconcile_spectrum(model, read_spectrum(measured), scale)
-        _write(_spectrum_texts(found), {}, out)
+        write_texts(out, _spectrum_texts(found))
         content, text = spectrum_report(found), spectrum_summary(found)
     else:
         with progress_bar("reconciling", quiet=quiet) as progress:
@@ -159,12 +158,13 @@ def _written(result: Reconciliation, ahead: NextRuns, wish: Wish | None, out: Pa
     from st_codegen.reconcile.report.output import report_text, rig_diff
     from st_codegen.reconcile.report.pages import report_page
 
-    make_folder(out.parent)
-    with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=out.parent) as name:
+    parent = out if out.is_dir() else out.parent
+    make_folder(parent)
+    with temporary_folder(parent) as temporary:
         changes = None
         if wish is not None:
             with progress_bar("updating models", quiet=quiet) as progress:
-                changes = update_models(result, wish, Path(name), progress)
+                changes = update_models(result, wish, temporary, progress)
         texts = {
             "rig.toml": result.new_rig.text(),
             "rig.diff": rig_diff(result),
@@ -172,9 +172,9 @@ def _written(result: Reconciliation, ahead: NextRuns, wish: Wish | None, out: Pa
             "report.html": report_page(result, changes, ahead),
             "next_runs.csv": ahead.csv_text(),
         }
-        made = {folder: Path(name) / folder for folder in (UPDATED_MODELS, UPDATED_CODE)}
+        made = {folder: temporary / folder for folder in (UPDATED_MODELS, UPDATED_CODE)}
         folders = {folder: path for folder, path in made.items() if path.exists()}
-        _write(texts, folders, out)
+        write_texts(out, texts, folders)
     return changes
 
 
@@ -191,18 +191,3 @@ def _spectrum_texts(found: SpectrumResult) -> dict[str, str]:
         "report.html": spectrum_page(found),
         "next_runs.csv": NextRuns().csv_text(),
     }
-
-
-def _write(texts: Mapping[str, str], folders: Mapping[str, Path], out: Path) -> None:
-    """Write all files or none: each is complete beside the others before the first is moved to where it belongs."""
-    make_folder(out.parent)
-    with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=out.parent) as name:
-        for file, text in texts.items():
-            (Path(name) / file).write_text(text, encoding="utf-8", newline="\n")
-        out.mkdir(exist_ok=True)
-        for folder, made in folders.items():
-            if (out / folder).exists():
-                (out / folder).rename(Path(name) / f"old_{folder}")
-            made.rename(out / folder)
-        for file in texts:
-            os.replace(Path(name) / file, out / file)  # noqa: PTH105

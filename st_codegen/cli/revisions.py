@@ -13,6 +13,7 @@ from pathlib import Path
 
 from st_codegen.emit.output import MANIFEST
 from st_codegen.errors import InputError
+from st_codegen.files.temporary import temporary_folder
 
 
 @contextmanager
@@ -25,10 +26,10 @@ def two_states(old: str, new: str, path: Path | None, *, trust_pickle: bool = Fa
     if path is None:
         yield Path(old), Path(new)
         return
-    with tempfile.TemporaryDirectory(prefix="st-codegen-") as name:
-        folders = [_extracted(revision, path, Path(name) / side) for revision, side in ((old, "old"), (new, "new"))]
+    with temporary_folder(Path(tempfile.gettempdir())) as made:
+        folders = [_extracted(revision, path, made / side) for revision, side in ((old, "old"), (new, "new"))]
         if not all(any(folder.rglob(MANIFEST)) for folder in folders):
-            folders = _compiled(folders, Path(name), trust_pickle=trust_pickle)
+            folders = _compiled(folders, made, trust_pickle=trust_pickle)
         yield folders[0], folders[1]
 
 

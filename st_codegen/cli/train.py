@@ -112,12 +112,13 @@ def command(
     """
     from st_codegen.campaign.harmonic_table import read_table, write_table
     from st_codegen.te.harmonics import Direction
-    from st_codegen.training.export import write_bundle
+    from st_codegen.training.export import check_place, write_bundle
     from st_codegen.training.learn import LearningPlan, bundle_head, learn, only_exportable
     from st_codegen.training.measured import Measured, measured_table
     from st_codegen.training.page import training_page
     from st_codegen.training.store import FitStore
 
+    check_place(out)
     settings = settings_of(families, folds, seed)
     settings = only_exportable(settings, form)
     plan = LearningPlan(settings, test_share, None, math.inf if limit_us is None else limit_us, repeats, keep_faulty)

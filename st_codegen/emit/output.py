@@ -8,7 +8,6 @@ was changed by hand.
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import difflib
 import hashlib
 import json
@@ -24,6 +23,7 @@ from st_codegen.emit.blocks.model import block_name
 from st_codegen.emit.render import RenderedFile
 from st_codegen.emit.traces import without_traces
 from st_codegen.errors import GeneratedCodeError, InputError
+from st_codegen.files.folders import replace_folder
 from st_codegen.files.temporary import temporary_folder
 from st_codegen.ir import ModelIR, OutputKind
 
@@ -196,16 +196,7 @@ def install(stage: Path, folder: Path, *, force: bool = False) -> tuple[str, ...
     if not force:
         _refuse_to_lose_changes(folder, stage)
     changed = _keep_user_files(folder, stage)
-    if _exchange(stage, folder):
-        shutil.rmtree(stage)
-        return changed
-    old = stage.parent / "old"
-    folder.rename(old)
-    try:
-        stage.rename(folder)
-    except OSError:
-        old.rename(folder)
-        raise
+    replace_folder(stage, folder)
     return changed
 
 
@@ -320,13 +311,3 @@ def _link(path: Path, target: Path) -> None:
         os.link(path, target, follow_symlinks=False)
     except OSError:
         shutil.copy2(path, target, follow_symlinks=False)
-
-
-def _exchange(one: Path, other: Path) -> bool:
-    """Exchange two folders in one step (Linux renameat2 with RENAME_EXCHANGE); False where that does not exist."""
-    try:
-        call = ctypes.CDLL(None, use_errno=True).renameat2
-    except (AttributeError, OSError):
-        return False
-    here, exchange = -100, 2
-    return bool(call(here, os.fsencode(one), here, os.fsencode(other), exchange) == 0)

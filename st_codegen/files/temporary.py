@@ -27,10 +27,7 @@ _swept: set[Path] = set()
 def temporary_folder(parent: Path) -> Iterator[Path]:
     """A new folder in `parent`, which must exist; it is gone when the block ends. Removes those of killed runs."""
     place = parent.resolve()
-    if place not in _swept:
-        _swept.add(place)
-        for left in place.glob(f"{PREFIX}*"):
-            _remove_stale(left)
+    sweep(place)
     path, lock = _made(place)
     try:
         yield path
@@ -38,6 +35,14 @@ def temporary_folder(parent: Path) -> Iterator[Path]:
         shutil.rmtree(path, ignore_errors=True)
         if lock is not None:
             os.close(lock)
+
+
+def sweep(parent: Path) -> None:
+    """Remove the temporary folders that killed runs left in a folder."""
+    if parent not in _swept:
+        _swept.add(parent)
+        for left in parent.glob(f"{PREFIX}*"):
+            _remove_stale(left)
 
 
 def _made(parent: Path) -> tuple[Path, int | None]:

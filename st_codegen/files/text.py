@@ -65,16 +65,3 @@ def write_text(path: Path, text: str) -> None:
     """Write a text as UTF-8 with newlines; the file appears whole or not at all."""
     with whole_file(path) as partial:
         partial.write_text(text, encoding="utf-8", newline="\n")
-
-
-def write_texts(folder: Path, texts: dict[str, str]) -> None:
-    """Write files into a folder, made where it is missing; all of them are complete before the first appears."""
-    make_folder(folder)
-    for name in texts:
-        if (folder / name).is_dir():
-            raise InputError(f"{folder / name} is a folder; a file is to be written there")
-    with temporary_folder(folder) as stage:
-        for name, text in texts.items():
-            (stage / name).write_text(text, encoding="utf-8", newline="\n")
-        for name in texts:
-            (stage / name).replace(folder / name)

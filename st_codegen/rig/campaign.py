@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-import shutil
-import tempfile
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,8 @@ from st_codegen.campaign.conditions import CONDITION_COLUMNS, Conditions, Operat
 from st_codegen.campaign.curves import CONDITIONS_FILE, Curve, Run, write_run
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import RowError, read_csv
+from st_codegen.files.folders import check_replaceable, replace_folder
+from st_codegen.files.temporary import temporary_folder
 from st_codegen.files.text import make_folder
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.rig.model import RigModel
@@ -94,15 +95,17 @@ def simulate_campaign(
     The folder appears complete or not at all. Raises InputError where it exists and is not empty, or where the samples
     are too few for the rig's orders.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+    check_replaceable(folder)
+    if folder.exists() and any(folder.iterdir()):
         raise InputError(f"{folder} exists and is not empty; name a new folder, or remove this one")
     if measuring.samples is not None and measuring.samples <= max(_LEAST_SAMPLES, 2 * max(rig.orders())):
         least = max(_LEAST_SAMPLES, 2 * max(rig.orders())) + 1
         raise InputError(f"{measuring.samples} samples a revolution are too few: this rig needs {least}")
     unique = len(set(conditions)) == len(conditions)
+    folder = Path(os.path.realpath(folder))
     make_folder(folder.parent)
-    with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=folder.parent) as name:
-        stage = Path(name) / "stage"
+    with temporary_folder(folder.parent) as made:
+        stage = made / "stage"
         stage.mkdir()
         rows = []
         for number, point in enumerate(conditions):
@@ -115,8 +118,6 @@ def simulate_campaign(
             with (stage / CONDITIONS_FILE).open("w", encoding="utf-8", newline="") as file:
                 writer = csv.writer(file, lineterminator="\n")
                 writer.writerows([["file", *CONDITION_COLUMNS], *rows])
-        if folder.exists():
-            folder.rmdir()
-        shutil.move(stage, folder)
+        replace_folder(stage, folder)
     if progress is not None:
         progress(len(conditions), len(conditions), "")

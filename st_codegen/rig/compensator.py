@@ -14,6 +14,7 @@ from st_codegen.driver import generate
 from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.targets import target_named
 from st_codegen.errors import GeneratedCodeError, InputError
+from st_codegen.files.temporary import temporary_folder
 from st_codegen.project.bundle import Bundle
 from st_codegen.rig.tasks import TaskForm, TaskInputs, TaskSettings
 from st_codegen.st import Machine, StError, StRuntimeError, load_project
@@ -98,8 +99,8 @@ class EmittedCompensator:
     def __init__(self, bundle: Bundle, target: str = "twincat") -> None:
         self.te = transmission_error(bundle)
         self.roles = roles_of(self.te)
-        with tempfile.TemporaryDirectory(prefix="st-codegen-rig-") as name:
-            generated = generate(bundle, target_named(target), Path(name))
+        with temporary_folder(Path(tempfile.gettempdir())) as folder:
+            generated = generate(bundle, target_named(target), folder)
             self.project = _read(generated.folder, target)
         self._names = [variable.name for variable in input_variables(self.te.features)]
         self._machine = Machine(self.project)

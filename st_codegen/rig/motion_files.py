@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.files.text import write_texts
+from st_codegen.files.folders import write_texts
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.report import PageSection, PageTable, figure, figures, page
 from st_codegen.rig.motion import MotionOutcome, MotionPlan, MotionRecord, Rig
@@ -77,8 +77,7 @@ def label(outcome: MotionOutcome) -> str:
 
 
 def write(study: MotionStudy, out: Path, *, recording: bool = False) -> None:
-    """Write motion.json, motion.csv, curves.csv and report.html to a folder; each file appears complete or not at
-    all."""
+    """Write motion.json, motion.csv, curves.csv and report.html to a folder, as `write_texts` does."""
     rows = [row(study, outcome) for outcome in study.outcomes]
     texts = {
         "motion.json": json.dumps(rows, indent=1) + "\n",

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import copy
-import shutil
-import tempfile
+import os
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from st_codegen.errors import InputError, MissingExtraError
+from st_codegen.files.folders import check_replaceable, replace_folder
+from st_codegen.files.temporary import temporary_folder
 from st_codegen.files.text import make_folder
 from st_codegen.files.toml_text import table_lines
 from st_codegen.ir.arrays import FloatArray
@@ -56,18 +57,22 @@ def write_bundle(folder: Path, head: BundleHead, models: Sequence[FittedModel], 
     """
     if form not in FORMATS:
         raise InputError(f"unknown format '{form}'; known are {', '.join(FORMATS)}")
-    if folder.exists() and (not folder.is_dir() or (any(folder.iterdir()) and not (folder / BUNDLE_FILE).is_file())):
-        raise InputError(f"{folder} exists and is no bundle: name another folder")
+    check_place(folder)
+    folder = Path(os.path.realpath(folder))
     make_folder(folder.parent)
-    with tempfile.TemporaryDirectory(prefix=".st-codegen-", dir=folder.parent) as name:
-        stage = Path(name) / "bundle"
+    with temporary_folder(folder.parent) as made:
+        stage = made / "bundle"
         stage.mkdir()
         files = {model.stem: save_model(model.estimator, stage, model.stem, form) for model in models}
         (stage / BUNDLE_FILE).write_text(bundle_text(head, models, files), encoding="utf-8", newline="\n")
-        if folder.exists():
-            folder.rename(Path(name) / "old")
-        stage.rename(folder)
-        shutil.rmtree(Path(name) / "old", ignore_errors=True)
+        replace_folder(stage, folder)
+
+
+def check_place(folder: Path) -> None:
+    """Raise InputError where a bundle would replace something else."""
+    check_replaceable(folder)
+    if folder.exists() and any(folder.iterdir()) and not (folder / BUNDLE_FILE).is_file():
+        raise InputError(f"{folder} exists and is no bundle: name another folder")
 
 
 def bundle_text(head: BundleHead, models: Sequence[FittedModel], files: Mapping[str, str]) -> str:

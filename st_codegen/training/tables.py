@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.files.text import write_texts
+from st_codegen.files.folders import write_texts
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.report import COLOURS, PageSection, PageTable, figures, page
 from st_codegen.training.families import FAMILIES, Learner

@@ -11,6 +11,7 @@ from st_codegen.emit import output
 from st_codegen.emit.render import RenderedFile
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError, InputError, TargetError
+from st_codegen.files import folders
 from st_codegen.passes.choose import Layout, Options
 from st_codegen.project.bundle import load
 from tests.cli.helpers import run
@@ -191,7 +192,7 @@ def test_a_damaged_manifest_is_named(lone_folder, tmp_path, text):
 @pytest.mark.parametrize("exchange", [True, False])
 def test_without_an_exchange_of_folders_two_renames_do(lone_folder, tmp_path, monkeypatch, exchange):
     if not exchange:
-        monkeypatch.setattr(output, "_exchange", lambda one, other: False)
+        monkeypatch.setattr(folders, "_exchange", lambda one, other: False)
     folder = generate(load(lone_folder), TWINCAT, tmp_path).folder
     (folder / "mine.txt").write_text("mine")
     before = snapshot(folder)

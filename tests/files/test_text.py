@@ -3,7 +3,8 @@ import os
 import pytest
 
 from st_codegen.errors import InputError
-from st_codegen.files.text import whole_file, write_text, write_texts
+from st_codegen.files.folders import write_texts
+from st_codegen.files.text import whole_file, write_text
 
 
 def names(folder):

@@ -1,0 +1,79 @@
+"""Folders that appear whole: completed beside the place where they belong, and put there in one step."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+from st_codegen.errors import InputError
+from st_codegen.files.temporary import sweep, temporary_folder
+from st_codegen.files.text import make_folder
+
+
+def check_replaceable(folder: Path) -> None:
+    """Raise InputError where a folder cannot be replaced by another: it is a file, or a process would stand in it."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is a file; a folder is to be written there")
+    if folder.exists() and folder.samefile(Path.cwd()):
+        raise InputError(f"{folder} is the folder that this command runs in, and would be replaced: name another one")
+
+
+def replace_folder(new: Path, folder: Path) -> None:
+    """Put a folder where another one is or none, in one step; the old one stands beside `new`, or in its place, after.
+
+    Two steps where the system cannot exchange folders. `new` stands in a temporary folder of the same file system.
+    """
+    if not folder.exists():
+        new.rename(folder)
+        return
+    if _exchange(new, folder):
+        return
+    old = new.with_name(f"{new.name}.old")
+    folder.rename(old)
+    try:
+        new.rename(folder)
+    except OSError:
+        old.rename(folder)
+        raise
+
+
+def write_texts(folder: Path, texts: Mapping[str, str], folders: Mapping[str, Path] | None = None) -> None:
+    """Write files, and move folders (name -> where it was made), into a folder.
+
+    A new folder appears with all of them in one step. In one that exists all are complete before the first appears, and
+    each appears whole; what else is in it stays. Raises InputError where a folder has a file's name.
+    """
+    folders = folders or {}
+    folder = Path(os.path.realpath(folder))
+    sweep(folder.parent)  # what is left beside it of the run that was to make it
+    for name in texts:
+        if (folder / name).is_dir():
+            raise InputError(f"{folder / name} is a folder; a file is to be written there")
+    exists = folder.exists()
+    make_folder(folder if exists else folder.parent)
+    with temporary_folder(folder if exists else folder.parent) as made:
+        stage = made / "stage"
+        stage.mkdir()
+        for name, text in texts.items():
+            (stage / name).write_text(text, encoding="utf-8", newline="\n")
+        for name, path in folders.items():
+            path.rename(stage / name)
+        if not exists:
+            replace_folder(stage, folder)
+            return
+        for name in folders:
+            replace_folder(stage / name, folder / name)
+        for name in texts:
+            (stage / name).replace(folder / name)
+
+
+def _exchange(one: Path, other: Path) -> bool:
+    """Exchange two folders in one step (Linux renameat2 with RENAME_EXCHANGE); False where that does not exist."""
+    try:
+        call = ctypes.CDLL(None, use_errno=True).renameat2
+    except (AttributeError, OSError):
+        return False
+    here, exchange = -100, 2
+    return bool(call(here, os.fsencode(one), here, os.fsencode(other), exchange) == 0)
