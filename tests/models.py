@@ -218,6 +218,8 @@ SMALL_MODELS = {
     "softmax": model(Softmax((0,), 3)),
     "softmax of one": model(Select((0,), [1]), Softmax((1,), 1)),
     "softmax float32": model(Round((0,), 3), Softmax((1,), 3, Precision.FLOAT32)),
+    "logarithm of softmax": model(Softmax((0,), 3, logarithm=True)),
+    "logarithm of softmax float32": model(Round((0,), 3), Softmax((1,), 3, Precision.FLOAT32, logarithm=True)),
     "linear": model(Linear((0,), W, [0.25, -1.0])),
     "linear float32": model(Round((0,), 3), Linear((1,), W, [0.25, -1.0], precision=Precision.FLOAT32)),
     "linear sequential": model(

@@ -105,11 +105,15 @@ class Exceeds(ColumnFunction):
 
 @dataclass(frozen=True)
 class Softmax:
-    """exp(x_i) / (exp(x_1) + exp(x_2) + ..), as libraries compute it: the largest x is taken from all first."""
+    """exp(x_i) / (exp(x_1) + exp(x_2) + ..), as libraries compute it: the largest x is taken from all first.
+
+    `logarithm`: the logarithm of that, x_i less the logarithm of the sum.
+    """
 
     inputs: tuple[int, ...]
     width: int
     precision: Precision = Precision.FLOAT64
+    logarithm: bool = False
     exact: ClassVar[bool] = False
 
     @property

@@ -165,9 +165,10 @@ def _(op: ArgMax, operands: list[FloatArray]) -> FloatArray:
 @apply.register
 def _(op: Softmax, operands: list[FloatArray]) -> FloatArray:
     x = operands[0]
-    powers = rounded(np.exp(x - np.max(x, axis=1, keepdims=True)), op.precision)
-    shares: FloatArray = powers / np.sum(powers, axis=1, keepdims=True)
-    return rounded(shares, op.precision)
+    below = x - np.max(x, axis=1, keepdims=True)
+    powers = rounded(np.exp(below), op.precision)
+    total = np.sum(powers, axis=1, keepdims=True)
+    return rounded(below - np.log(total) if op.logarithm else powers / total, op.precision)
 
 
 @apply.register

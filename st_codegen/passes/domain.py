@@ -220,7 +220,8 @@ def _(op: ArgMax, operands: list[FloatArray]) -> tuple[float, FloatArray]:
 
 @magnitudes.register
 def _(op: Softmax, operands: list[FloatArray]) -> tuple[float, FloatArray]:
-    return 2.0 * float(np.max(operands[0])), np.ones(op.width)
+    span = 2.0 * float(np.max(operands[0])) + np.log(op.width)
+    return span, np.full(op.width, span if op.logarithm else 1.0)
 
 
 @magnitudes.register

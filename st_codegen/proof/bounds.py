@@ -163,6 +163,9 @@ def _(op: Softmax, operands: list[FloatArray], given: list[FloatArray], result: 
     size = np.max(np.abs(operands[0]) + given[0], axis=1, keepdims=True) + np.log(op.width)
     exponent = np.max(given[0], axis=1, keepdims=True) + 4 * unit * size
     relative = np.expm1(2 * exponent) + (2 * FUNCTION_ROUNDINGS + op.width + 4) * unit
+    if op.logarithm:  # what is relative to the sum is absolute in its logarithm, which is rounded itself
+        logarithm: FloatArray = relative * (1.0 + np.log(op.width)) + 2 * unit * np.abs(result)
+        return logarithm
     bound: FloatArray = np.minimum(relative * result + (op.width + 1) * _SMALLEST[op.precision], 1.0)
     return bound
 

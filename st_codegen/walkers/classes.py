@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from st_codegen.ir import (
     ArgMax,
     Exceeds,
     FloatArray,
+    IntArray,
     Label,
     Linear,
     Operator,
@@ -87,6 +89,34 @@ def complement(builder: GraphBuilder, probability: int, precision: Precision = P
 def whole_sums(builder: GraphBuilder, value: int, weights: FloatArray, bias: FloatArray) -> int:
     """Weighted sums of whole numbers with whole weights: exact in any order."""
     return builder.add(Linear((value,), weights, bias, SummationOrder.SEQUENTIAL))
+
+
+def pair_members(count: int) -> tuple[FloatArray, FloatArray]:
+    """For each class and pair (classes, pairs), whether the class is its first, and whether it is its second one."""
+    pairs = np.array(list(combinations(range(count), 2)))
+    return tuple((pairs[:, side] == np.arange(count)[:, None]).astype(np.float64) for side in (0, 1))
+
+
+def pair_coefficients(dual: FloatArray, of_class: IntArray) -> FloatArray:
+    """The coefficients of each pair of classes (pairs, vectors) of a machine of libsvm.
+
+    Vectors stand class by class, `of_class` of each, and have a row in `dual` for each other class.
+    """
+    ends = np.cumsum(of_class)
+    blocks = [slice(end - size, end) for end, size in zip(ends, of_class, strict=True)]
+    rows = []
+    for one, other in combinations(range(len(of_class)), 2):
+        row = np.zeros(dual.shape[1])
+        row[blocks[one]] = dual[other - 1, blocks[one]]
+        row[blocks[other]] = dual[one, blocks[other]]
+        rows.append(row)
+    return np.array(rows)
+
+
+def pair_votes(builder: GraphBuilder, pairs: int, count: int) -> int:
+    """The votes for each class: a pair's score above 0 is one for its first class, any other one for its second."""
+    first, second = pair_members(count)
+    return whole_sums(builder, above(builder, pairs), first - second, second.sum(axis=1))
 
 
 def last_below(

@@ -24,7 +24,7 @@ def supported() -> Iterator[tuple[str, str, tuple[str, ...]]]:
     yield "LightGBM", "objectives", LIGHTGBM_OBJECTIVES
     yield "XGBoost", "objectives", XGBOOST_OBJECTIVES
     try:
-        from st_codegen.walkers.onnx import ml, model, operators, shapes  # noqa: F401 - they register the operators
+        from st_codegen.walkers.onnx import model  # noqa: F401 - it imports all that registers operators
         from st_codegen.walkers.onnx.graph import RULES
     except ImportError:
         return

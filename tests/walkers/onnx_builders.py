@@ -193,6 +193,42 @@ def regressor(
     return graph_model([node], [x], [y], ml_opset=ml_opset)
 
 
+def classifier(
+    trees: Sequence[Branch | Leaf], labels: Sequence[str] | Sequence[int], zipped: bool = False, **options: Any
+) -> onnx.ModelProto:
+    """TreeEnsembleClassifier with the outputs `label` and `scores`; options are those of `regressor`."""
+    model = regressor(trees, n_targets=len(labels), **options)
+    node = model.graph.node[0]
+    node.op_type = "TreeEnsembleClassifier"
+    kept = [attribute for attribute in node.attribute if attribute.name != "n_targets"]
+    for attribute in kept:
+        attribute.name = attribute.name.replace("target_", "class_")
+    del node.attribute[:]
+    node.attribute.extend(kept)
+    return with_labels(model, labels, "classlabels_int64s", zipped)
+
+
+def with_labels(
+    model: onnx.ModelProto, labels: Sequence[str] | Sequence[int], integers: str, zipped: bool = False
+) -> onnx.ModelProto:
+    """The one node of a model as a classifier with labels, of which its second output may be made a map."""
+    (node,) = model.graph.node
+    texts = isinstance(labels[0], str)
+    node.attribute.append(helper.make_attribute("classlabels_strings" if texts else integers, list(labels)))
+    del node.output[:], model.graph.output[:]
+    node.output.extend(["label", "scores"])
+    model.graph.output.append(info("label", None, TensorProto.STRING if texts else INT64))
+    if not zipped:
+        model.graph.output.append(info("scores", None))
+        return model
+    given = {"classlabels_strings" if texts else "classlabels_int64s": list(labels)}
+    model.graph.node.append(helper.make_node("ZipMap", ["scores"], ["map"], domain="ai.onnx.ml", **given))
+    key = TensorProto.STRING if texts else INT64
+    kind = helper.make_map_type_proto(key, helper.make_tensor_type_proto(FLOAT, []))
+    model.graph.output.append(helper.make_value_info("map", helper.make_sequence_type_proto(kind)))
+    return model
+
+
 _MODE_NUMBERS = {"LEQ": 0, "LT": 1, "GTE": 2, "GT": 3, "EQ": 4, "NEQ": 5, "MEMBER": 6}
 
 

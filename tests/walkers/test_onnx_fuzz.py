@@ -34,7 +34,8 @@ def seeds():
     svm.graph.node[0].attribute.extend(
         [helper.make_attribute("support_vectors", [1.0] * 4), helper.make_attribute("coefficients", [1.0, -1.0])]
     )
-    models = [network, build.regressor([tree, leaf(0.5)], 2), build.ensemble([member, leaf(0.5)], 2), svm]
+    classifier = build.classifier([tree, leaf(0.5)], ("a", "b"), zipped=True, n_features=2)
+    models = [network, build.regressor([tree, leaf(0.5)], 2), build.ensemble([member, leaf(0.5)], 2), svm, classifier]
     return [model.SerializeToString() for model in models]
 
 

@@ -203,10 +203,11 @@ def _(op: Softmax, step: Step, listing: Listing) -> None:
     listing.loop("nColumn", op.width)
     listing.locals("LREAL", "fLargest", "fX", "fY", "fSum")
     listing.section(
-        "exponentials, divided by their sum",
+        "less the logarithm of the sum of exponentials" if op.logarithm else "exponentials, divided by their sum",
         "softmax",
         step=step,
         last=op.width - 1,
+        logarithm=op.logarithm,
         exp_reach=real(EXP_REACH),
         single=op.precision is Precision.FLOAT32,
     )

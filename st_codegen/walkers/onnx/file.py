@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -23,6 +24,7 @@ _TYPED_FIELDS: dict[int, str] = {
     onnx.TensorProto.INT64: "int64_data",
     onnx.TensorProto.UINT64: "uint64_data",
     onnx.TensorProto.UINT32: "uint64_data",
+    onnx.TensorProto.STRING: "string_data",
 }
 #: Bytes of a number.
 _NUMBER_TYPES: dict[int, int] = {
@@ -39,6 +41,7 @@ _NUMBER_TYPES: dict[int, int] = {
     onnx.TensorProto.UINT32: 4,
     onnx.TensorProto.UINT64: 8,
     onnx.TensorProto.BOOL: 1,
+    onnx.TensorProto.STRING: 0,  # text never is in `raw_data`
 }
 
 
@@ -65,6 +68,11 @@ def printable(text: str, length: int = 80) -> str:
     return text if len(text) <= length else f"{text[:length]}.."
 
 
+def plain(text: str) -> str:
+    """A text from the file as a comment of generated code can hold it."""
+    return re.sub(r"[^A-Za-z0-9 ._+:/-]", "?", text)[:80]
+
+
 def domain_of(name: str) -> str:
     """The domain of an operator; the standard one has two names."""
     return "" if name == "ai.onnx" else name
@@ -84,10 +92,10 @@ def type_name(elem_type: int) -> str:
 
 
 def read_tensor(tensor: onnx.TensorProto) -> AnyArray:
-    """The numbers of a tensor as a read-only array of its type and shape (float32 for bfloat16).
+    """The numbers or texts of a tensor as a read-only array of its type and shape (float32 for bfloat16).
 
     Raises InputError where the data does not fit the declared shape, UnsupportedModelError for external data and for
-    anything but numbers.
+    anything but numbers and text.
     """
     if tensor.data_location == onnx.TensorProto.EXTERNAL or tensor.external_data:
         raise UnsupportedModelError(
@@ -95,7 +103,8 @@ def read_tensor(tensor: onnx.TensorProto) -> AnyArray:
             "(onnx.save_model(model, path, save_as_external_data=False))"
         )
     if tensor.data_type not in _NUMBER_TYPES:
-        raise UnsupportedModelError(f"tensors of {type_name(tensor.data_type)} are not supported, only numbers")
+        kind = type_name(tensor.data_type)
+        raise UnsupportedModelError(f"tensors of {kind} are not supported, only numbers and text")
     shape = tuple(tensor.dims)
     size = math.prod(shape)
     if any(length < 0 for length in shape):

@@ -17,7 +17,7 @@ import numpy as np
 import onnx
 
 from st_codegen.errors import InputError, Problems, UnsupportedModelError
-from st_codegen.ir import FLOAT32_OVERFLOW, AnyArray, IntArray, Round, Select
+from st_codegen.ir import FLOAT32_OVERFLOW, AnyArray, IntArray, Label, Operation, Round, Select
 from st_codegen.walkers.base import GraphBuilder
 from st_codegen.walkers.onnx.file import GraphNode, domain_of, node_label, printable, read_tensor
 from st_codegen.walkers.onnx.operands import (
@@ -29,6 +29,7 @@ from st_codegen.walkers.onnx.operands import (
     Tensor,
     check_size,
     require_float,
+    require_tensor,
 )
 
 #: IntArray in all results and weights of one graph.
@@ -56,17 +57,18 @@ class NodeCall:
 
     def computed(self, number: int = 0) -> Tensor:
         """An input that has to be computed floating-point numbers."""
-        operand = self.required(number)
-        if isinstance(operand, ConstantOperand):
-            raise UnsupportedModelError("reads a constant; fold constants when exporting")
-        return require_float(operand)
+        return require_float(require_tensor(self.required(number)))
 
     def constant(self, number: int, what: str) -> AnyArray | None:
         """The array of a constant input that may be absent."""
         operand = self.optional(number)
-        if isinstance(operand, Tensor):
+        if operand is None:
+            return None
+        if not isinstance(operand, ConstantOperand):
             raise UnsupportedModelError(f"{what} is computed from the inputs; it has to be a constant")
-        return None if operand is None else operand.array
+        if operand.dtype.kind == "O":
+            raise InputError(f"{what} is text, expected numbers; the model file is damaged")
+        return operand.array
 
     def integers(self, number: int, what: str) -> list[int] | None:
         """The whole numbers of a constant input that may be absent."""
@@ -87,12 +89,14 @@ class NodeCall:
         return positions
 
 
-Handler = Callable[[NodeCall], Operand]
+#: What an operator gives: its first output, or all of them (None: one that is left out of the model).
+Result = Operand | tuple[Operand | None, ...]
+Handler = Callable[[NodeCall], Result]
 
 
 @dataclass(frozen=True)
 class Rule:
-    """How the first output of an operator is walked, and the versions of it (opset of their last change) that fit."""
+    """How the outputs of an operator are walked, and the versions of it (opset of their last change) that fit."""
 
     handler: Handler
     versions: frozenset[int]
@@ -112,11 +116,16 @@ def operator(name: str, *versions: int, domain: str = "") -> Callable[[Handler],
 
 
 class GraphWalk:
-    """One walk through a graph; `values` holds the tensors by name, None for what could not be computed."""
+    """One walk through a graph; `values` holds the tensors by name, None for what could not be computed or is left out.
+
+    `zipped` has the labels of outputs that are maps from labels to numbers, `notes` what the user has to know.
+    """
 
     def __init__(self, n_features: int) -> None:
         self.builder = GraphBuilder(n_features)
         self.values: dict[str, Operand | None] = {}
+        self.zipped: dict[str, tuple[Label, ...]] = {}
+        self.notes: list[str] = []
         self.narrows = False
         self._numbers = 0
         self._settled: dict[tuple[bytes, bytes, bool], int] = {}
@@ -157,14 +166,24 @@ class GraphWalk:
         column = np.arange(width).reshape(tuple(shape))
         return Tensor(np.full(tuple(shape), value), column, dtype, special=special)
 
-    def finish(self, tensors: Sequence[Tensor]) -> None:
-        """Make the elements of all tensors, in order, the last value."""
+    def joined(self, tensors: Sequence[Tensor]) -> int:
+        """The value that has the elements of all tensors in order."""
         settled = [self.settle(tensor) for tensor in tensors]
         value = np.repeat(settled, [tensor.size for tensor in tensors])
-        column = np.concatenate([np.arange(tensor.size) for tensor in tensors])
-        number = self.gathered(value, column)
+        return self.gathered(value, np.concatenate([np.arange(tensor.size) for tensor in tensors]))
+
+    def finish(self, tensors: Sequence[Tensor]) -> None:
+        """Make the elements of all tensors, in order, the last value."""
+        number = self.joined(tensors)
         if number < max(len(self.builder.ops), 1):
-            self.builder.add(Select(inputs=(number,), columns=np.arange(len(column), dtype=np.int32)))
+            columns = np.arange(self.builder.width(number), dtype=np.int32)
+            self.builder.add(Select(inputs=(number,), columns=columns))
+
+    def ends_in(self, kind: type[Operation], tensor: Tensor) -> bool:
+        """Whether a tensor of several numbers is all of what an operation of a kind computes."""
+        value, column = np.ravel(tensor.value), np.ravel(tensor.column)
+        made = self.builder.ops[value[0] - 1] if value[0] and np.all(value == value[0]) else None
+        return isinstance(made, kind) and tensor.size > 1 and np.array_equal(column, np.arange(made.width))
 
     def refuse_special(self, tensor: Tensor) -> None:
         """Refuse NaN and infinite inputs where what an operator makes of them is not certain."""
@@ -188,7 +207,7 @@ def run_nodes(walk: GraphWalk, graph: onnx.GraphProto, opsets: dict[str, int], p
         domain = domain_of(proto.domain)
         label = f"{node_label(proto)} ({printable(proto.op_type)}, opset {opsets.get(domain, 'unknown')})"
         rule = RULES.get((domain, proto.op_type))
-        result: Operand | None = None
+        result: Result | None = None
         if rule is None:
             unsupported.setdefault((domain, proto.op_type, opsets.get(domain, 0)), []).append(node_label(proto))
         else:
@@ -210,8 +229,8 @@ def _naming(where: str) -> Iterator[None]:
 
 def _run_node(
     walk: GraphWalk, proto: onnx.NodeProto, rule: Rule, opsets: dict[str, int], made_by: dict[str, str]
-) -> Operand | None:
-    """The result of a node; None where one of its inputs could not be computed."""
+) -> Result | None:
+    """The result of a node; None where one of its inputs could not be computed or is left out."""
     domain = domain_of(proto.domain)
     if domain not in opsets:
         raise InputError(f"the file names no opset for the domain '{domain or 'ai.onnx'}'; the model file is damaged")
@@ -242,17 +261,22 @@ def _run_node(
     if any(name and operand is None for name, operand in zip(proto.input, operands, strict=True)):
         return None
     result = rule.handler(NodeCall(walk, node, operands))
-    if isinstance(result, Tensor):
-        check_size(result.shape)
-    walk.charge(math.prod(result.shape))
+    for operand in result if isinstance(result, tuple) else (result,):
+        if operand is None:
+            continue
+        if isinstance(operand, Tensor):
+            check_size(operand.shape)
+        walk.charge(math.prod(operand.shape))
     return result
 
 
-def _store(walk: GraphWalk, proto: onnx.NodeProto, result: Operand | None) -> None:
-    for name in filter(None, proto.output):
+def _store(walk: GraphWalk, proto: onnx.NodeProto, result: Result | None) -> None:
+    results = result if isinstance(result, tuple) else (result,) * len(proto.output)
+    for name, operand in zip(proto.output, results, strict=False):
         if name in walk.values:
             raise InputError(f"'{printable(name)}' is computed twice; the model file is damaged")
-        walk.values[name] = result
+        if name:
+            walk.values[name] = operand
 
 
 def _report_unsupported(unsupported: dict[tuple[str, str, int], list[str]], problems: Problems) -> None:

@@ -7,6 +7,7 @@ and SVMRegressor add products in any order.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,10 +15,19 @@ from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import FloatArray, Kernel, KernelSum, Norm, Normalize, Operator, Precision
 from st_codegen.walkers.onnx.file import GraphNode
 from st_codegen.walkers.onnx.forest import Forest, NumberType, refuse_post_transform
-from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
-from st_codegen.walkers.onnx.operands import FLOAT32, FLOAT64, ConstantOperand, Operand, Tensor, one_row
+from st_codegen.walkers.onnx.graph import NodeCall, operator
+from st_codegen.walkers.onnx.operands import (
+    FLOAT32,
+    FLOAT64,
+    ConstantOperand,
+    LabelOperand,
+    Operand,
+    Tensor,
+    one_row,
+    require_tensor,
+)
 from st_codegen.walkers.onnx.operators import apply_linear, combined
-from st_codegen.walkers.onnx.shapes import joined, picked
+from st_codegen.walkers.onnx.shapes import joined, labelled, picked
 from st_codegen.walkers.onnx.tree_ensemble import read_ensemble
 from st_codegen.walkers.onnx.tree_layout import build_ensemble
 from st_codegen.walkers.onnx.tree_lists import read_regressor
@@ -37,13 +47,7 @@ def _scaler(call: NodeCall) -> Operand:
         result = combined(call.walk, code, result, ConstantOperand(numbers.astype(tensor.dtype)))
     if len(call.node.floats("offset")) != len(call.node.floats("scale")):
         raise InputError("offset and scale have different lengths; the model file is damaged")
-    return _as_float32(call.walk, result)
-
-
-def _as_float32(walk: GraphWalk, operand: Operand) -> Tensor:
-    if isinstance(operand, ConstantOperand):
-        raise UnsupportedModelError("reads a constant; fold constants when exporting")
-    return walk.as_type(operand, FLOAT32)
+    return call.walk.as_type(require_tensor(result), FLOAT32)
 
 
 @operator("Normalizer", 1, domain=_DOMAIN)
@@ -108,13 +112,15 @@ def _svm_regressor(call: NodeCall) -> Operand:
             f"support_vectors for {tensor.size} features; the model file is damaged"
         )
     call.walk.refuse_special(tensor)
-    op = _kernel_sum(call.node, call.walk.settle(tensor), vectors.reshape(n_vectors, tensor.size), coefficients, rho)
+    vectors, coefficients = vectors.reshape(n_vectors, tensor.size), coefficients[None, :]
+    op = kernel_sum(call.node, call.walk.settle(tensor), vectors, coefficients, rho)
     return call.walk.computed(call.walk.builder.add(op), (1, 1), FLOAT32, special=False)
 
 
-def _kernel_sum(
+def kernel_sum(
     node: GraphNode, value: int, vectors: FloatArray, coefficients: FloatArray, rho: FloatArray
 ) -> KernelSum:
+    """The sums of kernels with coefficients (sums, vectors), by the kernel that the attributes of a node name."""
     name, parameters = node.text("kernel_type", "LINEAR"), node.floats("kernel_params")
     if name not in _KERNELS:
         raise UnsupportedModelError(f"kernel_type {name}: known are {', '.join(_KERNELS)}")
@@ -128,7 +134,7 @@ def _kernel_sum(
         inputs=(value,),
         kernel=kernel,
         support_vectors=vectors,
-        coefficients=coefficients[None, :],
+        coefficients=coefficients,
         intercept=rho,
         gamma=float(gamma),
         coef0=float(coef0),
@@ -139,7 +145,10 @@ def _kernel_sum(
 
 @operator("ArrayFeatureExtractor", 1, domain=_DOMAIN)
 def _array_feature_extractor(call: NodeCall) -> Operand:
-    operand, positions = call.required(), np.ravel(call.positions())
+    operand, position = call.required(), call.required(1)
+    if isinstance(position, LabelOperand):
+        return replace(labelled(operand, position), shape=(1, 1))
+    positions = np.ravel(call.positions())
     if len(operand.shape) < 2:
         operand = operand.moved(lambda array: array.reshape(1, -1))
     if np.any(positions < 0):
@@ -158,7 +167,7 @@ def _feature_vectorizer(call: NodeCall) -> Operand:
     return joined(call.walk, [call.walk.as_type(part, FLOAT32) for part in parts], axis=1)
 
 
-def _trees(call: NodeCall, read: Callable[[GraphNode, NumberType], Forest]) -> Tensor:
+def trees(call: NodeCall, read: Callable[[GraphNode, NumberType], Forest]) -> Tensor:
     """The sum (or extreme) of an ensemble, in the type of its input."""
     tensor = one_row(call.computed())
     forest = read(call.node, np.float32 if tensor.dtype == FLOAT32 else np.float64)
@@ -172,9 +181,9 @@ def _trees(call: NodeCall, read: Callable[[GraphNode, NumberType], Forest]) -> T
 
 @operator("TreeEnsembleRegressor", 1, 3, domain=_DOMAIN)
 def _tree_ensemble_regressor(call: NodeCall) -> Operand:
-    return call.walk.as_type(_trees(call, read_regressor), FLOAT32)
+    return call.walk.as_type(trees(call, read_regressor), FLOAT32)
 
 
 @operator("TreeEnsemble", 5, domain=_DOMAIN)
 def _tree_ensemble(call: NodeCall) -> Operand:
-    return _trees(call, read_ensemble)
+    return trees(call, read_ensemble)

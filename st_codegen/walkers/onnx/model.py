@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +14,11 @@ from onnx.helper import OP_SET_ID_VERSION_MAP
 from st_codegen.errors import InputError, Problems, UnsupportedModelError, errors_name
 from st_codegen.ir import Feature, Source
 from st_codegen.walkers.base import LoadedModel
-from st_codegen.walkers.onnx import ml, operators, shapes  # noqa: F401  (they register the operators)
-from st_codegen.walkers.onnx.file import check_names, domain_of, printable, type_name
+from st_codegen.walkers.onnx import classifiers, ml, operators, shapes  # noqa: F401  (they register the operators)
+from st_codegen.walkers.onnx.file import check_names, domain_of, plain, printable, type_name
 from st_codegen.walkers.onnx.graph import GraphWalk, read_initializers, run_nodes
-from st_codegen.walkers.onnx.operands import FLOAT32, MAX_COLUMNS, ConstantOperand, Tensor
+from st_codegen.walkers.onnx.operands import FLOAT32, MAX_COLUMNS, Tensor
+from st_codegen.walkers.onnx.outputs import finish
 from st_codegen.walkers.onnx.session import GraphInput, predictor
 from st_codegen.walkers.onnx.wire import check_messages
 
@@ -26,7 +26,7 @@ from st_codegen.walkers.onnx.wire import check_messages
 _PLUMBING = frozenset(
     (
         *("Identity", "Cast", "Constant", "Shape", "Reshape", "Flatten", "Squeeze", "Unsqueeze", "Transpose"),
-        *("Concat", "Gather", "Dropout", "ArrayFeatureExtractor", "FeatureVectorizer"),
+        *("Concat", "Gather", "Dropout", "ArrayFeatureExtractor", "FeatureVectorizer", "ZipMap"),
     )
 )
 
@@ -40,12 +40,12 @@ def load(path: Path, name: str) -> LoadedModel:
     inputs = _inputs(model.graph, problems)
     problems.raise_if_any()
     walk = _walk(model.graph, inputs, opsets, problems)
-    _finish(walk, model.graph, problems)
+    result, outputs, notes = finish(walk, model.graph, problems)
     problems.raise_if_any()
     with problems.collect():
-        ir = walk.builder.model(name, _features(inputs), _source(model, inputs, opsets))
+        ir = walk.builder.model(name, _features(inputs), _source(model, inputs, opsets, notes), result)
     problems.raise_if_any()
-    return LoadedModel(ir, predictor(model, data, inputs, len(ir.outputs), path.name))
+    return LoadedModel(ir, predictor(model, data, inputs, outputs, path.name))
 
 
 def _read(path: Path) -> bytes:
@@ -165,40 +165,6 @@ def _walk(graph: onnx.GraphProto, inputs: list[GraphInput], opsets: dict[str, in
     return walk
 
 
-def _finish(walk: GraphWalk, graph: onnx.GraphProto, problems: Problems) -> None:
-    """Lay all outputs end to end as the last operation, unless there are problems."""
-    tensors: list[Tensor] = []
-    for info in graph.output:
-        with problems.collect():
-            name = printable(info.name)
-            if info.name not in walk.values:
-                raise InputError(f"the output '{name}' is not computed by any node; the model file is damaged")
-            operand = walk.values[info.name]
-            if isinstance(operand, ConstantOperand):
-                raise UnsupportedModelError(f"the output '{name}' is a constant; remove it from the graph")
-            if operand is not None:
-                _check_output(info, name, operand)
-                tensors.append(operand)
-    if not graph.output:
-        problems.add("the graph has no outputs; the model file is damaged")
-    if not problems.errors:
-        for tensor in tensors:
-            walk.refuse_special(tensor)
-        walk.finish(tensors)
-
-
-def _check_output(info: onnx.ValueInfoProto, name: str, tensor: Tensor) -> None:
-    declared = info.type.tensor_type.elem_type
-    computed = {"float32": TensorProto.FLOAT, "float64": TensorProto.DOUBLE}.get(tensor.dtype.name)
-    if computed is None:
-        raise UnsupportedModelError(f"the output '{name}' holds integers; leave it out of the graph")
-    if declared != computed:
-        raise UnsupportedModelError(
-            f"the output '{name}' is declared as {type_name(declared)}, its operator computes {type_name(computed)}, "
-            "which onnxruntime refuses; export the model with float inputs (FloatTensorType)"
-        )
-
-
 def _features(inputs: list[GraphInput]) -> tuple[Feature, ...]:
     names = [f"f{number}" for number in range(inputs[-1].start + inputs[-1].size)]
     if len(inputs) > 1:
@@ -211,25 +177,20 @@ def _features(inputs: list[GraphInput]) -> tuple[Feature, ...]:
     return tuple(Feature(name) for name in names)
 
 
-def _plain(text: str) -> str:
-    """A text from the file as a comment of generated code can hold it."""
-    return re.sub(r"[^A-Za-z0-9 ._+:/-]", "?", text)[:80]
-
-
-def _source(model: onnx.ModelProto, inputs: list[GraphInput], opsets: dict[str, int]) -> Source:
+def _source(
+    model: onnx.ModelProto, inputs: list[GraphInput], opsets: dict[str, int], results: tuple[str, ...]
+) -> Source:
     producer = " ".join(filter(None, (model.producer_name, model.producer_version))) or "unknown producer"
-    domains = ", ".join(f"{_plain(domain) or 'ai.onnx'} {version}" for domain, version in sorted(opsets.items()))
+    domains = ", ".join(f"{plain(domain) or 'ai.onnx'} {version}" for domain, version in sorted(opsets.items()))
     computing = [node.op_type for node in model.graph.node if node.op_type not in _PLUMBING]
     shown = ", ".join(computing[:8]) + (f" and {len(computing) - 8} more" if len(computing) > 8 else "")
-    whole = [_plain(given.name) for given in inputs if given.dtype == np.int64]
+    whole = [plain(given.name) for given in inputs if given.dtype == np.int64]
     notes = ["evaluated as onnxruntime does, one row at a time, with one thread and no graph optimizations"]
     if whole:
         notes.append(f"integer inputs are read as numbers, not cut to integers: {', '.join(whole)}")
-    if len(model.graph.output) > 1:
-        notes.append("outputs in order: " + ", ".join(_plain(info.name) for info in model.graph.output))
     return Source(
         library="ONNX",
-        version=f"file by {_plain(producer)}; opsets: {domains}",
+        version=f"file by {plain(producer)}; opsets: {domains}",
         model_class=computing[0] if len(computing) == 1 else f"feed-forward graph ({shown or 'Identity'})",
-        notes=tuple(notes),
+        notes=(*notes, *results),
     )

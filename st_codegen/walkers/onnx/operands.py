@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import AnyArray, IntArray, Precision
+from st_codegen.ir import AnyArray, IntArray, Label, Precision
 
 #: Columns of one computed tensor, and features of one model.
 MAX_COLUMNS = 2**16
@@ -71,7 +71,24 @@ class Tensor:
         return replace(self, value=move(self.value), column=move(self.column))
 
 
-Operand = ConstantOperand | Tensor
+@dataclass(frozen=True)
+class LabelOperand:
+    """A tensor of one element, which is one of the labels: column 0 of value `value` has its number."""
+
+    value: int
+    labels: tuple[Label, ...]
+    shape: tuple[int, ...]
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return np.dtype(object if isinstance(self.labels[0], str) else type(self.labels[0]))
+
+    def moved(self, move: Callable[[AnyArray], AnyArray]) -> LabelOperand:
+        """The result of an operator that only moves numbers about."""
+        return replace(self, shape=move(np.zeros(self.shape, np.int64)).shape)
+
+
+Operand = ConstantOperand | Tensor | LabelOperand
 
 
 def require_float(tensor: Tensor) -> Tensor:
@@ -79,6 +96,15 @@ def require_float(tensor: Tensor) -> Tensor:
     if tensor.dtype not in (FLOAT32, FLOAT64):
         raise UnsupportedModelError("reads integers; export the model with float inputs")
     return tensor
+
+
+def require_tensor(operand: Operand) -> Tensor:
+    """The operand itself; raises UnsupportedModelError unless it holds numbers computed from the inputs."""
+    if isinstance(operand, ConstantOperand):
+        raise UnsupportedModelError("reads a constant; fold constants when exporting")
+    if isinstance(operand, LabelOperand):
+        raise UnsupportedModelError("computes with labels of classes; they can be chosen among and cast only")
+    return operand
 
 
 def one_row(tensor: Tensor) -> Tensor:

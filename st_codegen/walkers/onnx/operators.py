@@ -24,6 +24,7 @@ from st_codegen.walkers.onnx.operands import (
     axis_of,
     check_size,
     require_float,
+    require_tensor,
 )
 
 #: Coefficients that a reduction may be written with.
@@ -59,10 +60,11 @@ def combined(walk: GraphWalk, code: Operator, left: Operand, right: Operand) -> 
         if isinstance(right, ConstantOperand):
             check_size(shape, MAX_FOLDED)
             return ConstantOperand(_folded(code, left.array, right.array))
-        return _scaled(walk, code, right, left.array, shape, reverse=True)
+        return _scaled(walk, code, require_tensor(right), left.array, shape, reverse=True)
     if isinstance(right, ConstantOperand):
-        return _scaled(walk, code, left, right.array, shape, reverse=False)
+        return _scaled(walk, code, require_tensor(left), right.array, shape, reverse=False)
     check_size(shape)
+    left, right = require_tensor(left), require_tensor(right)
     values = tuple(walk.settle(_spread(require_float(side), shape)) for side in (left, right))
     op = Combine(inputs=values, operator=code, width=math.prod(shape), precision=left.precision)
     return walk.computed(walk.builder.add(op), shape, left.dtype, left.special or right.special)
@@ -182,6 +184,13 @@ def _gemm_bias(call: NodeCall, row: Tensor, width: int) -> FloatArray:
         return np.asarray(spread * np.array(call.node.number("beta", 1.0), row.dtype), np.float64)
 
 
+def apply_activation(walk: GraphWalk, tensor: Tensor, function: Function, parameter: float = 1.0) -> Tensor:
+    """A function of each number."""
+    walk.refuse_special(tensor)
+    op = Activation((walk.settle(tensor),), function, tensor.size, parameter, tensor.precision)
+    return walk.computed(walk.builder.add(op), tensor.shape, tensor.dtype, special=False)
+
+
 def _activation(function: Function, name: str, *versions: int, alpha: float | None = None) -> None:
     """Register an operator that is one function of each number."""
 
@@ -189,15 +198,8 @@ def _activation(function: Function, name: str, *versions: int, alpha: float | No
         tensor = call.computed()
         if function is Function.SOFTPLUS and tensor.dtype == FLOAT64:
             raise UnsupportedModelError("onnxruntime's double version overflows above 709; cast the input to float")
-        call.walk.refuse_special(tensor)
-        op = Activation(
-            inputs=(call.walk.settle(tensor),),
-            function=function,
-            width=tensor.size,
-            parameter=1.0 if alpha is None else call.node.number("alpha", alpha),
-            precision=tensor.precision,
-        )
-        return call.walk.computed(call.walk.builder.add(op), tensor.shape, tensor.dtype, special=False)
+        parameter = 1.0 if alpha is None else call.node.number("alpha", alpha)
+        return apply_activation(call.walk, tensor, function, parameter)
 
     operator(name, *versions)(handler)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,8 +13,9 @@ import onnxruntime
 from onnx import TensorProto
 
 from st_codegen.errors import InputError
-from st_codegen.ir import FloatArray, IntArray
+from st_codegen.ir import FloatArray, IntArray, Label
 from st_codegen.walkers.base import Predictor
+from st_codegen.walkers.classes import numbers_of
 from st_codegen.walkers.onnx.file import printable
 
 
@@ -35,8 +37,32 @@ class GraphInput:
         return np.arange(self.start, self.start + self.size).reshape(self.shape)
 
 
-def predictor(model: onnx.ModelProto, data: bytes, inputs: list[GraphInput], width: int, file: str) -> Predictor:
-    """onnxruntime on rows (rows, features), one at a time; raises InputError where it refuses the model."""
+#: Makes numbers of what onnxruntime gives for an output.
+Reader = Callable[[Any], FloatArray]
+
+
+def read_label(labels: tuple[Label, ...]) -> Reader:
+    """The number of a label."""
+    return lambda found: numbers_of(labels, np.ravel(found))[0]
+
+
+def read_map(labels: tuple[Label, ...]) -> Reader:
+    """The numbers of a map, in the order of its labels: onnxruntime sorts them."""
+    return lambda found: np.array([found[0][label] for label in labels], np.float64)
+
+
+def read_largest(found: Any) -> FloatArray:
+    """The number of the largest, the first of equal ones."""
+    return np.array([np.argmax(found)], np.float64)
+
+
+def predictor(
+    model: onnx.ModelProto, data: bytes, inputs: list[GraphInput], outputs: list[tuple[str, Reader]], file: str
+) -> Predictor:
+    """onnxruntime on rows (rows, features), one at a time: the outputs that are read, laid end to end.
+
+    Raises InputError where onnxruntime refuses the model.
+    """
     if any(given.dtype == np.int64 for given in inputs):
         data = _with_double_inputs(model, inputs)
     options = onnxruntime.SessionOptions()
@@ -47,7 +73,7 @@ def predictor(model: onnx.ModelProto, data: bytes, inputs: list[GraphInput], wid
         session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # its exceptions have no common base class
         raise InputError(f"{file}: onnxruntime refuses the model: {printable(str(error), 400)}") from error
-    names = [output.name for output in session.get_outputs()]
+    names = list(dict.fromkeys(name for name, _ in outputs))
 
     def predict(x: FloatArray) -> FloatArray:
         with np.errstate(over="ignore"):
@@ -55,14 +81,15 @@ def predictor(model: onnx.ModelProto, data: bytes, inputs: list[GraphInput], wid
                 given.name: x[:, given.columns].astype(np.float32 if given.dtype == np.float32 else np.float64)
                 for given in inputs
             }
-        result = np.empty((len(x), width))
+        result = []
         for row in range(len(x)):
             try:
-                outputs = session.run(names, {name: np.asarray(column[row]) for name, column in columns.items()})
+                found = session.run(names, {name: np.asarray(column[row]) for name, column in columns.items()})
             except Exception as error:  # as above
                 raise InputError(f"{file}: onnxruntime fails on row {row}: {printable(str(error), 400)}") from error
-            result[row] = np.concatenate([np.ravel(output) for output in outputs])
-        return result
+            by_name = dict(zip(names, found, strict=True))
+            result.append(np.concatenate([read(by_name[name]) for name, read in outputs]))
+        return np.array(result, np.float64).reshape(len(x), -1)
 
     predict(np.zeros((1, inputs[-1].start + inputs[-1].size)))  # some faults show only when a model runs
     return predict

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import onnx
@@ -19,6 +20,7 @@ from st_codegen.walkers.onnx.operands import (
     MAX_COLUMNS,
     MAX_FOLDED,
     ConstantOperand,
+    LabelOperand,
     Operand,
     Tensor,
     axis_of,
@@ -31,6 +33,7 @@ _CASTS: dict[int, type[np.generic]] = {
     onnx.TensorProto.DOUBLE: np.float64,
     onnx.TensorProto.INT64: np.int64,
     onnx.TensorProto.INT32: np.int32,
+    onnx.TensorProto.STRING: np.object_,
 }
 
 
@@ -53,16 +56,28 @@ def _cast(call: NodeCall) -> Operand:
     if target is None:
         raise UnsupportedModelError(f"casts to {type_name(call.node.integer('to'))}; FLOAT and DOUBLE are supported")
     dtype = np.dtype(target)
+    if isinstance(operand, LabelOperand):
+        return _cast_labels(operand, dtype)
     if isinstance(operand, Tensor):
         if dtype in (FLOAT32, FLOAT64):
             return call.walk.as_type(operand, dtype)
-        if operand.dtype not in (FLOAT32, FLOAT64):
+        if operand.dtype not in (FLOAT32, FLOAT64) and dtype.kind != "O":
             return operand
         raise UnsupportedModelError("casts numbers to integers, which has no exact counterpart; leave the cast out")
     if np.issubdtype(dtype, np.integer) and not np.issubdtype(operand.dtype, np.integer):
         raise UnsupportedModelError("casts constants to integers; fold constants when exporting")
+    if "O" in (operand.dtype.kind, dtype.kind):
+        raise UnsupportedModelError("casts constants from or to text; fold constants when exporting")
     with np.errstate(over="ignore"):
         return ConstantOperand(operand.array.astype(dtype))
+
+
+def _cast_labels(choice: LabelOperand, dtype: np.dtype[Any]) -> LabelOperand:
+    """A choice among the labels cast to a type; text only stays text."""
+    texts = isinstance(choice.labels[0], str)
+    if texts != (dtype.kind == "O"):
+        raise UnsupportedModelError("casts labels between text and numbers; leave the cast out")
+    return choice if texts else replace(choice, labels=tuple(dtype.type(label).item() for label in choice.labels))
 
 
 @operator("Constant", 1, 9, 11, 12, 13, 19, 21, 23, 24, 25)
@@ -169,6 +184,8 @@ def _concat(call: NodeCall) -> Operand:
 
 def joined(walk: GraphWalk, parts: Sequence[Operand], axis: int) -> Operand:
     """The parts laid end to end along an axis."""
+    if any(isinstance(part, LabelOperand) for part in parts):
+        raise UnsupportedModelError("joins labels of classes; leave all but one of them out")
     if len({part.dtype for part in parts}) > 1:
         raise InputError("joins tensors of different types; the model file is damaged")
     constants = [part.array for part in parts if isinstance(part, ConstantOperand)]
@@ -199,8 +216,20 @@ def _rounded(walk: GraphWalk, tensor: Tensor) -> Tensor:
 
 @operator("Gather", 1, 11, 13)
 def _gather(call: NodeCall) -> Operand:
-    operand = call.required()
+    operand, position = call.required(), call.required(1)
+    if isinstance(position, LabelOperand):
+        return labelled(operand, position)
     return picked(operand, call.positions(), axis_of(call.node.integer("axis"), len(operand.shape)))
+
+
+def labelled(labels: Operand, choice: LabelOperand) -> LabelOperand:
+    """The element of a constant list whose position was chosen."""
+    if not isinstance(labels, ConstantOperand) or math.prod(labels.shape) != max(labels.shape, default=0):
+        raise UnsupportedModelError("picks by a computed position; only a constant list of labels can be picked from")
+    listed = np.ravel(labels.array).tolist()
+    if not all(isinstance(at, int) and 0 <= at < len(listed) for at in choice.labels):
+        raise InputError(f"positions outside 0 .. {len(listed) - 1}; the model file is damaged")
+    return replace(choice, labels=tuple(listed[int(at)] for at in choice.labels))
 
 
 def picked(operand: Operand, indices: AnyArray, axis: int) -> Operand:

@@ -1,4 +1,4 @@
-"""TreeEnsembleRegressor (ai.onnx.ml 1 to 4): trees as lists of nodes and lists of weights, joined by identifiers.
+"""TreeEnsembleRegressor, TreeEnsembleClassifier (ai.onnx.ml 1 to 4): nodes and weights as lists joined by identifiers.
 
 Rules of onnxruntime (core/providers/cpu/ml/tree_ensemble_common.h): the root of a tree is its first node in the list;
 weights of nodes that are not leaves are ignored; thresholds, leaves and base values have the type of the input. Where
@@ -7,11 +7,13 @@ onnxruntime and the ONNX standard disagree, the model is refused.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import BoolArray, FloatArray, IntArray
+from st_codegen.ir import Aggregate, BoolArray, FloatArray, IntArray
 from st_codegen.walkers.onnx.forest import (
     MAX_ID,
     Attributes,
@@ -36,6 +38,15 @@ def read_regressor(attributes: Attributes, number_type: NumberType) -> Forest:
     refuse_post_transform(attributes.text("post_transform", "NONE"))
     aggregate, average = read_aggregate(attributes.text("aggregate_function", "SUM"))
     n_targets = target_count(attributes)
+    base = numbers(attributes, "base_values", number_type)
+    if len(base) not in (0, n_targets):
+        raise InputError(f"base_values has {len(base)} entries for {n_targets} targets; the model file is damaged")
+    forest = read_lists(attributes, number_type, "target", n_targets)
+    return replace(forest, base=base if len(base) else forest.base, aggregate=aggregate, average=average)
+
+
+def read_lists(attributes: Attributes, number_type: NumberType, what: str, n_targets: int) -> Forest:
+    """The nodes, and the weights of leaves for each "target" or "class", which are added; errors as above."""
     tree_id, node_id = attributes.integers("nodes_treeids"), attributes.integers("nodes_nodeids")
     total = len(tree_id)
     if total == 0:
@@ -50,7 +61,7 @@ def read_regressor(attributes: Attributes, number_type: NumberType) -> Forest:
     key = _NodeIndex(tree, tree_id, node_id)
     leaf = np.full(total, -1, np.int64)
     leaf[~split] = np.arange(total - int(split.sum()))
-    weights = _regressor_weights(attributes, key, run_ids, leaf, n_targets, number_type)
+    weights = _weights(attributes, what, key, run_ids, leaf, n_targets, number_type)
     missing = attributes.integers("nodes_missing_value_tracks_true")
     return Forest(
         roots=np.flatnonzero(np.diff(tree, prepend=-1)),  # the first node of each tree
@@ -58,7 +69,7 @@ def read_regressor(attributes: Attributes, number_type: NumberType) -> Forest:
         node_id=node_id,
         mode=mode,
         feature=np.where(split, columns["nodes_featureids"], 0),
-        value=of_length("nodes_values", _numbers(attributes, "nodes_values", number_type), total),
+        value=of_length("nodes_values", numbers(attributes, "nodes_values", number_type), total),
         true=key.children("nodes_truenodeids", columns["nodes_truenodeids"], split),
         false=key.children("nodes_falsenodeids", columns["nodes_falsenodeids"], split),
         missing_true=of_length("nodes_missing_value_tracks_true", missing, total, optional=True) == 1,
@@ -70,9 +81,9 @@ def read_regressor(attributes: Attributes, number_type: NumberType) -> Forest:
         weight_target=weights[1],
         weight=weights[2],
         n_targets=n_targets,
-        base=_base_values(attributes, n_targets, number_type),
-        aggregate=aggregate,
-        average=average,
+        base=np.zeros(n_targets),
+        aggregate=Aggregate.SUM,
+        average=False,
         number_type=number_type,
     )
 
@@ -86,7 +97,7 @@ def _modes(names: list[str], total: int) -> NDArray[np.int8]:
     return np.array([_MODES_BY_NAME[name] for name in names], np.int8)
 
 
-def _numbers(attributes: Attributes, name: str, number_type: NumberType) -> FloatArray:
+def numbers(attributes: Attributes, name: str, number_type: NumberType) -> FloatArray:
     """A list of floats, or the tensor that replaces it, which must have the type of the input."""
     listed = attributes.floats(name)
     tensor = attributes.tensor(f"{name}_as_tensor")
@@ -100,13 +111,6 @@ def _numbers(attributes: Attributes, name: str, number_type: NumberType) -> Floa
             "onnxruntime takes a vector of the type of the input only"
         )
     return tensor.astype(np.float64)
-
-
-def _base_values(attributes: Attributes, n_targets: int, number_type: NumberType) -> FloatArray:
-    base = _numbers(attributes, "base_values", number_type)
-    if len(base) not in (0, n_targets):
-        raise InputError(f"base_values has {len(base)} entries for {n_targets} targets; the model file is damaged")
-    return base if len(base) else np.zeros(n_targets)
 
 
 def _runs(tree_id: IntArray) -> tuple[IntArray, IntArray]:
@@ -164,8 +168,9 @@ class _NodeIndex:
         return found
 
 
-def _regressor_weights(
+def _weights(
     attributes: Attributes,
+    what: str,
     index: _NodeIndex,
     run_ids: IntArray,
     leaf: IntArray,
@@ -173,21 +178,21 @@ def _regressor_weights(
     number_type: NumberType,
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """(leaf row, target, weight) of all weights, sorted by leaf row."""
-    tree_id, node_id = attributes.integers("target_treeids"), attributes.integers("target_nodeids")
-    target, weight = attributes.integers("target_ids"), _numbers(attributes, "target_weights", number_type)
+    tree_id, node_id = attributes.integers(f"{what}_treeids"), attributes.integers(f"{what}_nodeids")
+    target, weight = attributes.integers(f"{what}_ids"), numbers(attributes, f"{what}_weights", number_type)
     if not len(tree_id) == len(node_id) == len(target) == len(weight):
         raise InputError(
-            f"target_treeids, target_nodeids, target_ids and target_weights have {len(tree_id)}, {len(node_id)}, "
+            f"{what}_treeids, {what}_nodeids, {what}_ids and {what}_weights have {len(tree_id)}, {len(node_id)}, "
             f"{len(target)} and {len(weight)} entries; the model file is damaged"
         )
-    check_range("target_ids", target, n_targets)
+    check_range(f"{what}_ids", target, n_targets)
     by_id = np.argsort(run_ids)
     run = np.minimum(np.searchsorted(run_ids[by_id], tree_id), len(run_ids) - 1)
     node = np.where(run_ids[by_id][run] == tree_id, index.find(by_id[run], node_id), -1)
     lost = np.flatnonzero(node < 0)
     if lost.size:
         raise InputError(
-            f"target_nodeids[{lost[0]}] names node {node_id[lost[0]]} of tree {tree_id[lost[0]]}, which does not "
+            f"{what}_nodeids[{lost[0]}] names node {node_id[lost[0]]} of tree {tree_id[lost[0]]}, which does not "
             "exist; the model file is damaged"
         )
     at_leaf = np.flatnonzero(leaf[node] >= 0)

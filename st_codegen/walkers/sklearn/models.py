@@ -5,7 +5,6 @@ These add products through BLAS, whose order is not specified: equal within the 
 
 from __future__ import annotations
 
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ from st_codegen.ir import (
     Combine,
     FloatArray,
     Function,
-    IntArray,
     Kernel,
     KernelSum,
     Linear,
@@ -24,7 +22,17 @@ from st_codegen.ir import (
     Scale,
 )
 from st_codegen.walkers.base import Classified, GraphBuilder, Walked, walks
-from st_codegen.walkers.classes import above, complement, labels_of, largest, softmax, whole_sums
+from st_codegen.walkers.classes import (
+    above,
+    complement,
+    labels_of,
+    largest,
+    pair_coefficients,
+    pair_members,
+    pair_votes,
+    softmax,
+    whole_sums,
+)
 from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.sklearn.linear import refuse_nan_and_infinity
 
@@ -113,11 +121,11 @@ def walk_svc(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     labels = labels_of(fitted)
     count = len(labels)
     machine = _Machine(estimator, builder.width(value), count)
-    pairs = machine.add(builder, value, _pair_coefficients(machine.coefficients, machine.of_class, fitted))
+    if np.sum(machine.of_class) != len(machine.vectors):
+        raise fitted.fail("_n_support", f"{np.sum(machine.of_class)} vectors in all, expected {len(machine.vectors)}")
+    pairs = machine.add(builder, value, pair_coefficients(machine.coefficients, machine.of_class))
     turned = builder.add(Scale((pairs,), Operator.MULTIPLY, np.full(builder.width(pairs), -1.0)))
-    first, second = _pair_members(count)
-    # a pair's vote is 1 for its first class; without it the second has one
-    votes = whole_sums(builder, above(builder, pairs), first - second, second.sum(axis=1))
+    votes = pair_votes(builder, pairs, count)
     if count == 2:
         return Classified(labels, largest(builder, votes), decision=turned)
     if estimator.decision_function_shape == "ovo":
@@ -131,16 +139,10 @@ def votes_and_confidences(builder: GraphBuilder, seconds: int, scores: int, coun
 
     A column a pair: `seconds` is 1 where its second class was chosen, and `scores` how much the pair is for that class.
     """
-    first, second = _pair_members(count)
+    first, second = pair_members(count)
     votes = whole_sums(builder, seconds, second - first, first.sum(axis=1))
     confidence = builder.add(Linear((scores,), second - first, np.zeros(count)))
     return builder.add(Combine((votes, _squashed(builder, confidence)), Operator.ADD, count))
-
-
-def _pair_members(count: int) -> tuple[FloatArray, FloatArray]:
-    """For each class and pair (classes, pairs), whether the class is its first, and whether it is its second one."""
-    pairs = np.array(list(combinations(range(count), 2)))
-    return tuple((pairs[:, side] == np.arange(count)[:, None]).astype(np.float64) for side in (0, 1))
 
 
 def _squashed(builder: GraphBuilder, value: int) -> int:
@@ -150,21 +152,6 @@ def _squashed(builder: GraphBuilder, value: int) -> int:
     above_one = builder.add(Scale((size,), Operator.ADD, np.ones(width)))
     tripled = builder.add(Scale((above_one,), Operator.MULTIPLY, np.full(width, 3.0)))
     return builder.add(Combine((value, tripled), Operator.DIVIDE, width))
-
-
-def _pair_coefficients(dual: FloatArray, of_class: IntArray, fitted: Fitted) -> FloatArray:
-    """The coefficients of each pair (pairs, vectors); vectors stand class by class, with a row for each other class."""
-    ends = np.cumsum(of_class)
-    if ends[-1] != dual.shape[1]:
-        raise fitted.fail("_n_support", f"{ends[-1]} vectors in all, expected {dual.shape[1]}")
-    blocks = [slice(end - size, end) for end, size in zip(ends, of_class, strict=True)]
-    rows = []
-    for one, other in combinations(range(len(of_class)), 2):
-        row = np.zeros(dual.shape[1])
-        row[blocks[one]] = dual[other - 1, blocks[one]]
-        row[blocks[other]] = dual[one, blocks[other]]
-        rows.append(row)
-    return np.array(rows)
 
 
 @walks(

@@ -1,0 +1,362 @@
+"""Classifiers of ONNX: trees, linear models and support vector machines of ai.onnx.ml, ArgMax and Softmax.
+
+Rules of onnxruntime (core/providers/cpu/ml: tree_ensemble_aggregator.h, linearclassifier.cc, svmclassifier.cc,
+ml_common.h). Parameters are float32; a label is decided by the scores before they are transformed. With two labels
+there are rules of their own, which depend on the signs of all weights.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+
+from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.ir import (
+    Activation,
+    BoolArray,
+    FloatArray,
+    Function,
+    IntArray,
+    Label,
+    Normalize,
+    Operator,
+    Round,
+    Scale,
+    Select,
+    Softmax,
+    TreeEnsemble,
+)
+from st_codegen.walkers.base import GraphBuilder
+from st_codegen.walkers.classes import above, largest, pair_coefficients, pair_votes, whole_sums
+from st_codegen.walkers.onnx.file import GraphNode
+from st_codegen.walkers.onnx.forest import Forest, NumberType
+from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, Result, operator
+from st_codegen.walkers.onnx.ml import kernel_sum, trees
+from st_codegen.walkers.onnx.operands import FLOAT32, ConstantOperand, LabelOperand, Operand, Tensor, axis_of, one_row
+from st_codegen.walkers.onnx.operators import apply_activation, apply_linear, combined
+from st_codegen.walkers.onnx.shapes import joined
+from st_codegen.walkers.onnx.tree_lists import numbers, read_lists
+
+_DOMAIN = "ai.onnx.ml"
+_LEFT_OUT = (
+    "probabilities are left out: onnxruntime couples those of the pairs by an iteration whose end rounding decides; "
+    "the class does not depend on them"
+)
+
+
+def _labels(node: GraphNode, integers: str) -> tuple[Label, ...]:
+    """The labels of a classifier, texts before integers."""
+    labels: list[Label] = [*node.texts("classlabels_strings")] or [*node.integers(integers).tolist()]
+    if len(labels) < 2:
+        raise UnsupportedModelError(f"{len(labels)} labels, a classifier has two or more")
+    return tuple(labels)
+
+
+def _zero_and_one(labels: tuple[Label, ...]) -> tuple[Label, ...]:
+    return ("0", "1") if isinstance(labels[0], str) else (0, 1)
+
+
+def _post_transform(node: GraphNode) -> str:
+    name = node.text("post_transform", "NONE")
+    if name not in ("NONE", "LOGISTIC", "SOFTMAX"):
+        raise UnsupportedModelError(
+            f"post_transform {name}: known are NONE, LOGISTIC and SOFTMAX; SOFTMAX_ZERO divides zero by zero where all "
+            "scores are 0, and PROBIT gives no number beyond 0 and 1 and loses all digits near 0.5"
+        )
+    return name
+
+
+def _transformed(walk: GraphWalk, scores: Tensor, transform: str) -> Tensor:
+    """What becomes of two and more scores, in float32 whatever they were computed in."""
+    scores = walk.as_type(scores, FLOAT32)
+    if transform == "NONE":
+        return scores
+    if transform == "LOGISTIC":
+        return apply_activation(walk, scores, Function.LOGISTIC)
+    return _softmax_of(walk, scores)
+
+
+def _softmax_of(walk: GraphWalk, scores: Tensor, logarithm: bool = False) -> Tensor:
+    walk.refuse_special(scores)
+    op = Softmax((walk.settle(scores),), scores.size, scores.precision, logarithm)
+    return walk.computed(walk.builder.add(op), scores.shape, scores.dtype, special=False)
+
+
+def _with(walk: GraphWalk, tensor: Tensor, code: Operator, number: FloatArray | float, left: bool = False) -> Tensor:
+    """Arithmetic with constants in the precision of the tensor; `left`: the constant stands there."""
+    pair = (tensor, ConstantOperand(np.asarray(number, tensor.dtype)))
+    found = combined(walk, code, *(pair[::-1] if left else pair))
+    assert isinstance(found, Tensor)
+    return found
+
+
+def _beside(walk: GraphWalk, one: Tensor, other: Tensor) -> Tensor:
+    found = joined(walk, (one, other), 1)
+    assert isinstance(found, Tensor)
+    return found
+
+
+def _column(tensor: Tensor, number: int) -> Tensor:
+    return tensor.moved(lambda array: array[:, number : number + 1])
+
+
+def _choice(labels: tuple[Label, ...], number: int) -> LabelOperand:
+    return LabelOperand(number, labels, (1,))
+
+
+# --- trees ---------------------------------------------------------------------------------------------------------
+
+
+@operator("TreeEnsembleClassifier", 1, 3, domain=_DOMAIN)
+def _tree_classifier(call: NodeCall) -> Result:
+    """`TreeEnsembleCommonClassifier` and `TreeAggregatorClassifier`."""
+    labels, walk = _labels(call.node, "classlabels_int64s"), call.walk
+    transform, count = _post_transform(call.node), len(labels)
+    found: list[Forest] = []
+
+    def read(node: GraphNode, number_type: NumberType) -> Forest:
+        found.append(read_lists(node, number_type, "class", count))
+        return found[0]
+
+    scores = trees(call, read)
+    forest = found[0]
+    if len(call.node.integers("class_ids")) > len(forest.weight):
+        raise UnsupportedModelError("weights at nodes that are no leaves; export the model again without them")
+    base = numbers(call.node, "base_values", forest.number_type)
+    if len(base) not in {0, count, 1 if count == 2 else count}:
+        raise InputError(f"base_values has {len(base)} entries for {count} labels; the model file is damaged")
+    if count == 2:
+        return _two_classes(walk, labels, scores, base, forest, transform)
+    always, _ = _given(forest)
+    if not (len(base) or np.all(always) or np.all(forest.weight > 0)):
+        raise UnsupportedModelError(
+            f"label {labels[int(np.argmin(always))]!r} is not set by all leaves of any tree, and onnxruntime does not "
+            "choose it where none sets it; export the model with a weight for each label in each leaf"
+        )
+    if len(base):
+        scores = _with(walk, scores, Operator.ADD, base)
+    return _choice(labels, largest(walk.builder, walk.settle(scores))), _transformed(walk, scores, transform)
+
+
+def _given(forest: Forest) -> tuple[BoolArray, BoolArray]:
+    """For each class whether all leaves of some tree have a weight for it, and whether any leaf has one."""
+    tree: IntArray = np.searchsorted(forest.roots, np.flatnonzero(forest.leaf >= 0), side="right") - 1
+    key, times = np.unique(tree[forest.weight_leaf] * forest.n_targets + forest.weight_target, return_counts=True)
+    of_tree, target = np.divmod(key, forest.n_targets)
+    classes = np.arange(forest.n_targets)
+    return np.isin(classes, target[times == np.bincount(tree)[of_tree]]), np.isin(classes, target)
+
+
+def _two_classes(
+    walk: GraphWalk,
+    labels: tuple[Label, ...],
+    scores: Tensor,
+    base: FloatArray,
+    forest: Forest,
+    transform: str,
+) -> Result:
+    """One score decides: that of the second class where leaves set it, else that of the first (`FinalizeScores`)."""
+    always, ever = _given(forest)
+    advice = "export the model with a weight for each label in each leaf"
+    if ever[1] and not always[1]:
+        raise UnsupportedModelError(
+            f"label {labels[1]!r} is set by some leaves only, and the rule then changes from row to row; {advice}"
+        )
+    alone, positive = not ever[1], bool(np.all(forest.weight >= 0))
+    if len(base) and ever[0] and not always[0]:
+        raise UnsupportedModelError(
+            f"label {labels[0]!r} is set by some leaves only, for which alone onnxruntime adds base_values; {advice}"
+        )
+    first, second = _column(scores, 0), _column(scores, 1)
+    if len(base) and ever[0] and (alone or len(base) == 1):
+        first = _with(walk, first, Operator.ADD, base[0])
+    if len(base) == 2 and not alone:  # the score of the first class becomes that of the second
+        second = _with(walk, first, Operator.ADD, base[1])
+        first = _with(walk, second, Operator.MULTIPLY, -1.0) if ever[0] else _column(scores, 0)
+    one_given = bool(np.sum(ever) == 1)
+    decides = first if alone else second
+    index = above(walk.builder, walk.settle(decides), 0.5 if one_given and positive else 0.0)
+    # with weights of both classes onnxruntime answers 1 and 0, whatever integers the labels are
+    choice = _choice(labels if one_given or isinstance(labels[0], str) else (0, 1), index)
+    if alone and len(base) < 2:
+        return choice, _pair(walk, first, positive, transform)
+    return choice, _transformed(walk, _beside(walk, first, second), transform)
+
+
+def _pair(walk: GraphWalk, score: Tensor, positive: bool, transform: str) -> Tensor:
+    """Two scores made of one (`write_scores`): its distance from 1 where all weights are positive, else its negative.
+
+    A softmax is not taken of them; a sigmoid is taken of the score and of its negative.
+    """
+    score = walk.as_type(score, FLOAT32)
+    if positive and transform != "LOGISTIC":
+        return _beside(walk, _with(walk, score, Operator.SUBTRACT, 1.0, left=True), score)
+    both = _beside(walk, _with(walk, score, Operator.MULTIPLY, -1.0), score)
+    return _transformed(walk, both, transform if transform == "LOGISTIC" else "NONE")
+
+
+# --- sums and kernels ----------------------------------------------------------------------------------------------
+
+
+def _float32_row(call: NodeCall) -> Tensor:
+    return call.walk.as_type(one_row(call.computed()), FLOAT32)
+
+
+@operator("LinearClassifier", 1, domain=_DOMAIN)
+def _linear_classifier(call: NodeCall) -> Result:
+    tensor, walk = _float32_row(call), call.walk
+    labels, transform = _labels(call.node, "classlabels_ints"), _post_transform(call.node)
+    weights, bias = call.node.floats("coefficients"), call.node.floats("intercepts")
+    if not len(bias) or len(weights) != len(bias) * tensor.size or len(bias) not in (1, len(labels)):
+        raise InputError(
+            f"{len(weights)} coefficients and {len(bias)} intercepts for {tensor.size} features and {len(labels)} "
+            "labels; the model file is damaged"
+        )
+    scores = apply_linear(walk, tensor, weights.reshape(len(bias), -1), bias, (1, len(bias)))
+    if len(bias) > 1:
+        return _choice(labels, largest(walk.builder, walk.settle(scores))), _transformed(walk, scores, transform)
+    index = above(walk.builder, walk.settle(scores))
+    if len(labels) > 2:
+        return _choice(_zero_and_one(labels), index), scores
+    return _choice(labels, index), _pair(walk, scores, positive=True, transform=transform)
+
+
+@operator("SVMClassifier", 1, domain=_DOMAIN)
+def _svm_classifier(call: NodeCall) -> Result:
+    tensor, walk, node = _float32_row(call), call.walk, call.node
+    labels, transform = _labels(node, "classlabels_ints"), _post_transform(node)
+    per_class, rho, weights = node.integers("vectors_per_class"), node.floats("rho"), node.floats("coefficients")
+    count, coupled = len(labels), len(node.floats("prob_a")) > 0
+    if not np.sum(per_class):
+        return _linear_machine(call, tensor, labels, coupled, transform)
+    vectors, pairs = node.floats("support_vectors"), count * (count - 1) // 2
+    total = int(np.sum(per_class))
+    expected = (count, (count - 1) * total, pairs, total * tensor.size)
+    if (len(per_class), len(weights), len(rho), len(vectors)) != expected or np.any(per_class < 0):
+        raise InputError(
+            f"vectors_per_class, coefficients, rho and support_vectors have {len(per_class)}, {len(weights)}, "
+            f"{len(rho)} and {len(vectors)} entries for {count} labels, {total} vectors and {tensor.size} features; "
+            "the model file is damaged"
+        )
+    walk.refuse_special(tensor)
+    coefficients = pair_coefficients(weights.reshape(count - 1, total), per_class)
+    op = kernel_sum(node, walk.settle(tensor), vectors.reshape(total, tensor.size), coefficients, rho)
+    scores = walk.computed(walk.builder.add(op), (1, pairs), FLOAT32, special=False)
+    choice = _choice(labels, largest(walk.builder, pair_votes(walk.builder, walk.settle(scores), count)))
+    if coupled:
+        walk.notes.append(_LEFT_OUT)
+        return choice, None
+    if count > 2:
+        return choice, _transformed(walk, scores, transform)
+    return choice, _pair(walk, scores, transform != "NONE", transform)
+
+
+def _linear_machine(call: NodeCall, tensor: Tensor, labels: tuple[Label, ...], coupled: bool, transform: str) -> Result:
+    """A machine without support vectors: weights for each label, and one number added to all."""
+    node, walk, count = call.node, call.walk, len(labels)
+    weights, rho = node.floats("coefficients"), node.floats("rho")
+    if len(weights) != count * tensor.size or not len(rho):
+        raise InputError(
+            f"{len(weights)} coefficients and {len(rho)} rho for {count} labels and {tensor.size} features; "
+            "the model file is damaged"
+        )
+    scores = apply_linear(walk, tensor, weights.reshape(count, -1), np.full(count, rho[0]), (1, count))
+    value = walk.settle(scores)
+    index = largest(walk.builder, value)
+    if count == 2 and not coupled:  # the second label also where any score reaches the cut (`ChooseClass`)
+        positive = bool(np.all(weights >= 0))
+        reached = above(walk.builder, value, 0.5 if positive else 0.0, inclusive=positive)
+        picked = walk.builder.add(Select((reached, index), np.arange(3, dtype=np.int32)))
+        index = above(walk.builder, whole_sums(walk.builder, picked, np.ones((1, 3)), np.zeros(1)), 0.5)
+    return _choice(labels, index), _transformed(walk, scores, transform)
+
+
+# --- the ends of graphs --------------------------------------------------------------------------------------------
+
+
+@operator("ZipMap", 1, domain=_DOMAIN)
+def _zip_map(call: NodeCall) -> Operand:
+    """Taken off: the numbers of a map from labels to numbers, in the order of the labels."""
+    tensor = one_row(call.computed())
+    call.walk.zipped[call.node.proto.output[0]] = _labels(call.node, "classlabels_int64s")
+    return tensor
+
+
+def _number_of_the(best: Literal["largest", "smallest"], *versions: int) -> None:
+    def handler(call: NodeCall) -> Operand:
+        tensor, walk = call.computed(), call.walk
+        axis = axis_of(call.node.integer("axis"), len(tensor.shape))
+        if not tensor.shape or tensor.shape[axis] != tensor.size:
+            raise UnsupportedModelError(f"axis {axis} of shape {tensor.shape} (for one row) does not hold all columns")
+        walk.refuse_special(tensor)
+        last, count = call.node.integer("select_last_index"), tensor.size
+        flat = tensor.moved(lambda array: np.ravel(array)[:: -1 if last else 1])
+        if best == "smallest":
+            flat = _with(walk, flat, Operator.MULTIPLY, -1.0)
+        index = largest(walk.builder, walk.settle(flat))
+        if last:
+            index = walk.builder.add(Scale((index,), Operator.SUBTRACT, np.full(1, count - 1.0), reverse=True))
+        kept = [1 if number == axis else n for number, n in enumerate(tensor.shape)]
+        shape = kept if call.node.integer("keepdims", 1) else kept[:axis] + kept[axis + 1 :]
+        return LabelOperand(index, tuple(range(count)), tuple(shape))
+
+    operator("ArgMax" if best == "largest" else "ArgMin", *versions)(handler)
+
+
+_number_of_the("largest", 1, 11, 12, 13)
+_number_of_the("smallest", 1, 11, 12, 13)
+
+
+def _shares(name: str, logarithm: bool) -> None:
+    def handler(call: NodeCall) -> Operand:
+        tensor = call.computed()
+        rank = len(tensor.shape)
+        axis = axis_of(call.node.integer("axis", -1 if call.node.version >= 13 else 1), rank)
+        taken = tensor.shape[axis : axis + 1] if call.node.version >= 13 else tensor.shape[axis:]
+        if math.prod(taken) != tensor.size:
+            raise UnsupportedModelError(f"axis {axis} of shape {tensor.shape} (for one row) does not hold all columns")
+        return _softmax_of(call.walk, tensor, logarithm)
+
+    operator(name, 1, 11, 13)(handler)
+
+
+_shares("Softmax", logarithm=False)
+_shares("LogSoftmax", logarithm=True)
+
+
+def are_shares(builder: GraphBuilder, tensor: Tensor) -> bool:
+    """Whether all numbers of a tensor are known to lie between 0 and 1, but for rounding."""
+    places = zip(np.ravel(tensor.value).tolist(), np.ravel(tensor.column).tolist(), strict=True)
+    return all(low >= -1e-5 and high <= 1.0 + 1e-5 for low, high in (_range(builder, *place) for place in places))
+
+
+def _range(builder: GraphBuilder, value: int, column: int) -> tuple[float, float]:
+    """The least and the largest number in a column of a value, as far as its operations tell."""
+    op = builder.ops[value - 1] if value else None
+    if isinstance(op, Select | Round):
+        places = [(one, at) for one in op.inputs for at in range(builder.width(one))]
+        return _range(builder, *places[op.columns[column] if isinstance(op, Select) else column])
+    if isinstance(op, Scale) and op.reverse and op.operator is Operator.SUBTRACT:
+        low, high = _range(builder, op.inputs[0], column)
+        return float(op.constant[column]) - high, float(op.constant[column]) - low
+    if isinstance(op, TreeEnsemble):
+        return _range_of_trees(op, column)
+    shares = isinstance(op, Softmax) and not op.logarithm
+    shares |= isinstance(op, Activation) and op.function is Function.LOGISTIC
+    if isinstance(op, Normalize):
+        shares = all(_range(builder, op.inputs[0], other)[0] >= 0.0 for other in range(op.width))
+    return (0.0, 1.0) if shares else (-math.inf, math.inf)
+
+
+def _range_of_trees(op: TreeEnsemble, column: int) -> tuple[float, float]:
+    leaves = np.flatnonzero(op.split < 0)
+    of_tree = np.searchsorted(op.roots, leaves, side="right") - 1
+    value = op.leaf_value[op.leaf[leaves]]
+    low, high = np.full((op.n_trees, value.shape[1]), np.inf), np.full((op.n_trees, value.shape[1]), -np.inf)
+    np.minimum.at(low, of_tree, value)
+    np.maximum.at(high, of_tree, value)
+    taken = op.tree_output == column if value.shape[1] < op.width or op.width == 1 else np.ones(op.n_trees, np.bool_)
+    at = column if value.shape[1] == op.width else 0
+    return tuple(float(np.sum(end[taken, at]) + op.base[column]) / op.divisor for end in (low, high))  # type: ignore
