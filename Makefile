@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 RACE := .venv-race
 INSTALLED := $(VENV)/.installed
 
-.PHONY: run test pictures real blark soak soak-long fuzz sbom audit lint sizes nightly bench clean tables train-long blind blind-form mutate mutants example race kills
+.PHONY: run test pictures site real blark soak soak-long fuzz sbom audit lint sizes nightly bench clean tables train-long blind blind-form mutate mutants example race kills
 
 run: $(INSTALLED)  ## compile the example bundle, verify the result
 	$(BIN)/st-codegen examples/rv160n/models/ --target twincat --out build/rv160n
@@ -87,6 +87,9 @@ example: $(INSTALLED)  ## campaign of the simulated rig, training, Structured Te
 
 pictures: $(INSTALLED)  ## the pictures of README and site anew: simulation, training and commands; some two minutes
 	$(BIN)/python -m site_tools.pictures --record
+
+site: $(INSTALLED)  ## the documentation, build/site/index.html; links are checked, and no page needs a network
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
 
 race: $(RACE)/.installed  ## the emitted text, as C, against what others generate; writes build/race.json
 	@command -v gcc > /dev/null || { echo "the race needs a C compiler: apt-get install gcc libc6-dev"; exit 2; }

@@ -37,11 +37,11 @@ COMMANDS = (
 _STYLE = """<style>
 .ground { fill: #fff } .text { fill: #24292f } .soft { fill: #57606a } .line { stroke: #d0d7de }
 .before { stroke: #8c959f } .after { stroke: #0969da } .before-text { fill: #57606a } .after-text { fill: #0969da }
-.good { fill: #1a7f37 } .prompt { fill: #57606a }
+.bar { fill: #0969da } .good { fill: #1a7f37 } .prompt { fill: #57606a }
 @media (prefers-color-scheme: dark) {
 .ground { fill: #0d1117 } .text { fill: #e6edf3 } .soft { fill: #9198a1 } .line { stroke: #30363d }
 .before { stroke: #6e7681 } .after { stroke: #58a6ff } .before-text { fill: #9198a1 } .after-text { fill: #58a6ff }
-.good { fill: #3fb950 } .prompt { fill: #9198a1 } }
+.bar { fill: #58a6ff } .good { fill: #3fb950 } .prompt { fill: #9198a1 } }
 </style>"""
 
 
@@ -77,7 +77,8 @@ def record_motion(out: Path, work: Path) -> None:
     _run(work, "simulate", "campaign", "--rig", RIG, "--conditions", conditions, "--out", "measured",
          "--samples", 1024, "--seed", 1)  # fmt: skip
     _run(work, "train", "measured", "--out", "models", "--orders", _ORDERS, "--families", "SVM", "--folds", 3,
-         "--keep-faulty")  # fmt: skip
+         "--keep-faulty", "--table", "harmonics.csv")  # fmt: skip
+    _record_revolution(out, work)
     _run(work, "simulate", "motion", "--models", "models", "--rig", other, "--profile", "robot", "--law", "full",
          "--drift", 1.5, "--seed", 5, "--tasks", "split", "--lead", "auto", "--set", "fBlendTime_s=0.005",
          "--set", "fHysteresis_rpm=0.2", "--out", "moved")  # fmt: skip
@@ -98,10 +99,100 @@ def record_motion(out: Path, work: Path) -> None:
     (out / "compensation.json").write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
 
 
+def _record_revolution(out: Path, work: Path) -> None:
+    """One measured curve in both directions, and how large each order is in the middle of all runs."""
+    (curve,) = (work / "measured").rglob("1000.0rpm400.0Nm25.0deg.csv")
+    with curve.open(encoding="utf-8", newline="") as file:
+        rows = [[float(cell) for cell in row] for row in list(csv.reader(file))[1:]]
+    forward, backward = [row[:2] for row in rows], [row[2:] for row in rows][::-1]
+    with (out / "revolution.csv").open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(("forward_deg", "forward_te_deg", "backward_deg", "backward_te_deg"))
+        writer.writerows([f"{angle:.2f}", f"{te:.5f}", f"{other:.2f}", f"{back:.5f}"]
+                         for (angle, te), (other, back) in zip(forward, backward, strict=True))  # fmt: skip
+    with (work / "harmonics.csv").open(encoding="utf-8", newline="") as file:
+        table = [row for row in csv.DictReader(file) if row["direction"] == "forward"]
+    orders = [f"A{order}" for order in _ORDERS.split(",")[1:]]
+    with (out / "orders.csv").open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(("order", "median_amplitude_deg"))
+        writer.writerows([name[1:], f"{np.median([float(row[name]) for row in table]):.6f}"] for name in orders)
+
+
+def _numbers(folder: Path, name: str) -> list[list[float]]:
+    with (folder / name).open(encoding="utf-8", newline="") as file:
+        return [[float(cell) for cell in row] for row in list(csv.reader(file))[1:]]
+
+
+def draw_revolution(folder: Path) -> str:
+    """The transmission error over one revolution, both directions."""
+    rows = _numbers(folder, "revolution.csv")
+    width, height, left, right, top, bottom = 860, 300, 62, 16, 58, 44
+    values = [row[1] for row in rows] + [row[3] for row in rows]
+    low, high = np.floor(min(values) * 50) / 50, np.ceil(max(values) * 50) / 50
+
+    def x(angle: float) -> float:
+        return left + (width - left - right) * angle / 360
+
+    def y(te: float) -> float:
+        return top + (height - top - bottom) * float(high - te) / float(high - low)
+
+    def line(angle: int, te: int) -> str:
+        return " ".join(f"{x(row[angle]):.1f},{y(row[te]):.1f}" for row in rows)
+
+    ticks = []
+    for step in range(round((high - low) / 0.02) + 1):
+        at, label = y(low + 0.02 * step), f"{low + 0.02 * step:.2f}"
+        ticks.append(f'<line class="line" x1="{left}" x2="{width - right}" y1="{at:.1f}" y2="{at:.1f}"/>')
+        ticks.append(f'<text class="soft" x="{left - 8}" y="{at + 4:.1f}" text-anchor="end">{label}</text>')
+    for angle in range(0, 361, 60):
+        anchor = f'y="{height - bottom + 18}" text-anchor="{"end" if angle == 360 else "middle"}"'
+        ticks.append(f'<text class="soft" x="{x(angle):.1f}" {anchor}>{angle}</text>')
+    title = "One revolution of the output at 1000 rpm and 400 N m (simulated), error in degrees"
+    parts = [
+        _head(width, height, title),
+        f'<text class="text" x="{left}" y="22" font-weight="600">{title}</text>',
+        f'<text class="after-text" x="{left}" y="42">forward</text>',
+        f'<text class="before-text" x="{left + 90}" y="42">backward</text>',
+        *ticks,
+        f'<text class="soft" x="{width - right}" y="{height - 6}" text-anchor="end">angle of the output in deg</text>',
+        *(f'<polyline class="{name}" fill="none" stroke-width="1" points="{line(*columns)}"/>'
+          for name, columns in (("before", (2, 3)), ("after", (0, 1)))),
+        "</svg>",
+    ]  # fmt: skip
+    return "\n".join(parts) + "\n"
+
+
+def draw_orders(folder: Path) -> str:
+    """A bar an order, on a logarithmic scale."""
+    rows = _numbers(folder, "orders.csv")
+    width, height, left, top, bottom = 860, 280, 62, 44, 44
+    low, high = -5.0, -1.0
+    wide = (width - left - 16) / len(rows)
+
+    def y(value: float) -> float:
+        return top + (height - top - bottom) * (high - value) / (high - low)
+
+    title = "How large each order is: median amplitude over all simulated runs, degrees (logarithmic)"
+    parts = [_head(width, height, title), f'<text class="text" x="{left}" y="22" font-weight="600">{title}</text>']
+    for power in range(int(low), int(high) + 1):
+        at = y(power)
+        parts.append(f'<line class="line" x1="{left}" x2="{width - 16}" y1="{at:.1f}" y2="{at:.1f}"/>')
+        parts.append(f'<text class="soft" x="{left - 8}" y="{at + 4:.1f}" text-anchor="end">{10.0**power:g}</text>')
+    for number, (order, amplitude) in enumerate(rows):
+        x, at = left + wide * (number + 0.5), y(float(np.log10(amplitude)))
+        tall = height - bottom - at
+        parts.append(f'<rect class="bar" x="{x - 18:.1f}" y="{at:.1f}" width="36" height="{tall:.1f}"/>')
+        under = f'y="{height - bottom + 18}" text-anchor="middle"'
+        parts.append(f'<text class="soft" x="{x:.1f}" {under}>{order:g}</text>')
+    label = "order: periods in one revolution of the output"
+    parts.append(f'<text class="soft" x="{width - 16}" y="{height - 6}" text-anchor="end">{label}</text>')
+    return "\n".join([*parts, "</svg>"]) + "\n"
+
+
 def draw_motion(folder: Path) -> str:
     """The error of the output over time, before and after, as an SVG."""
-    with (folder / "compensation.csv").open(encoding="utf-8", newline="") as file:
-        rows = [[float(cell) for cell in row] for row in list(csv.reader(file))[1:]]
+    rows = _numbers(folder, "compensation.csv")
     numbers = json.loads((folder / "compensation.json").read_text(encoding="utf-8"))
     width, height, left, right, top, bottom = 860, 340, 62, 16, 58, 44
     last = rows[-1][0]
@@ -215,7 +306,12 @@ def _run(work: Path, *arguments: object) -> str:
 
 
 #: Pictures by the functions that draw them from the records.
-DRAWN = {"compensation.svg": draw_motion, "terminal.svg": draw_terminal}
+DRAWN = {
+    "compensation.svg": draw_motion,
+    "revolution.svg": draw_revolution,
+    "orders.svg": draw_orders,
+    "terminal.svg": draw_terminal,
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

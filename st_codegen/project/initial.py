@@ -117,6 +117,8 @@ def _names(files: Iterable[str]) -> dict[str, str]:
 
 
 def _model(file: str, name: str, model: ModelIR) -> list[str]:
+    if model.classes is not None:  # the outputs of a classifier have names of their own
+        return table_lines("[[model]]", {"file": file, "name": name})
     outputs = ", ".join(f'{{name = "{variable}", unit = ""}}' for variable in model.variables)
     return [*table_lines("[[model]]", {"file": file, "name": name}), f"outputs = [{outputs}]"]
 
