@@ -205,8 +205,20 @@ SMALL_MODELS = {
         for operator in Operator
     },
     "round": model(Round((0,), 3)),
-    "fill missing": model(FillMissing((0,), 3, 1.5), accepts_nan=True),
-    "fill sentinel": model(FillMissing((0,), 3, 0.0, sentinel=-999.0)),
+    "fill missing": model(FillMissing((0,), [1.5, 1.5, 1.5]), accepts_nan=True),
+    "fill each column, then compare": model(
+        FillMissing((0,), [1.5, -2.0, 0.25]),
+        TreeEnsemble(**{**vars(random_trees(_rng(), comparison=Comparison.LESS_OR_EQUAL)), "inputs": (1,)}),
+        accepts_nan=True,
+    ),
+    "missing in some inputs only": model(
+        Select((0,), [2, 1]),
+        FillMissing((1,), [1.5, -2.0]),
+        Linear((2,), [[1.0, 2.0]], [0.5], SummationOrder.SEQUENTIAL),
+        accepts_nan=True,
+        must_be_present=(2,),
+    ),
+    "fill sentinel": model(FillMissing((0,), [0.0, 0.0, 0.0], sentinel=-999.0)),
     "clip": model(Clip((0,), [-1.0, 0.0, -2.0], [1.0, 0.5, 2.0])),
     "exceeds": model(Exceeds((0,), [0.5, 0.0, -1.0])),
     "exceeds or equals": model(Exceeds((0,), [0.5, 0.0, -1.0], inclusive=True)),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
@@ -172,6 +172,11 @@ class ColumnFunction(Elementwise):
 
         @property
         def width(self) -> int: ...
+
+    @property
+    def keeps_missing(self) -> Sequence[bool] | None:
+        """For each column whether NaN stays NaN; None: in all of them."""
+        return None
 
     def value(self, x: FloatArray) -> FloatArray:
         """The function of numbers `x` (rows, width), as the library computes it; NaN where there is none."""

@@ -82,12 +82,13 @@ class Source:
 class ModelIR:
     """One trained model: features in, numbers out.
 
-    `outputs` names the columns of the last value. `accepts_nan`: NaN is a missing value to the library; otherwise it
-    refuses the row. `magnitude_limits`: for each feature, the magnitude from which on the library refuses an input
-    (infinity: it refuses infinities only; None: it takes everything). Empty: it takes everything. `accepted`: for each
-    feature the closed interval of numbers for which there is an answer (None, or empty: no interval), once the feature
-    is limited to its declared range. `ports` are the block's outputs where the user named them. `classes`: the labels
-    of a classifier, whose first output is the number of one of them.
+    `outputs` names the columns of the last value. `accepts_nan`: NaN is a missing value to the library, but for the
+    inputs numbered in `must_be_present`; otherwise it refuses the row. `magnitude_limits`: for each feature, the
+    magnitude from which on the library refuses an input (infinity: it refuses infinities only; None: it takes
+    everything). Empty: it takes everything. `accepted`: for each feature the closed interval of numbers for which there
+    is an answer (None, or empty: no interval), once the feature is limited to its declared range. `ports` are the
+    block's outputs where the user named them. `classes`: the labels of a classifier, whose first output is the number
+    of one of them.
     """
 
     name: str
@@ -96,6 +97,7 @@ class ModelIR:
     outputs: tuple[str, ...]
     source: Source
     accepts_nan: bool = False
+    must_be_present: tuple[int, ...] = ()
     magnitude_limits: tuple[float | None, ...] = ()
     accepted: tuple[tuple[float, float] | None, ...] = ()
     classes: Classes | None = None
@@ -123,6 +125,10 @@ class ModelIR:
             raise InputError(f"model '{self.name}': {len(self.outputs)} outputs named, {self.ops[-1].width} computed")
         if self.classes is not None and len(self.classes.kinds) != len(self.outputs):
             raise InputError(f"model '{self.name}': {len(self.classes.kinds)} kinds of {len(self.outputs)} outputs")
+
+    def takes_nan(self, feature: int) -> bool:
+        """Whether NaN in an input is a missing value."""
+        return self.accepts_nan and feature not in self.must_be_present
 
     def _check_operands(self, number: int, op: Operation) -> None:
         where = f"model '{self.name}', operation {number} ({type(op).__name__})"

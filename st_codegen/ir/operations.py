@@ -98,27 +98,43 @@ class Round(Elementwise):
 
 @dataclass(frozen=True)
 class FillMissing(ColumnFunction):
-    """NaN, and every number equal to `sentinel` where there is one, replaced by `fill` (XGBoost gblinear)."""
+    """NaN, and every number equal to `sentinel` where there is one, replaced by the column's `fill`.
+
+    XGBoost's gblinear, scikit-learn's SimpleImputer.
+    """
 
     inputs: tuple[int, ...]
-    width: int
-    fill: float = 0.0
+    fill: FloatArray
     sentinel: float | None = None
     computes: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        if not math.isfinite(self.fill) or not (self.sentinel is None or math.isfinite(self.sentinel)):
-            raise InputError(f"FillMissing: fill {self.fill} or sentinel {self.sentinel} is not finite")
+        freeze(self, "fill", np.float64, (None,))
+        require_finite(self, "fill")
+        if self.sentinel is not None and not math.isfinite(self.sentinel):
+            raise InputError(f"FillMissing: the sentinel {self.sentinel} is not finite")
+
+    @property
+    def width(self) -> int:
+        return len(self.fill)
+
+    @property
+    def keeps_missing(self) -> list[bool]:
+        """In no column."""
+        return [False] * self.width
 
     def value(self, x: FloatArray) -> FloatArray:
         missing = np.isnan(x) if self.sentinel is None else np.isnan(x) | (x == self.sentinel)
         return np.where(missing, self.fill, x)
 
-    def slope(self, x: FloatArray, difference: FloatArray) -> float:
-        return 1.0
+    def slope(self, x: FloatArray, difference: FloatArray) -> FloatArray | float:
+        """1, and infinite where a number that counts as missing lies within `difference`."""
+        if self.sentinel is None:
+            return 1.0
+        return np.where((difference > 0) & (np.abs(x - self.sentinel) <= difference), np.inf, 1.0)
 
     def largest(self, magnitude: FloatArray) -> FloatArray:
-        return np.maximum(magnitude, abs(self.fill))
+        return np.maximum(magnitude, np.abs(self.fill))
 
 
 @dataclass(frozen=True)
@@ -151,17 +167,25 @@ class Clip(ColumnFunction):
 
 @dataclass(frozen=True)
 class Linear:
-    """`weights @ x + bias`; weights has shape (outputs, inputs)."""
+    """`weights @ x + bias`; weights has shape (outputs, inputs).
+
+    `bias_terms` (outputs): the sum of the magnitudes of the terms (as many as there are inputs) from which the library
+    computes the bias when it predicts, in an order of its own. None: the bias is a number of the model.
+    """
 
     inputs: tuple[int, ...]
     weights: FloatArray
     bias: FloatArray
     order: SummationOrder = SummationOrder.UNSPECIFIED
     precision: Precision = Precision.FLOAT64
+    bias_terms: FloatArray | None = None
 
     def __post_init__(self) -> None:
         weights = freeze(self, "weights", np.float64, (None, None))
         freeze(self, "bias", np.float64, (weights.shape[0],))
+        if self.bias_terms is not None:
+            freeze(self, "bias_terms", np.float64, (weights.shape[0],))
+            require_finite(self, "bias_terms")
         require_finite(self, "weights", "bias")
 
     @property

@@ -80,7 +80,7 @@ def limited(model: ModelIR, x: FloatArray) -> FloatArray:
 
 def valid_rows(model: ModelIR, x: FloatArray) -> BoolArray:
     """Which rows the source library accepts, shape (rows,)."""
-    refused = np.zeros(x.shape, np.bool_) if model.accepts_nan else np.isnan(x)
+    refused = np.isnan(x) & [not model.takes_nan(column) for column in range(x.shape[1])]
     for column, limit in enumerate(model.magnitude_limits):
         if limit is not None:
             refused[:, column] |= np.abs(x[:, column]) >= limit

@@ -48,6 +48,7 @@ from st_codegen.passes.monotone import (
     columns_of,
     domain_of,
     from_order,
+    goes_left,
     to_order,
 )
 from st_codegen.passes.unread import read_values, without_unread
@@ -239,7 +240,10 @@ def _on_inputs(model: ModelIR, op: TreeEnsemble, given: list[Column]) -> TreeEns
         thresholds, at = np.unique(op.threshold[nodes], return_inverse=True)
         decide = _decision(op, thresholds)
         edge, all_left = _edges(chain, decide, len(thresholds), _inside(model, chain))
-        if column.nan is NanRule.ZERO:
+        filled = chain.value(np.array([np.nan]))
+        if not np.isnan(filled[0]):  # something in front of the trees replaces missing values
+            missing_left[nodes] = decide(np.broadcast_to(filled, len(nodes)), at)
+        elif column.nan is NanRule.ZERO:
             missing_left[nodes] = decide(np.zeros(len(nodes)), at)
         threshold[nodes] = np.where(np.isnan(edge), np.inf, edge)[at]
         swapped = nodes[(np.isnan(edge) & ~all_left)[at]]  # all numbers go right
@@ -264,11 +268,8 @@ def _on_inputs(model: ModelIR, op: TreeEnsemble, given: list[Column]) -> TreeEns
 def _decision(op: TreeEnsemble, thresholds: FloatArray) -> Decide:
     """Whether values go left at the splits with some of the thresholds."""
 
-    def goes_left(value: FloatArray, chosen: IntArray) -> BoolArray:
+    def decide(value: FloatArray, chosen: IntArray) -> BoolArray:
         with np.errstate(over="ignore"):
-            value = reference.rounded(value, op.input_precision)
-        limit = thresholds[chosen]
-        left = value < limit if op.comparison is Comparison.LESS else value <= limit
-        return np.asarray(left | (limit == np.inf), np.bool_)
+            return goes_left(op, value, thresholds[chosen])
 
-    return goes_left
+    return decide

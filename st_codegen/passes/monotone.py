@@ -133,7 +133,7 @@ def _(op: Clip, given: list[Column]) -> list[Column]:
 
 @_after.register
 def _(op: FillMissing, given: list[Column]) -> list[Column]:
-    return _extended(given, lambda _: FillMissing((0,), 1, op.fill) if op.sentinel is None else None)
+    return _extended(given, lambda n: FillMissing((0,), op.fill[n : n + 1]) if op.sentinel is None else None)
 
 
 @_after.register
@@ -222,19 +222,20 @@ class SplitEdges:
 def split_edges(op: TreeEnsemble, number: int, chain: Chain, domain: Domain) -> SplitEdges:
     """The changeovers of column `number` of an ensemble that reads a monotone chain."""
     thresholds = np.unique(op.threshold[op.split == number])
-
-    def goes_left(x: FloatArray) -> BoolArray:
-        value = reference.rounded(chain.value(x), op.input_precision)
-        if op.comparison is Comparison.LESS:
-            return np.asarray(value < thresholds, np.bool_)
-        return np.asarray((value <= thresholds) | (thresholds == np.inf), np.bool_)
-
     with np.errstate(over="ignore"):
         if chain.steps:
-            edge, left = changeovers(goes_left, len(thresholds), domain)
+            edge, left = changeovers(lambda x: goes_left(op, chain.value(x), thresholds), len(thresholds), domain)
         else:
             edge, left = _direct(op, thresholds, domain)
     return SplitEdges(thresholds, edge, left)
+
+
+def goes_left(op: TreeEnsemble, value: FloatArray, thresholds: FloatArray) -> BoolArray:
+    """Whether splits with these thresholds send numbers left."""
+    value = reference.rounded(value, op.input_precision)
+    if op.comparison is Comparison.LESS:
+        return np.asarray(value < thresholds, np.bool_)
+    return np.asarray((value <= thresholds) | (thresholds == np.inf), np.bool_)
 
 
 def _direct(op: TreeEnsemble, thresholds: FloatArray, domain: Domain) -> tuple[FloatArray, BoolArray]:

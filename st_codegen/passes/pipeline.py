@@ -222,6 +222,7 @@ def _merged(
             outputs=tuple(outputs),
             source=_joint_source(members),
             accepts_nan=first.accepts_nan,
+            must_be_present=first.must_be_present,
             magnitude_limits=_limits(first),
             accepted=first.accepted,
         )
@@ -270,7 +271,7 @@ def _in_order(group: list[ModelIR], kept: list[list[ModelIR]]) -> list[ModelIR]:
 
 def _refuses(model: ModelIR) -> tuple[object, ...]:
     """What decides which inputs a model refuses."""
-    return model.features, model.accepts_nan, _limits(model), model.accepted
+    return model.features, model.accepts_nan, model.must_be_present, _limits(model), model.accepted
 
 
 def _limits(model: ModelIR) -> tuple[float | None, ...]:

@@ -27,7 +27,7 @@ from st_codegen.ir import (
     TreeColumn,
     TreeEnsemble,
 )
-from st_codegen.passes.monotone import Chain, Column, columns_of, domain_of, split_edges
+from st_codegen.passes.monotone import Chain, Column, columns_of, domain_of, goes_left, split_edges
 from st_codegen.passes.unread import without_unread
 
 
@@ -132,6 +132,9 @@ def _splits(model: ModelIR, op: TreeEnsemble, number: int, chain: Chain, nodes: 
     if op.columns[number].nan is NanRule.ZERO:
         threshold = op.threshold[nodes]
         missing_left = threshold > 0 if op.comparison is Comparison.LESS else threshold >= 0
+    filled = chain.value(np.array([np.nan]))
+    if not np.isnan(filled[0]):  # something in front of the trees replaces missing values
+        missing_left = goes_left(op, filled, op.threshold[nodes])
     if not model.accepts_nan:
         missing_left = np.ones(len(nodes), np.bool_)
     return _RankedSplits(nodes, rank[at].astype(np.int64), edges, descending, missing_left)

@@ -94,7 +94,7 @@ def _axes(model: ModelIR, most: int) -> tuple[CellAxis, ...] | None:
     if any(np.any(np.isinf(found)) for found in joined.values()):
         return None
     # a missing value gets a cell of its own; where it equals another one, that one is used in the end
-    axes = [CellAxis(f, e, len(e) + 1 if model.accepts_nan else 0) for f, e in joined.items()]
+    axes = [CellAxis(f, e, len(e) + 1 if model.takes_nan(f) else 0) for f, e in joined.items()]
     axes = [axis for axis in axes if axis.cells > 1]
     size = len(model.outputs)
     for axis in axes:

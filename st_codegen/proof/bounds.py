@@ -177,7 +177,10 @@ def _(op: Linear, operands: list[FloatArray], given: list[FloatArray], result: F
     size = np.abs(operands[0]) @ weights.T + np.abs(op.bias)
     if op.exact:
         return np.where(difference > 0, difference + 2 * gamma(2 * op.operand_width + 1, op.precision) * size, 0.0)
-    return difference + sum_rounding(op.operand_width + 1, size + difference, result, op.precision)
+    terms = op.operand_width + 1
+    if op.bias_terms is not None:
+        terms, size = terms + op.operand_width, size + op.bias_terms
+    return difference + sum_rounding(terms, size + difference, result, op.precision)
 
 
 def sum_rounding(terms: int, size: FloatArray, result: FloatArray, precision: Precision) -> FloatArray:

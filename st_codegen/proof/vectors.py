@@ -53,6 +53,6 @@ def _of_model(model: LoadedModel, compiled: Compiled) -> ReferenceVectors:
         inputs=x,
         expected=model.predict(limited),
         allowed=bounds.difference_bound(ir, limited),
-        refuses_nan=not printed.accepts_nan,
+        refuses_nan=not printed.accepts_nan or bool(printed.must_be_present),
         source=ir.source,
     )

@@ -13,6 +13,7 @@ import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
 from st_codegen.ir import Classes, Feature, FloatArray, Label, ModelIR, Operation, OutputKind, Select, Source
+from st_codegen.ir.missing import Origins, origins_after
 
 #: Rows (rows, features) -> predictions (rows, outputs), computed by the source library alone. Only rows that the
 #: library accepts (`reference.valid_rows`) are passed.
@@ -49,27 +50,30 @@ Walked = int | Classified
 class GraphBuilder:
     """Collects the operations of one model; value 0 is its inputs.
 
-    `accepts_nan` and `magnitude_limits` start at "takes everything"; each part of the model narrows them.
+    `present` (inputs in which NaN is refused) and `magnitude_limits` start at "takes everything"; each part of the
+    model narrows them.
     """
 
     def __init__(self, n_features: int) -> None:
         self.n_features = n_features
         self.ops: list[Operation] = []
-        self.accepts_nan = True
+        self.present: set[int] = set()
         self.magnitude_limits: list[float | None] = [None] * n_features
+        self._origins: list[Origins] = [tuple(range(n_features))]
 
     def add(self, op: Operation) -> int:
         """Append an operation; returns the number of the value it makes."""
         self.ops.append(op)
+        self._origins.append(origins_after(op, [self._origins[value] for value in op.inputs]))
         return len(self.ops)
 
     def width(self, value: int) -> int:
         """Number of columns of a value."""
         return self.n_features if value == 0 else self.ops[value - 1].width
 
-    def refuse_nan(self) -> None:
-        """The library raises for a row with NaN."""
-        self.accepts_nan = False
+    def refuse_nan(self, value: int = 0) -> None:
+        """The library raises for a row with NaN in a value: in inputs that reach it without being replaced."""
+        self.present.update(origin for origin in self._origins[value] if origin is not None)
 
     def refuse_magnitude(self, limit: float, features: Iterable[int] | None = None) -> None:
         """The library raises for numbers of magnitude `limit` and above (infinity: for infinities only) in features."""
@@ -81,6 +85,7 @@ class GraphBuilder:
         """The finished model. Its outputs are the columns of the last value, or all that a classifier computes."""
         outputs: tuple[str, ...]
         classes = None
+        present, read = self.present, self._read()
         if isinstance(result, Classified):
             outputs, classes = self._select_outputs(result)
         else:
@@ -92,10 +97,17 @@ class GraphBuilder:
             ops=tuple(self.ops),
             outputs=outputs,
             source=source,
-            accepts_nan=self.accepts_nan,
+            accepts_nan=not present.issuperset(read),
+            must_be_present=() if present.issuperset(read) else tuple(sorted(present)),
             magnitude_limits=tuple(self.magnitude_limits),
             classes=classes,
         )
+
+    def _read(self) -> set[int]:
+        """The inputs that any operation reads; no model takes NaN for the sake of the others alone."""
+        direct = any(0 in op.inputs and not isinstance(op, Select) for op in self.ops)
+        used = {origin for origins in self._origins[1:] for origin in origins if origin is not None}
+        return set(range(self.n_features)) if direct else used
 
     def _select_outputs(self, result: Classified) -> tuple[tuple[str, ...], Classes]:
         """Pick the outputs of a classifier as the last value; their names, and what each is."""
@@ -120,7 +132,11 @@ EstimatorWalker = Callable[[Any, GraphBuilder, int], Walked]
 #: Packages whose fitted objects are walked, each by the modules of the folder of its name, and the libraries' names.
 LIBRARIES = {"sklearn": "scikit-learn", "lightgbm": "LightGBM", "xgboost": "XGBoost"}
 
+#: Adds the operations of a fitted estimator's `transform`.
+TransformWalker = Callable[[Any, GraphBuilder, int], int]
+
 _WALKERS: dict[tuple[str, str], EstimatorWalker] = {}
+_TRANSFORMS: dict[tuple[str, str], TransformWalker] = {}
 _TRUSTED: set[str] = set()
 
 
@@ -136,6 +152,19 @@ def walks(*classes: str, trusts: Iterable[str] = ()) -> Callable[[EstimatorWalke
         for name in classes:
             package, class_name = name.split(".")
             _WALKERS[package, class_name] = walker
+        return walker
+
+    return register
+
+
+def transforms(*classes: str, trusts: Iterable[str] = ()) -> Callable[[TransformWalker], TransformWalker]:
+    """As `walks`, for what classes compute by `transform`: inside a Pipeline, or alone where they predict nothing."""
+
+    def register(walker: TransformWalker) -> TransformWalker:
+        _TRUSTED.update(trusts)
+        for name in classes:
+            package, class_name = name.split(".")
+            _TRANSFORMS[package, class_name] = walker
         return walker
 
     return register
@@ -163,6 +192,24 @@ def known_walkers(package: str) -> dict[str, EstimatorWalker]:
     return {name: walker for (owner, name), walker in _WALKERS.items() if owner == package}
 
 
+def known_transforms(package: str) -> dict[str, TransformWalker]:
+    """The walkers of a library's `transform` by the names of their classes."""
+    if package in LIBRARIES:
+        _import_walkers(package)
+    return {name: walker for (owner, name), walker in _TRANSFORMS.items() if owner == package}
+
+
+def walk_transform(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """Add the operations of a fitted estimator's `transform`. Raises UnsupportedModelError where it has no walker."""
+    package, name = type(estimator).__module__.partition(".")[0], type(estimator).__name__
+    walker = known_transforms(package).get(name)
+    if walker is not None:
+        return walker(estimator, builder, value)
+    if name in known_walkers(package):
+        raise UnsupportedModelError(f"{name} is compiled where it predicts, not as a step that transforms")
+    raise unsupported(package, name)
+
+
 def walk_estimator(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Add the operations of a fitted estimator that computes numbers; errors as in `walk_any`."""
     result = walk_any(estimator, builder, value)
@@ -182,7 +229,9 @@ def walk_classifier(estimator: Any, builder: GraphBuilder, value: int) -> Classi
 def walk_any(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
     """Add the operations of any fitted estimator. Raises UnsupportedModelError for a class that has no walker."""
     package = type(estimator).__module__.partition(".")[0]
-    walker = known_walkers(package).get(type(estimator).__name__)
+    walker: EstimatorWalker | None = known_walkers(package).get(type(estimator).__name__)
+    if walker is None and not hasattr(estimator, "predict"):
+        walker = known_transforms(package).get(type(estimator).__name__)
     if walker is None:
         raise unsupported(package, type(estimator).__name__)
     return walker(estimator, builder, value)
@@ -190,7 +239,7 @@ def walk_any(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
 
 def is_known(package: str, name: str) -> bool:
     """Whether a class of a library is compiled."""
-    return name in known_walkers(package)
+    return name in known_walkers(package) or name in known_transforms(package)
 
 
 #: What does the work of a class that is not compiled, for messages.
@@ -200,9 +249,10 @@ _NEAR = {
     "GaussianProcessRegressor": "SVR with kernel='rbf'",
     "KernelRidge": "SVR",
     "AdaBoostRegressor": "GradientBoostingRegressor and RandomForestRegressor",
-    "BaggingRegressor": "RandomForestRegressor",
-    "SGDRegressor": "Ridge and ElasticNet",
-    "PolynomialFeatures": "SVR with kernel='poly', or columns that the PLC computes",
+    "KNNImputer": "SimpleImputer (KNNImputer searches all training rows for each missing value, others for each set of "
+    "missing columns)",
+    "IterativeImputer": "SimpleImputer",
+    "KernelPCA": "Nystroem and PCA",
 }
 
 

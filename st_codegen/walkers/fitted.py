@@ -84,7 +84,11 @@ class Fitted:
 
     def flags(self, name: str, *shapes: Shape) -> BoolArray:
         """Truth values."""
-        return self._array(name, self.get(name), "b", shapes)
+        return self.flags_of(name, self.get(name), *shapes)
+
+    def flags_of(self, name: str, value: Any, *shapes: Shape) -> BoolArray:
+        """As `flags`, for a value that stands inside an attribute."""
+        return self._array(name, value, "b", shapes)
 
     def flag(self, name: str) -> bool:
         """One truth value."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from st_codegen.walkers.base import LIBRARIES, known_walkers
+from st_codegen.walkers.base import LIBRARIES, known_transforms, known_walkers
 from st_codegen.walkers.lightgbm.model import OBJECTIVES as LIGHTGBM_OBJECTIVES
 from st_codegen.walkers.xgboost.model import OBJECTIVES as XGBOOST_OBJECTIVES
 
@@ -21,6 +21,8 @@ def supported() -> Iterator[tuple[str, str, tuple[str, ...]]]:
         for gives in _GIVES.values():
             if gives in found:
                 yield library, gives, tuple(sorted(found[gives]))
+        if known_transforms(package):
+            yield library, "columns, in a Pipeline or alone", tuple(sorted(known_transforms(package)))
     yield "LightGBM", "objectives", LIGHTGBM_OBJECTIVES
     yield "XGBoost", "objectives", XGBOOST_OBJECTIVES
     try:

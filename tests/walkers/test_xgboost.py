@@ -416,10 +416,10 @@ def test_no_rows_give_no_predictions(tmp_path: Path) -> None:
     assert saved(train({}, matrix(x, label=y)), tmp_path).predict(np.zeros((0, 3))).shape == (0, 1)
 
 
-@pytest.mark.parametrize("field", ["fill", "sentinel"])
-def test_fill_of_missing_values_must_be_finite(field: str) -> None:
-    with pytest.raises(InputError, match=r"FillMissing: fill .* or sentinel .* is not finite"):
-        FillMissing((0,), 1, **{field: np.inf})
+@pytest.mark.parametrize(("fill", "sentinel"), [(np.inf, None), (0.0, np.inf)])
+def test_fill_of_missing_values_must_be_finite(fill: float, sentinel: float | None) -> None:
+    with pytest.raises(InputError, match=r"FillMissing.* not finite"):
+        FillMissing((0,), np.array([fill]), sentinel)
 
 
 @examples()

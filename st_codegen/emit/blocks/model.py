@@ -24,12 +24,11 @@ from st_codegen.ir import (
     Feature,
     Linear,
     ModelIR,
-    Operation,
     Output,
     Rank,
     Select,
-    TreeEnsemble,
 )
+from st_codegen.ir.missing import Origins, origins_after
 
 CLASS_OUTPUT = "nClass"
 
@@ -221,7 +220,9 @@ def check_inputs(model: ModelIR, inputs: tuple[BlockVariable, ...], listing: Lis
     listing.loop("nColumn", len(inputs))
     listing.locals("BOOL", "bUsable", *(["bInside"] if is_ranged(model) else []))
     if model.accepts_nan:
-        listing.local("abMissing", "BOOL", len(inputs))
+        # one more, which is never set, for columns in which missing values were replaced
+        replaced = any(None in origins for origins in _missing_inputs(model)[:-1])
+        listing.local("abMissing", "BOOL", len(inputs) + replaced)
     largest = float(np.finfo(np.float64).max)  # the range of a feature that declares none
     lower = upper = limit = flag_lower = flag_upper = None
     flagged = [feature.flagged or (-largest, largest) for feature in model.features]
@@ -253,6 +254,11 @@ def check_inputs(model: ModelIR, inputs: tuple[BlockVariable, ...], listing: Lis
         "inputs, checked",
         "inputs",
         accepts_nan=model.accepts_nan,
+        present=(
+            listing.table("MUST_BE_PRESENT", "DINT", [int(not model.takes_nan(n)) for n in range(len(inputs))])
+            if model.accepts_nan and model.must_be_present
+            else None
+        ),
         last=len(inputs) - 1,
         lower=lower,
         upper=upper,
@@ -284,7 +290,11 @@ def _operations(model: ModelIR, listing: Listing) -> None:
             result=result,
             ranks=model.reads_ranks(op),
             whole=whole,
-            missing=missing[op.inputs[0]] if model.accepts_nan else None,
+            missing=(
+                tuple(len(model.features) if origin is None else origin for origin in missing[op.inputs[0]])
+                if model.accepts_nan
+                else None
+            ),
             fits_real=op.inputs == (0,)
             and all((limit or np.inf) <= FLOAT32_OVERFLOW for limit in model.magnitude_limits),
         )
@@ -333,22 +343,9 @@ def _layers(model: ModelIR) -> dict[int, tuple[Linear, Activation]]:
     return found
 
 
-def _missing_inputs(model: ModelIR) -> list[tuple[int, ...]]:
-    """For each value and column, the input that decides whether it is missing.
-
-    An operation that mixes columns passes no missing value on: `walkers` let a model accept NaN only where its trees
-    read columns that came through one by one.
-    """
-    values = [tuple(range(len(model.features)))]
+def _missing_inputs(model: ModelIR) -> list[Origins]:
+    """For each value and column, the input that decides whether it is missing."""
+    values: list[Origins] = [tuple(range(len(model.features)))]
     for op in model.ops:
-        values.append(_missing_after(op, [values[value] for value in op.inputs]))
+        values.append(origins_after(op, [values[value] for value in op.inputs]))
     return values
-
-
-def _missing_after(op: Operation, operands: list[tuple[int, ...]]) -> tuple[int, ...]:
-    if isinstance(op, Select):
-        joined = sum(operands, ())
-        return tuple(joined[column] for column in op.columns)
-    if isinstance(op, Rank | TreeEnsemble):
-        return (0,) * op.width
-    return operands[0] if op.width == len(operands[0]) else (0,) * op.width

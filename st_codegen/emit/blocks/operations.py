@@ -151,7 +151,11 @@ def _(op: FillMissing, step: Step, listing: Listing) -> None:
         "fill_missing",
         step=step,
         last=op.width - 1,
-        fill=listing.constant(step.table("FILL"), op.fill),
+        fill=(
+            listing.constant(step.table("FILL"), float(op.fill[0]))
+            if np.all(op.fill == op.fill[0])
+            else f"{listing.table(step.table('FILL'), 'LREAL', op.fill)}[nColumn]"
+        ),
         sentinel=None if op.sentinel is None else listing.constant(step.table("SENTINEL"), op.sentinel),
         flags=None if step.missing is None else listing.table(step.table("FLAG_INPUT"), "DINT", step.missing),
     )

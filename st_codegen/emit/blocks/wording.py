@@ -89,6 +89,7 @@ _MEANINGS = {
     "ACCEPTED_INPUT": "inputs of which not all numbers have an answer",
     "ACCEPTED_LOWER": "smallest number of each that has one",
     "ACCEPTED_UPPER": "largest number of each that has one",
+    "MUST_BE_PRESENT": "1: without this input there is no answer",
     "INPUT_LIMIT": "largest magnitude that is accepted; 0.0: no limit",
     "INTERCEPT": "constant of the sum",
     "TEST_ALLOWED": "how far each output may lie from it",

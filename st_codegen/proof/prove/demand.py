@@ -197,14 +197,14 @@ class Demand:
     @value.register
     def _(self, op: FillMissing, given: list[list[Value]]) -> list[Value]:
         result = []
-        for x, missing in zip(given[0], self.missing[op.inputs[0]], strict=True):
+        for x, missing, fill in zip(given[0], self.missing[op.inputs[0]], op.fill.tolist(), strict=True):
             value: Value = x
             if op.sentinel is not None:
                 apart = self.terms.real("abs", self.terms.real("sub", x, op.sentinel))
                 condition = self.terms.negated(self.terms.compare("GT", apart, 0.0))
-                value = self._where(condition, lambda: op.fill, lambda x=x: x)  # type: ignore[misc]
+                value = self._where(condition, lambda fill=fill: fill, lambda x=x: x)  # type: ignore[misc]
             if self.model.accepts_nan:
-                value = self._where(missing, lambda: op.fill, lambda v=value: v)  # type: ignore[misc]
+                value = self._where(missing, lambda fill=fill: fill, lambda v=value: v)  # type: ignore[misc]
             result.append(value)
         return result
 

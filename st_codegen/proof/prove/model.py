@@ -191,7 +191,7 @@ def _step(op: Operation, number: int) -> Operation | None:
     if isinstance(op, Clip):
         return Clip((0,), op.lower[number : number + 1], op.upper[number : number + 1])
     if isinstance(op, FillMissing) and op.sentinel is None:
-        return FillMissing((0,), 1, op.fill)
+        return FillMissing((0,), op.fill[number : number + 1])
     return None
 
 

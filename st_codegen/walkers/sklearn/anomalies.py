@@ -71,7 +71,7 @@ def _usual_length(samples: int) -> float:
 def walk_envelope(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """Minus the square of Mahalanobis' distance against `offset_` (`_elliptic_envelope.py: predict`)."""
     fitted = Fitted(estimator)
-    refuse_nan_and_infinity(builder)
+    refuse_nan_and_infinity(builder, value)
     width = builder.width(value)
     precision = fitted.floats("precision_", (width, width))
     centred = builder.add(Scale((value,), Operator.SUBTRACT, fitted.floats("location_", (width,))))
@@ -87,7 +87,7 @@ def walk_envelope(estimator: Any, builder: GraphBuilder, value: int) -> Classifi
 def walk_clusters(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """The nearest centre, the first of equal ones (`cluster/_k_means_lloyd.pyx: lloyd_iter_chunked_dense`)."""
     fitted = Fitted(estimator)
-    refuse_nan_and_infinity(builder)
+    refuse_nan_and_infinity(builder, value)
     centres = fitted.floats("cluster_centers_", (None, builder.width(value)))
     near = negative_square_distances(builder, value, centres)
     return Classified(tuple(range(len(centres))), largest(builder, near))
@@ -101,7 +101,7 @@ def walk_mixture(estimator: Any, builder: GraphBuilder, value: int) -> Classifie
         raise UnsupportedModelError(
             f"GaussianMixture with covariance_type={estimator.covariance_type!r}: supported are 'full' and 'tied'"
         )
-    refuse_nan_and_infinity(builder)
+    refuse_nan_and_infinity(builder, value)
     width = builder.width(value)
     means = fitted.floats("means_", (None, width))
     count = len(means)

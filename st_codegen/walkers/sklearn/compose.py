@@ -14,15 +14,34 @@ import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
 from st_codegen.ir import Activation, Clip, FloatArray, Function, Int32Array, Operator, Scale, Select
-from st_codegen.walkers.base import GraphBuilder, Walked, walk_any, walk_estimator, walks
+from st_codegen.walkers.base import (
+    GraphBuilder,
+    Walked,
+    transforms,
+    walk_any,
+    walk_estimator,
+    walk_transform,
+    walks,
+)
 from st_codegen.walkers.fitted import Fitted
+from st_codegen.walkers.sklearn.transforms import side_by_side, weighted
 
 Steps = list[tuple[Operator, FloatArray]]
+
+
+@transforms("sklearn.Pipeline")
+def walk_preparation(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """The steps, one after another; none of them predicts."""
+    for _, step in Fitted(estimator).items("steps"):
+        value = _walk_or_pass(step, builder, value)
+    return value
 
 
 @walks("sklearn.Pipeline")
 def walk_pipeline(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
     """The steps, one after another; the last one may be a classifier."""
+    if not hasattr(estimator, "predict"):
+        return walk_preparation(estimator, builder, value)
     steps = Fitted(estimator).items("steps")
     _, last = steps[-1]
     for _, step in steps[:-1]:
@@ -44,7 +63,7 @@ def walk_elimination(estimator: Any, builder: GraphBuilder, value: int) -> Walke
     return walk_any(fitted.get("estimator_"), builder, builder.add(Select((value,), left)))
 
 
-@walks("sklearn.ColumnTransformer")
+@transforms("sklearn.ColumnTransformer")
 def walk_columns(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Each transformer on its own columns; results side by side in the order of `transformers_`."""
     fitted = Fitted(estimator)
@@ -53,13 +72,11 @@ def walk_columns(estimator: Any, builder: GraphBuilder, value: int) -> int:
         columns = selected_columns(fitted, name, given, builder.width(value))
         if len(columns) == 0 or (isinstance(transformer, str) and transformer == "drop"):
             continue
-        parts.append(_walk_or_pass(transformer, builder, builder.add(Select((value,), columns))))
+        part = _walk_or_pass(transformer, builder, builder.add(Select((value,), columns)))
+        parts.append(weighted(builder, part, fitted.get("transformer_weights"), name, fitted))
     if not parts:
         raise UnsupportedModelError("ColumnTransformer drops every column")
-    if fitted.get("transformer_weights") is not None:
-        raise UnsupportedModelError("ColumnTransformer with transformer_weights")
-    total = sum(builder.width(part) for part in parts)
-    return builder.add(Select(tuple(parts), np.arange(total, dtype=np.int32)))
+    return side_by_side(builder, parts)
 
 
 def selected_columns(fitted: Fitted, name: str, given: Any, width: int) -> Int32Array:
@@ -110,7 +127,7 @@ def walk_transformed_target(estimator: Any, builder: GraphBuilder, value: int) -
     )
 
 
-@walks("sklearn.StandardScaler", "sklearn.MinMaxScaler", "sklearn.RobustScaler", "sklearn.MaxAbsScaler")
+@transforms("sklearn.StandardScaler", "sklearn.MinMaxScaler", "sklearn.RobustScaler", "sklearn.MaxAbsScaler")
 def walk_scaler(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """The forward transformation of a scaler."""
     fitted = Fitted(estimator)
@@ -146,7 +163,7 @@ def _reach(steps: Steps, low: float, high: float, width: int) -> FloatArray:
         reach[short] *= 2.0
 
 
-@walks("sklearn.FunctionTransformer")
+@transforms("sklearn.FunctionTransformer")
 def walk_function(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """A NumPy function of each column."""
     if Fitted(estimator).get("kw_args"):
@@ -158,7 +175,7 @@ def walk_function(estimator: Any, builder: GraphBuilder, value: int) -> int:
 
 def _walk_or_pass(step: Any, builder: GraphBuilder, value: int) -> int:
     """A step of a composition; 'passthrough' and None hand their input on."""
-    return value if step is None or isinstance(step, str) else walk_estimator(step, builder, value)
+    return value if step is None or isinstance(step, str) else walk_transform(step, builder, value)
 
 
 def _standard(scaler: Fitted, width: int) -> Steps:

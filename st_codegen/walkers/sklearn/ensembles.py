@@ -160,7 +160,7 @@ def walk_ada_boost(estimator: Any, builder: GraphBuilder, value: int) -> Classif
     count = len(labels)
     if count < 2:
         raise UnsupportedModelError("AdaBoostClassifier with one class")
-    refuse_nan_and_infinity(builder)
+    refuse_nan_and_infinity(builder, value)
     weights = fitted.floats("estimator_weights_", (None,))[: len(parts)]
     columns, table = [], []
     for part, weight in zip(parts, weights, strict=True):
@@ -283,7 +283,7 @@ def walk_chain(estimator: Any, builder: GraphBuilder, value: int) -> int:
     fitted = Fitted(estimator)
     parts = fitted.items("estimators_")
     order = fitted.integers_of("order_", np.asarray(fitted.get("order_")), (len(parts),), low=0, high=len(parts) - 1)
-    refuse_nan_and_infinity(builder)
+    refuse_nan_and_infinity(builder, value)
     given: list[int] = []
     for part in parts:
         given.append(walk_estimator(part, builder, _side_by_side(builder, [value, *given])))

@@ -27,7 +27,7 @@ def load_object(estimator: Any, name: str) -> LoadedModel:
     result = walk_any(estimator, builder, 0)
     notes: tuple[str, ...] = ()
     if not hasattr(estimator, "predict"):
-        builder.refuse_nan()  # the library hands NaN on, and the block has no output for it
+        builder.refuse_nan(len(builder.ops))  # the library hands NaN on, and the block has no output for it
         notes = ("computes transform; a row with NaN is not valid",)
     if any(jobs is not None and jobs != 1 for jobs in _jobs(estimator).values()):
         # a forest adds its trees in the order in which its jobs finish: two calls differ in their last bits
@@ -46,6 +46,8 @@ def _parts(estimator: Any) -> Iterator[tuple[str, Any]]:
     """The estimators inside a composition."""
     if hasattr(estimator, "steps"):
         yield from estimator.steps
+    elif hasattr(estimator, "transformer_list"):
+        yield from estimator.transformer_list
     elif hasattr(estimator, "transformers_"):
         yield from ((name, part) for name, part, _ in estimator.transformers_)
     elif hasattr(estimator, "regressor_"):
@@ -106,7 +108,8 @@ def _predictor(estimator: Any, result: Walked) -> Predictor:
             rows = _with_names(x, names)
             found = compute(rows)
             if not isinstance(result, Classified):
-                return np.asarray(found, np.float64).reshape(len(x), -1)
+                dense = found.toarray() if hasattr(found, "toarray") else found
+                return np.asarray(dense, np.float64).reshape(len(x), -1)
             parts = [numbers_of(result.labels, found)]
             if result.probability is not None:
                 parts.append(np.asarray(estimator.predict_proba(rows), np.float64))

@@ -18,9 +18,9 @@ from st_codegen.walkers.classes import above, complement, labels_of, largest, so
 from st_codegen.walkers.fitted import Fitted
 
 
-def refuse_nan_and_infinity(builder: GraphBuilder) -> None:
+def refuse_nan_and_infinity(builder: GraphBuilder, value: int) -> None:
     """scikit-learn's `check_array` raises for both."""
-    builder.refuse_nan()
+    builder.refuse_nan(value)
     builder.refuse_magnitude(math.inf)
 
 
@@ -28,7 +28,7 @@ def _weighted_sum(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """`X @ coef_.T + intercept_` (`sklearn/linear_model/_base.py: LinearModel._decision_function`)."""
     width = builder.width(value)
     weights = np.atleast_2d(fitted.floats("coef_", (width,), (None, width)))
-    refuse_nan_and_infinity(builder)
+    refuse_nan_and_infinity(builder, value)
     intercept = fitted.floats("intercept_", (), (1,), (len(weights),))
     return builder.add(Linear((value,), weights, np.broadcast_to(intercept, (len(weights),))))
 
@@ -133,7 +133,7 @@ def block_sums(builder: GraphBuilder, value: int, blocks: int, weight: float, bi
 def walk_gaussian_bayes(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """`naive_bayes.py: GaussianNB._joint_log_likelihood`, its constants computed as there."""
     fitted = Fitted(estimator)
-    refuse_nan_and_infinity(builder)
+    refuse_nan_and_infinity(builder, value)
     width = builder.width(value)
     means = fitted.floats("theta_", (None, width))
     variances = fitted.floats("var_", means.shape)
@@ -152,7 +152,7 @@ def walk_gaussian_bayes(estimator: Any, builder: GraphBuilder, value: int) -> Cl
 def walk_discrete_bayes(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """`naive_bayes.py: _joint_log_likelihood` of these classes, constants computed as there."""
     fitted = Fitted(estimator)
-    refuse_nan_and_infinity(builder)
+    refuse_nan_and_infinity(builder, value)
     width = builder.width(value)
     weights = fitted.floats("feature_log_prob_", (None, width))
     constant = fitted.floats("class_log_prior_", (len(weights),))
@@ -172,7 +172,7 @@ def walk_discrete_bayes(estimator: Any, builder: GraphBuilder, value: int) -> Cl
 def walk_quadratic(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """`discriminant_analysis.py: QuadraticDiscriminantAnalysis._decision_function`, class by class."""
     fitted = Fitted(estimator)
-    refuse_nan_and_infinity(builder)
+    refuse_nan_and_infinity(builder, value)
     width = builder.width(value)
     means = fitted.floats("means_", (None, width))
     count = len(means)
@@ -209,7 +209,7 @@ def walk_nearest_centroid(estimator: Any, builder: GraphBuilder, value: int) -> 
             f"NearestCentroid with metric={estimator.metric!r} and priors {prior[:3]}: supported are "
             "metric='euclidean' and equal priors (priors='uniform')"
         )
-    refuse_nan_and_infinity(builder)
+    refuse_nan_and_infinity(builder, value)
     centres = fitted.floats("centroids_", (len(labels), builder.width(value)))
     return Classified(labels, largest(builder, negative_square_distances(builder, value, centres)))
 

@@ -78,7 +78,7 @@ class _Machine:
     def add(self, builder: GraphBuilder, value: int, coefficients: FloatArray) -> int:
         """The sums of kernels with these coefficients (sums, vectors), plus the intercepts."""
         fitted = self.fitted
-        refuse_nan_and_infinity(builder)
+        refuse_nan_and_infinity(builder, value)
         if not len(self.vectors):  # every target lies within epsilon of the mean: a constant
             return builder.add(Linear((value,), np.zeros((len(coefficients), builder.width(value))), self.intercept))
         return builder.add(
@@ -172,7 +172,7 @@ def walk_mlp(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
     last = len(layers) - 1
     biases = fitted.items("intercepts_", len(layers))
     fitted.integers("n_layers_", (), low=len(layers) + 1, high=len(layers) + 1)
-    refuse_nan_and_infinity(builder)
+    refuse_nan_and_infinity(builder, value)
     for layer, (given, given_bias) in enumerate(zip(layers, biases, strict=True)):
         weights = fitted.floats_of(f"coefs_[{layer}]", given, (builder.width(value), None))
         bias = fitted.floats_of(f"intercepts_[{layer}]", given_bias, (weights.shape[1],))
@@ -201,7 +201,7 @@ def walk_kernel_ridge(estimator: Any, builder: GraphBuilder, value: int) -> int:
     width = builder.width(value)
     vectors = fitted.floats("X_fit_", (None, width))
     dual = fitted.floats("dual_coef_", (len(vectors),), (len(vectors), None)).reshape(len(vectors), -1)
-    refuse_nan_and_infinity(builder)
+    refuse_nan_and_infinity(builder, value)
     return builder.add(
         KernelSum(
             inputs=(value,),

@@ -155,7 +155,7 @@ def add_float32_trees(
     if any(tree.value.shape[1:] != wanted for tree in structures):
         raise fitted.fail("tree_", f"leaves that do not hold {wanted[0] * wanted[1]} numbers")
     if not fitted.estimator.__sklearn_tags__().input_tags.allow_nan:
-        builder.refuse_nan()
+        builder.refuse_nan(value)
     builder.refuse_magnitude(FLOAT32_OVERFLOW)
     sizes = np.array([tree.node_count for tree in structures])
     offset = np.concatenate([[0], np.cumsum(sizes)[:-1]])

@@ -465,7 +465,7 @@ def _add_linear(weights: FloatArray, builder: GraphBuilder, value: int, base: fl
     """
     width = len(weights) - 1
     rounded = builder.add(Round((value,), width))
-    filled = builder.add(FillMissing((rounded,), width, sentinel=sentinel))
+    filled = builder.add(FillMissing((rounded,), np.zeros(width), sentinel))
     bias = (weights[-1] + base).astype(np.float32).astype(np.float64)
     return builder.add(Linear((filled,), weights[:-1].T, bias, SummationOrder.SEQUENTIAL, Precision.FLOAT32))
 
