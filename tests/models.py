@@ -23,6 +23,7 @@ from st_codegen.ir import (
     Norm,
     Normalize,
     Operator,
+    Piecewise,
     Precision,
     Round,
     Scale,
@@ -187,6 +188,8 @@ def _rng():
 W = np.array([[0.5, -1.25, 2.0], [1.0, 0.0, -0.75]])
 VECTORS = np.array([[0.1, 0.2, 0.3], [-1.0, 0.5, 2.0], [0.0, 0.0, 1.0]])
 
+PIECES = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [5.0, 0.0], [5.0, -2.0], [-1.0, 0.0], [0.5, 0.0], [0.25, 0.0]])
+
 #: One model for each operation and each of its variants.
 SMALL_MODELS = {
     "select": model(Select((0,), [2, 0, 0])),
@@ -219,6 +222,30 @@ SMALL_MODELS = {
         must_be_present=(2,),
     ),
     "fill sentinel": model(FillMissing((0,), [0.0, 0.0, 0.0], sentinel=-999.0)),
+    "piecewise constant": model(
+        Piecewise(
+            (0,),
+            [0, 2, 2, 3],
+            [-1.0, 0.5, 1e-35],
+            [4.0, np.inf, 7.0],
+            [[1.0], [np.inf], [2.0], [9.0], [5.0], [6.0]],
+            [np.nan, 8.0, 3.0],
+        ),
+        FillMissing((1,), [-5.0, 0.0, 0.0]),
+        accepts_nan=True,
+    ),
+    "piecewise linear": model(
+        Piecewise((0,), [0, 2, 4, 5], [0.0, 1.0, -1.0, 2.0, 0.5], [0.0, 1.0, 5.0, -1.0, 2.0], PIECES)
+    ),
+    "piecewise quadratic": model(
+        Piecewise(
+            (0,),
+            [0, 2, 4, 5],
+            [0.0, 1.0, -1.0, 2.0, 0.5],
+            [0.0, 1.0, 5.0, -1.0, 2.0],
+            np.hstack([PIECES, PIECES[:, 1:]]),
+        )
+    ),
     "clip": model(Clip((0,), [-1.0, 0.0, -2.0], [1.0, 0.5, 2.0])),
     "exceeds": model(Exceeds((0,), [0.5, 0.0, -1.0])),
     "exceeds or equals": model(Exceeds((0,), [0.5, 0.0, -1.0], inclusive=True)),

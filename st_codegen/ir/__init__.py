@@ -53,6 +53,7 @@ from st_codegen.ir.operations import (
     Scale,
     Select,
 )
+from st_codegen.ir.pieces import Piecewise
 from st_codegen.ir.trees import (
     LinearLeaves,
     TreeColumn,
@@ -98,6 +99,7 @@ __all__ = [
     "Operator",
     "Output",
     "OutputKind",
+    "Piecewise",
     "Precision",
     "Quotient",
     "Rank",

@@ -33,6 +33,7 @@ from st_codegen.ir import (
     Normalize,
     Operation,
     Operator,
+    Piecewise,
     Precision,
     Rank,
     Round,
@@ -138,6 +139,13 @@ def _(op: Round, operands: list[FloatArray], given: list[FloatArray], result: Fl
 def _(op: ColumnFunction, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     moved = op.slope(operands[0], given[0]) * given[0]
     return _rounding(op, result, moved) if op.computes else moved
+
+
+@step.register
+def _(op: Piecewise, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    moved = np.where(given[0] > 0, op.slope(operands[0], given[0]) * given[0], 0.0)
+    # a power of the argument, by whatever formula: no more than sixteen roundings, of numbers as large as its terms
+    return moved + 2 * gamma(16 * (op.degree + 1), Precision.FLOAT64) * (op.terms(operands[0]) + moved) * op.computes
 
 
 @step.register

@@ -8,12 +8,14 @@ from functools import singledispatch
 import numpy as np
 
 from st_codegen.ir import (
+    Exceeds,
     Feature,
     FloatArray,
     KernelSum,
     ModelIR,
     Operation,
     Operator,
+    Piecewise,
     Scale,
     Select,
     TreeEnsemble,
@@ -142,6 +144,11 @@ def _critical_points(model: ModelIR) -> list[tuple[FloatArray, FloatArray]]:
     near: list[list[FloatArray]] = [[] for _ in model.features]
     changeover: list[list[FloatArray]] = [[] for _ in model.features]
     for op in model.ops:
+        if isinstance(op, Exceeds | Piecewise):
+            for place, values in enumerate(_typical(op)):
+                feature, steps = _origin(model, op.inputs[0], place)
+                if feature is not None:
+                    near[feature].append(_neighbours(_undone(values, steps)))
         if not isinstance(op, TreeEnsemble):
             continue
         for number, column in enumerate(op.columns):
@@ -255,6 +262,16 @@ def _(op: Scale) -> list[FloatArray]:
         return []
     ends = np.array([-3.0, 3.0]) if op.operator in (Operator.MULTIPLY, Operator.DIVIDE) else np.array([-1.0, 1.0])
     return [_undone(ends, [(op.operator, False, float(constant))]) for constant in op.constant]
+
+
+@_typical.register
+def _(op: Exceeds) -> list[FloatArray]:
+    return list(op.cut[:, None])
+
+
+@_typical.register
+def _(op: Piecewise) -> list[FloatArray]:
+    return np.split(op.knots, op.start[1:-1])
 
 
 @_typical.register

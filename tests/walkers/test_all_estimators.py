@@ -45,7 +45,6 @@ OTHER_DATA = {
     "FrozenEstimator": "is fitted before it is made",
     "ClassifierChain": "takes several labels a row",
     "MultiOutputClassifier": "takes several labels a row",
-    "IsotonicRegression": "takes one column",
 }
 
 

@@ -1,5 +1,6 @@
 """What scikit-learn computes by `transform`: alone, in pipelines, and with missing values, against the library."""
 
+import contextlib
 import warnings
 
 import numpy as np
@@ -17,8 +18,20 @@ from sklearn import (
 from sklearn.compose import ColumnTransformer
 from sklearn.ensemble import HistGradientBoostingRegressor, RandomForestRegressor
 from sklearn.feature_selection import RFE, SelectKBest, VarianceThreshold
+from sklearn.impute import KNNImputer, MissingIndicator, SimpleImputer
+from sklearn.isotonic import IsotonicRegression
 from sklearn.pipeline import FeatureUnion, make_pipeline
-from sklearn.preprocessing import MinMaxScaler, StandardScaler
+from sklearn.preprocessing import (
+    Binarizer,
+    KBinsDiscretizer,
+    MinMaxScaler,
+    OneHotEncoder,
+    OrdinalEncoder,
+    QuantileTransformer,
+    SplineTransformer,
+    StandardScaler,
+    TargetEncoder,
+)
 from sklearn.tree import DecisionTreeClassifier
 
 from st_codegen.errors import UnsupportedModelError
@@ -52,6 +65,128 @@ TRANSFORMERS = {
         None,
     ),
 }
+
+
+GAPS = np.where(np.random.default_rng(5).random(X.shape) < 0.2, np.nan, X)
+CODES = np.column_stack([np.digitize(X[:, 0], [-1, 0, 1]) * 1.5 - 2.0, np.round(X[:, 1] / 5), THREE])
+CODES_WITH_GAPS = np.where(np.isnan(GAPS), np.nan, CODES)
+#: Beside, between and far from categories.
+NEAR_CODES = np.vstack([CODES, np.nextafter(CODES, 9.0), CODES + 0.5, 100.0 - CODES, CODES_WITH_GAPS])
+
+#: Estimator, training data, answers, rows to try.
+PIECES = {
+    "imputer": (SimpleImputer(add_indicator=True), GAPS, GAPS),
+    "imputer, median": (SimpleImputer(strategy="median"), GAPS, GAPS),
+    "imputer of a number": (SimpleImputer(missing_values=0.0, strategy="constant", fill_value=-3.5), CODES, NEAR_CODES),
+    "imputer of a number, indicated": (
+        SimpleImputer(missing_values=1.0, strategy="most_frequent", add_indicator=True),
+        CODES,
+        NEAR_CODES,
+    ),
+    "imputer, an empty column": (SimpleImputer(), np.column_stack([GAPS, np.full(len(GAPS), np.nan)]), None),
+    "indicator": (MissingIndicator(features="all"), GAPS, GAPS),
+    "indicator of some": (MissingIndicator(), np.column_stack([X[:, 0], GAPS[:, 1:]]), GAPS),
+    "ordinal": (OrdinalEncoder(), CODES, NEAR_CODES),
+    "ordinal, unknown": (
+        OrdinalEncoder(handle_unknown="use_encoded_value", unknown_value=-1, encoded_missing_value=-2),
+        CODES_WITH_GAPS,
+        NEAR_CODES,
+    ),
+    "ordinal, missing stays missing": (OrdinalEncoder(), CODES_WITH_GAPS, NEAR_CODES),
+    "ordinal, rare": (OrdinalEncoder(min_frequency=30), CODES, NEAR_CODES),
+    "one hot": (OneHotEncoder(), CODES, NEAR_CODES),
+    "one hot, ignoring": (OneHotEncoder(handle_unknown="ignore", drop="first"), CODES_WITH_GAPS, NEAR_CODES),
+    "one hot, rare": (
+        OneHotEncoder(handle_unknown="infrequent_if_exist", min_frequency=40, sparse_output=False),
+        CODES,
+        NEAR_CODES,
+    ),
+    "one hot, binary dropped": (OneHotEncoder(drop="if_binary"), (CODES > 0) * 1.0, (NEAR_CODES > 0) * 1.0),
+    "target": (TargetEncoder(random_state=0), CODES, NEAR_CODES),
+    "bins": (KBinsDiscretizer(4, encode="ordinal"), X, None),
+    "bins, one hot": (KBinsDiscretizer([2, 3, 4], encode="onehot"), X, None),
+    "binarizer": (Binarizer(threshold=0.25), X, None),
+    "quantiles": (QuantileTransformer(n_quantiles=30), X, None),
+    "quantiles of few numbers": (QuantileTransformer(n_quantiles=50), np.round(CODES), NEAR_CODES),
+    "splines": (SplineTransformer(), X, None),
+    "splines, quadratic": (SplineTransformer(6, degree=2, knots="quantile", include_bias=False), X, None),
+    "splines and no more": (SplineTransformer(extrapolation="error"), X, None),
+}
+
+
+@pytest.mark.parametrize("name", PIECES)
+def test_functions_in_pieces(name, tmp_path):
+    estimator, x, rows = PIECES[name]
+    model = loaded(fit(estimator, x, SCORE))
+    report = verified(model, tmp_path, rows=200)
+    assert report.exact or "splines" in name or "quantiles" in name
+    rows = np.vstack([x, x * 1.0001, x * 3 - 1]) if rows is None else rows
+    usable, bound = agrees(model, rows)
+    assert np.max(bound) < 1e-12
+    # what the block refuses the library refuses too, or has no number for
+    refused = rows[~usable]
+    for row in refused[:: max(len(refused) // 10, 1)]:
+        with contextlib.suppress(ValueError):
+            assert not np.isfinite(model.predict(row[None])).all()
+
+
+@pytest.mark.parametrize("bounds_rule", ["nan", "clip", "raise"])
+@pytest.mark.parametrize("kind", [np.float64, np.float32])
+def test_isotonic_regression(bounds_rule, kind, tmp_path):
+    x = X[:, 1].astype(kind)
+    model = loaded(IsotonicRegression(out_of_bounds=bounds_rule).fit(x, (SCORE + 0.3 * X[:, 1]).astype(kind)))
+    verified(model, tmp_path, rows=300)
+    rows = np.concatenate([x, np.nextafter(x, 9), [-50.0, 50.0]]).astype(float)[:, None]
+    usable, bound = agrees(model, rows)
+    assert usable[:-2].mean() > 0.98 and usable[-1] == (bounds_rule == "clip")
+    assert np.max(bound) < (1e-12 if kind is np.float64 else 1e-5)
+
+
+def test_pieces_behind_an_inexact_step_say_how_far_they_may_jump():
+    model = loaded(
+        fit(make_pipeline(decomposition.PCA(1), KBinsDiscretizer(4, encode="ordinal"), linear_model.Ridge()), X, SCORE)
+    )
+    usable, bound = agrees(model, ROWS)
+    assert usable.all() and np.median(bound) < 1e-12
+    # the projection of this row is the edge of a bin but for its rounding
+    weights, bias = model.ir.ops[0].weights[0], model.ir.ops[0].bias[0]
+    row = X[:1].copy()
+    row[0, 0] = (model.ir.ops[1].knots[1] - bias - row[0, 1:] @ weights[1:]) / weights[0]
+    assert bounds.difference_bound(model.ir, row)[0, 0] > 0.01
+
+
+def test_missing_values_reach_trees_behind_an_imputer_as_numbers(tmp_path):
+    partly = ColumnTransformer([("a", SimpleImputer(), [0]), ("b", "passthrough", [1, 2])])
+    for trees in (HistGradientBoostingRegressor(max_iter=8), make_pipeline(SimpleImputer(), RandomForestRegressor(4))):
+        report = verified(loaded(fit(make_pipeline(partly, trees), GAPS, SCORE)), tmp_path, rows=400)
+        assert report.exact
+
+
+def test_what_an_imputer_takes_is_refused_beside_it(tmp_path):
+    partly = ColumnTransformer([("a", SimpleImputer(), [0]), ("b", StandardScaler(), [1, 2])])
+    x = np.column_stack([GAPS[:, 0], X[:, 1:]])
+    model = loaded(fit(make_pipeline(partly, linear_model.Ridge()), x, SCORE))
+    assert model.ir.must_be_present == (1, 2)
+    for target in ("twincat", "iec", "plcopen"):
+        verified(model, tmp_path, target, rows=200)
+    usable, _ = agrees(model, GAPS)
+    assert np.array_equal(usable, ~np.isnan(GAPS[:, 1:]).any(axis=1))
+
+
+@pytest.mark.parametrize(
+    ("estimator", "x", "message"),
+    [
+        (SplineTransformer(extrapolation="periodic"), X, "extrapolation='periodic'"),
+        (SplineTransformer(extrapolation="linear"), X, "extrapolation='linear' and degree=3"),
+        (QuantileTransformer(n_quantiles=20, output_distribution="normal"), X, "supported is 'uniform'"),
+        (KNNImputer(), GAPS, "near it: SimpleImputer .KNNImputer searches"),
+        (OneHotEncoder(), np.array([["a"], ["b"]] * 150), "categories that are no numbers"),
+        (OrdinalEncoder(handle_unknown="use_encoded_value", unknown_value=np.nan), CODES, "NaN for unknown categories"),
+    ],
+)
+def test_what_is_refused_says_why(estimator, x, message):
+    with pytest.raises(UnsupportedModelError, match=message):
+        loaded(fit(estimator, x, SCORE))
 
 
 def fit(estimator, x, y):

@@ -22,11 +22,14 @@ from st_codegen.ir import (
     Activation,
     CellTable,
     Feature,
+    FillMissing,
     Linear,
     ModelIR,
     Output,
+    Piecewise,
     Rank,
     Select,
+    TreeEnsemble,
 )
 from st_codegen.ir.missing import Origins, origins_after
 
@@ -221,7 +224,9 @@ def check_inputs(model: ModelIR, inputs: tuple[BlockVariable, ...], listing: Lis
     listing.locals("BOOL", "bUsable", *(["bInside"] if is_ranged(model) else []))
     if model.accepts_nan:
         # one more, which is never set, for columns in which missing values were replaced
-        replaced = any(None in origins for origins in _missing_inputs(model)[:-1])
+        origins = _missing_inputs(model)
+        readers = [op for op in model.ops if isinstance(op, FillMissing | Piecewise | Rank | TreeEnsemble)]
+        replaced = any(None in origins[op.inputs[0]] for op in readers if not model.reads_ranks(op))
         listing.local("abMissing", "BOOL", len(inputs) + replaced)
     largest = float(np.finfo(np.float64).max)  # the range of a feature that declares none
     lower = upper = limit = flag_lower = flag_upper = None

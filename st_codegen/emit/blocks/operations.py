@@ -26,6 +26,7 @@ from st_codegen.ir import (
     Normalize,
     Operation,
     Operator,
+    Piecewise,
     Precision,
     Round,
     Scale,
@@ -146,16 +147,14 @@ def _(op: FillMissing, step: Step, listing: Listing) -> None:
     _declare_result(op, step, listing)
     listing.loop("nColumn", op.width)
     listing.locals("LREAL", "fX")
+    same = bool(np.all(op.fill == op.fill[0]))
     listing.section(
         "missing values filled in",
         "fill_missing",
         step=step,
         last=op.width - 1,
-        fill=(
-            listing.constant(step.table("FILL"), float(op.fill[0]))
-            if np.all(op.fill == op.fill[0])
-            else f"{listing.table(step.table('FILL'), 'LREAL', op.fill)}[nColumn]"
-        ),
+        fill=listing.constant(step.table("FILL"), float(op.fill[0])) if same else None,
+        fills=None if same else listing.table(step.table("FILL"), "LREAL", op.fill),
         sentinel=None if op.sentinel is None else listing.constant(step.table("SENTINEL"), op.sentinel),
         flags=None if step.missing is None else listing.table(step.table("FLAG_INPUT"), "DINT", step.missing),
     )
@@ -186,6 +185,57 @@ def _(op: Exceeds, step: Step, listing: Listing) -> None:
         last=op.width - 1,
         cut=listing.table(step.table("CUT"), "LREAL", op.cut),
         comparison=">=" if op.inclusive else ">",
+    )
+
+
+@lay_out.register
+def _(op: Piecewise, step: Step, listing: Listing) -> None:
+    _declare_result(op, step, listing)
+    listing.loop("nColumn", op.width)
+    listing.locals("LREAL", "fX", "fY")
+    listing.locals("DINT", "nKnot", "nHigh")
+    counts = np.diff(op.start)
+    levels = int(np.max(counts)).bit_length()
+    listing.loop("nLevel", levels)
+    if levels:
+        listing.local("nMiddle", "DINT")
+    if op.degree:
+        listing.local("nBase", "DINT")
+        listing.loop("nPower", op.degree)
+    groups = [Group(f"column {n}", int(op.start[n]), int(op.start[n + 1])) for n in range(op.width) if counts[n]]
+    # one more knot, beyond all numbers, so that none is read behind the end
+    knots = np.append(op.knots, np.finfo(np.float64).max)
+    refused = [np.isinf(op.pieces[:, 0]), np.append(np.isinf(op.at), [False])]
+    stays = np.full(op.width, np.nan) if op.missing is None else op.missing
+    listing.section(
+        f"pieces between {len(op.knots):,} knots",
+        "piecewise",
+        step=step,
+        last=op.width - 1,
+        levels=levels,
+        degree=op.degree,
+        terms=op.degree + 1,
+        start=listing.table(step.table("KNOT_START"), "DINT", op.start),
+        knots=listing.table(step.table("KNOT"), "LREAL", knots, [*groups, Group("", len(op.knots), len(knots))]),
+        at=listing.table(step.table("KNOT_VALUE"), "LREAL", np.append(np.where(refused[1][:-1], 0.0, op.at), [0.0])),
+        pieces=listing.table(
+            step.table("PIECE"),
+            "LREAL",
+            np.where(np.isinf(op.pieces), 0.0, op.pieces)[:, ::-1].ravel(),
+            per_line=op.degree + 1 if op.degree else None,
+        ),
+        refused=(
+            [
+                listing.table(step.table(f"{what}_REFUSED"), "SINT", flags.astype(int))
+                for what, flags in zip(("PIECE", "KNOT"), refused, strict=True)
+            ]
+            if np.any(np.concatenate(refused))
+            else None
+        ),
+        flags=None if step.missing is None else listing.table(step.table("FLAG_INPUT"), "DINT", step.missing),
+        missing=(
+            None if step.missing is None else listing.table(step.table("FILL"), "LREAL", np.nan_to_num(stays, nan=0.0))
+        ),
     )
 
 

@@ -63,6 +63,8 @@ def _description(estimator: Any) -> str:
 def _features(estimator: Any) -> tuple[Feature, ...]:
     """Feature names where the model knows them, else f0, f1, .."""
     count = _first(estimator, "n_features_in_")
+    if count is None and hasattr(estimator, "X_thresholds_"):  # IsotonicRegression takes one column and does not say so
+        count = 1
     if count is None:
         raise InputError(f"{type(estimator).__name__} is not fitted: call fit() before saving it")
     if not isinstance(count, int | np.integer) or not 1 <= count <= MAX_COLUMNS:

@@ -1,0 +1,398 @@
+"""Walkers for what scikit-learn computes of each column by itself, in pieces: imputers, encoders, bins, splines.
+
+What an encoder makes of a category is asked of the encoder itself, so that its rules on unknown, missing, rare and
+dropped categories are the library's own.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from st_codegen.errors import UnsupportedModelError
+from st_codegen.ir import (
+    Combine,
+    Exceeds,
+    FillMissing,
+    FloatArray,
+    Operator,
+    Piecewise,
+    Round,
+    Select,
+)
+from st_codegen.walkers.base import GraphBuilder, transforms, walks
+from st_codegen.walkers.fitted import Fitted
+from st_codegen.walkers.sklearn.linear import refuse_nan_and_infinity
+from st_codegen.walkers.sklearn.transforms import side_by_side
+
+#: Knots, the values on them, the pieces, and what stands for NaN, of one column.
+Column = tuple[Any, Any, Any, float]
+
+
+def add_pieces(builder: GraphBuilder, value: int, columns: Sequence[Column]) -> int:
+    """One function in pieces for each column of a value."""
+    missing = np.array([column[3] for column in columns])
+    degree = max(np.atleast_2d(column[2]).shape[-1] for column in columns)
+    pieces = [np.pad(column[2], ((0, 0), (0, degree - column[2].shape[1]))) for column in columns]
+    return builder.add(
+        Piecewise(
+            (value,),
+            start=np.cumsum([0, *(len(column[0]) for column in columns)]),
+            knots=np.concatenate([column[0] for column in columns]),
+            at=np.concatenate([column[1] for column in columns]),
+            pieces=np.concatenate(pieces),
+            missing=None if np.all(np.isnan(missing)) else missing,
+        )
+    )
+
+
+def _picked(builder: GraphBuilder, value: int, columns: Any) -> int:
+    return builder.add(Select((value,), np.asarray(columns, np.int32)))
+
+
+def _rising(fitted: Fitted, name: str, values: FloatArray) -> FloatArray:
+    if np.any(np.diff(values) <= 0):
+        raise fitted.fail(name, "not rising")
+    return values
+
+
+@transforms("sklearn.Binarizer")
+def walk_binarizer(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """1 above the threshold, else 0."""
+    refuse_nan_and_infinity(builder, value)
+    return builder.add(Exceeds((value,), np.full(builder.width(value), Fitted(estimator).number("threshold"))))
+
+
+def _missing_value(fitted: Fitted, builder: GraphBuilder, value: int) -> float:
+    """The number that counts as missing; where it is not NaN, NaN is refused."""
+    given = fitted.get("missing_values")
+    if not isinstance(given, float | int | np.number):
+        raise UnsupportedModelError(f"{fitted.kind} with missing_values={given!r}: supported are NaN and numbers")
+    builder.refuse_magnitude(math.inf)
+    if not np.isnan(given):
+        builder.refuse_nan(value)
+        return float(fitted.floats_of("missing_values", given, ()))
+    return math.nan
+
+
+def _indicators(builder: GraphBuilder, value: int, missing: float, columns: Any) -> int:
+    """1 in columns that are missing, else 0."""
+    picked = _picked(builder, value, columns)
+    here, nowhere = (np.array([missing]), np.zeros(1)) if not np.isnan(missing) else (np.zeros(0), np.zeros(0))
+    pieces = np.zeros((len(here) + 1, 1))
+    stays = 1.0 if np.isnan(missing) else math.nan
+    return add_pieces(builder, picked, [(here, nowhere + 1.0, pieces, stays)] * len(columns))
+
+
+@transforms("sklearn.MissingIndicator")
+def walk_missing(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """Which columns are missing (`impute/_base.py: MissingIndicator.transform`)."""
+    fitted = Fitted(estimator)
+    columns = fitted.integers("features_", (None,), low=0, high=builder.width(value) - 1)
+    missing = _missing_value(fitted, builder, value)
+    if not len(columns):
+        raise UnsupportedModelError("MissingIndicator without a column that was missing in training")
+    if estimator.features == "missing-only" and fitted.flag("error_on_new"):
+        # other columns that are missing raise
+        others = sorted(set(range(builder.width(value))) - set(columns.tolist()))
+        if others:
+            if not np.isnan(missing):
+                raise UnsupportedModelError("MissingIndicator with error_on_new and missing_values other than NaN")
+            builder.refuse_nan(_picked(builder, value, others))
+    return _indicators(builder, value, missing, columns)
+
+
+@transforms("sklearn.SimpleImputer")
+def walk_imputer(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """A number of its own for each column in place of missing values (`impute/_base.py: SimpleImputer.transform`)."""
+    fitted = Fitted(estimator)
+    width = builder.width(value)
+    given = fitted.get("statistics_")
+    kind = np.dtype(fitted.get("_fill_dtype"))
+    plain = isinstance(given, np.ndarray) and given.shape == (width,)
+    if not plain or kind.kind not in "fiu" or not all(isinstance(v, int | float | np.number) for v in given):
+        raise UnsupportedModelError("SimpleImputer of columns that are no numbers")
+    given = given.astype(np.float64)
+    kept = np.arange(width) if estimator.keep_empty_features else np.flatnonzero(~np.isnan(given))
+    missing = _missing_value(fitted, builder, value)
+    fill = fitted.floats_of("statistics_", given[kept].astype(kind), (len(kept),))
+    if not len(kept):
+        raise UnsupportedModelError("SimpleImputer of columns that were all missing in training")
+    everything = np.array_equal(kept, np.arange(width))
+    picked = value if everything else _picked(builder, value, kept)
+    filled = builder.add(FillMissing((picked,), fill, None if np.isnan(missing) else missing))
+    if not fitted.flag("add_indicator"):
+        return filled
+    inner = Fitted(fitted.get("indicator_"))
+    columns = inner.integers("features_", (None,), low=0, high=width - 1)
+    if not len(columns):
+        return filled
+    return side_by_side(builder, [filled, _indicators(builder, value, missing, columns)])
+
+
+def _categories(fitted: Fitted, builder: GraphBuilder, value: int) -> list[tuple[FloatArray, bool]]:
+    """The rising categories of each column, and whether NaN is one of them."""
+    found = []
+    for number, given in enumerate(fitted.items("categories_", builder.width(value))):
+        if not isinstance(given, np.ndarray) or given.dtype.kind not in "fiub":
+            raise UnsupportedModelError(
+                f"{fitted.kind}: column {number} has categories that are no numbers; a PLC block takes numbers: encode "
+                "them as integers before training"
+            )
+        numbers = given.astype(np.float64)
+        known = _rising(fitted, "categories_", fitted.floats_of("categories_", numbers[~np.isnan(numbers)], (None,)))
+        found.append((known, bool(np.isnan(numbers).any())))
+    builder.refuse_magnitude(math.inf)
+    return found
+
+
+def _answers(estimator: Any, rows: FloatArray, width: int) -> FloatArray:
+    """What an encoder makes of rows (rows, outputs); infinity where it refuses one."""
+    found = np.full((len(rows), width), math.inf)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for number, row in enumerate(rows):
+            try:
+                given = estimator.transform(row[None, :])
+            except ValueError:
+                continue
+            dense = given.toarray() if hasattr(given, "toarray") else given
+            found[number] = np.asarray(dense, np.float64).reshape(-1)
+    return found
+
+
+def _codes(estimator: Any, fitted: Fitted, builder: GraphBuilder, value: int, width: int) -> list[FloatArray]:
+    """For each column the answers on its categories, an unknown number and NaN, shape (categories + 2, outputs)."""
+    categories = _categories(fitted, builder, value)
+    first = np.array([known[0] if len(known) else math.nan for known, _ in categories])
+    found = []
+    for column, (known, _) in enumerate(categories):
+        unknown = known[-1] + max(1.0, abs(known[-1])) if len(known) else 0.0
+        rows = np.tile(first, (len(known) + 2, 1))
+        rows[:, column] = [*known, unknown, math.nan]
+        found.append(_answers(estimator, rows, width))
+    return found
+
+
+def _encoded(builder: GraphBuilder, value: int, fitted: Fitted, columns: Sequence[tuple[int, FloatArray]]) -> int:
+    """For pairs of a column and its codes (on its categories, an unknown number, NaN) the code of the number."""
+    categories = _categories(fitted, builder, value)
+    missing = [column for column, codes in columns if np.isinf(codes[-1])]
+    if missing:  # NaN is an unknown category, which is refused
+        builder.refuse_nan(_picked(builder, value, missing))
+    parts: list[Column] = []
+    for column, codes in columns:
+        known = categories[column][0]
+        if np.isnan(codes[-2]):
+            raise UnsupportedModelError(f"{fitted.kind} with NaN for unknown categories: choose a number for them")
+        nan = math.nan if np.isinf(codes[-1]) else float(codes[-1])
+        parts.append((known, codes[:-2], np.full((len(known) + 1, 1), codes[-2]), nan))
+    return add_pieces(builder, _picked(builder, value, [column for column, _ in columns]), parts)
+
+
+@transforms("sklearn.OrdinalEncoder", "sklearn.TargetEncoder")
+def walk_codes(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """A number for each category (`preprocessing/_encoders.py`, `_target_encoder.py`)."""
+    fitted = Fitted(estimator)
+    width = builder.width(value)
+    classes = len(fitted.get("classes_")) if getattr(estimator, "target_type_", "") == "multiclass" else 1
+    answers = _codes(estimator, fitted, builder, value, width * classes)
+    columns = [(output // classes, answers[output // classes][:, output]) for output in range(width * classes)]
+    return _encoded(builder, value, fitted, columns)
+
+
+@transforms("sklearn.OneHotEncoder")
+def walk_one_hot(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """1 in the column of the category, 0 in the others (`preprocessing/_encoders.py: OneHotEncoder.transform`)."""
+    fitted = Fitted(estimator)
+    sizes = [int(size) for size in fitted.items("_n_features_outs", builder.width(value))]
+    ends = np.cumsum([0, *sizes])
+    columns = []
+    for column, answers in enumerate(_codes(estimator, fitted, builder, value, int(ends[-1]))):
+        own = answers[:, ends[column] : ends[column + 1]]
+        refused = np.isinf(answers[:, 0]) if answers.shape[1] else np.zeros(len(answers), np.bool_)
+        place = np.argmax(own, axis=1) if own.shape[1] else np.zeros(len(own))
+        columns.append((column, np.where(refused, math.inf, np.where(np.any(own > 0, axis=1), place, -1.0))))
+    return _one_hot(builder, _encoded(builder, value, fitted, columns), sizes)
+
+
+def _one_hot(builder: GraphBuilder, codes: int, sizes: Sequence[int]) -> int:
+    """For each column of codes so many columns, of which that of the code is 1 and the others are 0."""
+    repeated = _picked(builder, codes, np.repeat(np.arange(len(sizes)), sizes))
+    places = np.concatenate([np.arange(float(size)) for size in sizes])
+    reached = builder.add(Exceeds((repeated,), places - 0.5))
+    passed = builder.add(Exceeds((repeated,), places + 0.5))
+    return builder.add(Combine((reached, passed), Operator.SUBTRACT, len(places)))
+
+
+@transforms("sklearn.KBinsDiscretizer")
+def walk_bins(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """How many inner edges of bins do not lie above (`preprocessing/_discretization.py: transform`)."""
+    fitted = Fitted(estimator)
+    refuse_nan_and_infinity(builder, value)
+    columns: list[Column] = []
+    for given in fitted.get("bin_edges_"):
+        inner = np.asarray(given)[1:-1]
+        edges = _rising(fitted, "bin_edges_", fitted.floats_of("bin_edges_", inner, (None,)))
+        count = len(edges) + 1
+        columns.append((edges, np.arange(1.0, count), np.arange(float(count))[:, None], math.nan))
+    if len(columns) != builder.width(value):
+        raise fitted.fail("bin_edges_", "not one list a column")
+    binned = add_pieces(builder, value, columns)
+    if estimator.encode == "ordinal":
+        return binned
+    return _one_hot(builder, binned, [len(column[0]) + 1 for column in columns])
+
+
+@transforms("sklearn.QuantileTransformer")
+def walk_quantiles(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """The share of the training data below, linear between quantiles (`preprocessing/_data.py: _transform_col`).
+
+    On a quantile that several references have, the library takes the mean of the first and the last of them.
+    """
+    fitted = Fitted(estimator)
+    if estimator.output_distribution != "uniform":
+        raise UnsupportedModelError(
+            "QuantileTransformer with output_distribution='normal': supported is 'uniform', or PowerTransformer"
+        )
+    builder.refuse_magnitude(math.inf)
+    quantiles = fitted.floats("quantiles_", (None, builder.width(value)))
+    references = fitted.floats("references_", (len(quantiles),))
+    columns: list[Column] = []
+    for own in quantiles.T:
+        if np.any(np.diff(own) < 0):
+            raise fitted.fail("quantiles_", "not rising")
+        knots, first, count = np.unique(own, return_index=True, return_counts=True)
+        low, high = references[first], references[first + count - 1]
+        at = 0.5 * (low + high)
+        at[-1], at[0] = 1.0, 0.0
+        columns.append((knots, at, _linear(knots, low, high, (0.0, 1.0)), math.nan))
+    return add_pieces(builder, value, columns)
+
+
+def _linear(knots: FloatArray, left: FloatArray, right: FloatArray, ends: tuple[float, float]) -> FloatArray:
+    """Pieces from the right end at each knot to the left end at the next one; constant `ends` beyond."""
+    pieces = np.zeros((len(knots) + 1, 2))
+    pieces[0, 0], pieces[-1, 0] = ends
+    pieces[1:-1, 0] = right[:-1]
+    with np.errstate(over="ignore"):
+        pieces[1:-1, 1] = (left[1:] - right[:-1]) / np.diff(knots)
+    if not np.all(np.isfinite(pieces[:, 1])):
+        raise UnsupportedModelError(
+            "knots that lie too near to each other for a slope: scale the data up before training"
+        )
+    return pieces
+
+
+@walks("sklearn.IsotonicRegression")
+@transforms("sklearn.IsotonicRegression")
+def walk_isotonic(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """Linear between thresholds (`isotonic.py: _transform`); beyond them the ends, or no answer."""
+    fitted = Fitted(estimator)
+    given = fitted.get("X_thresholds_")
+    knots = _rising(fitted, "X_thresholds_", fitted.floats("X_thresholds_", (None,)))
+    values = fitted.floats("y_thresholds_", (len(knots),))
+    if not len(knots) or builder.width(value) != 1:
+        raise fitted.fail("X_thresholds_", "not the thresholds of one column")
+    refuse_nan_and_infinity(builder, value)
+    single = given.dtype == np.float32
+    if single:
+        value = builder.add(Round((value,), 1))
+    clips = estimator.out_of_bounds == "clip" or len(knots) == 1
+    ends = (float(values[0]), float(values[-1])) if clips else (math.inf, math.inf)
+    value = add_pieces(builder, value, [(knots, values, _linear(knots, values, values, ends), math.nan)])
+    return builder.add(Round((value,), 1)) if single else value
+
+
+@transforms("sklearn.SplineTransformer", trusts=("scipy.interpolate._bsplines.BSpline",))
+def walk_splines(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """The basis splines of each column (`preprocessing/_polynomial.py: SplineTransformer.transform`)."""
+    fitted = Fitted(estimator)
+    width, mode = builder.width(value), estimator.extrapolation
+    degree = fitted.integer("degree", 0, 10)
+    if mode not in ("constant", "error") or not degree:
+        # how far the library's polynomials err where they go on without end is not derived
+        raise UnsupportedModelError(
+            f"SplineTransformer with extrapolation={mode!r} and degree={degree}: supported are 'constant' and 'error' "
+            "with a degree from 1 on"
+        )
+    if getattr(estimator, "handle_missing", "error") == "zeros":
+        builder.refuse_magnitude(math.inf)
+        missing = 0.0
+    else:
+        refuse_nan_and_infinity(builder, value)
+        missing = math.nan
+    columns: list[Column] = []
+    repeated: list[int] = []
+    for number, spline in enumerate(fitted.items("bsplines_", width)):
+        own = Fitted(spline)
+        knots = _rising(own, "t", own.floats("t", (None,)))
+        count = len(knots) - degree - 1
+        if own.integer("k", degree, degree) != degree or not np.array_equal(
+            own.floats("c", (count, None)), np.eye(count)
+        ):
+            raise own.fail("c", "not the basis")
+        kept = count if fitted.flag("include_bias") else count - 1
+        basis = _basis([Fraction(float(knot)) for knot in knots], degree)
+        columns += [_spline(knots[degree : count + 1], basis, place, mode, missing) for place in range(kept)]
+        repeated += [number] * kept
+    return add_pieces(builder, _picked(builder, value, repeated), columns)
+
+
+#: Coefficients of rising powers.
+_Polynomial = list[Fraction]
+
+
+def _basis(knots: list[Fraction], degree: int) -> list[list[_Polynomial]]:
+    """The basis splines between inner knots: for each interval all of them, in powers of the distance to its start.
+
+    The recursion of de Boor and Cox in fractions, so that a coefficient is rounded once.
+    """
+    count = len(knots) - degree - 1
+    found = []
+    for interval in range(degree, count):
+        origin = knots[interval]
+        row: list[_Polynomial] = [[Fraction(int(place == interval))] for place in range(len(knots) - 1)]
+        for power in range(1, degree + 1):
+            row = [
+                _sum_of(
+                    _times(row[place], origin - knots[place], 1, knots[place + power] - knots[place]),
+                    _times(
+                        row[place + 1],
+                        knots[place + power + 1] - origin,
+                        -1,
+                        knots[place + power + 1] - knots[place + 1],
+                    ),
+                )
+                for place in range(len(row) - 1)
+            ]
+        found.append(row)
+    return found
+
+
+def _times(polynomial: _Polynomial, constant: Fraction, slope: int, divisor: Fraction) -> _Polynomial:
+    lower, higher = [constant * c for c in polynomial] + [Fraction(0)], [Fraction(0)] + [slope * c for c in polynomial]
+    return [(a + b) / divisor for a, b in zip(lower, higher, strict=True)]
+
+
+def _sum_of(one: _Polynomial, other: _Polynomial) -> _Polynomial:
+    return [a + b for a, b in zip(one, other, strict=True)]
+
+
+def _spline(knots: FloatArray, basis: list[list[_Polynomial]], place: int, mode: str, missing: float) -> Column:
+    """One basis spline: on the inner knots, between them, and beyond them as the extrapolation says."""
+    inner = [basis[interval][place] for interval in range(len(basis))]
+    length = Fraction(float(knots[-1])) - Fraction(float(knots[-2]))
+    end = sum((c * length**power for power, c in enumerate(inner[-1])), Fraction(0))
+    zero = [Fraction(0)] * (len(inner[0]) - 1)
+    below, above = [inner[0][0], *zero], [end, *zero]
+    pieces = np.array([[float(c) for c in polynomial] for polynomial in (below, *inner, above)])
+    if mode == "error":
+        pieces[[0, -1]] = 0.0
+        pieces[[0, -1], 0] = math.inf
+    return knots, np.array([*(float(polynomial[0]) for polynomial in inner), float(end)]), pieces, missing
