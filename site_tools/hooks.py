@@ -13,12 +13,16 @@ from typing import Any
 
 from mkdocs.structure.files import File
 
-from site_tools import commands, gallery
+from site_tools import commands, gallery, problems
 from site_tools.markdown import for_the_site, with_pages
 
 ROOT = Path(__file__).resolve().parent.parent
 #: Pages that are made of the code, by their names below `docs/`.
-MADE: dict[str, Callable[[], str]] = {"reference/commands.md": commands.page, "gallery.md": gallery.page}
+MADE: dict[str, Callable[[], str]] = {
+    "reference/commands.md": commands.page,
+    "gallery.md": gallery.page,
+    "reference/problems.md": problems.page,
+}
 #: Files of the repository, by the names of their pages.
 TAKEN = {
     "CHANGELOG.md": "repository/changelog.md",

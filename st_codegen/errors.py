@@ -1,15 +1,19 @@
 """The exceptions of st-codegen.
 
 Every message names what is wrong (file, model, operator, feature) and what to do about it. Input errors are collected,
-so that one run reports all of them: see `Problems`.
+so that one run reports all of them: see `Problems`. Each has a code, from the place that made it: see `diagnostics`.
 """
 
 from __future__ import annotations
 
 import re
+import sys
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import FrameType
+
+from st_codegen.diagnostics import code_for
 
 #: So many messages of one kind are shown as one.
 _MANY_ALIKE = 8
@@ -18,8 +22,35 @@ _MANY_ALIKE = 8
 MOST_SHOWN = 50
 
 
+#: Modules whose functions note problems for others: the place of a message is that of their caller.
+_FOR_OTHERS = ("errors", "files.toml_tables", "files.csv_tables")
+
+
 class StCodegenError(Exception):
     """Base class: everything that the command line reports with exit code 2 and no traceback."""
+
+    def __init__(self, *arguments: object) -> None:
+        super().__init__(*arguments)
+        self._place = _place(self)
+        self._codes: tuple[str, ...] = ()
+
+    @property
+    def codes(self) -> tuple[str, ...]:
+        """The codes of all that this error says, as in `st_codegen.diagnostics`; one where it says one thing."""
+        return self._codes or (code_for(self._place, (kind.__name__ for kind in type(self).__mro__)),)
+
+
+def _place(error: Exception) -> str:
+    """Where an error is made: the room, module and function (`walkers.files:read`); empty outside of the package."""
+    frame: FrameType | None = sys._getframe(2)
+    while frame is not None:
+        module = frame.f_globals.get("__name__", "").removeprefix("st_codegen.")
+        is_constructor = frame.f_code.co_name == "__init__" and frame.f_locals.get("self") is error
+        if not (is_constructor or module in _FOR_OTHERS):
+            ours = frame.f_globals.get("__name__", "").startswith("st_codegen.")
+            return f"{module}:{frame.f_code.co_qualname}" if ours else ""
+        frame = frame.f_back
+    return ""
 
 
 class InputError(StCodegenError):
@@ -101,7 +132,9 @@ class Problems:
             lines += f"\n  - and {len(shown) - MOST_SHOWN} more"
         unsupported = all(isinstance(error, UnsupportedModelError) for error in self.errors)
         kind = UnsupportedModelError if unsupported else InputError
-        raise kind(f"{self.subject}: {len(self.errors)} problems\n{lines}")
+        together = kind(f"{self.subject}: {len(self.errors)} problems\n{lines}")
+        together._codes = tuple(dict.fromkeys(code for error in self.errors for code in error.codes))
+        raise together
 
 
 def _grouped(messages: list[str]) -> list[str]:

@@ -17,7 +17,8 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 #: Each room of the package and the rooms that it may use, from the ground up: all of them stand above it, so that no
 #: two rooms know each other. A room is a folder, or a file beside the folders.
 MAY_USE = {
-    "errors": set(),
+    "diagnostics": set(),
+    "errors": {"diagnostics"},
     "entries": set(),
     "threads": set(),
     "files": {"errors"},

@@ -82,7 +82,7 @@ class BadFileError(InputError):
         self.path, self.line, self.reason = path, line, reason
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return (type(self), (self.path, self.line, self.reason))
+        return (type(self), (self.path, self.line, self.reason), self.__dict__)
 
 
 def conditions_from_name(path: Path) -> OperatingPoint | None:

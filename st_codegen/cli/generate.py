@@ -11,6 +11,7 @@ import click
 from rich.table import Table
 
 from st_codegen.cli.choices import PROJECT_FORMS, TARGETS
+from st_codegen.cli.codes import show_codes
 from st_codegen.cli.console import (
     Whole,
     array_option,
@@ -206,6 +207,7 @@ def command(
                 provenance=provenance,
             )
             stale |= _show(found, limit, stat=stat)
+        show_codes(["STC2201"] if stale else [])
         sys.exit(1 if stale else 0)
     for target in chosen:
         generated = generate(

@@ -9,12 +9,13 @@ import csv
 import os
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
 import click
 
 from st_codegen import __version__
+from st_codegen.cli.codes import codes_of, show_codes
 from st_codegen.cli.lazy import Lazy, LazyGroup
 from st_codegen.errors import StCodegenError
 
@@ -32,6 +33,7 @@ _COMMANDS = {
     "simulate": Lazy("st_codegen.cli.simulate", "Simulate the rig: measured campaigns, and motions."),
     "reconcile": Lazy("st_codegen.cli.reconcile", "Name the effects that a rig model lacks, and add them."),
     "models": Lazy("st_codegen.cli.models", "List the classes, objectives and operators that are compiled."),
+    "explain": Lazy("st_codegen.cli.explain", "Say what the code of a message means, and what to do."),
     "calibrate": Lazy("st_codegen.cli.calibrate", "Fit a profile to times measured on the controller."),
 }
 #: Exit codes beside 0 (yes) and 1 (the answer is no).
@@ -89,18 +91,20 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         _fail("stopped", _INTERRUPTED)
     except click.ClickException as error:
         error.show()
+        show_codes(codes_of(error))
         sys.exit(error.exit_code)
     except Exception as error:
         if shows_traceback:
             traceback.print_exc()
         message = _expected(error)
         if message is not None:
-            _fail(message, _WRONG_USE)
+            _fail(message, _WRONG_USE, codes_of(error))
         hint = "" if shows_traceback else f"; {_TRACEBACK} shows where it arose"
         _fail(
             f"{type(error).__name__}: {error}\n"
             f"This is a defect of st-codegen {__version__}, not of what you gave it: please report it{hint}.",
             _DEFECT,
+            ("STC9001",),
         )
     sys.exit(code or 0)
 
@@ -126,8 +130,9 @@ def _expected(error: Exception) -> str | None:
     return next((message(error) for kind, message in _EXPECTED if isinstance(error, kind)), None)
 
 
-def _fail(message: str, code: int) -> NoReturn:
-    """One message on standard error, in which nothing of the data acts on the terminal, and the end."""
+def _fail(message: str, code: int, codes: Sequence[str] = ()) -> NoReturn:
+    """One message on standard error, in which nothing of the data acts on the terminal, its codes, and the end."""
     shown = "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in message)
     click.echo(f"{click.style('error:', fg='red', bold=True)} {shown}", err=True)
+    show_codes(codes)
     sys.exit(code)

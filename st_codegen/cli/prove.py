@@ -11,11 +11,15 @@ import click
 from rich.table import Table
 from rich.text import Text
 
+from st_codegen.cli.codes import show_codes
 from st_codegen.cli.console import console, models_argument, progress_bar, quiet_option, trust_option
 from st_codegen.files.text import write_text
 
 if TYPE_CHECKING:
     from st_codegen.proof.prove.prove import ProofResult, ProveReport
+
+#: Verdicts that are no proof, and their codes.
+_CODES = (("refuted", "STC2101"), ("not proved", "STC2102"))
 
 
 @click.command(
@@ -74,6 +78,8 @@ def command(models: Path, generated: Path, certificate_file: Path | None, trust_
     for result in report.results:
         if result.verdict is not Verdict.PROVED:
             console.print(_sentence(result), highlight=False, soft_wrap=True, markup=False)
+    verdicts = {result.verdict for result in report.results}
+    show_codes(code for verdict, code in _CODES if verdict in verdicts)
     sys.exit(0 if report.proved else 1)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ import click
 from rich.table import Table
 from rich.text import Text
 
+from st_codegen.cli.codes import show_codes
 from st_codegen.cli.console import Whole, console, models_argument, progress_bar, quiet_option, trust_option
 from st_codegen.cli.costs import cycle_option, entry_option, print_budget, print_verdict, profile_option
 from st_codegen.files.text import write_text
@@ -105,7 +107,18 @@ def command(
         for line in _failures(model):
             console.print(Text.assemble((model.name, "red"), f": {line}"), soft_wrap=True)
     _print_times(report, cycle_us, quiet=quiet)
+    show_codes(_codes(report))
     sys.exit(0 if report.passed else 1)
+
+
+def _codes(report: VerifyReport) -> Iterator[str]:
+    """The codes of what is not as it should be."""
+    if any(model.failures for model in report.models):
+        yield "STC2001"
+    if any(model.refusal is not None for model in report.models):
+        yield "STC1206"
+    if report.over_budget:
+        yield "STC2002"
 
 
 def _failures(model: ModelReport) -> list[str]:

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from site_tools import commands, gallery
+from site_tools import commands, gallery, problems
 from site_tools.markdown import for_the_site, with_pages
 from st_codegen.cli.main import _COMMANDS
+from st_codegen.diagnostics import DIAGNOSTICS
 from tests.cli.helpers import run
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -33,6 +34,11 @@ def test_the_reference_has_every_command_and_option():
         assert re.search(rf"^### st-codegen {name}$", text, re.MULTILINE), name
     assert "`--cycle-us" in text
     assert "#### st-codegen simulate motion" in text
+
+
+def test_every_code_has_a_section():
+    headings = re.findall(r"^### (STC\d{4}): ", problems.page(), re.MULTILINE)
+    assert headings == sorted({entry.code for entry in DIAGNOSTICS})
 
 
 def test_the_gallery_shows_each_layout_with_short_tables():
