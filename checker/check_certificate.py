@@ -603,7 +603,7 @@ PARTS = {"format", "statement", "assumptions", "models", "texts", "proofs", "blo
 ENTRY = {"model", "file", "target", "block", "outputs", "inputs", "verdict", "method", "trees"}
 UNPROVED = ENTRY - {"method", "trees"} | {"reason"}
 EXPRESSION, BLOCK = "the model's expression", {"block", "target", "verdict"}
-TEXTS = {".st", ".TcPOU", ".TcDUT", ".TcGVL", ".xml"}
+TEXTS = {".st", ".scl", ".TcPOU", ".TcDUT", ".TcGVL", ".xml"}
 
 
 def sha256(path):

@@ -5,7 +5,7 @@ A test compares them with the rooms'.
 
 from __future__ import annotations
 
-TARGETS = ("iec", "plcopen", "twincat", "beckhoff-ml")
+TARGETS = ("iec", "plcopen", "codesys", "scl", "twincat", "beckhoff-ml")
 #: What a development environment is given to open.
 PROJECT_FORMS = ("solution", "plc", "library")
 LAYOUTS = ("auto", "trees", "ranked", "table")

@@ -17,6 +17,7 @@ from st_codegen.emit.blocks.listing import Block, CodeSection
 from st_codegen.emit.blocks.model import Limits
 from st_codegen.emit.contents import Contents
 from st_codegen.emit.file_plan import PLAIN, FileForm, FilePlan
+from st_codegen.emit.scl_text import scl_section
 from st_codegen.emit.targets import Target
 
 
@@ -56,6 +57,7 @@ def _templates(folder: Path, name: str) -> jinja2.Environment:
     templates = _environment(folder, autoescape=False)
     templates.filters["xml"] = _as_xml_text
     templates.filters["single_round"] = _single_round
+    templates.filters["scl_section"] = scl_section
 
     def code(block: Block, section: CodeSection) -> str:
         template = templates.get_template(f"common/operations/{section.template}.st.j2")

@@ -31,7 +31,7 @@ _MANY_ROWS = 20_000
 
 #: Where a block begins and ends in files that hold several.
 _PART_OF_FILE = {
-    **dict.fromkeys(PLAIN, r"^FUNCTION_BLOCK {}$.*?^END_FUNCTION_BLOCK"),
+    **dict.fromkeys(PLAIN, r'^FUNCTION_BLOCK "?{}"?$.*?^END_FUNCTION_BLOCK'),
     ".xml": r'^ *<pou name="{}" .*?</pou>',
 }
 

@@ -42,6 +42,8 @@ PLCOPEN_KINDS = {
     "trees": "hist_gradient_boosting_category",
     "ranked_trees": "extra_trees_ranked",
 }
+#: Targets of which files for single models are committed: these models of `PLCOPEN_KINDS`.
+SMALL = {"codesys": ("kernel",), "scl": tuple(PLCOPEN_KINDS)}
 PLCOPEN_BLOCKS = {"F_IsWithin", "FB_SelfTest", "PRG_Main"}
 NAMES = sorted(path.stem for path in (GOLDEN / "lone" / "outputs").glob("*.csv"))
 
@@ -97,7 +99,7 @@ def difference(expected, got):
     return "\n".join(lines)
 
 
-@pytest.mark.parametrize("target", sorted({*TARGETS} - {"plcopen"}))
+@pytest.mark.parametrize("target", sorted({*TARGETS} - {"plcopen", *SMALL}))
 def test_the_generated_text_is_the_committed_text(project, target, tmp_path, request, capsys):
     name, bundle = project
     if (name, target) in REFUSED:
@@ -126,6 +128,35 @@ def test_the_generated_plcopen_files_are_the_committed_ones(plcopen_files, reque
         (committed / name).write_text(text, encoding="utf-8")
     with capsys.disabled():
         print(difference(expected, plcopen_files))  # noqa: T201 - what the option is for
+
+
+@pytest.mark.parametrize("target", SMALL)
+def test_the_generated_files_of_single_models_are_the_committed_ones(target, tmp_path, request, capsys):
+    committed, made = GOLDEN / target, {}
+    for kind in SMALL[target]:
+        (model,) = (GOLDEN / "lone" / "models").glob(f"{PLCOPEN_KINDS[kind]}.*")
+        folder = generate(load(model), target, tmp_path / kind).folder
+        made |= {name: text for name, text in texts(folder).items() if not name.endswith(".json")}
+    if request.config.getoption("--update-golden"):
+        expected = texts(committed) if committed.is_dir() else {}
+        for name in expected:
+            (committed / name).unlink()
+        committed.mkdir(exist_ok=True)
+        for name, text in made.items():
+            (committed / name).write_text(text, encoding="utf-8")
+        with capsys.disabled():
+            print(difference(expected, made))  # noqa: T201 - what the option is for
+    compare(texts(committed), made)
+
+
+@pytest.mark.parametrize(("target", "kind"), [(target, kind) for target, kinds in SMALL.items() for kind in kinds])
+def test_the_committed_files_of_single_models_give_the_librarys_outputs(target, kind, lone):
+    name = PLCOPEN_KINDS[kind]
+    x, library = (
+        np.column_stack(list(read_table(GOLDEN / "lone" / folder / f"{name}.csv").values()))
+        for folder in ("inputs", "outputs")
+    )
+    gives(GeneratedCode(GOLDEN / target, TARGETS[target].dialect), lone[name].ir, x, library)
 
 
 def test_every_layout_is_among_the_golden_models():

@@ -32,11 +32,16 @@ class IecTarget(Target):
         if application.connected or application.has_configuration:
             types = tuple(item for item in application.types if item.portable)
             blocks = tuple(block for block in application.blocks if not block.needs_globals)
-            return [_file(application.name, types, blocks, application.tasks if application.has_configuration else ())]
-        return [_file(block.name, (), (block,)) for block in application.blocks]
+            return [
+                text_file(application.name, types, blocks, application.tasks if application.has_configuration else ())
+            ]
+        return [text_file(block.name, (), (block,)) for block in application.blocks]
 
 
-def _file(name: str, types: tuple[DataType, ...], blocks: tuple[Block, ...], tasks: tuple[Task, ...] = ()) -> FilePlan:
+def text_file(
+    name: str, types: tuple[DataType, ...], blocks: tuple[Block, ...], tasks: tuple[Task, ...] = ()
+) -> FilePlan:
+    """A file of portable text with types, blocks and, where there are tasks, what runs them."""
     values = {"types": types, "blocks": blocks, "tasks": [_timed(task) for task in tasks]}
     return FilePlan(f"{name}.st", "iec/blocks.st.j2", values)
 

@@ -10,6 +10,8 @@ import re
 import textwrap
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from decimal import Decimal
+from typing import ClassVar
 
 from st_codegen.emit.blocks.application import Application, Enumeration
 from st_codegen.emit.blocks.listing import LINE_LENGTH, Block, BlockVariable, Table
@@ -68,6 +70,8 @@ class PlcOpenTarget(Target):
     dialect = "iec"
     templates = "iec"
     limits = Limits(max_array=65_536, real_range=(1e-37, 1e37), data_bytes=16 * 1024 * 1024)
+    #: What prints the file.
+    template: ClassVar[str] = "plcopen/project.xml.j2"
 
     def files(self, application: Application) -> Iterable[FilePlan]:
         problems = Problems("PLCopen XML")
@@ -101,9 +105,10 @@ class PlcOpenTarget(Target):
                 for item in application.globals
                 if item.constant
             ],
+            "seconds": lambda microseconds: f"{Decimal(microseconds).scaleb(-6).normalize():f}",
             "tasks": [task for task in application.own_tasks if programs.issuperset(task.programs)],
         }
-        return [FilePlan(f"{application.name}.xml", "plcopen/project.xml.j2", values)]
+        return [FilePlan(f"{application.name}.xml", self.template, values)]
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ ASSUMPTIONS = (
     "the rules of the library are those that docs/proof.md lists",
 )
 #: Files that hold Structured Text.
-TEXTS = (".st", ".TcPOU", ".TcDUT", ".TcGVL", ".xml")
+TEXTS = (".st", ".scl", ".TcPOU", ".TcDUT", ".TcGVL", ".xml")
 
 
 def certificate(bundle: Bundle, models: Path, generated: Path, report: ProveReport) -> dict[str, Any]:

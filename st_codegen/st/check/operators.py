@@ -50,7 +50,7 @@ def unary(rules: Dialect, node: t.Unary, operand: t.Expression) -> t.Expression:
         raise failure(node, f"no sign in front of {type_}")
     if node.operator == "POS":
         return operand
-    if type_.is_untyped and isinstance(operand, t.Constant):
+    if (type_.is_untyped or type_.is_real) and isinstance(operand, t.Constant):
         return replace(operand, value=-cast(float, operand.value), position=node.position)
     return replace(node, operand=operand, overflow=overflow_of("SUB", type_), type=type_)
 

@@ -6,14 +6,16 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from st_codegen.errors import InputError
+from st_codegen.st.dialects.codesys import CODESYS
 from st_codegen.st.dialects.dialect import Dialect
 from st_codegen.st.dialects.iec import IEC
+from st_codegen.st.dialects.scl import SCL
 from st_codegen.st.dialects.twincat import TWINCAT
 
-__all__ = ["DIALECTS", "IEC", "TWINCAT", "Dialect", "find_dialect"]
+__all__ = ["CODESYS", "DIALECTS", "IEC", "SCL", "TWINCAT", "Dialect", "find_dialect"]
 
 #: All dialects by name.
-DIALECTS: Mapping[str, Dialect] = MappingProxyType({dialect.name: dialect for dialect in (IEC, TWINCAT)})
+DIALECTS: Mapping[str, Dialect] = MappingProxyType({dialect.name: dialect for dialect in (CODESYS, IEC, SCL, TWINCAT)})
 
 
 def find_dialect(dialect: Dialect | str) -> Dialect:

@@ -12,15 +12,16 @@ from st_codegen.st.syntax import declarations as d
 from st_codegen.st.syntax.parser import parse_scanned
 from st_codegen.st.syntax.plcopen_xml import looks_like_plcopen, read_plcopen
 from st_codegen.st.syntax.scan import Scanned, Segment, scan
+from st_codegen.st.syntax.scl import read_scl
 from st_codegen.st.syntax.twincat_xml import read_xml
 
 MAX_BYTES = 1 << 30
 _BEGINNING = 1 << 12
 _XML = {".tcpou": read_xml, ".tcgvl": read_xml, ".tcdut": read_xml, ".xml": read_plcopen}
 #: Suffixes of files that are plain Structured Text, and of all files that are read.
-PLAIN = (".st",)
+PLAIN = (".st", ".scl")
 SUFFIXES = (*PLAIN, *_XML)
-_EXPECTED = ".st, .TcPOU, .TcGVL, .TcDUT or PLCopen's .xml"
+_EXPECTED = ".st, .scl, .TcPOU, .TcGVL, .TcDUT or PLCopen's .xml"
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class ParsedFiles:
 
 
 def read_texts(texts: Mapping[str, str]) -> ParsedFiles:
-    """Parse texts given by name; .TcPOU, .TcGVL and .TcDUT are TwinCAT's XML, .xml is PLCopen's.
+    """Parse texts given by name; .TcPOU, .TcGVL and .TcDUT are TwinCAT's XML, .xml is PLCopen's, .scl is Siemens'.
 
     Raises `StSyntaxError` with the first error of every text.
     """
@@ -40,7 +41,7 @@ def read_texts(texts: Mapping[str, str]) -> ParsedFiles:
 
 
 def read_paths(paths: Iterable[Path | str]) -> ParsedFiles:
-    """Parse files and folders; of folders all `.st`, `.TcPOU`, `.TcGVL`, `.TcDUT` and PLCopen `.xml` files by name.
+    """Parse files and folders; of folders all files of `SUFFIXES` by name, `.xml` where it is PLCopen's.
 
     Raises `StSyntaxError` with the first error of every file, `InputError` for a path that does not exist, a file that
     is no Structured Text, or a folder without any.
@@ -82,20 +83,32 @@ def _content(path: Path) -> bytes:
 
 
 def _read(files: Iterable[tuple[str, bytes]]) -> ParsedFiles:
-    declarations: list[d.Declaration] = []
-    scans: list[Scanned] = []
+    read: dict[str, tuple[list[d.Declaration], list[Scanned]]] = {}
     problems: list[Problem] = []
     for name, content in files:
         try:
-            found, scanned = _read_one(name, content)
+            read[name] = _read_one(name, content)
         except StSyntaxError as error:
             problems += error.problems
-        else:
-            declarations += found
-            scans += scanned
+    problems += _without_twins(read)
     if problems:
         raise StSyntaxError(problems)
-    return ParsedFiles(tuple(declarations), tuple(scans))
+    declarations = tuple(item for found, _ in read.values() for item in found)
+    return ParsedFiles(declarations, tuple(item for _, scans in read.values() for item in scans))
+
+
+def _without_twins(read: dict[str, tuple[list[d.Declaration], list[Scanned]]]) -> Iterator[Problem]:
+    """Take out each `.st` file beside an `.xml` file of the same name: one project in two forms.
+
+    What the text declares otherwise than the XML does is a problem.
+    """
+    for name in [name for name in read if name.endswith(".st") and f"{name.removesuffix('.st')}.xml" in read]:
+        twin = f"{name.removesuffix('.st')}.xml"
+        known = {item.name.upper(): item for item in read[twin][0]}
+        for item in read.pop(name)[0]:
+            if known.get(item.name.upper()) != item:
+                message = f"{item.name} is declared otherwise than in {Path(twin).name}"
+                yield Problem(item.position or Position(name, 1, 1), message)
 
 
 def _read_one(name: str, content: bytes) -> tuple[list[d.Declaration], list[Scanned]]:
@@ -107,5 +120,7 @@ def _read_one(name: str, content: bytes) -> tuple[list[d.Declaration], list[Scan
     except UnicodeDecodeError as error:
         message = f"not UTF-8 text ({error.reason} at byte {error.start})"
         raise StSyntaxError([Problem(Position(name, 1, 1), message)]) from None
+    if Path(name).suffix.lower() == ".scl":
+        return read_scl(name, text)
     scanned = scan(Segment(text, name))
     return parse_scanned(scanned), [scanned]
