@@ -12,18 +12,21 @@ import os
 import signal
 import threading
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from st_codegen.errors import StCodegenError
 from st_codegen.ir import FloatArray
+from st_codegen.processes import can_be_copied, children, fork, how_it_ended, make_copy, ticks_asleep
 from st_codegen.threads import one_thread
 from st_codegen.walkers.base import LoadedModel, Predictor
+
+#: Seconds between two looks at a process that does not answer; one that slept all the time is ended.
+_PATIENCE_S = 10.0
 
 
 class LibraryRefusesError(StCodegenError):
@@ -42,68 +45,54 @@ def isolated(models: Sequence[LoadedModel]) -> Iterator[tuple[LoadedModel, ...]]
     """The same models, whose `predict` asks a process that is a copy of this one.
 
     It raises LibraryRefusesError with the library's reason. The copy shares what is loaded already, computes on one
-    thread, and is made anew where a library ends it. Where this process cannot be copied safely (`_can_be_copied`) a
-    thread answers instead, and what ends a library ends the command.
+    thread, and is made anew where a library ends it, or sleeps and never answers. Where this process cannot be copied
+    (`can_be_copied`) a thread answers instead, and what ends a library ends the command.
     """
     ours, theirs = multiprocessing.Pipe()
-    if _can_be_copied():
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # of threads: none of them is needed in the copy
-            keeper = os.fork()
+    keeper = 0
+    if can_be_copied():
+        keeper = fork()
         if not keeper:
             ours.close()
             _keep(theirs, models)
+        with contextlib.suppress(OSError):  # the copy was quicker, or has ended
+            os.setpgid(keeper, keeper)
         theirs.close()
     else:
-        keeper = 0
         threading.Thread(target=_answers, args=(theirs, models), daemon=True).start()
-    lock = threading.Lock()
+    link = _Link(ours, keeper, threading.Lock())
     try:
         yield tuple(
-            dataclasses.replace(model, predict=_remote(model, number, ours, lock))
-            for number, model in enumerate(models)
+            dataclasses.replace(model, predict=_remote(model, number, link)) for number, model in enumerate(models)
         )
     finally:
         ours.close()
         if keeper:
+            with contextlib.suppress(OSError):  # nobody waits for an answer any more
+                os.killpg(keeper, signal.SIGKILL)
             os.waitpid(keeper, 0)
-
-
-def _can_be_copied() -> bool:
-    """Whether a copy of this process can compute: not where an OpenMP library is loaded, whose threads it would lack.
-
-    The command line loads none before it reads LightGBM text, XGBoost or ONNX files; scikit-learn brings one along.
-    """
-    try:
-        loaded = Path("/proc/self/maps").read_text(encoding="utf-8", errors="replace")
-    except OSError:  # not Linux
-        return False
-    return not any(name in loaded for name in ("libgomp", "libomp", "libiomp"))
 
 
 def _keep(connection: Connection, models: Sequence[LoadedModel]) -> None:
     """Keep a process that answers until nobody asks any more; never returns.
 
-    It has no thread beside its own, so that copies of it can be made safely as often as libraries end them.
+    It has no thread beside its own, so that copies of it can be made safely as often as libraries end them, and is in a
+    group of its own, so that the keys that interrupt a command reach the command alone.
     """
     try:
+        os.setpgid(0, 0)
         while True:
-            child = os.fork()
-            if not child:
-                _serve(connection, models)
-                os._exit(0)
+            child = make_copy(lambda: _serve(connection, models))
             status = os.waitpid(child, 0)[1]
             if not status:
                 break
-            ended = signal.Signals(os.WTERMSIG(status)).name if os.WIFSIGNALED(status) else f"code {status >> 8}"
-            connection.send(_Refusal(f"the library ended its process ({ended})"))
+            connection.send(_Refusal(f"the library ended its process ({how_it_ended(status)})"))
     finally:
         os._exit(0)
 
 
 def _serve(connection: Connection, models: Sequence[LoadedModel]) -> None:
     """Answer in a process that does nothing else."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     with one_thread(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         _answers(connection, models)
@@ -126,27 +115,51 @@ def _answer(predict: Predictor, rows: FloatArray) -> Any:
         return _Refusal(f"{type(error).__name__}: {error}")
 
 
-def _remote(model: LoadedModel, number: int, connection: Connection, lock: threading.Lock) -> Predictor:
-    """The predictor of a model that asks the other process."""
+@dataclass(frozen=True)
+class _Link:
+    """The way to the process that answers, which one thread at a time may use, and the number of its keeper, or 0."""
 
-    def ask(rows: FloatArray) -> Any:
-        with lock:
-            connection.send((number, rows))
-            return connection.recv()
+    connection: Connection
+    keeper: int
+    lock: threading.Lock
+
+    def ask(self, number: int, rows: FloatArray) -> Any:
+        """The answer of a model, or a refusal."""
+        with self.lock:
+            self.connection.send((number, rows))
+            stuck = self.keeper and self._is_stuck()
+            answer = self.connection.recv()
+        return _Refusal("the library waits for something that does not come") if stuck else answer
+
+    def _is_stuck(self) -> bool:
+        """Wait for the answer; whether the library's process was ended since it slept and did not answer."""
+        before: dict[int, int | None] = {}
+        while not self.connection.poll(_PATIENCE_S):
+            now = {child: ticks_asleep(child) for child in children(self.keeper)}
+            if now == before and None not in now.values():
+                for child in now:
+                    os.kill(child, signal.SIGKILL)
+                return bool(now)
+            before = now
+        return False
+
+
+def _remote(model: LoadedModel, number: int, link: _Link) -> Predictor:
+    """The predictor of a model that asks the other process."""
 
     def predict(rows: FloatArray) -> FloatArray:
         if not len(rows):  # which some libraries refuse
             return np.zeros((0, len(model.ir.outputs)))
-        answer = ask(rows)
+        answer = link.ask(number, rows)
         if isinstance(answer, _Refusal):
-            raise LibraryRefusesError(_refused(ask, rows, answer.reason))
+            raise LibraryRefusesError(_refused(lambda some: link.ask(number, some), rows, answer.reason))
         found: FloatArray = answer
         return found
 
     return predict
 
 
-def _refused(ask: Any, rows: FloatArray, reason: str) -> str:
+def _refused(ask: Callable[[FloatArray], Any], rows: FloatArray, reason: str) -> str:
     """What a library refuses: the model, or the first row without an answer, found by halving."""
     reason = " ".join(reason.split())
     if all(isinstance(ask(rows[row : row + 1]), _Refusal) for row in {0, len(rows) // 2, len(rows) - 1}):

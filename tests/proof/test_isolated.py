@@ -1,14 +1,23 @@
 """Libraries that raise, or end their process: one line, and the other models are verified all the same."""
 
+import contextlib
+import os
+import signal
 import subprocess
 import sys
+import threading
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import st_codegen
+import st_codegen.proof.isolated as isolated_module
+from st_codegen import processes
+from st_codegen.errors import InputError
 from st_codegen.project.bundle import Bundle
-from st_codegen.proof.isolated import LibraryRefusesError, _can_be_copied, isolated
+from st_codegen.proof.isolated import LibraryRefusesError, isolated
 from st_codegen.walkers.base import LoadedModel
 from st_codegen.walkers.files import load_model
 from tests.cli.helpers import run
@@ -67,9 +76,10 @@ def test_a_model_that_is_refused_says_why_in_few_calls(model):
 
 PROGRAM = """
 import os, signal, sys
+import lightgbm
 from pathlib import Path
 import numpy as np
-from st_codegen.proof.isolated import LibraryRefusesError, _can_be_copied, isolated
+from st_codegen.proof.isolated import LibraryRefusesError, isolated
 from st_codegen.walkers.base import LoadedModel
 from st_codegen.walkers.files import load_model
 model = load_model(Path(sys.argv[1]), "te")
@@ -97,16 +107,117 @@ def test_a_library_that_ends_its_process_is_one_line_and_the_next_model_is_asked
     assert shown == 2 * line + "no child is left\n"
 
 
-def test_a_process_with_threads_of_openmp_is_not_copied(model):
-    """A copy would wait for them for ever."""
-    import lightgbm
+on_linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a thread answers on this system")
 
-    x = np.random.default_rng(0).normal(size=(500, 3))
-    parameters = {"num_threads": 2, "verbose": -1}
-    lightgbm.train(parameters, lightgbm.Dataset(x, x[:, 0]), 2).predict(x)
-    assert not _can_be_copied()
-    with isolated([model]) as (one,):
+
+@on_linux
+def test_libraries_that_have_computed_with_many_threads_answer_in_a_copy():
+    """The copy has none of these threads, and must not wait for them."""
+    pytest.importorskip("lightgbm")
+    program = [sys.executable, "-W", "ignore", "-c", THREADS]
+    shown = subprocess.run(program, capture_output=True, text=True, check=True, timeout=300).stdout
+    assert shown == "copied 1\ncopied 1\ncopied 1\nSIGKILL\n"
+
+
+THREADS = """
+import os, signal
+import lightgbm
+import numpy as np
+from sklearn.cluster import KMeans
+from sklearn.ensemble import HistGradientBoostingRegressor
+from st_codegen.errors import StCodegenError
+from st_codegen.proof.isolated import isolated
+from st_codegen.walkers.base import LoadedModel
+from st_codegen.walkers.objects import from_estimator
+os.environ["OMP_NUM_THREADS"] = "2"
+x = np.random.default_rng(0).normal(size=(2000, 3))
+booster = lightgbm.train({"num_threads": 2, "verbose": -1}, lightgbm.Dataset(x, x[:, 0]), 2)
+booster.predict(x, num_threads=2)
+kinds = [KMeans(3, n_init=1), HistGradientBoostingRegressor(max_iter=3)]
+fitted = [booster, *(kind.fit(x, x[:, 0]) for kind in kinds)]
+models = [from_estimator(one, "m") for one in fitted]
+expected = [model.predict(x) for model in models]
+home = os.getpid()
+def crash(rows):
+    assert os.getpid() != home
+    os.kill(os.getpid(), signal.SIGKILL)
+with isolated([*models, LoadedModel(models[0].ir, crash)]) as (*asked, bad):
+    for model, numbers in zip(asked, expected):
+        print("copied", int(np.array_equal(model.predict(x), numbers)))
+    try:
+        bad.predict(x)
+    except StCodegenError as error:
+        print(str(error).partition("(")[2].rstrip(")"))
+"""
+
+
+@on_linux
+def test_a_library_that_sleeps_for_ever_is_one_line(model, monkeypatch):
+    monkeypatch.setattr(isolated_module, "_PATIENCE_S", 0.3)
+    sleeps = LoadedModel(model.ir, lambda rows: threading.Event().wait())
+    with isolated([sleeps, model]) as (bad, good):
+        with pytest.raises(LibraryRefusesError, match="refuses the model: the library waits for something"):
+            bad.predict(np.zeros((1, 3)))
+        assert good.predict(np.zeros((2, 3))).shape == (2, 1)
+
+
+@on_linux
+def test_a_library_that_computes_or_is_done_is_not_taken_for_stuck():
+    computes = [sys.executable, "-c", "print(1, flush=True)\nwhile True: pass"]
+    waits = [sys.executable, "-c", "import sys; print(1, flush=True); sys.stdin.read()"]
+    for program in (computes, waits):
+        with subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+            process.stdout.readline()
+            time.sleep(0.3)
+            ticks = processes.ticks_asleep(process.pid)
+            time.sleep(0.3)
+            assert process.pid in processes.children(os.getpid())
+            assert (ticks is not None and ticks == processes.ticks_asleep(process.pid)) == (program is waits)
+            process.kill()
+    assert processes.ticks_asleep(process.pid) is None
+
+
+@on_linux
+def test_the_end_of_a_busy_library_is_not_waited_for(model):
+    busy = LoadedModel(model.ir, lambda rows: time.sleep(600))
+    started = time.monotonic()
+    with isolated([busy]) as (one,):
+        threading.Thread(target=lambda: suppressed(one.predict, np.zeros((1, 3))), daemon=True).start()
+        time.sleep(0.3)
+    assert time.monotonic() - started < 60
+
+
+def suppressed(call, *arguments):
+    with contextlib.suppress(Exception):
+        call(*arguments)
+
+
+@on_linux
+def test_an_onnx_file_that_ends_its_library_is_one_line(monkeypatch):
+    onnxruntime = pytest.importorskip("onnxruntime")
+    path = Path(__file__).parents[2] / "examples" / "rv160n" / "models" / "A81_forward.onnx"
+    home = os.getpid()
+
+    def session(*_, **__):
+        assert os.getpid() != home
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    monkeypatch.setattr(onnxruntime, "InferenceSession", session)
+    line = r"^A81_forward.onnx: onnxruntime refuses the model: its process ended \(SIGKILL\)$"
+    with pytest.raises(InputError, match=line):
+        load_model(path, "m")
+
+
+def test_where_a_process_cannot_be_copied_a_thread_answers(model, monkeypatch):
+    monkeypatch.setattr(isolated_module, "can_be_copied", lambda: False)
+    monkeypatch.setattr(processes, "can_be_copied", lambda: False)
+    x = np.zeros((5, 3))
+    with isolated([model, LoadedModel(model.ir, of_no_use)]) as (one, other):
         assert np.array_equal(one.predict(x), model.predict(x))
+        with pytest.raises(LibraryRefusesError, match="is not a tag"):
+            other.predict(x)
+    assert processes.failure_in_copy(lambda: of_no_use(0)) == "ValueError: [nan] is not\na tag"
+    assert processes.failure_in_copy(lambda: None) is None
 
 
 def test_verify_reports_what_the_library_refuses_and_verifies_the_rest(model, tmp_path):

@@ -1,0 +1,118 @@
+"""Copies of this process in which native code may fail: what ends a copy is one line here.
+
+A copy (`fork`) has all that is loaded, at no cost, but of the threads only the one that made it. The OpenMP of GCC
+gives each thread that computes its own helpers, and would wait for ever for those that its first thread had before. So
+a new thread computes in a copy: it has had none.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+from st_codegen.errors import StCodegenError
+
+
+def can_be_copied() -> bool:
+    """Whether copies of this process can compute: on Linux. The system libraries of macOS refuse, Windows has none."""
+    return sys.platform.startswith("linux")
+
+
+def make_copy(action: Callable[[], object]) -> int:
+    """Do something in a copy of this process, in a new thread of it; returns the copy's number.
+
+    The copy ends with code 0 when the action does, with 1 when it raises.
+    """
+    child = fork()
+    if child:
+        return child
+    code = 1
+
+    def compute() -> None:
+        nonlocal code
+        with contextlib.suppress(Exception):  # the code says it
+            action()
+            code = 0
+
+    try:
+        thread = threading.Thread(target=compute)
+        thread.start()
+        thread.join()
+    finally:
+        os._exit(code)
+
+
+def fork() -> int:
+    """`os.fork`, without Python's warning about threads."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        return os.fork()
+
+
+def how_it_ended(status: int) -> str:
+    """What `os.waitpid` says of the end of a process."""
+    return signal.Signals(os.WTERMSIG(status)).name if os.WIFSIGNALED(status) else f"code {status >> 8}"
+
+
+def failure_in_copy(action: Callable[[], object]) -> str | None:
+    """How an action fails: its exception, or what ends a copy that tries it; None where it does not.
+
+    It is tried in this process where that cannot be copied.
+    """
+    if not can_be_copied():
+        return _failure(action)
+    reading, writing = os.pipe()
+
+    def try_it() -> None:
+        failure = _failure(action)
+        if failure is not None:
+            with os.fdopen(writing, "w", encoding="utf-8", errors="replace") as pipe:
+                pipe.write(failure or "it fails")
+
+    child = make_copy(try_it)
+    os.close(writing)
+    with os.fdopen(reading, encoding="utf-8", errors="replace") as pipe:
+        failure = pipe.read()
+    status = os.waitpid(child, 0)[1]
+    return failure or (f"its process ended ({how_it_ended(status)})" if status else None)
+
+
+def _failure(action: Callable[[], object]) -> str | None:
+    try:
+        action()
+    except StCodegenError as error:
+        return str(error)
+    except Exception as error:  # libraries raise anything
+        return f"{type(error).__name__}: {error}"
+    return None
+
+
+def children(process: int) -> list[int]:
+    """The processes that a process with one thread has made and that have not been waited for."""
+    try:
+        return [int(number) for number in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
+    except OSError:  # it has ended, or the kernel does not tell
+        return []
+
+
+def ticks_asleep(process: int) -> int | None:
+    """The ticks that a sleeping process has computed: the same later where it slept all the time.
+
+    None while one of its threads computes, waits for a disk, or is stopped.
+    """
+    ticks = 0
+    try:
+        for thread in Path(f"/proc/{process}/task").iterdir():
+            fields = (thread / "stat").read_text(errors="replace").rpartition(")")[2].split()
+            if fields[0] != "S":
+                return None
+            ticks += int(fields[11]) + int(fields[12])
+    except OSError:
+        return None
+    return ticks
