@@ -18,10 +18,11 @@ from st_codegen.ir import FactoredKernel, KernelSum, ModelIR
 from st_codegen.passes.kernels import factored
 from st_codegen.proof.prove.axis import NotProvedError, from_keys
 from st_codegen.proof.prove.demand import Demand
+from st_codegen.proof.prove.intervals import WHOLE, Interval
 from st_codegen.proof.prove.model import InputDomain, domain_of
 from st_codegen.proof.prove.range_bound import range_bound
 from st_codegen.proof.prove.symbolic import Path, Symbolic, anything
-from st_codegen.proof.prove.terms import WHOLE, Interval, Term, Terms, Value
+from st_codegen.proof.prove.terms import Term, Terms, Value
 from st_codegen.st import Project
 from st_codegen.st import tree as t
 
@@ -78,18 +79,17 @@ def _compared(model: ModelIR, project: Project, block: str, outputs: tuple[int, 
     terms, domain = Terms(), domain_of(model)
     ends = zip(from_keys(domain.low).tolist(), from_keys(domain.high).tolist(), strict=True)
     run, inputs = _executed(terms, project, block, [(low, high, domain.nan) for low, high in ends])
-    demand = Demand(terms, model, inputs)
+    demand = Demand.of_inputs(terms, model, inputs)
     held = {variable.name: run.held[_PATH, variable] for variable in _outputs(project, block)}
     if held["bValid"] is not demand.valid:
         raise NotProvedError("bValid is not the condition under which the model has an answer")
     names = numbers_of(project, block)
     for number, wanted in zip(outputs, demand.put_out(), strict=True):
         got = _assigned(held[names[number]], demand.valid)
-        same = got is wanted if isinstance(wanted, Term) else got == wanted
-        if not same:
+        if not same_number(got, wanted):
             raise NotProvedError(f"{names[number]} is not the expression that the model demands")
     _check_range(model, terms, inputs, held)
-    return _size(demand.outputs)
+    return size_of(demand.outputs)
 
 
 def numbers_of(project: Project, block: str) -> list[str]:
@@ -204,7 +204,15 @@ def _refused(domain: InputDomain, number: int) -> list[Interval]:
     return found
 
 
-def _size(outputs: list[Value]) -> int:
+def same_number(one: object, other: object) -> bool:
+    """Whether two terms are the same, or two numbers to the bit."""
+    if isinstance(one, Term) or isinstance(other, Term):
+        return one is other
+    return one == other and math.copysign(1.0, one) == math.copysign(1.0, other)  # type: ignore[arg-type]
+
+
+def size_of(outputs: list[Value]) -> int:
+    """How many terms some values have, parts that they share counted once."""
     seen: set[Term] = set()
     open_ = [value for value in outputs if isinstance(value, Term)]
     while open_:

@@ -28,7 +28,7 @@ class NotProvedError(Exception):
 
     def at(self, place: object) -> NotProvedError:
         """The same with a place in the text, where it has none."""
-        return self if self.place is not None else NotProvedError(self.reason, place)
+        return self if self.place is not None else type(self)(self.reason, place)
 
 
 def to_keys(x: FloatArray) -> IntArray:
@@ -46,17 +46,22 @@ def from_keys(keys: IntArray) -> FloatArray:
 LOWEST = int(to_keys(np.array([-np.inf]))[0])
 HIGHEST = int(to_keys(np.array([np.inf]))[0])
 
-#: One step of a chain: the name of an operation and its constant (0.0 where there is none).
+#: One step of a chain: the name of an operation and its constant (0.0 where there is none). With an r in front of the
+#: name the constant is the first operand.
 Link = tuple[str, float]
 
 _OPERATIONS: dict[str, Callable[[FloatArray, float], FloatArray]] = {
     "add": lambda x, c: x + c,
     "sub": lambda x, c: x - c,
+    "radd": lambda x, c: c + x,
     "rsub": lambda x, c: c - x,
     "mul": lambda x, c: x * c,
+    "rmul": lambda x, c: c * x,
     "div": lambda x, c: x / c,
     "min": np.minimum,
     "max": np.maximum,
+    "rmin": lambda x, c: np.minimum(c, x),
+    "rmax": lambda x, c: np.maximum(c, x),
     "neg": lambda x, _: -x,
     "abs": lambda x, _: np.abs(x),
     "single": lambda x, _: x.astype(np.float32).astype(np.float64),

@@ -19,8 +19,9 @@ import numpy as np
 from st_codegen.ir import ModelIR
 from st_codegen.passes.domain import magnitudes
 from st_codegen.proof.prove.axis import NotProvedError
+from st_codegen.proof.prove.intervals import LARGEST, Interval, hull
 from st_codegen.proof.prove.symbolic import Held, Path, Summary, Symbolic, anything
-from st_codegen.proof.prove.terms import LARGEST, Interval, Term, Terms, Value, hull
+from st_codegen.proof.prove.terms import Term, Terms, Value
 from st_codegen.st import Project
 from st_codegen.st import tree as t
 from st_codegen.st.types import ArrayType, BlockType, Elementary, Type

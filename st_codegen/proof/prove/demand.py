@@ -1,4 +1,4 @@
-"""The expressions that a model without trees demands, operation by operation, and the inputs that it refuses.
+"""The expressions that a model demands, operation by operation, beside and behind its trees; what it refuses.
 
 A function of one number (tanh and its like) has one formula of +, -, *, / and EXP or LN here; docs/proof.md says how
 far each may lie from the function. Sums are added in the order of the model's numbers.
@@ -7,7 +7,7 @@ far each may lie from the function. Sums are added in the order of the model's n
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from functools import singledispatchmethod
 
 from st_codegen.ir import (
@@ -36,6 +36,7 @@ from st_codegen.ir import (
 )
 from st_codegen.ir.base import Elementwise
 from st_codegen.proof.prove.axis import NotProvedError
+from st_codegen.proof.prove.inputs import InputTerms
 from st_codegen.proof.prove.terms import Term, Terms, Value
 
 #: Below minus this argument an exponential is taken as 0.
@@ -47,17 +48,53 @@ _SYMBOL = {Operator.ADD: "add", Operator.SUBTRACT: "sub", Operator.MULTIPLY: "mu
 class Demand:
     """The outputs of a model as expressions of its inputs, and where it has an answer (`valid`)."""
 
-    def __init__(self, terms: Terms, model: ModelIR, inputs: list[Term]) -> None:
+    def __init__(self, terms: Terms, model: ModelIR) -> None:
         self.terms, self.model = terms, model
         self.valid: Value = True
-        self.missing: list[list[Value]] = [[terms.negated(terms.is_number(x)) for x in inputs]]
-        self.values: list[list[Value]] = [[self._limited(number, x) for number, x in enumerate(inputs)]]
-        for op in model.ops:
-            given = [self.values[number] for number in op.inputs]
-            self.values.append(self.value(op, given))
-            flags = [self.missing[number] for number in op.inputs]
-            self.missing.append(_flags(op, flags))
-        self.outputs = self.values[-1]
+        self.missing: dict[int, list[Value]] = {}
+        self.values: dict[int, list[Value]] = {}
+
+    @classmethod
+    def of_inputs(cls, terms: Terms, model: ModelIR, inputs: list[Term]) -> Demand:
+        """What a model without trees demands of inputs, which it limits first."""
+        demand = cls(terms, model)
+        demand.missing[0] = [terms.negated(terms.is_number(x)) for x in inputs]
+        demand.values[0] = [demand._limited(number, x) for number, x in enumerate(inputs)]
+        demand._compute(range(1, len(model.ops) + 1))
+        return demand
+
+    @classmethod
+    def of_trees(
+        cls, terms: Terms, model: ModelIR, inputs: InputTerms, sums: Mapping[int, list[Value]], valid: Value
+    ) -> Demand:
+        """What a model demands behind its trees, of their `sums` by operation and of limited inputs.
+
+        `valid` says whether the inputs are taken.
+        """
+        demand = cls(terms, model)
+        demand.valid = valid
+        demand.values = {0: list(inputs.numbers), **sums}
+        demand.missing = {
+            0: list(inputs.missing),
+            **{number: [False] * len(columns) for number, columns in sums.items()},
+        }
+        needed = {len(model.ops)}
+        for number in range(len(model.ops), 0, -1):
+            if number in needed and number not in sums:
+                needed.update(model.ops[number - 1].inputs)
+        demand._compute(sorted(needed - demand.values.keys()))
+        return demand
+
+    def _compute(self, numbers: Iterable[int]) -> None:
+        for number in numbers:
+            op = self.model.ops[number - 1]
+            self.values[number] = self.value(op, [self.values[value] for value in op.inputs])
+            self.missing[number] = _flags(op, [self.missing[value] for value in op.inputs])
+
+    @property
+    def outputs(self) -> list[Value]:
+        """The columns of the last operation."""
+        return self.values[len(self.model.ops)]
 
     def put_out(self) -> list[Value]:
         """The outputs as the block has them: the number of a class is an integer."""
@@ -68,7 +105,7 @@ class Demand:
 
     def _limited(self, number: int, x: Value) -> Value:
         declared = self.model.features[number]
-        y = self._where(self.missing[0][number], lambda: 0.0, lambda: x)
+        y = self.terms.where(self.missing[0][number], lambda: 0.0, lambda: x)
         if declared.lower is None or declared.upper is None:
             return y
         low, high = declared.lower, declared.upper
@@ -80,18 +117,7 @@ class Demand:
         self, operator: str, one: Value, other: Value, then: Callable[[], Value], otherwise: Callable[[], Value]
     ) -> Value:
         """What `then` gives where a comparison holds, else what `otherwise` gives."""
-        return self._where(self.terms.compare(operator, one, other), then, otherwise)
-
-    def _where(self, condition: Value, then: Callable[[], Value], otherwise: Callable[[], Value]) -> Value:
-        """What `then` gives where a condition holds, else what `otherwise` gives."""
-        if not isinstance(condition, Term):
-            return then() if condition else otherwise()
-        sides = []
-        for truth, side in ((True, then), (False, otherwise)):
-            with self.terms.assuming(condition, truth):
-                value = side()
-                sides.append((value, self.terms.interval(value)))
-        return self.terms.merged(condition, *sides)
+        return self.terms.where(self.terms.compare(operator, one, other), then, otherwise)
 
     def _refuse(self, operator: str, one: Value, other: Value) -> None:
         condition = self.terms.compare(operator, one, other)
@@ -110,7 +136,7 @@ class Demand:
     @singledispatchmethod
     def value(self, op: Operation, _: list[list[Value]]) -> list[Value]:
         """The columns of the result of an operation."""
-        raise NotProvedError(f"the operation {type(op).__name__} is not followed in a model without trees")
+        raise NotProvedError(f"the operation {type(op).__name__} is not followed outside of trees")
 
     @value.register
     def _(self, op: Select, given: list[list[Value]]) -> list[Value]:
@@ -170,8 +196,8 @@ class Demand:
         best: Value = 0
         for number, x in enumerate(columns[1:], 1):
             above = self.terms.compare("GT", x, largest)
-            best = self._where(above, lambda n=number: n, lambda b=best: b)  # type: ignore[misc]
-            largest = self._where(above, lambda x=x: x, lambda y=largest: y)  # type: ignore[misc]
+            best = self.terms.where(above, lambda n=number: n, lambda b=best: b)  # type: ignore[misc]
+            largest = self.terms.where(above, lambda x=x: x, lambda y=largest: y)  # type: ignore[misc]
         return largest, best
 
     @value.register
@@ -184,7 +210,7 @@ class Demand:
                 break
             before = terms.compare("LT", number, best)
             near = terms.compare("LE", terms.real("sub", largest, x), op.merged)
-            best = self._where(terms.both(before, near), lambda n=number: n, lambda b=best: b)  # type: ignore[misc]
+            best = self.terms.where(terms.both(before, near), lambda n=number: n, lambda b=best: b)  # type: ignore[misc]
         return [terms.integer("ireal", best, low=0, high=op.n_columns - 1) if isinstance(best, Term) else float(best)]
 
     @value.register
@@ -202,9 +228,9 @@ class Demand:
             if op.sentinel is not None:
                 apart = self.terms.real("abs", self.terms.real("sub", x, op.sentinel))
                 condition = self.terms.negated(self.terms.compare("GT", apart, 0.0))
-                value = self._where(condition, lambda fill=fill: fill, lambda x=x: x)  # type: ignore[misc]
+                value = self.terms.where(condition, lambda fill=fill: fill, lambda x=x: x)  # type: ignore[misc]
             if self.model.accepts_nan:
-                value = self._where(missing, lambda fill=fill: fill, lambda v=value: v)  # type: ignore[misc]
+                value = self.terms.where(missing, lambda fill=fill: fill, lambda v=value: v)  # type: ignore[misc]
             result.append(value)
         return result
 
@@ -365,7 +391,7 @@ class Demand:
             least = terms.real("mul", terms.real("abs", column), 1.0 / op.ceiling)
             above = terms.compare("GT", size, least)
             result.append(
-                self._where(
+                self.terms.where(
                     above,
                     lambda c=column: self._rounded(terms.real("div", c, largest), op.precision),  # type: ignore[misc]
                     lambda c=column: c,  # type: ignore[misc]

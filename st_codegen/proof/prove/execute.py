@@ -8,8 +8,7 @@ NotProvedError: silence is never taken for a proof.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 import numpy as np
@@ -26,7 +25,23 @@ from st_codegen.proof.prove.axis import (
     run_chain,
 )
 from st_codegen.proof.prove.boxes import Lanes, Slots, Space
-from st_codegen.proof.prove.expressions import ExpressionNode, Pool, compute
+from st_codegen.proof.prove.by_case import follow
+from st_codegen.proof.prove.inputs import InputTerms
+from st_codegen.proof.prove.intervals import compute
+from st_codegen.proof.prove.terms import Term
+from st_codegen.proof.prove.terms import Value as Number
+from st_codegen.proof.prove.values import (
+    LOST,
+    NOTHING,
+    All,
+    Bits,
+    ComputedError,
+    Conditional,
+    Kept,
+    Value,
+    is_scalar,
+    parts_of,
+)
 from st_codegen.st import Project
 from st_codegen.st import tree as t
 from st_codegen.st.types import ArrayType, Elementary, StructType, Type
@@ -45,57 +60,8 @@ _MAGNITUDE = 0x7FFF_FFFF_FFFF_FFFF
 _INFINITY = 0x7FF0_0000_0000_0000
 
 
-class _Nothing:
-    """What a variable holds that this call has not assigned: what an earlier call left."""
-
-
-NOTHING = _Nothing()
-
-
-class _Lost:
-    """What a variable holds that nobody may read: a counter behind its loop."""
-
-
-LOST = _Lost()
-
-
-@dataclass(frozen=True)
-class Kept:
-    """The value of an output before the call."""
-
-    name: str
-
-
-@dataclass(frozen=True)
-class All:
-    """Truth values of different inputs, all of which must hold."""
-
-    parts: Mapping[int, AxisValue]
-
-
-@dataclass(frozen=True)
-class Bits:
-    """The bits of a float64 value; `magnitude`: without the sign."""
-
-    value: object
-    magnitude: bool = False
-
-
-@dataclass(frozen=True)
-class Conditional:
-    """`value` where a condition on several inputs holds, else `otherwise`."""
-
-    condition: object
-    value: object
-    otherwise: object
-
-
-Value = object
-Recogniser = Callable[[Lanes], ExpressionNode]
-
-
-def _is_scalar(value: Value) -> bool:
-    return isinstance(value, bool | int | float)
+#: Names a value that differs from box to box when it enters a sum: a leaf of a tree.
+Recogniser = Callable[[Lanes | Slots], Term]
 
 
 class Executor:
@@ -105,12 +71,15 @@ class Executor:
     """
 
     def __init__(
-        self, project: Project, block: str, axes: Sequence[InputAxis], pool: Pool, recognise: Recogniser
+        self, project: Project, block: str, axes: Sequence[InputAxis], inputs: InputTerms, recognise: Recogniser
     ) -> None:
-        self.project, self.pool, self.recognise = project, pool, recognise
+        self.project, self.inputs, self.terms, self.recognise = project, inputs, inputs.terms, recognise
+        self._terms: dict[int, tuple[Value, Number]] = {}
+        #: The boxes of the statement that is executed: both sides of an IF are to assign on the same ones.
+        self._open: Space | None = None
         unit = project.pous[block.upper()]
-        inputs = unit.section(t.Section.INPUT)
-        if len(axes) != len(inputs):
+        declared = unit.section(t.Section.INPUT)
+        if len(axes) != len(declared):
             raise NotProvedError("the block has another number of inputs than the model has features")
         self.axes = axes
         self.unit = unit
@@ -118,7 +87,7 @@ class Executor:
         self.untouched: set[tuple[t.Variable, int]] = set()
         for variable in unit.variables:
             self._declare(variable)
-        for axis, variable in zip(self.axes, inputs, strict=True):
+        for axis, variable in zip(self.axes, declared, strict=True):
             self.variables[variable] = input_value(axis)
 
     def run(self) -> dict[str, Value]:
@@ -155,6 +124,18 @@ class Executor:
         return left
 
     def _statement(self, statement: t.Statement, mask: Value) -> Value:
+        if mask is True:
+            self._open = None
+        try:
+            return self._followed(statement, mask)
+        except ComputedError:
+            if mask is not True:
+                raise
+        # it raised before it changed anything: what it needs first is what it decides or computes with
+        follow(self, statement)
+        return False
+
+    def _followed(self, statement: t.Statement, mask: Value) -> Value:
         if isinstance(statement, t.Assign):
             self._store(statement.target, self._value(statement.value, mask), mask)
         elif isinstance(statement, t.If):
@@ -172,13 +153,16 @@ class Executor:
         rest = mask
         for branch in statement.branches:
             condition = self._value(branch.condition, rest)
+            if isinstance(condition, All) and (len(statement.branches) > 1 or statement.otherwise):
+                raise self._undecided(branch, statement)
+            if isinstance(condition, Term):
+                raise self._undecided(branch, statement)
+            self._require_known(condition, rest)
             taken = self._logic("AND", rest, condition)
             if self._any(taken):
                 gone = self._block(branch.body, taken)
                 left = gone if left is False else left if gone is False else self._logic("OR", left, gone)
             if isinstance(condition, All):
-                if len(statement.branches) > 1 or statement.otherwise:
-                    raise NotProvedError(f"{statement.position}: ELSE behind a condition on several inputs")
                 return left
             rest = self._logic("AND", rest, self._not(condition))
             if not self._any(rest):
@@ -186,10 +170,27 @@ class Executor:
         gone = self._block(statement.otherwise, rest)
         return gone if left is False else left if gone is False else self._logic("OR", left, gone)
 
+    def _require_known(self, condition: Value, mask: Value) -> None:
+        """Raise NotProvedError for a condition that has no value everywhere in a mask."""
+        if isinstance(condition, AxisValue) and condition.lift().known is not None:
+            active = self._active_on_axis(mask, condition.axis)
+        elif isinstance(condition, Lanes) and condition.lift().known is not None:
+            active = self._active(mask, condition.space)
+        else:
+            return
+        if np.any(active & ~np.asarray(condition.lift().known)):
+            raise NotProvedError("a decision is read before it is assigned")
+
+    @staticmethod
+    def _undecided(branch: t.Branch, statement: t.If) -> NotProvedError:
+        """A condition that boxes do not decide: terms may, as long as no branch before it was executed."""
+        kind = ComputedError if branch is statement.branches[0] else NotProvedError
+        return kind("a condition on computed numbers or several inputs", statement.position)
+
     def _for(self, statement: t.For, mask: Value) -> None:
         bounds = [self._value(part, mask) for part in (statement.start, statement.stop, statement.step)]
         if not all(isinstance(bound, int) for bound in bounds):
-            raise NotProvedError(f"{statement.position}: a loop whose bounds depend on the inputs")
+            raise ComputedError("a loop whose bounds depend on the inputs", statement.position)
         if not isinstance(statement.counter, t.VariableRef):
             raise NotProvedError(f"{statement.position}: a counter that is no variable")
         start, stop, step = (int(bound) for bound in bounds)  # type: ignore[call-overload]
@@ -209,7 +210,7 @@ class Executor:
             old = self.variables.get(target.variable)
             if old is None:
                 raise NotProvedError("a global variable is assigned")
-            self._touch(target.variable, 0)
+            self.touch(target.variable, 0)
             if isinstance(old, list):
                 raise NotProvedError(f"{target.position}: an array is assigned as a whole")
             self.variables[target.variable] = self._merged(value, old, mask)
@@ -220,7 +221,7 @@ class Executor:
                 raise NotProvedError(f"{target.position}: an element whose place depends on the inputs is assigned")
             if not 0 <= place < len(items):
                 raise NotProvedError(f"{target.position}: an index out of range")
-            self._touch(target.base.variable, place)
+            self.touch(target.base.variable, place)
             items[place] = self._merged(value, items[place], mask)
         elif isinstance(target, t.FieldRef) and isinstance(target.base, t.VariableRef) and mask is True:
             self.variables[target.base.variable] = (target.name, value)
@@ -233,13 +234,13 @@ class Executor:
             return new
         if new is False and isinstance(mask, AxisValue) and isinstance(old, bool | AxisValue | All):
             return self._logic("AND", old, self._not(mask))
-        if isinstance(mask, All) or isinstance(new, ExpressionNode | Kept) or isinstance(old, Kept | ExpressionNode):
+        if isinstance(mask, All) or isinstance(new, Term | Kept) or isinstance(old, Kept | Term):
             return Conditional(mask, new, old)
-        stale = isinstance(old, _Nothing | _Lost | Slots | Bits) or (
+        stale = isinstance(old, type(NOTHING) | type(LOST) | Slots | Bits) or (
             isinstance(old, Lanes) and not any(isinstance(v, Lanes) and v.space is old.space for v in (new, mask))
         )
         if isinstance(new, AxisValue) and new.chain is not None:
-            stale = stale or (not (isinstance(old, AxisValue) and old.axis is new.axis) and not _is_scalar(old))
+            stale = stale or (not (isinstance(old, AxisValue) and old.axis is new.axis) and not is_scalar(old))
         return self._where(mask, new, None if stale else old)
 
     def _where(self, mask: Value, new: Value, old: Value) -> Value:
@@ -248,7 +249,7 @@ class Executor:
         if only_axis and len({id(value.axis) for value in axis_values}) == 1:
             return self._where_on_axis(axis_values[0].axis, mask, new, old)
         parts = [mask, new] if old is None else [mask, new, old]
-        space, arrays = self._joined(parts, True, needed=False)
+        space, arrays = self.joined(parts, True, needed=False)
         active = np.asarray(arrays[0], np.bool_)
         known = self._known_of(parts[1], space)
         if old is None:
@@ -293,7 +294,7 @@ class Executor:
                 value = self.variables.get(expression.variable, LOST)
                 if value is LOST:
                     raise NotProvedError(f"{expression.variable.name} is no variable of the block that holds a value")
-                return self._initial(expression.variable, 0) if isinstance(value, _Nothing) else value
+                return self._initial(expression.variable, 0) if value is NOTHING else value
             if isinstance(expression, t.ElementRef):
                 return self._element(expression, mask)
             if isinstance(expression, t.FieldRef):
@@ -321,7 +322,7 @@ class Executor:
             raise error.at(expression.position) from None
         raise NotProvedError(f"{expression.position}: {type(expression).__name__} is not followed")
 
-    def _touch(self, variable: t.Variable, place: int) -> None:
+    def touch(self, variable: t.Variable, place: int) -> None:
         if (variable, place) in self.untouched:
             raise NotProvedError(f"{variable.name} is read before this call has assigned it")
 
@@ -330,7 +331,7 @@ class Executor:
         self.untouched.add((variable, place))
         initial = variable.initial
         value = initial[place].item() if isinstance(initial, np.ndarray) else initial
-        if not _is_scalar(value):
+        if not is_scalar(value):
             raise NotProvedError(f"{variable.name} is read before this call has assigned it")
         return value
 
@@ -355,9 +356,9 @@ class Executor:
             if isinstance(items, np.ndarray):
                 return items[index].item()
             value = items[index]
-            return self._initial(expression.base.variable, index) if isinstance(value, _Nothing) else value
+            return self._initial(expression.base.variable, index) if value is NOTHING else value
         if isinstance(items, list):
-            if all(_is_scalar(item) for item in items):
+            if all(is_scalar(item) for item in items):
                 items = np.array(items)
             else:
                 return self._slots(expression.base.variable, items, index, mask)
@@ -373,13 +374,13 @@ class Executor:
         return self._elementwise(looked_up, [index], mask)
 
     def _slots(self, variable: t.Variable, items: list[object], index: Value, mask: Value) -> Value:
-        space, (positions,) = self._joined([index], mask)
+        space, (positions,) = self.joined([index], mask)
         reached = np.unique(positions[self._active(mask, space)])
         if np.any((reached < 0) | (reached >= len(items))):
             raise NotProvedError("an index out of range")
         items = list(items)
         for place in reached.tolist():
-            if isinstance(items[place], _Nothing):
+            if items[place] is NOTHING:
                 items[place] = self._initial(variable, place)
         return Slots(space, Lanes(space, positions), items)
 
@@ -396,7 +397,7 @@ class Executor:
                 value, known = space.resolve(item, active)
                 if not np.all(known[self._active(mask, space) & (slots.index.lift().value == number)]):
                     raise NotProvedError("an element is read before it is assigned")
-            elif _is_scalar(item):
+            elif is_scalar(item):
                 value = np.full(space.lanes, item)
             else:
                 raise NotProvedError("an element that depends on several inputs")
@@ -441,6 +442,8 @@ class Executor:
             raise NotProvedError("arithmetic on the bits of a number")
         if isinstance(kind, Elementary) and kind.name == "BOOL":
             if operator in ("AND", "OR"):
+                for side in (left, right):
+                    self._require_known(side, mask)
                 return self._logic(operator, left, right)
             raise NotProvedError(f"{operator} of truth values")
         lower, upper = (
@@ -478,20 +481,20 @@ class Executor:
 
     def _float(self, name: str, values: list[Value], mask: Value) -> Value:
         """A floating point operation: on constants and on chains of one input as it is, else as an expression."""
-        if all(_is_scalar(value) for value in values):
+        if all(is_scalar(value) for value in values):
             return compute(name, *(float(value) for value in values))  # type: ignore[arg-type]
         axis_values = [value for value in values if isinstance(value, AxisValue)]
         # what is constant in each lane is the leaf of a tree or an element of a table: a term of a sum
         terms = name in ("add", "min", "max") and any(value.chain is None for value in axis_values)
         if (
             not terms
-            and len(axis_values) + sum(map(_is_scalar, values)) == len(values)
+            and len(axis_values) + sum(map(is_scalar, values)) == len(values)
             and len({id(value.axis) for value in axis_values}) == 1
         ):
             found = self._float_on_axis(name, values, axis_values[0].axis, mask)
             if found is not None:
                 return found
-        return self.pool.make(name, *(self.as_node(value) for value in values))
+        return self.terms.real(name, *(self.as_term(value) for value in values))
 
     def _float_on_axis(self, name: str, values: list[Value], axis: InputAxis, mask: Value) -> AxisValue | None:
         if name == "abs" and isinstance(values[0], AxisValue):
@@ -527,25 +530,34 @@ class Executor:
         constants = numbers[1] if moving[0] is on_axis[0] else numbers[0]
         if name == "div" and moving[0] is on_axis[1]:
             return None
-        link = "rsub" if name == "sub" and moving[0] is on_axis[1] else name
+        link = name if moving[0] is on_axis[0] else f"r{name}"
         return moving[0].with_links(link, constants, np.asarray(result), active)
 
-    def as_node(self, value: Value) -> ExpressionNode:
-        """A value as an expression."""
-        if isinstance(value, ExpressionNode):
+    def as_term(self, value: Value) -> Number:
+        """A value as a term. What differs from box to box must be a tree's."""
+        if isinstance(value, Term):
             return value
-        if _is_scalar(value):
-            return self.pool.constant(float(value))  # type: ignore[arg-type]
-        if isinstance(value, Lanes):
+        if isinstance(value, bool | int | float):
+            return float(value)
+        if id(value) not in self._terms:
+            self._terms[id(value)] = value, self._as_term(value)
+        return self._terms[id(value)][1]
+
+    def as_number(self, value: Value) -> Number:
+        """A value as a term; integers and truth values stay what they are."""
+        return value if isinstance(value, bool | int | float) else self.as_term(value)
+
+    def _as_term(self, value: Value) -> Number:
+        if isinstance(value, Slots) and any(isinstance(item, AxisValue) for item in value.items):
+            value = self._settled(value, True)
+        if isinstance(value, Lanes | Slots):
             return self.recognise(value)
-        if isinstance(value, Slots):
-            return self.recognise(self._settled(value, True))  # type: ignore[arg-type]
         if isinstance(value, AxisValue) and value.lift().chain is None:
             space = Space(self.axes)
             found, known = space.resolve(value, np.ones(1, np.bool_))
             return self.recognise(Lanes(space, found, known))
         if isinstance(value, AxisValue):
-            return self.pool.leaf("input", id(value), value.axis.feature)
+            return self.inputs.number(value)
         raise NotProvedError(f"arithmetic on {type(value).__name__}")
 
     def _compare(self, operator: str, left: Value, right: Value, mask: Value) -> Value:
@@ -562,13 +574,13 @@ class Executor:
                 left = self._settled(left, mask)
             else:
                 return self._compare_slots(operator, left, right, mask)
-        if isinstance(left, ExpressionNode) or isinstance(right, ExpressionNode):
-            raise NotProvedError("a comparison of a computed number")
+        if isinstance(left, Term) or isinstance(right, Term):
+            raise ComputedError("a comparison of a computed number")
         values = [left, right]
         axis_values = [value for value in values if isinstance(value, AxisValue)]
         if (
             axis_values
-            and len(axis_values) + sum(map(_is_scalar, values)) == 2
+            and len(axis_values) + sum(map(is_scalar, values)) == 2
             and len({id(value.axis) for value in axis_values}) == 1
         ):
             return self._compare_on_axis(operator, left, right, axis_values[0].axis, mask)
@@ -620,7 +632,7 @@ class Executor:
     def _compare_slots(self, operator: str, slots: Slots, right: Value, mask: Value) -> Value:
         space = slots.space
         while True:
-            space_found, (thresholds,) = self._joined([right], mask, space=space)
+            space_found, (thresholds,) = self.joined([right], mask, space=space)
             assert space_found is space
             active = self._active(mask, space)
             index = slots.index.lift().value
@@ -633,7 +645,7 @@ class Executor:
         for number in np.unique(index[active]).tolist():
             lanes = np.flatnonzero(active & (index == number))
             item = slots.items[number]
-            if _is_scalar(item):
+            if is_scalar(item):
                 feature[lanes] = 0
                 decided = _COMPARE[operator](item, thresholds[lanes])
                 below[lanes], nan[lanes], last[lanes] = decided, decided, HIGHEST
@@ -654,7 +666,7 @@ class Executor:
     def _compare_settled(self, operator: str, slots: Slots, right: Value, mask: Value) -> Value:
         """Slots whose values neither rise nor fall along their input: every comparison for itself."""
         space = slots.space
-        _, (thresholds,) = self._joined([right], mask, space=space)
+        _, (thresholds,) = self.joined([right], mask, space=space)
         keys = np.unique(
             np.column_stack([slots.index.lift().value, thresholds])[self._active(mask, space)], axis=0
         ).tolist()
@@ -707,9 +719,10 @@ class Executor:
                 for argument in arguments[1:]:
                     result = self._float(_FLOAT[name], [result, argument], mask)
                 return result
-            return self.pool.make(name.lower(), *(self.as_node(argument) for argument in arguments))
+            return self.terms.real(name.lower(), *(self.as_term(argument) for argument in arguments))
         if name == "TRUNC" and isinstance(kind, Elementary):
-            return self._elementwise(truncated(kind), arguments, mask)
+            # in all boxes: the condition may be one on inputs that are refused
+            return self._elementwise(truncated(kind), arguments, True)
         raise NotProvedError(f"{name} is not followed")
 
     def _call(self, call: t.Call, mask: Value) -> Value:
@@ -742,7 +755,7 @@ class Executor:
         if isinstance(value, Lanes):
             value.lift()
             return Lanes(value.space, ~value.value.astype(np.bool_), value.known)
-        raise NotProvedError("NOT of a condition on several inputs")
+        raise ComputedError("NOT of a condition on several inputs")
 
     def _logic(self, operator: str, left: Value, right: Value) -> Value:
         for one, other in ((left, right), (right, left)):
@@ -751,12 +764,12 @@ class Executor:
         if operator == "AND" and all(isinstance(value, AxisValue | All) for value in (left, right)):
             parts: dict[int, AxisValue] = {}
             for value in (left, right):
-                for axis, part in _parts(value).items():
+                for axis, part in parts_of(value).items():
                     known = parts.get(axis)
                     parts[axis] = part if known is None else self._where_on_axis(part.axis, part, known, False)
             return next(iter(parts.values())) if len(parts) == 1 else All(parts)
         if isinstance(left, All) or isinstance(right, All):
-            raise NotProvedError("a condition on several inputs")
+            raise ComputedError("a condition on several inputs")
 
         def combined(a: AnyArray, b: AnyArray, _: BoolArray) -> AnyArray:
             return a.astype(np.bool_) & b.astype(np.bool_) if operator == "AND" else a.astype(np.bool_) | b
@@ -800,7 +813,7 @@ class Executor:
             return value.astype(np.bool_)
         raise NotProvedError("a condition that is not followed")
 
-    def _joined(
+    def joined(
         self, values: Sequence[Value], mask: Value, *, needed: bool = True, space: Space | None = None
     ) -> tuple[Space, list[AnyArray]]:
         """Values on the lanes of one space; `needed`: they must have been assigned wherever the mask holds."""
@@ -810,7 +823,7 @@ class Executor:
                 if space is not None and value.space is not space:
                     raise NotProvedError("arithmetic on values of two different trees")
                 space = value.space
-        space = space or Space(self.axes)
+        self._open = space = space or self._open or Space(self.axes)
         self._active(mask, space)
         parts: list[Lanes] = []
         for value in values:
@@ -819,7 +832,7 @@ class Executor:
                 parts.append(Lanes(space, found, known))
             elif isinstance(value, Lanes):
                 parts.append(value)
-            elif _is_scalar(value):
+            elif is_scalar(value):
                 parts.append(Lanes(space, np.full(space.lanes, value)))
             else:
                 raise NotProvedError(f"arithmetic on {type(value).__name__}")
@@ -836,10 +849,10 @@ class Executor:
         """An operation on numbers, lane by lane; `compute` also takes the lanes in which it has to succeed."""
         values = [self._settled(value, mask) if isinstance(value, Slots) else value for value in values]
         if any(
-            isinstance(value, ExpressionNode | All | Bits | Kept | Conditional | _Nothing | _Lost) for value in values
+            isinstance(value, Term | All | Bits | Kept | Conditional | type(NOTHING) | type(LOST)) for value in values
         ):
-            raise NotProvedError("an operation on a computed number that is not followed")
-        if all(_is_scalar(value) for value in values):
+            raise ComputedError("an operation on a computed number that is not followed")
+        if all(is_scalar(value) for value in values):
             result = compute(*(np.array([value]) for value in values), np.ones(1, np.bool_))
             return result[0].item()
         axes = {id(value.axis): value.axis for value in values if isinstance(value, AxisValue)}
@@ -853,7 +866,7 @@ class Executor:
                 if needed and value.known is not None and np.any(active & ~value.known):
                     raise NotProvedError("a number is read before it is assigned")
             return AxisValue(axis, np.asarray(compute(*(value.constant for value in on_axis), active)))
-        space, arrays = self._joined(values, mask, needed=needed)
+        space, arrays = self.joined(values, mask, needed=needed)
         return Lanes(space, np.asarray(compute(*arrays, self._active(mask, space))))
 
 
@@ -868,13 +881,6 @@ def truncated(kind: Elementary) -> Callable[..., AnyArray]:
         return np.where(inside, a, 0.0).astype(np.int64)
 
     return whole
-
-
-def _parts(value: Value) -> dict[int, AxisValue]:
-    if isinstance(value, All):
-        return dict(value.parts)
-    assert isinstance(value, AxisValue)
-    return {value.axis.feature: value}
 
 
 def _changeovers(operator: str, item: AxisValue, thresholds: FloatArray) -> tuple[AnyArray, AnyArray, AnyArray] | None:

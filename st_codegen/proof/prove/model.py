@@ -1,4 +1,4 @@
-"""What a model demands, from its intermediate representation: decisions on boxes of inputs, and sums of trees.
+"""What the trees of a model demand, from its intermediate representation: decisions on boxes of inputs.
 
 The rules of the library (comparison, rounding of inputs, missing values, categories, order and precision of the sum)
 are data of the representation. None of the passes and layouts of the compiler is used.
@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.ir import (
-    Aggregate,
     Clip,
     Comparison,
     FillMissing,
@@ -20,7 +19,6 @@ from st_codegen.ir import (
     NanRule,
     Operation,
     Operator,
-    Precision,
     Round,
     Scale,
     Select,
@@ -39,7 +37,6 @@ from st_codegen.proof.prove.axis import (
     to_keys,
 )
 from st_codegen.proof.prove.boxes import Lanes, Space
-from st_codegen.proof.prove.expressions import ExpressionNode, Pool
 
 #: A monotone column: the input it depends on and its value for numbers of that input.
 Column = tuple[int, Callable[[FloatArray], FloatArray]]
@@ -101,74 +98,6 @@ class ModelSide:
         found = [ensemble.cuts(feature) for ensemble in self.ensembles.values()]
         return np.unique(np.concatenate([*found, np.zeros(0, np.int64)]))
 
-    def outputs(self, pool: Pool, fixed: dict[tuple[int, int, int], float]) -> list[ExpressionNode]:
-        """The expression of each output; `fixed` are trees that are constant on the domain.
-
-        Raises NotProvedError for operations that are not followed.
-        """
-        values: list[list[ExpressionNode | None]] = [[None] * len(self.model.features)]
-        for number, op in enumerate(self.model.ops, 1):
-            given = [column for value in op.inputs for column in values[value]]
-            if isinstance(op, TreeEnsemble):
-                values.append(list(_sums(pool, op, number, fixed)))
-            elif isinstance(op, Select):
-                values.append([given[column] for column in op.columns])
-            elif isinstance(op, Scale) and all(node is not None for node in given):
-                values.append(
-                    [
-                        _scaled(pool, op, node, float(op.constant[at]))
-                        for at, node in enumerate(given)
-                        if node is not None
-                    ]
-                )
-            elif all(node is None for node in given):
-                values.append([None] * op.width)
-            else:
-                raise NotProvedError(f"the operation {type(op).__name__} behind trees is not followed")
-        return [node for node in values[-1] if node is not None]
-
-
-def _scaled(pool: Pool, op: Scale, node: ExpressionNode, constant: float) -> ExpressionNode:
-    names = {Operator.ADD: "add", Operator.SUBTRACT: "sub", Operator.MULTIPLY: "mul", Operator.DIVIDE: "div"}
-    pair = (node, pool.constant(constant))
-    result = pool.make(names[op.operator], *(pair[::-1] if op.reverse else pair))
-    return pool.make("single", result) if op.precision is Precision.FLOAT32 else result
-
-
-def _sums(pool: Pool, op: TreeEnsemble, number: int, fixed: dict[tuple[int, int, int], float]) -> list[ExpressionNode]:
-    """The sums of an ensemble, every addition in the library's order."""
-    single = op.sum_precision is Precision.FLOAT32
-    name = {Aggregate.SUM: "add", Aggregate.MINIMUM: "min", Aggregate.MAXIMUM: "max"}[op.aggregate]
-
-    def rounded(node: ExpressionNode) -> ExpressionNode:
-        return pool.make("single", node) if single else node
-
-    results = []
-    for output in range(op.width):
-        later = op.base_last or op.aggregate is not Aggregate.SUM
-        start = {"add": 0.0, "min": np.finfo(np.float64).max, "max": -np.finfo(np.float64).max}[name]
-        total = pool.constant(float(start if later else op.base[output]))
-        for tree in range(op.n_trees):
-            if op.leaf_value.shape[1] == 1 and op.width > 1 and op.tree_output[tree] != output:
-                continue
-            key = (number, tree, output)
-            constant = fixed.get(key)
-            term = tree_leaf(pool, op, key) if constant is None else pool.constant(constant)
-            total = rounded(pool.make(name, total, term))
-        if op.divisor != 1.0:
-            total = rounded(pool.make("div", total, pool.constant(op.divisor)))
-        if later:
-            total = rounded(pool.make("add", total, pool.constant(float(op.base[output]))))
-        results.append(total)
-    return results
-
-
-def tree_leaf(pool: Pool, op: TreeEnsemble, key: tuple[int, int, int]) -> ExpressionNode:
-    """What a tree gives to an output, as a term of a sum."""
-    values = op.leaf_value
-    minus_zero = bool(np.any((values == 0) & np.signbit(values)))
-    return pool.leaf("tree", *key, minus_zero=minus_zero, single=op.sum_precision is Precision.FLOAT32)
-
 
 def _columns_after(op: Operation, given: list[Column | None]) -> list[Column | None]:
     """The columns of a result; None for what depends on several inputs or through comparisons."""
@@ -209,8 +138,6 @@ class Ensemble:
     def __init__(self, op: TreeEnsemble, given: list[Column | None], domain: InputDomain) -> None:
         self.op = op
         self.domain = domain
-        if op.linear is not None:
-            raise NotProvedError("linear models in leaves are not followed")
         nodes = op.n_nodes
         self.feature = np.zeros(nodes, np.int64)
         self.last = np.full(nodes, HIGHEST, np.int64)

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.proof.prove.axis import NotProvedError
-from st_codegen.proof.prove.terms import WHOLE, Interval, Term, Terms, Value
+from st_codegen.proof.prove.intervals import WHOLE, Interval
+from st_codegen.proof.prove.terms import Term, Terms, Value
 from st_codegen.st import Project
 from st_codegen.st import tree as t
 from st_codegen.st.types import ArrayType, BlockType, Elementary, StructType, Type
@@ -108,7 +109,7 @@ class Symbolic:
         if isinstance(statement, t.Assign):
             self._store(path, statement.target, self._value(path, statement.value))
         elif isinstance(statement, t.If):
-            self._if(path, statement.branches, statement.otherwise)
+            self._if(path, statement.branches, statement.otherwise, lambda body: self.block(path, body))
         elif isinstance(statement, t.For):
             self._for(path, statement)
         elif isinstance(statement, t.CallStatement):
@@ -138,16 +139,18 @@ class Symbolic:
             lambda: self._cases(path, selector, branches[1:], otherwise),
         )
 
-    def _if(self, path: Path, branches: Sequence[t.Branch], otherwise: Sequence[t.Statement]) -> None:
+    def _if(
+        self,
+        path: Path,
+        branches: Sequence[t.Branch],
+        otherwise: Sequence[t.Statement],
+        run: Callable[[Sequence[t.Statement]], None],
+    ) -> None:
         if not branches:
-            self.block(path, otherwise)
+            run(otherwise)
             return
         condition = self._number(path, branches[0].condition)
-        self._branch(
-            condition,
-            lambda: self.block(path, branches[0].body),
-            lambda: self._if(path, branches[1:], otherwise),
-        )
+        self._branch(condition, lambda: run(branches[0].body), lambda: self._if(path, branches[1:], otherwise, run))
 
     def _branch(self, condition: Value, then: Callable[[], None], otherwise: Callable[[], None]) -> None:
         known = self.terms.truth(condition)
@@ -202,12 +205,36 @@ class Symbolic:
         if not all(isinstance(bound, int) for bound in bounds):
             raise NotProvedError("a loop whose bounds depend on the inputs")
         start, stop, step = (int(bound) for bound in bounds)  # type: ignore[arg-type]
-        counter = start
-        while counter <= stop if step > 0 else counter >= stop:
+        counters = range(start, stop + (1 if step > 0 else -1), step)
+        self._rounds(path, statement, counters, leaves=_leaves(statement.body))
+
+    def _rounds(self, path: Path, statement: t.For, counters: range, *, leaves: bool) -> None:
+        if leaves and counters:
+            self.held[path, statement.variable] = counters[0]
+            self._until_exit(path, statement.body, lambda: self._rounds(path, statement, counters[1:], leaves=True))
+            return
+        for counter in counters:
             self.held[path, statement.variable] = counter
             self.block(path, statement.body)
-            counter += step
-        self.held[path, statement.variable] = counter
+        self.held[path, statement.variable] = counters.start + len(counters) * counters.step
+
+    def _until_exit(self, path: Path, statements: Sequence[t.Statement], after: Callable[[], None]) -> None:
+        """Execute statements, and what comes `after` them where none of them is EXIT."""
+        if not statements:
+            after()
+            return
+        statement, rest = statements[0], statements[1:]
+        if isinstance(statement, t.Exit):
+            return
+        if isinstance(statement, t.If) and _leaves((statement,)):
+
+            def run(body: Sequence[t.Statement]) -> None:
+                self._until_exit(path, body, lambda: self._until_exit(path, rest, after))
+
+            self._if(path, statement.branches, statement.otherwise, run)
+            return
+        self.block(path, (statement,))
+        self._until_exit(path, rest, after)
 
     # --- places -----------------------------------------------------------------------------------------------------
 
@@ -262,7 +289,7 @@ class Symbolic:
             items, at = self._load(path, place.base), self._place(path, place)
             if not isinstance(items, tuple | np.ndarray) or not 0 <= at < len(items):
                 raise NotProvedError("an index out of range")
-            return items[at] if isinstance(items, tuple) else items[at].item()
+            return _read(items[at]) if isinstance(items, tuple) else items[at].item()
         if isinstance(place, t.FieldRef):
             stored = self._load(path, place.base)
             if not isinstance(stored, dict):
@@ -275,7 +302,7 @@ class Symbolic:
         key = self._key(path, place)
         if key not in self.held and key[1].is_constant:
             return self._initial(key[1])
-        value = self.held.get(key)
+        value = _read(self.held.get(key))
         if value is None:
             raise NotProvedError(f"{key[1].name} is read before it has a value that is known")
         return value
@@ -405,6 +432,23 @@ class Symbolic:
         for variable in own_variables:
             del self.held[where, variable]
         return result
+
+
+def _leaves(statements: Sequence[t.Statement]) -> bool:
+    """Whether some of these statements may leave the loop around them."""
+    return any(
+        isinstance(statement, t.Exit)
+        or (
+            isinstance(statement, t.If)
+            and any(_leaves(body) for body in (*(branch.body for branch in statement.branches), statement.otherwise))
+        )
+        for statement in statements
+    )
+
+
+def _read(value: Held) -> Held:
+    """What a variable holds, which may be a function that gives it once it is read."""
+    return value() if callable(value) else value
 
 
 def _kind(kind: Type) -> str:

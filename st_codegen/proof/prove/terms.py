@@ -1,8 +1,7 @@
 """Expressions of a text's numbers and truth values, each kept once, with the interval that holds its value.
 
-Intervals are those of the numbers that a controller computes: rounding to nearest is monotone, so the rounded results
-of the ends enclose the rounded results in between, and nothing has to be widened. Only EXP, LN, SIN, COS, ATAN and SQRT
-are widened, by what they may err (`FUNCTION_ERROR`). Inside of a branch its condition narrows the intervals of what it
+Additions and all other operations are kept in their order; nothing is regrouped. One rule of arithmetic is used: x +
+0.0 is x unless x may be -0.0, and x + -0.0 is x. Inside of a branch its condition narrows the intervals of what it
 compares. An operation that may overflow, divide by zero or meet NaN raises NotProvedError.
 """
 
@@ -15,32 +14,27 @@ from contextlib import contextmanager
 import numpy as np
 
 from st_codegen.proof.prove.axis import NotProvedError
-from st_codegen.proof.prove.expressions import compute
+from st_codegen.proof.prove.intervals import FUNCTIONS, INTEGER, LARGEST, WHOLE, Interval, compute, cut, ends, hull
 
-#: The largest relative error of EXP, LN, SQRT, SIN, COS and ATAN that is assumed of a controller.
-FUNCTION_ERROR = 1e-14
-
-LARGEST = float(np.finfo(np.float64).max)
 #: A number below exp(0.0), as it may err, and rounded to REAL.
 _POWER = 0.999
-_SINGLE = 3.4028234663852886e38
 _HALF_ULP = 2.0**-53
 
-#: An interval, and whether the value may be NaN; low > high: no number.
-Interval = tuple[float, float, bool]
-
-WHOLE: Interval = (-math.inf, math.inf, True)
 _FLIPPED = {"LT": "GT", "LE": "GE", "GT": "LT", "GE": "LE", "EQ": "EQ", "NE": "NE"}
 _NEGATED = {"LT": "GE", "LE": "GT", "GT": "LE", "GE": "LT", "EQ": "NE", "NE": "EQ"}
 
 
 class Term:
-    """`operation` on `arguments` (terms and plain numbers); a leaf has a name in their place."""
+    """`operation` on `arguments` (terms and plain numbers); a leaf has a name in their place.
 
-    __slots__ = ("arguments", "kind", "operation")
+    `minus_zero`: whether the value can be -0.0; `single`: whether it is a float32 number for sure.
+    """
+
+    __slots__ = ("arguments", "kind", "minus_zero", "operation", "single")
 
     def __init__(self, operation: str, arguments: tuple[object, ...], kind: str) -> None:
         self.operation, self.arguments, self.kind = operation, arguments, kind
+        self.minus_zero, self.single = True, False
 
     def __repr__(self) -> str:
         return f"{self.operation}({', '.join(map(repr, self.arguments))})"
@@ -56,15 +50,6 @@ def _name(value: object) -> object:
     return (type(value).__name__, value.hex() if isinstance(value, float) else value)
 
 
-def hull(one: Interval, other: Interval) -> Interval:
-    """The smallest interval that holds two."""
-    return min(one[0], other[0]), max(one[1], other[1]), one[2] or other[2]
-
-
-def _cut(one: Interval, other: Interval) -> Interval:
-    return max(one[0], other[0]), min(one[1], other[1]), one[2] and other[2]
-
-
 class Terms:
     """All terms of a proof, and what is known of them here."""
 
@@ -76,9 +61,18 @@ class Terms:
 
     # --- making terms -----------------------------------------------------------------------------------------------
 
-    def leaf(self, name: object, kind: str, interval: Interval = WHOLE) -> Term:
-        """Something unknown: an input, a variable before the call."""
+    def leaf(
+        self,
+        name: object,
+        kind: str,
+        interval: Interval = WHOLE,
+        *,
+        minus_zero: bool = True,
+        single: bool = False,
+    ) -> Term:
+        """Something unknown: an input, a variable before the call, the leaf of a tree."""
         term = self._term("leaf", (name,), kind)
+        term.minus_zero, term.single = minus_zero, single
         self._intervals[0].setdefault(term, interval)
         return term
 
@@ -113,17 +107,19 @@ class Terms:
 
     def real(self, operation: str, *arguments: Value) -> Value:
         """A floating point operation. Raises NotProvedError where it may overflow, divide by zero or meet NaN."""
-        if operation not in _FUNCTIONS and not any(isinstance(argument, Term) for argument in arguments):
+        if operation not in FUNCTIONS and not any(isinstance(argument, Term) for argument in arguments):
             return compute(operation, *(float(argument) for argument in arguments))  # type: ignore[arg-type]
-        if operation == "single" and isinstance(arguments[0], Term) and arguments[0].operation == "single":
-            return arguments[0]
+        simpler = _simpler(operation, arguments)
+        if simpler is not None:
+            return simpler
         term = self._term(operation, arguments, "real")
+        term.minus_zero, term.single = _facts(operation, arguments)
         self._note(term, self._result(operation, arguments, term))
         return term
 
     def _note(self, term: Term, interval: Interval) -> None:
         known = self.interval(term) if any(term in layer for layer in self._intervals) else interval
-        self._intervals[-1][term] = _cut(known, interval)
+        self._intervals[-1][term] = cut(known, interval)
 
     def _result(self, operation: str, arguments: tuple[Value, ...], term: Term) -> Interval:
         given = [self.interval(argument) for argument in arguments]
@@ -133,14 +129,14 @@ class Terms:
             return math.inf, -math.inf, False  # this is not reached
         if operation == "div":
             return (*self._quotient(arguments, given), False)
-        if operation in _FUNCTIONS:
+        if operation in FUNCTIONS:
             if operation == "ln" and self.apart(arguments[0], 1.0):
                 self._apart[-1][term] = _HALF_ULP / 2
-            low, high = _FUNCTIONS[operation](given[0][0], given[0][1])
-        elif operation in _INTEGER:
-            low, high = _INTEGER[operation](*given)
+            low, high = FUNCTIONS[operation](given[0][0], given[0][1])
+        elif operation in INTEGER:
+            low, high = INTEGER[operation](*given)
         else:
-            low, high = _ends(operation, given)
+            low, high = ends(operation, given)
             if operation == "mul" and arguments[0] is arguments[1]:
                 low = 0.0 if given[0][0] < 0 < given[0][1] else max(low, 0.0)
             if operation == "sub" and arguments[0] in _largest_of(arguments[1]):
@@ -263,7 +259,7 @@ class Terms:
     def integer(self, operation: str, *arguments: Value, low: int, high: int) -> Value:
         """An operation on integers that must stay within `low` .. `high`."""
         if not any(isinstance(argument, Term) for argument in arguments):
-            found = _INTEGER[operation](*(self.interval(argument) for argument in arguments))[0]
+            found = INTEGER[operation](*(self.interval(argument) for argument in arguments))[0]
             result: Value = int(found)
             interval = (found, found, False)
         else:
@@ -357,7 +353,21 @@ class Terms:
                 return self.either(condition, other)
         kinds = {value.kind if isinstance(value, Term) else type(value).__name__ for value in (one, other)}
         kind = "bool" if "bool" in kinds else "int" if kinds <= {"int"} else "real"
-        return self._term("if", (condition, one, other), kind)
+        term = self._term("if", (condition, one, other), kind)
+        term.minus_zero = any(map(_may_be_minus_zero, (one, other)))
+        term.single = all(map(_is_single, (one, other)))
+        return term
+
+    def where(self, condition: Value, then: Callable[[], Value], otherwise: Callable[[], Value]) -> Value:
+        """What `then` gives where a condition holds, else what `otherwise` gives."""
+        if not isinstance(condition, Term):
+            return then() if condition else otherwise()
+        sides = []
+        for truth, side in ((True, then), (False, otherwise)):
+            with self.assuming(condition, truth):
+                value = side()
+                sides.append((value, self.interval(value)))
+        return self.merged(condition, *sides)
 
     def merged(self, condition: Term, one: tuple[Value, Interval], other: tuple[Value, Interval]) -> Value:
         """A choice between values whose intervals are those of their branches."""
@@ -470,7 +480,7 @@ class Terms:
     def _narrow(self, value: Value, interval: Interval) -> bool:
         if not isinstance(value, Term):
             return interval[2] or interval[0] <= interval[1]
-        found = _cut(self.interval(value), interval)
+        found = cut(self.interval(value), interval)
         self._intervals[-1][value] = found
         if value.operation == "abs":
             inner: Value = value.arguments[0]  # type: ignore[assignment]
@@ -491,6 +501,46 @@ class Terms:
             self._intervals[-1][value] = (max(low, least), high, nan)
         elif high <= 0:
             self._intervals[-1][value] = (low, min(high, -least), nan)
+
+
+def _may_be_minus_zero(value: Value) -> bool:
+    return value.minus_zero if isinstance(value, Term) else value == 0 and math.copysign(1.0, value) < 0
+
+
+def _is_single(value: Value) -> bool:
+    if isinstance(value, Term):
+        return value.single
+    with np.errstate(over="ignore"):
+        return float(np.float32(value)) == value
+
+
+def _simpler(operation: str, arguments: tuple[Value, ...]) -> Value | None:
+    """One of the operands, where it is the result."""
+    if operation == "single":
+        return arguments[0] if _is_single(arguments[0]) else None
+    for one, other in (arguments, arguments[::-1]) if len(arguments) == 2 else ():
+        if isinstance(one, Term):
+            continue
+        if operation == "add" and one == 0 and (_may_be_minus_zero(one) or not _may_be_minus_zero(other)):
+            return other
+        # the largest number is where a running minimum starts: it is never the result
+        if (operation, one) in (("min", LARGEST), ("max", -LARGEST)):
+            return other
+    return None
+
+
+def _facts(operation: str, arguments: tuple[Value, ...]) -> tuple[bool, bool]:
+    """Whether a result can be -0.0, and whether it is a float32 number for sure."""
+    if operation == "add":
+        return all(map(_may_be_minus_zero, arguments)), False
+    if operation in ("min", "max"):
+        return any(map(_may_be_minus_zero, arguments)), all(map(_is_single, arguments))
+    if operation == "single":
+        below = arguments[0]
+        # a sum of float32 numbers is zero or a float32 number at least: rounding it makes no zero
+        exact = isinstance(below, Term) and below.operation == "add" and all(map(_is_single, below.arguments))  # type: ignore[arg-type]
+        return _may_be_minus_zero(below) if exact else True, True
+    return True, False
 
 
 def _largest_of(value: Value) -> set[Value]:
@@ -539,93 +589,3 @@ def _summands(term: Value) -> list[Value]:
             if not (isinstance(inner, Term) and inner.operation == "add"):
                 break
     return [*found, term]
-
-
-def _ends(operation: str, given: list[Interval]) -> tuple[float, float]:  # noqa: PLR0911 - one return an operation
-    (a, b, _), (c, d, _) = given[0], given[-1]
-    if operation == "neg":
-        return -b, -a
-    if operation == "abs":
-        return (0.0 if a <= 0 <= b else min(abs(a), abs(b))), max(abs(a), abs(b))
-    if operation in ("min", "max"):
-        choose = min if operation == "min" else max
-        return choose(a, c), choose(b, d)
-    if operation == "single":
-        if max(abs(a), abs(b)) > _SINGLE:
-            raise NotProvedError("a conversion to REAL may overflow")
-        return float(np.float32(a)), float(np.float32(b))
-    if operation == "add":
-        return a + c, b + d
-    if operation == "sub":
-        return a - d, b - c
-    if operation == "mul":
-        products = [x * y if x and y else 0.0 for x in (a, b) for y in (c, d)]
-        return min(products), max(products)
-    raise NotProvedError(f"{operation} is not followed")
-
-
-def _widened(low: float, high: float) -> tuple[float, float]:
-    return low - abs(low) * FUNCTION_ERROR - 5e-324, high + abs(high) * FUNCTION_ERROR + 5e-324
-
-
-def _exp(low: float, high: float) -> tuple[float, float]:
-    if high > 709.0:
-        raise NotProvedError("an exponential may overflow")
-    found = _widened(math.exp(low) if low > -745 else 0.0, math.exp(high) if high > -745 else 0.0)
-    return max(found[0], 0.0), found[1]
-
-
-def _ln(low: float, high: float) -> tuple[float, float]:
-    if low <= 0:
-        raise NotProvedError("a logarithm of what may not be above zero")
-    return _widened(math.log(low), math.log(high))
-
-
-def _sqrt(low: float, high: float) -> tuple[float, float]:
-    if low < 0:
-        raise NotProvedError("a root of what may be negative")
-    return math.sqrt(low), math.sqrt(high)
-
-
-def _wave(low: float, high: float) -> tuple[float, float]:
-    if not (math.isfinite(low) and math.isfinite(high)):
-        raise NotProvedError("SIN or COS of what may not be finite")
-    return -1.0, 1.0
-
-
-#: Functions of one number, on the ends of an interval.
-_FUNCTIONS: dict[str, Callable[[float, float], tuple[float, float]]] = {
-    "exp": _exp,
-    "ln": _ln,
-    "sqrt": _sqrt,
-    "sin": _wave,
-    "cos": _wave,
-    "atan": lambda low, high: _widened(math.atan(low), math.atan(high)),
-}
-
-
-def _truncated(given: Interval) -> tuple[float, float]:
-    if not (math.isfinite(given[0]) and math.isfinite(given[1])):
-        raise NotProvedError("TRUNC of what may not be finite")
-    return float(math.trunc(given[0])), float(math.trunc(given[1]))
-
-
-def _remainder(one: Interval, other: Interval) -> tuple[float, float]:
-    if other[0] != other[1] or other[0] <= 0 or one[0] < 0:
-        raise NotProvedError("MOD of what may be negative, or by what is no constant")
-    if one[0] == one[1]:
-        return one[0] % other[0], one[0] % other[0]
-    return 0.0, min(other[0] - 1, one[1])
-
-
-_INTEGER: dict[str, Callable[..., tuple[float, float]]] = {
-    "iadd": lambda one, other: (one[0] + other[0], one[1] + other[1]),
-    "isub": lambda one, other: (one[0] - other[1], one[1] - other[0]),
-    "imul": lambda one, other: (
-        min(x * y for x in one[:2] for y in other[:2]),
-        max(x * y for x in one[:2] for y in other[:2]),
-    ),
-    "imod": _remainder,
-    "itrunc": _truncated,
-    "ireal": lambda one: (one[0], one[1]),
-}

@@ -8,13 +8,25 @@ import pytest
 
 pytest.importorskip("sklearn")
 
+from sklearn.calibration import CalibratedClassifierCV
 from sklearn.cluster import KMeans
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis, QuadraticDiscriminantAnalysis
+from sklearn.ensemble import (
+    AdaBoostClassifier,
+    GradientBoostingClassifier,
+    HistGradientBoostingClassifier,
+    HistGradientBoostingRegressor,
+    IsolationForest,
+    RandomForestClassifier,
+    VotingClassifier,
+)
 from sklearn.linear_model import LogisticRegression, Ridge
+from sklearn.multiclass import OneVsRestClassifier
 from sklearn.naive_bayes import BernoulliNB, GaussianNB
 from sklearn.neighbors import NearestCentroid
 from sklearn.neural_network import MLPClassifier
 from sklearn.svm import SVC, OneClassSVM
+from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
 
 from st_codegen.driver import generate
 from st_codegen.ir import Output
@@ -22,7 +34,8 @@ from st_codegen.passes.choose import Layout, Options
 from st_codegen.project.bundle import Bundle
 from st_codegen.proof.prove.arithmetic import METHOD
 from st_codegen.proof.prove.prove import Verdict, prove
-from tests.classifiers import SCORE, THREE, TWO, X, loaded
+from st_codegen.proof.prove.tree_proof import TAIL
+from tests.classifiers import GAPS, SCORE, THREE, TWO, X, loaded
 
 #: Models without trees: decisions on a score, votes, softmax, sigmoids, distances.
 EXPRESSIONS = {
@@ -88,13 +101,14 @@ def test_a_decision_changed_by_hand_is_not_proved(name, tmp_path):
     assert prove(Bundle((model,)), tmp_path).results[0].verdict is not Verdict.PROVED
 
 
+PLAUSIBLE_CHANGES = [None, ("fTorque > ", "fTorque >= "), ("bPlausible := bUsable", "bPlausible := TRUE")]
+
+
 def ranged(model, *ports):
     return dataclasses.replace(model, ir=dataclasses.replace(model.ir, ports=ports))
 
 
-@pytest.mark.parametrize(
-    "change", [None, ("fTorque > ", "fTorque >= "), ("bPlausible := bUsable", "bPlausible := TRUE")]
-)
+@pytest.mark.parametrize("change", PLAUSIBLE_CHANGES)
 def test_an_output_outside_of_its_plausible_range_is_told(change, tmp_path):
     model = ranged(loaded(Ridge().fit(X, SCORE)), Output("fTorque", "N m", -2.0, 2.0))
     assert proved(model, tmp_path).verdict is Verdict.PROVED
@@ -106,9 +120,141 @@ def test_an_output_outside_of_its_plausible_range_is_told(change, tmp_path):
         assert result.verdict is Verdict.NOT_PROVED and "bPlausible" in result.reason
 
 
-def test_a_table_of_labels_is_proved_cell_by_cell(tmp_path):
-    from sklearn.ensemble import RandomForestClassifier
+#: Trees of each library and of each way to a label or to a number behind their sums.
+TREES = {
+    "tree": (DecisionTreeClassifier(max_depth=3, random_state=0), X, THREE),
+    "forest with ties": (RandomForestClassifier(4, max_depth=2, max_features=1, random_state=1), np.round(X), THREE),
+    "boosting": (GradientBoostingClassifier(n_estimators=3, max_depth=2, random_state=0), X, THREE),
+    "boosting of two": (GradientBoostingClassifier(n_estimators=3, max_depth=2, random_state=0), X, TWO),
+    "histogram boosting, missing values": (HistGradientBoostingClassifier(max_iter=2, random_state=0), GAPS, THREE),
+    "histogram boosting, a category": (
+        HistGradientBoostingClassifier(max_iter=3, categorical_features=[1], random_state=0),
+        np.column_stack([X[:, 0], np.digitize(X[:, 1], [-3, 0, 2]), X[:, 2]]),
+        THREE,
+    ),
+    "anomalies": (IsolationForest(n_estimators=4, max_samples=20, random_state=0), X, None),
+    "votes of trees": (
+        AdaBoostClassifier(DecisionTreeClassifier(max_depth=1), n_estimators=3, random_state=0),
+        X,
+        THREE,
+    ),
+    "votes of trees and weights": (
+        VotingClassifier([("t", DecisionTreeClassifier(max_depth=2)), ("w", LogisticRegression())]),
+        X,
+        THREE,
+    ),
+    "a sigmoid of a forest": (
+        CalibratedClassifierCV(RandomForestClassifier(2, max_depth=2, random_state=0), cv=2),
+        X,
+        TWO,
+    ),
+    "one against the rest": (OneVsRestClassifier(DecisionTreeClassifier(max_depth=2)), X, THREE),
+    "counts": (HistGradientBoostingRegressor(loss="poisson", max_iter=2, random_state=0), X, np.abs(SCORE)),
+}
 
+
+@pytest.mark.parametrize("name", TREES)
+@pytest.mark.parametrize("layout", [Layout.TREES, Layout.AUTO])
+def test_labels_and_numbers_of_trees_are_followed_to_the_end(name, layout, tmp_path):
+    estimator, x, y = TREES[name]
+    result = proved(fitted(estimator, y, x), tmp_path, layout)
+    assert (result.verdict, result.reason) == (Verdict.PROVED, ""), result
+    assert layout is Layout.AUTO or (result.method, result.operations > 0) == (TAIL, True)
+
+
+BOOSTERS = {
+    "lightgbm of two": ("LGBMClassifier", {}, TWO),
+    "lightgbm": ("LGBMClassifier", {}, THREE),
+    "lightgbm, one against the rest": ("LGBMClassifier", {"objective": "multiclassova"}, THREE),
+    "lightgbm, linear leaves": ("LGBMRegressor", {"linear_tree": True}, SCORE),
+    "lightgbm, linear leaves and classes": ("LGBMClassifier", {"linear_tree": True}, TWO),
+    "lightgbm, counts": ("LGBMRegressor", {"objective": "poisson"}, np.abs(SCORE)),
+    "xgboost of two": ("XGBClassifier", {}, TWO),
+    "xgboost": ("XGBClassifier", {}, THREE),
+    "xgboost, the larger score": ("XGBClassifier", {"objective": "multi:softmax"}, THREE),
+    "xgboost, counts": ("XGBRegressor", {"objective": "count:poisson"}, np.abs(SCORE)),
+}
+
+
+def booster(name):
+    kind, options, y = BOOSTERS[name]
+    library = pytest.importorskip("lightgbm" if kind.startswith("LGBM") else "xgboost")
+    options = {"n_estimators": 3, "max_depth": 2, "n_jobs": 1, **options}
+    if kind.startswith("LGBM"):
+        options |= {"num_leaves": 4, "min_child_samples": 5, "verbose": -1}
+    return fitted(getattr(library, kind)(**options), y.astype(int) if "Classifier" in kind else y, GAPS)
+
+
+@pytest.mark.parametrize("name", BOOSTERS)
+@pytest.mark.parametrize("layout", [Layout.TREES, Layout.AUTO])
+def test_labels_and_numbers_of_boosters_are_followed_to_the_end(name, layout, tmp_path):
+    result = proved(booster(name), tmp_path, layout, "twincat" if layout is Layout.TREES else "iec")
+    assert (result.verdict, result.reason) == (Verdict.PROVED, ""), result
+
+
+TREE_CHANGES = {
+    "the last of the largest": ("forest with ties", r"(\] )>( fLargest)", r"\1>=\2"),
+    "a class too few": ("boosting", r"(FOR nColumn := 1 TO )2( DO\n +IF aStep)", r"\g<1>1\2"),
+    "a cut that is not reached": ("boosting of two", r">= (CUT_\d)", r"> \1"),
+    "another sigmoid": ("boosting of two", r"fExp := EXP\(-ABS\(fX\)\)", "fExp := EXP(-fX)"),
+    "another divisor": ("anomalies", r"(OPERAND_\d : .*\n\s+-?)\d", r"\g<1>7"),
+    "another exponential": ("counts", r"EXP\(fX\)", "EXP(-fX)"),
+}
+
+
+@pytest.mark.parametrize("name", TREE_CHANGES)
+def test_what_stands_behind_trees_is_not_proved_when_it_was_changed(name, tmp_path):
+    trained, pattern, change = TREE_CHANGES[name]
+    estimator, x, y = TREES[trained]
+    model = fitted(estimator, y, x)
+    generate(Bundle((model,)), "iec", tmp_path, options=Options(layout=Layout.TREES))
+    (path,) = (tmp_path / "iec").glob("FB_M.st")
+    changed, count = re.subn(pattern, change, path.read_text(), count=1)
+    assert count == 1
+    path.write_text(changed)
+    assert prove(Bundle((model,)), tmp_path).results[0].verdict is not Verdict.PROVED
+
+
+LEAF_CHANGES = {
+    "a coefficient by an ulp": (r"(LEAF_COEFFICIENT_1 : .*\n\s+(?:\(\*.*\*\)\n\s+)?)(-?[0-9.]+)", None),
+    "a missing value that is not noticed": (r"fX := THRESHOLD_1\[nNode\];", "fX := fX;"),
+    "another input": (r"fTerm := aInput\[LEAF_COLUMN_1\[nTerm\]\]", "fTerm := aInput[0]"),
+    "another order": (r"fX := fX \+ (LEAF_COEFFICIENT_1\[nTerm\] \* fTerm)", r"fX := \1 + fX"),
+}
+
+
+@pytest.mark.parametrize("name", LEAF_CHANGES)
+def test_a_linear_model_in_a_leaf_that_was_changed_is_not_proved(name, tmp_path):
+    pattern, change = LEAF_CHANGES[name]
+    model = booster("lightgbm, linear leaves")
+    generate(Bundle((model,)), "iec", tmp_path)
+    (path,) = (tmp_path / "iec").glob("FB_M.st")
+
+    def ulp(match):
+        return match[1] + repr(float(np.nextafter(float(match[2]), np.inf)))
+
+    changed, count = re.subn(pattern, change or ulp, path.read_text(), count=1)
+    assert count == 1
+    path.write_text(changed)
+    assert prove(Bundle((model,)), tmp_path).results[0].verdict is not Verdict.PROVED
+
+
+@pytest.mark.parametrize("layout", [Layout.TREES, Layout.TABLE])
+@pytest.mark.parametrize("change", PLAUSIBLE_CHANGES)
+def test_the_plausible_range_of_trees_is_told(change, layout, tmp_path):
+    trained = DecisionTreeRegressor(max_depth=3, random_state=0).fit(np.round(X), np.round(SCORE))
+    model = ranged(loaded(trained), Output("fTorque", "N m", -1.0, 1.0))
+    assert proved(model, tmp_path, layout).verdict is Verdict.PROVED
+    if change is not None:
+        (path,) = (tmp_path / "iec").glob("FB_M.st")
+        assert change[0] in path.read_text()
+        path.write_text(path.read_text().replace(*change))
+        (result,) = prove(Bundle((model,)), tmp_path).results
+        accepts_all = change[1].endswith("TRUE") and model.ir.accepts_nan and not any(model.ir.magnitude_limits)
+        assert accepts_all or result.verdict is not Verdict.PROVED
+
+
+def test_a_table_of_labels_is_proved_cell_by_cell(tmp_path):
     model = loaded(RandomForestClassifier(5, max_depth=3, random_state=0).fit(np.round(X), THREE), outputs=())
     result = proved(model, tmp_path, Layout.TABLE)
     assert (result.verdict, result.method) == (Verdict.PROVED, "all cells")

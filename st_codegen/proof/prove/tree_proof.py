@@ -1,0 +1,402 @@
+"""The proof of a model with trees in one target: decisions on boxes of inputs, and terms of what the trees give."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from st_codegen.ir import ModelIR, Scale, Select, reference
+from st_codegen.ir.arrays import FloatArray, IntArray
+from st_codegen.proof.prove.arithmetic import check_plausible, numbers_of, same_number, size_of
+from st_codegen.proof.prove.axis import AxisValue, InputAxis, NotProvedError, from_keys
+from st_codegen.proof.prove.boxes import Lanes, Slots, Space
+from st_codegen.proof.prove.by_case import converted
+from st_codegen.proof.prove.demand import Demand
+from st_codegen.proof.prove.execute import Executor
+from st_codegen.proof.prove.inputs import InputTerms
+from st_codegen.proof.prove.model import ModelSide
+from st_codegen.proof.prove.range_bound import range_bound
+from st_codegen.proof.prove.sums import TreeKey, TreeTerms, column_of
+from st_codegen.proof.prove.terms import Term, Terms
+from st_codegen.proof.prove.terms import Value as Number
+from st_codegen.proof.prove.values import All, Conditional, Kept, Value
+from st_codegen.proof.runner import GeneratedCode
+
+#: How a proof was reached.
+SUMS, CELLS, TAIL = "sums of trees, tree by tree", "all cells", "the model's expression of its trees"
+
+#: Rows that the reference evaluates at once: bounds its memory.
+_BATCH = 20_000
+#: The range of a feature that declares none, where another does: no infinity lies in it
+_LARGEST = float(np.finfo(np.float64).max)
+
+
+class Difference(Exception):  # noqa: N818 - a finding, not a failure
+    """The text and the model seem to differ at some of these inputs (rows, features)."""
+
+    def __init__(self, reason: str, points: FloatArray) -> None:
+        super().__init__(reason)
+        self.points = points
+
+
+@dataclass
+class BlockRun:
+    """A block of tables that several models share, executed once."""
+
+    executor: Executor
+    outputs: dict[str, Value]
+
+
+@dataclass(frozen=True)
+class TreeFindings:
+    """How a model with trees was proved, how large that was, and how far the text may lie from the library."""
+
+    method: str
+    trees: int
+    boxes: int
+    operations: int = 0
+    bound: tuple[float, ...] = ()
+
+
+class TreeProof:
+    """The proof for one model with trees. Raises NotProvedError and Difference."""
+
+    def __init__(
+        self, model: ModelIR, code: GeneratedCode, block: str, outputs: tuple[int, ...], runs: dict[str, BlockRun]
+    ) -> None:
+        self.model, self.outputs = model, [numbers_of(code.project, block)[number] for number in outputs]
+        self.side = ModelSide(model)
+        if any(
+            ensemble.op.linear is not None and ensemble.op.inputs != (0,) for ensemble in self.side.ensembles.values()
+        ):
+            raise NotProvedError("linear models in leaves that do not read the inputs themselves are not followed")
+        inputs = InputTerms(Terms(), model)
+        self.trees = TreeTerms(inputs.terms, inputs)
+        self.fixed: dict[TreeKey, float] = {}
+        self.expected = list(self._expected_terms())
+        self.open: dict[tuple[int, int], list[TreeKey]] = {}
+        for key in reversed(self.expected):
+            self.open.setdefault((key[0], key[2]), []).append(key)
+        self.recognised = 0
+        self.boxes = 0
+        run = runs.get(block)
+        if run is None:
+            executor = Executor(code.project, block, self._axes(), inputs, self._recognise)
+            for axis in executor.axes:
+                axis.cut(self.side.cuts(axis.feature))
+            run = BlockRun(executor, executor.run())
+            if not self.recognised:
+                runs[block] = run
+        self.run = run
+
+    def _axes(self) -> list[InputAxis]:
+        domain = self.side.domain
+        ends = zip(domain.low.tolist(), domain.high.tolist(), strict=True)
+        return [InputAxis(feature, first, last, nan=domain.nan) for feature, (first, last) in enumerate(ends)]
+
+    def _expected_terms(self) -> Iterator[tuple[int, int, int]]:
+        """(operation, tree, output) in the order in which the library adds; constant trees are noted in `fixed`."""
+        for number, ensemble in self.side.ensembles.items():
+            op = ensemble.op
+            stops = np.append(op.roots[1:], op.n_nodes)
+            bits = np.ascontiguousarray(op.leaf_value).view(np.int64)
+            for tree in range(op.n_trees):
+                node = np.arange(op.roots[tree], stops[tree])
+                rows = op.leaf[node[op.split[node] < 0]]
+                narrow = op.leaf_value.shape[1] == 1
+                for column in range(op.leaf_value.shape[1]):
+                    output = int(op.tree_output[tree]) if narrow else column
+                    key = (number, tree, output)
+                    if np.all(bits[rows, column] == bits[rows[0], column]):
+                        self.fixed[key] = float(op.leaf_value[rows[0], column])
+                    else:
+                        yield key
+
+    # --- recognising trees ------------------------------------------------------------------------------------------
+
+    def _recognise(self, value: Lanes | Slots) -> Term:
+        """The tree of the model that a value of the text is: the next one that adds to an output, in that order."""
+        points: tuple[TreeKey, FloatArray] | None = None
+        for stream in sorted(filter(None, self.open.values()), key=lambda stream: self.expected.index(stream[-1])):
+            while stream:
+                key = stream[-1]
+                found = self._differences(value, key)
+                if found is None:
+                    stream.pop()
+                    self.recognised += 1
+                    tree = self.trees.tree(self.side.ensembles[key[0]].op, key)
+                    assert isinstance(tree, Term)
+                    return tree
+                constant = self._constant(key)
+                if constant is None:
+                    points = points or (key, found)
+                    break
+                self.fixed[key] = constant
+                stream.pop()
+        if points is None:
+            raise Difference("the text adds more trees than the model has", self._some_points(value))
+        (number, tree_number, _), rows = points
+        raise Difference(f"a sum of the text has another term than tree {tree_number} of operation {number}", rows)
+
+    def _differences(self, value: Lanes | Slots, key: TreeKey) -> FloatArray | None:
+        """Points in boxes in which a value is not what a tree gives; None where it is everywhere."""
+        number, tree, output = key
+        ensemble = self.side.ensembles[number]
+        here = value.index.lift() if isinstance(value, Slots) else value.lift()
+        space = here.space.copy()
+        got = Lanes(space, here.value, here.known)
+        leaves = ensemble.leaves(space, tree)
+        self.boxes += space.lanes
+        got.lift()
+        if got.known is not None and not np.all(got.known):
+            raise NotProvedError("a number is read before it is assigned")
+        if isinstance(value, Slots) or ensemble.op.linear is not None:
+            wrong = self._other_terms(value, got.value, leaves.value, key)
+        else:
+            wanted = column_of(ensemble.op, output)[leaves.value]
+            wrong = np.flatnonzero(_bits(got.value.astype(np.float64)) != _bits(wanted))
+        return space.points(wrong[:1000]) if wrong.size else None
+
+    def _other_terms(self, value: Lanes | Slots, got: FloatArray, rows: IntArray, key: TreeKey) -> IntArray:
+        """The lanes in which a number or term is not that of the leaf."""
+        keys = got.astype(np.int64) if isinstance(value, Slots) else _bits(got)
+        pairs, back = np.unique(np.column_stack([keys, rows]), axis=0, return_inverse=True)
+        same = []
+        for at, row in pairs.tolist():
+            if isinstance(value, Slots):
+                number = value.items[at]
+            else:
+                number = float(np.array([at], np.int64).view(np.float64)[0])
+            same.append(same_number(number, self._leaf(key, row)))
+        return np.flatnonzero(~np.array(same, np.bool_)[np.ravel(back)])
+
+    def _leaf(self, key: TreeKey, row: int) -> Number:
+        op = self.side.ensembles[key[0]].op
+        return float(column_of(op, key[2])[row]) if op.linear is None else self.trees.linear(op, key[0], row)
+
+    def _constant(self, key: TreeKey) -> float | None:
+        """The value of a tree that is the same for all inputs of the domain."""
+        space = Space(self._axes())
+        leaves = self.side.ensembles[key[0]].leaves(space, key[1])
+        values = [self._leaf(key, row) for row in np.unique(leaves.value).tolist()]
+        first = values[0]
+        if isinstance(first, Term) or not all(same_number(value, first) for value in values):
+            return None
+        return float(first)
+
+    @staticmethod
+    def _some_points(value: Lanes | Slots) -> FloatArray:
+        space = value.space.copy()
+        return space.points(np.arange(min(space.lanes, 1000)))
+
+    # --- the outputs ------------------------------------------------------------------------------------------------
+
+    def check(self) -> TreeFindings:
+        """Compare what the block puts out with what the model demands."""
+        outputs = self.run.outputs
+        valid = outputs["bValid"]
+        values = [self._value(outputs, name, valid) for name in self.outputs]
+        by_cells = [isinstance(value, Lanes | AxisValue) for value in values]
+        if not any(isinstance(value, Term) for value in values):
+            by_cells = [True] * len(values)
+        found = TreeFindings(CELLS, len(self.expected), 0)
+        if not all(by_cells):
+            found = self._check_terms(values, by_cells, valid)
+        else:
+            self._check_valid(valid)
+        for number, value in enumerate(values):
+            if by_cells[number]:
+                self._check_cells(number, value)
+        self._check_range(outputs)
+        self._check_plausible(outputs, valid)
+        return TreeFindings(found.method, found.trees, self.boxes, found.operations, found.bound)
+
+    def _value(self, outputs: dict[str, Value], name: str, valid: Value) -> Value:
+        """What an output is assigned where there is an answer; it must keep its value elsewhere."""
+        value = outputs[name]
+        kept: Value = None
+        if isinstance(value, Conditional):
+            same = not isinstance(valid, Term) and _same_condition(value.condition, valid)
+            kept = value.otherwise if same else None
+            value = value.value
+        elif isinstance(value, Term) and value.operation == "if" and value.arguments[0] is self._as_truth(valid):
+            last = value.arguments[2]
+            kept = Kept(name) if isinstance(last, Term) and last.arguments == (("before", name),) else None
+            value = value.arguments[1]
+        elif valid is True:
+            return value
+        if not isinstance(kept, Kept) or kept.name != name:
+            raise NotProvedError(f"{name} does not keep its value exactly where bValid is FALSE")
+        return value
+
+    def _as_truth(self, value: Value) -> Value:
+        """A condition as a term; True where it always holds."""
+        inputs = self.run.executor.inputs
+        if isinstance(value, AxisValue):
+            return inputs.truth(value)
+        return inputs.condition(value) if isinstance(value, All) else value
+
+    def _check_terms(self, values: list[Value], by_cells: list[bool], valid: Value) -> TreeFindings:
+        """Outputs that are computed from trees are the model's very expressions of them."""
+        for stream in self.open.values():  # trees that the text leaves out must be constant
+            for key in reversed(stream):
+                constant = self._constant(key)
+                if constant is None:
+                    raise Difference(f"the text leaves out tree {key[1]}", self._all_leaves(key))
+                self.fixed[key] = constant
+        terms, inputs = self.run.executor.terms, self.run.executor.inputs
+        start: Value = valid
+        if isinstance(valid, Term):
+            used = [value for value, term in inputs.taken if _is_in(term, valid)]
+            start = used[0] if used else True
+        sums = {
+            number: self.trees.sums(ensemble.op, number, self.fixed) for number, ensemble in self.side.ensembles.items()
+        }
+        demand = Demand.of_trees(terms, self.model, inputs, sums, self._as_truth(start))  # type: ignore[arg-type]
+        self._check_valid(start)
+        if demand.valid is not self._as_truth(valid):
+            raise Difference(
+                "bValid is not what the model demands behind its trees", self._all_leaves(self.expected[0])
+            )
+        for name, value, cells, wanted in zip(self.outputs, values, by_cells, demand.put_out(), strict=True):
+            if not cells and not same_number(self.run.executor.as_number(value), wanted):
+                reason = "not the additions, roundings and operations of the model in its order"
+                raise Difference(f"{name}: {reason}", self._all_leaves(self.expected[0]))
+        tail = [op for number, op in enumerate(self.model.ops, 1) if number in demand.values and number not in sums]
+        if all(isinstance(op, Select | Scale) for op in tail):
+            return TreeFindings(SUMS, len(self.expected), 0)
+        bound = range_bound(self.model) if self.model.classes is None else ()
+        return TreeFindings(TAIL, len(self.expected), 0, size_of(demand.outputs), bound)
+
+    def _check_plausible(self, outputs: dict[str, Value], valid: Value) -> None:
+        """bPlausible, where there is one, is bValid and that no output lies outside of its plausible range."""
+        plausible = outputs.get("bPlausible")
+        if plausible is None:
+            return
+        executor = self.run.executor
+        names = {port.variable: port for port in self.model.ports if port.lower is not None}
+        if isinstance(plausible, Lanes):
+            _, (got, *numbers) = executor.joined([plausible, *(outputs[name] for name in names)], True)
+            wanted = np.ones(len(got), np.bool_)
+            for port, x in zip(names.values(), numbers, strict=True):
+                wanted &= (x >= port.lower) & (x <= port.upper)
+            if valid is not True or np.any(got.astype(np.bool_) != wanted):
+                raise NotProvedError("bPlausible is not what the plausible ranges demand")
+            return
+        held = {variable.name: variable for variable in executor.unit.variables if variable.name in outputs}
+        terms = {name: converted(executor, outputs[name], held[name]) for name in (*names, "bPlausible")}
+        read = {name: value() if callable(value) else value for name, value in terms.items()}
+        check_plausible(self.model, executor.terms, read, self._as_truth(valid))  # type: ignore[arg-type]
+
+    def _check_valid(self, valid: Value) -> None:
+        """bValid is TRUE exactly for the inputs for which the model has an answer."""
+        domain = self.side.domain
+        parts = _condition_parts(valid)
+        for axis in self.run.executor.axes:
+            feature = axis.feature
+            axis.cut(np.array([domain.low[feature] - 1, domain.high[feature]]))
+            wanted = np.append((axis.starts >= domain.low[feature]) & (axis.ends <= domain.high[feature]), domain.nan)
+            part = parts.get(feature)
+            got = np.ones(axis.lanes, np.bool_) if part is None else part.lift().constant.astype(np.bool_)
+            wrong = np.flatnonzero(got != wanted)
+            if wrong.size:
+                raise Difference("bValid is not what the model demands", self._rows(feature, axis.low[wrong[:1000]]))
+
+    def _rows(self, feature: int, values: FloatArray) -> FloatArray:
+        domain = self.side.domain
+        row = from_keys(np.clip(np.zeros(len(domain.low), np.int64), domain.low, domain.high))
+        rows = np.tile(row, (len(values), 1))
+        rows[:, feature] = values
+        return rows
+
+    def _check_range(self, outputs: dict[str, Value]) -> None:
+        """bInRange, where there is one, is TRUE exactly where no number lies outside its declared range."""
+        if "bInRange" not in outputs:
+            return
+        parts = _condition_parts(outputs["bInRange"])
+        domain = self.side.domain
+        for axis, feature in zip(self.run.executor.axes, self.model.features, strict=True):
+            low, high = feature.checked or (-_LARGEST, _LARGEST)  # an infinity is in no range
+            with np.errstate(over="ignore"):
+                axis.cut_below(np.array([low, np.nextafter(high, np.inf)]))
+            wanted = np.append((axis.low[:-1] >= low) & (axis.high[:-1] <= high), True)
+            if low == 0.0:
+                wanted |= axis.low == 0.0
+            part = parts.get(axis.feature)
+            got = np.ones(axis.lanes, np.bool_) if part is None else part.lift().constant.astype(np.bool_)
+            inside = np.append(
+                (axis.starts >= domain.low[axis.feature]) & (axis.ends <= domain.high[axis.feature]), domain.nan
+            )
+            if np.any((got != wanted) & inside):
+                raise NotProvedError(f"bInRange is not what the range of '{feature.name}' demands")
+
+    def _all_leaves(self, key: tuple[int, int, int]) -> FloatArray:
+        space = Space(self._axes())
+        self.side.ensembles[key[0]].leaves(space, key[1])
+        return space.points(np.arange(min(space.lanes, 1000)))
+
+    def _check_cells(self, output: int, value: Value) -> None:
+        """In every box of the text and of the model together one evaluation of the model decides."""
+        if isinstance(value, Lanes):
+            space = value.lift().space.copy()
+            got = Lanes(space, value.value, value.known)
+        else:
+            space = Space(self.run.executor.axes)
+            found, known = (
+                space.resolve(value, np.ones(1, np.bool_))
+                if isinstance(value, AxisValue)
+                else (np.array([value]), np.ones(1, np.bool_))
+            )
+            got = Lanes(space, found, known)
+        for feature in range(len(self.model.features)):
+            axis = InputAxis(feature)
+            axis.cut(self.side.cuts(feature))
+            space.resolve(AxisValue(axis, np.arange(axis.lanes)), np.ones(space.lanes, np.bool_))
+        self.boxes += space.lanes
+        got.lift()
+        if got.known is not None and not np.all(got.known):
+            raise NotProvedError("an output is read before it is assigned")
+        points = space.points(np.arange(space.lanes))
+        batches = range(0, len(points), _BATCH)
+        wanted = np.concatenate([reference.evaluate(self.model, points[at : at + _BATCH])[:, output] for at in batches])
+        wrong = np.flatnonzero(_bits(got.value.astype(np.float64)) != _bits(wanted))
+        if wrong.size:
+            raise Difference("a cell of the table differs from the model", points[wrong[:1000]])
+
+
+def _bits(values: FloatArray) -> IntArray:
+    return np.ascontiguousarray(values, np.float64).view(np.int64)
+
+
+def _condition_parts(value: Value) -> dict[int, AxisValue]:
+    """A condition by input. Raises NotProvedError for another one."""
+    if value is True:
+        return {}
+    if isinstance(value, AxisValue):
+        return {value.axis.feature: value}
+    if isinstance(value, All):
+        return dict(value.parts)
+    raise NotProvedError("bValid or bInRange is not followed")
+
+
+def _same_condition(one: Value, other: Value) -> bool:
+    first, second = _condition_parts(one), _condition_parts(other)
+    return set(first) == set(second) and all(
+        np.array_equal(first[key].lift().constant, second[key].lift().constant) for key in first
+    )
+
+
+def _is_in(part: Term, term: Term) -> bool:
+    """Whether a term is a part of another one."""
+    seen: set[Term] = set()
+    open_ = [term]
+    while open_:
+        here = open_.pop()
+        if here is part:
+            return True
+        if here not in seen:
+            seen.add(here)
+            open_ += [argument for argument in here.arguments if isinstance(argument, Term)]
+    return False

@@ -1,0 +1,73 @@
+"""What a variable of the executed text can hold, beside numbers, values on an axis, lanes and terms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from st_codegen.proof.prove.axis import AxisValue, NotProvedError
+
+#: A plain number or truth value, an AxisValue, Lanes, Slots, a Term, or one of the classes below.
+Value = object
+
+
+class ComputedError(NotProvedError):
+    """A decision on a computed number: boxes of inputs do not decide it, terms may."""
+
+
+class _Nothing:
+    """What a variable holds that this call has not assigned: what an earlier call left."""
+
+
+NOTHING = _Nothing()
+
+
+class _Lost:
+    """What a variable holds that nobody may read: a counter behind its loop."""
+
+
+LOST = _Lost()
+
+
+@dataclass(frozen=True)
+class Kept:
+    """The value of an output before the call."""
+
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class All:
+    """Truth values of different inputs, all of which must hold."""
+
+    parts: Mapping[int, AxisValue]
+
+
+@dataclass(frozen=True)
+class Bits:
+    """The bits of a float64 value; `magnitude`: without the sign."""
+
+    value: object
+    magnitude: bool = False
+
+
+@dataclass(frozen=True)
+class Conditional:
+    """`value` where a condition on several inputs holds, else `otherwise`."""
+
+    condition: object
+    value: object
+    otherwise: object
+
+
+def is_scalar(value: Value) -> bool:
+    """Whether a value is a plain number or truth value."""
+    return isinstance(value, bool | int | float)
+
+
+def parts_of(value: Value) -> dict[int, AxisValue]:
+    """A condition by input."""
+    if isinstance(value, All):
+        return dict(value.parts)
+    assert isinstance(value, AxisValue)
+    return {value.axis.feature: value}
