@@ -216,8 +216,12 @@ class Demand:
     @value.register
     def _(self, op: Softmax, given: list[list[Value]]) -> list[Value]:
         largest, _ = self._largest(given[0])
-        powers = [self._exp(self.terms.real("sub", x, largest), op.precision) for x in given[0]]
+        below = [self.terms.real("sub", x, largest) for x in given[0]]
+        powers = [self._exp(x, op.precision) for x in below]
         total = self._sum(0.0, powers)
+        if op.logarithm:
+            total = self.terms.real("ln", total)
+            return [self._rounded(self.terms.real("sub", x, total), op.precision) for x in below]
         return [self._rounded(self.terms.real("div", power, total), op.precision) for power in powers]
 
     @value.register
