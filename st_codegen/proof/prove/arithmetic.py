@@ -77,8 +77,8 @@ def _is_the_same(model: ModelIR, on_grid: ModelIR) -> bool:
 def _compared(model: ModelIR, project: Project, block: str, outputs: tuple[int, ...]) -> int:
     """Compare with inputs that the model takes; the number of operations of the outputs."""
     terms, domain = Terms(), domain_of(model)
-    ends = zip(from_keys(domain.low).tolist(), from_keys(domain.high).tolist(), strict=True)
-    run, inputs = _executed(terms, project, block, [(low, high, domain.nan) for low, high in ends])
+    ends = zip(from_keys(domain.low).tolist(), from_keys(domain.high).tolist(), domain.nan, strict=True)
+    run, inputs = _executed(terms, project, block, list(ends))
     demand = Demand.of_inputs(terms, model, inputs)
     held = {variable.name: run.held[_PATH, variable] for variable in _outputs(project, block)}
     if held["bValid"] is not demand.valid:
@@ -196,7 +196,7 @@ def _check_all_inputs(model: ModelIR, project: Project, block: str, outputs: tup
 
 def _refused(domain: InputDomain, number: int) -> list[Interval]:
     low, high = (float(from_keys(keys[number : number + 1])[0]) for keys in (domain.low, domain.high))
-    found: list[Interval] = [] if domain.nan else [(math.inf, -math.inf, True)]
+    found: list[Interval] = [] if domain.nan[number] else [(math.inf, -math.inf, True)]
     if low > -math.inf:
         found.append((-math.inf, math.nextafter(low, -math.inf), False))
     if high < math.inf:

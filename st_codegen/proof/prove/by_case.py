@@ -9,20 +9,20 @@ are taken one by one: each of their combinations is a case.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from typing import Protocol
 
 import numpy as np
 
+from st_codegen.ir.arrays import AnyArray
 from st_codegen.proof.prove.axis import AxisValue, NotProvedError
-from st_codegen.proof.prove.boxes import Lanes, Slots
+from st_codegen.proof.prove.boxes import Lanes, Slots, Space
+from st_codegen.proof.prove.inputs import InputTerms
 from st_codegen.proof.prove.symbolic import Held, Path, Symbolic, anything
-from st_codegen.proof.prove.terms import Term, Value
+from st_codegen.proof.prove.terms import Term, Terms, Value
 from st_codegen.proof.prove.values import LOST, All, Conditional, Kept
+from st_codegen.st import Project
 from st_codegen.st import tree as t
-
-if TYPE_CHECKING:
-    from st_codegen.proof.prove.execute import Executor
 
 _PATH: Path = ("BLOCK",)
 
@@ -30,7 +30,28 @@ _PATH: Path = ("BLOCK",)
 _MOST_CASES = 20_000
 
 
-def follow(executor: Executor, statement: t.Statement) -> None:
+class Boxes(Protocol):
+    """What is asked of the executor on boxes."""
+
+    project: Project
+    terms: Terms
+    inputs: InputTerms
+    variables: dict[t.Variable, object]
+
+    def joined(self, values: Sequence[object], mask: object) -> tuple[Space, list[AnyArray]]:
+        """Values on the lanes of one space."""
+        ...
+
+    def touch(self, variable: t.Variable, place: int) -> None:
+        """Note that a variable is assigned."""
+        ...
+
+    def as_term(self, value: object) -> Value:
+        """A value as a term."""
+        ...
+
+
+def follow(executor: Boxes, statement: t.Statement) -> None:
     """Execute a statement on terms and store what it assigns."""
     variables = list(dict.fromkeys(v for v in _variables(statement) if not v.is_constant))
     held = {variable: executor.variables[variable] for variable in variables}
@@ -60,7 +81,7 @@ def follow(executor: Executor, statement: t.Statement) -> None:
     _lose_counter(executor, statement)
 
 
-def _executed(executor: Executor, statement: t.Statement, before: dict[t.Variable, Held]) -> dict[t.Variable, Held]:
+def _executed(executor: Boxes, statement: t.Statement, before: dict[t.Variable, Held]) -> dict[t.Variable, Held]:
     """The variables that a statement changes, with their values."""
     run = Symbolic(executor.project, executor.terms)
     run.held = {(_PATH, variable): value for variable, value in before.items()}
@@ -72,7 +93,7 @@ def _executed(executor: Executor, statement: t.Statement, before: dict[t.Variabl
     }
 
 
-def _give_back(executor: Executor, before: dict[t.Variable, Held], changes: dict[t.Variable, Held]) -> None:
+def _give_back(executor: Boxes, before: dict[t.Variable, Held], changes: dict[t.Variable, Held]) -> None:
     for variable, value in changes.items():
         if not isinstance(value, tuple):
             executor.touch(variable, 0)
@@ -86,7 +107,7 @@ def _give_back(executor: Executor, before: dict[t.Variable, Held], changes: dict
                 items[place] = new
 
 
-def _lose_counter(executor: Executor, statement: t.Statement) -> None:
+def _lose_counter(executor: Boxes, statement: t.Statement) -> None:
     if isinstance(statement, t.For) and isinstance(statement.counter, t.VariableRef):
         executor.variables[statement.counter.variable] = LOST
 
@@ -117,7 +138,7 @@ def _differs_by_box(value: object) -> bool:
     )
 
 
-def converted(executor: Executor, value: object, variable: t.Variable) -> Held:
+def converted(executor: Boxes, value: object, variable: t.Variable) -> Held:
     """A value of the executor as a term, or a function that gives it when it is read; None for what may not be read."""
     if isinstance(value, list):
         return tuple(converted(executor, item, variable) for item in value)
@@ -139,13 +160,13 @@ def converted(executor: Executor, value: object, variable: t.Variable) -> Held:
     return value if isinstance(value, bool | int | float | Term) else None
 
 
-def _truth(executor: Executor, condition: object) -> Value:
+def _truth(executor: Boxes, condition: object) -> Value:
     if isinstance(condition, AxisValue):
         return executor.inputs.truth(condition)
     return condition if isinstance(condition, bool | Term) else executor.inputs.condition(condition)
 
 
-def _number(executor: Executor, value: object, variable: t.Variable) -> Value:
+def _number(executor: Boxes, value: object, variable: t.Variable) -> Value:
     """A number of boxes of which only its interval is known; any other value as it is."""
     numbers = None
     if isinstance(value, Lanes):

@@ -14,6 +14,7 @@ from st_codegen.ir import (
     Activation,
     ArgMax,
     Clip,
+    ColumnFunction,
     Combine,
     Exceeds,
     FactoredKernel,
@@ -451,10 +452,11 @@ class Demand:
 
 
 def _flags(op: Operation, flags: list[list[Value]]) -> list[Value]:
-    """For each column of a result whether the input that it comes from is missing."""
+    """For each column of a result whether it is missing, as the input is that it comes from."""
     if isinstance(op, Select):
         joined = [flag for value in flags for flag in value]
         return [joined[column] for column in op.columns]
-    if isinstance(op, Elementwise) and len(flags[0]) == op.width:
-        return flags[0]
-    return [False] * op.width
+    if isinstance(op, ColumnFunction):
+        kept = op.keeps_missing
+        return [flag if kept is None or kept[column] else False for column, flag in enumerate(flags[0])]
+    return flags[0] if isinstance(op, Elementwise) and len(flags[0]) == op.width else [False] * op.width

@@ -29,7 +29,7 @@ class InputTerms:
         for number, feature in enumerate(model.features):
             self.numbers.append(terms.leaf(("input", number), "real", _ends(feature, self.domain, number)))
             self.missing.append(
-                terms.leaf(("missing", number), "bool", (0.0, 1.0, False)) if self.domain.nan else False
+                terms.leaf(("missing", number), "bool", (0.0, 1.0, False)) if self.domain.nan[number] else False
             )
 
     def number(self, value: AxisValue) -> Value:
@@ -75,7 +75,7 @@ class InputTerms:
             if np.all(here == truth):
                 return truth
         missing = np.isnan(value.axis.low)
-        if self.domain.nan and np.all(here[taken] == missing[taken]):
+        if self.domain.nan[value.axis.feature] and np.all(here[taken] == missing[taken]):
             value.held_alike()
             return self.missing[value.axis.feature]
         return self.condition(value)

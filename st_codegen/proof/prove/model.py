@@ -48,7 +48,7 @@ class InputDomain:
 
     low: IntArray
     high: IntArray
-    nan: bool
+    nan: tuple[bool, ...]
 
 
 def domain_of(model: ModelIR) -> InputDomain:
@@ -70,7 +70,7 @@ def domain_of(model: ModelIR) -> InputDomain:
         keys = to_keys(np.array(ends))
         low.append(int(keys[0]))
         high.append(int(keys[1]))
-    return InputDomain(np.array(low), np.array(high), model.accepts_nan)
+    return InputDomain(np.array(low), np.array(high), tuple(map(model.takes_nan, range(len(model.features)))))
 
 
 class ModelSide:

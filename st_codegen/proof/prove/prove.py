@@ -146,9 +146,6 @@ def prove_model(model: ModelIR, code: GeneratedCode, runs: dict[str, BlockRun] |
         return _left_out(model, folder)
     runs = {} if runs is None else runs
     points: FloatArray = np.zeros((0, len(model.features)))
-    if model.must_be_present:
-        reason = "missing values are taken in some inputs and refused in others, which is not followed"
-        return _with(result, Verdict.NOT_PROVED, reason=reason)
     if not any(isinstance(op, TreeEnsemble) for op in model.ops):
         return _prove_expression(model, code, result)
     try:

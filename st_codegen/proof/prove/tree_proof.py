@@ -94,7 +94,7 @@ class TreeProof:
     def _axes(self) -> list[InputAxis]:
         domain = self.side.domain
         ends = zip(domain.low.tolist(), domain.high.tolist(), strict=True)
-        return [InputAxis(feature, first, last, nan=domain.nan) for feature, (first, last) in enumerate(ends)]
+        return [InputAxis(feature, first, last, nan=domain.nan[feature]) for feature, (first, last) in enumerate(ends)]
 
     def _expected_terms(self) -> Iterator[tuple[int, int, int]]:
         """(operation, tree, output) in the order in which the library adds; constant trees are noted in `fixed`."""
@@ -297,7 +297,8 @@ class TreeProof:
         for axis in self.run.executor.axes:
             feature = axis.feature
             axis.cut(np.array([domain.low[feature] - 1, domain.high[feature]]))
-            wanted = np.append((axis.starts >= domain.low[feature]) & (axis.ends <= domain.high[feature]), domain.nan)
+            inside = (axis.starts >= domain.low[feature]) & (axis.ends <= domain.high[feature])
+            wanted = np.append(inside, domain.nan[feature])
             part = parts.get(feature)
             got = np.ones(axis.lanes, np.bool_) if part is None else part.lift().constant.astype(np.bool_)
             wrong = np.flatnonzero(got != wanted)
@@ -327,7 +328,8 @@ class TreeProof:
             part = parts.get(axis.feature)
             got = np.ones(axis.lanes, np.bool_) if part is None else part.lift().constant.astype(np.bool_)
             inside = np.append(
-                (axis.starts >= domain.low[axis.feature]) & (axis.ends <= domain.high[axis.feature]), domain.nan
+                (axis.starts >= domain.low[axis.feature]) & (axis.ends <= domain.high[axis.feature]),
+                domain.nan[axis.feature],
             )
             if np.any((got != wanted) & inside):
                 raise NotProvedError(f"bInRange is not what the range of '{feature.name}' demands")
