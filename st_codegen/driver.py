@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
@@ -37,6 +37,8 @@ from st_codegen.proof.vectors import reference_vectors
 
 #: More elements, or bytes, than any table has.
 _UNLIMITED = 2**31 - 1
+#: Larger files are slow in a development environment, and no review reads them; nobody states a limit.
+_LARGE_FILE = 2_000_000
 #: Blocks that an error names
 _NAMED = 5
 
@@ -87,6 +89,7 @@ def generate(  # noqa: PLR0913 - one argument an option
     cost: CostFunction = simple_cost,
     relayout: bool = False,
     force: bool = False,
+    announce: Callable[[str], None] | None = None,
 ) -> Generated:
     """Compile models for one target and write the files to `out/<target>`.
 
@@ -128,6 +131,8 @@ def generate(  # noqa: PLR0913 - one argument an option
     `force` overwrites generated files that were changed by hand; without it such a change is shown and nothing is
     written. What editors and version control leave in a file (`emit.traces`) is no change.
 
+    `announce` is told, before anything is put into place, which files are larger than 2 MB, with advice.
+
     The text is read back and checked before it replaces anything: valid in the target's dialect, of the portable subset
     where the target says so, no loop of one round. That takes about as long as printing.
 
@@ -151,6 +156,9 @@ def generate(  # noqa: PLR0913 - one argument an option
     )
     with _staged(models, target, Path(out), settings, Choices() if relayout else _earlier(folder)) as staged:
         files = {name: (staged.stage / name).stat().st_size for name in staged.names if name != output.MANIFEST}
+        for name, size in files.items():
+            if announce is not None and size > _LARGE_FILE:
+                announce(_large_file(folder / name, size, target))
         changed = output.install(staged.stage, folder, force=force)
     return Generated(target.name, folder, files, staged.compiled, staged.purpose, staged.facts, changed)
 
@@ -401,6 +409,17 @@ def _fingerprint(target: Target, plans: Sequence[FilePlan]) -> int:
 def limits_for(target: Target, max_array: int | None) -> Limits:
     """The target's limits, with the user's own bound on the length of an array."""
     return target.limits if max_array is None else dataclasses.replace(target.limits, max_array=max_array)
+
+
+def _large_file(path: Path, size: int, target: Target) -> str:
+    """What to know of a large file, and what makes it smaller."""
+    advice = "fewer or smaller trees, fewer support vectors or neurons"
+    if target.compiles:
+        advice += "; --layout ranked or a smaller --table-limit where tables are large (--explain shows sizes)"
+    return (
+        f"warning: {path} has {size / 1e6:.1f} MB of text, and development environments may need minutes for it. "
+        f"What makes it smaller: {advice}"
+    )
 
 
 def _check_size(target: Target, plans: Sequence[FilePlan], limit: int) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import click
@@ -50,6 +51,24 @@ def entry_option(function: Command) -> Command:
         metavar="BLOCK",
         help="A block or program that one cycle runs, may be given several times. Default: what the tasks call.",
     )(function)
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What `--explain` says of a target: refused inputs, prices of layouts, and the worst case of a cycle."""
+
+    target: str
+    limits: tuple[InputLimit, ...]
+    prices: tuple[Price, ...]
+    cost: ProjectCost
+
+
+def print_explanation(found: Explanation) -> None:
+    """All of it as tables."""
+    console.print(limits_table(found.limits))
+    if found.prices:
+        console.print(price_table(found.target, found.cost.profile.name, found.prices))
+    print_budget(found.target, found.cost, None)
 
 
 def print_budget(target: str, cost: ProjectCost, cycle_us: float | None) -> None:
@@ -122,9 +141,13 @@ def limits_table(limits: Iterable[InputLimit]) -> Table | str:
     for name in ("model", "input", "magnitude"):
         table.add_column(name)
     for limit in limits:
-        infinite = math.isinf(limit.magnitude)
-        table.add_row(limit.model, limit.feature, "infinite" if infinite else f"{limit.magnitude:.17g}")
+        table.add_row(limit.model, limit.feature, magnitude_text(limit))
     return table if table.row_count else "no input is refused for its magnitude"
+
+
+def magnitude_text(limit: InputLimit) -> str:
+    """From which magnitude on an input is refused."""
+    return "infinite" if math.isinf(limit.magnitude) else f"{limit.magnitude:.17g}"
 
 
 def _cells(parts: list[UnitPart], total: float) -> list[str]:

@@ -24,7 +24,7 @@ from st_codegen.cli.console import (
     quiet_option,
     trust_option,
 )
-from st_codegen.cli.costs import limits_table, price_table, print_budget
+from st_codegen.cli.costs import Explanation, print_explanation
 
 if TYPE_CHECKING:
     from st_codegen.driver import Generated
@@ -130,6 +130,11 @@ Examples:
     is_flag=True,
     help="Print which inputs are refused, the layouts of each model with prices, and who spends what.",
 )
+@click.option(
+    "--html",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="With --explain: write what it says to this file as a page with pictures.",
+)
 @layout_options
 @outputs_option
 @trust_option
@@ -154,6 +159,7 @@ def command(
     max_array: int | None,
     max_bytes: int | None,
     explain: bool,
+    html: Path | None,
     profile: str | None,
     outputs: Collection[OutputKind],
     trust_pickle: bool,
@@ -175,7 +181,10 @@ def command(
     from st_codegen.proof.runner import GeneratedCode
     from st_codegen.proof.verify import cycle_cost
 
+    if html is not None and (only_check or not explain):
+        raise click.UsageError("--html is a page of what --explain says: give --explain, without --check.")
     machine = load_profile(profile or DEFAULT)
+    explained: list[Explanation] = []
     options = Options(
         Layout(layout["layout"]),
         table_bytes=layout["table_limit"] * 1024,
@@ -223,6 +232,7 @@ def command(
             cost=costs[target.name],
             relayout=relayout,
             force=force,
+            announce=None if quiet else lambda text: console.print(text, soft_wrap=True),
         )
         if not quiet:
             console.print(f"{generated.folder}: {len(generated.files)} file(s)", soft_wrap=True)
@@ -239,11 +249,19 @@ def command(
             for remark in generated.purpose.remarks() if generated.purpose else ():
                 console.print(remark, soft_wrap=True)
         if explain:
-            console.print(limits_table(input_limits(bundle.irs)))
-            if generated.compiled.decisions:
-                console.print(price_table(target.name, machine.name, prices(generated.compiled, pricing[target.name])))
-            cost = cycle_cost(GeneratedCode(generated.folder, target.dialect), machine)
-            print_budget(target.name, cost, None)
+            entry = Explanation(
+                target.name,
+                tuple(input_limits(bundle.irs)),
+                tuple(prices(generated.compiled, pricing[target.name])),
+                cycle_cost(GeneratedCode(generated.folder, target.dialect), machine),
+            )
+            print_explanation(entry)
+            explained.append(entry)
+    if html is not None:
+        from st_codegen.cli.pages import explain_sections, write_pages
+
+        summary, sections = explain_sections(explained)
+        write_pages(f"Layouts and times of {models}", sections, summary, html, None)
 
 
 def _packaging(project: str, version: str | None, company: str | None, namespace: str | None) -> Packaging:

@@ -18,6 +18,7 @@ from st_codegen import __version__
 from st_codegen.cli.codes import codes_of, show_codes
 from st_codegen.cli.lazy import Lazy, LazyGroup
 from st_codegen.errors import StCodegenError
+from st_codegen.files.made_by import set_command
 
 _COMMANDS = {
     "train": Lazy("st_codegen.cli.train", "Learn from measured curves or a harmonic table; write a bundle of models."),
@@ -85,6 +86,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     given = sys.argv[1:] if arguments is None else arguments
     rest = [argument for argument in given if argument != _TRACEBACK]
     shows_traceback = len(rest) < len(given) or os.environ.get(_TRACEBACK_VARIABLE, "") not in ("", "0")
+    set_command(__version__, rest)
     try:
         code = cli.main(args=rest, obj=rest, prog_name="st-codegen", standalone_mode=False)
     except click.exceptions.Abort:

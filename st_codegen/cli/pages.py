@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import shlex
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
-from st_codegen import __version__
+from st_codegen.cli.costs import magnitude_text
 from st_codegen.files.text import write_text
 from st_codegen.report import COLOURS, PageSection, PageTable, figures, markdown, page
 
 if TYPE_CHECKING:
+    from st_codegen.cli.costs import Explanation
     from st_codegen.cost.report import ProjectCost
     from st_codegen.project.bundle import Bundle
     from st_codegen.proof.review import ModelChange, Review, Sweep
@@ -23,19 +21,14 @@ if TYPE_CHECKING:
 _MOST_DRAWN = 12
 
 
-def made_by() -> str:
-    """The tool's version and the command, for the foot of a page."""
-    return f"st-codegen {__version__}: {shlex.join(['st-codegen', *click.get_current_context().obj])}"
-
-
 def write_pages(
     title: str, sections: list[PageSection], summary: str, html: Path | None, markdown_file: Path | None
 ) -> None:
     """Write the page as HTML and as Markdown, where a file is given."""
     if html is not None:
-        write_text(html, page(title, sections, summary=summary, footer=made_by()))
+        write_text(html, page(title, sections, summary=summary))
     if markdown_file is not None:
-        write_text(markdown_file, markdown(title, sections, summary=summary, footer=made_by()))
+        write_text(markdown_file, markdown(title, sections, summary=summary))
 
 
 # --- diff
@@ -147,3 +140,48 @@ def _cost_section(target: str, cost: ProjectCost, cycle_us: float | None) -> Pag
     return PageSection(
         f"Worst case of a cycle, {target}", text, PageTable(columns, rows), (picture,) if picture else ()
     )
+
+
+# --- generate --explain
+
+
+def explain_sections(found: Sequence[Explanation]) -> tuple[str, list[PageSection]]:
+    """The summary of what `--explain` says, and its sections: refused inputs once, layouts and times of each target."""
+    sections: list[PageSection] = []
+    limits = [(limit.model, limit.feature, magnitude_text(limit)) for limit in found[0].limits] if found else []
+    text = "From these magnitudes on, bValid is FALSE and the outputs keep their last valid values."
+    if limits:
+        sections.append(
+            PageSection("Inputs that are refused", text, PageTable(("model", "input", "magnitude"), limits))
+        )
+    else:
+        sections.append(PageSection("Inputs that are refused", "No input is refused for its magnitude."))
+    for entry in found:
+        if entry.prices:
+            sections.append(_layouts_section(entry))
+        sections.append(_cost_section(entry.target, entry.cost, None))
+    times = "; ".join(f"{entry.target}: {entry.cost.cold_us:.1f} us in the worst case" for entry in found)
+    return f"{times}. Times are of the cost model, for {found[0].cost.profile.name}." if found else "", sections
+
+
+def _layouts_section(entry: Explanation) -> PageSection:
+    """What each layout would take, the one that was taken in bold; a bar for the largest models."""
+    rows = [
+        (p.model, p.layout, round(p.cost.instructions), p.cost.table_bytes, p.cost.warm_us, p.cost.cold_us)
+        for p in entry.prices
+    ]
+    strong = {(row, 1) for row, price in enumerate(entry.prices) if price.is_chosen}
+    largest = sorted((p for p in entry.prices if p.is_chosen), key=lambda p: -p.cost.cold_us)[:_MOST_DRAWN]
+    names = {p.model for p in largest}
+    shown = [p for p in entry.prices if p.model in names]
+
+    def bars(axes: Any) -> None:
+        labels = [f"{p.model}: {p.layout}" for p in shown][::-1]
+        colours = [COLOURS[0] if p.is_chosen else COLOURS[4] for p in shown][::-1]
+        axes.barh(labels, [p.cost.cold_us for p in shown][::-1], color=colours)
+        axes.set(xlabel="us of a call with cold caches; blue: taken")
+
+    picture = figures([("", bars)], columns=1, size_cm=(16, 2.5 + 0.6 * len(shown)))
+    columns = ("model", "layout", "operations", "bytes of tables", "warm us", "cold us")
+    text = f"A block alone on {entry.cost.profile.name}; the layout in bold was taken."
+    return PageSection(f"Layouts, {entry.target}", text, PageTable(columns, rows, strong), (picture,))

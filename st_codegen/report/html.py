@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from st_codegen.emit.render import render_report
+from st_codegen.files.made_by import MADE_BY
 
 
 @dataclass(frozen=True)
@@ -60,14 +61,14 @@ class PageSection:
     open_details: bool = False
 
 
-def page(title: str, sections: Sequence[PageSection], *, summary: str = "", footer: str = "") -> str:
-    """A complete HTML page; all text is escaped, pictures are put in as they are. `footer`: what made the page."""
+def page(title: str, sections: Sequence[PageSection], *, summary: str = "") -> str:
+    """A complete HTML page; all text is escaped, pictures are put in as they are. Its foot says what made it."""
     return render_report(
         "report/page.html.j2",
         {
             "title": title,
             "summary": _paragraphs(summary),
-            "footer": footer,
+            "footer": MADE_BY.get(),
             "sections": [
                 {
                     "title": section.title,
@@ -83,13 +84,13 @@ def page(title: str, sections: Sequence[PageSection], *, summary: str = "", foot
     )
 
 
-def markdown(title: str, sections: Sequence[PageSection], *, summary: str = "", footer: str = "") -> str:
+def markdown(title: str, sections: Sequence[PageSection], *, summary: str = "") -> str:
     """The same page as Markdown, without its pictures."""
     parts = [f"# {_literal(title)}", *map(_literal, _paragraphs(summary))]
     for section in sections:
         parts += [f"## {_literal(section.title)}", *map(_literal, _paragraphs(section.text))]
         parts += [section.table.markdown().rstrip()] if section.table else []
-    return "\n\n".join([*parts, *([f"_{_literal(footer)}_"] if footer else [])]) + "\n"
+    return "\n\n".join([*parts, *([f"_{_literal(MADE_BY.get())}_"] if MADE_BY.get() else [])]) + "\n"
 
 
 def _literal(text: str) -> str:

@@ -21,6 +21,8 @@ OURS = {
     "st_codegen.diagnostics",
     "st_codegen.entries",
     "st_codegen.errors",
+    "st_codegen.files",
+    "st_codegen.files.made_by",
     "st_codegen.reconcile",
 }
 LARGE = {"numpy", "scipy", "rich", "jinja2", "lark", "lxml", "sklearn", "polars", "numba", "matplotlib", "joblib"}

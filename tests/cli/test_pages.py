@@ -6,6 +6,7 @@ import subprocess
 
 import pytest
 
+from st_codegen.driver import generate
 from tests.cli.helpers import run
 
 pytest.importorskip("matplotlib")
@@ -106,3 +107,28 @@ def test_a_page_is_as_wide_as_the_window(two, tmp_path, width):
     command += [f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=5000", "--dump-dom", frame.as_uri()]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
     assert f"<title>true {width}</title>" in done.stdout
+
+
+def test_what_explain_says_has_a_page(lone_folder, tmp_path, capsys):
+    page = tmp_path / "e.html"
+    assert run(lone_folder, "--out", tmp_path, "-t", "iec", "-t", "twincat", "--explain", "--html", page, "-q") == 0
+    text = page.read_text(encoding="utf-8")
+    assert text.count("<svg") == 4
+    assert all(f"<h2>{title}" in text for title in ("Inputs that are refused", "Layouts, iec", "Worst case of a cycle"))
+    assert "<strong>table</strong>" in text
+    assert "st-codegen" in text[text.index("<footer>") :]
+    assert run(lone_folder, "--out", tmp_path, "--html", page) == 2
+    assert "give --explain" in capsys.readouterr().err
+
+
+def test_a_large_file_is_announced_with_advice_before_it_is_there(lone_folder, tmp_path, capsys, monkeypatch):
+    assert run(lone_folder, "--out", tmp_path, "-q") == 0
+    assert "warning" not in capsys.readouterr().err
+    monkeypatch.setattr("st_codegen.driver._LARGE_FILE", 5_000)
+    heard = []
+    generate(lone_folder, "iec", tmp_path, announce=lambda text: heard.append((text, (tmp_path / "iec").exists())))
+    (large,) = [text for text, _ in heard if "FB_Te.st" in text]
+    assert not any(there for _, there in heard)
+    assert "--table-limit" in large
+    assert run(lone_folder, "--out", tmp_path) == 0
+    assert "MB of text" in capsys.readouterr().err

@@ -1,0 +1,15 @@
+"""What is being run, for the foot of pages: the version and the command; no date."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from contextvars import ContextVar
+
+#: As in `st-codegen 1.0: st-codegen verify models --html page.html`; empty where no command runs.
+MADE_BY: ContextVar[str] = ContextVar("made_by", default="")
+
+
+def set_command(version: str, arguments: Sequence[str]) -> None:
+    """Pages that are written from now on name this command."""
+    MADE_BY.set(f"st-codegen {version}: {shlex.join(['st-codegen', *arguments])}")
