@@ -19,6 +19,15 @@ SHAPES = [
 ]
 
 
+def test_the_signals_of_the_machine_can_be_linked():
+    text = texts(project(), "twincat")["GVLs/GVL_Machine.TcGVL"].replace("\r", "")
+    linked = dict(re.findall(r"^    (\w+) AT (%[IQ]\*) : (?:LREAL|BOOL);", text, re.M))
+    inputs = {"fThetaOut_rad", "fSpeed_rpm", "fTorque_Nm", "fTemperature_C", "bEnable"}
+    outputs = {"fTE_deg", "fCorrection_deg", "fWeight", "bActive", "bValid", "bInRange"}
+    assert linked == dict.fromkeys(inputs, "%I*") | dict.fromkeys(outputs, "%Q*")
+    assert all(" AT %" not in other for other in texts(project(), "iec").values())
+
+
 @pytest.mark.parametrize(("orders", "directions"), SHAPES)
 def test_bundles_of_any_shape_give_text_that_is_checked_portable_and_narrow(orders, directions):
     for target in ("twincat", "iec"):

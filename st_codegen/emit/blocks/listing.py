@@ -27,13 +27,18 @@ _INDENT = 8
 
 @dataclass(frozen=True)
 class BlockVariable:
-    """A declared variable; `length` makes it an array from 0."""
+    """A declared variable; `length` makes it an array from 0.
+
+    `address` is where a dialect with addresses puts it: `%I*` and `%Q*` are inputs and outputs of the controller whose
+    place the development environment chooses.
+    """
 
     name: str
     type: str
     length: int | None = None
     initial: str = ""
     comment: str = ""
+    address: str = ""
 
     @property
     def last(self) -> int:
@@ -44,6 +49,7 @@ class BlockVariable:
     def comment_above(self) -> bool:
         """Whether declaration and comment together are too long for a line."""
         words = [self.name, self.type, self.initial, f"ARRAY[0..{self.last}] OF " * bool(self.length)]
+        words.append(f" AT {self.address}" * bool(self.address))
         own = sum(map(len, words)) + _DECLARATION_MARKS
         return bool(self.comment) and own + len(f"(* {self.comment} *)") > LINE_LENGTH
 

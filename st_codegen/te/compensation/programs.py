@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable
 
 from st_codegen.emit.blocks.application import GlobalList, Task
@@ -48,13 +49,27 @@ def _settings() -> tuple[BlockVariable, ...]:
 
 
 def signals(te: TransmissionError) -> GlobalList:
-    """GVL_Machine: the signals between programs and the rest of the controller."""
+    """GVL_Machine: the signals between programs and the rest of the controller.
+
+    Measured values and commands can be linked to inputs of the controller, results to outputs; settings and what the
+    tasks tell each other cannot.
+    """
+    measured = {variable.name for variable in (ANGLE, *input_variables(te.features))} | {"bEnable"}
+    inputs = (_at("%I*", item) if item.name in measured else item for item in compensation_inputs(te))
+    outputs = (_at("%Q*", item) if item.type in ("LREAL", "BOOL") else item for item in compensation_outputs())
     return GlobalList(
         SIGNALS,
-        ("Signals of the programs: link the inputs to sensors and motion profile, the outputs to the axes.",),
-        (*compensation_inputs(te), *compensation_outputs(), AGE_LIMIT, *fast_results(), EXCHANGE),
+        (
+            "Signals of the programs: link those at %I* to sensors and motion profile, those at %Q* to the",
+            "axes, or write and read them in programs of your own.",
+        ),
+        (*inputs, *outputs, AGE_LIMIT, *fast_results(), EXCHANGE),
         of_programs=True,
     )
+
+
+def _at(address: str, variable: BlockVariable) -> BlockVariable:
+    return dataclasses.replace(variable, address=address)
 
 
 def experiment_inputs() -> tuple[BlockVariable, ...]:
