@@ -34,7 +34,10 @@ class PageTable:
 
     def _cells(self) -> list[list[tuple[str, bool]]]:
         """Text and whether it is a number, of every cell."""
-        return [[(_shown(cell), isinstance(cell, int | float)) for cell in row] for row in self.rows]
+        return [
+            [(_shown(cell), isinstance(cell, int | float) and not isinstance(cell, bool)) for cell in row]
+            for row in self.rows
+        ]
 
     def values(self) -> dict[str, Any]:
         """The columns and cells of this table as the page's template takes them."""
@@ -100,6 +103,10 @@ def _literal(text: str) -> str:
 
 def _paragraphs(text: str) -> list[str]:
     return [part.strip() for part in text.split("\n\n") if part.strip()]
+
+
+def _is_number(cell: Any) -> bool:
+    return isinstance(cell, int | float) and not isinstance(cell, bool)
 
 
 def _shown(value: Any) -> str:

@@ -14,7 +14,6 @@ from st_codegen.files.folders import write_texts
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.report import PageSection, PageTable, figure, figures, page
 from st_codegen.rig.motion import MotionOutcome, MotionPlan, MotionRecord, Rig
-from st_codegen.rig.tasks import TaskForm
 
 #: Columns of recordings in time (docs/effects.md): s, deg of the fast side, deg of the output, rpm, N m, degC.
 RECORDING = "t,theta_ref,theta_mot,theta_in,theta_out,speed_rpm,torque_Nm,temperature_C"
@@ -209,7 +208,7 @@ def _timing(study: MotionStudy) -> PageTable:
     tasks = study.rig.tasks
     top = max((order for outcome in study.outcomes for order in outcome.case.orders), default=0)
     rows = []
-    for form in TaskForm:
+    for form in dict.fromkeys(outcome.case.form for outcome in study.outcomes):
         timing = tasks.latency(form)
         times = (timing.best_us, timing.mean_us)
         speed = f"{timing.output_speed_rpm(top):.1f} rpm" if top else "-"

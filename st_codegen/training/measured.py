@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from st_codegen.campaign.choice import OrderReason, choose_orders
@@ -36,7 +36,18 @@ def measured_table(
     """Read a campaign and fit its orders; None chooses them from the data, `most` at most. Raises InputError."""
     band = max([BAND, *(orders or ())])
     campaign = read_campaign(folder, skip_bad=skip_bad, band=band, jobs=jobs, cache=cache, progress=progress)
-    reasons = choose_orders(campaign.fits((), progress), most=most)
-    chosen = [reason.order for reason in reasons if reason.chosen] if orders is None else list(orders)
+    always = (0,) if orders is None else tuple(orders)
+    reasons = choose_orders(campaign.fits((), progress), most=most, always=always)
+    if orders is None:
+        chosen = [reason.order for reason in reasons if reason.chosen]
+    else:
+        chosen, reasons = list(orders), tuple(_asked(reason, orders) for reason in reasons)
     fits = campaign.fits(chosen, progress)
     return Measured(campaign.table(fits), reasons, campaign.bad, campaign.samples)
+
+
+def _asked(reason: OrderReason, orders: Sequence[int]) -> OrderReason:
+    """What the curves say about an order where the orders were given."""
+    if reason.order in orders:
+        return replace(reason, chosen=True, reason=reason.reason.replace("always wanted", "asked for", 1))
+    return replace(reason, chosen=False, reason=f"not asked for; {reason.reason}")

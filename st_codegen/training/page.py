@@ -8,10 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.report import COLOURS, PageSection, PageTable, figures, page
+from st_codegen.report import COLOURS, PageSection, PageTable, page
+from st_codegen.report.picture import panels as side_by_side
 from st_codegen.training.learn import Lesson
 from st_codegen.training.measured import Measured
 from st_codegen.training.study import Solution
+
+#: Orders of which the page says why they were taken or not, beside all that were taken.
+_MOST_ORDERS = 60
 
 
 def training_page(name: str, measured: Measured, lessons: Sequence[Lesson]) -> str:
@@ -38,17 +42,24 @@ def _orders_section(measured: Measured) -> PageSection:
             f"{reason.share:.2%}",
             reason.reason,
         )
-        for reason in measured.reasons[:60]
+        for number, reason in enumerate(measured.reasons)
+        if number < _MOST_ORDERS or reason.chosen
     ]
     columns = ("order", "chosen", "above the noise", "RMS, deg", "noise, deg", "share of the TE", "reason")
-    return PageSection("Orders", "From the curves, the strongest first.", PageTable(columns, rows))
+    text = "From the curves, the strongest first."
+    if len(rows) < len(measured.reasons):
+        text += f" {len(measured.reasons) - len(rows)} weaker ones are left out."
+    return PageSection("Orders", text, PageTable(columns, rows))
 
 
 def _models_section(lesson: Lesson) -> PageSection:
-    rows = []
+    rows: list[tuple[object, ...]] = []
     for solution in lesson.choice.solutions:
         errors = lesson.test_errors[solution.order]
-        interval = lesson.intervals.get(solution.order)
+        spread = []
+        if lesson.intervals:
+            interval = lesson.intervals.get(solution.order)
+            spread = [f"{interval.mean:.3g} +- {interval.half_width:.2g}" if interval else ""]
         rows.append(
             (
                 solution.order,
@@ -56,11 +67,12 @@ def _models_section(lesson: Lesson) -> PageSection:
                 errors.amplitude_mae,
                 errors.phase_mae if solution.order else "",
                 errors.complex_mae,
-                f"{interval.mean:.3g} +- {interval.half_width:.2g}" if interval else "",
+                *spread,
                 f"{solution.cost_us:.1f}",
             )
         )
-    errors_of = ("amplitude MAE, deg", "phase MAE, rad", "complex MAE, deg", "complex, repeated splits (95 %)")
+    repeated = ("complex, repeated splits (95 %)",) if lesson.intervals else ()
+    errors_of = ("amplitude MAE, deg", "phase MAE, rad", "complex MAE, deg", *repeated)
     columns = ("order", "models", *errors_of, "worst case, us")
     text = (
         f"Chosen by cross-validation on {len(lesson.study.learn)} operating points, errors on {len(lesson.study.test)} "
@@ -87,16 +99,16 @@ def _pictures(lesson: Lesson) -> PageSection:
     panels: list[tuple[str, Callable[[Any], object]]] = [
         (f"order {solution.order}", partial(_scatter, lesson, solution)) for solution in lesson.choice.solutions
     ]
-    return PageSection(
-        f"Measured and predicted, {lesson.direction}", figures=(figures(panels, columns=3, size_cm=(7, 6)),)
-    )
+    return PageSection(f"Measured and predicted, {lesson.direction}", figures=side_by_side(panels))
 
 
 def _scatter(lesson: Lesson, solution: Solution, axes: Any) -> None:
     truth = lesson.study.test.column(solution.order)
     parts = (("cosine", np.real), ("sine", np.imag)) if solution.order else (("mean", np.real),)
     for colour, (label, part) in zip(COLOURS, parts, strict=False):
-        axes.plot(part(truth), part(solution.test), ".", markersize=3, color=colour, label=label)
+        axes.plot(part(truth), part(solution.test), "o", markersize=4, alpha=0.7, color=colour, label=label)
     low, high = axes.get_xlim()
     axes.plot([low, high], [low, high], color="black", linewidth=0.6)
+    axes.locator_params(nbins=5)
+    axes.ticklabel_format(style="sci", scilimits=(-2, 3))
     axes.set(xlabel="measured, deg", ylabel="predicted, deg")

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import shutil
 import subprocess
 
@@ -11,6 +12,7 @@ pytest.importorskip("numba")
 pytest.importorskip("matplotlib")
 
 from st_codegen.cli.main import main
+from tests.browser import faults
 from tests.rig.conftest import LINEAR_RIG
 
 PROFILE = "t,theta_out,torque_Nm\n0,0,100\n0.2,3,200\n0.4,9,200\n0.6,12,100\n0.7,12,100\n"
@@ -81,6 +83,10 @@ def test_the_page_in_a_browser(out, tmp_path):
 
     shown = browse("--dump-dom")
     assert shown.returncode == 0, shown.stderr
+    for width in (400, 1200):
+        count, found = faults((out / "report.html").read_text(encoding="utf-8"), width, tmp_path)
+        assert count > 20
+        assert found == []
     for text in ("Motion pick", "Error of the output", "not compensated", "1325.3 us", "754.5 Hz"):
         assert text in shown.stdout
     assert shown.stdout.count("<svg") == 3
@@ -140,3 +146,12 @@ def test_help_has_examples(capsys):
     with pytest.raises(SystemExit):
         main(["simulate", "motion", "--help"])
     assert "--lead auto" in capsys.readouterr().out
+
+
+def test_the_page_lists_the_tasks_that_moved_and_no_others(files, linear_folder, tmp_path):
+    with pytest.raises(SystemExit) as caught:
+        main([*arguments(files, linear_folder, **{"--out": tmp_path / "o"}), "--law", "full", "--tasks", "one", "-q"])
+    assert caught.value.code == 0
+    timing = (tmp_path / "o" / "report.html").read_text(encoding="utf-8").split("<h2>Timing")[1]
+    rows = re.findall(r"<tr><td>(\w+)</td>", timing)
+    assert rows == ["one"]

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from st_codegen.cli.main import cli, main
 from st_codegen.cli.tables import ERRORS, PREDICTIONS, TABLE
 from st_codegen.project.bundle import load
 from st_codegen.training.tables import COLUMNS
+from tests import browser
 from tests.training.conftest import ORDERS, a_table, write_campaign
 
 FAST = ["--families", "DT,ET", "--folds", "2", "--jobs", "1"]
@@ -70,7 +72,23 @@ def test_a_campaign_becomes_a_bundle(tmp_path):
     page = (tmp_path / "r.html").read_text()
     assert "of the strongest" in page
     assert "broken.csv" in page
+    assert "repeated splits" not in page  # none were asked for: no empty column
+    for width in (400, 1200):
+        count, found = browser.faults(page, width, tmp_path)
+        assert count > 20
+        assert found == []
     assert load(tmp_path / "m").purpose.te.orders == ORDERS
+
+
+def test_the_page_says_which_orders_were_asked_for(tmp_path):
+    write_campaign(tmp_path / "c", [a_table(speeds=4, torques=4)])
+    run("train", tmp_path / "c", "--out", tmp_path / "m", "--orders", "0,1", "--report", tmp_path / "r.html", *FAST)
+    page = (tmp_path / "r.html").read_text()
+    rows = re.findall(r'<tr><td class="number">(\d+)</td><td>(yes|no)</td>.*?<td>([^<]*)</td></tr>', page)
+    assert {int(order) for order, _, _ in rows} >= set(ORDERS)
+    assert sorted(int(order) for order, chosen, _ in rows if chosen == "yes") == [0, 1]
+    for _, chosen, reason in rows:
+        assert reason.startswith("asked for; above" if chosen == "yes" else "not asked for; ")
 
 
 def test_bad_files_stop_it_and_nothing_is_written(tmp_path, capsys):
