@@ -55,6 +55,7 @@ MAY_USE = {
     "campaign": {"errors", "files", "ir", "te"},
     "training": {"threads", "errors", "files", "ir", "walkers", "te", "report", "campaign"},
     "rig": {"errors", "files", "ir", "emit", "st", "project", "te", "driver", "report", "campaign"},
+    "live": {"errors", "files", "ir", "emit", "st", "project", "proof", "te", "report", "campaign", "rig"},
     "reconcile": {
         "threads",
         "errors",

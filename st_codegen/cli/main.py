@@ -33,6 +33,8 @@ _COMMANDS = {
     "latency": Lazy("st_codegen.cli.latency", "Tell the age of an angle when the correction made from it arrives."),
     "simulate": Lazy("st_codegen.cli.simulate", "Simulate the rig: measured campaigns, and motions."),
     "reconcile": Lazy("st_codegen.cli.reconcile", "Name the effects that a rig model lacks, and add them."),
+    "compare": Lazy("st_codegen.cli.compare", "Compare the models on a running controller with their libraries."),
+    "serve": Lazy("st_codegen.cli.serve", "Run generated text as a controller does; answer ADS and OPC UA clients."),
     "models": Lazy("st_codegen.cli.models", "List the classes, objectives and operators that are compiled."),
     "explain": Lazy("st_codegen.cli.explain", "Say what the code of a message means, and what to do."),
     "calibrate": Lazy("st_codegen.cli.calibrate", "Fit a profile to times measured on the controller."),

@@ -146,13 +146,13 @@ def _critical_points(model: ModelIR) -> list[tuple[FloatArray, FloatArray]]:
     for op in model.ops:
         if isinstance(op, Exceeds | Piecewise):
             for place, values in enumerate(_typical(op)):
-                feature, steps = _origin(model, op.inputs[0], place)
+                feature, steps = origin(model, op.inputs[0], place)
                 if feature is not None:
-                    near[feature].append(_neighbours(_undone(values, steps)))
+                    near[feature].append(_neighbours(undone(values, steps)))
         if not isinstance(op, TreeEnsemble):
             continue
         for number, column in enumerate(op.columns):
-            feature, steps = _origin(model, op.inputs[0], column.column)
+            feature, steps = origin(model, op.inputs[0], column.column)
             if feature is None:
                 continue
             if column.categorical:
@@ -161,7 +161,7 @@ def _critical_points(model: ModelIR) -> list[tuple[FloatArray, FloatArray]]:
                 near[feature].append(np.concatenate([codes, known, known + 0.5]))
                 continue
             thresholds = np.unique(op.threshold[op.split == number])
-            inputs = _undone(thresholds[np.isfinite(thresholds)], steps)
+            inputs = undone(thresholds[np.isfinite(thresholds)], steps)
             near[feature].append(_neighbours(inputs))
             changeover[feature].append(_changeovers(inputs))
     return [(_unique(n), _unique(c)) for n, c in zip(near, changeover, strict=True)]
@@ -192,7 +192,7 @@ def _changeovers(values: FloatArray) -> FloatArray:
     return np.concatenate([halves, np.nextafter(halves, -np.inf), np.nextafter(halves, np.inf)])
 
 
-def _origin(model: ModelIR, value: int, column: int) -> tuple[int | None, list[tuple[Operator, bool, float]]]:
+def origin(model: ModelIR, value: int, column: int) -> tuple[int | None, list[tuple[Operator, bool, float]]]:
     """The feature that a column is a scaled copy of, and the scaling steps from feature to column; None if none."""
     steps: list[tuple[Operator, bool, float]] = []
     while value:
@@ -213,7 +213,7 @@ def _origin(model: ModelIR, value: int, column: int) -> tuple[int | None, list[t
     return column, steps[::-1]
 
 
-def _undone(values: FloatArray, steps: list[tuple[Operator, bool, float]]) -> FloatArray:
+def undone(values: FloatArray, steps: list[tuple[Operator, bool, float]]) -> FloatArray:
     """The inputs that scaling steps take to the given values, up to rounding."""
     with np.errstate(all="ignore"):
         for operator, reverse, constant in reversed(steps):
@@ -233,8 +233,8 @@ def _suggested_range(model: ModelIR) -> tuple[FloatArray, FloatArray]:
     low, high = np.full(len(model.features), np.inf), np.full(len(model.features), -np.inf)
     for op in model.ops:
         for column, values in enumerate(_typical(op)):
-            feature, steps = _origin(model, op.inputs[0], column)
-            inputs = _undone(values, steps)
+            feature, steps = origin(model, op.inputs[0], column)
+            inputs = undone(values, steps)
             if feature is not None and len(inputs):
                 low[feature] = min(low[feature], np.min(inputs))
                 high[feature] = max(high[feature], np.max(inputs))
@@ -261,7 +261,7 @@ def _(op: Scale) -> list[FloatArray]:
     if op.reverse:
         return []
     ends = np.array([-3.0, 3.0]) if op.operator in (Operator.MULTIPLY, Operator.DIVIDE) else np.array([-1.0, 1.0])
-    return [_undone(ends, [(op.operator, False, float(constant))]) for constant in op.constant]
+    return [undone(ends, [(op.operator, False, float(constant))]) for constant in op.constant]
 
 
 @_typical.register

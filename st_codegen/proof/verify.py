@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -36,7 +36,7 @@ from st_codegen.proof.arithmetic import arithmetic_of
 from st_codegen.proof.isolated import LibraryRefusesError, isolated
 from st_codegen.proof.probes import operating_range, probe_rows
 from st_codegen.proof.prove.prove import Verdict, prove_model
-from st_codegen.proof.runner import GeneratedCode, target_folders
+from st_codegen.proof.runner import BlockResult, GeneratedCode, target_folders
 from st_codegen.st.run.machine import processors
 from st_codegen.walkers.base import LoadedModel
 
@@ -298,7 +298,8 @@ def _is_worth_a_proof(model: ModelIR, count: int, rows: int) -> bool:
 
 def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: int, seed: int) -> ModelReport:
     ir = model.ir
-    blocks = {name: block_of(code.folder, ir) for name, code in targets.items()}
+    for code in targets.values():
+        block_of(code.folder, ir)  # the model's, before anything takes time
     x = probe_rows(ir, rows, seed)
     proved = _is_worth_a_proof(ir, len(x), rows) and all(
         prove_model(ir, code).verdict is Verdict.PROVED for code in targets.values()
@@ -306,6 +307,24 @@ def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: i
     if proved:
         # the text is the model's for all inputs: what is left to try is the library, on a sample of the rows
         x = probe_rows(ir, rows, seed, sampled=True)
+    return model_report(model, x, targets, proved=proved)
+
+
+class RunsModels(Protocol):
+    """What computes a model by generated text: the engine here, or a controller."""
+
+    folder: Path
+
+    def run_model(self, block: str, x: FloatArray, outputs: Sequence[int]) -> BlockResult:
+        """Call a model's block once for each row of `x` (see `GeneratedCode.run_model`)."""
+
+
+def model_report(
+    model: LoadedModel, x: FloatArray, targets: Mapping[str, RunsModels], *, proved: bool = False
+) -> ModelReport:
+    """Compare the library, the reference and what runs the text, by the name it has in the report, row by row."""
+    ir = model.ir
+    blocks = {name: block_of(code.folder, ir) for name, code in targets.items()}
     expected = reference.evaluate(ir, x)
     usable = np.all(np.isfinite(expected), axis=1)
     limited = reference.limited(ir, x)
@@ -333,7 +352,7 @@ def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: i
         block, outputs = blocks[name]
         result = code.run_model(block, x, outputs)
         got = np.where(result.valid[:, None], result.values, np.nan)
-        arithmetic = arithmetic_of(name)
+        arithmetic = arithmetic_of(code.folder.name)
         answered = usable & arithmetic.answers(ir, limited)
         allowed = np.where(answered[:, None], arithmetic.bound(ir, limited), 0.0)
         report.must_be_exact &= not np.any(allowed)

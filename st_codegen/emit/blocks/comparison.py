@@ -15,6 +15,8 @@ from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection
 from st_codegen.emit.blocks.model import header_lines
 
 LIST, PROGRAM = "GVL_Comparison", "PRG_Comparison"
+#: What a client writes.
+FROM_CLIENT = ("nRequest", "nBlock", "nRows", "nPerCycle", "fInputs")
 #: Rows of one request; so many that a request is worth its way over the network.
 ROWS = 500
 #: The least urgent task there is.

@@ -106,8 +106,10 @@ def _library() -> tuple[Any, dict[str, str]]:
     """The function that runs rows, and what units call: the prelude, and functions of the C library."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    engine = _engine(prelude.TEXT, level=QUICK)
-    addresses = {name: engine.get_function_address(name) for name in prelude.EXPORTED}
+    has_clock = sys.platform == "linux"
+    engine = _engine(prelude.TEXT + prelude.CLOCK * has_clock, level=QUICK)
+    exported = (*prelude.EXPORTED, *(["block.GETCPUCOUNTER"] * has_clock))
+    addresses = {name: engine.get_function_address(name) for name in exported}
     library = ctypes.CDLL("ucrtbase") if sys.platform == "win32" else ctypes.CDLL(None)
     for name, function in prelude.C_FUNCTIONS.items():
         addresses[name] = ctypes.cast(getattr(library, function), ctypes.c_void_p).value

@@ -115,6 +115,14 @@ class Machine:
         memory, at = self._program_memory(), self.layout.programs[name.upper()]
         return Instance(self, find_block(self.project, name), memory, at)
 
+    def find(self, path: str) -> tuple[Memory, Place]:
+        """Where a global variable, or `PROGRAM.name` of a program, is kept. Raises `StUsageError`."""
+        first, _, rest = path.partition(".")
+        at = self.layout.programs.get(first.upper())
+        if at is None or not rest:
+            return self.memory, find_global(self.layout, path)
+        return self._program_memory(), resolve(self.layout, Place(find_block(self.project, first), at), rest)
+
     def _program_memory(self) -> Memory:
         """The programs, made when they are first needed."""
         if self._programs is None:

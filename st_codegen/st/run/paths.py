@@ -110,6 +110,8 @@ def find_block(project: t.Project, name: str) -> BlockType:
 def find_global(layout: MemoryLayout, path: str) -> Place:
     """A global variable, by `LIST.name..` or its plain name. Raises `StUsageError`."""
     project, parts = layout.project, split_path(path)
+    if not parts:
+        raise StUsageError("an empty name")
     first = str(parts[0]).upper()
     match = cast("re.Match[str]", _STEP.match(path))
     if first in project.globals and len(parts) > 1:

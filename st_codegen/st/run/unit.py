@@ -350,13 +350,15 @@ class Unit:
         self, key: str, receiver: str, values: dict[t.Variable, str], given: dict[t.Variable, t.Expression]
     ) -> None:
         callee = self.module.project.pous[key]
-        if callee.is_native:
+        in_machine_code = self.w.functions.get(f"block.{key}")
+        if callee.is_native and in_machine_code is None:
             self._call_native(callee, receiver, list(values.items()), given)
             return
         arguments = "".join(
             f", {value_type(item.type) if is_by_value(item) else 'ptr'} {value}" for item, value in values.items()
         )
-        status = self.w.value(f"call i32 {self._called(key)}(ptr %c, ptr %g, ptr {receiver}{arguments})")
+        code = in_machine_code or self._called(key)
+        status = self.w.value(f"call i32 {code}(ptr %c, ptr %g, ptr {receiver}{arguments})")
         self.w.propagate(status)
 
     def _call_native(

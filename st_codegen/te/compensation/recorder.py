@@ -15,6 +15,8 @@ from st_codegen.te.compensation.parts import block, boolean, dint, lreal
 from st_codegen.te.compensation.programs import EXPERIMENT_SIGNALS, SLOW_US, cycle_constant
 
 LIST, PROGRAM = "GVL_Record", "PRG_Record"
+#: What a client writes.
+FROM_CLIENT = ("nOwner", "nAlive", "fAliveTimeOut_s", "nEvery")
 #: Samples of the ring: four seconds of a task of 500 us where every cycle is kept.
 SAMPLES = 8192
 _KEPT = ("fIn_rad", "fOut_rad", "fShaftTorque_Nm", "fOil_C")

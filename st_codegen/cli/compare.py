@@ -1,0 +1,121 @@
+"""`st-codegen compare`: the models on a running controller against their libraries."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.table import Table
+from rich.text import Text
+
+from st_codegen.cli.console import Number, Whole, console, models_argument, progress_bar, quiet_option, trust_option
+from st_codegen.files.text import write_text
+
+if TYPE_CHECKING:
+    from st_codegen.live.compare import LiveReport
+
+
+@click.command(
+    "compare",
+    epilog="""\b
+Examples:
+  st-codegen models/ --target twincat --with-comparison          then download, and start
+  st-codegen compare models/ --ads 192.168.0.5.1.1:851 --html commissioning.html
+  st-codegen compare models/ --ads 5.12.34.56.1.1:851@192.168.0.5 --block FB_Power --rows 100000
+  st-codegen compare models/ --opcua opc.tcp://192.168.0.5:4840/ --json record.json --times times.csv""",
+)
+@models_argument
+@click.option(
+    "-g",
+    "--generated",
+    type=click.Path(path_type=Path),
+    default=Path("generated"),
+    show_default=True,
+    help="Folder that `generate --with-comparison` wrote, and that the controller runs.",
+)
+@click.option("--ads", metavar="NETID:PORT[@HOST]", help="The controller over ADS.")
+@click.option("--opcua", metavar="URL", help="The controller over OPC UA.")
+@click.option("--block", metavar="FB_X", help="Only this block. Default: the blocks of all models.")
+@click.option("-n", "--rows", type=Whole(min=1), default=10_000, show_default=True, help="Rows a block.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the random rows.")
+@click.option(
+    "--timeout", type=Number(min=0.01), default=5.0, show_default=True, help="Seconds in which an answer must come."
+)
+@click.option(
+    "--times",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write the measured times as `calibrate` takes them.",
+)
+@click.option("--json", "json_file", type=click.Path(path_type=Path, dir_okay=False), help="Write the record as JSON.")
+@click.option("--html", type=click.Path(path_type=Path, dir_okay=False), help="Write the record as a page.")
+@trust_option
+@quiet_option
+def command(
+    models: Path,
+    generated: Path,
+    ads: str | None,
+    opcua: str | None,
+    block: str | None,
+    rows: int,
+    seed: int,
+    timeout: float,
+    times: Path | None,
+    json_file: Path | None,
+    html: Path | None,
+    trust_pickle: bool,
+    quiet: bool,
+) -> None:
+    """Run rows of inputs through MODELS on a controller and compare its answers with the libraries'.
+
+    The rows are thresholds and their neighbours where they are reached, a row for each leaf and cell, special values,
+    and random ones. Every answer must be the library's, to the bit or within the derived bound. Exit code 0 when all
+    agree, 1 when not, 2 where the controller cannot be reached, is not in RUN or runs another project.
+    """
+    from st_codegen.emit.output import kinds_of_outputs
+    from st_codegen.live.compare import compare, generated_folder
+    from st_codegen.live.controller import connected
+    from st_codegen.live.record_page import record_of, record_sections, times_csv
+    from st_codegen.project.bundle import load
+
+    folder = generated_folder(generated)
+    with progress_bar("loading", quiet=quiet) as progress:
+        bundle = load(models, trust_pickle=trust_pickle, outputs=kinds_of_outputs(generated), progress=progress)
+    with progress_bar("comparing", quiet=quiet) as progress:
+        report = compare(
+            bundle,
+            folder,
+            lambda: connected(ads, opcua, timeout),
+            rows=rows,
+            seed=seed,
+            block=block,
+            progress=progress,
+        )
+    if json_file is not None:
+        write_text(json_file, json.dumps(record_of(report), indent=1) + "\n")
+    if html is not None:
+        from st_codegen.cli.pages import write_pages
+
+        summary, sections = record_sections(report)
+        write_pages(f"Commissioning record of {models}", sections, summary, html, None)
+    if times is not None:
+        write_text(times, times_csv(report))
+    if not quiet:
+        _print(report)
+    for name, line in report.failures():
+        console.print(Text.assemble((name, "red"), f": {line}"), soft_wrap=True)
+    sys.exit(0 if report.passed else 1)
+
+
+def _print(report: LiveReport) -> None:
+    table = Table(title=f"library = controller, {report.address}", title_justify="left")
+    for name in ("model", "rows", "max error", "allowed", "ulp", "result"):
+        table.add_column(name, justify="left" if name in ("model", "result") else "right")
+    for model in report.models:
+        numbers = (f"{model.n:,}", f"{model.max_abs_err:.2g}", f"{model.bound:.2g}", f"{model.max_ulp:,}")
+        table.add_row(model.name, *numbers, model.verdict)
+    console.print(table)
+    for line in report.remarks():
+        console.print(line, soft_wrap=True)

@@ -1,0 +1,298 @@
+"""A controller as a client sees it: its state, and its variables by name, over ADS or OPC UA.
+
+Whatever goes wrong on the way is a `ControllerError` that says what to look at.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import logging
+import re
+import socket
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Protocol
+
+import numpy as np
+
+from st_codegen.errors import InputError, MissingExtraError
+
+#: Seconds in which a controller must answer.
+TIMEOUT_S = 5.0
+_ADS_TCP_PORT = 48898
+_ADDRESS = re.compile(r"(\d+(?:\.\d+){5}):(\d+)(?:@([^:@\s]+)(?::(\d+))?)?")
+
+
+class ControllerError(InputError):
+    """A controller cannot be reached, does not answer, or has not what is asked for."""
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A variable: its name, the type of its elements, and their number (None: it is no array)."""
+
+    name: str
+    dtype: str = "<f8"
+    length: int | None = None
+
+
+class Controller(AbstractContextManager["Controller"], Protocol):
+    """What `compare` and `record` ask of a controller."""
+
+    #: For messages and records.
+    address: str
+
+    def state(self) -> str:
+        """What it does: RUN, STOP, CONFIG, .."""
+
+    def read(self, signal: Signal) -> Any:
+        """A number, or an array of them."""
+
+    def write(self, signal: Signal, value: Any) -> None:
+        """Set a variable."""
+
+    def read_all(self, signals: Sequence[Signal]) -> list[Any]:
+        """Several variables in one request."""
+
+    def write_all(self, values: Sequence[tuple[Signal, Any]]) -> None:
+        """Set several variables in one request, in this order."""
+
+
+class AdsController(Controller):
+    """Over ADS, `NETID:PORT`, or `NETID:PORT@HOST` where the host is not the first part of the net id."""
+
+    def __init__(self, address: str, timeout_s: float = TIMEOUT_S) -> None:
+        found = _ADDRESS.fullmatch(address)
+        if found is None:
+            raise InputError(f"--ads {address}: give NETID:PORT, such as 192.168.0.5.1.1:851, or NETID:PORT@HOST")
+        self.address = f"ads {address}"
+        net_id, ams_port, host, tcp_port = found.groups()
+        host = host or ".".join(net_id.split(".")[:4])
+        self._ams_port = int(ams_port)
+        self._timeout_s = timeout_s
+        self._pyads = _pyads()
+        _must_listen(self.address, host, int(tcp_port or _ADS_TCP_PORT), timeout_s)
+        self._connection = self._pyads.Connection(net_id, self._ams_port, f"{host}:{tcp_port}" if tcp_port else host)
+        self._handles: dict[str, int] = {}
+        with self._explained(""):
+            self._connection.open()
+            self._connection.set_timeout(round(timeout_s * 1000))
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with contextlib.suppress(Exception):
+            self._connection.close()
+
+    def state(self) -> str:
+        with self._explained(""):
+            number, _ = self._connection.read_state()
+        names = {getattr(self._pyads, name): name[9:] for name in dir(self._pyads) if name.startswith("ADSSTATE_")}
+        return names.get(number, str(number))
+
+    def read(self, signal: Signal) -> Any:
+        kind = _ctype(signal)
+        with self._explained(signal.name):
+            found = self._connection.read_by_name("", kind, return_ctypes=True, handle=self._handle(signal.name))
+        values = np.frombuffer(bytes(found), signal.dtype)
+        return values[0].item() if signal.length is None else values
+
+    def write(self, signal: Signal, value: Any) -> None:
+        kind = _ctype(signal)
+        content = kind.from_buffer_copy(np.ascontiguousarray(value, signal.dtype).tobytes())
+        with self._explained(signal.name):
+            self._connection.write_by_name("", content, kind, handle=self._handle(signal.name))
+
+    def read_all(self, signals: Sequence[Signal]) -> list[Any]:
+        names = [signal.name for signal in signals]
+        with self._explained(", ".join(names)):
+            found = self._connection.read_list_by_name(names)
+        for name in names:
+            if isinstance(found[name], str):  # pyads puts the message of an error in the place of a number
+                raise ControllerError(f"{self.address}: {name}: {found[name]}")
+        return [
+            found[signal.name] if signal.length is None else np.asarray(found[signal.name], signal.dtype)
+            for signal in signals
+        ]
+
+    def write_all(self, values: Sequence[tuple[Signal, Any]]) -> None:
+        plain = {signal.name: np.asarray(value, signal.dtype).tolist() for signal, value in values}
+        with self._explained(", ".join(plain)):
+            answers = self._connection.write_list_by_name(plain)
+        for name, answer in answers.items():
+            if answer != "no error":
+                raise ControllerError(f"{self.address}: {name}: {answer}")
+
+    def _handle(self, name: str) -> int:
+        if name not in self._handles:
+            self._handles[name] = self._connection.get_handle(name)
+        return self._handles[name]
+
+    @contextlib.contextmanager
+    def _explained(self, name: str) -> Iterator[None]:
+        try:
+            yield
+        except self._pyads.ADSError as error:
+            raise ControllerError(f"{self.address}: {self._reason(error, name)}") from None
+        except RuntimeError as error:
+            raise ControllerError(f"{self.address}: {name}: {error}; another project runs there") from None
+
+    def _reason(self, error: Any, name: str) -> str:
+        code = getattr(error, "err_code", None)
+        if code in (6, 7):
+            return (
+                f"no PLC at AMS port {self._ams_port} (error {code}): the runtime is not started (CONFIG), "
+                "the port is another one, or no route leads back to this machine"
+            )
+        if code in (1808, 1809):
+            return f"no variable {name}: another project runs there, or one generated without --with-comparison"
+        if code == 1796:
+            return f"{name} may not be written"
+        if code == 1810:
+            return "the PLC is not in RUN"
+        if code == 1861:
+            return f"no answer within {self._timeout_s:g} s: the connection is lost, or the controller too busy"
+        return f"{name}: {error}".removeprefix(": ")
+
+
+def _ctype(signal: Signal) -> Any:
+    kind = np.ctypeslib.as_ctypes_type(np.dtype(signal.dtype).newbyteorder("="))
+    return kind * (signal.length or 1)
+
+
+def _pyads() -> Any:
+    try:
+        import pyads
+    except ImportError as error:
+        raise MissingExtraError("pyads", "live", "ADS") from error
+    # its library writes to standard error by itself; what matters is in the error
+    with contextlib.suppress(ValueError, AttributeError):
+        library = pyads.pyads_ex._adsDLL
+        ctypes.c_size_t.in_dll(library, "_ZN6Logger8logLevelE").value = 9
+    return pyads
+
+
+def _must_listen(address: str, host: str, port: int, timeout_s: float) -> None:
+    try:
+        socket.create_connection((host, port), timeout_s).close()
+    except OSError as error:
+        raise ControllerError(
+            f"{address}: {host}:{port} cannot be reached ({error.strerror or error}); is the address right and the "
+            "controller on?"
+        ) from None
+
+
+class OpcUaController(Controller):
+    """Over OPC UA; variables are nodes whose identifier is their name, in whatever namespace."""
+
+    def __init__(self, url: str, timeout_s: float = TIMEOUT_S) -> None:
+        try:
+            from asyncua import ua
+            from asyncua.sync import Client
+        except ImportError as error:
+            raise MissingExtraError("asyncua", "live", "OPC UA") from error
+        logging.getLogger("asyncua").setLevel(logging.CRITICAL)
+        found = re.fullmatch(r"opc\.tcp://([^:/]+):(\d+)(/.*)?", url)
+        if found is None:
+            raise InputError(f"--opcua {url}: give opc.tcp://HOST:PORT/")
+        self.address = f"opcua {url}"
+        self._ua = ua
+        self._nodes: dict[str, Any] = {}
+        _must_listen(self.address, found[1], int(found[2]), timeout_s)
+        self._client = Client(url, timeout=timeout_s)
+        try:
+            self._client.connect()
+        except Exception as error:
+            with contextlib.suppress(Exception):
+                self._client.disconnect()
+            raise ControllerError(f"{self.address}: {error or type(error).__name__}") from None
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with contextlib.suppress(Exception):
+            self._client.disconnect()
+
+    def state(self) -> str:
+        """RUN where the server says nothing else; servers of controllers have no common name for it."""
+        try:
+            return str(self._read("PLC.State"))
+        except ControllerError:
+            return "RUN"
+
+    def read(self, signal: Signal) -> Any:
+        value = self._read(signal.name)
+        return value if signal.length is None else np.asarray(value, signal.dtype)
+
+    def write(self, signal: Signal, value: Any) -> None:
+        with self._explained(signal.name):
+            self._node(signal.name).write_value(self._variant(signal, value))
+
+    def read_all(self, signals: Sequence[Signal]) -> list[Any]:
+        nodes = [self._node(signal.name) for signal in signals]
+        with self._explained(", ".join(signal.name for signal in signals)):
+            values = self._client.read_values(nodes)
+        return [
+            value if signal.length is None else np.asarray(value, signal.dtype)
+            for value, signal in zip(values, signals, strict=True)
+        ]
+
+    def write_all(self, values: Sequence[tuple[Signal, Any]]) -> None:
+        nodes = [self._node(signal.name) for signal, _ in values]
+        with self._explained(", ".join(signal.name for signal, _ in values)):
+            self._client.write_values(nodes, [self._variant(signal, value) for signal, value in values])
+
+    def _variant(self, signal: Signal, value: Any) -> Any:
+        kinds = {"f8": "Double", "i4": "Int32", "u4": "UInt32", "u8": "UInt64", "b1": "Boolean"}
+        kind = self._ua.VariantType[kinds[signal.dtype.lstrip("<|")]]
+        return self._ua.DataValue(self._ua.Variant(np.asarray(value, signal.dtype).tolist(), kind))
+
+    def _read(self, name: str) -> Any:
+        with self._explained(name):
+            return self._node(name).read_value()
+
+    def _node(self, name: str) -> Any:
+        if name not in self._nodes:
+            for space in range(1, len(self._client.get_namespace_array())):
+                node = self._client.get_node(f"ns={space};s={name}")
+                try:
+                    node.read_value()
+                except self._ua.uaerrors.BadNodeIdUnknown:
+                    continue
+                self._nodes[name] = node
+                break
+            else:
+                raise ControllerError(
+                    f"{self.address}: no variable {name}: another project runs there, one generated without "
+                    "--with-comparison, or its variables are not published"
+                )
+        return self._nodes[name]
+
+    @contextlib.contextmanager
+    def _explained(self, name: str) -> Iterator[None]:
+        try:
+            yield
+        except ControllerError:
+            raise
+        except self._ua.UaError as error:
+            raise ControllerError(f"{self.address}: {name}: {error}") from None
+        except (OSError, TimeoutError, RuntimeError) as error:
+            reason = str(error) or "no answer in time: the connection is lost, or the controller too busy"
+            raise ControllerError(f"{self.address}: {reason}") from None
+
+
+def connected(ads: str | None, opcua: str | None, timeout_s: float = TIMEOUT_S) -> Controller:
+    """The controller at one of two addresses. Raises InputError unless there is exactly one."""
+    if (ads is None) == (opcua is None):
+        raise InputError("name the controller: --ads NETID:PORT or --opcua URL")
+    return AdsController(ads, timeout_s) if ads is not None else OpcUaController(str(opcua), timeout_s)
+
+
+def must_run(controller: Controller) -> None:
+    """Raises ControllerError for a controller whose tasks do not run."""
+    state = controller.state()
+    if state != "RUN":
+        raise ControllerError(f"{controller.address}: the PLC is in {state}, not in RUN: start it first")

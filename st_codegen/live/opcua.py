@@ -1,0 +1,148 @@
+"""OPC UA for the soft PLC, by asyncua: an object for each list of globals and each program, a node for each variable.
+
+Values are read where they are when a client asks. Structures are not offered, nor are subscriptions: nobody tells
+asyncua when a variable changes.
+"""
+
+from __future__ import annotations
+
+import logging
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from st_codegen.errors import MissingExtraError
+from st_codegen.live.plc import Log, SoftPlc
+from st_codegen.live.symbols import WireVariable
+from st_codegen.st.run.layout import dtype_of
+from st_codegen.st.types import ArrayType, Elementary, EnumType, Kind, Type
+
+try:
+    from asyncua import Server, ua
+    from asyncua.crypto.permission_rules import User, UserRole
+    from asyncua.server.user_managers import UserManager
+except ImportError as missing:
+    if missing.name != "asyncua":
+        raise
+    raise MissingExtraError("asyncua", "live", "OPC UA") from missing
+
+NAMESPACE = "urn:st-codegen:plc"
+STATE = "PLC.State"
+
+
+class _Everybody(UserManager):  # type: ignore[misc]
+    """Whoever connects may read all variables and write inputs."""
+
+    def get_user(self, *_: Any, **__: Any) -> User:
+        return User(role=UserRole.User)
+
+
+class OpcUaServer:
+    """Answers clients at `opc.tcp://host:port/`."""
+
+    def __init__(self, plc: SoftPlc, host: str, port: int, log: Log) -> None:
+        self.plc = plc
+        self.host, self.port = host, port
+        self.log = log
+        self._server = Server(user_manager=_Everybody())
+
+    @property
+    def url(self) -> str:
+        """Where clients connect."""
+        return f"opc.tcp://{self.host}:{self.port}/"
+
+    async def start(self) -> None:
+        """Listen, with a node for each variable."""
+        logging.getLogger("asyncua").setLevel(logging.CRITICAL)
+        server = self._server
+        await server.init()
+        server.set_endpoint(self.url)
+        server.set_server_name("st-codegen serve")
+        server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
+        space = await server.register_namespace(NAMESPACE)
+        parents: dict[str, Any] = {}
+        for name in self.plc.symbols.names():
+            symbol = self.plc.symbols[name]
+            kind = variant_type(symbol.type)
+            parent = name.split(".")[0]
+            if kind is None or name.count(".") != 1:
+                continue
+            if parent not in parents:
+                parents[parent] = await server.nodes.objects.add_object(ua.NodeId(parent, space), parent)
+            await self._add(parents[parent], space, symbol, kind)
+        plc = await server.nodes.objects.add_object(ua.NodeId("PLC", space), "PLC")
+        state = await plc.add_variable(ua.NodeId(STATE, space), "State", "")
+        self._answer(state, lambda *_: ua.DataValue(ua.Variant(self.plc.state.value, ua.VariantType.String)))
+        await server.start()
+
+    async def stop(self) -> None:
+        """Close all connections."""
+        await self._server.stop()
+
+    async def _add(self, parent: Any, space: int, symbol: WireVariable, kind: ua.VariantType) -> None:
+        short = symbol.name.split(".", 1)[1]
+        node = await parent.add_variable(ua.NodeId(symbol.name, space), short, self._value(symbol, kind).Value)
+        self._answer(node, lambda *_: self._value(symbol, kind))
+        if symbol.is_input:
+            await node.set_writable()
+            aspace = self._server.iserver.aspace
+            aspace.set_attribute_value_setter(node.nodeid, ua.AttributeIds.Value, partial(self._set, symbol, kind))
+
+    def _answer(self, node: Any, callback: Any) -> None:
+        self._server.iserver.aspace.set_attribute_value_callback(node.nodeid, ua.AttributeIds.Value, callback)
+
+    def _value(self, symbol: WireVariable, kind: ua.VariantType) -> ua.DataValue:
+        values = _numbers(symbol)
+        content = values.tolist() if isinstance(symbol.type, ArrayType) else values[0].item()
+        return ua.DataValue(ua.Variant(content, kind))
+
+    def _set(
+        self, symbol: WireVariable, kind: ua.VariantType, _node: Any, _attribute: Any, value: ua.DataValue
+    ) -> None:
+        given = value.Value
+        if given is None or given.VariantType != kind:
+            raise ua.uaerrors.BadTypeMismatch
+        dtype = _dtype(symbol.type)
+        try:
+            symbol.write(np.atleast_1d(np.asarray(given.Value, dtype)).tobytes())
+        except (ValueError, OverflowError) as error:
+            self.log(f"OPC UA: {error}")
+            raise ua.uaerrors.BadOutOfRange from None
+
+
+def _dtype(type_: Type) -> np.dtype[Any]:
+    return dtype_of(type_.element if isinstance(type_, ArrayType) else type_)
+
+
+def _numbers(symbol: WireVariable) -> Any:
+    return np.frombuffer(symbol.read(), _dtype(symbol.type))
+
+
+_KINDS = {
+    "BOOL": "Boolean",
+    "SINT": "SByte",
+    "INT": "Int16",
+    "DINT": "Int32",
+    "LINT": "Int64",
+    "BYTE": "Byte",
+    "USINT": "Byte",
+    "WORD": "UInt16",
+    "UINT": "UInt16",
+    "DWORD": "UInt32",
+    "UDINT": "UInt32",
+    "LWORD": "UInt64",
+    "ULINT": "UInt64",
+    "REAL": "Float",
+    "LREAL": "Double",
+}
+
+
+def variant_type(type_: Type) -> ua.VariantType | None:
+    """The type of a node; None for what is not offered."""
+    inner = type_.element if isinstance(type_, ArrayType) else type_
+    if isinstance(inner, EnumType):
+        inner = inner.base
+    if not isinstance(inner, Elementary) or inner.kind is Kind.STRING or inner.name not in _KINDS:
+        return None
+    return ua.VariantType[_KINDS[inner.name]]

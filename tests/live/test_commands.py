@@ -1,0 +1,83 @@
+"""The command lines: a server that stops cleanly, the comparison against it, one message with exit code 2."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from tests.cli.helpers import run
+from tests.live.conftest import NET_IDS
+
+pytest.importorskip("pyads")
+
+
+@pytest.fixture(scope="module")
+def process(lone, tmp_path_factory):
+    """`serve` as a process, and the address that it prints."""
+    log = tmp_path_factory.mktemp("serve") / "log"
+    with log.open("w") as errors:
+        arguments = ["serve", "--generated", str(lone[1]), "--ads", "--ads-port", "0"]
+        started = subprocess.Popen(
+            [sys.executable, "-m", "st_codegen", *arguments], stdout=subprocess.PIPE, stderr=errors, text=True
+        )
+    line = started.stdout.readline()
+    assert line.startswith("ADS 127.0.0.1:"), log.read_text()
+    yield started, line.split()[1].rstrip(","), log
+    started.kill()
+    started.wait(30)
+
+
+def test_compare_against_serve_and_serve_stops_cleanly(lone, process, tmp_path, capsys):
+    started, address, log = process
+    out = {name: str(tmp_path / name) for name in ("record.json", "record.html", "times.csv")}
+    code = run(
+        *("compare", str(lone[0]), "--generated", str(lone[1]), "--ads", f"{next(NET_IDS)}:851@{address}"),
+        *("--rows", "500", "--timeout", "30", "--json", out["record.json"], "--html", out["record.html"]),
+        *("--times", out["times.csv"]),
+    )
+    assert code == 0, capsys.readouterr().err
+    record = json.loads((tmp_path / "record.json").read_text())
+    assert (record["passed"], record["models"]["te"]["exact"], record["state"]) == (True, True, "RUN")
+    assert "All agree" in (tmp_path / "record.html").read_text(encoding="utf-8")
+    assert (tmp_path / "times.csv").read_text().startswith("block,caches,us\n")
+    started.send_signal(signal.SIGTERM)
+    assert started.wait(60) == 0
+    text = log.read_text()
+    assert "task ComparisonTask: 10000 us, PRG_Comparison" in text
+    assert "state RUN -> STOP" in text
+    assert "Traceback" not in text
+
+
+def test_one_message_and_exit_code_2_where_nobody_listens(lone, tmp_path, capsys):
+    begin = time.monotonic()
+    code = run(
+        *("compare", str(lone[0]), "--generated", str(lone[1]), "--ads", "127.0.0.1.1.1:851@127.0.0.1:1"),
+        *("--json", str(tmp_path / "record.json")),
+    )
+    shown = capsys.readouterr().err
+    assert code == 2
+    assert shown.count("error:") == 1
+    assert "127.0.0.1:1 cannot be reached" in shown
+    assert not (tmp_path / "record.json").exists()
+    assert time.monotonic() - begin < 60
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["serve"], "--ads, --opcua or both"),
+        (["serve", "--ads", "--generated", "nowhere"], "no generated files"),
+        (["compare", "{models}", "--generated", "{generated}"], "--ads NETID:PORT or --opcua URL"),
+        (["compare", "{models}", "--generated", "{generated}", "--ads", "here"], "give NETID:PORT"),
+        (["compare", "{models}", "--generated", "{generated}", "--opcua", "here"], "give opc.tcp://"),
+    ],
+)
+def test_wrong_use(lone, arguments, message, capsys):
+    names = {"models": lone[0], "generated": lone[1]}
+    code = run(*(argument.format(**names) for argument in arguments))
+    shown = capsys.readouterr().err
+    assert code == 2
+    assert message in shown

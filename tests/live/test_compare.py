@@ -1,0 +1,240 @@
+"""The live comparison: all agree, a constant off by an ulp, and everything that can be wrong with a controller."""
+
+import json
+import re
+import shutil
+import socket
+import struct
+import threading
+
+import numpy as np
+import pytest
+
+from st_codegen import generate, load
+from st_codegen.cost.calibrate import read_measurements
+from st_codegen.errors import GeneratedCodeError, InputError
+from st_codegen.live.compare import LiveCode, compare, compared_project
+from st_codegen.live.controller import ControllerError, Signal, connected
+from st_codegen.live.plc import PlcState
+from st_codegen.live.record_page import record_of, record_sections, times_csv
+from st_codegen.live.rows import comparison_rows
+from st_codegen.passes.choose import Layout, Options
+from tests.live.conftest import Running, soft_plc
+
+pytest.importorskip("pyads")
+
+
+@pytest.fixture(scope="module")
+def models(lone):
+    return load(lone[0])
+
+
+def compared(models, folder, running, **settings):
+    return compare(models, folder, lambda: connected(running.ads, None, 20.0), **settings)
+
+
+def test_all_agree_and_the_record_says_so(models, lone, lone_plc, tmp_path):
+    report = compared(models, lone[1], lone_plc, rows=1200)
+    assert report.passed
+    assert [(model.name, model.verdict, model.max_ulp) for model in report.models] == [("te", "exact", 0)]
+    assert report.differs == {"te": 0}
+    assert report.sent >= 1200
+    (rows, tried, constants) = report.rows["FB_Te"]
+    assert (rows >= 1200, tried) == (True, constants)
+    record = json.loads(json.dumps(record_of(report)))
+    assert record["passed"]
+    assert record["fingerprint"] == json.loads((lone[1] / "st-codegen.json").read_text())["comparison"]["fingerprint"]
+    summary, sections = record_sections(report)
+    assert summary.startswith("All agree: library and controller on a sample of")
+    assert sections[1].table.rows[0][1] == report.sent
+    report.times["FB_Te"].high_us = 12.5
+    (tmp_path / "times.csv").write_text(times_csv(report))
+    (measurement,) = read_measurements(tmp_path / "times.csv")
+    assert (measurement.block, measurement.is_cold, measurement.microseconds) == ("FB_Te", False, 12.5)
+
+
+NUMBER = re.compile(r"-?\d+\.\d+(?:E[-+]?\d+)?")
+
+
+def changed_by_an_ulp(folder, table, number):
+    """One number of a table of FB_Te moved to the next one."""
+    path = folder / "POUs" / "FB_Te.TcPOU"
+    text = read(path)
+    start = text.index(f" {table} :")
+    found = list(NUMBER.finditer(text, text.index("[", text.index(":=", start)), text.index("];", start)))[number]
+    moved = np.nextafter(float(found[0]), np.inf)
+    path.write_text(
+        f"{text[: found.start()]}{float(moved)!r}{text[found.end() :]}".replace("e-", "E-"), encoding="utf-8-sig"
+    )
+
+
+def read(path):
+    return path.read_text(encoding="utf-8-sig")
+
+
+@pytest.mark.parametrize(
+    ("layout", "table", "numbers"),
+    [
+        ("trees", "THRESHOLD_1", (0, 5)),
+        ("table", "CELL_2", (2,)),
+        ("table", "EDGE_1_1", (1,)),
+    ],
+)
+def test_a_constant_that_is_off_by_one_ulp_is_found_and_named(model_text, tmp_path, layout, table, numbers):
+    (tmp_path / "m").mkdir()
+    (tmp_path / "m" / "te.txt").write_text(model_text)
+    folder = generate(
+        tmp_path / "m", "twincat", tmp_path, with_comparison=True, options=Options(layout=Layout(layout))
+    ).folder
+    for number in numbers:
+        there = tmp_path / str(number) / "twincat"
+        shutil.copytree(folder, there)
+        changed_by_an_ulp(there, table, number)
+        _one_is_found(tmp_path / "m", folder, there)
+
+
+def _one_is_found(models, folder, there):
+    with Running(soft_plc(there)) as running:
+        report = compared(load(models), folder, running, rows=500)
+    assert not report.passed
+    name, line = report.failures()[0]
+    assert name == "te"
+    assert re.match(r"row \d+: reference and controller differ at \[", line)
+    assert report.differs["te"] >= 1
+    assert "FAILED: te" in record_sections(report)[0]
+
+
+def test_every_leaf_of_every_tree_has_a_row(models):
+    ir = models.irs[0]
+    chosen = comparison_rows([ir], 5000)
+    (op,) = (op for op in ir.ops if hasattr(op, "leaf_value"))
+    reached = set()
+    for row in chosen.x[np.isfinite(chosen.x).all(axis=1)]:
+        for root in op.roots:
+            node = int(root)
+            while op.split[node] >= 0:
+                value = row[op.columns[op.split[node]].column]
+                node = int(op.left[node] if value <= op.threshold[node] else op.right[node])
+            reached.add(node)
+    assert reached == set(np.flatnonzero(op.split < 0).tolist())
+    few = comparison_rows([ir], 1)
+    assert few.reached == few.constants == chosen.constants
+
+
+# --- what can be wrong
+
+
+def test_a_project_without_the_program_or_of_other_models(models, lone, lone_plc, tmp_path, lone_folder):
+    plain = generate(models, "twincat", tmp_path).folder
+    with pytest.raises(GeneratedCodeError, match="without --with-comparison"):
+        compared(models, plain, lone_plc)
+    with pytest.raises(GeneratedCodeError, match="other models"):
+        compared_project(lone[1], load(lone_folder), None)
+    with pytest.raises(InputError, match="no block FB_X is compared; there are FB_Te"):
+        compared_project(lone[1], models, "FB_X")
+
+
+def test_a_project_with_another_fingerprint(models, lone, lone_plc, tmp_path):
+    other = tmp_path / "twincat"
+    shutil.copytree(lone[1], other)
+    manifest = json.loads((other / "st-codegen.json").read_text())
+    manifest["comparison"]["fingerprint"] = "00000000deadbeef"
+    (other / "st-codegen.json").write_text(json.dumps(manifest))
+    with pytest.raises(ControllerError, match=r"has the fingerprint .*00000000deadbeef"):
+        compared(models, other, lone_plc)
+
+
+def test_a_variable_that_is_not_there(lone_plc):
+    with connected(lone_plc.ads, None, 20.0) as controller:
+        with pytest.raises(ControllerError, match=r"no variable GVL_X\.n: another project runs there"):
+            controller.read(Signal("GVL_X.n", "<i4"))
+        with pytest.raises(ControllerError, match=r"symbol not found|no variable GVL_X\.n"):
+            controller.read_all([Signal("GVL_X.n", "<i4")])
+        with pytest.raises(ControllerError, match=r"GVL_Comparison\.nAnswer may not be written"):
+            controller.write(Signal("GVL_Comparison.nAnswer", "<i4"), 1)
+        with pytest.raises(ControllerError, match=r"GVL_Comparison\.nAnswer: reading/writing not permitted"):
+            controller.write_all([(Signal("GVL_Comparison.nAnswer", "<i4"), 1)])
+
+
+@pytest.mark.parametrize("state", [PlcState.CONFIG, PlcState.STOP, PlcState.ERROR])
+def test_a_controller_that_does_not_run(models, lone, state):
+    with Running(soft_plc(lone[1])) as running:
+        running.do(lambda: running.plc.set_state(state))
+        with pytest.raises(ControllerError, match=f"the PLC is in {state.value}, not in RUN"):
+            compared(models, lone[1], running, rows=10)
+
+
+def test_a_wrong_port_of_tcp_and_of_ams(lone_plc):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))  # bound, and nobody listens
+        port = taken.getsockname()[1]
+        with pytest.raises(ControllerError, match=f"127.0.0.1:{port} cannot be reached"):
+            connected(f"5.1.2.3.1.1:851@127.0.0.1:{port}", None, 5.0)
+    with (
+        connected(lone_plc.ads.replace(":851", ":852"), None, 20.0) as controller,
+        pytest.raises(ControllerError, match="no PLC at AMS port 852"),
+    ):
+        controller.state()
+    for wrong in ("127.0.0.1", "1.2.3.4.5.6", "plc:851", ""):
+        with pytest.raises(InputError, match="give NETID:PORT"):
+            connected(wrong, None)
+    for pair in ((None, None), ("1.2.3.4.1.1:851", "opc.tcp://x:1/")):
+        with pytest.raises(InputError, match="--ads NETID:PORT or --opcua URL"):
+            connected(*pair)
+
+
+def test_a_server_that_answers_slowly_or_not_at_all():
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        accepted = []
+        thread = threading.Thread(target=lambda: accepted.extend(silent.accept() for _ in range(2)), daemon=True)
+        thread.start()
+        address = f"5.9.9.9.1.1:851@127.0.0.1:{silent.getsockname()[1]}"
+        with (
+            connected(address, None, 0.2) as controller,
+            pytest.raises(ControllerError, match=r"within 0\.2 s"),
+        ):
+            controller.state()
+        for connection, _ in accepted:
+            connection.close()
+
+
+def test_a_connection_that_is_lost_on_the_way(models, lone):
+    with Running(soft_plc(lone[1])) as running:
+
+        def lose(done, rows, block):
+            if done > 1000:
+                running.stop()
+
+        with pytest.raises(ControllerError):
+            compare(models, lone[1], lambda: connected(running.ads, None, 1.0), rows=5000, progress=lose)
+
+
+def test_a_second_client(models, lone, lone_plc):
+    project = compared_project(lone[1], models, None)
+    x = np.random.default_rng(0).uniform(100, 900, (600, 3))
+    with connected(lone_plc.ads, None, 20.0) as first, connected(lone_plc.ads, None, 20.0) as second:
+
+        def disturb(done, rows, block):
+            second.write(Signal("GVL_Comparison.nRequest", "<i4"), 2**30 + 12345)
+
+        live = LiveCode(first, project, disturb)
+        original = first.write_all
+
+        def write_all(values):
+            original(values)
+            disturb(0, 0, "")
+
+        first.write_all = write_all
+        with pytest.raises(ControllerError, match="another client compares"):
+            live.run_model("FB_Te", x, (0,))
+
+
+def test_nan_and_infinities_go_there_and_back(models, lone, lone_plc):
+    project = compared_project(lone[1], models, None)
+    x = np.array([[np.nan, 1.0, 2.0], [np.inf, -np.inf, np.nan], [0.0, -0.0, 5e-324]])
+    with connected(lone_plc.ads, None, 20.0) as controller:
+        live = LiveCode(controller, project)
+        live.run_model("FB_Te", x, (0,))
+        sent = controller.read(Signal("GVL_Comparison.fInputs", length=9))
+    assert sent.tobytes() == x.tobytes()
+    assert struct.pack("d", sent[7]) == struct.pack("d", -0.0)

@@ -1,0 +1,59 @@
+"""OPC UA: an unmodified client, and the comparison over it."""
+
+import socket
+
+import pytest
+
+from st_codegen import load
+from st_codegen.live.compare import compare
+from st_codegen.live.controller import ControllerError, Signal, connected
+from tests.live.conftest import Running, soft_plc
+
+asyncua = pytest.importorskip("asyncua")
+sync = pytest.importorskip("asyncua.sync")
+
+
+@pytest.fixture(scope="module")
+def server(bundle):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    with Running(soft_plc(bundle[1]), ads_port=None, opcua_port=port) as running:
+        yield running
+
+
+def test_an_unmodified_client_reads_and_writes_inputs_only(server):
+    ua = asyncua.ua
+    with sync.Client(server.addresses["opcua"], timeout=20) as client:
+        space = client.get_namespace_index("urn:st-codegen:plc")
+
+        def node(name):
+            return client.get_node(f"ns={space};s={name}")
+
+        node("GVL_Experiment.fSpeed_rpm").write_value(432.5)
+        assert node("GVL_Experiment.fSpeed_rpm").read_value() == 432.5
+        with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+            node("GVL_Experiment.bBusy").write_value(True)
+        with pytest.raises(ua.uaerrors.BadTypeMismatch):
+            node("GVL_Experiment.fSpeed_rpm").write_value(3, ua.VariantType.Int32)
+        with pytest.raises(ua.uaerrors.BadOutOfRange):
+            node("GVL_Comparison.fInputs").write_value([1.0])
+        assert node("PLC.State").read_value() == "RUN"
+        names = {child.read_browse_name().Name for child in client.nodes.objects.get_children()}
+        assert {"GVL_Experiment", "GVL_Record", "PRG_Record"} <= names
+
+
+def test_the_comparison_goes_over_it_too(bundle, server):
+    report = compare(load(bundle[0]), bundle[1], lambda: connected(None, server.addresses["opcua"], 20.0), rows=600)
+    assert report.passed
+    assert report.sent >= 600
+
+
+def test_what_is_not_there(server):
+    with connected(None, server.addresses["opcua"], 20.0) as controller:
+        with pytest.raises(ControllerError, match=r"no variable GVL_X\.nY"):
+            controller.read(Signal("GVL_X.nY"))
+        with pytest.raises(ControllerError, match="BadUserAccessDenied"):
+            controller.write(Signal("GVL_Experiment.bBusy", "|b1"), True)
+    with pytest.raises(ControllerError, match="cannot be reached"):
+        connected(None, "opc.tcp://127.0.0.1:1/", 1.0)
