@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 from rich.console import Console
@@ -79,6 +80,20 @@ def trust_option(function: Command) -> Command:
     return click.option(
         "--trust-pickle", is_flag=True, help="Load .joblib and .pkl files. A pickle can run code: only your own files."
     )(with_limit)
+
+
+def names_options(function: Command) -> Command:
+    """Add the options --prefix and --block-name to a command, which gets both as `names`."""
+
+    @functools.wraps(function)
+    def with_names(*arguments: Any, prefix: str | None, block_name: str | None, **others: Any) -> Any:
+        return function(*arguments, names={"prefix": prefix, "block_name": block_name}, **others)
+
+    prefix = click.option(
+        "--prefix", metavar="TEXT", help="In front of the names of all models: FB_P1_Te. Default: that of [project]."
+    )
+    name = click.option("--block-name", metavar="NAME", help="Of a single model: FB_NAME instead of its file's name.")
+    return cast(Command, prefix(name(with_names)))
 
 
 def outputs_option(function: Command) -> Command:

@@ -19,6 +19,7 @@ from st_codegen.cli.console import (
     console,
     layout_options,
     models_argument,
+    names_options,
     outputs_option,
     progress_bar,
     quiet_option,
@@ -49,6 +50,7 @@ Examples:
   st-codegen generate models/ --target twincat --check      in CI: fail when the files are not up to date""",
 )
 @models_argument
+@names_options
 @click.option(
     "-t",
     "--target",
@@ -141,6 +143,7 @@ Examples:
 @quiet_option
 def command(
     models: Path,
+    names: dict[str, str | None],
     targets: tuple[str, ...],
     out: Path,
     only_check: bool,
@@ -195,7 +198,7 @@ def command(
     packaging = _packaging(project, library_version, company, namespace)
     able = any(target.has_project_forms for target in chosen)
     with progress_bar("loading", quiet=quiet) as progress:
-        bundle = load(models, trust_pickle=trust_pickle, outputs=outputs, progress=progress)
+        bundle = load(models, trust_pickle=trust_pickle, outputs=outputs, progress=progress, **names)
     pricing = {target.name: Pricing(target, limits_for(target, max_array), machine) for target in chosen}
     costs: dict[str, CostFunction] = {name: simple_cost if profile is None else own for name, own in pricing.items()}
     if only_check:

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING
 import click
 
 from st_codegen.cli.choices import EVALUATORS
-from st_codegen.cli.console import models_argument, outputs_option, progress_bar, quiet_option, trust_option
+from st_codegen.cli.console import (
+    models_argument,
+    names_options,
+    outputs_option,
+    progress_bar,
+    quiet_option,
+    trust_option,
+)
 
 if TYPE_CHECKING:
     from st_codegen.ir import OutputKind
@@ -23,6 +30,7 @@ Examples:
   st-codegen predict models/ --input X.csv --output Y.csv --engine source     by the library itself""",
 )
 @models_argument
+@names_options
 @click.option(
     "-i",
     "--input",
@@ -52,6 +60,7 @@ Examples:
 @quiet_option
 def command(
     models: Path,
+    names: dict[str, str | None],
     source: Path,
     result: Path,
     engine: str,
@@ -69,5 +78,5 @@ def command(
 
     table = read_table(source)
     with progress_bar("loading", quiet=quiet) as progress:
-        bundle = load(models, trust_pickle=trust_pickle, outputs=outputs, progress=progress)
+        bundle = load(models, trust_pickle=trust_pickle, outputs=outputs, progress=progress, **names)
     write_table(result, predict(bundle, table, Evaluator(engine)))

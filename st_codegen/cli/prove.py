@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from st_codegen.cli.codes import show_codes
-from st_codegen.cli.console import console, models_argument, progress_bar, quiet_option, trust_option
+from st_codegen.cli.console import console, models_argument, names_options, progress_bar, quiet_option, trust_option
 from st_codegen.files.text import write_text
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ Examples:
   python checker/check_certificate.py certificate.json models/ generated/""",
 )
 @models_argument
+@names_options
 @click.option(
     "-g",
     "--generated",
@@ -47,7 +48,14 @@ Examples:
 )
 @trust_option
 @quiet_option
-def command(models: Path, generated: Path, certificate_file: Path | None, trust_pickle: bool, quiet: bool) -> None:
+def command(
+    models: Path,
+    names: dict[str, str | None],
+    generated: Path,
+    certificate_file: Path | None,
+    trust_pickle: bool,
+    quiet: bool,
+) -> None:
     """Prove that the generated text computes what MODELS demand, for every float64 input.
 
     The text is executed on intervals and boxes of inputs, which together are all inputs: NaN, infinities, denormals and
@@ -62,7 +70,9 @@ def command(models: Path, generated: Path, certificate_file: Path | None, trust_
     from st_codegen.proof.prove.prove import Verdict, prove
 
     with progress_bar("loading", quiet=quiet) as progress:
-        bundle = load(models, trust_pickle=trust_pickle, outputs=kinds_of_outputs(generated), progress=progress)
+        bundle = load(
+            models, trust_pickle=trust_pickle, outputs=kinds_of_outputs(generated), progress=progress, **names
+        )
     with progress_bar("proving", quiet=quiet) as progress:
         report = prove(bundle, generated, progress=progress)
     if certificate_file is not None:

@@ -13,7 +13,15 @@ from rich.table import Table
 from rich.text import Text
 
 from st_codegen.cli.codes import show_codes
-from st_codegen.cli.console import Whole, console, models_argument, progress_bar, quiet_option, trust_option
+from st_codegen.cli.console import (
+    Whole,
+    console,
+    models_argument,
+    names_options,
+    progress_bar,
+    quiet_option,
+    trust_option,
+)
 from st_codegen.cli.costs import cycle_option, entry_option, print_budget, print_verdict, profile_option
 from st_codegen.files.text import write_text
 
@@ -32,6 +40,7 @@ Examples:
   st-codegen verify models/ --cycle-us 250 --profile mine.toml --entry FB_TEPredict""",
 )
 @models_argument
+@names_options
 @click.option(
     "-g",
     "--generated",
@@ -56,6 +65,7 @@ Examples:
 @quiet_option
 def command(
     models: Path,
+    names: dict[str, str | None],
     generated: Path,
     rows: int,
     seed: int,
@@ -81,7 +91,9 @@ def command(
 
     budget = Budget(load_profile(profile), cycle_us, entries)
     with progress_bar("loading", quiet=quiet) as progress:
-        bundle = load(models, trust_pickle=trust_pickle, outputs=kinds_of_outputs(generated), progress=progress)
+        bundle = load(
+            models, trust_pickle=trust_pickle, outputs=kinds_of_outputs(generated), progress=progress, **names
+        )
     with progress_bar("verifying", quiet=quiet) as progress:
         report = verify(bundle, generated, rows=rows, seed=seed, budget=budget, progress=progress, jobs=jobs)
     if json_file is not None:

@@ -94,6 +94,8 @@ def load(
     trust_pickle: bool = False,
     outputs: Outputs = (OutputKind.CLASS,),
     progress: Progress | None = None,
+    prefix: str | None = None,
+    block_name: str | None = None,
 ) -> Bundle:
     """Load a folder of models (or one model file), as the `st-codegen.toml` beside them says where there is one.
 
@@ -104,10 +106,17 @@ def load(
     single models, by their names.
 
     `trust_pickle` allows `.joblib` and `.pkl` files, which can run any code when they are opened. `progress` is told of
-    each file. Raises one InputError that lists everything that is wrong: files, models, names, and the description of
+    each file.
+
+    `prefix` stands in front of the names of all models, in place of the one in `st-codegen.toml`; `block_name` is the
+    name of a single model, in place of its file's. Blocks that a `bundle.toml` asks for have names of their own.
+
+    Raises one InputError that lists everything that is wrong: files, models, names, and the description of
     what the models are for.
     """
     if not isinstance(models, str | os.PathLike):
+        if prefix or block_name:
+            raise InputError("models from memory have the names that they are given with: leave out prefix, block_name")
         return _from_memory(models if isinstance(models, Mapping) else {"model": models}, outputs)
     folder, reading = Path(models), Reading(trust_pickle, progress)
     if not folder.exists():
@@ -124,12 +133,15 @@ def load(
                 raise InputError(
                     f"{folder / CONFIGURATION_FILE}: {name} describes these models; only [build] has a use beside it"
                 )
+            if prefix or block_name:
+                raise InputError(f"{folder / name} names its blocks itself: leave out --prefix and --block-name")
             return dataclasses.replace(read(folder / name, reading), configuration=configuration)
     known = suffixes()
     files = [folder] if folder.is_file() else sorted(p for p in folder.iterdir() if p.suffix.lower() in known)
     files = [path for path in files if not configuration.leaves_out(path)]
     if not files:
         raise InputError(f"{folder}: no model files; supported are {known_formats()}")
+    configuration = configuration.renamed([path.name for path in files], prefix, block_name)
     problems = Problems(str(folder))
     named = {path.name: configuration.model_name(path.name) for path in files}
     check_names(named, problems)

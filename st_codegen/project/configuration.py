@@ -7,6 +7,10 @@ leave_out = ["notes.txt", "old_*"]   # files that are no models of this project
 attributes = ["no_check"]            # pragmas of every block, in TwinCAT
 real = "LREAL"                       # the arithmetic; nothing else is built
 
+[names]                              # of inputs and outputs that are given none below
+input = "fIn{feature}"               # default: "f{feature}"
+output = "fResult{number}"           # default: "fOut{number}"
+
 [build]                              # defaults of the options of the same names
 target = ["twincat", "iec"]
 out = "generated"
@@ -34,7 +38,7 @@ import dataclasses
 import fnmatch
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -42,7 +46,7 @@ from typing import Any
 
 from st_codegen.emit.blocks.application import Application
 from st_codegen.emit.foreign_names import is_foreign
-from st_codegen.emit.literals import KEYWORDS, MAX_IDENTIFIER, check_text, identifier, unit_text
+from st_codegen.emit.literals import KEYWORDS, MAX_IDENTIFIER, capitalised, check_text, identifier, unit_text
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.toml_tables import TomlTable, nearest, read_toml, shown
 from st_codegen.ir import Feature, ModelIR, Output
@@ -102,6 +106,32 @@ class ModelEntry:
 
 
 @dataclass(frozen=True)
+class NamingRules:
+    """How variables are called that are given no name; empty: as they are without a rule."""
+
+    input: str = ""
+    output: str = ""
+
+    def applied(self, model: ModelIR, features: Sequence[Feature]) -> tuple[tuple[Feature, ...], tuple[Output, ...]]:
+        """The features with their variables, and the outputs of a model that are given no name.
+
+        The outputs of classifiers have fixed names. Raises InputError for a feature that makes no name.
+        """
+        if self.input:
+            words = (capitalised(identifier(f.name, "feature name", "f")) if not f.variable else "" for f in features)
+            features = [
+                dataclasses.replace(feature, variable=feature.variable or self.input.format(feature=word))
+                for feature, word in zip(features, words, strict=True)
+            ]
+        if long := [feature.variable for feature in features if len(feature.variable) > MAX_IDENTIFIER]:
+            raise InputError(
+                f"{long[0]} is longer than {MAX_IDENTIFIER} characters: give the feature a name in [[input]]"
+            )
+        numbers = range(1, len(model.outputs) + 1) if self.output and model.classes is None else ()
+        return tuple(features), tuple(Output(self.output.format(number=number)) for number in numbers)
+
+
+@dataclass(frozen=True)
 class Configuration:
     """The contents of a `st-codegen.toml`; an empty one changes nothing."""
 
@@ -111,6 +141,7 @@ class Configuration:
     attributes: tuple[str, ...] = ()
     inputs: tuple[InputEntry, ...] = ()
     models: tuple[ModelEntry, ...] = ()
+    names: NamingRules = NamingRules()
     build: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -126,6 +157,27 @@ class Configuration:
         """The name of the model of a file: as the file has it given, else its stem; behind the prefix."""
         return self.prefix + next((m.name for m in self.models if m.file == file and m.name), Path(file).stem)
 
+    def renamed(self, files: Sequence[str], prefix: str | None, block_name: str | None) -> Configuration:
+        """The configuration with another prefix, and another name for the only one of these files.
+
+        Raises InputError where there are several files, and for what is no beginning of a name.
+        """
+        if prefix and not re.fullmatch(r"[A-Za-z]\w*", prefix, re.ASCII):
+            raise InputError(f"--prefix {shown(prefix)}: letters, digits and underscores, a letter first")
+        changed = self if prefix is None else dataclasses.replace(self, prefix=prefix)
+        if block_name is None:
+            return changed
+        if len(files) != 1:
+            raise InputError(
+                f"--block-name is for a single model, and there are {len(files)}: give a file, or names in "
+                f"[[model]] tables of {CONFIGURATION_FILE}"
+            )
+        (file,) = files
+        name = block_name.removeprefix("FB_")
+        known = next((entry for entry in self.models if entry.file == file), ModelEntry(file, "", None, ()))
+        others = tuple(entry for entry in self.models if entry.file != file)
+        return dataclasses.replace(changed, models=(*others, dataclasses.replace(known, name=name)))
+
     def layouts(self) -> dict[str, Layout]:
         """The layouts that are asked for, by the names of models."""
         return {self.model_name(entry.file): entry.layout for entry in self.models if entry.layout is not None}
@@ -140,8 +192,9 @@ class Configuration:
         for entry in self.inputs:
             if entry.file in ("", model.source.file):
                 features = [entry.applied(f) if f.name == entry.feature else f for f in features]
-        ports = next((entry.outputs for entry in self.models if entry.file == model.source.file), ())
-        return dataclasses.replace(model, features=tuple(features), ports=ports)
+        named, ports = self.names.applied(model, features)
+        own = next((entry.outputs for entry in self.models if entry.file == model.source.file), ())
+        return dataclasses.replace(model, features=named, ports=own or ports)
 
     def check_used(self, models: Mapping[str, tuple[str, ...]], problems: Problems) -> None:
         """Note what is said of files and features that are not there; `models`: the features of each file."""
@@ -192,6 +245,7 @@ def _configuration(file: TomlTable) -> Configuration:
                 f"real = {shown(real)}: blocks compute in LREAL, in which they equal their libraries; arithmetic in "
                 "REAL is not built, since no proof would hold for it"
             )
+    names = _rules(file)
     build = file.table("build")
     build.declare(*BUILD_KEYS)
     build.refuse_others()
@@ -202,7 +256,17 @@ def _configuration(file: TomlTable) -> Configuration:
     files = [model.file for model in models]
     for twice in sorted({name for name in files if files.count(name) > 1}):
         file.note(f"[[model]] file = '{twice}' is there twice")
-    return Configuration(name, prefix, leave_out, attributes, inputs, models, build.values)
+    return Configuration(name, prefix, leave_out, attributes, inputs, models, names, build.values)
+
+
+def _rules(file: TomlTable) -> NamingRules:
+    """The table [names], which may be missing."""
+    with file.table("names") as table:
+        rules = NamingRules(table.text("input", ""), table.text("output", ""))
+        for rule, word in ((rules.input, "feature"), (rules.output, "number")):
+            if rule and not re.fullmatch(rf"f(?:[A-Z]\w*)?\{{{word}\}}\w*", rule, re.ASCII):
+                table.note(f"{shown(rule)}: f, a capital letter and what follows it, with {{{word}}} in one place")
+    return rules
 
 
 def _texts(table: TomlTable, key: str) -> tuple[str, ...]:

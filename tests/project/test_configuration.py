@@ -238,3 +238,71 @@ def test_a_range_from_a_file_is_what_the_data_reach_at_least(tmp_path):
     assert low in x and high in x and high < x.max()
     text = (generate(bundle, "iec", tmp_path / "out").folder / "FB_Wide.st").read_text()
     assert "training data reach" in text
+
+
+def test_names_from_the_command_line_hold_for_all_commands(lone_folder, tmp_path, capsys):
+    out = tmp_path / "out"
+    options = ("--prefix", "P2_", "--block-name", "Cooling")
+    assert run(lone_folder / "te.txt", *options, "--out", out, "-q") == 0
+    assert (out / "twincat" / "POUs" / "FB_P2_Cooling.TcPOU").is_file()
+    assert run("verify", lone_folder / "te.txt", *options, "--generated", out, "-n", "50", "-q") == 0
+    assert run("prove", lone_folder / "te.txt", *options, "--generated", out, "-q") == 0
+    capsys.readouterr()
+    assert run("verify", lone_folder / "te.txt", "--generated", out, "-n", "50", "-q") == 2
+    assert "no block FB_Te" in capsys.readouterr().err
+    assert load(lone_folder / "te.txt", block_name="FB_Other").irs[0].name == "Other"
+
+
+def test_a_prefix_takes_the_place_of_the_configured_one(configured):
+    assert [model.name for model in load(configured, prefix="X_").irs] == ["X_Power"]
+    assert [model.name for model in load(configured, prefix="").irs] == ["Power"]
+    assert [model.name for model in load(configured, block_name="Heat").irs] == ["P1_Heat"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"), [({"prefix": "1_"}, "--prefix '1_': letters"), ({"block_name": "a\u00e4"}, "model name")]
+)
+def test_names_that_cannot_be_are_refused(lone_folder, options, message):
+    with pytest.raises(InputError, match=re.escape(message)):
+        load(lone_folder, **options)
+
+
+def test_a_block_name_is_for_one_model(lone_folder, lightgbm_text, bundle_folder):
+    (lone_folder / "second.txt").write_text(lightgbm_text)
+    with pytest.raises(InputError, match="for a single model, and there are 2"):
+        load(lone_folder, block_name="X")
+    with pytest.raises(InputError, match="names its blocks itself"):
+        load(bundle_folder, prefix="P_")
+    with pytest.raises(InputError, match="models from memory"):
+        load({}, block_name="X")
+
+
+RULES = '[names]\ninput = "fIn_{feature}"\noutput = "fResult{number}"\n'
+
+
+def test_rules_name_what_is_given_no_name(lone_folder, tmp_path):
+    text = f'{RULES}\n[[input]]\nfeature = "speed_rpm"\nname = "fSpeed"\n'
+    (lone_folder / "st-codegen.toml").write_text(text)
+    bundle = load(lone_folder)
+    assert [feature.variable for feature in bundle.irs[0].features] == ["fSpeed", "fIn_Torque_Nm", "fIn_Temperature_C"]
+    assert bundle.irs[0].variables == ("fResult1",)
+    generate(bundle, "twincat", tmp_path)
+    assert verify(bundle, tmp_path, rows=50).passed
+
+
+def test_a_name_of_an_output_goes_before_the_rule(configured):
+    path = configured / "st-codegen.toml"
+    path.write_text(f"{path.read_text()}\n{RULES}")
+    assert load(configured).irs[0].variables == ("fPower_kW",)
+
+
+@pytest.mark.parametrize(
+    "rule", ['input = "{feature}"', 'input = "fX"', 'output = "f{feature}"', 'output = "f{number} "']
+)
+def test_rules_that_make_no_names_are_refused(lone_folder, rule):
+    (lone_folder / "st-codegen.toml").write_text(f"[names]\n{rule}\n")
+    with pytest.raises(InputError, match="f, a capital letter and what follows it"):
+        load(lone_folder)
+    (lone_folder / "st-codegen.toml").write_text("[names]\nother = 1\n")
+    with pytest.raises(InputError, match="other"):
+        load(lone_folder)
