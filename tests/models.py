@@ -255,6 +255,11 @@ SMALL_MODELS = {
     "argmax merged": model(ArgMax((0,), 3, merged=0.25)),
     "argmax of sums": model(Linear((0,), W, [0.25, -1.0]), ArgMax((1,), 2)),
     "softmax": model(Softmax((0,), 3)),
+    "larger and smaller": model(
+        Scale((0,), Operator.SUBTRACT, [1.0, 0.0, -1.0], reverse=True),
+        Combine((0, 1), Operator.MAXIMUM, 3),
+        Combine((0, 2), Operator.MINIMUM, 3),
+    ),
     "softmax of one": model(Select((0,), [1]), Softmax((1,), 1)),
     "softmax float32": model(Round((0,), 3), Softmax((1,), 3, Precision.FLOAT32)),
     "logarithm of softmax": model(Softmax((0,), 3, logarithm=True)),

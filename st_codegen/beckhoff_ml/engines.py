@@ -67,6 +67,8 @@ class Affine:
             return Affine(sign * a, sign * b + shift, t + np.abs(c))
         if op.operator is Operator.MULTIPLY:
             return Affine(a * c, b * c, t * np.abs(c))
+        if op.operator in (Operator.MAXIMUM, Operator.MINIMUM):
+            raise UnsupportedModelError("a limit of a computed number: the format scales and shifts only")
         if op.reverse:
             raise UnsupportedModelError("a constant divided by an input: the format scales and shifts only")
         return Affine(a / c, b / c, t / np.abs(c))

@@ -50,12 +50,14 @@ class NanRule(StrEnum):
 
 
 class Operator(StrEnum):
-    """An arithmetic operator between two numbers."""
+    """An arithmetic operator between two numbers, or the choice between them."""
 
     ADD = "+"
     SUBTRACT = "-"
     MULTIPLY = "*"
     DIVIDE = "/"
+    MAXIMUM = "max"
+    MINIMUM = "min"
 
 
 class Function(StrEnum):
@@ -71,6 +73,12 @@ class Function(StrEnum):
     EXP = "exp"
     EXPM1 = "expm1"
     LOG1P = "log1p"
+    ABS = "abs"
+    SQRT = "sqrt"
+    LOG = "log"
+    SOFTSIGN = "softsign"  # x / (1 + |x|)
+    ERF = "erf"
+    GELU = "gelu"  # x * (1 + erf(x / sqrt(2))) / 2
     SIGNED_SQUARE = "signed_square"  # sign(x) * x * x (LightGBM reg_sqrt)
 
 

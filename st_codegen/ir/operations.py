@@ -219,7 +219,7 @@ class Activation(Elementwise):
     limit: float = math.inf
 
     _EXACT: ClassVar[frozenset[Function]] = frozenset(
-        {Function.IDENTITY, Function.RELU, Function.LEAKY_RELU, Function.SIGNED_SQUARE}
+        {Function.IDENTITY, Function.RELU, Function.LEAKY_RELU, Function.SIGNED_SQUARE, Function.ABS, Function.SQRT}
     )
 
     def __post_init__(self) -> None:

@@ -6,6 +6,7 @@ back end. It shares no code with either.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import singledispatch
 
@@ -105,11 +106,14 @@ def rounded(value: FloatArray, precision: Precision) -> FloatArray:
     return value if precision is Precision.FLOAT64 else value.astype(np.float32).astype(np.float64)
 
 
-_OPERATORS: dict[Operator, Callable[[FloatArray, FloatArray], FloatArray]] = {
+#: What each operator does to two numbers.
+OPERATORS: dict[Operator, Callable[[FloatArray, FloatArray], FloatArray]] = {
     Operator.ADD: np.add,
     Operator.SUBTRACT: np.subtract,
     Operator.MULTIPLY: np.multiply,
     Operator.DIVIDE: np.divide,
+    Operator.MAXIMUM: np.maximum,
+    Operator.MINIMUM: np.minimum,
 }
 
 
@@ -128,14 +132,14 @@ def _(op: Select, operands: list[FloatArray]) -> FloatArray:
 def _(op: Scale, operands: list[FloatArray]) -> FloatArray:
     left, right = (op.constant[None, :], operands[0]) if op.reverse else (operands[0], op.constant[None, :])
     # + - * / of two float32 numbers computed in float64 and rounded once equal the float32 operation
-    result = rounded(_OPERATORS[op.operator](left, right), op.precision)
+    result = rounded(OPERATORS[op.operator](left, right), op.precision)
     return _guarded(result, left, right, op) if op.reverse and op.operator is Operator.DIVIDE else result
 
 
 @apply.register
 def _(op: Combine, operands: list[FloatArray]) -> FloatArray:
     left, right = operands
-    result = rounded(_OPERATORS[op.operator](left, right), op.precision)
+    result = rounded(OPERATORS[op.operator](left, right), op.precision)
     return _guarded(result, left, right, op) if op.operator is Operator.DIVIDE else result
 
 
@@ -196,6 +200,10 @@ def _logistic(x: FloatArray, _: float) -> FloatArray:
     return np.where(x >= 0, 1.0, decay) / (1.0 + decay)
 
 
+def _erf(x: FloatArray) -> FloatArray:
+    return np.asarray(np.vectorize(math.erf, otypes=[np.float64])(x))
+
+
 _FUNCTIONS: dict[Function, Callable[[FloatArray, float], FloatArray]] = {
     Function.IDENTITY: lambda x, _: x,
     Function.TANH: lambda x, _: np.tanh(x),
@@ -207,6 +215,12 @@ _FUNCTIONS: dict[Function, Callable[[FloatArray, float], FloatArray]] = {
     Function.EXP: lambda x, _: np.exp(x),
     Function.EXPM1: lambda x, _: np.expm1(x),
     Function.LOG1P: lambda x, _: np.log1p(np.where(x > -1.0, x, np.nan)),
+    Function.ABS: lambda x, _: np.abs(x),
+    Function.SQRT: lambda x, _: np.sqrt(x),
+    Function.LOG: lambda x, _: np.log(np.where(x > 0.0, x, np.nan)),
+    Function.SOFTSIGN: lambda x, _: x / (1.0 + np.abs(x)),
+    Function.ERF: lambda x, _: _erf(x),
+    Function.GELU: lambda x, _: 0.5 * x * (1.0 + _erf(x * math.sqrt(0.5))),
     Function.SIGNED_SQUARE: lambda x, _: np.sign(x) * x * x,
 }
 

@@ -188,6 +188,8 @@ def _(op: Scale, operands: list[FloatArray]) -> tuple[float, FloatArray]:
         return _peak(operands[0] + constant)
     if op.operator is Operator.MULTIPLY:
         return _peak(operands[0] * constant)
+    if op.operator in (Operator.MAXIMUM, Operator.MINIMUM):
+        return 0.0, np.maximum(operands[0], constant)
     # constant / x is guarded at run time against results above the ceiling
     return _peak(np.full(len(constant), op.ceiling) if op.reverse else operands[0] / constant)
 
@@ -198,6 +200,8 @@ def _(op: Combine, operands: list[FloatArray]) -> tuple[float, FloatArray]:
         return _peak(operands[0] + operands[1])
     if op.operator is Operator.MULTIPLY:
         return _peak(operands[0] * operands[1])
+    if op.operator in (Operator.MAXIMUM, Operator.MINIMUM):
+        return 0.0, np.maximum(operands[0], operands[1])
     return _peak(np.full(op.width, op.ceiling))
 
 
@@ -232,14 +236,16 @@ def _(op: Linear, operands: list[FloatArray]) -> tuple[float, FloatArray]:
 @magnitudes.register
 def _(op: Activation, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     x = operands[0]
-    if op.function in (Function.TANH, Function.LOGISTIC):
+    if op.function in (Function.TANH, Function.LOGISTIC, Function.SOFTSIGN):
         return 0.0, np.ones(op.width)
     if op.function is Function.SIGNED_SQUARE:
         return _peak(x * x)
     if op.function in (Function.EXP, Function.EXPM1):
         return _peak(np.exp(np.minimum(x, op.limit)))
-    if op.function is Function.LOG1P:
-        return float(np.max(x)), np.maximum(np.log1p(x), 37.0)  # LN(2**-53) is -36.7
+    if op.function in (Function.LOG, Function.LOG1P):  # LN of the smallest number is -744.4, of 2**-53 it is -36.7
+        return float(np.max(x)), np.maximum(np.log1p(x), 745.0 if op.function is Function.LOG else 37.0)
+    if op.function in (Function.ERF, Function.GELU):
+        return float(np.max(x * x)), np.ones(op.width) if op.function is Function.ERF else x
     return _peak((1.0 + abs(op.parameter)) * x + 1.0)
 
 

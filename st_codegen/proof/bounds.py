@@ -52,6 +52,9 @@ UNIT = {Precision.FLOAT64: 2.0**-53, Precision.FLOAT32: 2.0**-24}
 #: vectorised versions; the generated formulas have at most 8 roundings besides one EXP, LN or quotient of 2 ulp.
 FUNCTION_ROUNDINGS = 12
 
+#: How far the generated formula for erf lies from it, beside its roundings.
+ERF_FORMULA = 2e-10
+
 #: What is lost by taking 0 for exponentials below exp(-708).
 _TINY = 1e-307
 
@@ -124,7 +127,10 @@ def _arithmetic(operator: Operator, operands: list[FloatArray], given: list[Floa
     if operator in (Operator.ADD, Operator.SUBTRACT):
         return da + db
     if operator is Operator.MULTIPLY:
-        return np.abs(a) * db + np.abs(b) * da + da * db
+        product = np.abs(a) * db + np.abs(b) * da + da * db
+        return np.where(np.isnan(product) & (da + db > 0), np.inf, product)  # infinity times zero
+    if operator in (Operator.MAXIMUM, Operator.MINIMUM):
+        return np.maximum(da, db)
     room = np.abs(b) - db
     return np.where(room > 0, (da + np.abs(a / b) * db) / room, np.inf) * (da + db > 0)
 
@@ -182,6 +188,7 @@ def _(op: Softmax, operands: list[FloatArray], given: list[FloatArray], result: 
 def _(op: Linear, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     weights = np.abs(op.weights)
     difference = given[0] @ weights.T
+    difference = np.where(np.isnan(difference), np.inf, difference)  # infinity times zero
     size = np.abs(operands[0]) @ weights.T + np.abs(op.bias)
     if op.exact:
         return np.where(difference > 0, difference + 2 * gamma(2 * op.operand_width + 1, op.precision) * size, 0.0)
@@ -213,7 +220,12 @@ def _(op: Activation, operands: list[FloatArray], given: list[FloatArray], resul
         size = size + 1.0
     elif op.function is Function.ELU:
         size = size + abs(op.parameter)
-    return moved + roundings * size + _TINY
+    elif op.function is Function.ERF:
+        size = size + 1.0
+    elif op.function is Function.GELU:
+        size = np.abs(x) + moved
+    formula = ERF_FORMULA if op.function in (Function.ERF, Function.GELU) else 0.0
+    return moved + (roundings + formula) * size + _TINY
 
 
 def _slope(op: Activation, x: FloatArray, difference: FloatArray) -> FloatArray:
@@ -222,14 +234,15 @@ def _slope(op: Activation, x: FloatArray, difference: FloatArray) -> FloatArray:
     constant = np.ones_like(x)
     if op.function in (Function.EXP, Function.EXPM1):
         return np.exp(x + difference)
-    if op.function is Function.LOG1P:
-        room = 1.0 + x - difference
-        return np.where(room > 0, 1.0 / room, np.inf)
+    if op.function in (Function.SQRT, Function.LOG, Function.LOG1P):
+        room = x - difference + (op.function is Function.LOG1P)
+        slope = 0.5 / np.sqrt(room) if op.function is Function.SQRT else 1.0 / room
+        return np.where(room > 0, slope, np.where(difference > 0, np.inf, 0.0))
     if op.function is Function.SIGNED_SQUARE:
         return 2.0 * near
     if op.function in (Function.LEAKY_RELU, Function.ELU):
         return constant * max(1.0, abs(op.parameter))
-    return constant
+    return 1.13 * constant if op.function in (Function.ERF, Function.GELU) else constant
 
 
 @step.register

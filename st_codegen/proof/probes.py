@@ -221,6 +221,8 @@ def undone(values: FloatArray, steps: list[tuple[Operator, bool, float]]) -> Flo
                 values = values - constant
             elif operator is Operator.SUBTRACT:
                 values = constant - values if reverse else values + constant
+            elif operator in (Operator.MAXIMUM, Operator.MINIMUM):
+                continue
             elif operator is Operator.MULTIPLY:
                 values = values / constant
             else:

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from st_codegen.ir import Activation, Comparison, Function
+from st_codegen.ir import Activation, Combine, Comparison, Function, Linear, Operator, Scale, Select, SummationOrder
 from st_codegen.proof.bounds import difference_bound
 from tests.models import model, random_trees
 
@@ -45,3 +45,27 @@ def test_a_split_behind_an_inexact_step_may_jump_on_either_side_of_its_threshold
 def test_a_split_of_an_input_itself_does_not_jump():
     x = np.array([[THRESHOLD], [np.nextafter(THRESHOLD, 0.0)], [np.nextafter(THRESHOLD, 1.0)]])
     assert not difference_bound(model(stump(), features=1), x).any()
+
+
+def test_without_a_bound_there_is_none_behind_products_and_sums_either():
+    """A quotient whose divisor may be zero has none; multiplied, added or voted with it has none still."""
+    unsure = [
+        Linear((0,), [[1.0, 1.0, 1.0], [1.0, -1.0, 0.0]], [0.0, 0.0]),
+        Select((1,), [0]),
+        Select((1,), [1]),
+        Combine((2, 3), Operator.DIVIDE, 1),
+    ]
+    behind = {
+        "product": Scale((4,), Operator.MULTIPLY, [2.0]),
+        "product of two": Combine((4, 4), Operator.MULTIPLY, 1),
+        "sum in order": Linear((4,), [[1.0], [0.0]], [0.0, 0.0], SummationOrder.SEQUENTIAL),
+    }
+    for name, op in behind.items():
+        bound = difference_bound(model(*unsure, op), np.array([[1.0, 1.0, 3.0]]))
+        assert np.all(np.isinf(bound)), name
+
+
+def test_a_root_beside_zero_has_no_finite_bound():
+    of_root = model(Linear((0,), [[1.0, -1.0, 1.0]], [0.0]), Activation((1,), Function.SQRT, 1))
+    assert np.isinf(difference_bound(of_root, np.array([[1.0, 1.0, 0.0]])))
+    assert difference_bound(of_root, np.array([[3.0, 1.0, 2.0]])) < 1e-14

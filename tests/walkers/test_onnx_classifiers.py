@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 from onnx import TensorProto, helper
 from sklearn.base import clone
+from sklearn.calibration import CalibratedClassifierCV
+from sklearn.cluster import KMeans
 from sklearn.ensemble import GradientBoostingClassifier, RandomForestClassifier
 from sklearn.linear_model import LogisticRegression, Perceptron, RidgeClassifier
+from sklearn.multiclass import OneVsRestClassifier
+from sklearn.naive_bayes import GaussianNB
 from sklearn.neural_network import MLPClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
@@ -265,6 +269,9 @@ EXPORTED = {
     "support vectors": SVC(),
     "linear machine": LinearSVC(random_state=0),
     "ridge": RidgeClassifier(),
+    "bayes": GaussianNB(),
+    "one against the rest": OneVsRestClassifier(LogisticRegression()),
+    "calibrated": CalibratedClassifierCV(LinearSVC(random_state=0), cv=2),
 }
 
 
@@ -272,8 +279,6 @@ EXPORTED = {
 @pytest.mark.parametrize("labels", [(5, 7), ("a", "b", "c")])
 def test_classifiers_as_skl2onnx_writes_them(tmp_path, name, labels):
     skl2onnx = pytest.importorskip("skl2onnx")
-    if name == "support vectors" and len(labels) > 2:
-        pytest.skip("votes and confidences as a graph of operators")
     rng = np.random.default_rng(0)
     x = rng.normal(size=(150, 3)).astype(np.float32)
     y = np.array(labels)[np.digitize(x[:, 0] + x[:, 1] ** 2, [0.3, 1.2][: len(labels) - 1])]
@@ -284,6 +289,17 @@ def test_classifiers_as_skl2onnx_writes_them(tmp_path, name, labels):
     assert loaded.ir.exact == (name == "forest")
     if name in ("forest", "boosting", "logistic", "network"):
         assert kinds(loaded) == ["class", "probability"]
+
+
+def test_clusters_as_skl2onnx_writes_them(tmp_path):
+    """The square of a distance as a sum to which computed numbers are added, the smallest, and its root."""
+    skl2onnx = pytest.importorskip("skl2onnx")
+    rng = np.random.default_rng(0)
+    x = rng.normal(size=(150, 3)).astype(np.float32)
+    loaded = build.load(skl2onnx.to_onnx(KMeans(4, n_init=1, random_state=0).fit(x), x[:1]), tmp_path)
+    assert loaded.ir.classes.labels == (0, 1, 2, 3)
+    assert kinds(loaded) == ["class", "decision"]
+    assert agree(loaded, np.vstack([x, rng.normal(size=(200, 3)) * 3])).size < 10
 
 
 REFUSED = {

@@ -133,7 +133,6 @@ def test_inputs_that_cannot_be_features(tmp_path):
     for shape in ((None, None), ("N",), (None, "features"), (1, 3, None), (1, -1)):
         message = inputs_of(tmp_path, info("X", shape))
         assert "the number of features is not known; export the model with a fixed number of columns" in message
-    assert "takes 5 rows at once" in inputs_of(tmp_path, info("X", (5, 3)))
     assert "has a dimension of length 0" in inputs_of(tmp_path, info("X", (None, 0)))
     assert "is of STRING; export the model with float inputs" in inputs_of(
         tmp_path, info("X", (None, 1), TensorProto.STRING)

@@ -46,6 +46,15 @@ _WITH_AN_EXPONENTIAL_BESIDE = (
     Function.ELU,
     Function.EXPM1,
     Function.LOG1P,
+    Function.ERF,
+    Function.GELU,
+)
+
+#: log(erfcx(u) / t) for t = 1 / (1 + u / 2), the highest power first: the least squares fit at the nodes of Chebyshev.
+_LOG_ERFC = (
+    *(-0.133058616487942, 1.1011737068948, -3.95934960079685, 8.02068737141864, -9.89989849778988),
+    *(7.54980718974905, -3.61901364341873, 1.33647950696555, -0.405998888660434, -0.092662408805115),
+    *(-0.0913157175380786, 0.0836727701850285, 0.374988806661786, 1.00000014555518, -1.26551212379872),
 )
 
 
@@ -327,8 +336,12 @@ def _function_values(op: Activation, step: Step, listing: Listing) -> dict[str, 
     listing.locals("LREAL", "fX", "fY")
     if op.function in _WITH_AN_EXPONENTIAL_BESIDE:
         listing.locals("LREAL", "fExp")
-    if op.function is Function.TANH:
+    if op.function in (Function.TANH, Function.ERF, Function.GELU):
         listing.locals("LREAL", "fSquare")
+    polynomial = None
+    if op.function in (Function.ERF, Function.GELU):
+        listing.loop("nTerm", len(_LOG_ERFC))
+        polynomial = listing.table(step.table("LOG_ERFC"), "LREAL", _LOG_ERFC)
     if op.function is Function.SOFTPLUS:
         listing.locals("LREAL", "fPositive")
     parameter = None
@@ -337,6 +350,9 @@ def _function_values(op: Activation, step: Step, listing: Listing) -> dict[str, 
     return {
         "function": op.function.value,
         "parameter": parameter,
+        "polynomial": polynomial,
+        "last_term": len(_LOG_ERFC) - 1,
+        "half_root": real(math.sqrt(0.5)),
         "exp_limit": real(op.limit) if math.isfinite(op.limit) else None,
         "exp_reach": real(EXP_REACH),
         "single": op.precision is Precision.FLOAT32,

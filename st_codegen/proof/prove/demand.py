@@ -44,6 +44,7 @@ from st_codegen.proof.prove.terms import Term, Terms, Value
 _REACH = 708.0
 
 _SYMBOL = {Operator.ADD: "add", Operator.SUBTRACT: "sub", Operator.MULTIPLY: "mul", Operator.DIVIDE: "div"}
+_SYMBOL |= {Operator.MAXIMUM: "max", Operator.MINIMUM: "min"}
 
 
 class Demand:
@@ -257,7 +258,7 @@ class Demand:
     def _(self, op: Activation, given: list[list[Value]]) -> list[Value]:
         return [self._rounded(self._function(op, x), op.precision) for x in given[0]]
 
-    def _function(self, op: Activation, x: Value) -> Value:  # noqa: PLR0911 - one return a function
+    def _function(self, op: Activation, x: Value) -> Value:  # noqa: PLR0911, PLR0912 - one return a function
         terms = self.terms
         if op.function is Function.IDENTITY:
             return x
@@ -278,6 +279,12 @@ class Demand:
         if op.function is Function.LOG1P:
             self._refuse("LE", x, -1.0)
             return self._either("LE", x, -1.0, lambda: 0.0, lambda: self._log1p(x))
+        if op.function is Function.ABS:
+            return terms.real("abs", x)
+        if op.function is Function.SOFTSIGN:
+            return terms.real("div", x, terms.real("add", 1.0, terms.real("abs", x)))
+        if op.function in (Function.SQRT, Function.LOG, Function.ERF, Function.GELU):
+            raise NotProvedError(f"the function {op.function.value} is not followed")
         formula = self._expm1 if op.function is Function.EXPM1 else self._exp
         if not math.isfinite(op.limit):
             return formula(x)

@@ -144,6 +144,8 @@ def _(op: Linear, operands: list[Ends]) -> Ends:
 
 @interval.register
 def _(op: Activation, operands: list[Ends]) -> Ends:
+    if op.function in (Function.ABS, Function.SQRT, Function.LOG, Function.ERF, Function.GELU):
+        raise NotProvedError(f"no bound on the whole range is known for {op.function.value}")
     if op.function in (Function.LOG1P, Function.EXP, Function.EXPM1):
         beyond = operands[0][0] <= -1.0 if op.function is Function.LOG1P else operands[0][1] > op.limit
         if np.any(beyond):

@@ -34,8 +34,8 @@ from st_codegen.walkers.onnx.file import GraphNode
 from st_codegen.walkers.onnx.forest import Forest, NumberType
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, Result, operator
 from st_codegen.walkers.onnx.ml import kernel_sum, trees
-from st_codegen.walkers.onnx.operands import FLOAT32, ConstantOperand, LabelOperand, Operand, Tensor, axis_of, one_row
-from st_codegen.walkers.onnx.operators import apply_activation, apply_linear, combined
+from st_codegen.walkers.onnx.operands import FLOAT32, LabelOperand, Operand, Tensor, axis_of, one_row
+from st_codegen.walkers.onnx.operators import apply_activation, apply_linear, apply_softmax, with_constant
 from st_codegen.walkers.onnx.shapes import joined
 from st_codegen.walkers.onnx.tree_lists import numbers, read_lists
 
@@ -75,21 +75,7 @@ def _transformed(walk: GraphWalk, scores: Tensor, transform: str) -> Tensor:
         return scores
     if transform == "LOGISTIC":
         return apply_activation(walk, scores, Function.LOGISTIC)
-    return _softmax_of(walk, scores)
-
-
-def _softmax_of(walk: GraphWalk, scores: Tensor, logarithm: bool = False) -> Tensor:
-    walk.refuse_special(scores)
-    op = Softmax((walk.settle(scores),), scores.size, scores.precision, logarithm)
-    return walk.computed(walk.builder.add(op), scores.shape, scores.dtype, special=False)
-
-
-def _with(walk: GraphWalk, tensor: Tensor, code: Operator, number: FloatArray | float, left: bool = False) -> Tensor:
-    """Arithmetic with constants in the precision of the tensor; `left`: the constant stands there."""
-    pair = (tensor, ConstantOperand(np.asarray(number, tensor.dtype)))
-    found = combined(walk, code, *(pair[::-1] if left else pair))
-    assert isinstance(found, Tensor)
-    return found
+    return apply_softmax(walk, scores)
 
 
 def _beside(walk: GraphWalk, one: Tensor, other: Tensor) -> Tensor:
@@ -136,7 +122,7 @@ def _tree_classifier(call: NodeCall) -> Result:
             "choose it where none sets it; export the model with a weight for each label in each leaf"
         )
     if len(base):
-        scores = _with(walk, scores, Operator.ADD, base)
+        scores = with_constant(walk, scores, Operator.ADD, base)
     return _choice(labels, largest(walk.builder, walk.settle(scores))), _transformed(walk, scores, transform)
 
 
@@ -171,10 +157,10 @@ def _two_classes(
         )
     first, second = _column(scores, 0), _column(scores, 1)
     if len(base) and ever[0] and (alone or len(base) == 1):
-        first = _with(walk, first, Operator.ADD, base[0])
+        first = with_constant(walk, first, Operator.ADD, base[0])
     if len(base) == 2 and not alone:  # the score of the first class becomes that of the second
-        second = _with(walk, first, Operator.ADD, base[1])
-        first = _with(walk, second, Operator.MULTIPLY, -1.0) if ever[0] else _column(scores, 0)
+        second = with_constant(walk, first, Operator.ADD, base[1])
+        first = with_constant(walk, second, Operator.MULTIPLY, -1.0) if ever[0] else _column(scores, 0)
     one_given = bool(np.sum(ever) == 1)
     decides = first if alone else second
     index = above(walk.builder, walk.settle(decides), 0.5 if one_given and positive else 0.0)
@@ -192,8 +178,8 @@ def _pair(walk: GraphWalk, score: Tensor, positive: bool, transform: str) -> Ten
     """
     score = walk.as_type(score, FLOAT32)
     if positive and transform != "LOGISTIC":
-        return _beside(walk, _with(walk, score, Operator.SUBTRACT, 1.0, left=True), score)
-    both = _beside(walk, _with(walk, score, Operator.MULTIPLY, -1.0), score)
+        return _beside(walk, with_constant(walk, score, Operator.SUBTRACT, 1.0, left=True), score)
+    both = _beside(walk, with_constant(walk, score, Operator.MULTIPLY, -1.0), score)
     return _transformed(walk, both, transform if transform == "LOGISTIC" else "NONE")
 
 
@@ -294,7 +280,7 @@ def _number_of_the(best: Literal["largest", "smallest"], *versions: int) -> None
         last, count = call.node.integer("select_last_index"), tensor.size
         flat = tensor.moved(lambda array: np.ravel(array)[:: -1 if last else 1])
         if best == "smallest":
-            flat = _with(walk, flat, Operator.MULTIPLY, -1.0)
+            flat = with_constant(walk, flat, Operator.MULTIPLY, -1.0)
         index = largest(walk.builder, walk.settle(flat))
         if last:
             index = walk.builder.add(Scale((index,), Operator.SUBTRACT, np.full(1, count - 1.0), reverse=True))
@@ -317,7 +303,7 @@ def _shares(name: str, logarithm: bool) -> None:
         taken = tensor.shape[axis : axis + 1] if call.node.version >= 13 else tensor.shape[axis:]
         if math.prod(taken) != tensor.size:
             raise UnsupportedModelError(f"axis {axis} of shape {tensor.shape} (for one row) does not hold all columns")
-        return _softmax_of(call.walk, tensor, logarithm)
+        return apply_softmax(call.walk, tensor, logarithm)
 
     operator(name, 1, 11, 13)(handler)
 

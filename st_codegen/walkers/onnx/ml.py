@@ -6,15 +6,29 @@ and SVMRegressor add products in any order.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import FloatArray, Kernel, KernelSum, Norm, Normalize, Operator, Precision
+from st_codegen.ir import (
+    FLOAT32_OVERFLOW,
+    Combine,
+    Exceeds,
+    FillMissing,
+    FloatArray,
+    Kernel,
+    KernelSum,
+    Label,
+    Norm,
+    Normalize,
+    Operator,
+    Precision,
+)
 from st_codegen.walkers.onnx.file import GraphNode
-from st_codegen.walkers.onnx.forest import Forest, NumberType, refuse_post_transform
+from st_codegen.walkers.onnx.forest import MAX_ID, Forest, NumberType, refuse_post_transform
 from st_codegen.walkers.onnx.graph import NodeCall, operator
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
@@ -187,3 +201,70 @@ def _tree_ensemble_regressor(call: NodeCall) -> Operand:
 @operator("TreeEnsemble", 5, domain=_DOMAIN)
 def _tree_ensemble(call: NodeCall) -> Operand:
     return trees(call, read_ensemble)
+
+
+# --- preparation ---------------------------------------------------------------------------------------------------
+
+
+@operator("Binarizer", 1, domain=_DOMAIN)
+def _binarizer(call: NodeCall) -> Operand:
+    tensor, walk = call.computed(), call.walk
+    walk.refuse_special(tensor)
+    cut = np.full(tensor.size, call.node.number("threshold"))
+    return walk.computed(walk.builder.add(Exceeds((walk.settle(tensor),), cut)), tensor.shape, tensor.dtype, False)
+
+
+@operator("Imputer", 1, domain=_DOMAIN)
+def _imputer(call: NodeCall) -> Operand:
+    """NaN, or the numbers equal to another one, replaced column by column (core/providers/cpu/ml/imputer.cc)."""
+    tensor, walk = one_row(call.computed()), call.walk
+    fills, replaced = call.node.floats("imputed_value_floats"), call.node.number("replaced_value_float")
+    if len(fills) not in (1, tensor.size) or not np.all(np.isfinite(fills)):
+        raise InputError(f"{len(fills)} imputed values, or such that are not finite, for {tensor.size} columns")
+    fills = np.broadcast_to(fills, tensor.size)
+    if math.isnan(replaced):
+        walk.builder.refuse_magnitude(FLOAT32_OVERFLOW if walk.narrows else math.inf)
+        value, sentinel = walk.gathered(np.ravel(tensor.value), np.ravel(tensor.column)), None
+    else:
+        walk.refuse_special(tensor)
+        value, sentinel, tensor = walk.settle(tensor), replaced, replace(tensor, unrounded=False)
+    value = walk.builder.add(FillMissing((value,), fills, sentinel))
+    return replace(walk.computed(value, tensor.shape, tensor.dtype, special=False), unrounded=tensor.unrounded)
+
+
+@operator("OneHotEncoder", 1, domain=_DOMAIN)
+def _one_hot_encoder(call: NodeCall) -> Operand:
+    """1 in the column of the category that the number is, cut to an integer (cpu/ml/onehotencoder.cc)."""
+    tensor, walk = require_tensor(call.required()), call.walk
+    categories = call.node.integers("cats_int64s").astype(np.float64)
+    if not len(categories) or len(np.unique(categories)) < len(categories) or np.any(np.abs(categories) > MAX_ID):
+        raise UnsupportedModelError("categories are different integers of 32 bits")
+    if not call.node.integer("zeros", 1):
+        raise UnsupportedModelError("zeros=0, with which onnxruntime fails on an unknown category; export with zeros=1")
+    walk.refuse_special(tensor)
+    # cut to an integer v is [v, v + 1) above zero, (v - 1, v] below, (-1, 1) at zero
+    low = np.where(categories > 0, categories, np.nextafter(categories - 1.0, np.inf))
+    high = np.where(categories < 0, np.nextafter(categories, np.inf), categories + 1.0)
+    shape = (*tensor.shape, len(categories))
+    columns = np.repeat(np.arange(tensor.size), len(categories)).astype(np.int32)
+    number = walk.builder.add(Select((walk.settle(tensor),), columns))
+    pair = tuple(
+        walk.builder.add(Exceeds((number,), np.tile(ends, tensor.size), inclusive=True)) for ends in (low, high)
+    )
+    value = walk.builder.add(Combine(pair, Operator.SUBTRACT, len(columns)))
+    return walk.computed(value, shape, FLOAT32, special=False)
+
+
+@operator("LabelEncoder", 2, 4, domain=_DOMAIN)
+def _label_encoder(call: NodeCall) -> Operand:
+    """The label that a list has for a chosen one."""
+    choice, node = call.required(), call.node
+    if not isinstance(choice, LabelOperand):
+        raise UnsupportedModelError("encodes numbers; only labels that a classifier has chosen are encoded")
+    keys: list[Label] = [*node.texts("keys_strings"), *node.integers("keys_int64s").tolist()]
+    values: list[Label] = [*node.texts("values_strings"), *node.integers("values_int64s").tolist()]
+    values = values or [float(value) for value in node.floats("values_floats")]
+    if not keys or len(keys) != len(values) or not set(choice.labels) <= set(keys):
+        raise UnsupportedModelError(f"{len(keys)} keys and {len(values)} values, or not for all labels")
+    known = dict(zip(keys, values, strict=True))
+    return replace(choice, labels=tuple(known[label] for label in choice.labels))

@@ -14,7 +14,7 @@ from onnx.helper import OP_SET_ID_VERSION_MAP
 from st_codegen.errors import InputError, Problems, UnsupportedModelError, errors_name
 from st_codegen.ir import Feature, Source
 from st_codegen.walkers.base import LoadedModel
-from st_codegen.walkers.onnx import classifiers, ml, operators, shapes  # noqa: F401  (they register the operators)
+from st_codegen.walkers.onnx import classifiers, elementwise, ml, operators, shapes  # noqa: F401  (they register operators)
 from st_codegen.walkers.onnx.file import check_names, domain_of, plain, printable, type_name
 from st_codegen.walkers.onnx.graph import GraphWalk, read_initializers, run_nodes
 from st_codegen.walkers.onnx.operands import FLOAT32, MAX_COLUMNS, Tensor
@@ -45,7 +45,7 @@ def load(path: Path, name: str) -> LoadedModel:
     with problems.collect():
         ir = walk.builder.model(name, _features(inputs), _source(model, inputs, opsets, notes), result)
     problems.raise_if_any()
-    return LoadedModel(ir, predictor(model, data, inputs, outputs, path.name))
+    return LoadedModel(ir, predictor(model, inputs, outputs, path.name))
 
 
 def _read(path: Path) -> bytes:
@@ -130,11 +130,8 @@ def _row_shape(info: onnx.ValueInfoProto, name: str) -> tuple[int, ...]:
     if 0 in dims:
         raise InputError(f"input '{name}' of shape {shown} has a dimension of length 0; {advice}")
     if len(dims) > 1:
-        if dims[0] > 1:
-            raise UnsupportedModelError(
-                f"input '{name}' of shape {shown} takes {dims[0]} rows at once; export the model with a symbolic batch "
-                "dimension"
-            )
+        if dims[0] > 1:  # onnxruntime then takes single rows too, and warns of shapes that are not as declared
+            info.type.tensor_type.shape.dim[0].dim_param = "rows"
         dims[0] = 1
     if any(length < 0 for length in dims):
         raise UnsupportedModelError(f"input '{name}' of shape {shown}: the number of features is not known; {advice}")

@@ -19,6 +19,7 @@ MAX_FOLDED = 2**24
 
 FLOAT32 = np.dtype(np.float32)
 FLOAT64 = np.dtype(np.float64)
+TRUTH = np.dtype(np.bool_)
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,25 @@ that onnxruntime's kernels choose by the machine, so they are equal within a bou
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import Activation, AnyArray, Clip, Combine, FloatArray, Function, Linear, Operator, Scale
+from st_codegen.ir import (
+    Activation,
+    AnyArray,
+    Clip,
+    Combine,
+    FloatArray,
+    Function,
+    Linear,
+    Operator,
+    Scale,
+    Softmax,
+    reference,
+)
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
@@ -91,14 +104,8 @@ def _spread(tensor: Tensor, shape: tuple[int, ...]) -> Tensor:
 def _folded(code: Operator, left: AnyArray, right: AnyArray) -> AnyArray:
     if left.dtype not in (FLOAT32, FLOAT64):
         raise UnsupportedModelError("computes with integer constants; fold constants when exporting")
-    functions = {
-        Operator.ADD: np.add,
-        Operator.SUBTRACT: np.subtract,
-        Operator.MULTIPLY: np.multiply,
-        Operator.DIVIDE: np.divide,
-    }
     with np.errstate(all="ignore"):
-        return np.asarray(functions[code](left, right))
+        return np.asarray(reference.OPERATORS[code](left, right))
 
 
 @operator("Neg", 6, 13)
@@ -161,14 +168,33 @@ def _gemm(call: NodeCall) -> Operand:
         raise UnsupportedModelError(
             f"multiplies shapes {row.shape} and {weights.T.shape} (for one row); one row that fits is supported"
         )
-    bias = _gemm_bias(call, row, len(weights))
     shape = (1, len(weights))
-    alpha = call.node.number("alpha", 1.0)
+    alpha, added = call.node.number("alpha", 1.0), call.optional(2)
+    if isinstance(added, Tensor):
+        return _gemm_sum(call, row, weights, added, alpha)
+    bias = _gemm_bias(call, row, len(weights))
     if alpha == 1.0:
         return apply_linear(call.walk, row, weights, bias, shape)
     product = apply_linear(call.walk, row, weights, np.zeros(len(weights)), shape)
     scaled = combined(call.walk, Operator.MULTIPLY, product, ConstantOperand(np.array(alpha, row.dtype)))
     return combined(call.walk, Operator.ADD, scaled, ConstantOperand(bias.astype(row.dtype)))
+
+
+def _gemm_sum(call: NodeCall, row: Tensor, weights: FloatArray, added: Tensor, alpha: float) -> Operand:
+    """A sum in any order with computed numbers as further terms; a power of two as factor rounds nothing."""
+    shape = (1, len(weights))
+    if call.node.number("beta", 1.0) != 1.0 or abs(math.frexp(alpha)[0]) != 0.5 or added.dtype != row.dtype:
+        raise UnsupportedModelError("C is computed from the inputs, which needs beta 1 and a power of two as alpha")
+    try:
+        spread = added.moved(lambda array: np.broadcast_to(array, shape))
+    except ValueError:
+        raise InputError(f"C has shape {added.shape} for {len(weights)} columns; the model file is damaged") from None
+    value = np.repeat([call.walk.settle(row), call.walk.settle(spread)], [row.size, spread.size])
+    column = np.concatenate([np.arange(row.size), np.arange(spread.size)])
+    whole = Tensor(value, column, row.dtype, special=row.special or added.special)
+    return apply_linear(
+        call.walk, whole, np.hstack([alpha * weights, np.eye(len(weights))]), np.zeros(len(weights)), shape
+    )
 
 
 def _gemm_bias(call: NodeCall, row: Tensor, width: int) -> FloatArray:
@@ -191,6 +217,22 @@ def apply_activation(walk: GraphWalk, tensor: Tensor, function: Function, parame
     return walk.computed(walk.builder.add(op), tensor.shape, tensor.dtype, special=False)
 
 
+def apply_softmax(walk: GraphWalk, scores: Tensor, logarithm: bool = False) -> Tensor:
+    """The softmax of all numbers of a tensor, or its logarithm."""
+    walk.refuse_special(scores)
+    op = Softmax((walk.settle(scores),), scores.size, scores.precision, logarithm)
+    return walk.computed(walk.builder.add(op), scores.shape, scores.dtype, special=False)
+
+
+def with_constant(
+    walk: GraphWalk, tensor: Tensor, code: Operator, number: FloatArray | float, left: bool = False
+) -> Tensor:
+    """Arithmetic with constants in the precision of the tensor; `left`: the constant stands there."""
+    pair = (tensor, ConstantOperand(np.asarray(number, tensor.dtype)))
+    found = combined(walk, code, *(pair[::-1] if left else pair))
+    return require_tensor(found)
+
+
 def _activation(function: Function, name: str, *versions: int, alpha: float | None = None) -> None:
     """Register an operator that is one function of each number."""
 
@@ -211,6 +253,11 @@ _activation(Function.LEAKY_RELU, "LeakyRelu", 6, 16, alpha=0.01)
 _activation(Function.ELU, "Elu", 6, 22, alpha=1.0)
 _activation(Function.SOFTPLUS, "Softplus", 1, 22)
 _activation(Function.EXP, "Exp", 6, 13)
+_activation(Function.ABS, "Abs", 6, 13)
+_activation(Function.SOFTSIGN, "Softsign", 1, 22)
+_activation(Function.SQRT, "Sqrt", 6, 13)
+_activation(Function.LOG, "Log", 6, 13)
+_activation(Function.ERF, "Erf", 9, 13)
 
 
 @operator("Clip", 6, 11, 12, 13)
@@ -234,8 +281,8 @@ def _clip(call: NodeCall) -> Operand:
 
 
 def _reduction(call: NodeCall) -> Operand:
-    tensor = call.computed()
-    by_input = call.node.version >= (13 if call.node.op_type == "ReduceSum" else 18)
+    tensor, name = call.computed(), call.node.op_type
+    by_input = call.node.version >= (13 if name == "ReduceSum" else 18)
     axes = call.integers(1, "axes") if by_input else call.node.integers("axes").tolist()
     if not axes and call.node.integer("noop_with_empty_axes"):
         return tensor
@@ -245,16 +292,69 @@ def _reduction(call: NodeCall) -> Operand:
     kept = (
         groups if call.node.integer("keepdims", 1) else tuple(n for axis, n in enumerate(groups) if axis not in reduced)
     )
-    outputs = math.prod(groups)
-    if outputs * tensor.size > _MAX_REDUCTION:
-        raise UnsupportedModelError(f"reduces {tensor.size} numbers to {outputs}; the table of both is too large")
-    group = np.broadcast_to(np.arange(outputs).reshape(groups), tensor.shape).ravel()
-    weights = (np.arange(outputs)[:, None] == group[None, :]).astype(np.float64)
-    total = apply_linear(call.walk, tensor, weights, np.zeros(outputs), kept)
-    if call.node.op_type == "ReduceSum":
-        return total
-    return combined(call.walk, Operator.DIVIDE, total, ConstantOperand(np.array(tensor.size // outputs, tensor.dtype)))
+    group = np.broadcast_to(np.arange(math.prod(groups)).reshape(groups), tensor.shape).ravel()
+    order = np.argsort(group, kind="stable")
+    rows = tensor.moved(lambda array: np.ravel(array)[order].reshape(math.prod(groups), -1))
+    return _REDUCTIONS[name](call.walk, rows).moved(lambda array: array.reshape(kept))
 
 
-operator("ReduceSum", 1, 11, 13)(_reduction)
-operator("ReduceMean", 1, 11, 13, 18)(_reduction)
+def _total(walk: GraphWalk, rows: Tensor) -> Tensor:
+    outputs = rows.shape[0]
+    if outputs * rows.size > _MAX_REDUCTION:
+        raise UnsupportedModelError(f"reduces {rows.size} numbers to {outputs}; the table of both is too large")
+    weights = np.repeat(np.eye(outputs), rows.shape[1], axis=1)
+    return apply_linear(walk, rows, weights, np.zeros(outputs), (outputs,))
+
+
+def mean_of(walk: GraphWalk, rows: Tensor) -> Tensor:
+    """The mean of each row."""
+    return with_constant(walk, _total(walk, rows), Operator.DIVIDE, rows.shape[1])
+
+
+def product_of(walk: GraphWalk, one: Tensor, other: Tensor) -> Tensor:
+    """The product of two tensors, number by number."""
+    return require_tensor(combined(walk, Operator.MULTIPLY, one, other))
+
+
+def _extreme(code: Operator) -> Callable[[GraphWalk, Tensor], Tensor]:
+    """The largest or the smallest of each row, by halves."""
+
+    def reduce(walk: GraphWalk, rows: Tensor) -> Tensor:
+        walk.refuse_special(rows)
+        while rows.shape[1] > 1:
+            half = (rows.shape[1] + 1) // 2
+            sides = (replace(rows, value=rows.value[:, part], column=rows.column[:, part]) for part in _halves(half))
+            rows = replace(require_tensor(combined(walk, code, *sides)), special=False)
+        return rows
+
+    return reduce
+
+
+def _halves(half: int) -> tuple[slice, slice]:
+    return slice(half), slice(-half, None)
+
+
+def _log_sum_exp(walk: GraphWalk, rows: Tensor) -> Tensor:
+    """What a logarithm of a softmax takes from each number: the first one less its own."""
+    found = []
+    for number in range(rows.shape[0]):
+        row = replace(rows, value=rows.value[number], column=rows.column[number])
+        first, share = (part.moved(lambda a: a[:1]) for part in (row, apply_softmax(walk, row, logarithm=True)))
+        found.append(require_tensor(combined(walk, Operator.SUBTRACT, first, share)))
+    value, column = (np.concatenate([getattr(part, name) for part in found]) for name in ("value", "column"))
+    return replace(found[0], value=value, column=column)
+
+
+_REDUCTIONS: dict[str, Callable[[GraphWalk, Tensor], Tensor]] = {
+    "ReduceSum": _total,
+    "ReduceMean": mean_of,
+    "ReduceSumSquare": lambda walk, rows: _total(walk, product_of(walk, rows, rows)),
+    "ReduceL1": lambda walk, rows: _total(walk, apply_activation(walk, rows, Function.ABS)),
+    "ReduceL2": lambda walk, rows: apply_activation(walk, _total(walk, product_of(walk, rows, rows)), Function.SQRT),
+    "ReduceMax": _extreme(Operator.MAXIMUM),
+    "ReduceMin": _extreme(Operator.MINIMUM),
+    "ReduceLogSumExp": _log_sum_exp,
+}
+for _name in _REDUCTIONS:
+    newest = {"ReduceSum": (), "ReduceMax": (12, 18, 20), "ReduceMin": (12, 18, 20)}.get(_name, (18,))
+    operator(_name, 1, 11, 13, *newest)(_reduction)

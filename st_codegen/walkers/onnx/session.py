@@ -59,15 +59,14 @@ def read_largest(found: Any) -> FloatArray:
 
 
 def predictor(
-    model: onnx.ModelProto, data: bytes, inputs: list[GraphInput], outputs: list[tuple[str, Reader]], file: str
+    model: onnx.ModelProto, inputs: list[GraphInput], outputs: list[tuple[str, Reader]], file: str
 ) -> Predictor:
     """onnxruntime on rows (rows, features), one at a time: the outputs that are read, laid end to end.
 
     It is given the model at the first call. Raises InputError where it refuses the model, which a copy of this process
     tries (see `processes`).
     """
-    if any(given.dtype == np.int64 for given in inputs):
-        data = _with_double_inputs(model, inputs)
+    data = _with_double_inputs(model, inputs)
     predict = _SessionPredictor(data, inputs, outputs, file)
     row = np.zeros((1, inputs[-1].start + inputs[-1].size))  # some faults show only when a model runs
     failure = failure_in_copy(lambda: predict(row))

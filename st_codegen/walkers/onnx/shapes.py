@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,13 +13,15 @@ import onnx
 
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import AnyArray
+from st_codegen.walkers.onnx.elementwise import is_not_zero
 from st_codegen.walkers.onnx.file import type_name
-from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
+from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, Result, operator
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
     FLOAT64,
     MAX_COLUMNS,
     MAX_FOLDED,
+    TRUTH,
     ConstantOperand,
     LabelOperand,
     Operand,
@@ -34,6 +37,7 @@ _CASTS: dict[int, type[np.generic]] = {
     onnx.TensorProto.INT64: np.int64,
     onnx.TensorProto.INT32: np.int32,
     onnx.TensorProto.STRING: np.object_,
+    onnx.TensorProto.BOOL: np.bool_,
 }
 
 
@@ -59,6 +63,10 @@ def _cast(call: NodeCall) -> Operand:
     if isinstance(operand, LabelOperand):
         return _cast_labels(operand, dtype)
     if isinstance(operand, Tensor):
+        if operand.dtype == TRUTH:
+            return replace(operand, dtype=dtype)
+        if dtype == TRUTH:
+            return is_not_zero(call.walk, operand)
         if dtype in (FLOAT32, FLOAT64):
             return call.walk.as_type(operand, dtype)
         if operand.dtype not in (FLOAT32, FLOAT64) and dtype.kind != "O":
@@ -242,3 +250,81 @@ def picked(operand: Operand, indices: AnyArray, axis: int) -> Operand:
     others = math.prod(operand.shape[:axis] + operand.shape[axis + 1 :])
     check_size([others, indices.size], MAX_COLUMNS if isinstance(operand, Tensor) else MAX_FOLDED)
     return operand.moved(lambda array: np.take(array, indices, axis=axis))
+
+
+@operator("GatherElements", 11, 13)
+def _gather_elements(call: NodeCall) -> Operand:
+    operand, positions = call.required(), call.positions()
+    axis = axis_of(call.node.integer("axis"), len(operand.shape))
+    length = operand.shape[axis] if operand.shape else 0
+    if positions.ndim != len(operand.shape) or np.any((positions < -length) | (positions >= length)):
+        raise InputError(f"positions of shape {positions.shape}, or beyond those of shape {operand.shape}")
+    check_size(positions.shape)
+    try:
+        return operand.moved(lambda array: np.take_along_axis(array, positions, axis))
+    except (ValueError, IndexError):
+        raise InputError(f"positions of shape {positions.shape} for shape {operand.shape}") from None
+
+
+@operator("Slice", 1, 10, 11, 13)
+def _slice(call: NodeCall) -> Operand:
+    operand = call.required()
+    if call.node.version == 1:
+        given = [call.node.integers(name).tolist() or None for name in ("starts", "ends", "axes")]
+    else:
+        given = [call.integers(number, name) for number, name in enumerate(("starts", "ends", "axes"), 1)]
+    starts, ends, axes = given
+    steps = call.integers(4, "steps")
+    if not starts or ends is None or len({len(part) for part in (starts, ends, axes or starts, steps or starts)}) > 1:
+        raise InputError("starts, ends, axes and steps are missing or of different lengths; the model file is damaged")
+    taken = [slice(None)] * len(operand.shape)
+    for number, axis in enumerate(axes or range(len(starts))):
+        step = steps[number] if steps else 1
+        if step == 0:
+            raise InputError("a step of 0; the model file is damaged")
+        length = operand.shape[axis_of(axis, len(operand.shape))]
+        # from the last one down to the first, an end before the first is none
+        end = None if step < 0 and ends[number] < -length else ends[number]
+        taken[axis_of(axis, len(operand.shape))] = slice(starts[number], end, step)
+        if not len(range(length)[slice(starts[number], end, step)]):
+            raise UnsupportedModelError(f"takes no columns from {starts[number]} to {ends[number]} of {length}")
+    return operand.moved(lambda array: array[tuple(taken)])
+
+
+@operator("Split", 2, 11, 13, 18)
+def _split(call: NodeCall) -> Result:
+    operand, count = call.required(), len(call.node.proto.output)
+    axis = axis_of(call.node.integer("axis"), len(operand.shape))
+    length = operand.shape[axis]
+    sizes = call.integers(1, "split") if call.node.version >= 13 else call.node.integers("split").tolist()
+    if not sizes:
+        each = -(-length // count)
+        sizes = [max(min(each, length - each * number), 0) for number in range(count)]
+    if len(sizes) != count or sum(sizes) != length or min(sizes) < 1:
+        raise InputError(f"parts of {sizes} for {count} outputs and {length} columns; the model file is damaged")
+    ends = np.cumsum(sizes)
+    return tuple(
+        operand.moved(partial(np.take, indices=np.arange(end - size, end), axis=axis))
+        for size, end in zip(sizes, ends, strict=True)
+    )
+
+
+@operator("Expand", 8, 13)
+def _expand(call: NodeCall) -> Operand:
+    operand, wanted = call.required(), call.integers(1, "shape") or []
+    try:
+        shape = np.broadcast_shapes(operand.shape, tuple(wanted))
+    except ValueError:
+        raise InputError(f"shape {operand.shape} does not grow to {wanted}; the model file is damaged") from None
+    check_size(shape, MAX_COLUMNS if isinstance(operand, Tensor) else MAX_FOLDED)
+    return operand.moved(lambda array: np.broadcast_to(array, shape))
+
+
+@operator("ConstantOfShape", 9, 20, 21, 23, 24, 25)
+def _constant_of_shape(call: NodeCall) -> Operand:
+    shape, value = call.integers(0, "shape") or [], call.node.tensor("value")
+    check_size(shape, MAX_FOLDED)
+    filler = np.zeros(1, np.float32) if value is None else value
+    if filler.size != 1 or min(shape, default=1) < 1:
+        raise InputError("the value is not one number, or the shape is negative; the model file is damaged")
+    return ConstantOperand(np.full(tuple(shape), np.ravel(filler)[0], filler.dtype))

@@ -1,0 +1,255 @@
+"""Operators of the standard ONNX domain that are made of others: activations, comparisons, choices, norms.
+
+Each is what onnxruntime computes step by step, with one rounding a step (core/providers/cpu/activation,
+core/providers/cpu/math/element_wise_ops.cc, core/providers/cpu/nn/layer_norm_impl.cc). Truth values are 0 and 1.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.ir import Combine, Exceeds, Function, Operator, Scale
+from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
+from st_codegen.walkers.onnx.operands import (
+    FLOAT32,
+    FLOAT64,
+    TRUTH,
+    ConstantOperand,
+    LabelOperand,
+    Operand,
+    Tensor,
+    axis_of,
+    check_size,
+    require_float,
+    require_tensor,
+)
+from st_codegen.walkers.onnx.operators import apply_activation, combined, mean_of, product_of, with_constant
+
+# --- activations ---------------------------------------------------------------------------------------------------
+
+
+@operator("Reciprocal", 6, 13)
+def _reciprocal(call: NodeCall) -> Operand:
+    return with_constant(call.walk, call.computed(), Operator.DIVIDE, 1.0, left=True)
+
+
+@operator("Gelu", 20)
+def _gelu(call: NodeCall) -> Operand:
+    if call.node.text("approximate", "none") != "none":
+        raise UnsupportedModelError("the approximation of Gelu; export the model with approximate='none'")
+    return apply_activation(call.walk, call.computed(), Function.GELU)
+
+
+@operator("Selu", 6, 22)
+def _selu(call: NodeCall) -> Operand:
+    alpha, gamma = call.node.number("alpha", 1.67326319), call.node.number("gamma", 1.05070102)
+    below = apply_activation(call.walk, call.computed(), Function.ELU, alpha)
+    return with_constant(call.walk, below, Operator.MULTIPLY, gamma)
+
+
+@operator("Celu", 12)
+def _celu(call: NodeCall) -> Operand:
+    alpha, walk = call.node.number("alpha", 1.0), call.walk
+    scaled = with_constant(walk, call.computed(), Operator.DIVIDE, alpha)
+    return with_constant(walk, apply_activation(walk, scaled, Function.ELU), Operator.MULTIPLY, alpha)
+
+
+def _hard_sigmoid(walk: GraphWalk, tensor: Tensor, alpha: float, beta: float) -> Tensor:
+    walk.refuse_special(tensor)
+    line = with_constant(walk, with_constant(walk, tensor, Operator.MULTIPLY, alpha), Operator.ADD, beta)
+    return with_constant(walk, with_constant(walk, line, Operator.MINIMUM, 1.0), Operator.MAXIMUM, 0.0)
+
+
+@operator("HardSigmoid", 6, 22)
+def _hard_sigmoid_node(call: NodeCall) -> Operand:
+    return _hard_sigmoid(call.walk, call.computed(), call.node.number("alpha", 0.2), call.node.number("beta", 0.5))
+
+
+@operator("HardSwish", 14, 22)
+def _hard_swish(call: NodeCall) -> Operand:
+    tensor = call.computed()
+    return product_of(call.walk, tensor, _hard_sigmoid(call.walk, tensor, float(np.float32(1 / 6)), 0.5))
+
+
+@operator("PRelu", 7, 9, 16)
+def _prelu(call: NodeCall) -> Operand:
+    tensor, walk, slope = call.computed(), call.walk, call.required(1)
+    walk.refuse_special(tensor)
+    below = combined(walk, Operator.MULTIPLY, with_constant(walk, tensor, Operator.MINIMUM, 0.0), slope)
+    return combined(walk, Operator.ADD, with_constant(walk, tensor, Operator.MAXIMUM, 0.0), below)
+
+
+@operator("Pow", 7, 12, 13, 15)
+def _power(call: NodeCall) -> Operand:
+    tensor, exponent = call.computed(), call.constant(1, "the exponent")
+    if exponent is None or exponent.size != 1 or float(exponent.ravel()[0]) not in (1.0, 2.0, 3.0):
+        raise UnsupportedModelError("exponents are 1, 2 and 3; write others with Sqrt, Reciprocal, Exp and Log")
+    result = tensor
+    for _ in range(int(exponent.ravel()[0]) - 1):
+        result = product_of(call.walk, result, tensor)
+    return result
+
+
+# --- choices -------------------------------------------------------------------------------------------------------
+
+
+def _extreme(call: NodeCall) -> Operand:
+    code = Operator.MAXIMUM if call.node.op_type == "Max" else Operator.MINIMUM
+    found = call.required()
+    for number in range(1, len(call.operands)):
+        for operand in (found, call.required(number)):
+            if isinstance(operand, Tensor):
+                call.walk.refuse_special(operand)
+        found = combined(call.walk, code, found, call.required(number))
+    return found
+
+
+operator("Max", 8, 12, 13)(_extreme)
+operator("Min", 8, 12, 13)(_extreme)
+
+
+def _truths(walk: GraphWalk, value: int, shape: tuple[int, ...]) -> Tensor:
+    return walk.computed(value, shape, TRUTH, special=False)
+
+
+def _opposite(walk: GraphWalk, truths: int) -> int:
+    width = walk.builder.width(truths)
+    return walk.builder.add(Scale((truths,), Operator.SUBTRACT, np.ones(width), reverse=True))
+
+
+def _as_number(operand: Operand) -> Operand:
+    """A label that is its own number as that number, and integers to compare it with."""
+    if isinstance(operand, LabelOperand) and operand.labels == tuple(range(len(operand.labels))):
+        zeros = np.zeros(operand.shape, np.int64)
+        return Tensor(zeros + operand.value, zeros, FLOAT64, special=False)
+    if isinstance(operand, ConstantOperand) and operand.dtype in (np.int64, np.int32):
+        return ConstantOperand(operand.array.astype(np.float64))
+    return operand
+
+
+#: Whether equal numbers count as above, and whether the answer is turned round.
+_COMPARISONS = {
+    "Greater": (False, False),
+    "GreaterOrEqual": (True, False),
+    "Less": (True, True),
+    "LessOrEqual": (False, True),
+}
+
+
+def _comparison(call: NodeCall) -> Operand:
+    left, right, walk = _as_number(call.required()), _as_number(call.required(1)), call.walk
+    shape = np.broadcast_shapes(left.shape, right.shape)
+    check_size(shape)
+    if isinstance(left, ConstantOperand):  # c < x is -x < -c
+        turned = ConstantOperand(-left.array)
+        left, right = with_constant(walk, require_tensor(right), Operator.MULTIPLY, -1.0), turned
+    tensor = require_float(require_tensor(left))
+    walk.refuse_special(tensor)
+    cut = np.zeros(math.prod(shape))
+    value = walk.settle(tensor.moved(lambda array: np.broadcast_to(array, shape)))
+    if isinstance(right, ConstantOperand):
+        cut = np.broadcast_to(right.array, shape).astype(np.float64).ravel()
+    else:  # the difference of two numbers is 0 where they are equal only
+        other = require_float(require_tensor(right))
+        walk.refuse_special(other)
+        pair = (value, walk.settle(other.moved(lambda array: np.broadcast_to(array, shape))))
+        value = walk.builder.add(Combine(pair, Operator.SUBTRACT, len(cut)))
+    return _truths(walk, _compared(walk, call.node.op_type, value, cut), shape)
+
+
+def _compared(walk: GraphWalk, name: str, value: int, cut: np.ndarray) -> int:
+    if name == "Equal":
+        pair = tuple(walk.builder.add(Exceeds((value,), cut, inclusive)) for inclusive in (True, False))
+        return walk.builder.add(Combine(pair, Operator.SUBTRACT, len(cut)))
+    inclusive, turned = _COMPARISONS[name]
+    found = walk.builder.add(Exceeds((value,), cut, inclusive))
+    return _opposite(walk, found) if turned else found
+
+
+operator("Greater", 7, 9, 13)(_comparison)
+operator("Less", 7, 9, 13)(_comparison)
+operator("GreaterOrEqual", 12, 16)(_comparison)
+operator("LessOrEqual", 12, 16)(_comparison)
+operator("Equal", 7, 11, 13, 19)(_comparison)
+
+
+def is_not_zero(walk: GraphWalk, tensor: Tensor) -> Tensor:
+    """The truth value of each number."""
+    walk.refuse_special(tensor)
+    equal = _compared(walk, "Equal", walk.settle(tensor), np.zeros(tensor.size))
+    return _truths(walk, _opposite(walk, equal), tensor.shape)
+
+
+def _logical(operand: Operand) -> Tensor:
+    tensor = require_tensor(operand)
+    if tensor.dtype != TRUTH:
+        raise UnsupportedModelError("reads numbers where truth values are expected")
+    return tensor
+
+
+@operator("Not", 1)
+def _not(call: NodeCall) -> Operand:
+    tensor = _logical(call.required())
+    return _truths(call.walk, _opposite(call.walk, call.walk.settle(tensor)), tensor.shape)
+
+
+def _both_or_either(call: NodeCall) -> Operand:
+    code = Operator.MINIMUM if call.node.op_type == "And" else Operator.MAXIMUM
+    pair = [_logical(call.required(number)) for number in (0, 1)]
+    shape = np.broadcast_shapes(pair[0].shape, pair[1].shape)
+    one, other = (call.walk.settle(side.moved(lambda array: np.broadcast_to(array, shape))) for side in pair)
+    return _truths(call.walk, call.walk.builder.add(Combine((one, other), code, math.prod(shape))), shape)
+
+
+operator("And", 7)(_both_or_either)
+operator("Or", 7)(_both_or_either)
+
+
+@operator("Where", 9, 16)
+def _where(call: NodeCall) -> Operand:
+    """condition * a + (1 - condition) * b: one of the products is zero."""
+    condition, walk = _logical(call.required()), call.walk
+    sides = [_as_number(call.required(number)) for number in (1, 2)]
+    shape = np.broadcast_shapes(condition.shape, *(side.shape for side in sides))
+    check_size(shape)
+    dtype = sides[0].dtype
+    if dtype != sides[1].dtype:
+        raise InputError(f"chooses between {dtype} and {sides[1].dtype}; the model file is damaged")
+    truths = walk.settle(condition.moved(lambda array: np.broadcast_to(array, shape)))
+    parts = []
+    for side, factor in zip(sides, (truths, _opposite(walk, truths)), strict=True):
+        if isinstance(side, ConstantOperand):
+            numbers = np.broadcast_to(side.array, shape).astype(np.float64).ravel()
+            parts.append(walk.builder.add(Scale((factor,), Operator.MULTIPLY, numbers)))
+            continue
+        tensor = require_float(require_tensor(side))
+        walk.refuse_special(tensor)
+        value = walk.settle(tensor.moved(lambda array: np.broadcast_to(array, shape)))
+        parts.append(walk.builder.add(Combine((value, factor), Operator.MULTIPLY, math.prod(shape))))
+    chosen = walk.builder.add(Combine((parts[0], parts[1]), Operator.ADD, math.prod(shape)))
+    return walk.computed(chosen, shape, dtype if dtype in (FLOAT32, FLOAT64) else FLOAT64, special=False)
+
+
+# --- norms ---------------------------------------------------------------------------------------------------------
+
+
+@operator("LayerNormalization", 17)
+def _layer_normalization(call: NodeCall) -> Operand:
+    """(x - mean) / sqrt(variance + epsilon) * scale + bias."""
+    tensor, walk = call.computed(), call.walk
+    axis = axis_of(call.node.integer("axis", -1), len(tensor.shape))
+    if math.prod(tensor.shape[axis:]) != tensor.size or len([name for name in call.node.proto.output if name]) > 1:
+        raise UnsupportedModelError(f"axis {axis} of shape {tensor.shape}, or several outputs: one row is supported")
+    row = tensor.moved(lambda array: array.reshape(1, -1))
+    mean = mean_of(walk, row)
+    centred = require_tensor(combined(walk, Operator.SUBTRACT, row, mean))
+    variance = mean_of(walk, product_of(walk, centred, centred))
+    shifted = with_constant(walk, variance, Operator.ADD, call.node.number("epsilon", 1e-5))
+    spread = apply_activation(walk, shifted, Function.SQRT)
+    centred = centred.moved(lambda array: array.reshape(tensor.shape))
+    result = combined(walk, Operator.DIVIDE, centred, spread)
+    result = combined(walk, Operator.MULTIPLY, result, call.required(1))
+    return combined(walk, Operator.ADD, result, call.required(2)) if call.optional(2) is not None else result

@@ -1,0 +1,258 @@
+"""Operators made of others: what has one rounding a step is equal to the bit, the rest within its derived bound."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from onnx import TensorProto, helper
+
+from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.ir import reference
+from st_codegen.proof.bounds import difference_bound
+from tests.classifiers import loaded as compiled
+from tests.classifiers import verified
+from tests.walkers import onnx_builders as build
+from tests.walkers.onnx_builders import DOUBLE, FLOAT, INT64, constant, graph_model, info, ml, single
+
+DTYPES = pytest.mark.parametrize("elem_type", [FLOAT, DOUBLE])
+
+
+def agree(loaded, x):
+    """On rows that the library accepts: both have no answer, or one within the bound (0: equal numbers)."""
+    x = np.asarray(x, np.float64)
+    x = x[reference.valid_rows(loaded.ir, x)]
+    library, ours, bound = loaded.predict(x), reference.evaluate(loaded.ir, x), difference_bound(loaded.ir, x)
+    missing = ~np.all(np.isfinite(ours), axis=1)
+    np.testing.assert_array_equal(missing, ~np.all(np.isfinite(library), axis=1))
+    difference, bound = np.abs(ours - library)[~missing], bound[~missing]
+    assert np.all(difference <= bound), (difference - bound).max()
+    assert len(difference) > len(x) / 4
+    return bound
+
+
+def rows(rng, columns=3):
+    """Numbers of all signs and sizes, ties, thresholds and their neighbours, NaN and infinities."""
+    near = build.special_rows(columns, [0.5, -1.0, 2.0, 3.0, -3.0, 0.0], rng, n=150)
+    return np.vstack([rng.normal(size=(150, columns)) * 3, build.rows(columns, 5, 100, 2.0), near])
+
+
+UNARY = {
+    **{name: {} for name in "Abs Sqrt Log Erf Reciprocal Softsign Celu Selu HardSigmoid HardSwish Gelu".split()},
+    "HardSigmoid 2": {"alpha": 0.3, "beta": 0.25},
+    "Celu 2": {"alpha": 1.7},
+    "Selu 2": {"alpha": 1.5, "gamma": 0.75},
+}
+EXACT = {"Abs", "Sqrt", "Reciprocal", "HardSigmoid", "HardSwish"}
+FLOAT_ONLY = {"Erf", "Celu", "Gelu"}
+
+
+@DTYPES
+@pytest.mark.parametrize("name", UNARY)
+def test_functions_of_each_number(tmp_path, name, elem_type):
+    op_type = name.split()[0]
+    model = single(op_type, 3, elem_type=elem_type, opset=20, **UNARY[name])
+    try:
+        loaded = build.load(model, tmp_path)
+    except InputError as error:
+        assert op_type in FLOAT_ONLY | {"Selu", "HardSigmoid", "HardSwish", "Softsign"} and elem_type == DOUBLE
+        assert "onnxruntime refuses the model" in str(error)
+        return
+    x = rows(np.random.default_rng(1))
+    x[::2] = np.abs(x[::2])
+    bound = agree(loaded, x)
+    assert loaded.ir.exact == (op_type in EXACT) == (not np.any(bound))
+
+
+@DTYPES
+@pytest.mark.parametrize("exponent", [1.0, 2.0, 3.0])
+def test_powers(tmp_path, exponent, elem_type):
+    dtype = helper.tensor_dtype_to_np_dtype(elem_type)
+    loaded = build.load(single("Pow", 3, [constant("E", exponent, dtype)], elem_type), tmp_path)
+    agree(loaded, np.clip(rows(np.random.default_rng(2)), -1e9, 1e9))
+    with pytest.raises(UnsupportedModelError, match="exponents are 1, 2 and 3"):
+        build.load(single("Pow", 3, [constant("E", 0.5, dtype)], elem_type), tmp_path)
+
+
+def test_slopes_of_columns(tmp_path):
+    loaded = build.load(single("PRelu", 3, [constant("S", [0.5, -0.25, 3.0])]), tmp_path)
+    assert loaded.ir.exact
+    agree(loaded, rows(np.random.default_rng(3)))
+
+
+@DTYPES
+@pytest.mark.parametrize("op_type", ["Max", "Min"])
+def test_the_larger_and_the_smaller(tmp_path, op_type, elem_type):
+    dtype = helper.tensor_dtype_to_np_dtype(elem_type)
+    inputs = [info("A", (None, 3), elem_type), info("B", (None, 1), elem_type)]
+    node = helper.make_node(op_type, ["A", "C", "B"], ["Y"])
+    model = graph_model([node], inputs, [info("Y", None, elem_type)], [constant("C", [0.5, -1.0, 2.0], dtype)])
+    loaded = build.load(model, tmp_path)
+    assert loaded.ir.exact
+    agree(loaded, rows(np.random.default_rng(4), 4))
+
+
+COMPARISONS = ("Greater", "GreaterOrEqual", "Less", "LessOrEqual", "Equal")
+
+
+@DTYPES
+@pytest.mark.parametrize("op_type", COMPARISONS)
+@pytest.mark.parametrize("operands", [["X", "C"], ["C", "X"], ["X", "R"]])
+def test_comparisons(tmp_path, op_type, operands, elem_type):
+    """Of a number with a constant on either side, and of two numbers, which are often equal."""
+    dtype = helper.tensor_dtype_to_np_dtype(elem_type)
+    nodes = [
+        helper.make_node("Gather", ["X", "I"], ["R"], axis=1),
+        helper.make_node(op_type, operands, ["T"]),
+        helper.make_node("Not", ["T"], ["N"]),
+        helper.make_node("Cast", ["T"], ["Y"], to=elem_type),
+        helper.make_node("Where", ["N", "X", "C"], ["Z"]),
+    ]
+    constants = [constant("C", [0.5, -1.0, 2.0], dtype), constant("I", [2, 1, 0], np.int64)]
+    outputs = [info("Y", None, elem_type), info("Z", None, elem_type)]
+    loaded = build.load(graph_model(nodes, [info("X", (None, 3), elem_type)], outputs, constants), tmp_path)
+    assert loaded.ir.exact
+    agree(loaded, rows(np.random.default_rng(5)))
+
+
+@pytest.mark.parametrize("op_type", ["And", "Or"])
+def test_truth_values_together(tmp_path, op_type):
+    nodes = [
+        helper.make_node("Less", ["X", "C"], ["below"]),
+        helper.make_node("Cast", ["X"], ["there"], to=TensorProto.BOOL),
+        helper.make_node(op_type, ["below", "there"], ["T"]),
+        helper.make_node("Cast", ["T"], ["N"], to=INT64),
+        helper.make_node("Cast", ["N"], ["Y"], to=FLOAT),
+    ]
+    model = graph_model(nodes, [info("X", (None, 3))], [info("Y", None)], [constant("C", [0.5, 0.0, -1.0])])
+    agree(build.load(model, tmp_path), rows(np.random.default_rng(6)))
+
+
+REDUCTIONS = ("ReduceSum ReduceMean ReduceMax ReduceMin ReduceSumSquare ReduceL1 ReduceL2 ReduceLogSumExp").split()
+
+
+@pytest.mark.parametrize("op_type", REDUCTIONS)
+@pytest.mark.parametrize("keepdims", [0, 1])
+@pytest.mark.parametrize("grid", [(1, 6), (1, 2, 3)])
+def test_reductions(tmp_path, op_type, keepdims, grid):
+    attributes = {"keepdims": keepdims} if op_type == "ReduceSum" else {"keepdims": keepdims, "axes": [-1]}
+    nodes = [
+        helper.make_node("Reshape", ["X", "shape"], ["G"]),
+        helper.make_node(op_type, ["G", "axes"] if op_type == "ReduceSum" else ["G"], ["Y"], **attributes),
+    ]
+    constants = [constant("shape", grid, np.int64), constant("axes", [-1], np.int64)]
+    loaded = build.load(graph_model(nodes, [info("X", (None, 6))], [info("Y", None)], constants, opset=13), tmp_path)
+    assert len(loaded.ir.outputs) == (1 if len(grid) == 2 else 2)
+    assert loaded.ir.exact == (op_type in ("ReduceMax", "ReduceMin"))
+    agree(loaded, np.clip(rows(np.random.default_rng(7), 6), -1e6, 1e6))
+
+
+@pytest.mark.parametrize("bias", [False, True])
+def test_layer_normalization(tmp_path, bias):
+    rng = np.random.default_rng(8)
+    constants = [constant("scale", rng.normal(size=8)), constant("bias", rng.normal(size=8))][: 1 + bias]
+    loaded = build.load(single("LayerNormalization", 8, constants), tmp_path)
+    x = rng.normal(size=(300, 8)) * 10 ** rng.uniform(-3, 3, size=(300, 1)) + rng.normal(size=(300, 1))
+    x = np.vstack([x, np.full((1, 8), 3.0), np.zeros((1, 8))])
+    library, ours, bound = loaded.predict(x), reference.evaluate(loaded.ir, x), difference_bound(loaded.ir, x)
+    assert np.all(np.abs(library - ours) <= bound)
+    assert np.mean(np.isfinite(bound)) > 0.9
+
+
+def test_columns_that_are_cut_picked_split_and_grown(tmp_path):
+    nodes = [
+        helper.make_node("Slice", ["X", "starts", "ends", "axes", "steps"], ["back"]),
+        helper.make_node("Split", ["X", "parts"], ["left", "right"], axis=1),
+        helper.make_node("GatherElements", ["X", "at"], ["picked"], axis=1),
+        helper.make_node("Slice", ["right", "zero", "one", "one"], ["single"]),
+        helper.make_node("Expand", ["single", "grown"], ["wide"]),
+        helper.make_node("ConstantOfShape", ["grown"], ["ones"], value=constant("v", [1.0])),
+        helper.make_node("Add", ["wide", "ones"], ["more"]),
+        helper.make_node("Concat", ["back", "left", "picked", "more"], ["Y"], axis=1),
+    ]
+    numbers = {"starts": [-1], "ends": [-99], "axes": [1], "steps": [-2], "parts": [1, 4], "zero": [0], "one": [1]}
+    numbers |= {"at": [[4, 0, -2]], "grown": [1, 2]}
+    constants = [constant(name, values, np.int64) for name, values in numbers.items()]
+    loaded = build.load(graph_model(nodes, [info("X", (None, 5))], [info("Y", None)], constants), tmp_path)
+    assert build.assert_equal_bits(loaded, [[1.0, 2.0, 3.0, 4.0, 5.0]]).tolist() == [[5, 3, 1, 1, 5, 1, 4, 3, 3]]
+
+
+def test_missing_numbers_filled_in(tmp_path):
+    fills = [0.5, 3.0, 0.5]
+    for replaced in (np.nan, -1.0):
+        model = ml("Imputer", 3, imputed_value_floats=fills, replaced_value_float=replaced)
+        loaded = build.load(model, tmp_path)
+        x = rows(np.random.default_rng(9))
+        assert loaded.ir.accepts_nan == bool(np.isnan(replaced))
+        agree(loaded, x)
+        assert verified(compiled(loaded), tmp_path / "text", rows=300).exact
+    nodes = [
+        helper.make_node(
+            "Imputer", ["X"], ["F"], domain="ai.onnx.ml", imputed_value_floats=[1.0], replaced_value_float=np.nan
+        ),
+        helper.make_node("MatMul", ["F", "W"], ["Y"]),
+    ]
+    model = graph_model(nodes, [info("X", (None, 3))], [info("Y", None)], [constant("W", np.ones((3, 2)))])
+    loaded = build.load(model, tmp_path)
+    assert np.all(np.isfinite(reference.evaluate(loaded.ir, np.array([[np.nan, 1.0, np.nan]]))))
+    assert verified(compiled(loaded), tmp_path / "net", rows=300).passed
+
+
+def test_thresholds_and_categories(tmp_path):
+    loaded = build.load(ml("Binarizer", 3, threshold=0.5), tmp_path)
+    assert loaded.ir.exact
+    agree(loaded, rows(np.random.default_rng(10)))
+    for elem_type in (FLOAT, DOUBLE):
+        loaded = build.load(ml("OneHotEncoder", 2, elem_type, cats_int64s=[0, 3, -2, 1, 7]), tmp_path)
+        assert len(loaded.ir.outputs) == 10
+        assert loaded.ir.exact
+        near = [value + step for value in (-3.0, -2.0, -1.0, 0.0, 1.0, 3.0, 4.0, 7.0, 8.0) for step in (0.0, 0.5, -0.5)]
+        x = build.special_rows(2, near, np.random.default_rng(11), n=300)
+        agree(loaded, x[np.all(np.abs(x) < 1e9, axis=1)])
+    with pytest.raises(UnsupportedModelError, match="fails on an unknown category"):
+        build.load(ml("OneHotEncoder", 2, cats_int64s=[1], zeros=0), tmp_path)
+
+
+def test_labels_encoded(tmp_path):
+    nodes = [
+        helper.make_node("ArgMax", ["X"], ["I"], axis=1, keepdims=0),
+        helper.make_node(
+            "LabelEncoder", ["I"], ["Y"], domain="ai.onnx.ml", keys_int64s=[0, 1, 2], values_strings=["a", "b", "c"]
+        ),
+    ]
+    model = graph_model(nodes, [info("X", (None, 3))], [info("Y", None, TensorProto.STRING)])
+    loaded = build.load(model, tmp_path)
+    assert loaded.ir.classes.labels == ("a", "b", "c")
+    agree(loaded, rows(np.random.default_rng(12)))
+
+
+def test_a_number_of_rows_in_the_file(tmp_path):
+    """A graph for five rows at once is compiled for one."""
+    nodes = [helper.make_node("Neg", ["X"], ["N"]), helper.make_node("Relu", ["N"], ["Y"])]
+    loaded = build.load(graph_model(nodes, [info("X", (5, 3))], [info("Y", (5, 3))]), tmp_path)
+    build.assert_equal_bits(loaded, build.rows(3))
+
+
+def test_a_network_of_these_is_verified(tmp_path):
+    """As PyTorch writes Gelu before opset 20, with a norm and a choice behind it."""
+    rng = np.random.default_rng(13)
+    nodes = [
+        helper.make_node("Gemm", ["X", "W1", "b1"], ["h"]),
+        helper.make_node("Div", ["h", "root"], ["d"]),
+        helper.make_node("Erf", ["d"], ["e"]),
+        helper.make_node("Add", ["e", "one"], ["a"]),
+        helper.make_node("Mul", ["h", "a"], ["m"]),
+        helper.make_node("LayerNormalization", ["m", "scale"], ["n"]),
+        helper.make_node("Gemm", ["n", "W2", "b2"], ["s"]),
+        helper.make_node("HardSwish", ["s"], ["w"]),
+        helper.make_node("LogSoftmax", ["w"], ["Y"], axis=-1),
+    ]
+    constants = [
+        constant("W1", rng.normal(size=(3, 6))),
+        constant("b1", rng.normal(size=6)),
+        *(constant("root", np.sqrt(2.0)), constant("one", 1.0), constant("scale", rng.normal(size=6))),
+        constant("W2", rng.normal(size=(6, 3))),
+        constant("b2", rng.normal(size=3)),
+    ]
+    loaded = build.load(graph_model(nodes, [info("X", (None, 3))], [info("Y", None)], constants, opset=17), tmp_path)
+    for target in ("twincat", "iec"):
+        assert verified(compiled(loaded), tmp_path / target, target, rows=300).passed
