@@ -26,6 +26,7 @@ from st_codegen.ir import (
     Normalize,
     Operator,
     Precision,
+    Select,
 )
 from st_codegen.walkers.onnx.file import GraphNode
 from st_codegen.walkers.onnx.forest import MAX_ID, Forest, NumberType, refuse_post_transform
