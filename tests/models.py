@@ -191,6 +191,9 @@ VECTORS = np.array([[0.1, 0.2, 0.3], [-1.0, 0.5, 2.0], [0.0, 0.0, 1.0]])
 PIECES = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [5.0, 0.0], [5.0, -2.0], [-1.0, 0.0], [0.5, 0.0], [0.25, 0.0]])
 
 #: One model for each operation and each of its variants.
+#: The columns that models of one function read: one of them where half of all numbers have no answer.
+FUNCTION_COLUMNS = {function: [0] if function in (Function.SQRT, Function.LOG) else [0, 1, 2] for function in Function}
+
 SMALL_MODELS = {
     "select": model(Select((0,), [2, 0, 0])),
     **{
@@ -269,12 +272,17 @@ SMALL_MODELS = {
     "linear sequential": model(
         Round((0,), 3), Linear((1,), W, [0.25, -1.0], SummationOrder.SEQUENTIAL, Precision.FLOAT32)
     ),
-    **{f"function {function.value}": model(Activation((0,), function, 3, 0.3)) for function in Function},
+    **{
+        f"function {function.value}": model(Select((0,), columns), Activation((1,), function, len(columns), 0.3))
+        for function, columns in FUNCTION_COLUMNS.items()
+    },
     **{
         f"function {function.value} float32": model(
-            Round((0,), 3), Activation((1,), function, 3, 0.25, Precision.FLOAT32)
+            Select((0,), columns),
+            Round((1,), len(columns)),
+            Activation((2,), function, len(columns), 0.25, Precision.FLOAT32),
         )
-        for function in Function
+        for function, columns in FUNCTION_COLUMNS.items()
     },
     **{f"normalize {norm.value}": model(Round((0,), 3), Normalize((1,), norm, 3)) for norm in Norm},
     **{

@@ -189,7 +189,7 @@ def _(op: Scale, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     if op.operator is Operator.MULTIPLY:
         return _peak(operands[0] * constant)
     if op.operator in (Operator.MAXIMUM, Operator.MINIMUM):
-        return 0.0, np.maximum(operands[0], constant)
+        return _peak(np.maximum(operands[0], constant))
     # constant / x is guarded at run time against results above the ceiling
     return _peak(np.full(len(constant), op.ceiling) if op.reverse else operands[0] / constant)
 
@@ -201,7 +201,7 @@ def _(op: Combine, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     if op.operator is Operator.MULTIPLY:
         return _peak(operands[0] * operands[1])
     if op.operator in (Operator.MAXIMUM, Operator.MINIMUM):
-        return 0.0, np.maximum(operands[0], operands[1])
+        return _peak(np.maximum(operands[0], operands[1]))
     return _peak(np.full(op.width, op.ceiling))
 
 
