@@ -236,7 +236,7 @@ def _(op: Linear, operands: list[FloatArray]) -> tuple[float, FloatArray]:
 @magnitudes.register
 def _(op: Activation, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     x = operands[0]
-    if op.function in (Function.TANH, Function.LOGISTIC, Function.SOFTSIGN):
+    if op.function in (Function.TANH, Function.LOGISTIC):
         return 0.0, np.ones(op.width)
     if op.function is Function.SIGNED_SQUARE:
         return _peak(x * x)
@@ -244,8 +244,8 @@ def _(op: Activation, operands: list[FloatArray]) -> tuple[float, FloatArray]:
         return _peak(np.exp(np.minimum(x, op.limit)))
     if op.function in (Function.LOG, Function.LOG1P):  # LN of the smallest number is -744.4, of 2**-53 it is -36.7
         return float(np.max(x)), np.maximum(np.log1p(x), 745.0 if op.function is Function.LOG else 37.0)
-    if op.function in (Function.ERF, Function.GELU):
-        return float(np.max(x * x)), np.ones(op.width) if op.function is Function.ERF else x
+    if op.function in (Function.ERF, Function.GELU, Function.SOFTSIGN):
+        return float(np.max(x * x)), x if op.function is Function.GELU else np.ones(op.width)
     return _peak((1.0 + abs(op.parameter)) * x + 1.0)
 
 
