@@ -34,6 +34,7 @@ _COMMANDS = {
     "simulate": Lazy("st_codegen.cli.simulate", "Simulate the rig: measured campaigns, and motions."),
     "reconcile": Lazy("st_codegen.cli.reconcile", "Name the effects that a rig model lacks, and add them."),
     "compare": Lazy("st_codegen.cli.compare", "Compare the models on a running controller with their libraries."),
+    "record": Lazy("st_codegen.cli.record", "Measure a campaign on a running controller."),
     "serve": Lazy("st_codegen.cli.serve", "Run generated text as a controller does; answer ADS and OPC UA clients."),
     "models": Lazy("st_codegen.cli.models", "List the classes, objectives and operators that are compiled."),
     "explain": Lazy("st_codegen.cli.explain", "Say what the code of a message means, and what to do."),

@@ -19,6 +19,7 @@ from st_codegen.errors import InputError
 Examples:
   st-codegen serve --generated generated --ads
   st-codegen serve --generated generated --ads --opcua
+  st-codegen serve --generated generated --ads --rig examples/rv160n/rig.toml --speed 0
 
 \b
 A client then finds the PLC at the AMS net id 127.0.0.1.1.1, port 851, and at opc.tcp://127.0.0.1:4840/.""",
@@ -55,6 +56,8 @@ A client then finds the PLC at the AMS net id 127.0.0.1.1.1, port 851, and at op
     show_default=True,
     help="So many times as fast as the clock; 0: as fast as this machine can.",
 )
+@click.option("--rig", type=click.Path(path_type=Path), help="Put this simulated rig behind the signals.")
+@click.option("--seed", type=Whole(min=0), default=0, show_default=True, help="Seed of the rig's noise.")
 @click.option("-v", "--verbose", is_flag=True, help="Log every write of a client.")
 def command(
     generated: Path,
@@ -66,6 +69,8 @@ def command(
     opcua_port: int,
     cycle_us: int,
     speed: float,
+    rig: Path | None,
+    seed: int,
     verbose: bool,
 ) -> None:
     """Run the tasks of generated text as a controller does, and answer unmodified ADS and OPC UA clients.
@@ -89,6 +94,12 @@ def command(
     plc = SoftPlc(folder, cycle_us=cycle_us, speed=speed, log=log)
     for task in plc.tasks:
         log(f"task {task.name}: {task.cycle_us} us, {', '.join(task.programs)}")
+
+    if rig is not None:
+        from st_codegen.live.plant import plant_behind
+
+        plc.connect(plant_behind(plc, rig, seed))
+        log(f"{rig} behind the signals")
 
     def ready(addresses: dict[str, Any]) -> None:
         if "ads" in addresses:

@@ -19,7 +19,8 @@ LIST, PROGRAM = "GVL_Record", "PRG_Record"
 FROM_CLIENT = ("nOwner", "nAlive", "fAliveTimeOut_s", "nEvery")
 #: Samples of the ring: four seconds of a task of 500 us where every cycle is kept.
 SAMPLES = 8192
-_KEPT = ("fIn_rad", "fOut_rad", "fShaftTorque_Nm", "fOil_C")
+#: Angles from the zero of the homing, the angle of the encoder, and the conditions.
+_KEPT = ("fIn_rad", "fOut_rad", "fThetaOut_rad", "fShaftTorque_Nm", "fOil_C")
 
 
 def with_recorder(application: Application) -> Application:

@@ -1,0 +1,109 @@
+"""`st-codegen record`: a measured campaign from a running controller."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+
+import click
+
+from st_codegen.cli.console import Number, Whole, console, progress_bar, quiet_option
+from st_codegen.errors import InputError
+from st_codegen.files.number_text import parse_number
+
+
+@click.command(
+    "record",
+    epilog="""\b
+Examples:
+  st-codegen record --ads 192.168.0.5.1.1:851 --plan conditions.csv --out campaign
+  st-codegen record --ads 192.168.0.5.1.1:851 --plan conditions.csv --out campaign --set fAcceleration_rpm_s=500
+  st-codegen train campaign/ --out models/
+
+\b
+conditions.csv:
+  speed_rpm,torque_Nm,temperature_C
+  1000,300,30""",
+)
+@click.option(
+    "-g",
+    "--generated",
+    type=click.Path(path_type=Path),
+    default=Path("generated"),
+    show_default=True,
+    help="Folder that `generate --with-comparison` wrote for a bundle, and that the controller runs.",
+)
+@click.option("--ads", metavar="NETID:PORT[@HOST]", help="The controller over ADS.")
+@click.option("--opcua", metavar="URL", help="The controller over OPC UA.")
+@click.option(
+    "--plan",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="CSV with the columns speed_rpm,torque_Nm,temperature_C: one measurement a row, both directions.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    help="Folder for the curve files; one that was begun with the same plan is continued.",
+)
+@click.option(
+    "--samples", type=Whole(min=100), default=4096, show_default=True, help="Samples of a revolution, at least."
+)
+@click.option("--set", "inputs", multiple=True, metavar="NAME=VALUE", help="Another input of PRG_Experiment.")
+@click.option(
+    "--alive",
+    type=Number(min=0.1, max=3600),
+    default=5.0,
+    show_default=True,
+    help="Seconds of the controller without a word from here, after which it ends a measurement by itself.",
+)
+@click.option(
+    "--timeout", type=Number(min=0.01), default=5.0, show_default=True, help="Seconds in which an answer must come."
+)
+@quiet_option
+def command(
+    generated: Path,
+    ads: str | None,
+    opcua: str | None,
+    plan: Path,
+    out: Path,
+    samples: int,
+    inputs: tuple[str, ...],
+    alive: float,
+    timeout: float,
+    quiet: bool,
+) -> None:
+    """Measure a campaign: drive FB_Experiment on a controller through a plan and write the files that `train` reads.
+
+    A measurement that is finished is a file; the same command goes on where it was stopped. Whatever goes wrong stops
+    the axis first and ends with exit code 2 and the reason; a controller that no longer hears of this command stops
+    the axis by itself.
+    """
+    from st_codegen.live.compare import generated_folder
+    from st_codegen.live.controller import connected
+    from st_codegen.live.record import RecordSettings, planned, record, recorded_project
+    from st_codegen.rig.campaign import read_conditions
+
+    runs = planned(read_conditions(plan))
+    project = recorded_project(generated_folder(generated))
+    recording = RecordSettings(samples, dict(_setting(text) for text in inputs), alive)
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGTERM, stop)
+    with connected(ads, opcua, timeout) as controller, progress_bar("recording", quiet=quiet) as progress:
+        made = record(controller, project, runs, out, recording, progress)
+    if not quiet:
+        console.print(f"{out}: {made} run(s) measured now, {len(runs)} in all, both directions")
+
+
+def _setting(text: str) -> tuple[str, float]:
+    name, mark, value = text.partition("=")
+    try:
+        if not mark or not name.startswith("f"):
+            raise ValueError("NAME=VALUE is expected, of a number")
+        return name, parse_number(value)
+    except ValueError as error:
+        raise InputError(f"--set {text}: {error}") from None

@@ -1,0 +1,153 @@
+"""The simulated rig behind the signals of a soft PLC: axis, reducer with its transmission error, load, encoders, oil.
+
+What it does not have: ripple of the load, jitter of sampling, drift of the oil. The load follows its set-point with a
+lag of first order. The oil warms while the input shaft turns fast, up to the temperature of the measurement, and does
+not cool: a measuring rig would take hours for what is seconds here.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from st_codegen.errors import InputError
+from st_codegen.live.plc import SoftPlc
+from st_codegen.rig.axis import Axis, Harmonics
+from st_codegen.rig.machine import read_machine
+from st_codegen.rig.motion import Rig
+from st_codegen.te.compensation.load_torque import LOAD_RATIO
+from st_codegen.te.compensation.programs import EXPERIMENT_SIGNALS, SIGNALS
+
+#: Where the output shaft stands at the start, rad.
+_START_RAD = 0.05
+#: The oil warms by so much, and at speeds from so many rpm on.
+_WARM_K_PER_S, _WARM_RPM, _WARM_ABOVE_K = 0.5, 500.0, 0.05
+#: Changes of the operating point within which the harmonics are not computed anew while it moves: rpm, N m, K.
+_NEAR = (2.0, 1.0, 0.05)
+_DRAWN = 4096
+_SENSORS = ("fThetaIn_rad", "fThetaOut_rad", "bEncodersReady", "fOil_C", "fShaftTorque_Nm")
+
+
+class SimulatedRig:
+    """A rig of a rig file that follows the commands of PRG_Experiment, or else the motion that a client writes.
+
+    While no measurement is going on, the speed and the torque of GVL_Machine are the motion profile: a client that sets
+    them moves the axis, and the correction is added to the motor's reference.
+    """
+
+    def __init__(self, plc: SoftPlc, rig: Rig, seed: int = 0) -> None:
+        self._globals = plc.machine.globals
+        names = {variable.name for variable in plc.code.project.globals.get(EXPERIMENT_SIGNALS.upper(), ())}
+        if not names:
+            raise InputError(f"{plc.code.folder}: no {EXPERIMENT_SIGNALS}, to which a rig could be connected")
+        own = [variable.name for variable in plc.code.project.globals.get(SIGNALS.upper(), ())]
+        self._motion = {
+            role: next((f"{SIGNALS}.{name}" for name in own if name.lower().startswith(f"f{role}")), "")
+            for role in ("speed", "torque", "temperature")
+        }
+        driven = [*(f"{EXPERIMENT_SIGNALS}.{name}" for name in _SENSORS), f"{SIGNALS}.fThetaOut_rad"]
+        driven += [self._motion["temperature"]] if self._motion["temperature"] else []
+        self.drives = frozenset(name.upper() for name in driven)
+        self._rig = rig
+        self._ratio = rig.model.reduction_ratio
+        self._axis = Axis(rig.axis, self._ratio, cycle_s=plc.tick_us * 1e-6)
+        self._oil = rig.axis.thermal.start_C
+        self._load = 0.0
+        self._wanted = 0.0
+        self._reference = math.degrees(_START_RAD) * self._ratio
+        self._point = self._last = (0.0, 0.0, self._oil)
+        self._harmonics = self._at(self._point)
+        self._random = np.random.default_rng(seed)
+        self._drawn = np.zeros((0, 2))
+        self._encoders_ready = True
+        self._axis.place(self._reference, self._harmonics)
+        self._sense()
+
+    def _at(self, point: tuple[float, float, float]) -> Harmonics:
+        speed, load, oil = (np.array([value]) for value in point)
+        return Harmonics.along(self._rig.model, np.abs(speed), load, oil)
+
+    def fail_encoders(self, failed: bool = True) -> None:
+        """Let the encoders report an error, or no longer."""
+        self._encoders_ready = not failed
+
+    def step(self, cycle_s: float, *, is_enabled: bool) -> None:
+        """One tick of motion."""
+        read = self._globals
+        busy = is_enabled and bool(read[f"{EXPERIMENT_SIGNALS}.bBusy"])
+        speed = torque = correction = 0.0
+        if busy:
+            speed = read[f"{EXPERIMENT_SIGNALS}.fMotorSpeed_rpm"]
+            torque = read[f"{EXPERIMENT_SIGNALS}.fMotorTorque_Nm"] * LOAD_RATIO
+        elif is_enabled and self._motion["speed"]:
+            speed = read[self._motion["speed"]]
+            # a motion's torque opposes it, in both directions
+            torque = math.copysign(read[self._motion["torque"]], speed) if speed and self._motion["torque"] else 0.0
+            correction = read[f"{SIGNALS}.fCorrection_deg"]
+        speed, torque, correction = (value if math.isfinite(value) else 0.0 for value in (speed, torque, correction))
+        self._reference += speed * 6.0 * cycle_s
+        before = self._load
+        self._load += (torque - self._load) * -math.expm1(
+            -2.0 * math.pi * self._rig.axis.load.torque_bandwidth_Hz * cycle_s
+        )
+        self._warm(speed, cycle_s)
+        self._update((speed, self._load, self._oil))
+        self._axis.advance(
+            self._reference + correction,
+            np.array([before, self._load]),
+            self._harmonics.orders,
+            self._harmonics.parts[0],
+        )
+        self._sense()
+
+    def _warm(self, speed: float, cycle_s: float) -> None:
+        wanted = self._globals[f"{EXPERIMENT_SIGNALS}.fTemperature_C"]
+        if abs(speed) > _WARM_RPM and self._oil < wanted + _WARM_ABOVE_K:
+            self._oil += _WARM_K_PER_S * cycle_s
+
+    def _update(self, point: tuple[float, float, float]) -> None:
+        """New harmonics where the operating point has moved far enough, or has come to rest somewhere else."""
+        far = any(abs(a - b) > near for a, b, near in zip(point, self._point, _NEAR, strict=True))
+        rests = point != self._point and all(abs(a - b) < 1e-6 for a, b in zip(point, self._last, strict=True))
+        self._last = point
+        if far or (rests and any(abs(a - b) > 1e-3 for a, b in zip(point, self._point, strict=True))):
+            self._point, self._harmonics = point, self._at(point)
+
+    def _sense(self) -> None:
+        """What the encoders and sensors show."""
+        encoders = self._rig.axis.encoders
+        if not len(self._drawn):
+            self._drawn = self._random.normal(size=(_DRAWN, 2))
+        noise, self._drawn = self._drawn[-1], self._drawn[:-1]
+        moved = encoders.delay_s * self._axis.speed_in_deg_s
+        angles = self._axis.theta_in_deg - moved, self._axis.theta_out_deg - moved / self._ratio
+        inner = _stepped(angles[0] + noise[0] * encoders.input_noise_deg, encoders.input_steps_per_rev)
+        outer = _stepped(angles[1] + noise[1] * encoders.output_noise_deg, encoders.output_steps_per_rev)
+        write = self._globals
+        write[f"{EXPERIMENT_SIGNALS}.fThetaIn_rad"] = math.radians(inner)
+        write[f"{EXPERIMENT_SIGNALS}.fThetaOut_rad"] = math.radians(outer)
+        write[f"{EXPERIMENT_SIGNALS}.bEncodersReady"] = self._encoders_ready
+        write[f"{EXPERIMENT_SIGNALS}.fOil_C"] = float(self._oil)
+        write[f"{EXPERIMENT_SIGNALS}.fShaftTorque_Nm"] = float(self._load)
+        if self._motion["speed"]:
+            write[f"{SIGNALS}.fThetaOut_rad"] = math.radians(outer)
+        if self._motion["temperature"]:
+            write[self._motion["temperature"]] = float(self._oil)
+
+    @property
+    def motor_speed_rpm(self) -> float:
+        """How fast the fast shaft turns."""
+        return self._axis.speed_in_deg_s / 6.0
+
+
+def _stepped(angle_deg: float, steps: float) -> float:
+    step = 360.0 / steps
+    return math.floor(angle_deg / step) * step
+
+
+def plant_behind(plc: SoftPlc, path: Path, seed: int = 0) -> SimulatedRig:
+    """The rig of a file behind a PLC. Raises InputError for a rig that does not fit its cycle."""
+    _, rig = read_machine(path)
+    return SimulatedRig(plc, rig, seed)

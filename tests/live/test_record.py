@@ -1,0 +1,277 @@
+"""Recording against the soft PLC with the simulated rig behind it: a campaign, a break, and every way to end early."""
+
+import dataclasses
+import math
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from st_codegen import generate
+from st_codegen.campaign.conditions import OperatingPoint
+from st_codegen.campaign.curves import read_run
+from st_codegen.campaign.orders import curve_sums, fit_orders
+from st_codegen.campaign.reader import read_campaign
+from st_codegen.errors import GeneratedCodeError, InputError
+from st_codegen.live.controller import ControllerError, Signal, connected
+from st_codegen.live.plant import plant_behind
+from st_codegen.live.plc import PlcState
+from st_codegen.live.record import (
+    MeasurementError,
+    RecordSettings,
+    open_campaign,
+    planned,
+    record,
+    recorded_project,
+)
+from st_codegen.rig.campaign import Measuring, simulate_run
+from st_codegen.rig.model import read_rig
+from st_codegen.te.compensation.codes import EXPERIMENT_STATE
+from tests.live.conftest import Running, soft_plc
+
+pytest.importorskip("pyads")
+pytest.importorskip("numba")
+
+RIG = """
+[rig]
+name = "small"
+reduction_ratio = 81.0
+
+[axis.thermal]
+start_C = 25.0
+
+[[effect]]
+name = "output_shaft_eccentricity"
+amplitude_deg = 0.0172
+phase_rad = 0.7
+
+[[effect]]
+name = "backlash"
+gap_arcmin = 1.0
+seating_torque_Nm = 100.0
+"""
+#: A quick rig: little is waited for.
+QUICK = RecordSettings(
+    samples=500,
+    inputs={"fAcceleration_rpm_s": 10000.0, "fHomingSpeed_rpm": 200.0, "fBacklashSpeed_rpm": 10.0},
+    alive_s=600.0,
+    poll_s=0.002,
+    stop_s=120.0,
+)
+POINT = OperatingPoint(1800.0, 200.0, 25.0)
+
+
+@pytest.fixture(scope="module")
+def rig_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("rig") / "rig.toml"
+    path.write_text(RIG)
+    return path
+
+
+@pytest.fixture(scope="module")
+def plc(bundle, rig_file):
+    """A PLC with the rig, for all tests that leave it at rest."""
+    made = soft_plc(bundle[1], speed=0.0)
+    made.connect(plant_behind(made, rig_file))
+    with Running(made) as running:
+        yield running
+
+
+@pytest.fixture
+def controller(plc):
+    with connected(plc.ads, None, 30.0) as found:
+        yield found
+    at_rest(plc)
+
+
+def at_rest(running):
+    """Nothing moves, nobody owns the controller, and it is ready for the next measurement."""
+    wanted = {"GVL_Experiment.bBusy": False, "GVL_Record.nOwner": 0, "GVL_Experiment.bAbort": False}
+    end = time.monotonic() + 120
+    signals = running.plc.machine.globals
+    while any(signals[name] != value for name, value in wanted.items()) and time.monotonic() < end:
+        time.sleep(0.01)
+    assert {name: signals[name] for name in wanted} == wanted
+    assert signals["GVL_Experiment.fMotorSpeed_rpm"] == 0.0
+    assert signals["GVL_Experiment.eState"] == EXPERIMENT_STATE["IDLE"].value
+
+
+@pytest.fixture(scope="module")
+def project(bundle):
+    return recorded_project(bundle[1])
+
+
+def test_a_campaign_is_what_the_rig_is(controller, project, rig_file, tmp_path):
+    told = []
+    runs = planned([POINT])
+    assert record(controller, project, runs, tmp_path / "c", QUICK, lambda done, total, what: told.append(what)) == 1
+    states = [text.rsplit(": ", 1)[1] for text in told]
+    assert {"MEASURE", "DONE"} <= set(states)
+    assert record(controller, project, runs, tmp_path / "c", QUICK) == 0
+    assert len(read_campaign(tmp_path / "c", jobs=1).curves) == 2
+    simulated = simulate_run(read_rig(rig_file), POINT, Measuring(2048, 0.0), 0)
+    for direction, curve in read_run(tmp_path / "c" / POINT.rig_path(), POINT).curves.items():
+        assert len(curve.angle_deg) >= QUICK.samples
+        got, expected = (
+            fit_orders(curve_sums(each, 5), (0, 1)).coefficients for each in (curve, simulated.curves[direction])
+        )
+        assert abs(got[1] - expected[1]) < 2e-5
+        # the error counts from where the homing has stopped: there its own value is taken for zero
+        assert abs(got[0] - (expected[0] - expected[1].real)) < math.degrees(1e-3 / 81 + 3.5e-5) + 2e-4
+    # inputs are as they were found
+    assert controller.read(Signal("GVL_Experiment.fHomingSpeed_rpm")) == 50.0
+
+
+def test_conditions_that_repeat_have_numbered_files_and_a_campaign_goes_on(controller, project, tmp_path):
+    runs = planned([POINT, POINT])
+    record(controller, project, planned([]), tmp_path / "other", QUICK)
+    open_campaign(tmp_path / "c", runs)
+    (tmp_path / "c" / "run_00001.csv").write_text("finished earlier")
+    assert record(controller, project, runs, tmp_path / "c", QUICK) == 1
+    assert (tmp_path / "c" / "run_00001.csv").read_text() == "finished earlier"
+    assert (tmp_path / "c" / "conditions.csv").read_text().splitlines()[1:] == [
+        "run_00001.csv,1800.0,200.0,25.0",
+        "run_00002.csv,1800.0,200.0,25.0",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("point", "inputs", "reason"),
+    [
+        (dataclasses.replace(POINT, speed_rpm=1900.0), {}, "SPEED: speed outside of the limits"),
+        (dataclasses.replace(POINT, torque_Nm=float("nan")), {}, "TORQUE: torque outside of its limits"),
+        (dataclasses.replace(POINT, temperature_C=10.0), {}, "TEMPERATURE: .*oil too warm"),
+        (POINT, {"fStepTimeOut_s": 0.5}, "PARAMETER"),
+        (POINT, {"fStepTimeOut_s": 1.0, "fBacklashSpeed_rpm": 0.1}, "TIME_OUT"),
+    ],
+)
+def test_a_measurement_that_ends_early_says_why_and_nothing_is_written(
+    controller, project, tmp_path, point, inputs, reason
+):
+    settings = dataclasses.replace(QUICK, inputs={**QUICK.inputs, **inputs})
+    with pytest.raises(MeasurementError, match=rf"\(1 of 1\): ended early, {reason}.*the axis stands"):
+        record(controller, project, planned([point]), tmp_path / "c", settings)
+    assert [path.name for path in (tmp_path / "c").rglob("*") if path.is_file()] == ["record.json"]
+
+
+def test_what_was_finished_before_a_fault_stays(controller, project, plc, tmp_path):
+    runs = planned([POINT, dataclasses.replace(POINT, torque_Nm=100.0, temperature_C=26.0)])
+
+    def break_encoder(done, total, what):
+        if done == 1 and what.endswith("MEASURE"):
+            plc.do(plc.plc.plant.fail_encoders)
+
+    try:
+        with pytest.raises(MeasurementError, match=r"\(2 of 2\): ended early, ENCODER"):
+            record(controller, project, runs, tmp_path / "c", QUICK, break_encoder)
+    finally:
+        plc.do(lambda: plc.plc.plant.fail_encoders(False))
+    assert (tmp_path / "c" / runs[0].file).is_file()
+    assert not (tmp_path / "c" / runs[1].file).exists()
+    assert open_campaign(tmp_path / "c", runs) == [runs[1]]
+
+
+def test_a_client_that_is_gone_leaves_nothing_moving(plc, project, tmp_path):
+    """The connection is lost in the middle: no farewell, and the controller ends the measurement by itself."""
+    settings = dataclasses.replace(QUICK, alive_s=20.0)
+    with connected(plc.ads, None, 30.0) as controller:
+
+        class GoneError(Exception):
+            pass
+
+        def vanish(*_):
+            raise GoneError
+
+        def lose(done, total, what):
+            if what.endswith("MEASURE"):
+                for name in ("read", "write", "read_all", "write_all"):
+                    setattr(controller, name, vanish)
+
+        with pytest.raises(GoneError):
+            record(controller, project, planned([POINT]), tmp_path / "c", settings, lose)
+    at_rest(plc)
+
+
+def test_another_client_is_turned_away(controller, project, plc, tmp_path):
+    refused = []
+
+    def come(done, total, what):
+        if what.endswith("HOMING") and not refused:
+            with (
+                connected(plc.ads, None, 30.0) as second,
+                pytest.raises(ControllerError, match="another client measures"),
+            ):
+                record(second, project, planned([POINT]), tmp_path / "second", QUICK)
+            refused.append(True)
+
+    assert record(controller, project, planned([POINT]), tmp_path / "c", QUICK, come) == 1
+    assert refused
+
+
+def test_a_controller_in_config_or_with_another_project(controller, project, plc, tmp_path):
+    other = dataclasses.replace(project, fingerprint=1)
+    with pytest.raises(ControllerError, match="fingerprint"):
+        record(controller, other, planned([POINT]), tmp_path / "a", QUICK)
+    plc.do(lambda: plc.plc.set_state(PlcState.CONFIG))
+    with pytest.raises(ControllerError, match="in CONFIG, not in RUN"):
+        record(controller, project, planned([POINT]), tmp_path / "b", QUICK)
+    plc.do(lambda: plc.plc.set_state(PlcState.RUN))
+
+
+def test_folders_that_are_not_of_this_plan(controller, project, bundle, tmp_path):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match="not empty"):
+        record(controller, project, planned([POINT]), tmp_path / "full", QUICK)
+    record(controller, project, planned([]), tmp_path / "c", QUICK)
+    with pytest.raises(InputError, match="another plan"):
+        record(controller, project, planned([POINT]), tmp_path / "c", QUICK)
+    plain = generate(bundle[0], "twincat", tmp_path).folder
+    with pytest.raises(GeneratedCodeError, match="--with-comparison"):
+        recorded_project(plain)
+
+
+def test_the_sensors_of_the_rig_are_no_inputs_of_clients(controller):
+    with pytest.raises(ControllerError, match="may not be written"):
+        controller.write(Signal("GVL_Experiment.fThetaOut_rad"), 0.0)
+
+
+def test_a_motion_that_a_client_writes(controller, plc):
+    """Speed and torque of GVL_Machine move the axis; the speed is that of the input shaft, rpm."""
+    angle = Signal("GVL_Machine.fThetaOut_rad")
+    begin = controller.read(angle)
+    controller.write(Signal("GVL_Machine.fSpeed_rpm"), 600.0)
+    end = time.monotonic() + 120
+    while controller.read(angle) < begin + 0.5 and time.monotonic() < end:
+        time.sleep(0.005)
+    assert plc.plc.plant.motor_speed_rpm == pytest.approx(600.0, rel=0.02)
+    controller.write(Signal("GVL_Machine.fSpeed_rpm"), float("nan"))
+    rested = plc.plc.time_s + 1.0
+    while plc.plc.time_s < rested and time.monotonic() < end:
+        time.sleep(0.005)
+    assert abs(plc.plc.plant.motor_speed_rpm) < 1.0
+    controller.write(Signal("GVL_Machine.fSpeed_rpm"), 0.0)
+
+
+def test_a_stop_by_the_operator_brings_the_axis_to_rest_first(plc, bundle, tmp_path):
+    plan = tmp_path / "plan.csv"
+    plan.write_text("speed_rpm,torque_Nm,temperature_C\n20,0,25\n")
+    arguments = ["record", "--generated", str(bundle[1]), "--ads", plc.ads, "--plan", str(plan)]
+    settings = ["--out", str(tmp_path / "c"), "--alive", "600", "--timeout", "30", "--quiet"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "st_codegen", *arguments, *settings], stderr=subprocess.PIPE, text=True
+    )
+    try:
+        end = time.monotonic() + 120
+        while not plc.plc.machine.globals["GVL_Experiment.bBusy"] and time.monotonic() < end:
+            assert process.poll() is None, process.stderr.read()
+            time.sleep(0.02)
+        process.send_signal(signal.SIGTERM)
+        message = process.communicate(timeout=120)[1]
+    finally:
+        process.kill()
+    assert process.returncode == 130, message
+    assert "Traceback" not in message
+    at_rest(plc)
