@@ -45,6 +45,7 @@ _OF_SYSTEMS = (
     (_lines(rb'<Vars VarGrpType="[^"]*"[^>]*>.*?</Vars>'), b""),
     (_lines(rb"<DataTypes>.*?</DataTypes>"), b""),
     (_lines(rb"<JsonDynPous>.*?</JsonDynPous>"), b""),
+    (_lines(rb"<Io/>"), b""),
 )
 _OF_SOLUTIONS = (
     (_lines(rb"# [^\n]*"), b""),

@@ -78,6 +78,7 @@ def saved_in_xae(folder):
         text = text.replace('TcVersion="3.1.4024.55"', 'TcVersion="3.1.4026.18"')
         text = text.replace("\t<Project ProjectGUID", f"{DATA_TYPES}\t<Project ProjectGUID")
         text = text.replace("\t\t\t\t\t<Contexts>", f"{VARIABLES}\t\t\t\t\t<Contexts>")
+        text = text.replace("\t\t</Plc>\n", "\t\t</Plc>\n\t\t<Io/>\n")
         text = text.replace("<Id>0</Id>", '<Id NeedCalleeCall="true">0</Id>')
         return text.replace('Links="2">', f'Links="2" TmcHash="{GUID}" TmcPath="Models.tmc">')
 

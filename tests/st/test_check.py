@@ -476,8 +476,8 @@ def test_functions_are_refused_by_the_patterns_of_the_table() -> None:
 
 
 def test_an_unknown_dialect_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(InputError, match="unknown dialect 'scl': known are iec, twincat"):
-        parse_project({"t.st": block("")}, "scl")
+    with pytest.raises(InputError, match="unknown dialect 'logo': known are codesys, iec, scl, twincat"):
+        parse_project({"t.st": block("")}, "logo")
 
 
 STANDARD = [

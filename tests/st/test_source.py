@@ -171,7 +171,7 @@ def test_byte_order_mark_and_windows_lines_are_fine(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [("missing.st", "no such file or folder"), ("notes.txt", "not Structured Text"), ("empty", "no .st, .TcPOU")],
+    [("missing.st", "no such file or folder"), ("notes.txt", "not Structured Text"), ("empty", "no .st, .scl, .TcPOU")],
 )
 def test_paths_that_cannot_be_read(tmp_path: Path, name: str, message: str) -> None:
     (tmp_path / "notes.txt").write_text("x", encoding="utf-8")
