@@ -283,7 +283,13 @@ class Demand:
             return terms.real("abs", x)
         if op.function is Function.SOFTSIGN:
             return terms.real("div", x, terms.real("add", 1.0, terms.real("abs", x)))
-        if op.function in (Function.SQRT, Function.LOG, Function.ERF, Function.GELU):
+        if op.function is Function.SQRT:
+            self._refuse("LT", x, 0.0)
+            return self._either("LT", x, 0.0, lambda: 0.0, lambda: terms.real("sqrt", x))
+        if op.function is Function.LOG:
+            self._refuse("LE", x, 0.0)
+            return self._either("LE", x, 0.0, lambda: 0.0, lambda: terms.real("ln", x))
+        if op.function in (Function.ERF, Function.GELU):
             raise NotProvedError(f"the function {op.function.value} is not followed")
         formula = self._expm1 if op.function is Function.EXPM1 else self._exp
         if not math.isfinite(op.limit):

@@ -28,6 +28,11 @@ ARITHMETIC = sorted(
 NOT_FOLLOWED = {"combine divide": "may overflow"} | {
     name: "DIV of integers" for name in ARITHMETIC if name.startswith("piecewise")
 }
+NOT_FOLLOWED |= {
+    f"function {name}{suffix}": f"the function {name} is not followed"
+    for name in ("erf", "gelu")
+    for suffix in ("", " float32")
+}
 #: A power of nothing is 1, and the largest of one the first, for every input: no operation is left.
 CONSTANT = {"kernel polynomial degree 0", "argmax of one"}
 
