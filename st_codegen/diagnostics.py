@@ -68,7 +68,7 @@ DIAGNOSTICS = (
         "The command line is not used as it is meant",
         "An option or an argument is unknown, missing, or has a value that is not allowed.",
         "Run the command with --help: it lists all options with examples.",
-        kinds=("ClickException",),
+        kinds=("UsageError",),
     ),
     Diagnostic(
         "STC1002",
@@ -99,6 +99,13 @@ DIAGNOSTICS = (
         "shows what is there and what is missing.",
         kinds=("MissingExtraError",),
     ),
+    Diagnostic(
+        "STC1006",
+        "A command cannot do what it is asked",
+        "What the command should write is there already, or something else stands in its way.",
+        "Follow the message.",
+        kinds=("ClickException",),
+    ),
     # --- files and folders
     Diagnostic(
         "STC1101",
@@ -108,12 +115,19 @@ DIAGNOSTICS = (
         places=("files.text", "st.syntax.source", "walkers.files", "project.initial"),
     ),
     Diagnostic(
+        "STC1104",
+        "A text is not UTF-8",
+        "The file has another encoding, such as UTF-16 or Latin-1. The message has the first byte that does not fit.",
+        "Save the file again as UTF-8; editors and spreadsheet programs offer this when they save.",
+        places=("files.text:_decoded",),
+    ),
+    Diagnostic(
         "STC1102",
         "A file or folder cannot be written",
         "Where the result should go there is something else, such as a file in place of a folder.",
         "Give another place with --out, or remove what is in the way. The program never removes files that it "
         "did not write.",
-        places=("files.folders", "emit.output"),
+        places=("files.folders", "files.text:make_folder", "files.text:whole_file", "emit.output"),
     ),
     Diagnostic(
         "STC1103",
@@ -188,6 +202,14 @@ DIAGNOSTICS = (
         "be asked for.",
         places=("passes.outputs", "project.bundle:_outputs_in"),
     ),
+    Diagnostic(
+        "STC1209",
+        "The format of a file is not known",
+        "The ending of the file's name is none of those that models have.",
+        "Save the model in one of the formats that the message lists.",
+        places=("walkers.files",),
+        kinds=("UnsupportedModelError",),
+    ),
     # --- names and configuration
     Diagnostic(
         "STC1301",
@@ -218,6 +240,13 @@ DIAGNOSTICS = (
         "A range is empty or has one end only, or another number of outputs is described than the model has.",
         "Correct the entry in st-codegen.toml or bundle.toml; st-codegen init shows what the model has.",
         places=("ir.model:Feature", "ir.model:Output", "ir.model:ModelIR.__post_init__"),
+    ),
+    Diagnostic(
+        "STC1307",
+        "There is no folder of models",
+        "The folder is not there, has no model files, or is described twice (by bundle.toml and by st-codegen.toml).",
+        "Check the path. The message lists the endings of files that are models.",
+        places=("project.bundle:load",),
     ),
     Diagnostic(
         "STC1303",
@@ -280,7 +309,7 @@ DIAGNOSTICS = (
         "The text does not follow the grammar, or a name or a type in it is wrong. The message has file, line "
         "and column.",
         "If the text was changed by hand, generate again. If st-codegen wrote it, please report it.",
-        kinds=("StError",),
+        kinds=("StError", "_InvalidTextError"),
     ),
     Diagnostic(
         "STC1503",
@@ -288,7 +317,7 @@ DIAGNOSTICS = (
         "While the text was run, something happened that stops a real controller: a division by zero, an index out of "
         "range, an overflow, or a loop without end.",
         "If the text was changed by hand, look at the line in the message. If st-codegen wrote it, please report it.",
-        kinds=("StRuntimeError",),
+        kinds=("StRuntimeError", "_StopsError"),
     ),
     Diagnostic(
         "STC1504",

@@ -11,6 +11,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import PurePath
 from types import FrameType
 
 from st_codegen.diagnostics import code_for
@@ -125,7 +126,12 @@ class Problems:
         if len(self.errors) == 1:
             only = self.errors[0]
             text = str(only)
-            raise only if text.startswith(self.subject) else with_subject(only, self.subject)
+            if text.startswith(self.subject):
+                raise only
+            file = PurePath(self.subject).name
+            if file and text.startswith(f"{file}: "):  # the subject is the file that the message names
+                raise _with_text(only, self.subject + text.removeprefix(file))
+            raise with_subject(only, self.subject)
         shown = _grouped([str(error) for error in self.errors])
         lines = "\n".join(f"  - {text}".replace("\n", "\n  ") for text in shown[:MOST_SHOWN])
         if len(shown) > MOST_SHOWN:
@@ -147,8 +153,18 @@ def _grouped(messages: list[str]) -> list[str]:
             shown[kind, number] = message
         else:
             others = f"; and {counts[kind] - 1} more that differ in names and numbers only"
-            shown.setdefault((kind, 0), message + others)
+            shown.setdefault((kind, 0), message + others + _subjects(kind, kinds, messages))
     return list(shown.values())
+
+
+def _subjects(kind: str, kinds: list[str], messages: list[str]) -> str:
+    """What the other messages of a kind are about, such as files, where each has a name of its own in front."""
+    subjects = [message.partition(": ")[0] for other, message in zip(kinds, messages, strict=True) if other == kind]
+    others = subjects[1:]
+    if len(set(subjects)) < len(subjects) or any(" " in subject for subject in others):
+        return ""
+    more = ", .." if len(others) > _MANY_ALIKE else ""
+    return f" ({', '.join(others[:_MANY_ALIKE])}{more})"
 
 
 class _Collector:
@@ -172,9 +188,14 @@ def with_subject(error: InputError, subject: str) -> InputError:
     """An error of the same class with the subject in front; a missing extra concerns no file and stays as it is."""
     if isinstance(error, MissingExtraError):
         return error
+    return _with_text(error, f"{subject}: {error}")
+
+
+def _with_text(error: InputError, text: str) -> InputError:
+    """An error of the same class and code that says something else."""
     named = type(error).__new__(type(error))  # classes have constructors of their own
     named.__dict__.update(error.__dict__)
-    named.args = (f"{subject}: {error}",)
+    named.args = (text,)
     return named
 
 

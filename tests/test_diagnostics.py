@@ -98,7 +98,7 @@ def test_codes_are_unique_and_say_cause_and_cure():
 def test_the_code_is_that_of_the_place_and_stays_when_a_subject_is_added(tmp_path):
     with pytest.raises(InputError) as caught:
         load(tmp_path / "none")
-    assert caught.value.codes == ("STC1303",)
+    assert caught.value.codes == ("STC1307",)
     (tmp_path / "x.txt").write_text("no model")
     with pytest.raises(InputError) as caught:
         load(tmp_path)

@@ -51,6 +51,25 @@ def test_many_problems_of_one_kind_are_one_line():
     ]
 
 
+def test_files_that_are_alike_wrong_are_all_named(tmp_path):
+    for number in range(12):
+        (tmp_path / f"n{number:02}.txt").write_text("hello")
+    with pytest.raises(InputError) as caught:
+        load(tmp_path)
+    line = str(caught.value).splitlines()[1]
+    assert line.startswith("  - n00.txt: not a LightGBM text model")
+    assert line.endswith("and 11 more that differ in names and numbers only (" + ", ".join(
+        f"n{number:02}.txt" for number in range(1, 9)) + ", ..)")  # fmt: skip
+
+
+def test_a_single_file_is_named_once(tmp_path):
+    (tmp_path / "x.h5").write_text("")
+    with pytest.raises(UnsupportedModelError) as caught:
+        load(tmp_path / "x.h5")
+    assert str(caught.value).startswith(f"{tmp_path / 'x.h5'}: not a known model format")
+    assert caught.value.codes == ("STC1209",)
+
+
 def test_a_few_problems_of_one_kind_are_all_shown():
     problems = Problems("x")
     for number in range(8):

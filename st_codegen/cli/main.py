@@ -116,7 +116,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
 
 def _system_message(error: OSError) -> str:
     names = [str(name) for name in (error.filename, error.filename2) if name is not None]
-    return f"{' -> '.join(names)}: {error.strerror}" if names and error.strerror else str(error)
+    return f"{' -> '.join(names)}: {error.strerror}" if names and error.strerror else error.strerror or str(error)
 
 
 #: What a user can mend (input, disk, memory), and its message.

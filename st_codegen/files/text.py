@@ -24,13 +24,17 @@ def read_text(path: Path) -> str:
         content = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    return _decoded(path, content).replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _decoded(path: Path, content: bytes) -> str:
+    """Raises InputError that says what the bytes are, where they are not UTF-8."""
     try:
-        text = content.decode("utf-8-sig")
+        return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         is_utf16 = content[:2] in (b"\xff\xfe", b"\xfe\xff")
         found = "UTF-16" if is_utf16 else f"not UTF-8 (byte 0x{content[error.start]:02x} at {error.start})"
         raise InputError(f"{path}: the text is {found}; save it as UTF-8") from None
-    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def make_folder(path: Path) -> None:

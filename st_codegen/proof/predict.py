@@ -30,7 +30,7 @@ def predict(bundle: Bundle, columns: dict[str, FloatArray], answer: Answer) -> d
     takes no such input. Of a classifier, `name` holds the library's own labels, and `name[i]` the numbers beside them.
     Raises one InputError that lists all missing features.
     """
-    problems = Problems("input")
+    problems = Problems("the table of inputs")
     inputs = {}
     for model in bundle.models:
         with problems.collect():

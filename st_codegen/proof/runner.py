@@ -36,6 +36,14 @@ _PART_OF_FILE = {
 }
 
 
+class _InvalidTextError(GeneratedCodeError):
+    """The text of a folder is no Structured Text."""
+
+
+class _StopsError(GeneratedCodeError):
+    """The text of a folder does what stops a controller."""
+
+
 def target_folders(generated: Path) -> list[Path]:
     """The generated folders in `generated`, or `generated` itself when it is one."""
     candidates = [generated, *(generated / name for name in TARGETS)]
@@ -70,7 +78,7 @@ class GeneratedCode:
             self.source = read_paths([folder])
             self.project: Project = check_source(self.source, dialect, self.libraries)
         except StError as error:
-            raise GeneratedCodeError(f"{folder}: the text is not valid Structured Text\n{error}") from error
+            raise _InvalidTextError(f"{folder}: the text is not valid Structured Text\n{error}") from error
 
     @property
     def task_programs(self) -> tuple[str, ...]:
@@ -153,7 +161,7 @@ class GeneratedCode:
                 instance[name] = value
             instance()
         except StRuntimeError as error:
-            raise GeneratedCodeError(f"{self.folder}: the controller would stop in {block}\n{error}") from error
+            raise _StopsError(f"{self.folder}: the controller would stop in {block}\n{error}") from error
         return {port.name: np.asarray(instance[port.name]) for port in instance.outputs}
 
 

@@ -243,6 +243,7 @@ def test_one_message_and_nothing_written(name, place, capsys):
     capsys.readouterr()
     assert run(*arguments) == 2
     shown = capsys.readouterr()
+    assert re.search(r"^STC(?!1000)\d{4}(, STC\d{4})*: st-codegen explain \w+ says what to do\n\Z", shown.err, re.M)
     assert part in shown.err
     assert "Traceback" not in shown.err + shown.out
     assert "defect" not in shown.err
