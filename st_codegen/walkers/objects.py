@@ -27,6 +27,8 @@ _LOADERS = {
 
 #: How the names of estimators end, as against those of their parts.
 _ESTIMATORS = ("Regressor", "Classifier", "Ridge", "SVC", "Features", "Transformer", "Encoder", "Imputer", "PCA")
+#: In every classifier that is made of others; its labels are read elsewhere.
+_PART = "LabelEncoder"
 
 #: What raises in walkers where an object is not built as `fit` builds it: anybody can write any object into a file.
 _NOT_AS_MADE = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
@@ -44,7 +46,12 @@ def load_skops(path: Path, name: str) -> LoadedModel:
         foreign = sorted(set(unknown) - trusted_types())
         if foreign:
             for package, kind in classes_in(data):
-                if package in LIBRARIES and not is_known(package, kind) and kind.endswith(_ESTIMATORS):
+                if (
+                    package in LIBRARIES
+                    and not is_known(package, kind)
+                    and kind.endswith(_ESTIMATORS)
+                    and kind != _PART
+                ):
                     raise unsupported(package, kind)
             raise UntrustedFileError(
                 "the file names types that no supported model needs, and loading them could run code: "

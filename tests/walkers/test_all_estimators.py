@@ -11,15 +11,18 @@ import numpy as np
 import pytest
 
 pytest.importorskip("sklearn")
+pytest.importorskip("skops")
 
+import skops.io
 from sklearn.linear_model import LogisticRegression, Ridge
 from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
 from sklearn.utils import all_estimators
 
 from st_codegen.errors import InputError
-from st_codegen.ir import reference
+from st_codegen.ir import digest, reference
 from st_codegen.proof import bounds
 from st_codegen.walkers.base import is_known, known_walkers
+from st_codegen.walkers.objects import from_estimator, load_skops
 from st_codegen.walkers.supported import table
 from tests.classifiers import SCORE, THREE, X, loaded
 
@@ -83,7 +86,7 @@ def fitted(estimator, name):
 
 
 @pytest.mark.parametrize("name", [name for name in ESTIMATORS if name not in OTHER_DATA])
-def test_an_estimator_is_compiled_or_refused_in_one_line(name):
+def test_an_estimator_is_compiled_or_refused_in_one_line(name, tmp_path):
     estimator, x = fitted(built(name), name)
     try:
         model = loaded(estimator)
@@ -91,6 +94,9 @@ def test_an_estimator_is_compiled_or_refused_in_one_line(name):
         assert "\n" not in str(error) and len(str(error)) < 6000
         assert not is_known("sklearn", name) or "is not supported" not in str(error)
         return
+    skops.io.dump(estimator, tmp_path / "saved.skops")
+    saved = load_skops(tmp_path / "saved.skops", "m")
+    assert digest(saved.ir) == digest(from_estimator(estimator, "m").ir)
     rows = x[:80]
     library = model.predict(rows)
     found, bound = reference.evaluate(model.ir, rows), bounds.difference_bound(model.ir, rows)

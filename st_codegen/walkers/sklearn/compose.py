@@ -49,7 +49,30 @@ def walk_pipeline(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
     return value if last is None or isinstance(last, str) else walk_any(last, builder, value)
 
 
-@walks("sklearn.GridSearchCV", "sklearn.RandomizedSearchCV")
+#: What a search was told: how it divides the rows, and the scores that it compared. Only the names of functions are
+#: read from a file; nothing of this is called where `best_estimator_` predicts.
+_SEARCH = tuple(
+    f"sklearn.{module}.{name}"
+    for module, names in {
+        "model_selection._split": """
+            GroupKFold GroupShuffleSplit KFold LeaveOneGroupOut LeaveOneOut LeavePGroupsOut LeavePOut PredefinedSplit
+            RepeatedKFold RepeatedStratifiedKFold ShuffleSplit StratifiedGroupKFold StratifiedKFold
+            StratifiedShuffleSplit TimeSeriesSplit""",
+        "metrics._scorer": "_MultimetricScorer _PassthroughScorer _Scorer",
+        "metrics._classification": """
+            accuracy_score balanced_accuracy_score brier_score_loss f1_score jaccard_score log_loss matthews_corrcoef
+            precision_score recall_score""",
+        "metrics._ranking": "average_precision_score roc_auc_score top_k_accuracy_score",
+        "metrics._regression": """
+            explained_variance_score max_error mean_absolute_error mean_absolute_percentage_error mean_gamma_deviance
+            mean_poisson_deviance mean_squared_error mean_squared_log_error median_absolute_error r2_score
+            root_mean_squared_error root_mean_squared_log_error""",
+    }.items()
+    for name in names.split()
+)
+
+
+@walks("sklearn.GridSearchCV", "sklearn.RandomizedSearchCV", trusts=_SEARCH)
 def walk_search(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
     """The estimator that the search found best and fitted again (`_search.py: BaseSearchCV.predict`)."""
     return walk_any(Fitted(estimator).get("best_estimator_"), builder, value)

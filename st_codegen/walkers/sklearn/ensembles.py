@@ -78,7 +78,11 @@ def _weights(fitted: Fitted, count: int) -> FloatArray | None:
     return fitted.floats_of("weights", np.array(chosen), (count,))
 
 
-@walks("sklearn.VotingClassifier")
+#: The dictionary in which an ensemble keeps its parts by their names.
+_NAMED = ("sklearn.utils._bunch.Bunch",)
+
+
+@walks("sklearn.VotingClassifier", trusts=_NAMED)
 def walk_voting(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """The first class of most votes, or of the largest mean probability (`ensemble/_voting.py: predict`)."""
     fitted = Fitted(estimator)
@@ -102,7 +106,7 @@ def walk_voting(estimator: Any, builder: GraphBuilder, value: int) -> Classified
     )
 
 
-@walks("sklearn.VotingRegressor")
+@walks("sklearn.VotingRegressor", trusts=_NAMED)
 def walk_voting_regressor(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """The weighted mean of the regressors, which NumPy adds in an order of its own."""
     fitted = Fitted(estimator)
@@ -259,14 +263,14 @@ def _stacked(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     return _side_by_side(builder, [*columns, value] if fitted.get("passthrough") else columns)
 
 
-@walks("sklearn.StackingRegressor")
+@walks("sklearn.StackingRegressor", trusts=_NAMED)
 def walk_stack(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """The last regressor on what the others give (`ensemble/_stacking.py: _concatenate_predictions`)."""
     fitted = Fitted(estimator)
     return walk_estimator(fitted.get("final_estimator_"), builder, _stacked(fitted, builder, value))
 
 
-@walks("sklearn.StackingClassifier")
+@walks("sklearn.StackingClassifier", trusts=_NAMED)
 def walk_stack_of_classes(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """The last classifier on what the others give; it knows the classes by their numbers."""
     fitted = Fitted(estimator)

@@ -49,7 +49,12 @@ def walk_linear(estimator: Any, builder: GraphBuilder, value: int) -> int:
     return _weighted_sum(Fitted(estimator), builder, value)
 
 
-@walks("sklearn.PoissonRegressor", "sklearn.GammaRegressor", "sklearn.TweedieRegressor")
+@walks(
+    "sklearn.PoissonRegressor",
+    "sklearn.GammaRegressor",
+    "sklearn.TweedieRegressor",
+    trusts=("sklearn._loss.loss.HalfTweedieLossIdentity",),
+)
 def walk_generalized(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """A weighted sum behind the inverse of the loss's link (`linear_model/_glm/glm.py: predict`)."""
     total = _weighted_sum(Fitted(estimator), builder, value)

@@ -107,7 +107,7 @@ def walk_missing(estimator: Any, builder: GraphBuilder, value: int) -> int:
     return _indicators(builder, value, missing, columns)
 
 
-@transforms("sklearn.SimpleImputer")
+@transforms("sklearn.SimpleImputer", trusts=("numpy.dtype",))
 def walk_imputer(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """A number of its own for each column in place of missing values (`impute/_base.py: SimpleImputer.transform`)."""
     fitted = Fitted(estimator)
@@ -230,7 +230,7 @@ def _one_hot(builder: GraphBuilder, codes: int, sizes: Sequence[int]) -> int:
     return builder.add(Combine((reached, passed), Operator.SUBTRACT, len(places)))
 
 
-@transforms("sklearn.KBinsDiscretizer")
+@transforms("sklearn.KBinsDiscretizer", trusts=("numpy.dtype",))
 def walk_bins(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """How many inner edges of bins do not lie above (`preprocessing/_discretization.py: transform`)."""
     fitted = Fitted(estimator)
@@ -309,7 +309,11 @@ def walk_isotonic(estimator: Any, builder: GraphBuilder, value: int) -> int:
     return builder.add(Round((value,), 1)) if single else value
 
 
-@transforms("sklearn.SplineTransformer", trusts=("scipy.interpolate._bsplines.BSpline",))
+@transforms(
+    "sklearn.SplineTransformer",
+    # the second is how scipy makes arrays, of which a spline keeps the name
+    trusts=("scipy.interpolate._bsplines.BSpline", "scipy._lib.array_api_compat.numpy._aliases.asarray"),
+)
 def walk_splines(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """The basis splines of each column (`preprocessing/_polynomial.py: SplineTransformer.transform`)."""
     fitted = Fitted(estimator)

@@ -98,7 +98,7 @@ _PROJECTIONS: dict[str, Before] = {
 }
 
 
-@transforms(*(f"sklearn.{name}" for name in _PROJECTIONS))
+@transforms(*(f"sklearn.{name}" for name in _PROJECTIONS), trusts=("scipy.sparse._csr.csr_matrix",))
 def walk_projection(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Columns centred (or scaled, or as they are), then weighted sums: `transform` of these classes."""
     fitted = Fitted(estimator)
