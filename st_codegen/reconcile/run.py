@@ -27,13 +27,13 @@ from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.candidates import Candidate
 from st_codegen.reconcile.judge.conclusions import Conclusions, conclude, unchanged, without_gone, without_misfits
 from st_codegen.reconcile.judge.evidence import Evidence
-from st_codegen.reconcile.judge.held_out import held_out_rms
+from st_codegen.reconcile.judge.held_out import between_states, held_out_rms
 from st_codegen.reconcile.judge.lines import lines_in_samples
 from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unmeasured_links
 from st_codegen.reconcile.judge.measurement import Examined, Mistake, examine
 from st_codegen.reconcile.judge.selection import search, with_noise_of
-from st_codegen.reconcile.judge.suspects import bad_runs
-from st_codegen.reconcile.judge.unexplained import Signature, floors, scatter_of_encoder, signatures, structure
+from st_codegen.reconcile.judge.suspects import bad_runs, without_structure
+from st_codegen.reconcile.judge.unexplained import Signature, floors, is_lacking, scatter_of_encoder, signatures
 from st_codegen.reconcile.judge.unseen import cannot_show
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Effect, Stage
@@ -76,7 +76,11 @@ class TakenBack:
 
 @dataclass(frozen=True)
 class Reconciliation:
-    """All that a report needs. unseen_curves: from how many that no search saw the held-out gap comes (0: none)."""
+    """All that a report needs.
+
+    unseen_curves: from how many that no search saw the held-out gap comes (0: none); between_deg: RMS by which a
+    resonance may be off at temperatures between two that were measured, in the held-out gap.
+    """
 
     rig: RigModel
     new_rig: RigModel
@@ -93,6 +97,7 @@ class Reconciliation:
     cannot_show: tuple[str, ...] = ()
     unseen_curves: int = 0
     taken_back: TakenBack | None = None
+    between_deg: float = 0.0
 
     @property
     def verdict(self) -> str:
@@ -207,6 +212,7 @@ def _reconcile(rig: RigModel, known: Catalogue, progress: Progress | None, exami
     conclusions = conclude(rig, last, known)
     result = _result(rig, data, conclusions, tuple(judged), examined.mistakes, apart)
     worse = result.held_out.after > SETTINGS.worse * result.held_out.before
+    result = _with_between_states(result)
     if worse and result.new_rig is not rig:
         nothing = replace(conclusions, final=unchanged(last), claims=(), retuned=(), offset_changed=False)
         names = tuple(dict.fromkeys(claim.piece.effect.name for claim in conclusions.claims))
@@ -214,6 +220,13 @@ def _reconcile(rig: RigModel, known: Catalogue, progress: Progress | None, exami
         result = _result(rig, data, nothing, tuple(judged), examined.mistakes, apart)
         result = replace(result, taken_back=TakenBack(names, *gap))
     return result
+
+
+def _with_between_states(result: Reconciliation) -> Reconciliation:
+    """The held-out gap with what a resonance may be off by where no temperature was measured, no more than before."""
+    gap, between = result.held_out, float(between_states(result.conclusions.final).sum())
+    after = min(math.sqrt(gap.after**2 + between), max(gap.before, gap.after))
+    return replace(result, held_out=replace(gap, after=after), between_deg=math.sqrt(between))
 
 
 def _apart(data: Observations) -> BoolArray:
@@ -260,6 +273,7 @@ def _result(
         own = rms_deg(before[kept], data.orders)
         if np.linalg.norm(held_out) / first < SETTINGS.clearly_larger * np.linalg.norm(unseen) / own:
             held_out, first, unseen_curves = unseen, own, int(kept.sum())
+    # more than without the resonance they are not off by
     per_order = tuple(
         OrderGap(
             int(order),
@@ -291,12 +305,15 @@ def _result(
 def _with_suspects(target: FitData, final: Fit, noise: Noise) -> Noise:
     """The noise with the bad runs that only the fitted model shows: they are named, and stay out of gap and rest."""
     data = target.data
-    found = bad_runs(data, final.residual, noise.sigma, structure(target, final.residual).significant)
+    # what the model lacks is no fault of a run
+    lacking = is_lacking(target, final.residual)
+    noise = without_structure(data, final.residual, noise, lacking)
+    found = bad_runs(data, final.residual, noise.sigma, lacking)
     if not found:
         return noise
     bad = ~noise.good
     bad[list(found)] = True
-    again = estimate(data, final.residual, bad)
+    again = without_structure(data, final.residual, estimate(data, final.residual, bad), lacking)
     ranked = sorted((dict(noise.suspects) | found | dict(again.suspects)).items(), key=lambda entry: -entry[1])
     return replace(again, suspects=tuple(ranked))
 

@@ -89,6 +89,12 @@ class Settings:
     #: frequencies at which a resonance is started, and how far apart (relative) two of the same orders must lie
     resonance_starts: int = 3
     same_resonance: float = 0.1
+    #: temperatures at which a structure may change its state are looked for between so many parts of the runs at most,
+    #: each state with so many rows at least; its frequency by such steps, and so far from that of the other state
+    most_states: int = 8
+    least_rows_of_state: int = 12
+    state_step: float = 0.02
+    state_reach: float = 0.16
     #: loss that a resonance must save at two frequencies at least, each: one loud point can be anything
     point_gain: float = 12.0
     #: damping ratio above which there is no peak that could be told from any other dependence on speed
@@ -131,6 +137,9 @@ class Settings:
     #: and where as many orders peak at one frequency, each at its own speed. Chosen on the table of the RV 160N
     orders_that_agree: int = 3
     misfit_of_agreeing: float = 10.0
+    #: the form of an effect is believed to a tenth of its size, this share of its power: what else takes off no more on
+    #: the same orders may be what the form lacks
+    form: float = 0.01
     #: an effect acts where its contribution is more than this part of its largest
     acts: float = 0.3
     #: loss of a run by noise with heavy tails, which a robust estimate of the noise takes for one
@@ -158,14 +167,15 @@ class Settings:
     cut: float = 5.0
     #: structure is an error of the estimate of the noise below this part of it (power)
     least_excess: float = 0.4
-    #: a residual so many times the noise between the orders of its curves is more than that noise; at the lowest
-    #: orders, where a slow wander within one turn shows, it may be larger by what the orders next to it are, and by so
-    #: much more (a random walk falls with the order)
+    #: a residual so many times the noise between the orders of its curves is more than that noise; the orders that tell
+    #: how strong a slow wander within one turn is, which makes the low ones louder
     beyond_spectral: float = 2.0
     wander_orders: int = 5
-    wander: float = 3.0
-    #: a residual so many times that of the orders beside it is more than noise, where no curve tells its own
+    #: of tables, whose orders may differ: so many of their usual distances (standard deviations) above those beside it,
+    #: one of 15,000 of normal ones; and at most so many times as loud, or where there are too few orders to tell
+    beyond_usual: float = 4.0
     beyond_beside: float = 10.0
+    least_orders_beside: int = 8
     #: orders that tell what the noise of one between them is
     near_floors: int = 4
     #: lines a turn that encoders have, and how far sidebands of them reach

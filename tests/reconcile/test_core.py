@@ -101,7 +101,8 @@ def test_coordinates_there_and_back(name):
 def test_variants_are_the_choices_of_optional_parts():
     # the part that falls with speed comes on top of the constant one
     assert len(variants(KNOWN["friction_windup"], True)) == 5
-    assert len(variants(KNOWN["carrier_modulation"], True)) == 3
+    # either sideband or both in proportion to the mesh order, or both of constant size
+    assert len(variants(KNOWN["carrier_modulation"], True)) == 4
     assert len(variants(KNOWN["torsional_compliance"], True)) == 1
 
 

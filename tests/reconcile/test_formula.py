@@ -62,6 +62,25 @@ def test_formulas_are_the_effects(seed, tmp_path):
         assert got[:, 1::2] == pytest.approx(expected.imag, abs=1e-13 * size)
 
 
+def test_constant_sidebands_and_states_of_a_resonance_are_formulas():
+    tables = (
+        '[[effect]]\nname = "cycloid_tooth_error"\norder = 39\namplitude_deg = 1e-3\n',
+        '[[effect]]\nname = "carrier_modulation"\norder = 39\nlower_ratio = 0.2\nlower_deg = 2e-4\n'
+        "lower_deg_phase_rad = 0.5\nupper_deg = 1e-4\n",
+        '[[effect]]\nname = "structural_resonance"\nfrequency_Hz = 50\ndamping_ratio = 0.03\norders = [156]\n'
+        "amplitude_deg = [5e-3]\nstatic_share = 1\nabove_C = 27.5\n",
+    )
+    head = "[rig]\nname = 't'\nreduction_ratio = 81\ncycloid_teeth = 39\npins = 40\ncranks = 3\n"
+    rig = parse_rig(head + "".join(tables))
+    at = points().rows(points().sign > 0)
+    got = evaluate(formulas(rig, 1.0), {name: getattr(at, name) for name in QUANTITIES})
+    expected = rig.coefficients(at, rig.orders())
+    assert {36, 42, 156} <= set(rig.orders())
+    assert got[:, 0::2] + 1j * got[:, 1::2] == pytest.approx(expected, abs=1e-15)
+    cold = at.temperature_C < 27
+    assert cold.any() and not expected[cold][:, list(rig.orders()).index(156)].any()
+
+
 def test_the_model_file_has_the_same_numbers(tmp_path):
     """Features in another order. To the last bit where there is neither exp nor tanh."""
     pytest.importorskip("onnxruntime")

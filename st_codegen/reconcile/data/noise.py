@@ -14,17 +14,18 @@ from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.contrasts import along_axes, contrasts, repeats
 from st_codegen.reconcile.data.levels import speed_levels
 from st_codegen.reconcile.data.observations import Observations
+from st_codegen.reconcile.data.smooth import noise_beside
 from st_codegen.reconcile.settings import SETTINGS
 
 #: median of |x| for a normal x, and of the length of a vector of two: 0.6745, sqrt(2*ln 2)
-_MEDIAN_1, _MEDIAN_2 = 0.67449, 1.17741
+MEDIAN_1, MEDIAN_2 = 0.67449, 1.17741
 
 
 def sigma_of(values: ComplexArray, orders: IntArray) -> FloatArray:
     """Robust standard deviation of one component (real or imaginary) per order, float64 (K,)."""
     size = np.abs(np.where(orders == 0, values.real, values))
     median = np.median(size, axis=0) if len(values) else np.zeros(len(orders))
-    found: FloatArray = median / np.where(orders == 0, _MEDIAN_1, _MEDIAN_2)
+    found: FloatArray = median / np.where(orders == 0, MEDIAN_1, MEDIAN_2)
     return found
 
 
@@ -34,7 +35,7 @@ class Noise:
 
     sigma: float64 (n, K), standard deviation of one component, by row (direction) and order; floor_rms: float64 (K,),
     RMS of one component, tails included; good: bool (n,); suspects: rows and their distance (1 is usual); kinds: by
-    order what the floor is made of (`plane`, `speed`, `torque`, `temperature`, `repeats`, `regression`).
+    order what the floor is made of (`plane`, `smooth`, `speed`, `torque`, `temperature`, `repeats`, `rig`).
     """
 
     sigma: FloatArray
@@ -84,7 +85,7 @@ def estimate(data: Observations, residual: ComplexArray, known_bad: BoolArray | 
         sigma, floor = _smallest(data, residual, good, sigma, floor, kinds)
     else:
         sigma = np.broadcast_to(sigma_of(residual, data.orders), residual.shape).copy()
-        floor, kinds = sigma_of(residual, data.orders), ["regression"] * len(data.orders)
+        floor, kinds = sigma_of(residual, data.orders), ["rig"] * len(data.orders)
     ranked = tuple(sorted(suspects.items(), key=lambda item: -item[1]))
     least = SETTINGS.least_noise_deg
     return Noise(np.maximum(sigma, least), np.maximum(floor, least), good, ranked, tuple(kinds))
@@ -105,22 +106,25 @@ def _smallest(
     Each kind bounds the noise from above: neighbours whose differences are smaller than those of the plane's show that
     what the plane took for noise is sharp structure.
     """
-    by_regression = _sigma_by_regression(data, residual, good)
-    lower = by_regression < sigma
-    sigma = np.where(lower, by_regression, sigma)
-    for name, local in along_axes(data.at, good):
-        rows = good & local.usable
-        if rows.sum() < SETTINGS.least_contrasts:
-            continue
-        e = local.apply(residual)
-        own = _sigma_by_direction(data, e, rows)
+
+    def take(name: str, own: FloatArray, own_floor: FloatArray, count: int) -> None:
         # the smallest of several estimates is too small by their scatter: only what is clearly smaller counts
-        clear = 1.0 - SETTINGS.clearly_smaller / np.sqrt(rows.sum() / 2)
-        smaller = own < clear * sigma
+        smaller = own < (1.0 - SETTINGS.clearly_smaller / np.sqrt(count / 2)) * sigma
         for k in np.flatnonzero(smaller.mean(axis=0) > 0.5):
             kinds[k] = name
-            floor[k] = min(floor[k], _rms_of(data, e[rows])[k])
-        sigma = np.where(smaller, own, sigma)
+            floor[k] = min(floor[k], own_floor[k])
+        sigma[smaller] = own[smaller]
+
+    beside = np.full(residual.shape, np.inf)
+    for sign in np.unique(data.at.sign):
+        rows = good & (data.at.sign == sign)
+        beside[data.at.sign == sign] = noise_beside(data.at.rows(rows), residual[rows], data.orders)
+    take("smooth", beside, np.sqrt((beside[good] ** 2).mean(axis=0)), int(good.sum()))
+    for name, local in along_axes(data.at, good):
+        rows = good & local.usable
+        if rows.sum() >= SETTINGS.least_contrasts:
+            e = local.apply(residual)
+            take(name, _sigma_by_direction(data, e, rows), _rms_of(data, e[rows]), int(rows.sum()))
     return sigma, floor
 
 
@@ -145,42 +149,12 @@ def _sigma_by_direction(data: Observations, e: ComplexArray, rows: BoolArray) ->
 def _of_samples(data: Observations, residual: ComplexArray) -> Noise:
     """Noise of samples over time: from third differences of neighbours, and from the residual itself."""
     smooth = np.diff(residual.real, n=3, axis=0) / np.sqrt(20.0)
-    size = np.median(np.abs(smooth), axis=0) / _MEDIAN_1
-    sigma = np.maximum(np.minimum(size, np.median(np.abs(residual.real), axis=0) / _MEDIAN_1), 1e-12)
+    size = np.median(np.abs(smooth), axis=0) / MEDIAN_1
+    sigma = np.maximum(np.minimum(size, np.median(np.abs(residual.real), axis=0) / MEDIAN_1), 1e-12)
     floor = np.sqrt((np.minimum(np.abs(smooth), 6 * size) ** 2).mean(axis=0))
     return Noise(
         np.broadcast_to(sigma, residual.shape).copy(), np.minimum(floor, 1.3 * sigma), np.ones(len(data), bool), ()
     )
-
-
-def _sigma_by_regression(data: Observations, residual: ComplexArray, good: BoolArray) -> FloatArray:
-    """Noise from what a smooth function of the conditions leaves; inf where there are too few runs for one.
-
-    On a coarse grid neighbours lie far apart, and this is the better estimate.
-    """
-    sigma = np.full(residual.shape, np.inf)
-    n, m, t = (_unit(values) for values in (data.at.speed_rpm, data.at.torque_Nm, data.at.temperature_C))
-    near_zero = np.exp(-np.abs(data.at.torque_Nm) / 60.0)
-    design = np.stack([np.ones(len(n)), n, m, t, n * n, m * m, n * m, n * t, m * t, near_zero], axis=1)
-    for sign in (1.0, -1.0):
-        rows = good & (data.at.sign == sign)
-        if rows.sum() < 30:
-            continue
-        basis, _ = np.linalg.qr(design[rows])
-        weights = np.ones(residual[rows].shape)
-        left = residual[rows]
-        for _ in range(4):  # a few runs (near a resonance) must not bend it
-            left = residual[rows] - basis @ (basis.T @ (weights * left + (residual[rows] - left)))
-            size = np.abs(left)
-            weights = np.minimum(1.0, 2.5 * np.median(size, axis=0) / np.maximum(size, 1e-300))
-        free = rows.sum() / (rows.sum() - design.shape[1])
-        sigma[data.at.sign == sign] = sigma_of(left, data.orders) * np.sqrt(free)
-    return sigma
-
-
-def _unit(values: FloatArray) -> FloatArray:
-    found: FloatArray = (values - values.mean()) / max(float(np.ptp(values)), 1e-9)
-    return found
 
 
 def _distances(e: ComplexArray, sigma: FloatArray, usable: BoolArray) -> FloatArray:

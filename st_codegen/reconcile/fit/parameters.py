@@ -75,7 +75,7 @@ class Piece:
         vector = np.array([_read(self.effect, c) if c.form is Form.SHAPE else float(c == chosen) for c in coordinates])
         values = _written(self.effect, coordinates, vector)
         for scalar in self.effect.scalars:
-            if scalar.key not in self.free and scalar.form is not Form.SHAPE:
+            if scalar.key not in self.free and scalar.form in (Form.LINEAR, Form.INVERSE):
                 values[scalar.key] = math.inf if scalar.form is Form.INVERSE else 0.0
         for phasor in self.effect.phasors:
             for backward in (False, True):
@@ -87,8 +87,8 @@ class Piece:
 
 def piece_of(effect: Effect, *, added: bool, origin: Effect | None = None) -> Piece:
     """A piece in which all that the effect states is free."""
-    known = set(effect.values) - {"order", "orders"}
-    return Piece(effect, frozenset(known), added, origin)
+    fixed = {scalar.key for scalar in effect.scalars if scalar.form is Form.FIXED}
+    return Piece(effect, frozenset(set(effect.values) - {"order", "orders"} - fixed), added, origin)
 
 
 def _zero(value: Any) -> Any:

@@ -71,21 +71,25 @@ def _keys_of(c: Coordinate) -> frozenset[str]:
 def variants(effect: type[Effect], both_directions: bool) -> list[frozenset[str]]:
     """Keys that are free together: what is required, and every choice of optional parts that gives a size."""
     always = {scalar.key for scalar in effect.scalars if scalar.default is None}
-    parts = [frozenset({s.key, s.beside} - {""}) for s in effect.scalars if s.default is not None and not s.shapes]
+    parts = [frozenset({s.key, s.beside} - {""}) for s in effect.scalars
+             if s.default is not None and not s.shapes and s.form is not Form.FIXED]  # fmt: skip
     sizes = set(always) | {key for part in parts for key in part}
     for phasor in effect.phasors:
         backward = (False, True) if phasor.own_flanks and both_directions else (False,)
-        keys = frozenset(key for b in backward for key in phasor.keys(b))
+        together = (phasor, *(other for other in effect.phasors if other.key == phasor.beside))
+        keys = frozenset(key for one in together for b in backward for key in one.keys(b))
         if phasor.required and len(effect.phasors) == 1:
             always |= keys
         else:
-            parts.append(keys)
+            parts += [keys] * (keys not in parts)
     if effect.phasors:
         sizes = {phasor.key for phasor in effect.phasors}
     found = []
     for count in range(len(parts) + 1):
         for chosen in itertools.combinations(parts, count):
             keys = frozenset(always).union(*chosen)
+            if count > 1 and any(phasor.beside and phasor.key in keys for phasor in effect.phasors):
+                continue
             if keys & sizes:
                 found.append(keys | {s.key for s in effect.scalars if s.shapes and s.shapes in keys})
     return list(dict.fromkeys(found))
@@ -207,7 +211,7 @@ class Search:
         points.sort(key=lambda point: -point[0])
         for _, fixed, chosen in _apart(points, frequency.key):
             # a frequency that moves comes on top of one that is there
-            growing = [s for s in effect.scalars if s.default == 0.0 and s.lower == 0.0]
+            growing = [s for s in effect.scalars if s.default == 0.0 and s.lower == 0.0 and s.form is Form.SHAPE]
             for optional in ({}, *({s.key: s.starts[1]} for s in growing)):
                 keys = set(fixed) | set(optional)
                 for phasor in effect.phasors:

@@ -6,18 +6,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from st_codegen.ir.arrays import ComplexArray
 from st_codegen.reconcile.data.observations import rms_deg
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.judge.candidates import STAGES, Candidate, Search
 from st_codegen.reconcile.judge.evidence import Evidence, judge, p_of_clusters
+from st_codegen.reconcile.judge.held_out import unmeasured_states
 from st_codegen.reconcile.judge.peaks import bracket, has_a_frequency, spread
-from st_codegen.reconcile.judge.plausible import bounds_met, is_a_peak
+from st_codegen.reconcile.judge.plausible import bounds_met, explained, followers, is_a_peak, misfit
 from st_codegen.reconcile.judge.retuned import change_after_all, changes
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Catalogue, Conditions, Effect, Stage
+from st_codegen.rig.effects import Catalogue, Conditions, Effect, Form, Stage
 from st_codegen.rig.model import RigModel
 
 
@@ -85,7 +85,7 @@ def without_misfits(current: Fit) -> tuple[Fit, list[Piece]]:
         for number, piece in enumerate(current.state.pieces):
             if not piece.added:
                 continue
-            ratio = _misfit(current, piece)
+            ratio = misfit(current, piece)
             limit = SETTINGS.misfit if piece.effect.stage is not Stage.STRUCTURE else _misfit_of_peaks(piece)
             if bounds_met(piece) or not is_a_peak(piece):
                 ratio = float("inf")
@@ -117,34 +117,10 @@ def _misfit_of_peaks(piece: Piece) -> float:
     )
 
 
-def explained(current: Fit, piece: Piece) -> ComplexArray:
-    """What a piece contributes to the measured coefficients, (n, K)."""
-    propagation = current.propagation
-    return propagation.measured(propagation.change(piece.effect), piece.effect.stage)
-
-
-def _misfit(current: Fit, piece: Piece) -> float:
-    """Power left where a piece acts, beyond the noise, over the power that it takes off there."""
-    target = current.target
-    own = explained(current, piece)
-    size = np.abs(own)
-    # a peak says nothing of what lies far from it; all else must hold where it is small too
-    least = SETTINGS.acts if has_a_frequency(piece.effect) else 0.0
-    acts = (size > least * size.max(axis=0)) & target.counts
-    # one scale an order: a direction that fits badly must not weigh less for it
-    scale = (target.spread**2).mean(axis=0)
-    left, before = (np.abs(part) ** 2 * acts / scale for part in (current.residual, current.residual + own))
-    noise = SETTINGS.tails * np.where(target.data.orders == 0, 1, 2) * target.sigma**2 * acts / scale
-    saved = (before - left).sum(axis=0)
-    beyond = np.maximum((left - noise).sum(axis=0), 0.0)
-    mine = saved > 0.05 * saved.sum()
-    return float(beyond[mine].sum() / max(saved[mine].sum(), 1e-300))
-
-
 def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
     """Claims with evidence, changed parameters, alternatives."""
+    joint, changed, offset_changed = _told_apart(joint)
     added = [i for i, piece in enumerate(joint.state.pieces) if piece.added]
-    changed, offset_changed = changes(joint)
     final = fit(joint.target, _held(joint, changed, offset_changed))
     for _ in range(SETTINGS.most_after_all):
         more = change_after_all(joint, final, changed)
@@ -188,9 +164,36 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
     return Conclusions(joint, final, tuple(claims), tuple(retuned), offset_changed)
 
 
+def _told_apart(joint: Fit) -> tuple[Fit, dict[int, float], bool]:
+    """The fit, and what the data refuse of the rig, where no form of an added resonance does as well.
+
+    One excited by a force differs from one excited by a motion by a constant on each of its orders, which the rig's own
+    waves would take up.
+    """
+    changed, offset_changed = changes(joint)
+    found = [i for i, piece in enumerate(joint.state.pieces) if piece.added and has_a_frequency(piece.effect)]
+    orders = {order for i in found for order in joint.state.pieces[i].effect.orders}
+    beside = [i for i in changed if orders & set(joint.state.pieces[i].effect.touched_orders())]
+    if not beside:
+        return joint, changed, offset_changed
+    state = joint.state
+    for i in beside:
+        origin = _origin(state.pieces[i])
+        state = state.replaced(i, Piece(origin, frozenset(), False, origin))
+    for i in found:
+        piece = state.pieces[i]
+        forced = piece.effect.with_values(dict(piece.effect.values) | {"static_share": 1.0})
+        state = state.replaced(i, replace(piece, effect=forced))
+    held = fit(joint.target, state)
+    good, at = joint.target.good, np.isin(joint.target.data.orders, sorted(orders))
+    power = sum(float((np.abs(explained(held, held.state.pieces[i])[good][:, at]) ** 2).sum()) for i in found)
+    lost = float((np.abs(held.residual[good][:, at]) ** 2 - np.abs(joint.residual[good][:, at]) ** 2).sum())
+    return (held, *changes(held)) if lost < SETTINGS.form * power else (joint, changed, offset_changed)
+
+
 def _peaks(final: Fit, piece: Piece) -> tuple[float, float] | None:
     """Where the peaks put a resonance whose orders keep as much structure as it explains; None for all others."""
-    if not has_a_frequency(piece.effect) or _misfit(final, piece) < SETTINGS.misfit_of_peaks:
+    if not has_a_frequency(piece.effect) or misfit(final, piece) < SETTINGS.misfit_of_peaks:
         return None
     return bracket(final.target, final.residual + explained(final, piece), piece.effect)
 
@@ -220,7 +223,7 @@ def _by_order_alone(final: Fit, number: int) -> bool:
     """
     piece = final.state.pieces[number]
     if piece.effect.stage is Stage.MODULATION:
-        return _single_sideband(piece)
+        return len(followers(piece)) < 2
     if piece.effect.orders_key != "order" or piece.effect.stage is not Stage.ADDITIVE:
         return False
     depends = piece.effect.name == "load_dependent_mesh"
@@ -232,12 +235,6 @@ def _by_order_alone(final: Fit, number: int) -> bool:
     return not depends and not company
 
 
-def _single_sideband(piece: Piece) -> bool:
-    """Whether a modulation makes one order beside its mesh order, and not the two that a turning carrier makes."""
-    ratios = [x for key, x in piece.effect.values.items() if key.endswith("_ratio")]
-    return sum(bool(x) for x in ratios) == 1
-
-
 def _of_its_order(final: Fit, number: int) -> tuple[str, ...]:
     """What is said beside a name that only an order gives."""
     if not _by_order_alone(final, number):
@@ -245,7 +242,9 @@ def _of_its_order(final: Fit, number: int) -> tuple[str, ...]:
     piece = final.state.pieces[number]
     order = piece.effect.orders[0]
     if piece.effect.stage is Stage.MODULATION:
-        return (f"one sideband of order {order} without the other: a wave of that order from elsewhere is as likely",)
+        what = "one sideband" if followers(piece) else "two constant sidebands"
+        alike = "without the other: a wave of that order" if followers(piece) else "that do not follow it: two waves"
+        return (f"{what} of order {order} {alike} from elsewhere is as likely",)
     return (
         f"order {order} is one that this part makes; a constant wave of that order from elsewhere would look the same",
     )
@@ -331,11 +330,14 @@ def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> list[tu
     stages = STAGES if len(own) > 2 else tuple(stage for stage in STAGES if stage is not Stage.STRUCTURE)
     finder = Search(known, smaller, stages=stages, touching=sorted(own))
     best: dict[str, Candidate] = {}
-    for c in finder.ranked(least=20.0):
+    ranked = finder.ranked(least=20.0)
+    # gains are those of a linear step at the weights of the smaller fit: compared with the largest of their kind
+    clear = 0.3 * min(smaller.loss - joint.loss, max((c.gain for c in ranked), default=0.0))
+    for c in ranked:
         touched = set(c.piece.effect.touched_orders())
         if c.name == piece.effect.name or not touched & own or c.name in best:
             continue
-        if c.gain > 0.3 * (smaller.loss - joint.loss):
+        if c.gain > clear:
             best[c.name] = c
     found = []
     places = np.flatnonzero(np.isin(joint.target.data.model_orders(), sorted(own)))
@@ -404,15 +406,20 @@ def _extrapolates(joint: Fit, piece: Piece) -> tuple[str, ...]:
     """Remarks where a parameter lies at a bound or outside of what was measured."""
     remarks = []
     at = joint.target.data.at
+    fixed = {scalar.key for scalar in piece.effect.scalars if scalar.form is Form.FIXED}
     remarks += [
         f"{key} is not told by the data: {value:g} is a guess"
         for key, value in piece.effect.values.items()
-        if key not in piece.free | {"order", "orders"}
+        if key not in piece.free | fixed | {"order", "orders"}
     ]
     seating = piece.effect.values.get("seating_torque_Nm")
     if isinstance(seating, float) and np.sum(np.unique(np.abs(at.torque_Nm)) < 2 * seating) < 2:
         remarks.append("too few torques near the seating torque: it is an extrapolation")
     frequency = piece.effect.values.get("frequency_Hz")
+    remarks += [
+        f"what it does between {low:g} and {high:g} degC is not known: no temperature between them was measured"
+        for low, high in unmeasured_states(at, [piece.effect])
+    ]
     if isinstance(frequency, float):
         turn = at.speed_rpm / (60 * piece.effect.constants.reduction_ratio)
         outside = [k for k in piece.effect.orders if not k * turn.min() < frequency < k * turn.max()]

@@ -6,12 +6,15 @@ combination of parameters cannot be predicted by anybody: it says so and does no
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.reconcile.fit.fitting import AXES, Fit, Fold
+from st_codegen.reconcile.judge.peaks import has_a_frequency
+from st_codegen.rig.effects import Conditions, Effect
 
 
 def predicted(fit: Fit, fold: Fold) -> ComplexArray:
@@ -42,4 +45,31 @@ def held_out_rms(fit: Fit) -> FloatArray:
     if not powers:
         powers = [weight * (np.abs(fit.residual[fit.target.good]) ** 2).mean(axis=0)]
     found: FloatArray = np.sqrt(max(powers, key=lambda power: float(power.sum())))
+    return found
+
+
+def unmeasured_states(at: Conditions, effects: Sequence[Effect]) -> list[tuple[float, float]]:
+    """Neighbouring measured temperatures (degC) between which resonances change their frequency, no run says how."""
+    levels = np.unique(at.temperature_C)
+    edges = {effect.scalar(key) for effect in effects for key in ("above_C", "below_C") if key in effect.values}
+    if len(levels) == 2 and any("frequency_per_10K" in effect.values for effect in effects):
+        edges.add(float(levels.mean()))
+    inside = [edge for edge in edges if levels[0] < edge < levels[-1]]
+    return sorted({(float(levels[levels < edge].max()), float(levels[levels > edge].min())) for edge in inside})
+
+
+def between_states(fit: Fit) -> FloatArray:
+    """Power (deg^2), by order (K,), by which a resonance may be off between temperatures where nothing was measured.
+
+    Its frequency is known on both sides; where between them it changes, and whether in a step, no run says. On average
+    half the temperatures between them have the one while the rig has the other.
+    """
+    at, orders = fit.target.data.at.rows(fit.target.good), fit.target.data.orders
+    found = np.zeros(len(orders))
+    own = [piece.effect for piece in fit.state.pieces if piece.added and has_a_frequency(piece.effect)]
+    for low, high in unmeasured_states(at, own) if fit.target.data.angle_rad is None else ():
+        sides = [replace(at, temperature_C=np.full(len(at), level)) for level in (low, high)]
+        apart = sum(effect.contribution(sides[0], orders) - effect.contribution(sides[1], orders) for effect in own)
+        share = (high - low) / float(np.ptp(at.temperature_C))
+        found += 0.5 * share * np.where(orders == 0, 1.0, 0.5) * (np.abs(apart) ** 2).mean(axis=0)
     return found

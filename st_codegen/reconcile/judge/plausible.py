@@ -1,22 +1,34 @@
-"""What an addition must be beside significant: a peak where it claims one, inside its bounds, at nobody's expense."""
+"""What an addition must be beside significant: of its form, a peak where it claims one, inside its bounds, and at
+nobody's expense."""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 
 import numpy as np
 
+from st_codegen.ir.arrays import ComplexArray
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.judge.peaks import has_a_frequency
+from st_codegen.reconcile.judge.unexplained import is_lacking
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Form, Scalar
+from st_codegen.rig.effects import Form, Scalar, Stage
 
 
 def bounds_met(piece: Piece) -> list[Coordinate]:
-    """The coordinates of a piece that lie at a bound; a size of zero is no bound but the effect's absence."""
+    """The coordinates of a piece that lie at a bound; a size of zero is no bound but the effect's absence.
+
+    The bound of a wave is that of its amplitude, not of its real and its imaginary part.
+    """
     found = []
+    sizes: dict[tuple[str, int], float] = {}
     for c, x in zip(piece.coordinates(), piece.vector(), strict=True):
+        if c.part:
+            sizes[c.key, c.place] = float(np.hypot(sizes.get((c.key, c.place), 0.0), x))
+            if c.part == 2 and sizes[c.key, c.place] > c.upper * (1.0 - SETTINGS.edge):
+                found.append(c)
         edge = SETTINGS.edge * (c.upper - c.lower)
         low = x - c.lower < edge and not (c.form is Form.LINEAR and c.lower == 0.0)
         if c.part == 0 and (low or c.upper - x < edge):
@@ -52,6 +64,85 @@ def _inner(scalar: Scalar, c: Coordinate) -> list[float | None]:
     if scalar.default == 0.0:
         return [None]
     return [float(x) for x in scalar.starts if c.lower < x < c.upper] or [(c.lower + c.upper) / 2]
+
+
+def explained(current: Fit, piece: Piece) -> ComplexArray:
+    """What a piece contributes to the measured coefficients, (n, K)."""
+    propagation = current.propagation
+    return propagation.measured(propagation.change(piece.effect), piece.effect.stage)
+
+
+def misfit(current: Fit, piece: Piece) -> float:
+    """Power left where a piece acts, beyond the noise, over the power that it takes off there."""
+    # a peak says nothing of what lies far from it; all else must hold where it is small too
+    return _left_of(current, explained(current, piece), SETTINGS.acts if has_a_frequency(piece.effect) else 0.0)
+
+
+def is_its_own(current: Fit, piece: Piece, held: Fit) -> bool:
+    """Whether a changed effect of the rig is what the data want changed; `held`: the fit without the change.
+
+    Where the change leaves much of what it takes off, something else is missing and only bends the parameter; where it
+    shows on no order but those of added effects, and is small beside them, it may be what their forms lack.
+    """
+    assert piece.origin is not None
+    propagation = current.propagation
+    change = propagation.change(piece.effect) - propagation.change(piece.origin)
+    part = propagation.measured(change, piece.effect.stage)
+    if _left_of(current, part, 0.0) > SETTINGS.misfit:
+        return False
+    return _stands_alone(current, part, [other for other in current.state.pieces if other.added], held)
+
+
+def _left_of(current: Fit, own: ComplexArray, least: float) -> float:
+    target, size = current.target, np.abs(own)
+    acts = (size > least * size.max(axis=0)) & target.counts
+    # one scale an order: a direction that fits badly must not weigh less for it
+    scale = (target.spread**2).mean(axis=0)
+    left, before = (np.abs(part) ** 2 * acts / scale for part in (current.residual, current.residual + own))
+    noise = SETTINGS.tails * np.where(target.data.orders == 0, 1, 2) * target.sigma**2 * acts / scale
+    saved = (before - left).sum(axis=0)
+    beyond = np.maximum((left - noise).sum(axis=0), 0.0)
+    mine = saved > 0.05 * saved.sum()
+    return float(beyond[mine].sum() / max(saved[mine].sum(), 1e-300))
+
+
+def followers(piece: Piece) -> list[str]:
+    """The sidebands of a modulation that follow their mesh order, by key."""
+    return [key for key, x in piece.effect.values.items() if key.endswith("_ratio") and x]
+
+
+def law_holds(fitted: Fit, number: int) -> bool:
+    """Whether a name that rests on its law alone leaves nothing beyond the noise; true for all others.
+
+    A wave beside a mesh order, without its twin on the other side, is a sideband only as far as it follows the mesh.
+    """
+    piece, target = fitted.state.pieces[number], fitted.target
+    if piece.effect.stage is not Stage.MODULATION:
+        return True
+    size = np.sqrt((np.abs(explained(fitted, piece)[target.good] / target.sigma[target.good]) ** 2).mean(axis=0))
+    own = size > SETTINGS.least_size
+    if own.sum() != 1:
+        return bool(own.any())
+    follows = not any(piece.effect.constant(order) for order in piece.effect.touched_orders())
+    return follows and not (own & is_lacking(target, fitted.residual)).any()
+
+
+def is_no_form_error(without: Fit, with_it: Fit, number: int) -> bool:
+    """Whether an addition is more than what the forms of other added effects may lack on their orders."""
+    others = [other for i, other in enumerate(with_it.state.pieces) if other.added and i != number]
+    return _stands_alone(with_it, explained(with_it, with_it.state.pieces[number]), others, without)
+
+
+def _stands_alone(current: Fit, part: ComplexArray, others: Sequence[Piece], held: Fit) -> bool:
+    """Whether a part shows on an order of no other added effect, or is not small beside these; `held`: without it."""
+    target = current.target
+    beside = sum((explained(current, other) for other in others), np.zeros_like(part))
+    shared = np.abs(beside).max(axis=0) > 0
+    saved = (target.losses(held.residual) - target.losses(current.residual)).sum(axis=0)
+    if not shared.any() or float(np.maximum(saved[~shared], 0.0).sum()) > SETTINGS.order_gain:
+        return True
+    sizes = [float((np.abs(x[target.good][:, shared]) ** 2).sum()) for x in (part, beside)]
+    return sizes[0] > SETTINGS.form * sizes[1]
 
 
 def at_nobodys_expense(without: Fit, with_it: Fit) -> bool:

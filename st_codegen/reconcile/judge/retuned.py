@@ -9,6 +9,7 @@ from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import inverse
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.evidence import chi_square_tail, p_of_clusters
+from st_codegen.reconcile.judge.plausible import is_its_own
 from st_codegen.reconcile.judge.unexplained import structure
 from st_codegen.reconcile.settings import SETTINGS
 
@@ -21,10 +22,14 @@ def changes(joint: Fit) -> tuple[dict[int, float], bool]:
         assert piece.origin is not None
         places, difference = _difference(joint, i)
         p = _p_of(joint, places, difference)
-        if p < SETTINGS.p_changed:
-            p = max(p, _p_of_held(joint, i, len(places)))
+        sure = p < SETTINGS.p_changed
+        if sure:
+            # where the model is a product (a ratio times a mesh order) standard errors at the solution say too little
+            held = _held(joint, i)
+            p = max(p, chi_square_tail(held.loss - joint.loss, len(places)))
+            sure = p < SETTINGS.p_changed and is_its_own(joint, piece, held)
         grown = piece.effect.values.keys() != piece.origin.values.keys()
-        if grown or (p < SETTINGS.p_changed and not _lasting_noise(joint, piece)):
+        if grown or (sure and not _lasting_noise(joint, piece)):
             found[i] = p
     shift = joint.state.vector()[:1] - joint.state.rig.zero_offset_deg
     sigma = joint.target.sigma[:, joint.target.data.orders == 0]
@@ -42,7 +47,10 @@ def change_after_all(joint: Fit, final: Fit, changed: dict[int, float]) -> dict[
     loud = set(held.orders[held.significant & ~free.significant].tolist())
     chances = {}
     for i in _own_pieces(joint):
-        if i not in changed and loud & set(joint.state.pieces[i].effect.touched_orders()):
+        piece = joint.state.pieces[i]
+        if i in changed or not loud & set(piece.effect.touched_orders()):
+            continue
+        if is_its_own(joint, piece, _held(joint, i)):
             chances[i] = _p_alone(joint, *_difference(joint, i))
     best = min(chances, key=lambda i: chances[i], default=None)
     return {} if best is None or chances[best] > SETTINGS.discovery_rate else {best: chances[best]}
@@ -91,16 +99,12 @@ def _p_of(joint: Fit, places: list[int], difference: FloatArray) -> float:
     return plain if clusters < SETTINGS.p_clusters else max(plain, clusters)
 
 
-def _p_of_held(joint: Fit, number: int, count: int) -> float:
-    """Chance of the loss that a piece costs when it is held at the rig's own values and all others are fitted again.
-
-    Where the model is a product (a ratio times a mesh order) standard errors at the solution say too little.
-    """
+def _held(joint: Fit, number: int) -> Fit:
+    """The fit with one piece held at the rig's own values and all others fitted again."""
     piece = joint.state.pieces[number]
     assert piece.origin is not None
     own = Piece(piece.origin, frozenset(), False, piece.origin)
-    held = fit(joint.target, joint.state.replaced(number, own), steps=SETTINGS.quick_steps)
-    return chi_square_tail(held.loss - joint.loss, count)
+    return fit(joint.target, joint.state.replaced(number, own), steps=SETTINGS.quick_steps)
 
 
 def _p_alone(joint: Fit, places: list[int], difference: FloatArray) -> float:

@@ -14,7 +14,14 @@ from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.candidates import Candidate, Search
 from st_codegen.reconcile.judge.evidence import Evidence, judge
 from st_codegen.reconcile.judge.peaks import has_a_frequency
-from st_codegen.reconcile.judge.plausible import at_nobodys_expense, at_two_frequencies, inside_bounds
+from st_codegen.reconcile.judge.plausible import (
+    at_nobodys_expense,
+    at_two_frequencies,
+    inside_bounds,
+    is_no_form_error,
+    law_holds,
+)
+from st_codegen.reconcile.judge.states import in_their_forms
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Stage
 
@@ -36,7 +43,7 @@ def search(
         found = _next(current, known, refused, judged)
         if found is None:
             break
-        current = _pruned(found, refused)
+        current = in_their_forms(_pruned(found, refused))
         # on coarse grids a missing effect passes for noise until it is named
         current = fit(with_noise_of(current)[0], current.state, steps=SETTINGS.long_steps)
     return current, judged
@@ -96,7 +103,13 @@ def _first_that_passes(
     # a clear first needs no comparison with others
     likely = [c for c in ranked[: SETTINGS.tries] if finder.net(c) > SETTINGS.clear * finder.net(ranked[0])]
     tried = [_tried(current, c) for c in likely]
-    tried.sort(key=lambda pair: pair[0].loss + finder.penalty * len(pair[1].coordinates()))
+    # weighed by how far coefficients scatter about the model as it is, a poor candidate loses little to a good one:
+    # they are compared by how far they scatter about the best
+    spreads = [current.target.about(fitted.residual).spread for fitted, _ in tried]
+    sharp = replace(current.target, wide=np.min(spreads, axis=0)) if spreads else current.target
+    tried.sort(
+        key=lambda pair: float(sharp.losses(pair[0].residual).sum()) + finder.penalty * len(pair[1].coordinates())
+    )
     for fitted, raw in tried:
         refused[raw.identity] = raw.gain
         number = raw.place(fitted.state)
@@ -110,7 +123,10 @@ def _first_that_passes(
             continue
         evidence = judge(current, inside, places, number)
         judged.append((candidate, evidence))
-        if evidence.passed and at_two_frequencies(current, inside, number) and at_nobodys_expense(current, inside):
+        sound = at_two_frequencies(current, inside, number) and at_nobodys_expense(current, inside)
+        # a part that grows on an effect is no other effect
+        sound = sound and (raw.number is not None or is_no_form_error(current, inside, number))
+        if evidence.passed and sound and law_holds(inside, number):
             del refused[raw.identity]
             return inside
     return None

@@ -7,11 +7,14 @@ from the fitted model and unlike its neighbours: what the model lacks is shared 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.data.contrasts import repeats
 from st_codegen.reconcile.data.levels import in_steps
+from st_codegen.reconcile.data.noise import Noise
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
 
@@ -19,8 +22,7 @@ from st_codegen.reconcile.settings import SETTINGS
 def bad_runs(data: Observations, residual: ComplexArray, sigma: FloatArray, structured: BoolArray) -> dict[int, float]:
     """Rows of bad runs and how far off they are, in standard deviations; residual (n, K), sigma (n, K).
 
-    structured: bool (K,), orders in which the model lacks something: being off in one of these alone is no fault of
-    the run.
+    structured: bool (K,), orders in which the model lacks something: being off in these alone is no fault of the run.
     """
     if data.angle_rad is not None:
         return {}
@@ -29,10 +31,10 @@ def bad_runs(data: Observations, residual: ComplexArray, sigma: FloatArray, stru
     deviation = residual / sigma
     found: dict[int, float] = {}
     for rows in _runs(data):
-        off = {row: _alone(size[row]) for row in rows}
+        off = {row: _alone(size[row]) if _largest(size[row], structured) > SETTINGS.off else 0.0 for row in rows}
         pair = size[rows].min(axis=0)
         is_pair = len({data.at.sign[row] for row in rows}) == 2
-        both = max(_alone(pair), float(pair[~structured].max(initial=0.0))) if is_pair else 0.0
+        both = _largest(pair, structured) if is_pair else 0.0
         again = [row for row in rows if repeats(data.at, deviation, row)]
         if both > SETTINGS.off:
             # the run is bad as a whole, unless each direction shows what others show as well
@@ -47,6 +49,20 @@ def _alone(size: FloatArray) -> float:
     """How far off a single row is: the size that several of its orders reach."""
     largest = np.sort(size)
     return float(largest[-SETTINGS.orders_alone]) if len(largest) >= SETTINGS.orders_alone else 0.0
+
+
+def _largest(size: FloatArray, structured: BoolArray) -> float:
+    """How far off a row is in the orders in which the model lacks nothing."""
+    return float(size[~structured].max(initial=0.0))
+
+
+def without_structure(data: Observations, residual: ComplexArray, noise: Noise, structured: BoolArray) -> Noise:
+    """The noise without those of its suspects that are off in nothing but orders in which the model lacks something."""
+    size = _scaled(data, residual, noise.sigma)
+    right = [row for row, _ in noise.suspects if _largest(size[row], structured) <= SETTINGS.off]
+    good = noise.good.copy()
+    good[right] = True
+    return replace(noise, good=good, suspects=tuple(entry for entry in noise.suspects if entry[0] not in right))
 
 
 def _runs(data: Observations) -> list[list[int]]:

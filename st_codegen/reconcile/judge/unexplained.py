@@ -15,6 +15,7 @@ import numpy as np
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.contrasts import neighbours
 from st_codegen.reconcile.data.levels import levels_of, speed_levels
+from st_codegen.reconcile.data.noise import MEDIAN_1
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.evidence import chi_square_tail, false_discoveries, normal_tail
@@ -51,6 +52,13 @@ def structure(target: FitData, residual: ComplexArray) -> ResidualStructure:
     p = np.minimum(np.minimum(2 * p_levels, 2 * p_shared), 1.0)
     significant = (false_discoveries(p, SETTINGS.discovery_rate) & large) | in_time
     return ResidualStructure(data.orders, significant, tuple(courses))
+
+
+def is_lacking(target: FitData, residual: ComplexArray) -> BoolArray:
+    """Whether an order keeps more than noise, with a pattern or without one, bool (K,)."""
+    found = structure(target, residual).significant.copy()
+    found[scatter(target, residual)] = True
+    return found
 
 
 def _between_levels(target: FitData, z: ComplexArray, parts: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -173,9 +181,9 @@ def floors(target: FitData, residual: ComplexArray, of_contrasts: FloatArray) ->
     own = _within(target)
     if data.spectral_deg is not None:
         lasts = (data.orders <= SETTINGS.wander_orders) & (found < _beyond(target, residual) * own)
-        return np.where(lasts | (of_an_encoder(data) > 0), found, own)
-    left = structure(target, residual).significant
-    left[scatter(target, residual)] = True
+        walking = own * _wandering(target, _times_spectral(target, residual))
+        return np.where(lasts | (of_an_encoder(data) > 0), found, np.where(data.orders > 0, walking, own))
+    left = is_lacking(target, residual)
     return np.where(left, np.minimum(found, own), found)
 
 
@@ -212,20 +220,38 @@ def _times_spectral(target: FitData, residual: ComplexArray) -> FloatArray:
 
 
 def _beyond(target: FitData, residual: ComplexArray) -> FloatArray:
-    """How many times the noise within the curves a residual may be, (K,): a slow wander shows in the lowest orders.
+    """How many times the noise that is no structure a residual may be, (K,).
 
-    It shows in all of them: how far each may be above is told by the others, order 0 aside.
+    Of curves: twice what a slow wander makes of it. Of tables: no farther above the orders beside it than these
+    scatter about each other.
     """
-    if target.data.spectral_deg is None:
-        return np.full(len(target.data.orders), SETTINGS.beyond_beside)
     orders, times = target.data.orders, _times_spectral(target, residual)
-    found = np.full(len(orders), SETTINGS.beyond_spectral)
-    for k in np.flatnonzero(orders <= SETTINGS.wander_orders):
-        others = np.flatnonzero((orders > 0) & (np.arange(len(orders)) != k))[: SETTINGS.near_floors]
-        if len(others):
-            found[k] *= max(1.0, SETTINGS.wander * float(np.median(times[others])))
-        if orders[k] == 0:
-            found[k] *= max(1.0, target.run_offset_deg / float(_within(target)[k]))
+    if target.data.spectral_deg is not None:
+        found = SETTINGS.beyond_spectral * _wandering(target, times)
+        found[orders == 0] *= np.maximum(1.0, target.run_offset_deg / _within(target)[orders == 0])
+        return found
+    apart = np.abs(np.log(np.maximum(times[orders > 0], 1e-9)))
+    if len(apart) < SETTINGS.least_orders_beside:
+        return np.full(len(orders), SETTINGS.beyond_beside)
+    usual = float(np.exp(SETTINGS.beyond_usual * np.median(apart) / MEDIAN_1))
+    return np.full(len(orders), float(np.clip(usual, SETTINGS.beyond_spectral, SETTINGS.beyond_beside)))
+
+
+def _wandering(target: FitData, times: FloatArray) -> FloatArray:
+    """How much louder than the noise between orders a walk within one turn makes each order, (K,).
+
+    The power of a walk falls with the square of the order; that of its mean over a turn is 2 pi^2 / 3 times that of
+    order 1. How strong it is the lowest orders say where they are clearly louder, each but the one asked about.
+    """
+    orders, found = target.data.orders, np.ones(len(times))
+    # the mean power of n runs of noise scatters by 1/sqrt(n)
+    power = times**2 - 1.0 - SETTINGS.clearly_smaller / np.sqrt(max(int(target.good.sum()), 1))
+    low = np.flatnonzero((orders > 0) & (orders <= SETTINGS.wander_orders))
+    for k, order in enumerate(orders):
+        others = low[low != k]
+        if len(others) > 1:
+            walk = max(0.0, float(np.median(power[others] * orders[others] ** 2)))
+            found[k] = np.sqrt(1.0 + walk * (2 * np.pi**2 / 3 if order == 0 else 1.0 / order**2))
     return found
 
 

@@ -210,6 +210,8 @@ def addends(rig: RigModel, order: int, at: Conditions, graph: Graph) -> list[tup
         for carrier, factor in transfer.items():
             total = sum((symbol for _, symbol in _additive(rig, carrier, at, graph)), _symbol(graph, 0.0))
             found.append((effect.name, _symbol(graph, factor) * total))
+        if effect.constant(order):
+            found.append((effect.name, _symbol(graph, effect.constant(order))))
     for effect in rig.of_stage(Stage.STRUCTURE):
         if order in effect.touched_orders():
             found.append((effect.name, _traced(effect, order, at, graph)))

@@ -23,6 +23,8 @@ _AROUND = 8
 _MOST_LEVELS = 24
 #: width of the shown band around a resonance: half widths, and a share of its frequency at least
 _HALF_WIDTHS, _BAND = 25.0, 0.2
+#: part of its height from which on a resonance of one state counts as being there
+_THERE = 0.5
 
 
 def evidence_panels(result: Reconciliation, found: Sequence[Finding]) -> list[Panel]:
@@ -103,11 +105,12 @@ def _collapsed(
     values: list[ComplexArray] = [np.zeros(0, np.complex128)]
     for sign in (1.0, -1.0):
         height = effect.complex_value("amplitude_deg", sign < 0, place)
-        rows = np.flatnonzero(good & (data.at.sign == sign))
+        there = effect.growth(data.at)
+        rows = np.flatnonzero(good & (data.at.sign == sign) & (there > _THERE))
         if not height or not len(rows):
             continue
         at = data.at.rows(rows)
-        response = measured[rows, column] / (height * (1 + effect.scalar("growth_per_kNm") * at.torque_Nm / 1000))
+        response = measured[rows, column] / (height * there[rows])
         frequency = order * at.speed_rpm / (60 * effect.constants.reduction_ratio) / _factor(effect, at)
         level, index = np.unique(np.round(frequency, 3), return_inverse=True)
         count = np.bincount(index)

@@ -47,6 +47,7 @@ def report(result: Reconciliation, update: Update | None = None, ahead: NextRuns
                          for row, times in result.noise.suspects]
         + [f"{result.data.labels[row]}: {mistake.name}" for mistake in result.mistakes for row in mistake.rows],
         "held_out_curves_unseen": result.unseen_curves,
+        "held_out_between_temperatures_deg": result.between_deg,
         "taken_back": None if result.taken_back is None else asdict(result.taken_back),
         "cannot_show": list(result.cannot_show),
         "not_looked_at": list(result.data.not_looked_at),
@@ -82,7 +83,8 @@ def _group(group: list[Claim]) -> dict[str, Any]:
     several = len(group) > 1
     parameters: dict[str, Any] = {}
     for claim in group:
-        suffix = f"[{claim.piece.effect.orders[0]}]" if several and claim.piece.effect.orders else ""
+        effect = claim.piece.effect
+        suffix = f"[{effect.orders[0]}{effect.state_text}]" if several and effect.orders else ""
         for key, value in parameters_of(claim.piece.effect, claim.stderr).items():
             parameters[key + suffix] = value
     first = group[0]

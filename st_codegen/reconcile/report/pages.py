@@ -15,7 +15,7 @@ from st_codegen.reconcile.report.findings import Finding, findings, share_text
 from st_codegen.reconcile.report.maps import map_sections
 from st_codegen.reconcile.report.output import parameters_of, rig_diff
 from st_codegen.reconcile.report.ranking import ranking_section
-from st_codegen.reconcile.report.sentences import VERDICT_TEXT, floor_text, taken_back_text
+from st_codegen.reconcile.report.sentences import VERDICT_TEXT, between_text, floor_text, taken_back_text
 from st_codegen.reconcile.run import OrderGap, Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.report.html import PageSection, PageTable, page
@@ -268,6 +268,7 @@ def _limits(result: Reconciliation) -> PageSection:
     rows = [["cannot be shown", text] for text in result.cannot_show]
     rows += [["not looked at", text] for text in result.data.not_looked_at]
     rows.append(["noise floor", floor_text(result)])
+    rows += [["held-out gap", text] for text in (between_text(result),) if text]
     return PageSection("What these data cannot show", "", PageTable(["", ""], rows))
 
 

@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from st_codegen.ir.arrays import BoolArray
 from st_codegen.reconcile.judge.conclusions import Claim
 from st_codegen.reconcile.run import Reconciliation, TakenBack
-from st_codegen.rig.effects import Effect
+from st_codegen.rig.effects import Conditions, Effect
 from st_codegen.rig.effects.base import ARCMIN
+from st_codegen.rig.effects.resonance import StructuralResonance
 
 VERDICT_TEXT = {
     "explained": "What was missing is named; what is left has no pattern over the conditions that were measured.",
@@ -26,7 +28,8 @@ _FLOOR = {
     "torque": "how far runs lie from the line through their neighbours in torque",
     "temperature": "how far runs lie from those at other temperatures",
     "repeats": "how far repeated runs differ",
-    "regression": "what a smooth function of the conditions leaves",
+    "smooth": "what a smooth function of the conditions leaves of the runs",
+    "rig": "what the rig leaves of the runs, which are too few to tell more",
 }
 
 
@@ -46,6 +49,16 @@ def floor_text(result: Reconciliation) -> str:
     if result.data.spectral_deg is not None:
         text += ". Orders above 5 were also compared with the noise between the orders of their own curves"
     return text + "."
+
+
+def between_text(result: Reconciliation) -> str:
+    """What the held-out gap holds beside what held-out runs leave; empty for most."""
+    if not result.between_deg:
+        return ""
+    return (
+        f"Between temperatures that were measured, where nobody knows which frequency a resonance has, the rig may be "
+        f"off by {result.between_deg:.3g} deg RMS; the gap on held-out runs holds that."
+    )
 
 
 def taken_back_text(back: TakenBack) -> str:
@@ -88,11 +101,18 @@ def _drift(effect: Effect, result: Reconciliation) -> str:
     return f"the mean drifts by {_value(effect, 'drift_arcmin_per_K'):.2g} arcmin a kelvin of oil temperature"
 
 
+def _there(effect: Effect, at: Conditions) -> BoolArray:
+    """The rows at whose temperatures a resonance is there."""
+    found: BoolArray = effect.growth(at) > 0.5 if isinstance(effect, StructuralResonance) else np.ones(len(at), bool)
+    return found
+
+
 def _resonance(effect: Effect, result: Reconciliation) -> str:
     """Which order is lifted how far at which speed."""
     peaks = next((claim.peaks for claim in result.conclusions.claims if claim.piece.effect is effect), None)
     frequency = _value(effect, "frequency_Hz") if peaks is None else sum(peaks) / 2
-    at, final = result.data.at, result.conclusions.final
+    final = result.conclusions.final
+    at = result.data.at.rows(np.flatnonzero(_there(effect, result.data.at)))
     without = final.state.model().with_effects(e for e in final.state.model().effects if e is not effect)
     parts = []
     for order in effect.orders:
@@ -117,7 +137,8 @@ def _resonance(effect: Effect, result: Reconciliation) -> str:
         if effect.scalar(key)
     ]
     moving = f", which moves {' and '.join(moves)}" if moves else ""
-    return f"{', '.join(parts)}: {one} of the structure {where}{moving}"
+    state = f"{effect.state_text} of oil" if effect.state_text else ""
+    return f"{', '.join(parts)}: {one} of the structure {where}{moving}{state}"
 
 
 def _growing(effect: Effect, result: Reconciliation) -> str:
@@ -137,6 +158,9 @@ def _wave(effect: Effect, result: Reconciliation) -> str:
 
 def _sidebands(effect: Effect, result: Reconciliation) -> str:
     sides = ", ".join(map(str, effect.touched_orders()))
+    if not any(x for key, x in effect.values.items() if key.endswith("_ratio")):
+        mesh = effect.orders[0]
+        return f"orders {sides} stand beside mesh order {mesh} as sidebands of the carrier do, at constant size"
     return f"the carrier modulates mesh order {effect.orders[0]} and gives it sidebands: {sides}"
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from st_codegen.campaign.conditions import OperatingPoint
 from st_codegen.reconcile.report.findings import findings, share_text
-from st_codegen.reconcile.report.sentences import VERDICT_TEXT, floor_text, taken_back_text
+from st_codegen.reconcile.report.sentences import VERDICT_TEXT, between_text, floor_text, taken_back_text
 from st_codegen.reconcile.run import Reconciliation
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def summary(result: Reconciliation) -> str:
     lines.append(
         f"Gap on held-out runs: {gap.before:.3g} -> {gap.after:.3g} deg RMS, noise floor {gap.noise_floor:.3g} deg"
     )
-    lines.append(floor_text(result))
+    lines += [text for text in (between_text(result), floor_text(result)) if text]
     lines += [f"Cannot be shown: {text}" for text in result.cannot_show]
     lines += [f"Not looked at: {text}" for text in result.data.not_looked_at]
     if result.noise.suspects:

@@ -61,6 +61,8 @@ class Form(Enum):
     LINEAR = "linear"
     INVERSE = "inverse"
     SHAPE = "shape"
+    #: where an effect acts: no fit moves it
+    FIXED = "fixed"
 
 
 class Stage(IntEnum):
@@ -97,7 +99,8 @@ class Scalar:
 class Phasor:
     """An amplitude and a phase (rad): one complex number, in which the contribution is linear.
 
-    own_flanks: the keys may stand once more with `backward_` in front; without them backward equals forward.
+    own_flanks: the keys may stand once more with `backward_` in front; without them backward equals forward. beside:
+    the key of the one without which this one says nothing; a search frees both, and no other part with them.
     """
 
     key: str
@@ -107,6 +110,7 @@ class Phasor:
     meaning: str
     required: bool = True
     own_flanks: bool = False
+    beside: str = ""
 
     def keys(self, backward: bool) -> tuple[str, str]:
         """Amplitude and phase key of a direction."""
@@ -182,6 +186,10 @@ class Effect(ABC):
         """What c_k of `order` gets from earlier orders, as factors (MODULATION); None: not by constant factors."""
         return None
 
+    def constant(self, order: int) -> complex:
+        """What c_k of `order` gets at every operating point, whatever the earlier orders are (MODULATION)."""
+        return 0.0
+
     def passed_on(self, at: Conditions, orders: IntArray, coefficients: ComplexArray) -> ComplexArray:
         """The coefficients behind this effect, given those before it (n, len(orders)); affine in them."""
         return coefficients + self.contribution(at, orders)
@@ -199,6 +207,11 @@ class Effect(ABC):
             return ()
         value = self.values[self.orders_key]
         return tuple(int(k) for k in value) if isinstance(value, tuple) else (int(value),)
+
+    @property
+    def state_text(self) -> str:
+        """Where an effect acts that has a state of its own, to stand behind its name; empty for most."""
+        return ""
 
     def scalar(self, key: str) -> float:
         """The value of a scalar, or its default."""

@@ -10,9 +10,15 @@ from st_codegen.campaign.conditions import Conditions
 from st_codegen.ir.arrays import ComplexArray, IntArray
 from st_codegen.rig.effects.base import Effect, Form, Phasor, Scalar, Stage
 
+#: how steeply a resonance comes and goes at the temperature of its state
+_STEP_PER_K = 100.0
+
 
 class StructuralResonance(Effect):
-    """Orders that peak where their frequency meets the structure's."""
+    """Orders that peak where their frequency meets the structure's.
+
+    A structure that has two states (a seat that closes when it is warm) is two resonances, each with its temperatures.
+    """
 
     name = "structural_resonance"
     title = "resonance of the structure"
@@ -41,6 +47,9 @@ class StructuralResonance(Effect):
             Form.SHAPE,
             (-0.1, -0.05, 0.05, 0.1),
         ),
+        Scalar("static_share", "", 0, 1, "0: excited by a motion of its base, 1: by a force", 0.0, Form.FIXED),
+        Scalar("above_C", "degC", -100, 200, "oil temperature from which on it is there", -100.0, Form.FIXED),
+        Scalar("below_C", "degC", -100, 200, "oil temperature up to which it is there", 200.0, Form.FIXED),
         Scalar("growth_per_kNm", "1/kNm", 0, 5, "relative growth with the load", 0.0, Form.SHAPE, (0.0, 0.5, 2.0)),
     )
     phasors = (Phasor("amplitude_deg", "phase_rad", "deg", 1, "height at the resonance", own_flanks=True),)
@@ -57,12 +66,27 @@ class StructuralResonance(Effect):
                 1.0 + self.scalar("frequency_per_kNm") * (torque / 1000.0) + self.scalar("frequency_per_10K") * warmer
             )
         damping, square = self.scalar("damping_ratio"), ratio * ratio
-        return 2 * damping * square / (1 - square + (2j * damping * sign) * ratio)
+        driven = square + self.scalar("static_share") * (1 - square) if "static_share" in self.values else square
+        return 2 * damping * driven / (1 - square + (2j * damping * sign) * ratio)
+
+    @property
+    def state_text(self) -> str:
+        parts = (("above_C", "above"), ("below_C", "below"))
+        return "".join(f", {word} {self.scalar(key):g} degC" for key, word in parts if key in self.values)
+
+    def growth(self, at: Conditions) -> Any:
+        """By how much all orders grow with the load; 0 at temperatures at which the resonance is not there, (n,)."""
+        found = 1 + self.scalar("growth_per_kNm") * at.torque_Nm / 1000
+        # steps within some hundredths of a kelvin, written so that they are formulas for a controller as well
+        for key, side in (("above_C", 1.0), ("below_C", -1.0)):
+            if key in self.values:
+                warmer = (at.temperature_C - self.scalar(key)) * (side * _STEP_PER_K)
+                found = found * (0.5 + 0.5 * np.tanh(warmer))
+        return found
 
     def coefficient(self, at: Conditions, order: int) -> ComplexArray:
         height = self.complex_at("amplitude_deg", at, self.orders.index(order))
-        growth = 1 + self.scalar("growth_per_kNm") * at.torque_Nm / 1000
-        found: ComplexArray = height * growth * self.response(at, order)
+        found: ComplexArray = height * self.growth(at) * self.response(at, order)
         return found
 
     def contribution(self, at: Conditions, orders: IntArray) -> ComplexArray:
@@ -78,7 +102,7 @@ class StructuralResonance(Effect):
         if acting:
             own = np.array(list(acting))
             height = np.where(at.sign[:, None] > 0, *np.array(list(acting.values())).T[:, None, :])
-            growth = 1 + self.scalar("growth_per_kNm") * at.torque_Nm / 1000
+            growth = self.growth(at)
             response = self.response(at, own[None, :])
             # orders are rising wherever coefficients are computed
             found[:, np.searchsorted(orders, own)] = height * growth[:, None] * response

@@ -1,0 +1,124 @@
+"""The form of a resonance that was found: what excites it, and whether the structure has two states.
+
+One that a force excites deflects under a slow force as well. One whose orders keep more than noise may be two, with
+another frequency above a temperature. Each temperature between two levels
+is tried, and for the part of the runs on either side of it each frequency around the one that was found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from st_codegen.reconcile.fit.fitting import Fit, fit
+from st_codegen.reconcile.fit.parameters import Piece
+from st_codegen.reconcile.judge.candidates import Candidate, Scorer
+from st_codegen.reconcile.judge.evidence import judge
+from st_codegen.reconcile.judge.peaks import has_a_frequency
+from st_codegen.reconcile.judge.plausible import at_nobodys_expense, bounds_met, is_a_peak
+from st_codegen.reconcile.judge.unexplained import is_lacking
+from st_codegen.reconcile.settings import SETTINGS
+
+_SIDES = ("above_C", "below_C")
+
+
+def in_their_forms(current: Fit) -> Fit:
+    """The fit with each added resonance in the form that the data show."""
+    forced = _forced(current)
+    split = _with_states(forced)
+    return split if split is forced else _forced(split)
+
+
+def _forced(current: Fit) -> Fit:
+    """The fit with added resonances excited by a force where that does clearly better."""
+    state = current.state
+    for number, piece in enumerate(state.pieces):
+        if piece.added and has_a_frequency(piece.effect) and "static_share" not in piece.effect.values:
+            forced = piece.effect.with_values(dict(piece.effect.values) | {"static_share": 1.0})
+            state = state.replaced(number, replace(piece, effect=forced))
+    if state is current.state:
+        return current
+    found = fit(current.target, state, steps=SETTINGS.long_steps)
+    return found if found.loss < current.loss - SETTINGS.as_good else current
+
+
+def _with_states(current: Fit) -> Fit:
+    """The fit with each added resonance in two states where the data show two."""
+    for number, piece in enumerate(current.state.pieces):
+        if not (piece.added and has_a_frequency(piece.effect)) or set(_SIDES) & piece.effect.values.keys():
+            continue
+        own = np.isin(current.target.data.orders, piece.effect.orders)
+        if not (own & is_lacking(current.target, current.residual)).any():
+            continue
+        found = _split(current, number)
+        if found is not None:
+            return _with_states(found)
+    return current
+
+
+def _split(current: Fit, number: int) -> Fit | None:
+    """The fit with one resonance as two, if that is as well founded as a name of its own."""
+    piece = current.state.pieces[number]
+    if "frequency_per_10K" in piece.effect.values:
+        # a state takes the place of what moves with temperature
+        values = {key: x for key, x in piece.effect.values.items() if key != "frequency_per_10K"}
+        piece = replace(piece, effect=piece.effect.with_values(values), free=piece.free - {"frequency_per_10K"})
+    scorer = Scorer(current)
+    starts = [scorer.scored(Candidate(one)) for one in _starts(current, piece)]
+    if not starts:
+        return None
+    best = max(starts, key=lambda candidate: candidate.gain)
+    side = next(key for key in _SIDES if key in best.piece.effect.values)
+    edge = best.piece.effect.scalar(side)
+    rest = piece.effect.with_values(dict(piece.effect.values) | {_SIDES[side == _SIDES[0]]: edge})
+    state = current.state.replaced(number, replace(piece, effect=rest)).with_piece(best.piece)
+    found = fit(current.target, state, steps=SETTINGS.long_steps)
+    new = len(state.pieces) - 1
+    if _moving(current, number, found, (number, new)).loss < found.loss + SETTINGS.as_good:
+        return None
+    place = found.state.slices()[new]
+    evidence = judge(current, found, list(range(place.start, place.stop)), new)
+    both = [found.state.pieces[i] for i in (number, new)]
+    sound = all(is_a_peak(one) and not bounds_met(one) for one in both) and at_nobodys_expense(current, found)
+    return found if evidence.passed and sound else None
+
+
+def _moving(current: Fit, number: int, split: Fit, two: tuple[int, int]) -> Fit:
+    """The fit with one resonance whose frequency moves with the oil temperature, from what two states say of it."""
+    piece = current.state.pieces[number]
+    low, high = sorted((split.state.pieces[i].effect for i in two), key=lambda effect: "above_C" in effect.values)
+    oil, edge = current.target.data.at.temperature_C, low.scalar("below_C")
+    warmer = float(oil[oil > edge].mean() - oil[oil < edge].mean()) / 10.0
+    slope = (high.scalar("frequency_Hz") / low.scalar("frequency_Hz") - 1.0) / warmer
+    middle = (high.scalar("frequency_Hz") + low.scalar("frequency_Hz")) / 2
+    values = dict(piece.effect.values) | {"frequency_per_10K": slope, "frequency_Hz": middle}
+    moved = replace(piece, effect=piece.effect.with_values(values), free=piece.free | {"frequency_per_10K"})
+    return fit(current.target, current.state.replaced(number, moved), steps=SETTINGS.long_steps)
+
+
+def _starts(current: Fit, piece: Piece) -> Iterator[Piece]:
+    """One of the two states at each temperature of the change and each frequency, without a height yet."""
+    oil = current.target.data.at.temperature_C[current.target.good]
+    frequency = piece.effect.scalar("frequency_Hz")
+    heights = {
+        key: (0.0,) * len(x) for key, x in piece.effect.values.items() if isinstance(x, tuple) and key != "orders"
+    }
+    steps = int(SETTINGS.state_reach / SETTINGS.state_step)
+    for edge in _edges(oil):
+        rows = {"above_C": int((oil > edge).sum()), "below_C": int((oil < edge).sum())}
+        for side in rows:
+            if min(rows.values()) < SETTINGS.least_rows_of_state:
+                continue
+            for step in range(-steps, steps + 1):
+                moved = {side: edge, "frequency_Hz": frequency * (1.0 + step * SETTINGS.state_step)}
+                yield Piece(piece.effect.with_values(dict(piece.effect.values) | heights | moved), piece.free, True)
+
+
+def _edges(oil: np.ndarray) -> list[float]:
+    """Temperatures between levels, or between parts of equal size where there are many levels."""
+    levels = np.unique(oil)
+    if len(levels) > SETTINGS.most_states:
+        levels = np.unique(np.quantile(oil, np.linspace(0, 1, 2 * SETTINGS.most_states + 1), method="nearest"))
+    return [float(x) for x in (levels[1:] + levels[:-1]) / 2]
