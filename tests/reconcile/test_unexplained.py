@@ -157,3 +157,24 @@ def test_an_order_of_a_table_far_louder_than_those_beside_it_is_not_called_noise
     (one,) = signatures(target, values, 1.0, own)
     assert one.order == 42 and "orders beside it" in one.text
     assert own[4] < 2 * SIGMA
+
+
+def test_how_far_orders_of_a_table_scatter_says_which_is_too_loud():
+    """A wave of another phase in each run, 2.8 times what orders beside it are, passed for noise in equal orders.
+
+    At order 1 it may be a wander within the turn, and in a table whose orders differ anyway it is nothing special.
+    """
+    at, orders = grid(), np.array([0, 1, 2, 36, 39, 40, 42, 53, 78, 80, 81, 120])
+    random = np.random.default_rng(4)
+
+    def loud(sizes):
+        values = SIGMA * np.array(sizes) * np.exp(2j * np.pi * random.random((len(at), 12)))
+        values *= random.rayleigh(1.0, values.shape)
+        values[:, 0] = values[:, 0].real
+        data = Observations(at, labels(at), orders, values)
+        noise = estimate(data, values)
+        target = FitData(data, noise.sigma, noise.good, groups_of(at))
+        return [s.order for s in signatures(target, values, 1.0, floors(target, values, noise.floor_rms))]
+
+    assert loud([1, 4.5, 2, 1, 1, 1, 1, 2.8, 1, 1, 1, 1]) == [53]
+    assert loud([1, 3, 2, 1, 4, 0.4, 2, 2.8, 0.5, 1, 3, 0.3]) == []

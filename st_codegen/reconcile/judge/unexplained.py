@@ -223,7 +223,7 @@ def _beyond(target: FitData, residual: ComplexArray) -> FloatArray:
     """How many times the noise that is no structure a residual may be, (K,).
 
     Of curves: twice what a slow wander makes of it. Of tables: no farther above the orders beside it than these
-    scatter about each other.
+    scatter about each other, but for the lowest, where a wander would show and no curve tells how strong it is.
     """
     orders, times = target.data.orders, _times_spectral(target, residual)
     if target.data.spectral_deg is not None:
@@ -234,7 +234,8 @@ def _beyond(target: FitData, residual: ComplexArray) -> FloatArray:
     if len(apart) < SETTINGS.least_orders_beside:
         return np.full(len(orders), SETTINGS.beyond_beside)
     usual = float(np.exp(SETTINGS.beyond_usual * np.median(apart) / MEDIAN_1))
-    return np.full(len(orders), float(np.clip(usual, SETTINGS.beyond_spectral, SETTINGS.beyond_beside)))
+    usual = float(np.clip(usual, SETTINGS.beyond_spectral, SETTINGS.beyond_beside))
+    return np.where(orders > SETTINGS.wander_orders, usual, SETTINGS.beyond_beside)
 
 
 def _wandering(target: FitData, times: FloatArray) -> FloatArray:
