@@ -118,4 +118,9 @@ def _sentence(result: ProofResult) -> str:
         return f"{text}\n  at {list(found.input)} {found.stops}"
     expected = "no answer" if found.expected is None else list(found.expected)
     got = "bValid = FALSE" if found.got is None else list(found.got)
-    return f"{text}\n  at {list(found.input)}: the model demands {expected}, the executed text gives {got}"
+    if not found.by_expression:
+        return f"{text}\n  at {list(found.input)}: the model demands {expected}, the executed text gives {got}"
+    text += f"\n  at {list(found.input)}: the model's expression is {expected}, the executed text gives {got}"
+    if any(found.allowed):
+        text += f"\n  so far the library, which leaves its last digits open, may lie from it: {list(found.allowed)}"
+    return text

@@ -280,6 +280,12 @@ def _(op: TreeEnsemble, operands: list[FloatArray]) -> FloatArray:
     return _TreeEvaluator(op, operands[0]).total()
 
 
+def leaf_values(op: TreeEnsemble, x: FloatArray, tree: int) -> FloatArray:
+    """What one tree gives to rows of the ensemble's operand, shape (rows, width of a leaf)."""
+    with np.errstate(all="ignore"):
+        return _TreeEvaluator(op, x).leaf_values(tree)
+
+
 class _TreeEvaluator:
     """One ensemble on one set of rows."""
 

@@ -18,6 +18,7 @@ from st_codegen.ir import FactoredKernel, KernelSum, ModelIR
 from st_codegen.passes.kernels import factored
 from st_codegen.proof.prove.axis import NotProvedError, from_keys
 from st_codegen.proof.prove.demand import Demand
+from st_codegen.proof.prove.disagree import Inputs, OtherExpressionError, parts_of
 from st_codegen.proof.prove.intervals import WHOLE, Interval
 from st_codegen.proof.prove.model import InputDomain, domain_of
 from st_codegen.proof.prove.range_bound import range_bound
@@ -45,15 +46,16 @@ def prove_arithmetic(model: ModelIR, project: Project, block: str, outputs: tupl
     on_grid = factored(model)
     if on_grid is not None and _is_the_same(model, on_grid):
         candidates.append(on_grid)
-    operations = 0
-    for number, candidate in enumerate(candidates):
+    operations, differences = 0, []
+    for candidate in candidates:
         try:
             operations = _compared(candidate, project, block, outputs)
-        except NotProvedError:
-            if number == len(candidates) - 1:
-                raise
+        except OtherExpressionError as difference:
+            differences.append(difference)
         else:
             break
+    else:
+        raise min(differences, key=lambda difference: difference.apart)
     _check_all_inputs(model, project, block, outputs)
     return ArithmeticProof(operations, range_bound(model) if model.classes is None else ())
 
@@ -81,15 +83,30 @@ def _compared(model: ModelIR, project: Project, block: str, outputs: tuple[int, 
     run, inputs = _executed(terms, project, block, list(ends))
     demand = Demand.of_inputs(terms, model, inputs)
     held = {variable.name: run.held[_PATH, variable] for variable in _outputs(project, block)}
-    if held["bValid"] is not demand.valid:
-        raise NotProvedError("bValid is not the condition under which the model has an answer")
+    taken = Inputs(domain.low, domain.high, lambda x: dict(zip(inputs, x.T, strict=True)))
+    valid: Value = held["bValid"]  # type: ignore[assignment]
+    if valid is not demand.valid:
+        reason = "bValid is not the condition under which the model has an answer"
+        raise OtherExpressionError(reason, [valid], [demand.valid], taken)
     names = numbers_of(project, block)
-    for number, wanted in zip(outputs, demand.put_out(), strict=True):
-        got = _assigned(held[names[number]], demand.valid)
-        if not same_number(got, wanted):
-            raise NotProvedError(f"{names[number]} is not the expression that the model demands")
+    got: list[Value] = [_assigned(held[names[number]], demand.valid) for number in outputs]  # type: ignore[misc]
+    different = [n for n, pair in enumerate(zip(got, demand.put_out(), strict=True)) if not same_number(*pair)]
+    if different:
+        where = ", ".join(names[outputs[n]] for n in different)
+        reason = f"{where}: not the expression that the model demands, which {first_missing(demand, got)}"
+        raise OtherExpressionError(reason, got, demand.put_out(), taken)
     _check_range(model, terms, inputs, held)
     return size_of(demand.outputs)
+
+
+def first_missing(demand: Demand, got: list[Value]) -> str:
+    """The first operation of a model of which a text does not compute every column."""
+    there = {id(term) for term in parts_of(got)}
+    for number, op in enumerate(demand.model.ops, 1):
+        columns = demand.values.get(number, [])
+        if any(isinstance(column, Term) and id(column) not in there for column in columns):
+            return f"differs in operation {number}, {type(op).__name__}"
+    return "differs behind its last operation"
 
 
 def numbers_of(project: Project, block: str) -> list[str]:
@@ -213,11 +230,4 @@ def same_number(one: object, other: object) -> bool:
 
 def size_of(outputs: list[Value]) -> int:
     """How many terms some values have, parts that they share counted once."""
-    seen: set[Term] = set()
-    open_ = [value for value in outputs if isinstance(value, Term)]
-    while open_:
-        term = open_.pop()
-        if term not in seen:
-            seen.add(term)
-            open_ += [argument for argument in term.arguments if isinstance(argument, Term)]
-    return len(seen)
+    return len(parts_of(outputs))

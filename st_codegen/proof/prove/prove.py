@@ -7,19 +7,16 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
-import numpy as np
-
 from st_codegen.emit.output import block_of
 from st_codegen.emit.targets import TARGETS
-from st_codegen.errors import GeneratedCodeError
 from st_codegen.files.html_text import html_table
-from st_codegen.ir import ModelIR, TreeEnsemble, reference
-from st_codegen.ir.arrays import FloatArray, IntArray
+from st_codegen.ir import ModelIR, TreeEnsemble
 from st_codegen.project.bundle import Bundle
-from st_codegen.proof.bounds import difference_bound
 from st_codegen.proof.prove.arithmetic import METHOD, prove_arithmetic
 from st_codegen.proof.prove.axis import NotProvedError
 from st_codegen.proof.prove.blocks import prove_block
+from st_codegen.proof.prove.counterexample import Counterexample, counterexample, edge_rows, of_expressions
+from st_codegen.proof.prove.disagree import OtherExpressionError
 from st_codegen.proof.prove.tree_proof import BlockRun, Difference, TreeProof
 from st_codegen.proof.runner import GeneratedCode, target_folders
 
@@ -33,16 +30,6 @@ class Verdict(StrEnum):
     PROVED = "proved"
     REFUTED = "refuted"
     NOT_PROVED = "not proved"
-
-
-@dataclass(frozen=True)
-class Counterexample:
-    """An input for which the text was executed and differs from the model; `got` is None where it is not valid."""
-
-    input: tuple[float, ...]
-    expected: tuple[float, ...] | None
-    got: tuple[float, ...] | None
-    stops: str = ""
 
 
 @dataclass(frozen=True)
@@ -144,66 +131,29 @@ def prove_model(model: ModelIR, code: GeneratedCode, runs: dict[str, BlockRun] |
     result = ProofResult(model.name, folder.name, block, Verdict.NOT_PROVED, outputs=outputs)
     if folder.name == "beckhoff-ml":
         return _left_out(model, folder)
-    runs = {} if runs is None else runs
-    points: FloatArray = np.zeros((0, len(model.features)))
-    if not any(isinstance(op, TreeEnsemble) for op in model.ops):
-        return _prove_expression(model, code, result)
     try:
-        found = TreeProof(model, code, block, outputs, runs).check()
-    except NotProvedError as error:
-        reason = str(error)
+        if any(isinstance(op, TreeEnsemble) for op in model.ops):
+            found = TreeProof(model, code, block, outputs, {} if runs is None else runs).check()
+            return _with(result, Verdict.PROVED, **found.__dict__)
+        proof = prove_arithmetic(model, code.project, block, outputs)
+        return _with(result, Verdict.PROVED, method=METHOD, operations=proof.operations, bound=proof.bound)
     except Difference as difference:
-        reason, points = str(difference), difference.points
-    else:
-        return _with(result, Verdict.PROVED, **found.__dict__)
-    example = _counterexample(model, code, block, outputs, points)
-    if example is not None:
-        return _with(result, Verdict.REFUTED, reason=reason, counterexample=example)
-    return _with(result, Verdict.NOT_PROVED, reason=reason)
-
-
-def _prove_expression(model: ModelIR, code: GeneratedCode, result: ProofResult) -> ProofResult:
-    """The proof for a model without trees."""
-    try:
-        proof = prove_arithmetic(model, code.project, result.block, result.outputs)
+        points, to_the_bit = difference.points, difference.to_the_bit
+        reason, example = str(difference), counterexample(model, code, block, outputs, points, to_the_bit=to_the_bit)
+    except OtherExpressionError as expressions:
+        reason, example = str(expressions), counterexample(model, code, block, outputs, edge_rows(model))
+        example = example or of_expressions(model, code, block, outputs, expressions)
     except NotProvedError as error:
-        return _with(result, Verdict.NOT_PROVED, reason=str(error))
-    return _with(result, Verdict.PROVED, method=METHOD, operations=proof.operations, bound=proof.bound)
+        example = counterexample(model, code, block, outputs, edge_rows(model))
+        if example is None:
+            return _with(result, Verdict.NOT_PROVED, reason=str(error))
+        reason = str(error)
+    if example is None:
+        reason += "; no input was found that shows it"
+        return _with(result, Verdict.NOT_PROVED, reason=reason)
+    return _with(result, Verdict.REFUTED, reason=reason, counterexample=example)
 
 
 def _with(result: ProofResult, verdict: Verdict, **changes: object) -> ProofResult:
     values = {**result.__dict__, "verdict": verdict, **changes}
     return ProofResult(**values)
-
-
-def _counterexample(
-    model: ModelIR, code: GeneratedCode, block: str, outputs: tuple[int, ...], points: FloatArray
-) -> Counterexample | None:
-    """The first of some points at which the executed text is not what the model demands."""
-    if not len(points):
-        return None
-    expected = reference.evaluate(model, points)
-    try:
-        result = code.run_model(block, points, outputs)
-    except GeneratedCodeError as error:
-        for row in points:
-            try:
-                code.run_model(block, row[None, :], outputs)
-            except GeneratedCodeError:
-                return Counterexample(tuple(map(float, row)), None, None, str(error))
-        return None
-    got = np.where(result.valid[:, None], result.values, np.nan)
-    same = (_bits(expected) == _bits(got)) | (np.isnan(expected) & np.isnan(got))
-    allowed = difference_bound(model, points)  # where the library leaves its last digits open
-    same |= (allowed > 0) & (np.abs(expected - got) <= allowed)
-    for row in np.flatnonzero(~np.all(same, axis=1))[:1]:
-        return Counterexample(
-            tuple(map(float, points[row])),
-            tuple(map(float, expected[row])) if not np.isnan(expected[row]).any() else None,
-            tuple(map(float, got[row])) if result.valid[row] else None,
-        )
-    return None
-
-
-def _bits(values: FloatArray) -> IntArray:
-    return np.ascontiguousarray(values, np.float64).view(np.int64)

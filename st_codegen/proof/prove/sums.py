@@ -9,7 +9,7 @@ import numpy as np
 from st_codegen.ir import Aggregate, FloatArray, Precision, TreeEnsemble
 from st_codegen.proof.prove.inputs import InputTerms
 from st_codegen.proof.prove.intervals import LARGEST, Interval, hull
-from st_codegen.proof.prove.terms import Terms, Value
+from st_codegen.proof.prove.terms import Term, Terms, Value
 
 #: A tree of a model: the number of its operation, its own, and the output to which it adds.
 TreeKey = tuple[int, int, int]
@@ -21,6 +21,7 @@ class TreeTerms:
     def __init__(self, terms: Terms, inputs: InputTerms) -> None:
         self.terms, self.inputs = terms, inputs
         self._linear: dict[tuple[int, int], Value] = {}
+        self.leaves: dict[TreeKey, Term] = {}
 
     def tree(self, op: TreeEnsemble, key: TreeKey) -> Value:
         """What a tree gives to an output, as a term of a sum."""
@@ -32,7 +33,9 @@ class TreeTerms:
                 interval = hull(interval, self.terms.interval(self.linear(op, key[0], row)))
         minus_zero = op.linear is not None or bool(np.any((values == 0) & np.signbit(values)))
         single = op.sum_precision is Precision.FLOAT32
-        return self.terms.leaf(("tree", *key), "real", interval, minus_zero=minus_zero, single=single)
+        term = self.terms.leaf(("tree", *key), "real", interval, minus_zero=minus_zero, single=single)
+        self.leaves[key] = term
+        return term
 
     def linear(self, op: TreeEnsemble, number: int, row: int) -> Value:
         """The linear model of a leaf: its constant and products, added in order; its plain value where one is missing.

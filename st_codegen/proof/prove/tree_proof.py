@@ -9,11 +9,12 @@ import numpy as np
 
 from st_codegen.ir import ModelIR, Scale, Select, reference
 from st_codegen.ir.arrays import FloatArray, IntArray
-from st_codegen.proof.prove.arithmetic import check_plausible, numbers_of, same_number, size_of
+from st_codegen.proof.prove.arithmetic import check_plausible, first_missing, numbers_of, same_number, size_of
 from st_codegen.proof.prove.axis import AxisValue, InputAxis, NotProvedError, from_keys
 from st_codegen.proof.prove.boxes import Lanes, Slots, Space
 from st_codegen.proof.prove.by_case import converted
 from st_codegen.proof.prove.demand import Demand
+from st_codegen.proof.prove.disagree import Inputs, OtherExpressionError, parts_of
 from st_codegen.proof.prove.execute import Executor
 from st_codegen.proof.prove.inputs import InputTerms
 from st_codegen.proof.prove.model import ModelSide
@@ -27,6 +28,10 @@ from st_codegen.proof.runner import GeneratedCode
 #: How a proof was reached.
 SUMS, CELLS, TAIL = "sums of trees, tree by tree", "all cells", "the model's expression of its trees"
 
+#: Boxes in which more rows than one are looked at for a difference, and how many in each.
+_SPREAD = 64
+#: Numbers of inputs that have no other end there.
+_NEAR = 1e3
 #: Rows that the reference evaluates at once: bounds its memory.
 _BATCH = 20_000
 #: The range of a feature that declares none, where another does: no infinity lies in it
@@ -34,11 +39,14 @@ _LARGEST = float(np.finfo(np.float64).max)
 
 
 class Difference(Exception):  # noqa: N818 - a finding, not a failure
-    """The text and the model seem to differ at some of these inputs (rows, features)."""
+    """The text and the model seem to differ at some of these inputs (rows, features).
 
-    def __init__(self, reason: str, points: FloatArray) -> None:
+    `to_the_bit`: in bits of numbers that the text holds, which no rounding of a function excuses.
+    """
+
+    def __init__(self, reason: str, points: FloatArray, *, to_the_bit: bool = False) -> None:
         super().__init__(reason)
-        self.points = points
+        self.points, self.to_the_bit = points, to_the_bit
 
 
 @dataclass
@@ -157,7 +165,24 @@ class TreeProof:
         else:
             wanted = column_of(ensemble.op, output)[leaves.value]
             wrong = np.flatnonzero(_bits(got.value.astype(np.float64)) != _bits(wanted))
-        return space.points(wrong[:1000]) if wrong.size else None
+        return self._spread(space, wrong) if wrong.size else None
+
+    def _spread(self, space: Space, lanes: IntArray) -> FloatArray:
+        """Rows in some boxes, beside numbers at which other trees decide: what is added to a leaf there differs."""
+        cuts = [self.side.cuts(feature) for feature in range(len(self.model.features))]
+        found = [space.points(lanes[:1000])]
+        for lane in lanes[:_SPREAD].tolist():
+            rows = np.tile(space.points(np.array([lane])), (_SPREAD, 1))
+            for feature, keys in enumerate(cuts):
+                inside = keys[(keys >= space.low[lane, feature]) & (keys <= space.high[lane, feature])]
+                if inside.size:
+                    rows[:, feature] = from_keys(inside[np.arange(_SPREAD) * (2 * feature + 1) % len(inside)])
+            found.append(rows)
+            # and inside, where linear models in leaves have their digits
+            ends = [np.clip(from_keys(keys[lane]), -_NEAR, _NEAR) for keys in (space.low, space.high)]
+            share = np.modf(np.outer(np.arange(1, _SPREAD), np.sqrt(np.arange(2, 2 + len(cuts)))))[0]
+            found.append(np.where(np.isnan(rows[1:]), np.nan, ends[0] + (ends[1] - ends[0]) * share))
+        return np.concatenate(found)
 
     def _other_terms(self, value: Lanes | Slots, got: FloatArray, rows: IntArray, key: TreeKey) -> IntArray:
         """The lanes in which a number or term is not that of the leaf."""
@@ -249,7 +274,7 @@ class TreeProof:
         terms, inputs = self.run.executor.terms, self.run.executor.inputs
         start: Value = valid
         if isinstance(valid, Term):
-            used = [value for value, term in inputs.taken if _is_in(term, valid)]
+            used = [value for value, term in inputs.taken if term in parts_of([valid])]
             start = used[0] if used else True
         sums = {
             number: self.trees.sums(ensemble.op, number, self.fixed) for number, ensemble in self.side.ensembles.items()
@@ -257,18 +282,44 @@ class TreeProof:
         demand = Demand.of_trees(terms, self.model, inputs, sums, self._as_truth(start))  # type: ignore[arg-type]
         self._check_valid(start)
         if demand.valid is not self._as_truth(valid):
-            raise Difference(
-                "bValid is not what the model demands behind its trees", self._all_leaves(self.expected[0])
-            )
-        for name, value, cells, wanted in zip(self.outputs, values, by_cells, demand.put_out(), strict=True):
-            if not cells and not same_number(self.run.executor.as_number(value), wanted):
-                reason = "not the additions, roundings and operations of the model in its order"
-                raise Difference(f"{name}: {reason}", self._all_leaves(self.expected[0]))
+            reason = "bValid is not what the model demands behind its trees"
+            raise OtherExpressionError(reason, [self._as_truth(valid)], [demand.valid], self._inputs())  # type: ignore[list-item]
+        chosen = [n for n, cells in enumerate(by_cells) if not cells]
+        got = [self.run.executor.as_number(values[n]) for n in chosen]
+        wanted = [demand.put_out()[n] for n in chosen]
+        if not all(map(same_number, got, wanted)):
+            names = [self.outputs[n] for n, *pair in zip(chosen, got, wanted, strict=True) if not same_number(*pair)]
+            reason = f"{', '.join(names)}: not the additions, roundings and operations of the model, which "
+            reason += first_missing(demand, got)
+            raise OtherExpressionError(reason, got, wanted, self._inputs(), chosen)
         tail = [op for number, op in enumerate(self.model.ops, 1) if number in demand.values and number not in sums]
         if all(isinstance(op, Select | Scale) for op in tail):
             return TreeFindings(SUMS, len(self.expected), 0)
         bound = range_bound(self.model) if self.model.classes is None else ()
         return TreeFindings(TAIL, len(self.expected), 0, size_of(demand.outputs), bound)
+
+    def _inputs(self) -> Inputs:
+        """What stands for the leaves of expressions on rows of inputs."""
+        inputs = self.run.executor.inputs
+        numbers = [number for number in inputs.numbers if isinstance(number, Term)]
+
+        def leaves(x: FloatArray) -> dict[Term, FloatArray]:
+            values = reference.trace(self.model, reference.limited(self.model, x))
+            columns = zip(numbers, values[0].T, strict=True)
+            found = {number: np.nan_to_num(column, nan=0.0) for number, column in columns}
+            found |= {m: np.isnan(c) for m, c in zip(inputs.missing, x.T, strict=True) if isinstance(m, Term)}
+            found |= {term: np.ones(len(x), np.bool_) for _, term in inputs.taken}
+            for key, term in self.trees.leaves.items():
+                op = self.side.ensembles[key[0]].op
+                given = np.hstack([values[value] for value in op.inputs])
+                found[term] = reference.leaf_values(op, given, key[1])[:, 0 if op.leaf_value.shape[1] == 1 else key[2]]
+            return found
+
+        anchors = []
+        for feature in range(len(self.model.features)):
+            keys = self.side.cuts(feature)
+            anchors.append(from_keys(np.concatenate([keys, keys + 1])))
+        return Inputs(self.side.domain.low, self.side.domain.high, leaves, tuple(anchors))
 
     def _check_plausible(self, outputs: dict[str, Value], valid: Value) -> None:
         """bPlausible, where there is one, is bValid and that no output lies outside of its plausible range."""
@@ -365,7 +416,7 @@ class TreeProof:
         wanted = np.concatenate([reference.evaluate(self.model, points[at : at + _BATCH])[:, output] for at in batches])
         wrong = np.flatnonzero(_bits(got.value.astype(np.float64)) != _bits(wanted))
         if wrong.size:
-            raise Difference("a cell of the table differs from the model", points[wrong[:1000]])
+            raise Difference("a cell of the table differs from the model", points[wrong[:1000]], to_the_bit=True)
 
 
 def _bits(values: FloatArray) -> IntArray:
@@ -388,17 +439,3 @@ def _same_condition(one: Value, other: Value) -> bool:
     return set(first) == set(second) and all(
         np.array_equal(first[key].lift().constant, second[key].lift().constant) for key in first
     )
-
-
-def _is_in(part: Term, term: Term) -> bool:
-    """Whether a term is a part of another one."""
-    seen: set[Term] = set()
-    open_ = [term]
-    while open_:
-        here = open_.pop()
-        if here is part:
-            return True
-        if here not in seen:
-            seen.add(here)
-            open_ += [argument for argument in here.arguments if isinstance(argument, Term)]
-    return False
