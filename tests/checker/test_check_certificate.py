@@ -96,7 +96,7 @@ def test_entries_that_are_not_checked_are_named_beside_those_that_are(tmp_path):
     assert result.returncode == 0, result.stdout
     assert "random_forest, iec: confirmed" in result.stdout
     assert "ridge, iec: claimed: expressions are not checked here" in result.stdout
-    assert "lightgbm_linear, iec: not proved, by its own words" in result.stdout
+    assert "lightgbm_linear, iec: claimed: expressions are not checked here" in result.stdout
     assert "1 of its 3 entries are confirmed" in result.stdout
 
 

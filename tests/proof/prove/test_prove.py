@@ -25,8 +25,8 @@ def test_golden_models_are_proved(target):
         assert result.verdict is Verdict.PROVED, result
 
 
-#: Golden models of trees with an exponential behind their sum.
-LINKED = {"xgboost_poisson"}
+#: Golden models of trees with an exponential behind their sum, or with linear models in their leaves.
+LINKED = {"xgboost_poisson", "lightgbm_linear"}
 
 
 @pytest.mark.parametrize("ranks", [True, False])
