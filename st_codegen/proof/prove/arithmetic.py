@@ -18,7 +18,7 @@ from st_codegen.ir import FactoredKernel, KernelSum, ModelIR
 from st_codegen.passes.kernels import factored
 from st_codegen.proof.prove.axis import NotProvedError, from_keys
 from st_codegen.proof.prove.demand import Demand
-from st_codegen.proof.prove.disagree import Inputs, OtherExpressionError, parts_of
+from st_codegen.proof.prove.disagree import OtherExpressionError, SearchedInputs, parts_of
 from st_codegen.proof.prove.intervals import WHOLE, Interval
 from st_codegen.proof.prove.model import InputDomain, domain_of
 from st_codegen.proof.prove.range_bound import range_bound
@@ -83,7 +83,7 @@ def _compared(model: ModelIR, project: Project, block: str, outputs: tuple[int, 
     run, inputs = _executed(terms, project, block, list(ends))
     demand = Demand.of_inputs(terms, model, inputs)
     held = {variable.name: run.held[_PATH, variable] for variable in _outputs(project, block)}
-    taken = Inputs(domain.low, domain.high, lambda x: dict(zip(inputs, x.T, strict=True)))
+    taken = SearchedInputs(domain.low, domain.high, lambda x: dict(zip(inputs, x.T, strict=True)))
     valid: Value = held["bValid"]  # type: ignore[assignment]
     if valid is not demand.valid:
         reason = "bValid is not the condition under which the model has an answer"

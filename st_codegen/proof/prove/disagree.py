@@ -68,7 +68,12 @@ class OtherExpressionError(NotProvedError):
     """The text's expressions `got` are not those that the model demands, `wanted`; `outputs` are the model's own."""
 
     def __init__(
-        self, reason: str, got: Sequence[Value], wanted: Sequence[Value], inputs: Inputs, outputs: Sequence[int] = ()
+        self,
+        reason: str,
+        got: Sequence[Value],
+        wanted: Sequence[Value],
+        inputs: SearchedInputs,
+        outputs: Sequence[int] = (),
     ) -> None:
         super().__init__(reason)
         self.got, self.wanted, self.inputs = got, wanted, inputs
@@ -77,7 +82,7 @@ class OtherExpressionError(NotProvedError):
 
 
 @dataclass(frozen=True)
-class Inputs:
+class SearchedInputs:
     """The numbers that a model takes, keys from `low` to `high` of each input, and what leaves are on rows of them.
 
     `anchors` are numbers at which something is decided, for each input.

@@ -14,7 +14,7 @@ from st_codegen.proof.prove.axis import AxisValue, InputAxis, NotProvedError, fr
 from st_codegen.proof.prove.boxes import Lanes, Slots, Space
 from st_codegen.proof.prove.by_case import converted
 from st_codegen.proof.prove.demand import Demand
-from st_codegen.proof.prove.disagree import Inputs, OtherExpressionError, parts_of
+from st_codegen.proof.prove.disagree import OtherExpressionError, SearchedInputs, parts_of
 from st_codegen.proof.prove.execute import Executor
 from st_codegen.proof.prove.inputs import InputTerms
 from st_codegen.proof.prove.model import ModelSide
@@ -299,7 +299,7 @@ class TreeProof:
         bound = range_bound(self.model) if self.model.classes is None else ()
         return TreeFindings(TAIL, len(self.expected), 0, size_of(demand.outputs), bound)
 
-    def _inputs(self) -> Inputs:
+    def _inputs(self) -> SearchedInputs:
         """What stands for the leaves of expressions on rows of inputs."""
         inputs = self.run.executor.inputs
         numbers = [number for number in inputs.numbers if isinstance(number, Term)]
@@ -320,7 +320,7 @@ class TreeProof:
         for feature in range(len(self.model.features)):
             keys = self.side.cuts(feature)
             anchors.append(from_keys(np.concatenate([keys, keys + 1])))
-        return Inputs(self.side.domain.low, self.side.domain.high, leaves, tuple(anchors))
+        return SearchedInputs(self.side.domain.low, self.side.domain.high, leaves, tuple(anchors))
 
     def _check_plausible(self, outputs: dict[str, Value], valid: Value) -> None:
         """bPlausible, where there is one, is bValid and that no output lies outside of its plausible range."""

@@ -10,7 +10,7 @@ import pytest
 from st_codegen.cli.main import main
 from st_codegen.project.bundle import load
 from st_codegen.proof.prove.axis import to_keys
-from st_codegen.proof.prove.disagree import Inputs, OtherExpressionError, differing_rows, evaluated, parts_of
+from st_codegen.proof.prove.disagree import OtherExpressionError, SearchedInputs, differing_rows, evaluated, parts_of
 from st_codegen.proof.prove.prove import Verdict, prove
 from st_codegen.proof.prove.terms import Terms
 from st_codegen.proof.runner import GeneratedCode
@@ -100,7 +100,7 @@ def leaves_of(value):
 def rows_of(got, wanted, low=-1e6, high=1e6):
     leaves = [*leaves_of(got), *leaves_of(wanted)]
     keys = to_keys(np.array([low, high]))
-    inputs = Inputs(keys[:1], keys[1:], lambda x: dict.fromkeys(leaves, x[:, 0]))
+    inputs = SearchedInputs(keys[:1], keys[1:], lambda x: dict.fromkeys(leaves, x[:, 0]))
     return differing_rows(OtherExpressionError("", [got], [wanted], inputs))
 
 
