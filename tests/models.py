@@ -10,6 +10,7 @@ from st_codegen.ir import (
     Clip,
     Combine,
     Comparison,
+    Distances,
     Exceeds,
     Feature,
     FillMissing,
@@ -20,6 +21,7 @@ from st_codegen.ir import (
     LinearLeaves,
     ModelIR,
     NanRule,
+    NearestMean,
     Norm,
     Normalize,
     Operator,
@@ -33,6 +35,7 @@ from st_codegen.ir import (
     SummationOrder,
     TreeColumn,
     TreeEnsemble,
+    WeightedMedian,
 )
 from st_codegen.ir.preorder import preorder
 
@@ -190,10 +193,10 @@ VECTORS = np.array([[0.1, 0.2, 0.3], [-1.0, 0.5, 2.0], [0.0, 0.0, 1.0]])
 
 PIECES = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [5.0, 0.0], [5.0, -2.0], [-1.0, 0.0], [0.5, 0.0], [0.25, 0.0]])
 
-#: One model for each operation and each of its variants.
 #: The columns that models of one function read: one of them where half of all numbers have no answer.
 FUNCTION_COLUMNS = {function: [0] if function in (Function.SQRT, Function.LOG) else [0, 1, 2] for function in Function}
 
+#: One model for each operation and each of its variants.
 SMALL_MODELS = {
     "select": model(Select((0,), [2, 0, 0])),
     **{
@@ -249,6 +252,16 @@ SMALL_MODELS = {
             np.hstack([PIECES, PIECES[:, 1:]]),
         )
     ),
+    "distances": model(Distances((0,), VECTORS, root=True)),
+    "distances by magnitude": model(Distances((0,), VECTORS[:1], squared=False)),
+    "nearest": model(NearestMean((0,), [[1.0, 2.0, -1.5]], 2)),
+    "nearest of several": model(Distances((0,), VECTORS), NearestMean((1,), [[1.0, 2.0, -1.5], [0.5, 0.0, 3.0]], 3)),
+    "nearest, weighted": model(
+        Distances((0,), VECTORS, squared=False), NearestMean((1,), [[1.0, 2.0, -1.5], [0.5, 0.0, 3.0]], 2, inverse=True)
+    ),
+    "nearest of one": model(Distances((0,), VECTORS), NearestMean((1,), [[1.0, 2.0, -1.5]], 1, inverse=True)),
+    "median": model(WeightedMedian((0,), [0.5, 0.25, 0.3])),
+    "median of one": model(Select((0,), [1]), WeightedMedian((1,), [0.5])),
     "clip": model(Clip((0,), [-1.0, 0.0, -2.0], [1.0, 0.5, 2.0])),
     "exceeds": model(Exceeds((0,), [0.5, 0.0, -1.0])),
     "exceeds or equals": model(Exceeds((0,), [0.5, 0.0, -1.0], inclusive=True)),

@@ -40,6 +40,7 @@ from st_codegen.ir.model import (
     Output,
     Source,
 )
+from st_codegen.ir.neighbours import Distances, NearestMean, WeightedMedian
 from st_codegen.ir.operations import (
     Activation,
     Clip,
@@ -76,6 +77,7 @@ __all__ = [
     "Combine",
     "Comparison",
     "ComplexArray",
+    "Distances",
     "Elementwise",
     "Exceeds",
     "FactoredKernel",
@@ -93,6 +95,7 @@ __all__ = [
     "LinearLeaves",
     "ModelIR",
     "NanRule",
+    "NearestMean",
     "Norm",
     "Normalize",
     "Operation",
@@ -113,6 +116,7 @@ __all__ = [
     "TableAxis",
     "TreeColumn",
     "TreeEnsemble",
+    "WeightedMedian",
     "depth_of",
     "digest",
 ]

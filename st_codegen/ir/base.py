@@ -15,6 +15,10 @@ from st_codegen.ir.arrays import AnyArray, FloatArray
 FLOAT32_OVERFLOW = 3.4028235677973366e38
 
 
+#: Larger arguments of a cosine have no answer: how well controllers reduce them is not known.
+COS_REACH = 1e6
+
+
 class Precision(StrEnum):
     """The format to which a library rounds a number."""
 
@@ -79,6 +83,7 @@ class Function(StrEnum):
     SOFTSIGN = "softsign"  # x / (1 + |x|)
     ERF = "erf"
     GELU = "gelu"  # x * (1 + erf(x / sqrt(2))) / 2
+    COS = "cos"
     SIGNED_SQUARE = "signed_square"  # sign(x) * x * x (LightGBM reg_sqrt)
 
 

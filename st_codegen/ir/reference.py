@@ -20,6 +20,7 @@ from st_codegen.ir import (
     ColumnFunction,
     Combine,
     Comparison,
+    Distances,
     Elementwise,
     FactoredKernel,
     Function,
@@ -28,6 +29,7 @@ from st_codegen.ir import (
     Linear,
     ModelIR,
     NanRule,
+    NearestMean,
     Norm,
     Normalize,
     Operation,
@@ -42,8 +44,10 @@ from st_codegen.ir import (
     SummationOrder,
     TreeColumn,
     TreeEnsemble,
+    WeightedMedian,
 )
 from st_codegen.ir.arrays import BoolArray, FloatArray, Int32Array, IntArray
+from st_codegen.ir.base import COS_REACH
 
 
 def evaluate(model: ModelIR, x: FloatArray) -> FloatArray:
@@ -221,6 +225,7 @@ _FUNCTIONS: dict[Function, Callable[[FloatArray, float], FloatArray]] = {
     Function.SOFTSIGN: lambda x, _: x / (1.0 + np.abs(x)),
     Function.ERF: lambda x, _: _erf(x),
     Function.GELU: lambda x, _: 0.5 * x * (1.0 + _erf(x * math.sqrt(0.5))),
+    Function.COS: lambda x, _: np.cos(np.where(np.abs(x) <= COS_REACH, x, np.nan)),
     Function.SIGNED_SQUARE: lambda x, _: np.sign(x) * x * x,
 }
 
@@ -251,6 +256,39 @@ def _(op: KernelSum, operands: list[FloatArray]) -> FloatArray:
     for vector, coefficients in zip(op.support_vectors, op.coefficients.T, strict=True):
         total += kernel_value(op, x, vector)[:, None] * coefficients[None, :]
     return rounded(total, op.precision)
+
+
+@apply.register
+def _(op: Distances, operands: list[FloatArray]) -> FloatArray:
+    power = 2 if op.squared else 1
+    sums = np.column_stack([np.sum(np.abs(operands[0] - vector) ** power, axis=1) for vector in op.vectors])
+    return np.sqrt(sums) if op.root else sums
+
+
+@apply.register
+def _(op: NearestMean, operands: list[FloatArray]) -> FloatArray:
+    x = operands[0]
+    nearest = np.argsort(x, axis=1, kind="stable")[:, : op.count]
+    weights = np.ones(nearest.shape)
+    if op.inverse:
+        own = np.take_along_axis(x, nearest, axis=1)
+        weights = np.where(own[:, :1] > 0, own[:, :1] / own, own <= 0)
+    total = np.zeros((len(x), op.width))
+    divisor = np.zeros((len(x), 1))
+    for place in range(op.count):
+        weight = weights[:, place, None]
+        total += weight * op.values[:, nearest[:, place]].T
+        divisor += weight
+    return np.where(np.isnan(x).any(axis=1, keepdims=True), np.nan, total / divisor)
+
+
+@apply.register
+def _(op: WeightedMedian, operands: list[FloatArray]) -> FloatArray:
+    x = operands[0]
+    order = np.argsort(x, axis=1, kind="stable")
+    reached = np.cumsum(op.weights[order], axis=1)
+    place = np.argmax(reached >= 0.5 * reached[:, -1:], axis=1)
+    return np.take_along_axis(x, np.take_along_axis(order, place[:, None], axis=1), axis=1)
 
 
 @apply.register

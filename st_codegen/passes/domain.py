@@ -22,6 +22,7 @@ from st_codegen.ir import (
     CellTable,
     ColumnFunction,
     Combine,
+    Distances,
     FactoredKernel,
     FloatArray,
     Function,
@@ -29,6 +30,7 @@ from st_codegen.ir import (
     KernelSum,
     Linear,
     ModelIR,
+    NearestMean,
     Norm,
     Normalize,
     Operation,
@@ -41,6 +43,7 @@ from st_codegen.ir import (
     Select,
     Softmax,
     TreeEnsemble,
+    WeightedMedian,
 )
 
 #: Limits tried for the arguments of exponentials, largest first: e**690 is about 1e299, e**88 about 1.7e38.
@@ -234,7 +237,7 @@ def _(op: Linear, operands: list[FloatArray]) -> tuple[float, FloatArray]:
 
 
 @magnitudes.register
-def _(op: Activation, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+def _(op: Activation, operands: list[FloatArray]) -> tuple[float, FloatArray]:  # noqa: PLR0911 - one return a function
     x = operands[0]
     if op.function in (Function.TANH, Function.LOGISTIC):
         return 0.0, np.ones(op.width)
@@ -246,6 +249,8 @@ def _(op: Activation, operands: list[FloatArray]) -> tuple[float, FloatArray]:
         return float(np.max(x)), np.maximum(np.log1p(x), 745.0 if op.function is Function.LOG else 37.0)
     if op.function in (Function.ERF, Function.GELU, Function.SOFTSIGN):
         return float(np.max(x * x)), x if op.function is Function.GELU else np.ones(op.width)
+    if op.function is Function.COS:
+        return 0.0, np.ones(op.width)
     return _peak((1.0 + abs(op.parameter)) * x + 1.0)
 
 
@@ -269,6 +274,24 @@ def _(op: KernelSum, operands: list[FloatArray]) -> tuple[float, FloatArray]:
         kernel = np.ones(len(argument)) if op.kernel is Kernel.SIGMOID else argument**op.degree
     total = np.abs(op.coefficients) @ kernel + np.abs(op.intercept)
     return max(float(np.max(argument)), float(np.max(kernel)), float(np.max(total))), total
+
+
+@magnitudes.register
+def _(op: Distances, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    reach = operands[0] + np.abs(op.vectors)
+    peak, bound = _peak(np.sum(reach**2 if op.squared else reach, axis=1))
+    return peak, np.sqrt(bound) if op.root else bound
+
+
+@magnitudes.register
+def _(op: NearestMean, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    bound = np.max(np.abs(op.values), axis=1)
+    return op.count * (float(np.max(bound)) + 1.0), bound
+
+
+@magnitudes.register
+def _(op: WeightedMedian, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    return float(np.sum(op.weights)), np.array([np.max(operands[0])])
 
 
 @magnitudes.register

@@ -22,6 +22,7 @@ from st_codegen.ir import (
     ColumnFunction,
     Combine,
     Comparison,
+    Distances,
     FactoredKernel,
     FloatArray,
     Function,
@@ -29,6 +30,7 @@ from st_codegen.ir import (
     KernelSum,
     Linear,
     ModelIR,
+    NearestMean,
     Norm,
     Normalize,
     Operation,
@@ -41,6 +43,7 @@ from st_codegen.ir import (
     Select,
     Softmax,
     TreeEnsemble,
+    WeightedMedian,
     reference,
 )
 from st_codegen.passes.kernels import grid_of
@@ -209,14 +212,14 @@ def sum_rounding(terms: int, size: FloatArray, result: FloatArray, precision: Pr
 @step.register
 def _(op: Activation, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     x, difference = operands[0], given[0]
-    moved = _slope(op, x, difference) * difference
+    moved = np.where(difference > 0, _slope(op, x, difference) * difference, 0.0)
     if op.exact:
         return _rounding(op, result, moved)
     roundings = FUNCTION_ROUNDINGS * (UNIT[op.precision] + UNIT[Precision.FLOAT64])
     # libraries lose digits where they take 1 - y or exp(x) - 1 instead of the accurate form (onnxruntime's Sigmoid and
     # Elu), and softplus adds a part of up to log(2): the error is then one of a number of this size
     size = np.abs(result) + moved
-    if op.function in (Function.LOGISTIC, Function.SOFTPLUS):
+    if op.function in (Function.LOGISTIC, Function.SOFTPLUS, Function.COS):
         size = size + 1.0
     elif op.function is Function.ELU:
         size = size + abs(op.parameter)
@@ -228,7 +231,7 @@ def _(op: Activation, operands: list[FloatArray], given: list[FloatArray], resul
     return moved + (roundings + formula) * size + _TINY
 
 
-def _slope(op: Activation, x: FloatArray, difference: FloatArray) -> FloatArray:
+def _slope(op: Activation, x: FloatArray, difference: FloatArray) -> FloatArray:  # noqa: PLR0911 - one a function
     """Largest slope of the function within `difference` of x."""
     near = np.abs(x) + difference
     constant = np.ones_like(x)
@@ -308,6 +311,94 @@ def _kernel_difference(
         return kernel, change + function * np.abs(kernel)
     larger = (base + change) ** op.degree
     return kernel, larger - base**op.degree + op.degree * both * larger
+
+
+@step.register
+def _(op: Distances, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    x, moved = operands[0], given[0]
+    found = np.empty_like(result)
+    both = 2 * gamma(op.operand_width + 4, Precision.FLOAT64)
+    for column, vector in enumerate(op.vectors):
+        delta = np.abs(x - vector)
+        lost, change = np.sum(delta, axis=1), np.sum(moved, axis=1)
+        if op.squared:
+            lost = np.sum(np.square(np.abs(x) + np.abs(vector) if op.expands else delta), axis=1)
+            change = np.sum(2 * delta * moved + moved**2, axis=1)
+        same = (result[:, column] == 0) & (change == 0) & (lost == 0)
+        apart = np.where(same, 0.0, change + both * (lost + change) + _TINY)
+        if op.root:  # |sqrt(a) - sqrt(b)| is below sqrt(|a - b|), and below |a - b| / sqrt(a)
+            own = result[:, column]
+            apart = np.where(apart > 0, apart / np.maximum(own, np.sqrt(apart)), 0.0) * (1.0 + 1e-15)
+            apart = apart + np.where(same, 0.0, 2 * FUNCTION_ROUNDINGS * UNIT[Precision.FLOAT64] * (own + apart))
+        found[:, column] = apart
+    return found
+
+
+@step.register
+def _(op: NearestMean, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    x, moved = operands[0], given[0]
+    low, high = x - moved, x + moved
+    found = np.empty_like(result)
+    for row in range(len(x)):
+        if not np.all(np.isfinite([low[row], high[row]])):
+            found[row] = np.inf
+            continue
+        # how many columns may stand before each one, itself included, and how many surely do
+        may = np.searchsorted(np.sort(low[row]), high[row], side="right")
+        must = np.searchsorted(np.sort(high[row]), low[row], side="left")
+        sure, possible = may <= op.count, must < op.count
+        least, most = _range_of_mean(op, low[row], high[row], sure, possible)
+        found[row] = np.maximum(most - result[row], result[row] - least)
+    if op.inverse or not np.array_equal(op.values, np.trunc(op.values)):  # whole numbers are added without rounding
+        found += 2 * gamma(2 * op.count + 6, Precision.FLOAT64) * np.max(np.abs(op.values), axis=1)
+    else:
+        found[found <= 4 * UNIT[Precision.FLOAT64] * np.max(np.abs(op.values), axis=1)] = 0.0
+    return np.maximum(found, 0.0)
+
+
+def _range_of_mean(
+    op: NearestMean, low: FloatArray, high: FloatArray, sure: BoolArray, possible: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """The least and the largest mean, for numbers of these intervals, of columns that surely and possibly count."""
+    values = op.values[:, possible]
+    if not op.inverse:
+        open_places = op.count - int(np.sum(sure))
+        others = np.sort(op.values[:, possible & ~sure], axis=1)
+        fixed = np.sum(op.values[:, sure], axis=1)
+        least = fixed + np.sum(others[:, :open_places], axis=1)
+        most = fixed + np.sum(others[:, others.shape[1] - open_places :], axis=1)
+        return least / op.count, most / op.count
+    ends = np.min(values, axis=1), np.max(values, axis=1)
+    zero = high[possible] <= 0
+    certain = not np.any((low[possible] <= 0) & ~zero) and np.all(sure[possible][zero])
+    if certain and 0 < np.sum(zero) <= op.count:
+        mean = np.mean(values[:, zero], axis=1)
+        return mean, mean
+    if np.any(low[possible] <= 1e-300) or np.any(sure != possible):
+        return ends
+    middle = (low + high)[possible] / 2
+    share = float(np.max((high - low)[possible] / (2 * low[possible]))) + 4 * UNIT[Precision.FLOAT64]
+    if share >= 0.5:
+        return ends
+    weights = np.min(middle) / middle
+    mean = values @ weights / np.sum(weights)
+    room = 4 * share * (ends[1] - ends[0])
+    return np.maximum(mean - room, ends[0]), np.minimum(mean + room, ends[1])
+
+
+@step.register
+def _(op: WeightedMedian, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    x, moved = operands[0], np.max(given[0], axis=1)
+    order = np.argsort(x, axis=1, kind="stable")
+    rising, reached = np.take_along_axis(x, order, axis=1), np.cumsum(op.weights[order], axis=1)
+    unsure = (moved > 0) | np.any(np.diff(rising, axis=1) == 0, axis=1)
+    # another order of additions than this one reaches half of the weights before or behind it
+    slack = np.where(unsure, 4 * gamma(len(op.weights), Precision.FLOAT64) * reached[:, -1], 0.0)[:, None]
+    half = 0.5 * reached[:, -1:]
+    first = np.argmax(reached + slack >= half, axis=1)
+    last = np.where(np.any(reached - slack >= half, axis=1), np.argmax(reached - slack >= half, axis=1), x.shape[1] - 1)
+    ends = [np.take_along_axis(rising, place[:, None], axis=1) for place in (first, last)]
+    return np.asarray(moved[:, None] + np.maximum(result - ends[0], ends[1] - result), np.float64)
 
 
 @step.register

@@ -15,18 +15,23 @@ from sklearn import (
     linear_model,
     random_projection,
 )
+from sklearn.cluster import KMeans
 from sklearn.compose import ColumnTransformer
 from sklearn.ensemble import HistGradientBoostingRegressor, RandomForestRegressor
 from sklearn.feature_selection import RFE, SelectKBest, VarianceThreshold
 from sklearn.impute import KNNImputer, MissingIndicator, SimpleImputer
 from sklearn.isotonic import IsotonicRegression
+from sklearn.kernel_approximation import Nystroem, RBFSampler
 from sklearn.pipeline import FeatureUnion, make_pipeline
 from sklearn.preprocessing import (
     Binarizer,
     KBinsDiscretizer,
     MinMaxScaler,
+    Normalizer,
     OneHotEncoder,
     OrdinalEncoder,
+    PolynomialFeatures,
+    PowerTransformer,
     QuantileTransformer,
     SplineTransformer,
     StandardScaler,
@@ -52,6 +57,16 @@ TRANSFORMERS = {
     "LDA": (discriminant_analysis.LinearDiscriminantAnalysis(n_components=1), THREE),
     "LDA, eigen": (discriminant_analysis.LinearDiscriminantAnalysis("eigen"), THREE),
     "GaussianRandomProjection": (random_projection.GaussianRandomProjection(2, random_state=0), None),
+    "PolynomialFeatures": (PolynomialFeatures(3), None),
+    "PolynomialFeatures of pairs": (PolynomialFeatures((2, 3), interaction_only=True, include_bias=False), None),
+    "Normalizer": (Normalizer(), None),
+    "Normalizer, l1": (Normalizer("l1"), None),
+    "PowerTransformer": (PowerTransformer(), None),
+    "PowerTransformer, plain": (PowerTransformer(standardize=False), None),
+    "KMeans": (KMeans(3, random_state=0, n_init=1), None),
+    "RBFSampler": (RBFSampler(gamma=0.3, n_components=5, random_state=0), None),
+    "Nystroem": (Nystroem(gamma=0.2, n_components=6, random_state=0), None),
+    "Nystroem, polynomial": (Nystroem("poly", n_components=4, degree=2, random_state=0), None),
     "SparseRandomProjection": (random_projection.SparseRandomProjection(2, random_state=1, density=0.7), None),
     "VarianceThreshold": (VarianceThreshold(0.5), None),
     "SelectKBest": (SelectKBest(feature_selection.f_regression, k=2), SCORE),

@@ -15,6 +15,7 @@ from st_codegen.ir import (
     ArgMax,
     Clip,
     Combine,
+    Distances,
     Exceeds,
     FactoredKernel,
     FillMissing,
@@ -22,6 +23,7 @@ from st_codegen.ir import (
     Kernel,
     KernelSum,
     Linear,
+    NearestMean,
     Norm,
     Normalize,
     Operation,
@@ -33,7 +35,9 @@ from st_codegen.ir import (
     Select,
     Softmax,
     SummationOrder,
+    WeightedMedian,
 )
+from st_codegen.ir.base import COS_REACH
 
 #: Below minus this argument EXP gives a denormal number or zero; 0.0 is taken instead, at most 3.4E-308 away.
 EXP_REACH = 708.0
@@ -355,6 +359,7 @@ def _function_values(op: Activation, step: Step, listing: Listing) -> dict[str, 
         "half_root": real(math.sqrt(0.5)),
         "exp_limit": real(op.limit) if math.isfinite(op.limit) else None,
         "exp_reach": real(EXP_REACH),
+        "cos_reach": real(COS_REACH),
         "single": op.precision is Precision.FLOAT32,
     }
 
@@ -426,6 +431,80 @@ def _(op: KernelSum, step: Step, listing: Listing) -> None:
         parts=parts,
         exp_reach=real(EXP_REACH),
         single=op.precision is Precision.FLOAT32,
+    )
+
+
+@lay_out.register
+def _(op: Distances, step: Step, listing: Listing) -> None:
+    _declare_result(op, step, listing)
+    vectors, columns = op.vectors.shape
+    runs = listing.chunks(np.full(vectors, columns), "training row")
+    listing.loop("nVector", *(stop - first for first, stop in runs))
+    listing.loop("nColumn", columns)
+    listing.local("nBase", "DINT")
+    listing.locals("LREAL", "fSum", "fDelta")
+    parts = []
+    for number, (first, stop) in enumerate(runs):
+        suffix = "" if len(runs) == 1 else f"_{number}"
+        groups = [Group("", row * columns, (row + 1) * columns) for row in range(stop - first)]
+        vector = listing.table(
+            step.table(f"TRAINING_ROW{suffix}"), "LREAL", np.ravel(op.vectors[first:stop]), groups, per_line=columns
+        )
+        parts.append({"vector": vector, "first": first, "last": stop - first - 1})
+    listing.section(
+        f"distances to {vectors} training rows",
+        "distances",
+        step=step,
+        columns=columns,
+        last_column=columns - 1,
+        parts=parts,
+        squared=op.squared,
+        root=op.root,
+    )
+
+
+@lay_out.register
+def _(op: NearestMean, step: Step, listing: Listing) -> None:
+    _declare_result(op, step, listing)
+    columns = op.values.shape[1]
+    listing.local(f"abUsed{step.number}", "BOOL", columns)
+    listing.local("nBest", "DINT")
+    listing.loop("nColumn", columns)
+    listing.loop("nRow", op.count)
+    listing.loop("nOutput", op.width)
+    listing.locals("LREAL", "fSum", "fX", "fY", *(["fLeast"] if op.inverse else []))
+    listing.section(
+        f"mean over the nearest {op.count} of {columns}",
+        "nearest_mean",
+        step=step,
+        used=f"abUsed{step.number}",
+        last=columns - 1,
+        count=op.count,
+        last_output=op.width - 1,
+        width=op.width,
+        values=listing.table(step.table("TRAINING_VALUE"), "LREAL", np.ravel(op.values.T)),
+        inverse=op.inverse,
+    )
+
+
+@lay_out.register
+def _(op: WeightedMedian, step: Step, listing: Listing) -> None:
+    _declare_result(op, step, listing)
+    columns = len(op.weights)
+    listing.local(f"abUsed{step.number}", "BOOL", columns)
+    listing.local(f"anOrder{step.number}", "DINT", columns)
+    listing.local("nBest", "DINT")
+    listing.loop("nColumn", columns)
+    listing.loop("nRow", columns)
+    listing.locals("LREAL", "fSum", "fX")
+    listing.section(
+        f"weighted median of {columns}",
+        "weighted_median",
+        step=step,
+        used=f"abUsed{step.number}",
+        order=f"anOrder{step.number}",
+        last=columns - 1,
+        weights=listing.table(step.table("MEDIAN_WEIGHT"), "LREAL", op.weights),
     )
 
 

@@ -1,0 +1,102 @@
+"""Distances to training rows, and what is made of the nearest of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from st_codegen.errors import InputError
+from st_codegen.ir.arrays import FloatArray
+from st_codegen.ir.base import freeze, require_finite
+
+
+@dataclass(frozen=True)
+class Distances:
+    """The distance to each of `vectors` (vectors, columns): the sum over the columns of squares, or of magnitudes.
+
+    `root`: the square root of the sum. `expands`: the library computes squares as u.u - 2 * u.v + v.v, which loses digits, and takes 0 for less than 0.
+    """
+
+    inputs: tuple[int, ...]
+    vectors: FloatArray
+    squared: bool = True
+    expands: bool = False
+    root: bool = False
+    exact: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        freeze(self, "vectors", np.float64, (None, None))
+        require_finite(self, "vectors")
+        if not self.vectors.size:
+            raise InputError("Distances: no vectors")
+
+    @property
+    def operand_width(self) -> int:
+        return int(self.vectors.shape[1])
+
+    def check_operands(self, total: int) -> None:
+        """Accept any input: beyond its width nothing is asked of it."""
+
+    @property
+    def width(self) -> int:
+        return len(self.vectors)
+
+
+@dataclass(frozen=True)
+class NearestMean:
+    """The mean of what belongs to the `count` columns with the smallest numbers, of equal ones the first.
+
+    `values` (outputs, columns). `inverse`: weighted with one through the number; where a number is 0, only those that
+    are 0 count.
+    """
+
+    inputs: tuple[int, ...]
+    values: FloatArray
+    count: int
+    inverse: bool = False
+    exact: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        values = freeze(self, "values", np.float64, (None, None))
+        require_finite(self, "values")
+        if not 1 <= self.count <= values.shape[1]:
+            raise InputError(f"NearestMean: {self.count} of {values.shape[1]} columns")
+
+    @property
+    def operand_width(self) -> int:
+        return int(self.values.shape[1])
+
+    def check_operands(self, total: int) -> None:
+        """Accept any input: beyond its width nothing is asked of it."""
+
+    @property
+    def width(self) -> int:
+        return len(self.values)
+
+
+@dataclass(frozen=True)
+class WeightedMedian:
+    """The smallest column up to which, in rising order, half of the `weights` are reached.
+
+    The weights are added in that order; of equal columns libraries add in any order.
+    """
+
+    inputs: tuple[int, ...]
+    weights: FloatArray
+    width: ClassVar[int] = 1
+    exact: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        freeze(self, "weights", np.float64, (None,))
+        require_finite(self, "weights")
+        if not len(self.weights) or np.any(self.weights < 0):
+            raise InputError("WeightedMedian.weights: none, or a negative one")
+
+    @property
+    def operand_width(self) -> int:
+        return len(self.weights)
+
+    def check_operands(self, total: int) -> None:
+        """Accept any input: beyond its width nothing is asked of it."""
