@@ -244,11 +244,9 @@ def is_known(package: str, name: str) -> bool:
 
 #: What does the work of a class that is not compiled, for messages.
 _NEAR = {
-    "KNeighborsRegressor": "RandomForestRegressor and ExtraTreesRegressor",
-    "RadiusNeighborsRegressor": "RandomForestRegressor and ExtraTreesRegressor",
-    "GaussianProcessRegressor": "SVR with kernel='rbf'",
-    "KernelRidge": "SVR",
-    "AdaBoostRegressor": "GradientBoostingRegressor and RandomForestRegressor",
+    "RadiusNeighborsClassifier": "KNeighborsClassifier",
+    "LocalOutlierFactor": "IsolationForest and OneClassSVM",
+    "GaussianProcessClassifier": "SVC with kernel='rbf'",
     "KNNImputer": "SimpleImputer (KNNImputer searches all training rows for each missing value, others for each set of "
     "missing columns)",
     "IterativeImputer": "SimpleImputer",

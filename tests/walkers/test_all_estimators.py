@@ -46,8 +46,6 @@ SMALLER = {"n_estimators": 5, "max_iter": 50, "n_components": 2, "max_depth": 4}
 OTHER_DATA = {
     "SparseCoder": "takes a dictionary",
     "FrozenEstimator": "is fitted before it is made",
-    "ClassifierChain": "takes several labels a row",
-    "MultiOutputClassifier": "takes several labels a row",
 }
 
 

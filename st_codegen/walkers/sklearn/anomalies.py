@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import Activation, Combine, Function, Linear, Operator, Scale, Select, SummationOrder
+from st_codegen.ir import Activation, Combine, FloatArray, Function, Linear, Operator, Scale, Select, SummationOrder
 from st_codegen.walkers.base import Classified, GraphBuilder, walks
 from st_codegen.walkers.classes import above, largest, last_below, softmax
 from st_codegen.walkers.fitted import Fitted
@@ -97,19 +97,28 @@ def walk_clusters(estimator: Any, builder: GraphBuilder, value: int) -> Classifi
 def walk_mixture(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """The most probable component (`mixture/_gaussian_mixture.py: _estimate_log_gaussian_prob`)."""
     fitted = Fitted(estimator)
-    if estimator.covariance_type not in ("full", "tied"):
-        raise UnsupportedModelError(
-            f"GaussianMixture with covariance_type={estimator.covariance_type!r}: supported are 'full' and 'tied'"
-        )
     refuse_nan_and_infinity(builder, value)
     width = builder.width(value)
     means = fitted.floats("means_", (None, width))
     count = len(means)
-    shape = (count, width, width) if estimator.covariance_type == "full" else (width, width)
-    roots = np.broadcast_to(fitted.floats("precisions_cholesky_", shape), (count, width, width))
     weights = fitted.floats("weights_", (count,))
-    if np.any(weights <= 0) or np.any(np.diagonal(roots, axis1=1, axis2=2) <= 0):
-        raise fitted.fail("weights_", "a component without weight or extent")
+    if np.any(weights <= 0):
+        raise fitted.fail("weights_", "a component without weight")
+    full = estimator.covariance_type in ("full", "tied")
+    norms, determinants = (_turned if full else _straight)(fitted, builder, value, means)
+    halved = builder.add(Scale((norms,), Operator.MULTIPLY, np.full(count, -0.5)))
+    likely = builder.add(Scale((halved,), Operator.ADD, determinants))
+    scores = builder.add(Scale((likely,), Operator.ADD, np.log(weights)))
+    return Classified(tuple(range(count)), largest(builder, scores), softmax(builder, scores))
+
+
+def _turned(fitted: Fitted, builder: GraphBuilder, value: int, means: FloatArray) -> tuple[int, FloatArray]:
+    """Distances from the means by whole covariances, plus the constant of the density, and their determinants."""
+    count, width = means.shape
+    shape = (count, width, width) if fitted.get("covariance_type") == "full" else (width, width)
+    roots = np.broadcast_to(fitted.floats("precisions_cholesky_", shape), (count, width, width))
+    if np.any(np.diagonal(roots, axis1=1, axis2=2) <= 0):
+        raise fitted.fail("precisions_cholesky_", "a component without extent")
     parts = []
     for mean, root in zip(means, roots, strict=True):
         # the mean as a value of its own: the library multiplies it by the root, and errs in proportion to both
@@ -118,8 +127,19 @@ def walk_mixture(estimator: Any, builder: GraphBuilder, value: int) -> Classifie
         moved = builder.add(Linear((both,), np.hstack([root.T, -root.T]), np.zeros(width)))
         parts.append(block_sums(builder, squares(builder, moved), 1, 1.0, np.full(1, width * math.log(2 * math.pi))))
     norms = builder.add(Select(tuple(parts), np.arange(count, dtype=np.int32)))
-    halved = builder.add(Scale((norms,), Operator.MULTIPLY, np.full(count, -0.5)))
-    determinants = np.sum(np.log(np.diagonal(roots, axis1=1, axis2=2)), axis=1)
-    likely = builder.add(Scale((halved,), Operator.ADD, determinants))
-    scores = builder.add(Scale((likely,), Operator.ADD, np.log(weights)))
-    return Classified(tuple(range(count)), largest(builder, scores), softmax(builder, scores))
+    return norms, np.sum(np.log(np.diagonal(roots, axis1=1, axis2=2)), axis=1)
+
+
+def _straight(fitted: Fitted, builder: GraphBuilder, value: int, means: FloatArray) -> tuple[int, FloatArray]:
+    """As `_turned`, for a variance a column, or one for all: squares are expanded, as the library does."""
+    count, width = means.shape
+    diagonal = fitted.get("covariance_type") == "diag"
+    roots = fitted.floats("precisions_cholesky_", (count, width) if diagonal else (count,))
+    roots = np.broadcast_to(roots if diagonal else roots[:, None], means.shape)
+    if np.any(roots <= 0):
+        raise fitted.fail("precisions_cholesky_", "a component without extent")
+    precisions = roots**2
+    both = builder.add(Select((squares(builder, value), value), np.arange(2 * width, dtype=np.int32)))
+    fixed = np.sum(means**2 * precisions, axis=1) + width * math.log(2 * math.pi)
+    weights = np.hstack([precisions, -2.0 * means * precisions])
+    return builder.add(Linear((both,), weights, fixed, bias_terms=fixed)), np.sum(np.log(roots), axis=1)

@@ -12,7 +12,19 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import Activation, Combine, Exceeds, FloatArray, Function, Label, Linear, Operator, Scale, Select
+from st_codegen.ir import (
+    Activation,
+    Combine,
+    Exceeds,
+    FloatArray,
+    Function,
+    Label,
+    Linear,
+    Operator,
+    Scale,
+    Select,
+    WeightedMedian,
+)
 from st_codegen.walkers.base import Classified, GraphBuilder, walk_classifier, walk_estimator, walks
 from st_codegen.walkers.classes import above, complement, labels_of, largest, softmax, whole_sums
 from st_codegen.walkers.fitted import Fitted
@@ -184,6 +196,19 @@ def walk_ada_boost(estimator: Any, builder: GraphBuilder, value: int) -> Classif
     return Classified(labels, above(builder, score), softmax(builder, halves), score)
 
 
+@walks("sklearn.AdaBoostRegressor")
+def walk_ada_boost_regressor(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """The weighted median of the estimators (`ensemble/_weight_boosting.py: _get_median_predict`)."""
+    fitted = Fitted(estimator)
+    parts = fitted.items("estimators_")
+    weights = fitted.floats("estimator_weights_", (None,))[: len(parts)]
+    refuse_nan_and_infinity(builder, value)
+    found = [walk_estimator(part, builder, value) for part in parts]
+    if len(weights) != len(parts) or any(builder.width(one) != 1 for one in found):
+        raise fitted.fail("estimator_weights_", "not one weight an estimator of one output")
+    return builder.add(WeightedMedian((_side_by_side(builder, found),), weights))
+
+
 @walks("sklearn.OneVsRestClassifier", trusts=("sklearn.multiclass._ConstantPredictor",))
 def walk_one_vs_rest(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """The last of the largest scores, one estimator a class; of two classes the second beyond the threshold."""
@@ -279,6 +304,38 @@ def walk_stack_of_classes(estimator: Any, builder: GraphBuilder, value: int) -> 
     if last.labels != tuple(range(len(labels))):
         raise fitted.fail("final_estimator_", "other classes than the whole")
     return Classified(labels, last.index, last.probability, last.decision)
+
+
+def _label_numbers(part: Any, builder: GraphBuilder, value: int) -> int:
+    """The label of a classifier of which the labels are the numbers 0, 1, .. themselves."""
+    one = walk_classifier(part, builder, value)
+    if tuple(one.labels) != tuple(range(len(one.labels))):
+        raise UnsupportedModelError(
+            f"{type(part).__name__} with labels {one.labels[:3]}, .. beside other outputs: encode them as 0, 1, .."
+        )
+    return one.index
+
+
+@walks("sklearn.MultiOutputClassifier")
+def walk_several_labels(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """The label of one classifier an output, as a number."""
+    parts = Fitted(estimator).items("estimators_")
+    return _side_by_side(builder, [_label_numbers(part, builder, value) for part in parts])
+
+
+@walks("sklearn.ClassifierChain")
+def walk_label_chain(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """Each classifier takes the inputs and the labels before it; all labels, as numbers (`multioutput.py`)."""
+    fitted = Fitted(estimator)
+    parts = fitted.items("estimators_")
+    if fitted.get("chain_method_") != "predict":
+        raise UnsupportedModelError("ClassifierChain with another chain_method than 'predict'")
+    order = fitted.integers_of("order_", np.asarray(fitted.get("order_")), (len(parts),), low=0, high=len(parts) - 1)
+    refuse_nan_and_infinity(builder, value)
+    given: list[int] = []
+    for part in parts:
+        given.append(_label_numbers(part, builder, _side_by_side(builder, [value, *given])))
+    return builder.add(Select((_side_by_side(builder, given),), np.argsort(order).astype(np.int32)))
 
 
 @walks("sklearn.RegressorChain")

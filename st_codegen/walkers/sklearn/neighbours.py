@@ -1,0 +1,187 @@
+"""Walkers for scikit-learn's estimators that keep the training rows: nearest neighbours and Gaussian processes.
+
+Which of several rows is nearer may hang on the rounding of distances, and of equally near ones libraries take any: the
+bound (`proof/bounds.py`) then spans all answers that are possible.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from st_codegen.errors import UnsupportedModelError
+from st_codegen.ir import (
+    Activation,
+    Combine,
+    Distances,
+    Exceeds,
+    FloatArray,
+    Function,
+    Linear,
+    NearestMean,
+    Operator,
+    Scale,
+    Select,
+)
+from st_codegen.walkers.base import Classified, GraphBuilder, walks
+from st_codegen.walkers.classes import labels_of, largest
+from st_codegen.walkers.fitted import Fitted
+from st_codegen.walkers.sklearn.linear import refuse_nan_and_infinity, squares
+from st_codegen.walkers.sklearn.transforms import euclidean
+
+
+def _distances(fitted: Fitted, builder: GraphBuilder, value: int) -> tuple[int, int]:
+    """The distance to each training row, and their number."""
+    refuse_nan_and_infinity(builder, value)
+    metric, method = fitted.get("effective_metric_"), fitted.get("_fit_method")
+    rows = fitted.get("_fit_X")
+    if metric not in ("euclidean", "manhattan") or not isinstance(rows, np.ndarray):
+        raise UnsupportedModelError(
+            f"{fitted.kind} with metric={metric!r}: supported are Euclidean and Manhattan distances of dense rows"
+        )
+    vectors = fitted.floats("_fit_X", (None, builder.width(value)))
+    if method != "brute" and not np.array_equal(np.asarray(fitted.get("_tree").data), vectors):
+        raise fitted.fail("_tree", "does not hold the training rows")
+    if metric == "manhattan":
+        return builder.add(Distances((value,), vectors, squared=False)), len(vectors)
+    return euclidean(builder, value, vectors, expands=method == "brute"), len(vectors)
+
+
+def _inverse(fitted: Fitted, supported: tuple[str, ...] = ("uniform", "distance")) -> bool:
+    if fitted.get("weights") not in supported:
+        given = fitted.get("weights") if isinstance(fitted.get("weights"), str) else "a function"
+        raise UnsupportedModelError(f"{fitted.kind} with weights={given}: supported are {', '.join(supported)}")
+    return bool(fitted.get("weights") == "distance")
+
+
+@walks("sklearn.KNeighborsRegressor")
+def walk_nearest(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """The mean over the nearest training rows (`neighbors/_regression.py: predict`)."""
+    fitted = Fitted(estimator)
+    distances, count = _distances(fitted, builder, value)
+    targets = fitted.floats("_y", (count,), (count, None)).reshape(count, -1)
+    nearest = fitted.integer("n_neighbors", 1, count)
+    return builder.add(NearestMean((distances,), targets.T, nearest, _inverse(fitted)))
+
+
+@walks("sklearn.KNeighborsClassifier")
+def walk_nearest_classes(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """The first class of most among the nearest training rows (`neighbors/_classification.py: predict`)."""
+    fitted = Fitted(estimator)
+    labels = labels_of(fitted)
+    distances, count = _distances(fitted, builder, value)
+    codes = fitted.integers("_y", (count,), low=0, high=len(labels) - 1)
+    nearest = fitted.integer("n_neighbors", 1, count)
+    shares = builder.add(NearestMean((distances,), np.eye(len(labels))[codes].T, nearest, _inverse(fitted)))
+    return Classified(labels, largest(builder, shares), shares)
+
+
+@walks("sklearn.RadiusNeighborsRegressor")
+def walk_radius(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """The mean over all training rows within the radius; without any no answer (`neighbors/_regression.py`)."""
+    fitted = Fitted(estimator)
+    _inverse(fitted, ("uniform",))
+    distances, count = _distances(fitted, builder, value)
+    targets = fitted.floats("_y", (count,), (count, None)).reshape(count, -1)
+    turned = builder.add(Scale((distances,), Operator.MULTIPLY, np.full(count, -1.0)))
+    inside = builder.add(Exceeds((turned,), np.full(count, -fitted.number("radius")), inclusive=True))
+    outputs = targets.shape[1]
+    sums = builder.add(Linear((inside,), np.vstack([targets.T, np.ones(count)]), np.zeros(outputs + 1)))
+    total = builder.add(Select((sums,), np.arange(outputs, dtype=np.int32)))
+    found = builder.add(Select((sums,), np.full(outputs, outputs, np.int32)))
+    return builder.add(Combine((total, found), Operator.DIVIDE, outputs))
+
+
+_KERNELS = ("ConstantKernel", "DotProduct", "Matern", "Product", "RBF", "RationalQuadratic", "Sum", "WhiteKernel")
+
+
+@walks(
+    "sklearn.GaussianProcessRegressor",
+    trusts=tuple(f"sklearn.gaussian_process.kernels.{name}" for name in _KERNELS),
+)
+def walk_gaussian_process(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """Kernels with the training rows, weighted (`gaussian_process/_gpr.py: predict`): the mean."""
+    fitted = Fitted(estimator)
+    refuse_nan_and_infinity(builder, value)
+    vectors = fitted.floats("X_train_", (None, builder.width(value)))
+    weights = fitted.floats("alpha_", (len(vectors),), (len(vectors), None)).reshape(len(vectors), -1)
+    outputs = weights.shape[1]
+    kernels = _kernel(fitted.get("kernel_"), builder, value, vectors)
+    if isinstance(kernels, float):
+        raise UnsupportedModelError("GaussianProcessRegressor with a constant kernel: the model is a constant")
+    mean = builder.add(Linear((kernels,), weights.T, np.zeros(outputs)))
+    factor = np.broadcast_to(fitted.floats("_y_train_std", (), (1,), (outputs,)), (outputs,))
+    offset = np.broadcast_to(fitted.floats("_y_train_mean", (), (1,), (outputs,)), (outputs,))
+    scaled = builder.add(Scale((mean,), Operator.MULTIPLY, factor))
+    return builder.add(Scale((scaled,), Operator.ADD, offset))
+
+
+def _kernel(kernel: Any, builder: GraphBuilder, value: int, vectors: FloatArray) -> int | float:
+    """The kernel with each training row as a value, or the number that it is (`gaussian_process/kernels.py`)."""
+    fitted = Fitted(kernel)
+    if fitted.kind in ("Sum", "Product"):
+        parts = [_kernel(fitted.get(name), builder, value, vectors) for name in ("k1", "k2")]
+        return _combined(builder, Operator.ADD if fitted.kind == "Sum" else Operator.MULTIPLY, parts, len(vectors))
+    if fitted.kind == "ConstantKernel":
+        return fitted.number("constant_value")
+    if fitted.kind == "WhiteKernel":  # only a training row with itself has noise in common
+        return 0.0
+    if fitted.kind == "DotProduct":
+        return builder.add(Linear((value,), vectors, np.full(len(vectors), fitted.number("sigma_0") ** 2)))
+    if fitted.kind not in _KERNELS:
+        raise UnsupportedModelError(f"GaussianProcessRegressor with {fitted.kind}: supported are {', '.join(_KERNELS)}")
+    return _of_distance(fitted, builder, value, vectors)
+
+
+def _of_distance(fitted: Fitted, builder: GraphBuilder, value: int, vectors: FloatArray) -> int:
+    """A kernel of the distances to the training rows."""
+    width = builder.width(value)
+    length = np.broadcast_to(fitted.floats("length_scale", (), (1,), (width,)), (width,))
+    if np.any(length <= 0):
+        raise fitted.fail("length_scale", "not above 0")
+    if fitted.kind == "RationalQuadratic":
+        alpha = fitted.number("alpha")
+        squared = builder.add(Distances((value,), vectors))
+        scale = 2 * alpha * float(length[0]) ** 2
+        part = builder.add(Scale((squared,), Operator.DIVIDE, np.full(len(vectors), scale)))
+        logarithm = builder.add(Activation((part,), Function.LOG1P, len(vectors)))
+        return _exp(builder, _times(builder, logarithm, -alpha))
+    scaled = builder.add(Scale((value,), Operator.DIVIDE, length))
+    squared = builder.add(Distances((scaled,), vectors / length))
+    smoothness = math.inf if fitted.kind == "RBF" else float(fitted.get("nu"))
+    if smoothness == math.inf:
+        return _exp(builder, _times(builder, squared, -0.5))
+    if smoothness not in (0.5, 1.5, 2.5):
+        raise UnsupportedModelError(f"Matern with nu={smoothness}: supported are 0.5, 1.5, 2.5 and infinity")
+    distance = builder.add(Activation((squared,), Function.SQRT, len(vectors)))
+    argument = _times(builder, distance, math.sqrt(2.0 * smoothness)) if smoothness > 1 else distance
+    decay = _exp(builder, _times(builder, argument, -1.0))
+    if smoothness < 1:
+        return decay
+    factor = builder.add(Scale((argument,), Operator.ADD, np.ones(len(vectors))))
+    if smoothness > 2:
+        third = builder.add(Scale((squares(builder, argument),), Operator.DIVIDE, np.full(len(vectors), 3.0)))
+        factor = builder.add(Combine((factor, third), Operator.ADD, len(vectors)))
+    return builder.add(Combine((factor, decay), Operator.MULTIPLY, len(vectors)))
+
+
+def _times(builder: GraphBuilder, value: int, factor: float) -> int:
+    return builder.add(Scale((value,), Operator.MULTIPLY, np.full(builder.width(value), factor)))
+
+
+def _exp(builder: GraphBuilder, value: int) -> int:
+    return builder.add(Activation((value,), Function.EXP, builder.width(value)))
+
+
+def _combined(builder: GraphBuilder, operator: Operator, parts: list[int | float], width: int) -> int | float:
+    """The sum or the product of two kernels, of which any may be a number."""
+    one, other = parts
+    if isinstance(one, float) and isinstance(other, float):
+        return one + other if operator is Operator.ADD else one * other
+    if isinstance(one, float):
+        one, other = other, one
+    if isinstance(other, float):
+        return builder.add(Scale((int(one),), operator, np.full(width, other)))
+    return builder.add(Combine((int(one), other), operator, width))

@@ -1,0 +1,204 @@
+"""Neighbours, Gaussian processes, weighted medians, chains of labels and mixtures against scikit-learn."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+pytest.importorskip("sklearn")
+
+from sklearn.ensemble import AdaBoostRegressor
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process import kernels as gp
+from sklearn.linear_model import LogisticRegression, Ridge
+from sklearn.mixture import GaussianMixture
+from sklearn.multioutput import ClassifierChain, MultiOutputClassifier
+from sklearn.neighbors import KNeighborsClassifier, KNeighborsRegressor, RadiusNeighborsRegressor
+from sklearn.preprocessing import PowerTransformer
+from sklearn.tree import DecisionTreeClassifier
+
+from st_codegen.errors import UnsupportedModelError
+from st_codegen.ir import NearestMean, WeightedMedian, reference
+from st_codegen.proof import bounds
+from tests.classifiers import SCORE, THREE, TWO, WORDS, X, loaded, verified
+
+#: Rows with many equal distances, and rows that stand twice with different answers.
+GRID = np.round(X * [1.0, 0.2, 5.0])
+HALVES = GRID + 0.5
+NUMBERS = np.column_stack([SCORE, X[:, 1]])
+
+REGRESSORS = {
+    "nearest": (KNeighborsRegressor(4), X, SCORE),
+    "nearest, brute": (KNeighborsRegressor(3, algorithm="brute"), X, NUMBERS),
+    "nearest, Manhattan, weighted": (KNeighborsRegressor(5, p=1, weights="distance"), X, SCORE),
+    "nearest, weighted, brute": (KNeighborsRegressor(5, weights="distance", algorithm="brute"), X, SCORE),
+    "nearest of a grid": (KNeighborsRegressor(3), GRID, SCORE),
+    "nearest of a grid, weighted": (KNeighborsRegressor(6, weights="distance"), GRID, SCORE),
+    "radius": (RadiusNeighborsRegressor(1.5), X, SCORE),
+    "median": (AdaBoostRegressor(n_estimators=12, random_state=0), X, SCORE),
+    "median of equal weights": (AdaBoostRegressor(Ridge(), n_estimators=4, random_state=0), X, SCORE),
+}
+KERNELS = {
+    "default": None,
+    "sum": gp.ConstantKernel(2.0) * gp.RBF([1.0, 2.0, 0.5]) + gp.WhiteKernel(0.1),
+    "Matern 1/2": gp.Matern(nu=0.5) + gp.WhiteKernel(0.1),
+    "Matern 3/2": gp.Matern(1.5, nu=1.5) * gp.DotProduct() + gp.WhiteKernel(0.1),
+    "Matern 5/2": gp.ConstantKernel(0.5) + gp.Matern([1.0, 4.0, 0.3], nu=2.5) + gp.WhiteKernel(0.1),
+    "Matern without end": gp.Matern(nu=np.inf) + gp.WhiteKernel(0.1),
+    "rational": gp.RationalQuadratic(1.2, 0.7) + gp.WhiteKernel(0.1),
+}
+
+
+def fit(estimator, x, y):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return estimator.fit(x, y)
+
+
+def agrees(model, rows):
+    found, bound = reference.evaluate(model.ir, rows), bounds.difference_bound(model.ir, rows)
+    usable = np.isfinite(found).all(axis=1)
+    assert np.all(np.abs(model.predict(rows[usable]) - found[usable]) <= bound[usable])
+    return usable, bound[usable]
+
+
+@pytest.mark.parametrize("name", REGRESSORS)
+def test_regressors_agree_with_the_library_where_it_has_one_answer(name, tmp_path):
+    estimator, x, y = REGRESSORS[name]
+    model = loaded(fit(estimator, x, y))
+    verified(model, tmp_path, rows=150)
+    usable, bound = agrees(model, np.vstack([x, HALVES, x + 1e-9, 1.1 * x - 0.3]))
+    assert usable.mean() > 0.8
+    # rows beside the training rows; on a grid the nearest are often equally near
+    beside = bound[-len(x) // 2 :]
+    assert np.min(beside) < 1e-9 if "grid" in name else np.median(beside) < 1e-9
+
+
+@pytest.mark.parametrize("name", KERNELS)
+def test_gaussian_processes(name, tmp_path):
+    process = GaussianProcessRegressor(KERNELS[name], normalize_y=name == "sum", optimizer=None, alpha=1e-3)
+    model = loaded(fit(process, X[:60], SCORE[:60]))
+    verified(model, tmp_path, rows=100)
+    _, bound = agrees(model, np.vstack([X, X[::-1, ::-1]]))
+    assert np.max(bound) < 1e-7
+
+
+@pytest.mark.parametrize("weights", ["uniform", "distance"])
+@pytest.mark.parametrize("method", ["brute", "kd_tree", "ball_tree"])
+def test_neighbours_of_classes_leave_a_label_open_only_where_ties_can_turn_it(weights, method, tmp_path):
+    for x, labels, most in ((X, WORDS, 0.0), (GRID, THREE, 0.9)):
+        model = loaded(fit(KNeighborsClassifier(5, weights=weights, algorithm=method), x, labels))
+        rows = np.vstack([0.9 * x + 0.01, x + 1e-7, HALVES])
+        _, bound = agrees(model, rows)
+        still = np.mean(bound[: len(x), 0] > 0)
+        assert still <= most
+    verified(model, tmp_path, rows=150)
+
+
+def test_equal_distances_to_equal_answers_leave_nothing_open():
+    x = np.repeat(np.arange(20.0), 5)[:, None]
+    model = loaded(KNeighborsClassifier(3).fit(x, np.repeat(np.arange(20) % 3, 5)))
+    _, bound = agrees(model, x)
+    assert not bound.any() and model.predict(x)[:, 0].tolist() == np.repeat(np.arange(20) % 3, 5).tolist()
+    model = loaded(KNeighborsClassifier(3).fit(x, np.tile([0, 1, 0, 1, 2], 20)))
+    assert agrees(model, x)[1][:, 0].all()
+
+
+def test_no_neighbour_within_the_radius_is_no_answer(tmp_path):
+    model = loaded(RadiusNeighborsRegressor(0.4).fit(X, SCORE))
+    rows = np.vstack([X, X + 100.0])
+    usable, _ = agrees(model, rows)
+    assert usable[: len(X)].all() and not usable[len(X) :].any() and np.isnan(model.predict(rows[-1:])).all()
+
+
+@pytest.mark.parametrize("inverse", [False, True])
+def test_the_bound_of_nearest_means_holds_for_any_numbers_within(inverse):
+    random = np.random.default_rng(1)
+    op = NearestMean((0,), random.integers(0, 3, (2, 9)).astype(float), 3, inverse)
+    x = random.integers(0, 4, (300, 9)).astype(float) * 0.1
+    moved = np.where(random.random(x.shape) < 0.3, 10.0 ** random.uniform(-12, -1, x.shape), 0.0)
+    result = reference.apply(op, [x])
+    bound = bounds.step(op, [x], [moved], result)
+    for _ in range(40):
+        other = np.maximum(x + moved * random.uniform(-1, 1, x.shape), 0.0)
+        order = random.permutation(9)  # of equal ones any may be first
+        turned = NearestMean((0,), op.values[:, order], 3, inverse)
+        assert np.all(np.abs(reference.apply(turned, [other[:, order]]) - result) <= bound * (1 + 1e-9) + 1e-15)
+
+
+def test_the_bound_of_a_weighted_median_holds_for_any_numbers_within():
+    random = np.random.default_rng(2)
+    weights = random.integers(1, 4, 7).astype(float)
+    x = random.integers(0, 5, (300, 7)).astype(float)
+    moved = np.where(random.random(x.shape) < 0.3, 10.0 ** random.uniform(-9, 0, x.shape), 0.0)
+    op = WeightedMedian((0,), weights)
+    result = reference.apply(op, [x])
+    bound = bounds.step(op, [x], [moved], result)
+    for _ in range(40):
+        order = random.permutation(7)
+        other = (x + moved * random.uniform(-1, 1, x.shape))[:, order]
+        assert np.all(np.abs(reference.apply(WeightedMedian((0,), weights[order]), [other]) - result) <= bound + 1e-12)
+
+
+def test_a_median_of_trees_is_exact_but_for_equal_predictions(tmp_path):
+    model = loaded(AdaBoostRegressor(n_estimators=15, random_state=0).fit(X, SCORE))
+    assert verified(model, tmp_path, rows=300).exact
+
+
+def test_several_labels_a_row(tmp_path):
+    y = np.column_stack([TWO, THREE, THREE == 1]).astype(int)
+    for estimator in (
+        ClassifierChain(LogisticRegression(), order=[2, 0, 1], chain_method="predict"),
+        MultiOutputClassifier(DecisionTreeClassifier(max_depth=4, random_state=0)),
+    ):
+        columns = y if "Chain" not in type(estimator).__name__ else (y > 0).astype(int)
+        model = loaded(fit(estimator, X, columns))
+        _, bound = agrees(model, X)
+        assert np.mean(bound > 0) < 0.02
+        verified(model, tmp_path, rows=100)
+
+
+@pytest.mark.parametrize("kind", ["diag", "spherical"])
+def test_mixtures_of_straight_components(kind, tmp_path):
+    model = loaded(GaussianMixture(3, covariance_type=kind, random_state=0).fit(X))
+    _, bound = agrees(model, np.vstack([X, 3 * X]))
+    assert np.mean(bound[:, 0] > 0) < 0.02
+    verified(model, tmp_path, rows=100)
+
+
+def test_box_and_cox(tmp_path):
+    x = np.exp(X)
+    model = loaded(PowerTransformer("box-cox").fit(x))
+    verified(model, tmp_path, rows=100)
+    usable, bound = agrees(model, np.vstack([x, -x, np.zeros((1, 3))]))
+    assert usable[: len(x)].all() and not usable[len(x) :].any() and np.max(bound) < 1e-8
+
+
+@pytest.mark.parametrize(
+    ("estimator", "message"),
+    [
+        (KNeighborsRegressor(metric="chebyshev"), "metric='chebyshev'"),
+        (KNeighborsRegressor(weights=lambda d: d), "weights=a function"),
+        (RadiusNeighborsRegressor(weights="distance"), "supported are uniform"),
+        (GaussianProcessRegressor(gp.ExpSineSquared(), optimizer=None, alpha=50.0), "ExpSineSquared"),
+        (GaussianProcessRegressor(gp.Matern(nu=1.0), optimizer=None, alpha=1.0), "nu=1.0"),
+    ],
+)
+def test_what_is_refused_says_why(estimator, message):
+    with pytest.raises(UnsupportedModelError, match=message):
+        loaded(fit(estimator, X[:50], SCORE[:50]))
+
+
+def test_a_search_tree_in_a_file_is_refused_with_what_to_do(tmp_path):
+    skops_io = pytest.importorskip("skops.io")
+    from st_codegen.walkers.objects import load_skops
+
+    skops_io.dump(KNeighborsRegressor(algorithm="kd_tree").fit(X, SCORE), tmp_path / "m.skops")
+    with pytest.raises(UnsupportedModelError, match="algorithm='brute'"):
+        load_skops(tmp_path / "m.skops", "m")
+    for estimator in (
+        KNeighborsRegressor(algorithm="brute"),
+        GaussianProcessRegressor(KERNELS["sum"], optimizer=None, alpha=0.1),
+    ):
+        skops_io.dump(estimator.fit(X[:40], SCORE[:40]), tmp_path / "m.skops")
+        assert load_skops(tmp_path / "m.skops", "m").ir.ops
