@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 RACE := .venv-race
 INSTALLED := $(VENV)/.installed
 
-.PHONY: run test pictures site real blark soak soak-long fuzz sbom audit lint sizes nightly bench clean tables train-long blind blind-form mutate mutants example race kills
+.PHONY: run test pictures site real blark soak soak-long fuzz sbom audit lint sizes nightly bench clean tables train-long blind blind-form mutate mutants example race kills peers
 
 run: $(INSTALLED)  ## compile the example bundle, verify the result
 	$(BIN)/st-codegen examples/rv160n/models/ --target twincat --out build/rv160n
@@ -78,6 +78,9 @@ blind-form: $(INSTALLED)  ## reconcile on physics that is not its catalogue's, h
 
 mutants: $(INSTALLED)  ## 1,000 changed texts and 1,000 changed certificates: prove and the checker must reject each
 	$(BIN)/python -m tests.proof.mutants
+
+peers: $(INSTALLED)  ## the 128 estimators of a peer's own tests, each compiled and verified; prints how many are taken
+	$(BIN)/python -m pytest -q -m slow tests/peers
 
 mutate: $(INSTALLED)  ## changes 300 places one by one and lists the changes that no test notices; build/mutate.json, hours
 	$(BIN)/python -m tests.mutation --count 300 --jobs 2 --json build/mutate.json

@@ -250,6 +250,8 @@ _NEAR = {
     "KNNImputer": "SimpleImputer (KNNImputer searches all training rows for each missing value, others for each set of "
     "missing columns)",
     "IterativeImputer": "SimpleImputer",
+    "BisectingKMeans": "KMeans",
+    "Birch": "KMeans",
     "KernelPCA": "Nystroem and PCA",
 }
 
