@@ -87,6 +87,10 @@ def _show(found: Review) -> None:
         console.print(_table(changed))
 
 
+#: Changes of labels that a line names.
+_MOST_LABELS = 5
+
+
 def _lines(found: Review) -> list[str]:
     if not found.changed:
         return ["no difference"]
@@ -100,6 +104,11 @@ def _lines(found: Review) -> list[str]:
                 f"{model.name}: of {model.rows:,} operating points, {model.rows_lost:,} lost their answer, "
                 f"{model.rows_gained:,} gained one"
             )
+        if model.labels:
+            share = sum(change.share for change in model.labels)
+            most = ", ".join(f"{c.before} -> {c.after} {c.share:.1%}" for c in model.labels[:_MOST_LABELS])
+            more = ", .." if len(model.labels) > _MOST_LABELS else ""
+            lines.append(f"{model.name}: another label at {share:.1%} of the operating points: {most}{more}")
         if model.changed and not model.facts and not any(output.largest for output in model.outputs):
             lines.append(f"{model.name}: text changed, no output moved")
     counts = {kind: sum(1 for k in found.files.values() if k == kind) for kind in ("added", "removed", "changed")}

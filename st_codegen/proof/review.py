@@ -6,6 +6,7 @@ emitted texts, run on the same operating points.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -34,6 +35,7 @@ _FACTS = {
     "class": "model class",
     "features": "features",
     "outputs": "outputs",
+    "labels": "labels",
     "accepts_nan": "takes missing values",
     "exact": "equals the library bit for bit",
     "layout": "layout",
@@ -81,9 +83,19 @@ class OutputChange:
 
 
 @dataclass(frozen=True)
+class LabelChange:
+    """A label, the one that came in its place, and the share of the tried points at which it did."""
+
+    before: str
+    after: str
+    share: float
+
+
+@dataclass(frozen=True)
 class ModelChange:
     """What changed in one model that both folders have.
 
+    `labels`: of a classifier, which labels came in place of which, the most frequent change first.
     `rows_lost`: points that only the old text answered; `guessed`: features whose operating range is not known, so that
     the points lie where the model's own numbers are.
     """
@@ -96,11 +108,13 @@ class ModelChange:
     rows_gained: int
     text_changed: bool
     guessed: tuple[str, ...] = ()
+    labels: tuple[LabelChange, ...] = ()
 
     @property
     def changed(self) -> bool:
         return bool(
             self.facts
+            or self.labels
             or self.text_changed
             or self.rows_lost
             or self.rows_gained
@@ -223,8 +237,9 @@ def _compare_model(
         if _known(old.get(key)) != _known(new.get(key))
     )
     text_changed = codes[0].text(old["block"]) != codes[1].text(new["block"])
-    same_shape = len(old["features"]) == len(new["features"]) and len(old["outputs"]) == len(new["outputs"])
-    if not same_shape or not text_changed:
+    same_shape = len(old["outputs"]) == len(new["outputs"])
+    classifies = "labels" in old and "labels" in new
+    if len(old["features"]) != len(new["features"]) or not (same_shape or classifies) or not text_changed:
         return ModelChange(name, changes, (), 0, 0, 0, text_changed)
     x = _operating_points(old, new, rows, seed)
     results = [
@@ -232,7 +247,18 @@ def _compare_model(
         for code, f in zip(codes, facts, strict=True)
     ]
     both = results[0].valid & results[1].valid
-    difference = np.abs(results[1].values[both] - results[0].values[both])
+    difference = np.zeros((int(both.sum()), 0))
+    if same_shape:
+        difference = np.abs(results[1].values[both] - results[0].values[both])
+    labels: tuple[LabelChange, ...] = ()
+    if classifies:
+        chosen = [
+            [f["labels"][int(number)] for number in result.values[both, 0]]
+            for f, result in zip(facts, results, strict=True)
+        ]
+        labels = _label_changes(*chosen)
+        if same_shape:  # numbers of classes have no distance
+            difference[:, 0] = [one != other for one, other in zip(*chosen, strict=True)]
     if new.get("shared"):  # the text is that of other models too
         text_changed = bool(changes or np.any(difference) or np.any(results[0].valid != results[1].valid))
     names = [feature["name"] for feature in new["features"]]
@@ -259,7 +285,7 @@ def _compare_model(
         changes,
         tuple(
             _output_change(output, number, difference[:, number], x[both], names, sweep)
-            for number, output in enumerate(new["outputs"])
+            for number, output in enumerate(new["outputs"][: difference.shape[1]])
             if both.any()
         ),
         len(x),
@@ -267,7 +293,14 @@ def _compare_model(
         int(np.sum(results[1].valid & ~results[0].valid)),
         text_changed,
         tuple(f["name"] for f in new["features"] if f.get("range_from") == RangeSource.GUESS),
+        labels,
     )
+
+
+def _label_changes(before: list[Any], after: list[Any]) -> tuple[LabelChange, ...]:
+    """Which labels came in place of which others, the most frequent change first."""
+    counts = Counter((str(one), str(other)) for one, other in zip(before, after, strict=True) if one != other)
+    return tuple(LabelChange(*pair, share=count / len(before)) for pair, count in counts.most_common())
 
 
 def _known(value: Any) -> Any:

@@ -1,5 +1,6 @@
 import re
 
+import numpy as np
 import pytest
 
 from st_codegen.driver import generate
@@ -65,6 +66,37 @@ def test_sizes_models_and_files_before_and_after(lone_folder, lightgbm_text, tmp
         "POUs/FB_Gone.TcPOU": "removed",
         "POUs/FB_Te.TcPOU": "changed",
     }
+
+
+def test_labels_are_compared_by_what_they_say(tmp_path):
+    pytest.importorskip("sklearn")
+    from sklearn.tree import DecisionTreeClassifier
+
+    from st_codegen.cli.diff import _lines
+    from st_codegen.project.bundle import Bundle
+    from tests.classifiers import THREE, X, loaded
+
+    def made(labels, name, outputs=()):
+        model = loaded(DecisionTreeClassifier(max_depth=3, random_state=0).fit(X, labels), outputs)
+        generate(Bundle((model,)), "twincat", tmp_path / name)
+        return tmp_path / name
+
+    words = np.array(["cold", "good", "hot"])
+    old = made(words[THREE], "old")
+    # the same decisions under numbers that are another order of the same labels
+    (same,) = diff(old, made(np.array(["cold", "good", "hot"])[THREE], "same"), rows=500).models
+    assert not same.labels
+    renamed = diff(old, made(np.array(["a", "good", "hot"])[THREE], "renamed"), rows=500)
+    (model,) = renamed.models
+    assert {(change.before, change.after) for change in model.labels} == {("cold", "a")}
+    assert [change.what for change in model.facts] == ["labels"]
+    # another order of numbers, and probabilities beside the label
+    turned = diff(old, made(np.array(["z cold", "good", "hot"])[THREE], "turned"), rows=500)
+    assert {change.after for change in turned.models[0].labels} == {"z cold"}
+    wider = diff(old, made(words[np.where(X[:, 1] > 0, 2, THREE)], "wider", None), rows=500)
+    share = sum(change.share for change in wider.models[0].labels)
+    assert 0 < share < 1 and wider.models[0].outputs == ()
+    assert any(f"another label at {share:.1%} of the operating points" in line for line in _lines(wider))
 
 
 def test_ranges_and_the_bundle_before_and_after(bundle_folder, tmp_path):
