@@ -87,7 +87,7 @@ def entries() -> Iterator[Entry]:
         positive = name in ("GammaRegressor", "PoissonRegressor")
         seeded = name in (*_SEEDED, "TheilSenRegressor")
         yield f"linear_model.{name}", SEED if seeded else {}, "counts" if positive else "numbers"
-    yield "linear_model.RANSACRegressor", {"estimator": "tree.ExtraTreeRegressor", **SEED}, "numbers"
+    yield "linear_model.RANSACRegressor", {"estimator": "tree.ExtraTreeRegressor", "min_samples": 50, **SEED}, "numbers"
     for power in (0.0, 1.0, 1.5, 2.0, 3.0):
         yield "linear_model.TweedieRegressor", {"power": power}, "counts"
     for kind in TRIO[1:]:
