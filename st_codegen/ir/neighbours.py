@@ -16,7 +16,8 @@ from st_codegen.ir.base import freeze, require_finite
 class Distances:
     """The distance to each of `vectors` (vectors, columns): the sum over the columns of squares, or of magnitudes.
 
-    `root`: the square root of the sum. `expands`: the library computes squares as u.u - 2 * u.v + v.v, which loses digits, and takes 0 for less than 0.
+    `root`: the square root of the sum. `expands`: the library computes squares as u.u - 2 * u.v + v.v, which loses
+    digits, and takes 0 for less than 0.
     """
 
     inputs: tuple[int, ...]

@@ -231,7 +231,7 @@ def _(op: Activation, operands: list[FloatArray], given: list[FloatArray], resul
     return moved + (roundings + formula) * size + _TINY
 
 
-def _slope(op: Activation, x: FloatArray, difference: FloatArray) -> FloatArray:  # noqa: PLR0911 - one a function
+def _slope(op: Activation, x: FloatArray, difference: FloatArray) -> FloatArray:
     """Largest slope of the function within `difference` of x."""
     near = np.abs(x) + difference
     constant = np.ones_like(x)

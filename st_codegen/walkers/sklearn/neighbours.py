@@ -149,13 +149,12 @@ def _of_distance(fitted: Fitted, builder: GraphBuilder, value: int, vectors: Flo
         logarithm = builder.add(Activation((part,), Function.LOG1P, len(vectors)))
         return _exp(builder, _times(builder, logarithm, -alpha))
     scaled = builder.add(Scale((value,), Operator.DIVIDE, length))
-    squared = builder.add(Distances((scaled,), vectors / length))
     smoothness = math.inf if fitted.kind == "RBF" else float(fitted.get("nu"))
     if smoothness == math.inf:
-        return _exp(builder, _times(builder, squared, -0.5))
+        return _exp(builder, _times(builder, builder.add(Distances((scaled,), vectors / length)), -0.5))
     if smoothness not in (0.5, 1.5, 2.5):
         raise UnsupportedModelError(f"Matern with nu={smoothness}: supported are 0.5, 1.5, 2.5 and infinity")
-    distance = builder.add(Activation((squared,), Function.SQRT, len(vectors)))
+    distance = euclidean(builder, scaled, vectors / length)
     argument = _times(builder, distance, math.sqrt(2.0 * smoothness)) if smoothness > 1 else distance
     decay = _exp(builder, _times(builder, argument, -1.0))
     if smoothness < 1:
