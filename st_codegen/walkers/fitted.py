@@ -54,7 +54,7 @@ class Fitted:
                 raise self.fail(name, f"numbers of type {array.dtype}, expected float64 or float32")
         elif array.size and np.max(np.abs(array.astype(np.float64))) > _LARGEST_WHOLE:
             raise self.fail(name, "an integer that float64 does not hold")
-        result = array.astype(np.float64)
+        result = array.astype(np.float64, order="C")  # sums of it are then the same however it was stored
         bad = np.flatnonzero(~np.isfinite(result.ravel()))
         if bad.size:
             raise InputError(
