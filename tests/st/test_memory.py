@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import gc
 import math
+import os
 import struct
 import weakref
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -492,3 +494,23 @@ def test_machine_code_goes_with_its_project() -> None:
     del project, machine
     gc.collect()
     assert seen() is None
+
+
+def test_arrays_of_zeros_take_no_memory_until_they_are_written() -> None:
+    def resident() -> int:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+    if not Path("/proc/self/statm").is_file():
+        pytest.skip("the memory of a process is counted on Linux only")
+    text = """
+VAR_GLOBAL nFirst : DINT := 7; aRing : ARRAY[0..39999] OF LREAL; nLast : DINT := 9; END_VAR
+FUNCTION_BLOCK FB_X VAR_OUTPUT n : DINT; END_VAR n := nFirst + nLast; END_FUNCTION_BLOCK
+"""
+    project = parse_project({"a.st": text})
+    before = resident()
+    machine = Machine(project, rows=2000, optimised=False)
+    block = machine.instance("FB_X")
+    block()
+    assert (block["n"] == 16).all()
+    assert resident() - before < 200e6  # of 640 MB
+    assert machine.globals["aRing[39999]"].tolist() == [0.0] * 2000

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+import mmap
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -18,12 +20,21 @@ Values = NDArray[Any]
 Reader = Callable[[int, "np.dtype[Any]", tuple[int, ...]], Values]
 
 
+#: What an operating system gives at once, bytes.
+_PAGE = 4096
+#: Bytes of records from which on it matters in what pages they are.
+_LARGE = 64_000_000
+
+
 class Memory:
     """The same record for each row; `natives` are the Python objects of the native blocks in it, by offset."""
 
     def __init__(self, rows: int, image: bytes) -> None:
-        padded = image + bytes(aligned(max(len(image), 1), 16) - len(image))
-        self.bytes = np.tile(np.frombuffer(padded, np.uint8), (rows, 1))
+        padded = np.frombuffer(image + bytes(aligned(max(len(image), 1), 16) - len(image)), np.uint8)
+        # memory that nobody touches costs nothing: arrays of zeros, such as a ring of samples, are not written
+        self.bytes = _zeros(rows, len(padded))
+        for part in _filled(padded):
+            self.bytes[:, part] = padded[part]
         self.address = self.bytes.ctypes.data
         self.stride = len(padded)
         self.natives: dict[int, NativeBlock] = {}
@@ -35,6 +46,26 @@ class Memory:
     def addresses(self) -> NDArray[np.uint64]:
         """Where the record of each row is."""
         return np.uint64(self.address) + np.arange(len(self.bytes), dtype=np.uint64) * np.uint64(self.stride)
+
+
+def _zeros(rows: int, size: int) -> NDArray[np.uint8]:
+    """Records of zeros; large ones in small pages, since a large page is memory as soon as one byte is written."""
+    if rows * size < _LARGE or not hasattr(mmap, "MADV_NOHUGEPAGE"):
+        return np.zeros((rows, size), np.uint8)
+    memory = mmap.mmap(-1, rows * size)
+    with contextlib.suppress(OSError):  # a system without large pages
+        memory.madvise(mmap.MADV_NOHUGEPAGE)
+    return np.frombuffer(memory, np.uint8).reshape(rows, size)
+
+
+def _filled(image: NDArray[np.uint8]) -> Iterator[slice]:
+    """The parts of a record that are not zero, those less than a page apart together."""
+    places = np.flatnonzero(image)
+    if len(places):
+        gaps = np.flatnonzero(np.diff(places) > _PAGE)
+        begins = places[np.concatenate([[0], gaps + 1])]
+        ends = places[np.concatenate([gaps, [len(places) - 1]])]
+        yield from (slice(int(begin), int(end) + 1) for begin, end in zip(begins, ends, strict=True))
 
 
 def view(rows: NDArray[np.uint8], offset: int, dtype: np.dtype[Any], shape: tuple[int, ...]) -> Values:
