@@ -20,6 +20,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from st_codegen.emit.blocks.model import block_name
+from st_codegen.emit.manifest_shape import check_manifest
 from st_codegen.emit.render import RenderedFile
 from st_codegen.emit.traces import without_traces
 from st_codegen.errors import GeneratedCodeError, InputError
@@ -67,9 +68,10 @@ def read_manifest(folder: Path) -> Manifest | None:
         return None
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
+        check_manifest(content)
         manifest = Manifest(dict(content["files"]), {key: dict(content.get(key, {})) for key in _FACTS})
         safe = content["format"] == _FORMAT and all(_is_below(name) for name in manifest.files)
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, RecursionError) as error:
         raise GeneratedCodeError(f"{path}: not readable ({error}); delete it and generate again") from None
     if not safe:
         raise GeneratedCodeError(f"{path}: written by another version, or changed; delete it and generate again")

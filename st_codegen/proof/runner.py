@@ -18,7 +18,7 @@ from st_codegen.proof.arithmetic import libraries_of
 from st_codegen.st import Machine, Project, StError, StRuntimeError, check_source, read_paths
 from st_codegen.st.run.machine import Instance
 from st_codegen.st.syntax.source import PLAIN
-from st_codegen.st.tree import Pou
+from st_codegen.st.tree import Pou, Section
 from st_codegen.st.types import ArrayType, Elementary, Type
 
 #: Rows that are run at once: their records stay in the caches of a processor.
@@ -113,6 +113,14 @@ class GeneratedCode:
                 f"{self.folder}: no block {block}; the models have changed: generate again"
             ) from None
 
+    def check_block(self, block: str, inputs: int, outputs: Sequence[int]) -> None:
+        """Raise GeneratedCodeError where a block has not so many inputs, or not all of these outputs."""
+        sections = [variable.section for variable in self._pou(block).variables]
+        if sections.count(Section.INPUT) != inputs or max(outputs, default=0) >= sections.count(Section.OUTPUT):
+            raise GeneratedCodeError(
+                f"{self.folder}: {block} has other inputs or outputs than {MANIFEST} says: generate again"
+            )
+
     def run_model(self, block: str, x: FloatArray, outputs: int | Sequence[int]) -> BlockResult:
         """Call a model's block once for each row of `x` (rows, features), its inputs in order.
 
@@ -121,6 +129,7 @@ class GeneratedCode:
         Raises GeneratedCodeError where the controller would stop: a floating point exception, an index out of range.
         """
         wanted = range(outputs) if isinstance(outputs, int) else outputs
+        self.check_block(block, x.shape[1], wanted)
         if not len(x):
             return BlockResult(np.zeros((0, len(wanted))), np.zeros(0, np.bool_))
         parts, done = [], 0

@@ -189,6 +189,57 @@ def test_a_damaged_manifest_is_named(lone_folder, tmp_path, text):
         output.read_manifest(folder)
 
 
+WRONG = {
+    "no table": lambda facts: [],
+    "no file names": lambda facts: {**facts, "files": ["a"]},
+    "a sum that is no text": lambda facts: {**facts, "files": {"a": 1}},
+    "models that are none": lambda facts: {**facts, "models": {"te": 3}},
+    "no block": lambda facts: with_model(facts, block=None),
+    "an output without a name": lambda facts: with_model(facts, outputs=[{}]),
+    "a feature without a unit": lambda facts: with_model(facts, features=[{"name": "a", "range": [0, 1]}]),
+    "a range upside down": lambda facts: with_model(facts, features=[{"name": "a", "unit": "", "range": [1, 0]}]),
+    "a range without an end": lambda facts: with_model(facts, features=[{"name": "a", "unit": "", "range": [1, None]}]),
+    "a negative output": lambda facts: with_model(facts, block_outputs=[-1]),
+    "calls in words": lambda facts: {**facts, "transmission_error": {"calls": "two"}},
+    "a fingerprint in capitals": lambda facts: {**facts, "comparison": {"fingerprint": "0xAB"}},
+    "a choice that is none": lambda facts: {**facts, "choices": 3},
+}
+ELSEWHERE = {
+    "another block": lambda facts: with_model(facts, block="FB_Nothing"),
+    "an output too many": lambda facts: with_model(facts, block_outputs=[77]),
+}
+
+
+def with_model(facts, **changes):
+    """The facts with other ones of their first model."""
+    name = next(iter(facts["models"]))
+    model = {**facts["models"][name], **changes}
+    return {**facts, "models": {**facts["models"], name: {k: v for k, v in model.items() if v is not None}}}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_a_manifest_says_is_checked_before_it_is_used(lone_folder, tmp_path, name):
+    """Nobody vouches for the folder that it is in."""
+    path = generate(load(lone_folder), TWINCAT, tmp_path, options=TREES).folder / output.MANIFEST
+    facts = json.loads(path.read_text())
+    assert output.read_manifest(path.parent) is not None
+    path.write_text(json.dumps(WRONG[name](facts)))
+    with pytest.raises(GeneratedCodeError, match="delete it and generate again"):
+        output.read_manifest(path.parent)
+
+
+def test_a_manifest_that_does_not_fit_its_text_is_refused_in_one_line(lone_folder, tmp_path, capsys):
+    path = generate(load(lone_folder), TWINCAT, tmp_path, options=TREES).folder / output.MANIFEST
+    facts = json.loads(path.read_text())
+    for change in ELSEWHERE.values():
+        path.write_text(json.dumps(change(facts)))
+        for command in (["verify", "--rows", 50], ["prove"]):
+            assert run(*command, lone_folder, "--generated", path.parent, "-q") == 2
+            assert capsys.readouterr().err.startswith("error: ")
+    path.write_text("[" * 100_000)
+    assert run("verify", lone_folder, "--generated", path.parent, "-q") == 2
+
+
 @pytest.mark.parametrize("exchange", [True, False])
 def test_without_an_exchange_of_folders_two_renames_do(lone_folder, tmp_path, monkeypatch, exchange):
     if not exchange:

@@ -206,8 +206,8 @@ def changed_archive(data, random):
     return archives.mutant(data, random) if random.random() < 0.9 else changed_bytes(data, random)
 
 
-def files(pattern):
-    return lambda: [path.read_bytes() for path in sorted(GOLDEN.glob(pattern)) if path.stat().st_size < 200_000]
+def files(pattern, largest=200_000):
+    return lambda: [path.read_bytes() for path in sorted(GOLDEN.glob(pattern)) if path.stat().st_size < largest]
 
 
 def examples(*paths):
@@ -253,7 +253,7 @@ KINDS = {
         Kind("plcopen.xml", files("plcopen/*trees.xml"), text, changed_bytes),
         Kind(
             "block.st",
-            lambda: [b.replace(b"\r", b"") for b in files("bundle/generated/iec/*.st")()],
+            lambda: [b.replace(b"\r", b"") for b in files("lone/generated/iec/FB_[EO]*.st", 20_000)()],
             text,
             changed_bytes,
         ),

@@ -131,6 +131,7 @@ def prove_model(model: ModelIR, code: GeneratedCode, runs: dict[str, BlockRun] |
     result = ProofResult(model.name, folder.name, block, Verdict.NOT_PROVED, outputs=outputs)
     if folder.name == "beckhoff-ml":
         return _left_out(model, folder)
+    code.check_block(block, len(model.features), outputs)
     try:
         if any(isinstance(op, TreeEnsemble) for op in model.ops):
             found = TreeProof(model, code, block, outputs, {} if runs is None else runs).check()
