@@ -40,8 +40,11 @@ from st_codegen.proof.runner import BlockResult, GeneratedCode, target_folders
 from st_codegen.st.run.machine import processors
 from st_codegen.walkers.base import LoadedModel
 
-#: What trying a row on a tree, and proving a node, take about.
-_SECONDS_A_ROW, _SECONDS_A_NODE = 5e-7, 6e-5
+#: What trying a row on a tree takes about.
+_SECONDS_A_ROW = 5e-7
+#: What proving takes for a tree, and for a node of it: `python benchmarks/prove.py 300 31` took 2.1 s of the processor,
+#: `python benchmarks/prove.py 50 1001` (2,001 nodes a tree) took 1.4 s.
+_SECONDS_A_TREE, _SECONDS_A_NODE = 6.5e-3, 1.1e-5
 
 #: Called with (number done, total, what is next).
 Progress = Callable[[int, int, str], None]
@@ -292,8 +295,9 @@ def _model_reports(
 def _is_worth_a_proof(model: ModelIR, count: int, rows: int) -> bool:
     """Whether trying all thresholds would take longer than to prove the text: rows times trees, against nodes."""
     ensembles = [op for op in model.ops if isinstance(op, TreeEnsemble)]
-    tried = count * sum(op.n_trees for op in ensembles) * _SECONDS_A_ROW
-    return count > rows and tried > sum(op.n_nodes for op in ensembles) * _SECONDS_A_NODE
+    trees = sum(op.n_trees for op in ensembles)
+    proving = trees * _SECONDS_A_TREE + sum(op.n_nodes for op in ensembles) * _SECONDS_A_NODE
+    return count > rows and count * trees * _SECONDS_A_ROW > proving
 
 
 def _verify_model(model: LoadedModel, targets: dict[str, GeneratedCode], rows: int, seed: int) -> ModelReport:
