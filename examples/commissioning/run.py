@@ -35,7 +35,7 @@ class Scale:
     torques_Nm: tuple[int, ...] = (0, 200, 600, 1200)
     temperatures_C: tuple[int, ...] = (25, 30)
     orders: str = "0,1,3,39,40,78,81,156,162,240"
-    rows: int = 100_000
+    rows: int = 5000
     moved: int = 2000
 
 
