@@ -60,6 +60,9 @@ def test_what_is_off_only_where_the_model_lacks_something_is_no_bad_run():
     noise = Noise(np.broadcast_to(SIGMA, data.values.shape), SIGMA, np.ones(len(data), bool), ((60, 9.0), (99, 9.0)))
     kept = without_structure(data, data.values, noise, np.isin(ORDERS, [39]))
     assert [row for row, _ in kept.suspects] == [99]
+    # off in five of six orders it is bad even where the model lacks something in all
+    kept = without_structure(data, data.values, noise, np.ones(len(ORDERS), bool))
+    assert [row for row, _ in kept.suspects] == [99]
 
 
 def test_one_direction_alone_needs_several_orders():

@@ -59,7 +59,11 @@ def _largest(size: FloatArray, structured: BoolArray) -> float:
 def without_structure(data: Observations, residual: ComplexArray, noise: Noise, structured: BoolArray) -> Noise:
     """The noise without those of its suspects that are off in nothing but orders in which the model lacks something."""
     size = _scaled(data, residual, noise.sigma)
-    right = [row for row, _ in noise.suspects if _largest(size[row], structured) <= SETTINGS.off]
+    off = size > SETTINGS.off
+    # off in half of all orders is more than what a model lacks in some
+    right = [
+        row for row, _ in noise.suspects if not (off[row] & ~structured).any() and 2 * off[row].sum() < len(structured)
+    ]
     good = noise.good.copy()
     good[right] = True
     return replace(noise, good=good, suspects=tuple(entry for entry in noise.suspects if entry[0] not in right))
