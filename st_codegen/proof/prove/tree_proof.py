@@ -329,8 +329,9 @@ class TreeProof:
             return
         executor = self.run.executor
         names = {port.variable: port for port in self.model.ports if port.lower is not None}
-        if isinstance(plausible, Lanes):
-            _, (got, *numbers) = executor.joined([plausible, *(outputs[name] for name in names)], True)
+        given = [plausible, *(outputs[name] for name in names)]
+        if all(isinstance(value, bool | Lanes | AxisValue) for value in given):
+            _, (got, *numbers) = executor.joined(given, True)
             wanted = np.ones(len(got), np.bool_)
             for port, x in zip(names.values(), numbers, strict=True):
                 wanted &= (x >= port.lower) & (x <= port.upper)

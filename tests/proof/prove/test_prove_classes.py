@@ -254,6 +254,16 @@ def test_the_plausible_range_of_trees_is_told(change, layout, tmp_path):
         assert accepts_all or result.verdict is not Verdict.PROVED
 
 
+def test_a_plausible_range_that_holds_every_cell_is_told(tmp_path):
+    trained = DecisionTreeRegressor(max_depth=3, random_state=0).fit(np.round(X), np.round(SCORE))
+    model = ranged(loaded(trained), Output("fTorque", "N m", -100.0, 100.0))
+    assert proved(model, tmp_path, Layout.TABLE).verdict is Verdict.PROVED
+    (path,) = (tmp_path / "iec").glob("FB_M.st")
+    assert "PLAUSIBLE_UPPER_1 : LREAL := 100.0" in path.read_text()
+    path.write_text(path.read_text().replace("PLAUSIBLE_UPPER_1 : LREAL := 100.0", "PLAUSIBLE_UPPER_1 : LREAL := 0.5"))
+    assert prove(Bundle((model,)), tmp_path).results[0].verdict is not Verdict.PROVED
+
+
 def test_a_table_of_labels_is_proved_cell_by_cell(tmp_path):
     model = loaded(RandomForestClassifier(5, max_depth=3, random_state=0).fit(np.round(X), THREE), outputs=())
     result = proved(model, tmp_path, Layout.TABLE)
