@@ -55,13 +55,10 @@ def test_what_is_off_only_where_the_model_lacks_something_is_no_bad_run():
     data.values[[99, 99 + count], 1:] += 3e-4j
     assert set(found(data)) == {60, 99, 60 + count, 99 + count}
     assert set(found(data, structured=[39])) == {99, 99 + count}
-    # where a mesh rattles at low load, all its orders are off, and the model lacks something in each
-    assert not found(data, structured=ORDERS)
+    # a model that lacks something everywhere excuses no run that is off in several orders
+    assert set(found(data, structured=ORDERS)) == {99, 99 + count}
     noise = Noise(np.broadcast_to(SIGMA, data.values.shape), SIGMA, np.ones(len(data), bool), ((60, 9.0), (99, 9.0)))
     kept = without_structure(data, data.values, noise, np.isin(ORDERS, [39]))
-    assert [row for row, _ in kept.suspects] == [99]
-    # off in five of six orders it is bad even where the model lacks something in all
-    kept = without_structure(data, data.values, noise, np.ones(len(ORDERS), bool))
     assert [row for row, _ in kept.suspects] == [99]
 
 

@@ -31,10 +31,10 @@ def bad_runs(data: Observations, residual: ComplexArray, sigma: FloatArray, stru
     deviation = residual / sigma
     found: dict[int, float] = {}
     for rows in _runs(data):
-        off = {row: _alone(size[row]) if _largest(size[row], structured) > SETTINGS.off else 0.0 for row in rows}
+        off = {row: _told(size[row], structured) for row in rows}
         pair = size[rows].min(axis=0)
         is_pair = len({data.at.sign[row] for row in rows}) == 2
-        both = _largest(pair, structured) if is_pair else 0.0
+        both = max(_told(pair, structured), _largest(pair, structured)) if is_pair else 0.0
         again = [row for row in rows if repeats(data.at, deviation, row)]
         if both > SETTINGS.off:
             # the run is bad as a whole, unless each direction shows what others show as well
@@ -51,6 +51,12 @@ def _alone(size: FloatArray) -> float:
     return float(largest[-SETTINGS.orders_alone]) if len(largest) >= SETTINGS.orders_alone else 0.0
 
 
+def _told(size: FloatArray, structured: BoolArray) -> float:
+    """How far off several orders of a row are; 0 where these are but the few in which the model lacks something."""
+    few = 2 * structured.sum() < len(structured)
+    return 0.0 if few and _largest(size, structured) <= SETTINGS.off else _alone(size)
+
+
 def _largest(size: FloatArray, structured: BoolArray) -> float:
     """How far off a row is in the orders in which the model lacks nothing."""
     return float(size[~structured].max(initial=0.0))
@@ -59,6 +65,9 @@ def _largest(size: FloatArray, structured: BoolArray) -> float:
 def without_structure(data: Observations, residual: ComplexArray, noise: Noise, structured: BoolArray) -> Noise:
     """The noise without those of its suspects that are off in nothing but orders in which the model lacks something."""
     size = _scaled(data, residual, noise.sigma)
+    if 2 * structured.sum() >= len(structured):
+        # a model that lacks something nearly everywhere excuses no run
+        return noise
     off = size > SETTINGS.off
     # off in half of all orders is more than what a model lacks in some
     right = [
