@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from st_codegen.cli.main import cli
 from st_codegen.errors import InputError
 from st_codegen.reconcile.data.observations import Observations, labels
+from st_codegen.reconcile.data.reading import read_measured
 from st_codegen.reconcile.judge.unseen import cannot_show
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.run import reconcile_observations, with_empirical
@@ -156,6 +157,22 @@ def test_bad_files_are_left_out_when_asked_and_coarse_ones_hold_nobody_back(camp
     # a quarter of 333 samples is 83: the rest of the campaign is still looked at up to 400
     assert "orders above 83 of 1 files" in looked and "orders above 400" in looked
     assert said["verdict"] == "nothing_missing", said["unexplained"]
+
+
+def test_an_order_that_few_samples_show_as_another_is_not_looked_at(tmp_path):
+    """Order 240 on 300 steps of a turn looks as order 60; nothing is at 60."""
+    random = np.random.default_rng(0)
+    for number, samples in enumerate([1200] * 7 + [300]):
+        angle = np.arange(samples) * 360.0 / samples
+        te = 1e-3 * np.cos(np.deg2rad(3 * angle)) + 3e-4 * np.cos(np.deg2rad(240 * angle))
+        te = te + random.normal(0, 1e-5, samples)
+        rows = [f"{a:.6f},{e:.9f},{b:.6f},{f:.9f}" for a, e, b, f in zip(angle, te, angle[::-1], te[::-1], strict=True)]
+        path = tmp_path / f"{300.0 + 100 * number}rpm400.0Nm25.0deg.csv"
+        path.write_text("\n".join(rows) + "\n")
+    assert 240 in RIG.orders() and 60 not in RIG.orders()
+    found = read_measured(tmp_path, RIG)
+    assert 60 not in found.orders and 240 in found.orders
+    assert any("300 or fewer samples a turn show higher orders as these" in text for text in found.not_looked_at)
 
 
 def test_nothing_is_written_that_predicts_worse():

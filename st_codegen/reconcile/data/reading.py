@@ -46,15 +46,19 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
     power = np.full((len(first), band + 1), np.nan)
     for row, fit in enumerate(first):
         power[row, : bands[row] + 1] = (fit.spectrum / np.maximum(fit.spectrum_floor, 1e-30))[: bands[row] + 1] ** 2
-    orders = sorted({0, *(k for k in rig.orders() if k <= band), *np.flatnonzero(_loud(power)).tolist()})
+    mistaken = _mistaken(campaign, {*rig.orders(), *np.flatnonzero(_loud(power)).tolist()}, band)
+    power[mistaken] = np.nan
+    told = [k for k in rig.orders() if k <= band and not mistaken[:, k].all()]
+    orders = sorted({0, *told, *np.flatnonzero(_loud(power)).tolist()})
     fits = _fits(campaign, orders, bands, progress)
     values = np.zeros((len(fits), len(orders)), np.complex128)
     # an amplitude has the variance of two components; the floor of the mean is that of one number already
     spectral = np.zeros(values.shape)
-    seen = np.array(orders)[None, :] <= bands[:, None]
+    fitted = np.array(orders)[None, :] <= bands[:, None]
     for row, fit in enumerate(fits):
-        values[row, seen[row]] = fit.coefficients
-        spectral[row, seen[row]] = fit.noise_floor
+        values[row, fitted[row]] = fit.coefficients
+        spectral[row, fitted[row]] = fit.noise_floor
+    seen = fitted & ~mistaken[:, orders]
     spectral /= np.where(np.array(orders) == 0, 1.0, np.sqrt(2.0))
     counts = {curve.sums.samples for curve in campaign.curves}
     files = [curve.path.relative_to(folder).as_posix() for curve in campaign.curves]
@@ -66,9 +70,42 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
         run=_listed_runs(folder, campaign),
         spectral_deg=spectral,
         seen=None if seen.all() else seen,
-        not_looked_at=_not_looked_at(folder, campaign, rig, bands, files),
+        not_looked_at=(
+            *_not_looked_at(folder, campaign, rig, bands, files),
+            *_mistaken_text(campaign, mistaken, bands, files),
+        ),
         samples=counts.pop() if len(counts) == 1 else 0,
     )
+
+
+def _mistaken(campaign: Campaign, orders: set[int], band: int) -> BoolArray:
+    """(curves, band + 1): the orders that a curve with few samples cannot tell from a higher one of `orders`.
+
+    N equal steps of a turn show order m as order |m - j*N| for each whole number j.
+    """
+    found = np.zeros((len(campaign.curves), band + 1), np.bool_)
+    high = np.array(sorted(orders - {0}), np.int64)
+    for row, curve in enumerate(campaign.curves):
+        steps = curve.sums.samples
+        shown = np.abs(high - steps * np.round(high / steps).astype(np.int64))
+        shown = shown[(shown != high) & (shown <= band)]
+        found[row, shown[shown > 0]] = True
+    return found
+
+
+def _mistaken_text(campaign: Campaign, mistaken: BoolArray, bands: IntArray, files: list[str]) -> list[str]:
+    """Which orders were left out of which curves for `_mistaken`."""
+    mistaken = mistaken & (np.arange(mistaken.shape[1])[None, :] <= bands[:, None])
+    rows = np.flatnonzero(mistaken.any(axis=1))
+    if not rows.size:
+        return []
+    orders = _listed(np.flatnonzero(mistaken.any(axis=0)).tolist())
+    named = sorted({files[row] for row in rows})
+    shown = ", ".join(named[:5]) + (", .." if len(named) > 5 else "")
+    most = max(campaign.curves[row].sums.samples for row in rows)
+    return [
+        f"orders {orders} of {len(named)} files: {most} or fewer samples a turn show higher orders as these: {shown}"
+    ]
 
 
 def _fits(campaign: Campaign, orders: list[int], bands: IntArray, progress: Progress | None) -> list[OrderFit]:
