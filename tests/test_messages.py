@@ -23,17 +23,17 @@ def save(folder, name, estimator):
 
 
 def test_a_class_that_is_not_supported_is_named_with_what_is_near(tmp_path):
-    neighbors, pipeline = pytest.importorskip("sklearn.neighbors"), pytest.importorskip("sklearn.pipeline")
+    projections, pipeline = pytest.importorskip("sklearn.decomposition"), pytest.importorskip("sklearn.pipeline")
     from sklearn.preprocessing import StandardScaler
 
-    alone = save(tmp_path / "a", "knn", neighbors.KNeighborsRegressor())
-    inside = save(tmp_path / "b", "knn", pipeline.make_pipeline(StandardScaler(), neighbors.KNeighborsRegressor()))
+    alone = save(tmp_path / "a", "kernel", projections.KernelPCA(2))
+    inside = save(tmp_path / "b", "kernel", pipeline.make_pipeline(StandardScaler(), projections.KernelPCA(2)))
     for folder in (alone, inside):
         with pytest.raises(UnsupportedModelError) as caught:
             load(folder)
         assert str(caught.value) == (
-            f"{folder}: knn.skops: scikit-learn's KNeighborsRegressor is not supported; near it: "
-            "RandomForestRegressor and ExtraTreesRegressor; `st-codegen models` lists what is"
+            f"{folder}: kernel.skops: scikit-learn's KernelPCA is not supported; near it: Nystroem and PCA; "
+            "`st-codegen models` lists what is"
         )
 
 

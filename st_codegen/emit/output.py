@@ -72,7 +72,8 @@ def read_manifest(folder: Path) -> Manifest | None:
         manifest = Manifest(dict(content["files"]), {key: dict(content.get(key, {})) for key in _FACTS})
         safe = content["format"] == _FORMAT and all(_is_below(name) for name in manifest.files)
     except (ValueError, RecursionError) as error:
-        raise GeneratedCodeError(f"{path}: not readable ({error}); delete it and generate again") from None
+        why = "nested too deeply" if isinstance(error, RecursionError) else error
+        raise GeneratedCodeError(f"{path}: not readable ({why}); delete it and generate again") from None
     if not safe:
         raise GeneratedCodeError(f"{path}: written by another version, or changed; delete it and generate again")
     return manifest

@@ -54,7 +54,8 @@ def assert_same(model, target, folder, rows=700, seed=0):
 @pytest.mark.parametrize("name", SMALL_MODELS)
 def test_each_operation_computes_what_the_reference_computes(name, target, tmp_path):
     expected = assert_same(limit_inputs(SMALL_MODELS[name]), target, tmp_path)
-    assert np.isfinite(expected).all(axis=1).mean() > 0.3
+    # one of the models has no number for most of its pieces; all others answer more than a third of the rows
+    assert np.isfinite(expected).all(axis=1).mean() > (0.2 if name == "piecewise constant" else 0.3)
 
 
 @examples(suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])

@@ -136,9 +136,7 @@ def test_the_text_of_compositions(name, tmp_path):
     [
         (CalibratedClassifierCV(GaussianNB(), method="isotonic", cv=2), TWO, "supported is method='sigmoid'"),
         (CalibratedClassifierCV(GaussianNB(), cv=2), WORDS, "and 3 classes"),
-        (mixture.GaussianMixture(2, covariance_type="diag"), None, "supported are 'full' and 'tied'"),
         (ensemble.IsolationForest(n_estimators=3, max_features=1), None, "max_features below 1"),
-        (ensemble.AdaBoostRegressor(n_estimators=3), SCORE, "AdaBoostRegressor is not supported; near it"),
         (multiclass.OneVsRestClassifier(tree()), np.column_stack([TWO, ~TWO, TWO]).astype(int), "several labels a row"),
     ],
 )

@@ -176,5 +176,5 @@ def test_other_xml_in_the_folder_is_left_alone(tmp_path):
     (tmp_path / "other.xml").write_text("<MLlib_XML_File/>", encoding="utf-8")
     assert len(read_paths([tmp_path]).declarations) == 5
     (tmp_path / "everything.xml").unlink()
-    with pytest.raises(InputError, match=r"no \.st, \.TcPOU, \.TcGVL, \.TcDUT or PLCopen's \.xml file"):
+    with pytest.raises(InputError, match=r"no \.st, \.scl, \.TcPOU, \.TcGVL, \.TcDUT or PLCopen's \.xml file"):
         read_paths([tmp_path])

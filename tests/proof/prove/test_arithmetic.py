@@ -30,8 +30,16 @@ NOT_FOLLOWED = {"combine divide": "may overflow"} | {
 }
 NOT_FOLLOWED |= {
     f"function {name}{suffix}": f"the function {name} is not followed"
-    for name in ("erf", "gelu")
+    for name in ("erf", "gelu", "cos")
     for suffix in ("", " float32")
+}
+#: Neighbours are sorted by distances, so that the place of an element depends on the inputs.
+NOT_FOLLOWED |= {
+    "distances": "the operation Distances is not followed",
+    "distances by magnitude": "the operation Distances is not followed",
+    "median": "whose place depends on the inputs",
+    "median of one": "the operation WeightedMedian is not followed",
+    **{name: "whose place depends on the inputs" for name in ARITHMETIC if name.startswith("nearest")},
 }
 #: A power of nothing is 1, and the largest of one the first, for every input: no operation is left.
 CONSTANT = {"kernel polynomial degree 0", "argmax of one"}
