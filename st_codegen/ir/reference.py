@@ -272,7 +272,8 @@ def _(op: NearestMean, operands: list[FloatArray]) -> FloatArray:
     weights = np.ones(nearest.shape)
     if op.inverse:
         own = np.take_along_axis(x, nearest, axis=1)
-        weights = np.where(own[:, :1] > 0, own[:, :1] / own, own <= 0)
+        with np.errstate(invalid="ignore"):  # a neighbour at distance 0: its quotients are not taken
+            weights = np.where(own[:, :1] > 0, own[:, :1] / own, own <= 0)
     total = np.zeros((len(x), op.width))
     divisor = np.zeros((len(x), 1))
     for place in range(op.count):

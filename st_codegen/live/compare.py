@@ -109,7 +109,7 @@ class LiveReport:
         lines = []
         for name, (rows, tried, constants) in self.rows.items():
             if constants:
-                share = "every" if tried == constants else f"{tried:,} of {constants:,}"
+                share = f"all {constants:,}" if tried == constants else f"{tried:,} of {constants:,}"
                 lines.append(f"{name}: {rows:,} rows, with rows of their own for {share} leaves and splits")
             else:
                 lines.append(f"{name}: {rows:,} rows")
