@@ -11,7 +11,16 @@ import click
 from rich.table import Table
 from rich.text import Text
 
-from st_codegen.cli.console import Number, Whole, console, models_argument, progress_bar, quiet_option, trust_option
+from st_codegen.cli.console import (
+    Whole,
+    console,
+    controller_options,
+    generated_option,
+    models_argument,
+    progress_bar,
+    quiet_option,
+    trust_option,
+)
 from st_codegen.files.text import write_text
 
 if TYPE_CHECKING:
@@ -28,22 +37,11 @@ Examples:
   st-codegen compare models/ --opcua opc.tcp://192.168.0.5:4840/ --json record.json --times times.csv""",
 )
 @models_argument
-@click.option(
-    "-g",
-    "--generated",
-    type=click.Path(path_type=Path),
-    default=Path("generated"),
-    show_default=True,
-    help="Folder that `generate --with-comparison` wrote, and that the controller runs.",
-)
-@click.option("--ads", metavar="NETID:PORT[@HOST]", help="The controller over ADS.")
-@click.option("--opcua", metavar="URL", help="The controller over OPC UA.")
+@generated_option("Folder that `generate --with-comparison` wrote, and that the controller runs.")
+@controller_options
 @click.option("--block", metavar="FB_X", help="Only this block. Default: the blocks of all models.")
 @click.option("-n", "--rows", type=Whole(min=1), default=10_000, show_default=True, help="Rows a block.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of the random rows.")
-@click.option(
-    "--timeout", type=Number(min=0.01), default=5.0, show_default=True, help="Seconds in which an answer must come."
-)
 @click.option(
     "--times",
     type=click.Path(path_type=Path, dir_okay=False),

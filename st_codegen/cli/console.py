@@ -66,6 +66,20 @@ def _with_defaults(context: click.Context, _: click.Parameter, models: Path) -> 
     return models
 
 
+def generated_option(text: str) -> Callable[[Command], Command]:
+    """The option that names what `generate` wrote; `text` says what becomes of it."""
+    folder = click.Path(path_type=Path)
+    return click.option("-g", "--generated", type=folder, default=Path("generated"), show_default=True, help=text)
+
+
+def controller_options(function: Command) -> Command:
+    """The options by which a command reaches a controller."""
+    seconds, text = Number(min=0.01), "Seconds in which an answer must come."
+    function = click.option("--timeout", type=seconds, default=5.0, show_default=True, help=text)(function)
+    function = click.option("--opcua", metavar="URL", help="The controller over OPC UA.")(function)
+    return click.option("--ads", metavar="NETID:PORT[@HOST]", help="The controller over ADS.")(function)
+
+
 def trust_option(function: Command) -> Command:
     """Add the options --trust-pickle and --max-model-bytes to a command; the latter holds for all that it loads."""
     with_limit = click.option(

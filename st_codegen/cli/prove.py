@@ -12,7 +12,15 @@ from rich.table import Table
 from rich.text import Text
 
 from st_codegen.cli.codes import show_codes
-from st_codegen.cli.console import console, models_argument, names_options, progress_bar, quiet_option, trust_option
+from st_codegen.cli.console import (
+    console,
+    generated_option,
+    models_argument,
+    names_options,
+    progress_bar,
+    quiet_option,
+    trust_option,
+)
 from st_codegen.files.text import write_text
 
 if TYPE_CHECKING:
@@ -32,14 +40,7 @@ Examples:
 )
 @models_argument
 @names_options
-@click.option(
-    "-g",
-    "--generated",
-    type=click.Path(path_type=Path),
-    default=Path("generated"),
-    show_default=True,
-    help="Folder that `generate` wrote; every target in it is proved.",
-)
+@generated_option("Folder that `generate` wrote; every target in it is proved.")
 @click.option(
     "--certificate",
     "certificate_file",

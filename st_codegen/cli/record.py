@@ -7,7 +7,15 @@ from pathlib import Path
 
 import click
 
-from st_codegen.cli.console import Number, Whole, console, progress_bar, quiet_option
+from st_codegen.cli.console import (
+    Number,
+    Whole,
+    console,
+    controller_options,
+    generated_option,
+    progress_bar,
+    quiet_option,
+)
 from st_codegen.errors import InputError
 from st_codegen.files.number_text import parse_number
 
@@ -25,16 +33,8 @@ conditions.csv:
   speed_rpm,torque_Nm,temperature_C
   1000,300,30""",
 )
-@click.option(
-    "-g",
-    "--generated",
-    type=click.Path(path_type=Path),
-    default=Path("generated"),
-    show_default=True,
-    help="Folder that `generate --with-comparison` wrote for a bundle, and that the controller runs.",
-)
-@click.option("--ads", metavar="NETID:PORT[@HOST]", help="The controller over ADS.")
-@click.option("--opcua", metavar="URL", help="The controller over OPC UA.")
+@generated_option("Folder that `generate --with-comparison` wrote for a bundle, and that the controller runs.")
+@controller_options
 @click.option(
     "--plan",
     type=click.Path(path_type=Path),
@@ -57,9 +57,6 @@ conditions.csv:
     default=5.0,
     show_default=True,
     help="Seconds of the controller without a word from here, after which it ends a measurement by itself.",
-)
-@click.option(
-    "--timeout", type=Number(min=0.01), default=5.0, show_default=True, help="Seconds in which an answer must come."
 )
 @quiet_option
 def command(

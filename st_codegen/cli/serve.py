@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from st_codegen.cli.console import Number, Whole
+from st_codegen.cli.console import Number, Whole, generated_option
 from st_codegen.errors import InputError
 
 
@@ -24,14 +24,7 @@ Examples:
 \b
 A client then finds the PLC at the AMS net id 127.0.0.1.1.1, port 851, and at opc.tcp://127.0.0.1:4840/.""",
 )
-@click.option(
-    "-g",
-    "--generated",
-    type=click.Path(path_type=Path),
-    default=Path("generated"),
-    show_default=True,
-    help="Folder that `generate` wrote; of several targets twincat runs, else the first.",
-)
+@generated_option("Folder that `generate` wrote; of several targets twincat runs, else the first.")
 @click.option("--ads", is_flag=True, help="Answer ADS over TCP.")
 @click.option("--opcua", is_flag=True, help="Answer OPC UA.")
 @click.option("--listen", default="127.0.0.1", show_default=True, metavar="ADDRESS", help="Address to listen at.")

@@ -16,6 +16,7 @@ from st_codegen.cli.codes import show_codes
 from st_codegen.cli.console import (
     Whole,
     console,
+    generated_option,
     models_argument,
     names_options,
     progress_bar,
@@ -41,14 +42,7 @@ Examples:
 )
 @models_argument
 @names_options
-@click.option(
-    "-g",
-    "--generated",
-    type=click.Path(path_type=Path),
-    default=Path("generated"),
-    show_default=True,
-    help="Folder that `generate` wrote; every target in it is verified.",
-)
+@generated_option("Folder that `generate` wrote; every target in it is verified.")
 @click.option("-n", "--rows", type=Whole(min=1), default=10_000, show_default=True, help="Rows a model.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of the random rows.")
 @click.option(
