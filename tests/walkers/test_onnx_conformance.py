@@ -9,11 +9,12 @@ import onnx
 import pytest
 from onnx import helper, numpy_helper
 
-from st_codegen.errors import UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import reference
 from st_codegen.walkers.onnx import classifiers, ml  # noqa: F401  (these register operators)
 from st_codegen.walkers.onnx import outputs as ends  # noqa: F401
 from st_codegen.walkers.onnx.graph import RULES
+from st_codegen.walkers.onnx.load import load_file
 from tests.walkers import onnx_builders as build
 
 DATA = Path(onnx.__file__).parent / "backend" / "test" / "data" / "node"
@@ -124,3 +125,42 @@ def test_tree_ensembles_of_the_standard(tmp_path, name):
     loaded = build.load(model, tmp_path)
     ours = build.assert_equal_bits(loaded, x)
     np.testing.assert_array_equal(ours, expected)
+
+
+MIXING = "softmax_axis_0_expanded_ver18 mvn_expanded reduce_max_default_axes_keepdim_example concat_2d_axis_0"
+MIXING += " transpose_all_permutations_3"
+
+
+@pytest.mark.parametrize("name", MIXING.split())
+def test_cases_in_which_rows_of_a_batch_change_each_other_are_refused(name):
+    with pytest.raises(
+        InputError, match=r"rows change each other's answers in the output '.*': an operator works along"
+    ):
+        load_file(DATA / f"test_{name}" / "model.onnx", "m")
+
+
+APART = "softmax_axis_1_expanded_ver18 flatten_axis2 transpose_all_permutations_1 add_bcast argmax_keepdims_example"
+
+
+@pytest.mark.parametrize("name", APART.split())
+def test_cases_whose_rows_stand_alone_are_taken_row_by_row(name):
+    folder = DATA / f"test_{name}"
+    inputs, (expected,) = (tensors(folder / "test_data_set_0", kind) for kind in ("input", "output"))
+    rows = len(inputs[0])  # the second input of add_bcast has no dimension for rows
+    x = np.hstack([given.reshape(rows, -1) if given.ndim > 1 else np.tile(given, (rows, 1)) for given in inputs])
+    loaded = load_file(folder / "model.onnx", "m")
+    np.testing.assert_allclose(
+        reference.evaluate(loaded.ir, x.astype(np.float64)), expected.reshape(rows, -1), rtol=1e-5
+    )
+
+
+def test_a_mean_over_a_batch_of_one_row_is_taken(tmp_path):
+    nodes = [helper.make_node("ReduceMean", ["X", "axes"], ["Y"], keepdims=1)]
+    axes = build.constant("axes", [0], np.int64)
+    one = build.graph_model(nodes, [build.info("X", (1, 3))], [build.info("Y", (1, 3))], [axes])
+    row = np.array([[1.0, 2.0, 4.0]])
+    np.testing.assert_array_equal(reference.evaluate(build.load(one, tmp_path).ir, row), row)
+    for rows in ("N", 5):
+        many = build.graph_model(nodes, [build.info("X", (rows, 3))], [build.info("Y", (1, 3))], [axes])
+        with pytest.raises(InputError, match="export with a batch dimension of 1"):
+            build.load(many, tmp_path)

@@ -109,7 +109,8 @@ def _inputs(graph: onnx.GraphProto, problems: Problems) -> list[GraphInput]:
                 raise InputError(f"two inputs '{name}'; the model file is damaged")
             seen.add(info.name)
             start = inputs[-1].start + inputs[-1].size if inputs else 0
-            given = GraphInput(info.name, _row_shape(info, name), _element_type(info, name), start)
+            shape, batch = _row_shape(info, name)
+            given = GraphInput(info.name, shape, _element_type(info, name), start, batch)
             if start + given.size > MAX_COLUMNS:
                 raise UnsupportedModelError(f"input '{name}': at most {MAX_COLUMNS} features are supported")
             inputs.append(given)
@@ -118,8 +119,8 @@ def _inputs(graph: onnx.GraphProto, problems: Problems) -> list[GraphInput]:
     return inputs
 
 
-def _row_shape(info: onnx.ValueInfoProto, name: str) -> tuple[int, ...]:
-    """The shape of an input for one row: the batch dimension, if there is one, is 1."""
+def _row_shape(info: onnx.ValueInfoProto, name: str) -> tuple[tuple[int, ...], int]:
+    """The shape of an input for one row, whose batch dimension, if there is one, is 1; and the rows to try at once."""
     advice = "export the model with a fixed number of columns, such as FloatTensorType([None, 3])"
     if info.type.WhichOneof("value") != "tensor_type":
         raise UnsupportedModelError(f"input '{name}' is not a tensor; {advice}")
@@ -129,13 +130,15 @@ def _row_shape(info: onnx.ValueInfoProto, name: str) -> tuple[int, ...]:
     shown = [length if length >= 0 else "?" for length in dims]
     if 0 in dims:
         raise InputError(f"input '{name}' of shape {shown} has a dimension of length 0; {advice}")
+    batch = 1
     if len(dims) > 1:
+        batch = 2 if dims[0] < 0 else min(dims[0], 16)
         if dims[0] > 1:  # onnxruntime then takes single rows too, and warns of shapes that are not as declared
             info.type.tensor_type.shape.dim[0].dim_param = "rows"
         dims[0] = 1
     if any(length < 0 for length in dims):
         raise UnsupportedModelError(f"input '{name}' of shape {shown}: the number of features is not known; {advice}")
-    return tuple(dims)
+    return tuple(dims), batch
 
 
 def _element_type(info: onnx.ValueInfoProto, name: str) -> np.dtype[Any]:

@@ -14,7 +14,7 @@ import onnxruntime
 from onnx import TensorProto
 
 from st_codegen.errors import InputError
-from st_codegen.ir import FloatArray, IntArray, Label
+from st_codegen.ir import AnyArray, FloatArray, IntArray, Label
 from st_codegen.processes import failure_in_copy
 from st_codegen.walkers.base import Predictor
 from st_codegen.walkers.classes import numbers_of
@@ -23,12 +23,17 @@ from st_codegen.walkers.onnx.file import printable
 
 @dataclass(frozen=True)
 class GraphInput:
-    """An input of the graph: its shape for one row, its type, and the first of its features."""
+    """An input of the graph: its shape for one row, its type, and the first of its features.
+
+    `batch` is the number of rows with which a batch is tried: the declared one, 2 where the file leaves it open, and 1
+    where the input holds one row or has no dimension for rows.
+    """
 
     name: str
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
     start: int
+    batch: int = 1
 
     @property
     def size(self) -> int:
@@ -63,13 +68,12 @@ def predictor(
 ) -> Predictor:
     """onnxruntime on rows (rows, features), one at a time: the outputs that are read, laid end to end.
 
-    It is given the model at the first call. Raises InputError where it refuses the model, which a copy of this process
-    tries (see `processes`).
+    It is given the model at the first call. Raises InputError where it refuses the model, or where rows of a batch
+    were seen to change each other's answers; a copy of this process tries both (see `processes`).
     """
     data = _with_double_inputs(model, inputs)
     predict = _SessionPredictor(data, inputs, outputs, file)
-    row = np.zeros((1, inputs[-1].start + inputs[-1].size))  # some faults show only when a model runs
-    failure = failure_in_copy(lambda: predict(row))
+    failure = failure_in_copy(predict.try_it)
     if failure is not None:
         raise InputError(failure if failure.startswith(file) else f"{file}: onnxruntime refuses the model: {failure}")
     return predict
@@ -92,23 +96,78 @@ class _SessionPredictor:
         except Exception as error:  # its exceptions have no common base class
             raise InputError(f"{self.file}: onnxruntime refuses the model: {printable(str(error), 400)}") from error
 
+    def try_it(self) -> None:
+        """Raise InputError for faults that show only when a model runs, and where rows of a batch are not independent.
+
+        One row of a batch is changed at random, and the answers of all others must stay. A graph that takes no batch of
+        this size passes: it can be called with single rows only.
+        """
+        width = self.inputs[-1].start + self.inputs[-1].size
+        self(np.zeros((1, width)))  # some faults show only when a model runs
+        rows = max(given.batch for given in self.inputs)
+        random = np.random.default_rng(0)
+        for changed in (0, rows - 1) * 4 if rows > 1 else ():
+            batch = random.normal(scale=3.0, size=(rows, width))
+            other = batch.copy()
+            for given in self.inputs:
+                if given.batch > 1:
+                    other[changed, given.columns] = random.normal(scale=3.0, size=given.shape)
+            try:
+                pairs = zip(self.names, self._batch(batch), self._batch(other), strict=True)
+            except Exception:  # its exceptions have no common base class
+                return
+            for name, before, after in pairs:
+                answers = [np.delete(_by_rows(found, rows), changed, axis=0) for found in (before, after)]
+                if repr(answers[0].tolist()) != repr(answers[1].tolist()) or not answers[0].size:
+                    raise InputError(
+                        f"{self.file}: among {rows} rows at once, rows change each other's answers in the output "
+                        f"'{printable(name)}': an operator works along axis 0 (Softmax, a mean, Concat, ..), and a "
+                        "controller has one row at a time; where one row is meant, export with a batch dimension of 1"
+                    )
+
+    def _batch(self, x: FloatArray) -> list[Any]:
+        """The outputs for several rows at once; inputs without a dimension for rows have the numbers of the first."""
+        columns = {given.name: x[: given.batch, given.columns].astype(_given_type(given)) for given in self.inputs}
+        shaped = {
+            given.name: columns[given.name].reshape(given.batch * given.shape[0], *given.shape[1:])
+            if given.shape
+            else columns[given.name].reshape(())
+            for given in self.inputs
+        }
+        found: list[Any] = self.session.run(self.names, shaped)
+        return found
+
+    @cached_property
+    def names(self) -> list[str]:
+        """The outputs of the graph that are read."""
+        return list(dict.fromkeys(name for name, _ in self.outputs))
+
     def __call__(self, x: FloatArray) -> FloatArray:
-        names = list(dict.fromkeys(name for name, _ in self.outputs))
         with np.errstate(over="ignore"):
-            columns = {
-                given.name: x[:, given.columns].astype(np.float32 if given.dtype == np.float32 else np.float64)
-                for given in self.inputs
-            }
+            columns = {given.name: x[:, given.columns].astype(_given_type(given)) for given in self.inputs}
         result = []
         for row in range(len(x)):
             try:
-                found = self.session.run(names, {name: np.asarray(column[row]) for name, column in columns.items()})
+                found = self.session.run(
+                    self.names, {name: np.asarray(column[row]) for name, column in columns.items()}
+                )
             except Exception as error:  # as above
                 reason = printable(str(error), 400)
                 raise InputError(f"{self.file}: onnxruntime fails on row {row}: {reason}") from error
-            by_name = dict(zip(names, found, strict=True))
+            by_name = dict(zip(self.names, found, strict=True))
             result.append(np.concatenate([read(by_name[name]) for name, read in self.outputs]))
         return np.array(result, np.float64).reshape(len(x), -1)
+
+
+def _given_type(given: GraphInput) -> type[np.floating[Any]]:
+    """The type of the numbers that an input is given: double in place of integers."""
+    return np.float32 if given.dtype == np.float32 else np.float64
+
+
+def _by_rows(found: Any, rows: int) -> AnyArray:
+    """An output cut into as many parts as a batch has rows; an empty array where it cannot be cut so."""
+    numbers = np.asarray(found)
+    return numbers.reshape(rows, -1) if numbers.size % rows == 0 else np.empty((rows, 0))
 
 
 def _with_double_inputs(model: onnx.ModelProto, inputs: list[GraphInput]) -> bytes:
