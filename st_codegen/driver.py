@@ -389,7 +389,8 @@ def _planned(
         # the fingerprint stands in the text, and is that of all the rest
         models = {block_name(model.name) for model in compiled.models}
         fingerprint = _fingerprint(target, plans)
-        extended = partial(comparison.with_comparison, models=models, fingerprint=fingerprint)
+        called = () if purpose is None else purpose.called_blocks()
+        extended = partial(comparison.with_comparison, models=models, fingerprint=fingerprint, around=called)
         plans = tuple(target.plan(dataclasses.replace(contents, extended=extended), settings.limits, vectors))
     asked = settings.options.data_bytes
     _check_size(target, plans, settings.limits.data_bytes if asked is None else asked)
@@ -444,7 +445,7 @@ def facts(bundle: Bundle, compiled: Compiled, purpose: Purpose | None, plans: Se
         "models": {model.name: _model_facts(model, compiled) for model in bundle.irs},
         "blocks": {block.name: {"data_bytes": block.table_bytes} for plan in plans for block in plan.blocks},
         output.PURPOSE: {} if purpose is None else purpose.facts(),
-        **_comparison_facts(compiled, plans),
+        **_comparison_facts(compiled, purpose, plans),
         output.CHOICES: dataclasses.asdict(compiled.choices),
         output.PROVENANCE: {
             model.source.file: model.source.file_sha256 for model in bundle.irs if model.source.file_sha256
@@ -452,14 +453,15 @@ def facts(bundle: Bundle, compiled: Compiled, purpose: Purpose | None, plans: Se
     }
 
 
-def _comparison_facts(compiled: Compiled, plans: Sequence[FilePlan]) -> dict[str, Any]:
+def _comparison_facts(compiled: Compiled, purpose: Purpose | None, plans: Sequence[FilePlan]) -> dict[str, Any]:
     """Which blocks the program of the comparison can run; empty where there is none."""
     lists = [plan.values["list"] for plan in plans if "list" in plan.values]
     signals = next((signals for signals in lists if signals.name == comparison.LIST), None)
     if signals is None:
         return {}
     blocks = [block for plan in plans for block in plan.blocks]
-    compared = comparison.compared_blocks(blocks, {block_name(model.name) for model in compiled.models})
+    called = () if purpose is None else purpose.called_blocks()
+    compared = comparison.compared_blocks(blocks, {block_name(model.name) for model in compiled.models}, called)
     return {output.COMPARISON: comparison.facts(compared, signals)}
 
 

@@ -94,7 +94,7 @@ class Example:
         with self._serving(self.out) as ads:
             command("compare", self.out / "models", "--generated", self.out, "--ads", ads, "--rows", self.scale.rows,
                     "--html", self.out / "commissioning.html", "--json", self.out / "commissioning.json",
-                    "--times", self.out / "times.csv", "--timeout", 30)  # fmt: skip
+                    "--calibrated", self.out / "measured.toml", "--same-bits", "--timeout", 30)  # fmt: skip
             with connected(ads, None, 30.0) as controller:
                 found = [self._moved(controller, enabled) for enabled in (False, True)]
         before, after = found

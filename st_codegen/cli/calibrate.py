@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from rich.table import Table
@@ -11,6 +12,10 @@ from st_codegen.cli.console import console, quiet_option
 from st_codegen.cli.costs import profile_option
 from st_codegen.errors import InputError
 from st_codegen.files.text import write_text
+
+if TYPE_CHECKING:
+    from st_codegen.cost.calibrate import Measurement
+    from st_codegen.cost.profile import Profile
 
 
 @click.command(
@@ -43,16 +48,30 @@ def command(generated: Path, measured: Path, profile: str, out: Path, quiet: boo
     Two factors are found by least squares of relative errors: one for computing, one for waiting for memory. Of several
     targets in GENERATED the first is taken: name its folder to choose.
     """
-    from st_codegen.cost.calibrate import calibrate, read_measurements, with_factors
+    from st_codegen.cost.calibrate import read_measurements
     from st_codegen.cost.profile import load_profile
-    from st_codegen.emit.targets import TARGETS
-    from st_codegen.proof.runner import GeneratedCode, target_folders
+    from st_codegen.proof.runner import target_folders
 
-    if out.suffix != ".toml":
-        raise InputError(f"{out}: a profile is a .toml file")
+    must_be_a_profile(out)
     base = load_profile(profile)
     measurements = read_measurements(measured)
-    folder = target_folders(generated)[0]
+    write_profile(target_folders(generated)[0], base, measurements, out, quiet=quiet)
+
+
+def must_be_a_profile(out: Path) -> None:
+    """Raises InputError for a file to write that no other command would take for a profile."""
+    if out.suffix != ".toml":
+        raise InputError(f"{out}: a profile is a .toml file")
+
+
+def write_profile(
+    folder: Path, base: Profile, measurements: tuple[Measurement, ...], out: Path, *, quiet: bool
+) -> None:
+    """Fit a profile to times of the blocks of a generated folder, write it, and show how near it comes."""
+    from st_codegen.cost.calibrate import calibrate, with_factors
+    from st_codegen.emit.targets import TARGETS
+    from st_codegen.proof.runner import GeneratedCode
+
     fit = calibrate(GeneratedCode(folder, TARGETS[folder.name].dialect).project, base, measurements)
     write_text(out, with_factors(base, fit, out.stem))
     if quiet:

@@ -11,6 +11,7 @@ import click
 from rich.table import Table
 from rich.text import Text
 
+from st_codegen.cli.calibrate import must_be_a_profile, write_profile
 from st_codegen.cli.console import (
     Whole,
     console,
@@ -21,10 +22,12 @@ from st_codegen.cli.console import (
     quiet_option,
     trust_option,
 )
+from st_codegen.cli.costs import profile_option
 from st_codegen.files.text import write_text
 
 if TYPE_CHECKING:
-    from st_codegen.live.compare import LiveReport
+    from st_codegen.cost.profile import Profile
+    from st_codegen.live.live_report import LiveReport
 
 
 @click.command(
@@ -34,7 +37,9 @@ Examples:
   st-codegen models/ --target twincat --with-comparison          then download, and start
   st-codegen compare models/ --ads 192.168.0.5.1.1:851 --html commissioning.html
   st-codegen compare models/ --ads 5.12.34.56.1.1:851@192.168.0.5 --block FB_Power --rows 100000
-  st-codegen compare models/ --opcua opc.tcp://192.168.0.5:4840/ --json record.json --times times.csv""",
+  st-codegen compare models/ --opcua opc.tcp://192.168.0.5:4840/ --json record.json --times times.csv
+  st-codegen compare models/ --ads 192.168.0.5.1.1:851 --calibrated mine.toml
+  st-codegen verify models/ --cycle-us 250 --profile mine.toml""",
 )
 @models_argument
 @generated_option("Folder that `generate --with-comparison` wrote, and that the controller runs.")
@@ -43,10 +48,22 @@ Examples:
 @click.option("-n", "--rows", type=Whole(min=1), default=10_000, show_default=True, help="Rows a block.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of the random rows.")
 @click.option(
+    "--same-bits",
+    is_flag=True,
+    help="Fail where bits are not those of the text run here, also behind EXP, SIN and their like, of which a "
+    "controller may have its own. For one that has those of this machine, such as serve.",
+)
+@click.option(
     "--times",
     type=click.Path(path_type=Path, dir_okay=False),
     help="Write the measured times as `calibrate` takes them.",
 )
+@click.option(
+    "--calibrated",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write a profile that is fitted to the measured times, as `calibrate` does, where all agree.",
+)
+@profile_option
 @click.option("--json", "json_file", type=click.Path(path_type=Path, dir_okay=False), help="Write the record as JSON.")
 @click.option("--html", type=click.Path(path_type=Path, dir_okay=False), help="Write the record as a page.")
 @trust_option
@@ -59,8 +76,11 @@ def command(
     block: str | None,
     rows: int,
     seed: int,
+    same_bits: bool,
     timeout: float,
     times: Path | None,
+    calibrated: Path | None,
+    profile: str,
     json_file: Path | None,
     html: Path | None,
     trust_pickle: bool,
@@ -72,12 +92,16 @@ def command(
     and random ones. Every answer must be the library's, to the bit or within the derived bound. Exit code 0 when all
     agree, 1 when not, 2 where the controller cannot be reached, is not in RUN or runs another project.
     """
+    from st_codegen.cost.profile import load_profile
     from st_codegen.emit.output import kinds_of_outputs
     from st_codegen.live.compare import compare, generated_folder
     from st_codegen.live.controller import connected
     from st_codegen.live.record_page import record_of, record_sections, times_csv
     from st_codegen.project.bundle import load
 
+    base = load_profile(profile)
+    if calibrated is not None:
+        must_be_a_profile(calibrated)
     folder = generated_folder(generated)
     with progress_bar("loading", quiet=quiet) as progress:
         bundle = load(models, trust_pickle=trust_pickle, outputs=kinds_of_outputs(generated), progress=progress)
@@ -91,6 +115,7 @@ def command(
             block=block,
             progress=progress,
         )
+    report.same_bits = same_bits
     if json_file is not None:
         write_text(json_file, json.dumps(record_of(report), indent=1) + "\n")
     if html is not None:
@@ -104,7 +129,23 @@ def command(
         _print(report)
     for name, line in report.failures():
         console.print(Text.assemble((name, "red"), f": {line}"), soft_wrap=True)
+    if calibrated is not None:
+        _calibrate(report, folder, base, calibrated, quiet=quiet)
     sys.exit(0 if report.passed else 1)
+
+
+def _calibrate(report: LiveReport, folder: Path, base: Profile, out: Path, *, quiet: bool) -> None:
+    """The profile that was asked for, or why there is none."""
+    from st_codegen.cost.calibrate import Measurement
+    from st_codegen.live.record_page import known_times
+
+    measured = tuple(Measurement(name, False, high_us) for name, high_us in known_times(report).items())
+    if not report.passed:
+        console.print(f"{out} is not written: the times may be those of another text", soft_wrap=True)
+    elif not measured:
+        console.print(f"{out} is not written: all calls were quicker than the controller's clock", soft_wrap=True)
+    else:
+        write_profile(folder, base, measured, out, quiet=quiet)
 
 
 def _print(report: LiveReport) -> None:

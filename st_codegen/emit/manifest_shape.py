@@ -49,10 +49,18 @@ _PURPOSE: dict[Any, Any] = {
     _Optional("reduction_ratio"): _is_number,
     _Optional("orders"): [_is_count],
 }
-_COMPARED = {"number": _is_count, "inputs": [str], "outputs": [str]}
+_COMPARED: dict[Any, Any] = {
+    "number": _is_count,
+    "inputs": [str],
+    "outputs": [str],
+    _Optional("rows"): _is_count,
+    _Optional("calls"): _is_count,
+    _Optional("fixed"): {...: str},
+}
 _COMPARISON: dict[Any, Any] = {
     _Optional("fingerprint"): _is_fingerprint,
     _Optional("rows"): _is_count,
+    _Optional("lengths"): [_is_count],
     _Optional("blocks"): {...: _COMPARED},
 }
 _SHAPE: dict[Any, Any] = {

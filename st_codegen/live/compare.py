@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import random
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -18,16 +18,23 @@ from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError, InputError
 from st_codegen.ir import AnyArray, BoolArray, FloatArray
 from st_codegen.live.controller import Controller, ControllerError, Signal, must_run
+from st_codegen.live.live_report import BlockTimes, LiveReport, OtherBits
 from st_codegen.live.rows import ChosenRows, comparison_rows
 from st_codegen.project.bundle import Bundle
+from st_codegen.proof.arithmetic import arithmetic_of
 from st_codegen.proof.isolated import isolated
 from st_codegen.proof.runner import BlockResult, GeneratedCode, target_folders
-from st_codegen.proof.verify import ModelReport, model_report
+from st_codegen.proof.verify import block_report, model_report
+from st_codegen.st import Project
+from st_codegen.st.tree import StandardCall
+from st_codegen.st.walk import all_expressions, calls
 
 #: Called with (rows done, rows, block).
 Progress = Callable[[int, int, str], None]
 #: Of the times of a block, the one that is given: higher ones are those of calls that another task interrupted.
 _QUANTILE = 0.99
+#: Functions of which no standard says the last bit; that of SQRT is said.
+_OPEN_FUNCTIONS = {"EXP", "LN", "LOG", "SIN", "COS", "TAN", "ASIN", "ACOS", "ATAN", "EXPT"}
 #: Cycles of a request at most: the first ones have few rows, until their times are known.
 _CYCLES = 10
 
@@ -41,88 +48,8 @@ class ComparedProject:
     rows: int
     blocks: dict[str, dict[str, Any]]
     models: dict[str, dict[str, Any]]
-    #: inputs and outputs of the widest block, for which the arrays have room
-    widest: tuple[int, int]
-
-
-@dataclass
-class BlockTimes:
-    """Times of a block's calls on the controller, us: their median, and the quantile of which `calibrate` is told."""
-
-    calls: int
-    median_us: float
-    high_us: float
-
-
-@dataclass
-class LiveReport:
-    """What was compared with what, model by model, and how long the calls took.
-
-    `rows` has, by block, the rows, and of how many leaves and splits in all how many have rows of their own. `differs`
-    counts, by model, the rows on which the controller's bits are not those of the text run here, which is no failure as
-    long as the library's bound holds.
-    """
-
-    address: str
-    state: str
-    fingerprint: str
-    generated: str
-    models: list[ModelReport] = field(default_factory=list)
-    rows: dict[str, tuple[int, int, int]] = field(default_factory=dict)
-    differs: dict[str, int] = field(default_factory=dict)
-    times: dict[str, BlockTimes] = field(default_factory=dict)
-    seconds: float = 0.0
-    sent: int = 0
-    at: str = ""
-    #: rows of each failure, by model
-    failed_rows: dict[str, list[int]] = field(default_factory=dict)
-
-    @property
-    def passed(self) -> bool:
-        """Whether every model agrees."""
-        return all(model.passed for model in self.models)
-
-    @property
-    def rows_a_second(self) -> float:
-        """Rows that went to the controller and back."""
-        return self.sent / self.seconds if self.seconds else 0.0
-
-    def failures(self) -> list[tuple[str, str]]:
-        """The model, and what is wrong on which row."""
-        found = []
-        for model in self.models:
-            if model.refusal is not None:
-                found.append((model.name, model.refusal))
-            numbers = self.failed_rows.get(model.name, [])
-            for failure, number in zip(model.failures, numbers, strict=True):
-                found.append(
-                    (
-                        model.name,
-                        f"row {number}: {failure.between} differ at {list(failure.input)}: {list(failure.expected)} "
-                        f"and {list(failure.got)}, allowed {failure.bound:g}",
-                    )
-                )
-        return found
-
-    def remarks(self) -> list[str]:
-        """What the comparison covers, what it does not, and how quick it was."""
-        lines = []
-        for name, (rows, tried, constants) in self.rows.items():
-            if constants:
-                share = f"all {constants:,}" if tried == constants else f"{tried:,} of {constants:,}"
-                lines.append(f"{name}: {rows:,} rows, with rows of their own for {share} leaves and splits")
-            else:
-                lines.append(f"{name}: {rows:,} rows")
-        for name, count in self.differs.items():
-            if count:
-                lines.append(
-                    f"{name}: on {count:,} rows the controller's bits are not those of the same text run here: a "
-                    "constant was changed, or its compiler or its EXP, LN, SIN .. are other ones"
-                )
-        for name, found in self.times.items():
-            lines.append(f"{name}: median {found.median_us:.1f} us a call, 99 % below {found.high_us:.1f} us")
-        lines.append(f"{self.sent:,} rows in {self.seconds:.1f} s: {self.rows_a_second:,.0f} rows a second")
-        return lines
+    #: how long the arrays of inputs and outputs are
+    lengths: tuple[int, int]
 
 
 def generated_folder(generated: Path) -> Path:
@@ -143,8 +70,10 @@ def compared_project(folder: Path, bundle: Bundle, block: str | None) -> Compare
     """
     manifest = read_manifest(folder)
     facts = {} if manifest is None else manifest.facts[COMPARISON]
-    if manifest is None or not facts:
-        raise GeneratedCodeError(f"{folder}: generated without --with-comparison, so that nothing there takes rows")
+    if manifest is None or "lengths" not in facts:
+        raise GeneratedCodeError(
+            f"{folder}: generated without --with-comparison, or by an older version, so that nothing there takes rows"
+        )
     models = manifest.facts["models"]
     changed = [ir.name for ir in bundle.irs if models.get(ir.name, {}).get("digest") != ir.source.digest]
     if changed:
@@ -153,16 +82,13 @@ def compared_project(folder: Path, bundle: Bundle, block: str | None) -> Compare
             "again"
         )
     blocks = facts["blocks"]
-    widest = (
-        max((len(entry["inputs"]) for entry in blocks.values()), default=1),
-        max((len(entry["outputs"]) for entry in blocks.values()), default=1),
-    )
     if block is not None:
         chosen = {name: entry for name, entry in blocks.items() if name.upper() == block.upper()}
         if not chosen:
             raise InputError(f"no block {block} is compared; there are {', '.join(blocks)}")
         blocks = chosen
-    return ComparedProject(folder, int(facts["fingerprint"], 16), int(facts["rows"]), blocks, models, widest)
+    inputs, outputs = facts["lengths"]
+    return ComparedProject(folder, int(facts["fingerprint"], 16), int(facts["rows"]), blocks, models, (inputs, outputs))
 
 
 class LiveCode:
@@ -175,11 +101,12 @@ class LiveCode:
         self.seconds = 0.0
         self.sent = 0
         self.times: dict[str, list[AnyArray]] = {}
+        #: by block around models: inputs, rows, calls, and the answers
+        self.called: dict[str, tuple[dict[str, FloatArray], int, int, FloatArray, BoolArray]] = {}
         self._progress = progress
         self._request = random.randrange(1, 2**30)
         self._per_cycle = 1
         self._known: dict[str, tuple[FloatArray, FloatArray, BoolArray]] = {}
-        self._inputs, self._outputs = project.widest
 
     def check(self) -> str:
         """The state. Raises ControllerError for a controller that does not run this very project."""
@@ -199,12 +126,21 @@ class LiveCode:
         _, values, valid = self._known[block]
         return BlockResult(values[:, list(outputs)], valid)
 
+    def call(self, block: str, inputs: Mapping[str, FloatArray], rows: int, *, calls: int = 1) -> dict[str, FloatArray]:
+        """Run rows through a block around models; its program calls it often enough and sets what is fixed."""
+        entry = self.project.blocks[block]
+        x = np.column_stack([inputs[name] for name in entry["inputs"]])
+        values, valid = self._run(block, x)
+        self.called[block] = (dict(inputs), rows, calls, values, valid)
+        return {**_by_variable(entry["outputs"], values), "bValid": valid.astype(np.float64)}
+
     def _run(self, block: str, x: FloatArray) -> tuple[FloatArray, BoolArray]:
         entry = self.project.blocks[block]
         values, valid = np.zeros((len(x), len(entry["outputs"]))), np.zeros(len(x), np.bool_)
+        most = entry.get("rows", self.project.rows)
         begin, done = time.monotonic(), 0
         while done < len(x):
-            part = x[done : done + min(self.project.rows, _CYCLES * self._per_cycle)]
+            part = x[done : done + min(most, _CYCLES * self._per_cycle)]
             values[done : done + len(part)], valid[done : done + len(part)], times = self._batch(entry, part)
             self.times.setdefault(block, []).append(times)
             done += len(part)
@@ -215,7 +151,7 @@ class LiveCode:
         return values, valid
 
     def _batch(self, entry: dict[str, Any], x: FloatArray) -> tuple[FloatArray, BoolArray, AnyArray]:
-        given = np.zeros(self.project.rows * self._inputs)
+        given = np.zeros(self.project.lengths[0])
         given[: x.size] = x.ravel()
         self._request = self._request % (2**31 - 2) + 1
         numbers = {"nBlock": entry["number"], "nRows": len(x), "nPerCycle": self._per_cycle, "nRequest": self._request}
@@ -226,15 +162,15 @@ class LiveCode:
             ]
         )
         values, valid, times = self._answer(len(x))
-        outputs = len(entry["outputs"])
+        values, valid, times = values[: len(x) * len(entry["outputs"])], valid[: len(x)], times[: len(x)]
         self._adapt(times)
-        return values[: len(x) * outputs].reshape(len(x), outputs), valid[: len(x)], times[: len(x)]
+        return values.reshape(len(x), -1), valid, times
 
     def _answer(self, rows: int) -> tuple[AnyArray, AnyArray, AnyArray]:
         """Wait until the rows are done; a controller that takes ten seconds longer than it should does none."""
         most = self.project.rows
         signals = [
-            *(_number("nRequest"), _number("nAnswer"), Signal(f"{LIST}.fOutputs", length=most * self._outputs)),
+            *(_number("nRequest"), _number("nAnswer"), Signal(f"{LIST}.fOutputs", length=self.project.lengths[1])),
             *(Signal(f"{LIST}.bValid", "|b1", most), Signal(f"{LIST}.nTime", "<u4", most)),
         ]
         deadline = time.monotonic() + 10.0 + rows / self._per_cycle * 0.02
@@ -252,9 +188,22 @@ class LiveCode:
             time.sleep(0.001)
 
     def _adapt(self, times: AnyArray) -> None:
-        """So many rows in a cycle that they take less than half of the task's 10 ms."""
-        longest_us = max(float(np.max(times)) / 10.0, 5.0)
-        self._per_cycle = int(np.clip(5000.0 / longest_us, 1, min(self.project.rows, 4 * self._per_cycle)))
+        """So many rows in a cycle that they take half of the task's 10 ms, by what the last request took as a whole.
+
+        The longest call says nothing: another task may have interrupted it.
+        """
+        mean_us = max(float(np.mean(times)) / 10.0, 5.0)
+        self._per_cycle = int(np.clip(5000.0 / mean_us, 1, min(self.project.rows, 4 * self._per_cycle)))
+
+
+def _by_variable(names: Sequence[str], values: FloatArray) -> dict[str, FloatArray]:
+    """Columns by the variable that they belong to; those of an array's elements side by side, as `names` has them."""
+    found: dict[str, list[int]] = {}
+    for column, name in enumerate(names):
+        found.setdefault(name.partition("[")[0], []).append(column)
+    return {
+        name: values[:, columns] if f"{name}[0]" in names else values[:, columns[0]] for name, columns in found.items()
+    }
 
 
 def _number(name: str) -> Signal:
@@ -273,7 +222,8 @@ def compare(
 ) -> LiveReport:
     """Run at least `rows` rows through each block of models on the controller and compare with the library.
 
-    Rows are those of `rows.comparison_rows`. `connect` makes the connection; it is asked after the libraries have their
+    Rows are those of `rows.comparison_rows`; blocks around models (`Purpose.checks`) have as many as `verify` tries.
+    `connect` makes the connection; it is asked after the libraries have their
     process (`proof.isolated`), since a copy of a process with a connection would share it. Raises
     ControllerError where the controller is not in RUN, has another
     project, or is lost on the way.
@@ -295,8 +245,21 @@ def compare(
                 report.models.append(found)
                 report.failed_rows[found.name] = [_row_of(failure.input, chosen.x) for failure in found.failures]
             outputs = range(len(project.blocks[name]["outputs"]))
-            _note_bits(report, own, project, live.run_model(name, chosen.x, outputs), text, chosen.x)
-            report.times[name] = _times(live.times[name])
+            there, here = live.run_model(name, chosen.x, outputs), text.run_model(name, chosen.x, outputs)
+            for model in own:
+                columns = project.models[model.ir.name]["block_outputs"]
+                _note_bits(
+                    *(report, model.ir.name, text, name, chosen.x),
+                    *(BlockResult(result.values[:, columns], result.valid) for result in (there, here)),
+                )
+        if bundle.purpose is not None:
+            _compare_around(report, bundle, live, text, seed)
+        report.times = {
+            # the time of a row that takes several calls is not that of a call
+            name: _times(parts)
+            for name, parts in live.times.items()
+            if "calls" not in project.blocks[name]
+        }
         live.check()  # the same project to the end
     report.seconds, report.sent = live.seconds, live.sent
     return report
@@ -313,19 +276,56 @@ def _times(parts: Sequence[AnyArray]) -> BlockTimes:
     return BlockTimes(len(times), float(np.median(times)), float(np.quantile(times, _QUANTILE)))
 
 
+def _compare_around(report: LiveReport, bundle: Bundle, live: LiveCode, text: GeneratedCode, seed: int) -> None:
+    """The blocks around the models against the models that they are made of."""
+    assert bundle.purpose is not None
+    names = [block.name for block in bundle.purpose.called_blocks() if block.name in live.project.blocks]
+    if not names:
+        return
+    bound = arithmetic_of(text.folder.name).bound
+    for check in bundle.purpose.checks(bundle.irs, live, seed, bound, names):
+        found = block_report(check, "controller")
+        report.models.append(found)
+        report.rows[check.block] = (len(check.inputs), 0, 0)
+        report.failed_rows[found.name] = [_row_of(failure.input, check.inputs) for failure in found.failures]
+        inputs, rows, calls, values, valid = live.called[check.block]
+        answers = text.call(check.block, inputs, rows, calls=calls)
+        names_of = live.project.blocks[check.block]["outputs"]
+        here = np.column_stack([answers[name] for name in _by_variable(names_of, values)])
+        _note_bits(
+            *(report, check.block, text, check.block, check.inputs),
+            *(BlockResult(values, valid), BlockResult(here, answers["bValid"].astype(np.bool_))),
+        )
+
+
 def _note_bits(
     report: LiveReport,
-    models: Sequence[Any],
-    project: ComparedProject,
-    got: BlockResult,
+    name: str,
     text: GeneratedCode,
+    block: str,
     x: FloatArray,
+    there: BlockResult,
+    here: BlockResult,
 ) -> None:
-    """Where the controller's bits are not those of the text, run here."""
-    block = project.models[models[0].ir.name]["block"]
-    here = text.run_model(block, x, range(got.values.shape[1]))
-    both = got.valid & here.valid
-    for model in models:
-        outputs = project.models[model.ir.name]["block_outputs"]
-        same = got.values[:, outputs].view(np.int64) == here.values[:, outputs].view(np.int64)
-        report.differs[model.ir.name] = int(np.sum(~same.all(axis=1) & both) + np.sum(got.valid != here.valid))
+    """Where the controller's bits are not those of the text, run here; what is not valid has no bits."""
+    same = (there.values.view(np.int64) == here.values.view(np.int64)).all(axis=1)
+    other = np.flatnonzero(np.where(there.valid & here.valid, ~same, there.valid != here.valid))
+    if len(other):
+        inputs = tuple(map(float, x[other[0]]))
+        report.differs[name] = OtherBits(len(other), int(other[0]), inputs, leaves_bits_open(text.project, block))
+
+
+def leaves_bits_open(project: Project, block: str) -> bool:
+    """Whether a block, or one that it calls, calls a function whose result may differ between controllers by an ulp."""
+    todo, known = [block.upper()], set()
+    while todo:
+        key = todo.pop()
+        if key in known:
+            continue
+        known.add(key)
+        body = project.pous[key].body
+        functions = {found.function for found in all_expressions(body) if isinstance(found, StandardCall)}
+        if functions & _OPEN_FUNCTIONS:
+            return True
+        todo += [call.callee for call in calls(body) if call.callee in project.pous]
+    return False

@@ -8,12 +8,13 @@ into a table (`bundle.READERS`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 from st_codegen.emit.blocks.application import Application
+from st_codegen.emit.blocks.comparison import CalledBlock
 from st_codegen.emit.blocks.tests import ReferenceVectors
 from st_codegen.ir import FloatArray, ModelIR
 from st_codegen.passes.choose import Options
@@ -77,12 +78,21 @@ class Purpose(Protocol):
         """What the blocks around the models must answer, by the models' libraries, for test suites."""
         ...
 
-    def called_blocks(self) -> tuple[str, ...]:
-        """The blocks around the models that a controller's program calls, of which `prove` shows what always holds."""
+    def called_blocks(self) -> tuple[CalledBlock, ...]:
+        """The blocks around the models that a controller's program calls, of which `prove` shows what always holds.
+
+        Their inputs are those that `checks` sets.
+        """
         ...
 
     def checks(
-        self, models: Sequence[ModelIR], code: RunsBlocks, seed: int, bound: DifferenceBound
+        self,
+        models: Sequence[ModelIR],
+        code: RunsBlocks,
+        seed: int,
+        bound: DifferenceBound,
+        names: Collection[str] = (),
     ) -> Sequence[BlockCheck]:
-        """The blocks around the models, run and compared with what they must compute from the models alone."""
+        """The blocks around the models, or those of some names, run and compared with what they must compute from the
+        models alone."""
         ...

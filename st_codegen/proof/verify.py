@@ -238,7 +238,7 @@ def verify(
     if bundle.purpose is not None:
         for name, code in targets.items():
             checks = bundle.purpose.checks(bundle.irs, code, seed, arithmetic_of(name).bound)
-            reports.extend(_block_report(check, name) for check in checks)
+            reports.extend(block_report(check, name) for check in checks)
     if progress is not None:
         progress(total, total, "")
     notes = {name: note for name in targets if (note := arithmetic_of(name).note)}
@@ -449,7 +449,7 @@ def _in_order(value: AnyArray) -> IntArray:
     return np.where(bits < 0, lowest - bits, bits)
 
 
-def _block_report(check: BlockCheck, target: str) -> ModelReport:
+def block_report(check: BlockCheck, target: str) -> ModelReport:
     """A block around the models against the models that it is made of."""
     report = ModelReport(check.block, n=len(check.inputs), must_be_exact=False, targets=[target])
     report.bound = float(np.max(check.bound, initial=0.0))

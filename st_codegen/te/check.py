@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from st_codegen.emit.blocks.comparison import CalledBlock
 from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.output import read_manifest
 from st_codegen.ir import FloatArray, ModelIR, Precision, reference
@@ -17,6 +19,9 @@ from st_codegen.te.compensation.harmonic_sum import ERROR_PER_ORDER
 from st_codegen.te.compensation.parts import SUFFIX
 from st_codegen.te.harmonics import Direction, Quantity, TransmissionError
 
+PREDICT, COMPENSATOR = "FB_TEPredict", "FB_Compensator"
+#: Inputs of FB_Compensator beside the operating point.
+_ANGLE, _BLEND = "fThetaOut_rad", "fBlendTime_s"
 #: SQRT, ATAN, COS and the few operations around them: relative error of each result, in units of roundoff.
 _ROUNDINGS = 16
 #: Operating points on which FB_TEPredict and FB_Compensator are tried; their models are verified by themselves.
@@ -111,8 +116,10 @@ def check_transmission_error(
     code: RunsBlocks,
     seed: int,
     bound: DifferenceBound = bounds.difference_bound,
+    names: Collection[str] = (),
 ) -> list[BlockCheck]:
-    """Run both blocks at random operating points inside the trained range, and compute what they must give."""
+    """Run both blocks, or those of `names`, at random operating points inside the trained range, and compute what they
+    must give."""
     rows = _ROWS
     random = np.random.default_rng(seed)
     lower = np.array([feature.lower for feature in te.features], dtype=np.float64)
@@ -120,7 +127,27 @@ def check_transmission_error(
     x = lower + (upper - lower) * random.random((rows, len(te.features)))
     theta = random.uniform(-2 * np.pi, 2 * np.pi, rows)
     sets = {direction: harmonics(models, te, direction, x, bound) for direction in te.directions}
-    return [_check_predict(te, code, x, sets), _check_sum(te, code, x, theta, sets)]
+    checks: dict[str, Callable[[], BlockCheck]] = {
+        PREDICT: lambda: _check_predict(te, code, x, sets),
+        COMPENSATOR: lambda: _check_sum(te, code, x, theta, sets),
+    }
+    return [check() for name, check in checks.items() if not names or name in names]
+
+
+def checked_blocks(te: TransmissionError) -> tuple[CalledBlock, ...]:
+    """Both blocks, with the inputs that the checks set and the outputs that they look at.
+
+    Rows follow each other in one instance on a controller, and no row may depend on the one before: nothing is blended
+    from one direction of rotation to the other.
+    """
+    inputs = tuple(variable.name for variable in input_variables(te.features))
+    calls = max(len(te.cycles), 1)
+    sets = [f"{name}{SUFFIX[direction]}" for direction in te.directions for name in ("aAmplitude", "aPhase")]
+    outputs = tuple(f"{name}[{number}]" for name in sets for number in range(len(te.orders)))
+    return (
+        CalledBlock(PREDICT, inputs, outputs, calls=calls),
+        CalledBlock(COMPENSATOR, (*inputs, _ANGLE), ("fTE_deg",), {"bEnable": "TRUE", _BLEND: "0.0"}, calls),
+    )
 
 
 def calls_of(folder: Path) -> int:
@@ -136,7 +163,7 @@ def _feature_inputs(te: TransmissionError, x: FloatArray) -> dict[str, FloatArra
 def _check_predict(
     te: TransmissionError, code: RunsBlocks, x: FloatArray, sets: dict[Direction, HarmonicSet]
 ) -> BlockCheck:
-    result = code.call("FB_TEPredict", _feature_inputs(te, x), len(x), calls=calls_of(code.folder))
+    result = code.call(PREDICT, _feature_inputs(te, x), len(x), calls=calls_of(code.folder))
     expected, got, bound = [], [], []
     for direction, harmonic in sets.items():
         suffix = SUFFIX[direction]
@@ -148,7 +175,7 @@ def _check_predict(
         expected += [harmonic.amplitude, harmonic.phase]
         got += [amplitude, phase]
         bound += [harmonic.amplitude_bound, harmonic.phase_bound]
-    return BlockCheck("FB_TEPredict", x, np.hstack(expected), np.hstack(got), np.hstack(bound))
+    return BlockCheck(PREDICT, x, np.hstack(expected), np.hstack(got), np.hstack(bound))
 
 
 def _check_sum(
@@ -162,8 +189,9 @@ def _check_sum(
     backward = np.arange(len(x)) % 2 == 1 if len(sets) == 2 else np.full(len(x), Direction.BACKWARD in sets)
     signed = x.copy()
     signed[backward, te.speed_feature] *= -1.0
-    inputs = _feature_inputs(te, signed) | {"fThetaOut_rad": theta, "bEnable": np.ones(len(x), np.bool_)}
-    result = code.call("FB_Compensator", inputs, len(x), calls=calls_of(code.folder))
+    fixed: dict[str, Any] = {"bEnable": np.ones(len(x), np.bool_), _BLEND: np.zeros(len(x))}
+    inputs = _feature_inputs(te, signed) | {_ANGLE: theta, **fixed}
+    result = code.call(COMPENSATOR, inputs, len(x), calls=calls_of(code.folder))
     expected, bound = np.zeros(len(x)), np.zeros(len(x))
     for direction, harmonic in sets.items():
         angle = np.array(te.orders) * theta[:, None] + harmonic.phase
@@ -176,4 +204,4 @@ def _check_sum(
         own = harmonic.amplitude_bound + size * harmonic.phase_bound + rounding
         bound = np.where(chosen, np.sum(own, axis=1), bound)
     got = np.where(result["bValid"], result["fTE_deg"], np.nan)
-    return BlockCheck("FB_Compensator", signed, expected[:, None], got[:, None], bound[:, None])
+    return BlockCheck(COMPENSATOR, signed, expected[:, None], got[:, None], bound[:, None])

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from st_codegen.emit.blocks.application import Application
+from st_codegen.emit.blocks.comparison import CalledBlock
 from st_codegen.emit.blocks.tests import ReferenceVectors
 from st_codegen.errors import InputError
 from st_codegen.ir import ModelIR
@@ -15,7 +16,7 @@ from st_codegen.passes.choose import Options
 from st_codegen.passes.pipeline import Compiled, Location
 from st_codegen.project.bundle import Bundle
 from st_codegen.project.purpose import BlockCheck, DifferenceBound, RunsBlocks
-from st_codegen.te.check import check_transmission_error
+from st_codegen.te.check import check_transmission_error, checked_blocks
 from st_codegen.te.compensation import compensation
 from st_codegen.te.compensation.recorder import with_recorder
 from st_codegen.te.harmonics import TransmissionError
@@ -75,15 +76,20 @@ class Compensation:
         """A test suite for FB_TEPredict."""
         return (prediction_vectors(self.te, models),)
 
-    def called_blocks(self) -> tuple[str, ...]:
+    def called_blocks(self) -> tuple[CalledBlock, ...]:
         """FB_TEPredict and FB_Compensator."""
-        return "FB_TEPredict", "FB_Compensator"
+        return checked_blocks(self.te)
 
     def checks(
-        self, models: Sequence[ModelIR], code: RunsBlocks, seed: int, bound: DifferenceBound
+        self,
+        models: Sequence[ModelIR],
+        code: RunsBlocks,
+        seed: int,
+        bound: DifferenceBound,
+        names: Collection[str] = (),
     ) -> Sequence[BlockCheck]:
         """FB_TEPredict and FB_Compensator against the models that they are made of."""
-        return check_transmission_error(models, self.te, code, seed, bound)
+        return check_transmission_error(models, self.te, code, seed, bound, names)
 
 
 def transmission_error(bundle: Bundle) -> TransmissionError:

@@ -8,6 +8,8 @@ import time
 
 import pytest
 
+from st_codegen.cost.calibrate import read_measurements
+from st_codegen.cost.profile import load_profile
 from tests.cli.helpers import run
 from tests.live.conftest import NET_IDS
 
@@ -32,13 +34,20 @@ def process(lone, tmp_path_factory):
 
 def test_compare_against_serve_and_serve_stops_cleanly(lone, process, tmp_path, capsys):
     started, address, log = process
-    out = {name: str(tmp_path / name) for name in ("record.json", "record.html", "times.csv")}
+    out = {name: str(tmp_path / name) for name in ("record.json", "record.html", "times.csv", "mine.toml")}
     code = run(
         *("compare", str(lone[0]), "--generated", str(lone[1]), "--ads", f"{next(NET_IDS)}:851@{address}"),
         *("--rows", "500", "--timeout", "30", "--json", out["record.json"], "--html", out["record.html"]),
-        *("--times", out["times.csv"]),
+        *("--times", out["times.csv"], "--calibrated", out["mine.toml"], "--same-bits"),
     )
-    assert code == 0, capsys.readouterr().err
+    shown = capsys.readouterr().err
+    assert code == 0, shown
+    measured = read_measurements(tmp_path / "times.csv") if "FB_Te,warm" in (tmp_path / "times.csv").read_text() else ()
+    if measured:  # else the clock is too slow for it
+        assert load_profile(tmp_path / "mine.toml").name == "mine"
+        assert f"{measured[0].microseconds:.2f}" in shown
+    else:
+        assert "mine.toml is not written: all calls were quicker" in " ".join(shown.split())
     record = json.loads((tmp_path / "record.json").read_text())
     assert (record["passed"], record["models"]["te"]["exact"], record["state"]) == (True, True, "RUN")
     assert "All agree" in (tmp_path / "record.html").read_text(encoding="utf-8")
@@ -73,6 +82,8 @@ def test_one_message_and_exit_code_2_where_nobody_listens(lone, tmp_path, capsys
         (["compare", "{models}", "--generated", "{generated}"], "--ads NETID:PORT or --opcua URL"),
         (["compare", "{models}", "--generated", "{generated}", "--ads", "here"], "give NETID:PORT"),
         (["compare", "{models}", "--generated", "{generated}", "--opcua", "here"], "give opc.tcp://"),
+        (["compare", "{models}", "--ads", "1.2.3.4.5.6:851", "--calibrated", "x.csv"], "a profile is a .toml file"),
+        (["compare", "{models}", "--ads", "1.2.3.4.5.6:851", "--profile", "nowhere"], "nowhere"),
     ],
 )
 def test_wrong_use(lone, arguments, message, capsys):

@@ -94,7 +94,7 @@ def prove(bundle: Bundle, generated: Path | str, *, progress: Progress | None = 
             results.append(prove_model(loaded.ir, code, runs))
         if bundle.purpose is not None:
             here = [result for result in results if result.target == folder.name]
-            results += [_prove_around(name, code, bundle, here) for name in bundle.purpose.called_blocks()]
+            results += [_prove_around(around.name, code, bundle, here) for around in bundle.purpose.called_blocks()]
     if progress is not None:
         progress(total, total, "")
     return ProveReport(tuple(results))

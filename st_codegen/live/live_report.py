@@ -1,0 +1,106 @@
+"""What a live comparison found, as commands print it and records keep it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from st_codegen.proof.verify import ModelReport
+
+
+@dataclass
+class BlockTimes:
+    """Times of a block's calls on the controller, us: their median, and the quantile of which `calibrate` is told."""
+
+    calls: int
+    median_us: float
+    high_us: float
+
+
+@dataclass(frozen=True)
+class OtherBits:
+    """Rows on which a controller's bits are not those of the same text run here, and the first of them.
+
+    `is_open`: the text calls functions such as EXP, whose last bit is left to whoever writes them. All else that the
+    text does (sums, products, comparisons) has one result, so that other bits are another constant, or a compiler that
+    computes in other ways.
+    """
+
+    count: int
+    row: int
+    inputs: tuple[float, ...]
+    is_open: bool
+
+    def __str__(self) -> str:
+        reason = "or its EXP, LN, SIN .. are other ones" if self.is_open else "or its compiler computes in another way"
+        return (
+            f"on {self.count:,} rows the controller's bits are not those of the same text run here, first on row "
+            f"{self.row} at {list(self.inputs)}: a constant was changed, {reason}"
+        )
+
+
+@dataclass
+class LiveReport:
+    """What was compared with what, by model and by block around models, and how long the calls took.
+
+    `rows` has, by block, the rows, and of how many leaves and splits in all how many have rows of their own. `differs`
+    has, by model or block, the rows with other bits than the text has here: a failure where nothing leaves them open.
+    """
+
+    address: str
+    state: str
+    fingerprint: str
+    generated: str
+    models: list[ModelReport] = field(default_factory=list)
+    rows: dict[str, tuple[int, int, int]] = field(default_factory=dict)
+    differs: dict[str, OtherBits] = field(default_factory=dict)
+    times: dict[str, BlockTimes] = field(default_factory=dict)
+    seconds: float = 0.0
+    sent: int = 0
+    at: str = ""
+    #: other bits than those of the text run here are a failure even where functions such as EXP leave them open
+    same_bits: bool = False
+    #: rows of each failure, by model
+    failed_rows: dict[str, list[int]] = field(default_factory=dict)
+
+    @property
+    def passed(self) -> bool:
+        """Whether every model and block agrees, and every bit that is not left open."""
+        return not self.failures()
+
+    @property
+    def rows_a_second(self) -> float:
+        """Rows that went to the controller and back."""
+        return self.sent / self.seconds if self.seconds else 0.0
+
+    def failures(self) -> list[tuple[str, str]]:
+        """The model, and what is wrong on which row."""
+        found = [(name, str(bits)) for name, bits in self.differs.items() if self.same_bits or not bits.is_open]
+        for model in self.models:
+            if model.refusal is not None:
+                found.append((model.name, model.refusal))
+            numbers = self.failed_rows.get(model.name, [])
+            for failure, number in zip(model.failures, numbers, strict=True):
+                found.append(
+                    (
+                        model.name,
+                        f"row {number}: {failure.between} differ at {list(failure.input)}: {list(failure.expected)} "
+                        f"and {list(failure.got)}, allowed {failure.bound:g}",
+                    )
+                )
+        return found
+
+    def remarks(self) -> list[str]:
+        """What the comparison covers, what it does not, and how quick it was."""
+        lines = []
+        for name, (rows, tried, constants) in self.rows.items():
+            if constants:
+                share = f"all {constants:,}" if tried == constants else f"{tried:,} of {constants:,}"
+                lines.append(f"{name}: {rows:,} rows, with rows of their own for {share} leaves and splits")
+            else:
+                lines.append(f"{name}: {rows:,} rows")
+        if not self.same_bits:
+            lines += [f"{name}: {bits}" for name, bits in self.differs.items() if bits.is_open]
+        for name, found in self.times.items():
+            lines.append(f"{name}: median {found.median_us:.1f} us a call, 99 % below {found.high_us:.1f} us")
+        lines.append(f"{self.sent:,} rows in {self.seconds:.1f} s: {self.rows_a_second:,.0f} rows a second")
+        return lines
