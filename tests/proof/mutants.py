@@ -1,26 +1,33 @@
 """Changed texts and changed certificates: `prove` and the checker must reject each, or the text is equal in all cells.
 
 python -m tests.proof.mutants [TEXTS [CERTIFICATES]]        1,000 of each without numbers; exit 1 when one survives
+
+Progress goes to the standard error, a table of the kinds of changes to the standard output.
 """
 
+import contextlib
 import copy
+import io
 import json
 import random
 import re
 import shutil
 import sys
 import tempfile
+import time
 from collections import Counter
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 
 from st_codegen.driver import generate
+from st_codegen.emit.output import block_of
+from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import StCodegenError
-from st_codegen.ir import reference
+from st_codegen.ir import TreeEnsemble, reference
 from st_codegen.passes.choose import Layout, Options
 from st_codegen.project.bundle import Bundle, load
-from st_codegen.proof.probes import probe_rows
 from st_codegen.proof.prove.certificate import certificate
 from st_codegen.proof.prove.prove import prove
 from st_codegen.proof.runner import GeneratedCode
@@ -37,10 +44,13 @@ MODELS += (
     "xgboost_gbtree.json",
     "xgboost_missing.ubj",
 )
+#: The ways in which the texts are laid out, and the target of each.
 LAYOUTS = {
-    "table": Options(),
-    "ranks": Options(layout=Layout.RANKED),
-    "trees": Options(layout=Layout.TREES),
+    "table": ("iec", Options()),
+    "ranks": ("iec", Options(layout=Layout.RANKED)),
+    "trees": ("iec", Options(layout=Layout.TREES)),
+    "table in a project": ("twincat", Options()),
+    "trees in a project": ("twincat", Options(layout=Layout.TREES)),
 }
 #: What a rejected certificate may raise, as in the checker's own main.
 REJECTIONS = (check_certificate.Reject, OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError)
@@ -133,18 +143,20 @@ def mutated(text, chance):
             return name, changed
 
 
-def prepared(folder, names=MODELS):
-    """Generated texts of all models in all layouts: (model, generated folder, text)."""
+def prepared(folder, names=MODELS, layouts=tuple(LAYOUTS)):
+    """Generated texts of all models in all layouts: (model, folder of the model, folder of the target, text)."""
     cases = []
-    for layout, options in LAYOUTS.items():
-        for name in names:
-            models = folder / "models" / Path(name).stem
-            models.mkdir(parents=True, exist_ok=True)
-            shutil.copy(ROOT / "golden" / "lone" / "models" / name, models)
-            bundle = load(models)
-            out = folder / layout / Path(name).stem
-            generate(bundle, "iec", out, options=options)
-            cases.append((bundle, models, out, next((out / "iec").glob("*.st"))))
+    for layout, name in product(layouts, names):
+        target, options = LAYOUTS[layout]
+        models = folder / "models" / Path(name).stem
+        models.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / "golden" / "lone" / "models" / name, models)
+        bundle = load(models)
+        out = folder / layout / Path(name).stem / target
+        generate(bundle, target, out.parent, options=options)
+        block, _ = block_of(out, bundle.models[0].ir)
+        (path,) = out.rglob(f"{block}.*")
+        cases.append((bundle, models, out, path))
     return cases
 
 
@@ -155,45 +167,73 @@ def accepted_by_prove(bundle: Bundle, out):
         return False
 
 
-def accepted_by_checker(bundle, out):
+def accepted_by_checker(bundle, models, out, path):
     (loaded,) = bundle.models
-    entry = {"block": prove_block(out), "outputs": [f"fOut{n + 1}" for n in range(len(loaded.ir.outputs))]}
+    entry = {"block": path.stem, "outputs": [f"fOut{n + 1}" for n in range(len(loaded.ir.outputs))]}
     try:
-        model = check_certificate.read_model(ROOT / "golden" / "lone" / "models" / loaded.ir.source.file)
-        check_certificate.Check(model, out / "iec", entry)
+        check_certificate.Check(check_certificate.read_model(models / loaded.ir.source.file), out, entry)
     except REJECTIONS:
         return False
     return True
 
 
-def prove_block(out):
-    return re.search(r"^FUNCTION_BLOCK (\w+)", next((out / "iec").glob("*.st")).read_text(), re.M)[1]
+def all_cells(model):
+    """A row in every cell of a model with few thresholds: on each changeover of a comparison and right beside it.
+
+    The changed texts compare inputs with numbers of the model, or with those one ulp away, and each input with
+    those of the others after some changes. An input that no tree reads takes a few numbers only.
+    """
+    (trees,) = (op for op in model.ops if isinstance(op, TreeEnsemble))
+    limits = [np.inf, *(limit for limit in model.magnitude_limits if limit)]
+    edges = {float(number) for number in trees.threshold[trees.split >= 0]}
+    for number in tuple(edges):
+        near = np.float32(number)
+        sides = [np.nextafter(near, np.float32(side)) for side in (-np.inf, np.inf)]
+        edges |= {(float(near) + float(side)) / 2 for side in sides} | {float(near)}
+    few = [np.nan, 0.0, -0.0, 1.0, *(sign * number for number in limits for sign in (-1, 1))]
+    few += [sign * np.nextafter(number, 0) for number in limits for sign in (-1, 1)]
+    many = [number for edge in edges for number in (np.nextafter(edge, -np.inf), edge, np.nextafter(edge, np.inf))]
+    read = {trees.columns[number].column for number in set(trees.split.tolist()) - {-1}}
+    return np.array(list(product(*(few + many if f in read else few for f in range(len(model.features))))))
 
 
-def equal_when_run(bundle, out):
-    """Library and executed text on every threshold, its neighbours and rows between."""
+def equal_when_run(bundle, out, path):
+    """Whether library and executed text have the same bits, and say the same of their validity, in all cells."""
     (loaded,) = bundle.models
-    x = probe_rows(loaded.ir, 3000, 1)
+    x = all_cells(loaded.ir)
     expected = reference.evaluate(loaded.ir, x)
-    result = GeneratedCode(out / "iec", "iec").run_model(prove_block(out), x, expected.shape[1])
-    return np.array_equal(expected, np.where(result.valid[:, None], result.values, np.nan), equal_nan=True)
+    code = GeneratedCode(out, TARGETS[out.name].dialect)
+    result = code.run_model(path.stem, x, expected.shape[1])
+    same = expected.view(np.int64) == result.values.view(np.int64)
+    return bool(np.all(np.where(result.valid[:, None], same, np.isnan(expected))))
 
 
-def texts(count, seed=0, names=MODELS):
-    """Mutate texts; counts of verdicts, and descriptions of mutants that survived wrongly."""
-    chance, counts, wrong = random.Random(seed), Counter(), []
+def shown(done, total, what, start):
+    """Print progress every fifty changes."""
+    if done % 50 == 0 or done == total:
+        print(f"{what}: {done:,} of {total:,}, {time.monotonic() - start:.0f} s", file=sys.stderr, flush=True)
+
+
+def texts(count, seed=0, names=MODELS, layouts=tuple(LAYOUTS)):
+    """Change texts; the number of each kind and verdict, and what was accepted wrongly."""
+    chance, counts, wrong, start = random.Random(seed), Counter(), [], time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
-        cases = prepared(Path(folder), names)
+        cases = prepared(Path(folder), names, layouts)
         for number in range(count):
-            bundle, _, out, path = cases[number % len(cases)]
-            original = path.read_text()
+            bundle, models, out, path = cases[number % len(cases)]
+            original = path.read_text("utf-8")
             name, changed = mutated(original, chance)
-            path.write_text(changed)
-            verdicts = accepted_by_prove(bundle, out), accepted_by_checker(bundle, out)
-            counts[name, "rejected by both" if not any(verdicts) else "equal" if all(verdicts) else "one accepts"] += 1
-            if any(verdicts) and not equal_when_run(bundle, out):
-                wrong.append(f"{name} in {path.parent.parent}: prove and checker say {verdicts}")
-            path.write_text(original)
+            path.write_text(changed, "utf-8")
+            verdicts = accepted_by_prove(bundle, out), accepted_by_checker(bundle, models, out, path)
+            verdict = "rejected"
+            if any(verdicts):
+                verdict = "shown equal" if equal_when_run(bundle, out, path) else "wrongly accepted"
+            counts[name, verdict] += 1
+            counts[name, "one of the two rejects"] += any(verdicts) and not all(verdicts)
+            if verdict == "wrongly accepted":
+                wrong.append(f"{name} in {path}: prove and checker say {verdicts}:\n{changed}")
+            path.write_text(original, "utf-8")
+            shown(number + 1, count, "texts", start)
     return counts, wrong
 
 
@@ -227,35 +267,48 @@ def mutated_certificate(content, chance):
     return content
 
 
-def certificates(count, seed=0):
-    """Mutate certificates; how many were rejected, and those that were accepted."""
-    chance, rejected, wrong = random.Random(seed), 0, []
+def certificates(count, seed=0, names=MODELS):
+    """Change certificates; how many were rejected, and those that were not."""
+    chance, rejected, wrong, start = random.Random(seed), 0, [], time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
-        bundle, models, out, _ = prepared(Path(folder), MODELS[:1])[1]
-        content = certificate(bundle, models, out, prove(bundle, out))
-        path = Path(folder) / "certificate.json"
-        path.write_text(json.dumps(content))
-        check_certificate.main(path, models, out)
-        for _ in range(count):
-            changed = content
-            while changed == content:
-                changed = mutated_certificate(content, chance)
-            path.write_text(json.dumps(changed))
-            try:
-                check_certificate.main(path, models, out)
-                wrong.append(json.dumps(changed))
-            except REJECTIONS:
-                rejected += 1
+        for bundle, models, out, _ in prepared(Path(folder), names, ("ranks",)):
+            content = certificate(bundle, models, out, prove(bundle, out))
+            path = Path(folder) / "certificate.json"
+            path.write_text(json.dumps(content))
+            assert quietly(path, models, out) == (1, 1)
+            for _ in range(
+                count // len(names) + (bundle.models[0].ir.name == Path(names[0]).stem) * (count % len(names))
+            ):
+                changed = content
+                while changed == content:
+                    changed = mutated_certificate(content, chance)
+                path.write_text(json.dumps(changed))
+                try:
+                    wrong.append(f"{quietly(path, models, out)} confirmed of {json.dumps(changed)}")
+                except REJECTIONS:
+                    rejected += 1
+                shown(rejected + len(wrong), count, "certificates", start)
     return rejected, wrong
+
+
+def quietly(*arguments):
+    """What the checker confirms, without what it prints."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        return check_certificate.main(*arguments)
 
 
 def main(arguments):
     numbers = [int(argument) for argument in arguments] + [1000, 1000][len(arguments) :]
+    verdicts = ("rejected", "shown equal", "wrongly accepted", "one of the two rejects")
     counts, wrong = texts(numbers[0])
-    for (name, verdict), count in sorted(counts.items()):
-        print(f"{name:30} {verdict:20} {count:5}")
+    kinds = sorted({name for name, _ in counts})
+    print("| change of a text | " + " | ".join(verdicts) + " |\n|---|" + "---|" * len(verdicts))
+    for name in kinds:
+        print(f"| {name} | " + " | ".join(f"{counts[name, verdict]:,}" for verdict in verdicts) + " |")
+    totals = (sum(counts[name, verdict] for name in kinds) for verdict in verdicts)
+    print("| all | " + " | ".join(f"{total:,}" for total in totals) + " |\n")
     rejected, accepted = certificates(numbers[1])
-    print(f"certificates rejected: {rejected} of {numbers[1]}")
+    print(f"certificates: {rejected:,} of {numbers[1]:,} rejected")
     for line in wrong + accepted:
         print(line)
     return 1 if wrong or accepted else 0
