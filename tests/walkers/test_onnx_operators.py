@@ -338,3 +338,9 @@ def test_opsets_are_those_of_the_schemas(tmp_path):
     for key, rule in RULES.items():
         assert known[key] <= rule.versions, key
         assert min(rule.versions) > legacy.get(key[1], 0), key
+
+
+def test_an_output_without_a_type_has_the_one_that_is_computed(tmp_path):
+    model = single("Relu")
+    model.graph.output[0].ClearField("type")
+    assert build.load(model, tmp_path).predict(np.array([[1.0, -2.0, 3.0]])).tolist() == [[1.0, 0.0, 3.0]]

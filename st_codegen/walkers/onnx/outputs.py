@@ -77,7 +77,7 @@ def _check_type(info: onnx.ValueInfoProto, name: str, tensor: Tensor) -> None:
     computed = {"float32": TensorProto.FLOAT, "float64": TensorProto.DOUBLE}.get(tensor.dtype.name)
     if computed is None:
         raise UnsupportedModelError(f"the output '{name}' holds integers; leave it out of the graph")
-    if declared != computed:
+    if declared not in (computed, TensorProto.UNDEFINED):  # onnxruntime infers a type that is not declared
         raise UnsupportedModelError(
             f"the output '{name}' is declared as {type_name(declared)}, its operator computes {type_name(computed)}, "
             "which onnxruntime refuses; export the model with float inputs (FloatTensorType)"
