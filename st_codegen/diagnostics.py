@@ -298,9 +298,10 @@ DIAGNOSTICS = (
     Diagnostic(
         "STC1501",
         "There is no generated code for this model",
-        "The folder has no generated files, or they were made from other models or by another version.",
+        "The folder has no generated files, or they were made from other models, by another version, or without "
+        "--with-comparison where a controller is asked.",
         "Generate again: st-codegen MODELS --out FOLDER, then give the same FOLDER with --generated.",
-        places=("emit.output", "proof", "reconcile.models", "rig.compensator"),
+        places=("emit.output", "proof", "reconcile.models", "rig.compensator", "live"),
         kinds=("GeneratedCodeError",),
     ),
     Diagnostic(
@@ -378,6 +379,100 @@ DIAGNOSTICS = (
         places=("live",),
     ),
     Diagnostic(
+        "STC1711",
+        "The address of the controller is not one",
+        "--ads takes NETID:PORT or NETID:PORT@HOST, --opcua a URL, and one of the two must be there.",
+        "Such as --ads 192.168.0.5.1.1:851 or --opcua opc.tcp://192.168.0.5:4840/.",
+        places=(
+            "live.controller:AdsController.__init__",
+            "live.controller:OpcUaController",
+            "live.controller:connected",
+        ),
+    ),
+    Diagnostic(
+        "STC1712",
+        "The folder cannot take this campaign",
+        "The folder of record holds something else, or was begun with another plan.",
+        "Name a new folder, or give the plan that the folder was begun with.",
+        places=("live.record:open_campaign",),
+    ),
+    Diagnostic(
+        "STC1713",
+        "The soft PLC cannot start",
+        "The generated folder has no program or nothing that a rig could be connected to, or the address is taken.",
+        "Generate with --with-comparison, or a bundle; name another port with --ads-port or --opcua-port.",
+        places=("live.serve", "live.plc", "live.plant", "cli.serve"),
+    ),
+    Diagnostic(
+        "STC1702",
+        "The controller cannot be reached",
+        "Nothing listens at the address: it is wrong, the controller is off, or a firewall is in between.",
+        "Check host and TCP port (48898 for ADS, mostly 4840 for OPC UA). The message has the ones that were tried.",
+        kinds=("UnreachableError",),
+    ),
+    Diagnostic(
+        "STC1703",
+        "There is no PLC at the AMS port",
+        "A router answers, but no PLC behind the port: the port is another one, TwinCAT is in CONFIG, or the "
+        "controller has no route back to this machine.",
+        "The first PLC project of TwinCAT 3 has port 851, the second 852. Start the runtime, and add a route.",
+        kinds=("NoPlcError",),
+    ),
+    Diagnostic(
+        "STC1704",
+        "The controller does not answer in time",
+        "The connection was lost, the controller is too busy, or a task is not started. An axis that a lost client has "
+        "set in motion is stopped by the controller itself, after --alive seconds.",
+        "Check the network and the load of the controller; --timeout gives it more time. The same command of record "
+        "goes on with what is missing.",
+        kinds=("SilentError",),
+    ),
+    Diagnostic(
+        "STC1705",
+        "The PLC is not in RUN",
+        "The PLC is in CONFIG or STOP, or an error has stopped it.",
+        "Look at its log, bring it to RUN, then repeat the command.",
+        kinds=("NotRunningError",),
+    ),
+    Diagnostic(
+        "STC1706",
+        "The controller has no such variable",
+        "Another project runs there, one that was generated without --with-comparison, or one whose variables are not "
+        "published (OPC UA).",
+        "Generate with --with-comparison, download, start, and name the same folder with --generated.",
+        kinds=("UnknownVariableError",),
+    ),
+    Diagnostic(
+        "STC1707",
+        "A variable of the controller may not be written",
+        "The server refuses writes to a variable that is no input.",
+        "Let clients of OPC UA write GVL_Comparison, GVL_Record and GVL_Experiment. serve lets them write inputs only.",
+        kinds=("NotWritableError",),
+    ),
+    Diagnostic(
+        "STC1708",
+        "The controller runs another project",
+        "The fingerprint of the project on the controller is not that of the generated folder: another version was "
+        "downloaded, or the folder was generated again since.",
+        "Download the folder, or name the folder that was downloaded with --generated.",
+        kinds=("OtherProjectError",),
+    ),
+    Diagnostic(
+        "STC1709",
+        "Another client uses the controller",
+        "Another client compares or measures. One at a time can.",
+        "Wait for it, or end it. A client that has died is forgotten after its --alive seconds.",
+        kinds=("OtherClientError",),
+    ),
+    Diagnostic(
+        "STC1710",
+        "A measurement ended early",
+        "FB_Experiment has reported an error, such as a speed, torque or temperature out of its limits; samples were "
+        "lost; or they are no numbers. The axis was stopped first, and finished measurements are kept.",
+        "The message has the reason. Remove it, then give the same command again: it goes on with what is missing.",
+        kinds=("MeasurementError",),
+    ),
+    Diagnostic(
         "STC1607",
         "A bad row in a table",
         "A row of a table has too few cells, or a cell that is no number.",
@@ -393,6 +488,14 @@ DIAGNOSTICS = (
         "If a generated file was changed by hand, or the model is newer than the code: generate again. "
         "Otherwise please report "
         "it, with the input that the message names.",
+    ),
+    Diagnostic(
+        "STC2003",
+        "The controller computes something else",
+        "For at least one row the controller's answer is not the library's within the derived bound, or its bits are "
+        "not those of the same text run here although nothing in the text leaves them open.",
+        "The message names model or block, row and inputs. Download the generated project again; if it stays, compare "
+        "the constants of that block on the controller with the generated file.",
     ),
     Diagnostic(
         "STC2002",

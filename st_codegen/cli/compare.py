@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from st_codegen.cli.calibrate import must_be_a_profile, write_profile
+from st_codegen.cli.codes import show_codes
 from st_codegen.cli.console import (
     Whole,
     console,
@@ -131,6 +132,8 @@ def command(
         console.print(Text.assemble((name, "red"), f": {line}"), soft_wrap=True)
     if calibrated is not None:
         _calibrate(report, folder, base, calibrated, quiet=quiet)
+    if not report.passed:
+        show_codes(["STC2003"])
     sys.exit(0 if report.passed else 1)
 
 

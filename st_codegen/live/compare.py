@@ -17,7 +17,8 @@ from st_codegen.emit.output import COMPARISON, read_manifest
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError, InputError
 from st_codegen.ir import AnyArray, BoolArray, FloatArray
-from st_codegen.live.controller import Controller, ControllerError, Signal, must_run
+from st_codegen.live.controller import Controller, Signal, must_be_of, must_run
+from st_codegen.live.failures import OtherClientError, SilentError
 from st_codegen.live.live_report import BlockTimes, LiveReport, OtherBits
 from st_codegen.live.rows import ChosenRows, comparison_rows
 from st_codegen.project.bundle import Bundle
@@ -110,13 +111,7 @@ class LiveCode:
 
     def check(self) -> str:
         """The state. Raises ControllerError for a controller that does not run this very project."""
-        must_run(self.controller)
-        found = int(self.controller.read(Signal(f"{LIST}.nFingerprint", "<u8")))
-        if found != self.project.fingerprint:
-            raise ControllerError(
-                f"{self.controller.address}: the project there has the fingerprint {found:016x}, that in "
-                f"{self.folder} has {self.project.fingerprint:016x}: download it, or name the folder that is running"
-            )
+        must_be_of(self.controller, self.project.fingerprint, f"that in {self.folder}")
         return self.controller.state()
 
     def run_model(self, block: str, x: FloatArray, outputs: Sequence[int]) -> BlockResult:
@@ -177,12 +172,12 @@ class LiveCode:
         while True:
             request, answer, values, valid, times = self.controller.read_all(signals)
             if request != self._request:
-                raise ControllerError(f"{self.controller.address}: another client compares at the same time")
+                raise OtherClientError(f"{self.controller.address}: another client compares at the same time")
             if answer == self._request:
                 return values, valid, times
             if time.monotonic() > deadline:
                 must_run(self.controller)
-                raise ControllerError(
+                raise SilentError(
                     f"{self.controller.address}: the rows are not done in time; is ComparisonTask started?"
                 )
             time.sleep(0.001)

@@ -18,16 +18,23 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from st_codegen.emit.blocks.comparison import LIST
 from st_codegen.errors import InputError, MissingExtraError
+from st_codegen.live.failures import (
+    ControllerError,
+    NoPlcError,
+    NotRunningError,
+    NotWritableError,
+    OtherProjectError,
+    SilentError,
+    UnknownVariableError,
+    UnreachableError,
+)
 
 #: Seconds in which a controller must answer.
 TIMEOUT_S = 5.0
 _ADS_TCP_PORT = 48898
 _ADDRESS = re.compile(r"(\d+(?:\.\d+){5}):(\d+)(?:@([^:@\s]+)(?::(\d+))?)?")
-
-
-class ControllerError(InputError):
-    """A controller cannot be reached, does not answer, or has not what is asked for."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +119,7 @@ class AdsController(Controller):
             found = self._connection.read_list_by_name(names)
         for name in names:
             if isinstance(found[name], str):  # pyads puts the message of an error in the place of a number
-                raise ControllerError(f"{self.address}: {name}: {found[name]}")
+                raise self._named(name, found[name])
         return [
             found[signal.name] if signal.length is None else np.asarray(found[signal.name], signal.dtype)
             for signal in signals
@@ -124,7 +131,7 @@ class AdsController(Controller):
             answers = self._connection.write_list_by_name(plain)
         for name, answer in answers.items():
             if answer != "no error":
-                raise ControllerError(f"{self.address}: {name}: {answer}")
+                raise self._named(name, answer)
 
     def _handle(self, name: str) -> int:
         if name not in self._handles:
@@ -136,26 +143,35 @@ class AdsController(Controller):
         try:
             yield
         except self._pyads.ADSError as error:
-            raise ControllerError(f"{self.address}: {self._reason(error, name)}") from None
+            raise self._error(getattr(error, "err_code", None), name, str(error)) from None
         except RuntimeError as error:
-            raise ControllerError(f"{self.address}: {name}: {error}; another project runs there") from None
+            raise UnknownVariableError(f"{self.address}: {name}: {error}; another project runs there") from None
 
-    def _reason(self, error: Any, name: str) -> str:
-        code = getattr(error, "err_code", None)
+    def _named(self, name: str, text: str) -> ControllerError:
+        """The error of one variable in a list, of which pyads tells the text only."""
+        codes = self._pyads.errorcodes.ERROR_CODES
+        return self._error(next((code for code, known in codes.items() if known == text), None), name, text)
+
+    def _error(self, code: int | None, name: str, text: str) -> ControllerError:
         if code in (6, 7):
-            return (
+            kind: type[ControllerError] = NoPlcError
+            reason = (
                 f"no PLC at AMS port {self._ams_port} (error {code}): the runtime is not started (CONFIG), "
                 "the port is another one, or no route leads back to this machine"
             )
-        if code in (1808, 1809):
-            return f"no variable {name}: another project runs there, or one generated without --with-comparison"
-        if code == 1796:
-            return f"{name} may not be written"
-        if code == 1810:
-            return "the PLC is not in RUN"
-        if code == 1861:
-            return f"no answer within {self._timeout_s:g} s: the connection is lost, or the controller too busy"
-        return f"{name}: {error}".removeprefix(": ")
+        elif code in (1808, 1809):
+            kind = UnknownVariableError
+            reason = f"no variable {name}: another project runs there, or one generated without --with-comparison"
+        elif code == 1796:
+            kind, reason = NotWritableError, f"{name} may not be written"
+        elif code == 1810:
+            kind, reason = NotRunningError, "the PLC is not in RUN"
+        elif code == 1861:
+            kind = SilentError
+            reason = f"no answer within {self._timeout_s:g} s: the connection is lost, or the controller too busy"
+        else:
+            kind, reason = ControllerError, f"{name}: {text}".removeprefix(": ")
+        return kind(f"{self.address}: {reason}")
 
 
 def _ctype(signal: Signal) -> Any:
@@ -179,7 +195,7 @@ def _must_listen(address: str, host: str, port: int, timeout_s: float) -> None:
     try:
         socket.create_connection((host, port), timeout_s).close()
     except OSError as error:
-        raise ControllerError(
+        raise UnreachableError(
             f"{address}: {host}:{port} cannot be reached ({error.strerror or error}); is the address right and the "
             "controller on?"
         ) from None
@@ -208,7 +224,7 @@ class OpcUaController(Controller):
         except Exception as error:
             with contextlib.suppress(Exception):
                 self._client.disconnect()
-            raise ControllerError(f"{self.address}: {error or type(error).__name__}") from None
+            raise SilentError(f"{self.address}: {error or type(error).__name__}: is it an OPC UA server?") from None
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -265,7 +281,7 @@ class OpcUaController(Controller):
                 self._nodes[name] = node
                 break
             else:
-                raise ControllerError(
+                raise UnknownVariableError(
                     f"{self.address}: no variable {name}: another project runs there, one generated without "
                     "--with-comparison, or its variables are not published"
                 )
@@ -277,11 +293,13 @@ class OpcUaController(Controller):
             yield
         except ControllerError:
             raise
+        except self._ua.uaerrors.BadUserAccessDenied:
+            raise NotWritableError(f"{self.address}: {name} may not be written") from None
         except self._ua.UaError as error:
             raise ControllerError(f"{self.address}: {name}: {error}") from None
         except (OSError, TimeoutError, RuntimeError) as error:
             reason = str(error) or "no answer in time: the connection is lost, or the controller too busy"
-            raise ControllerError(f"{self.address}: {reason}") from None
+            raise SilentError(f"{self.address}: {reason}") from None
 
 
 def connected(ads: str | None, opcua: str | None, timeout_s: float = TIMEOUT_S) -> Controller:
@@ -295,4 +313,15 @@ def must_run(controller: Controller) -> None:
     """Raises ControllerError for a controller whose tasks do not run."""
     state = controller.state()
     if state != "RUN":
-        raise ControllerError(f"{controller.address}: the PLC is in {state}, not in RUN: start it first")
+        raise NotRunningError(f"{controller.address}: the PLC is in {state}, not in RUN: start it first")
+
+
+def must_be_of(controller: Controller, fingerprint: int, generated: str) -> None:
+    """Raises ControllerError for a controller whose tasks do not run, or which runs another project."""
+    must_run(controller)
+    found = int(controller.read(Signal(f"{LIST}.nFingerprint", "<u8")))
+    if found != fingerprint:
+        raise OtherProjectError(
+            f"{controller.address}: the project there has the fingerprint {found:016x}, {generated} has "
+            f"{fingerprint:016x}: download it, or name the folder that is running"
+        )

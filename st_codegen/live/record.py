@@ -21,12 +21,12 @@ import numpy as np
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS, OperatingPoint
 from st_codegen.campaign.curves import CONDITIONS_FILE, Curve, Run, write_run
-from st_codegen.emit.blocks import comparison
 from st_codegen.emit.output import COMPARISON, read_manifest
 from st_codegen.errors import GeneratedCodeError, InputError
 from st_codegen.files.text import make_folder, write_text
 from st_codegen.ir import AnyArray, BoolArray, FloatArray
-from st_codegen.live.controller import Controller, ControllerError, Signal, must_run
+from st_codegen.live.controller import Controller, Signal, must_be_of, must_run
+from st_codegen.live.failures import ControllerError, MeasurementError, OtherClientError
 from st_codegen.te.compensation.codes import EXPERIMENT_STATE, TE_ERROR
 from st_codegen.te.compensation.programs import EXPERIMENT_SIGNALS
 from st_codegen.te.compensation.recorder import LIST, SAMPLES
@@ -49,10 +49,6 @@ _RING = (
 )
 #: Called with (runs done, runs, what happens now).
 Progress = Callable[[int, int, str], None]
-
-
-class MeasurementError(ControllerError):
-    """A measurement ended early; the axis stands."""
 
 
 @dataclass(frozen=True)
@@ -189,28 +185,22 @@ class MeasuringClient:
 
     def claim(self) -> None:
         """Become the client that measures. Raises ControllerError where that is not possible."""
-        must_run(self.controller)
-        found = int(self.controller.read(Signal(f"{comparison.LIST}.nFingerprint", "<u8")))
-        if found != self.project.fingerprint:
-            raise ControllerError(
-                f"{self.controller.address}: the project there has the fingerprint {found:016x}, the generated one has "
-                f"{self.project.fingerprint:016x}: download it, or name the folder that is running"
-            )
+        must_be_of(self.controller, self.project.fingerprint, "the generated one")
         owner, alive = self._numbers("nOwner", "nAlive")
         if owner:
-            raise ControllerError(
+            raise OtherClientError(
                 f"{self.controller.address}: another client measures (number {owner}); when it has gone, the "
                 "controller forgets it by itself"
             )
         if self.controller.read(_experiment("bBusy", "|b1")):
-            raise ControllerError(f"{self.controller.address}: a measurement is going on that nobody here has started")
+            raise OtherClientError(f"{self.controller.address}: a measurement is going on that nobody here has started")
         self._alive = alive
         self._write("fAliveTimeOut_s", self.recording.alive_s, "<f8")
         self._tell_alive()
         self._write("nOwner", self._owner)
         time.sleep(4 * self.recording.poll_s)
         if self._numbers("nOwner")[0] != self._owner:
-            raise ControllerError(f"{self.controller.address}: another client came at the same time")
+            raise OtherClientError(f"{self.controller.address}: another client came at the same time")
         self._is_mine = True
 
     def release(self) -> None:
@@ -346,11 +336,17 @@ def _curves(samples: list[Any], ratio: float) -> dict[Direction, Curve]:
     if not samples:
         raise MeasurementError("no samples came")
     inner, outer, encoder, _, _, backward = samples
+    broken = np.flatnonzero(~np.isfinite(np.array([inner, outer, encoder])).all(axis=0))
+    if len(broken):
+        raise MeasurementError(
+            f"{len(broken):,} of {len(inner):,} samples are no numbers (NaN or infinite), first sample {broken[0]}: "
+            "an encoder or its scaling is at fault"
+        )
     found = {}
     for direction, chosen in ((Direction.FORWARD, ~backward), (Direction.BACKWARD, backward)):
         curve = _curve(inner, outer, encoder, chosen, ratio, 360.0 if direction is Direction.BACKWARD else 0.0)
         span = abs(curve.angle_deg[-1] - curve.angle_deg[0]) if len(curve.angle_deg) else 0.0
-        if span < _LEAST_SPAN_DEG or not np.isfinite(curve.te_deg).all():
+        if span < _LEAST_SPAN_DEG:
             raise MeasurementError(f"the samples {direction} cover {span:.1f} deg of a revolution")
         found[direction] = curve
     return found

@@ -14,11 +14,13 @@ from st_codegen import generate, load
 from st_codegen.cost.calibrate import read_measurements
 from st_codegen.errors import GeneratedCodeError, InputError
 from st_codegen.live.compare import LiveCode, compare, compared_project
-from st_codegen.live.controller import ControllerError, Signal, connected
+from st_codegen.live.controller import Signal, connected
+from st_codegen.live.failures import ControllerError
 from st_codegen.live.plc import PlcState
 from st_codegen.live.record_page import record_of, record_sections, times_csv
 from st_codegen.live.rows import comparison_rows
 from st_codegen.passes.choose import Layout, Options
+from tests.cli.helpers import run
 from tests.live.conftest import Running, soft_plc
 
 pytest.importorskip("pyads")
@@ -199,11 +201,11 @@ def test_a_variable_that_is_not_there(lone_plc):
     with connected(lone_plc.ads, None, 20.0) as controller:
         with pytest.raises(ControllerError, match=r"no variable GVL_X\.n: another project runs there"):
             controller.read(Signal("GVL_X.n", "<i4"))
-        with pytest.raises(ControllerError, match=r"symbol not found|no variable GVL_X\.n"):
+        with pytest.raises(ControllerError, match=r"no variable GVL_X\.n"):
             controller.read_all([Signal("GVL_X.n", "<i4")])
         with pytest.raises(ControllerError, match=r"GVL_Comparison\.nAnswer may not be written"):
             controller.write(Signal("GVL_Comparison.nAnswer", "<i4"), 1)
-        with pytest.raises(ControllerError, match=r"GVL_Comparison\.nAnswer: reading/writing not permitted"):
+        with pytest.raises(ControllerError, match=r"GVL_Comparison\.nAnswer may not be written"):
             controller.write_all([(Signal("GVL_Comparison.nAnswer", "<i4"), 1)])
 
 
@@ -276,8 +278,9 @@ def test_a_second_client(models, lone, lone_plc):
             disturb(0, 0, "")
 
         first.write_all = write_all
-        with pytest.raises(ControllerError, match="another client compares"):
+        with pytest.raises(ControllerError, match="another client compares") as caught:
             live.run_model("FB_Te", x, (0,))
+        assert caught.value.codes == ("STC1709",)
 
 
 class Answering:
@@ -321,3 +324,53 @@ def test_nan_and_infinities_go_there_and_back(models, lone, lone_plc):
         sent = controller.read(Signal("GVL_Comparison.fInputs", length=9))
     assert sent.tobytes() == x.tobytes()
     assert struct.pack("d", sent[7]) == struct.pack("d", -0.0)
+
+
+# --- what a user reads: one message, with the code of its kind, and exit code 2
+
+
+def shown_by_compare(capsys, lone, address, *more):
+    code = run("compare", str(lone[0]), "--generated", str(lone[1]), "--ads", address, "--rows", "10", *more)
+    shown = capsys.readouterr().err
+    assert shown.count("error:") == 1
+    assert "Traceback" not in shown
+    return code, shown.rsplit("\n", 2)[1].partition(":")[0]
+
+
+def test_each_kind_of_failure_has_a_code(lone, lone_plc, capsys, tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        found = {
+            "nobody listens": shown_by_compare(capsys, lone, "5.1.2.3.1.1:851@127.0.0.1:1"),
+            "another AMS port": shown_by_compare(capsys, lone, lone_plc.ads.replace(":851", ":852"), "--timeout", "20"),
+            "no answer": shown_by_compare(
+                capsys, lone, f"5.9.9.8.1.1:851@127.0.0.1:{silent.getsockname()[1]}", "--timeout", "0.2"
+            ),
+            "no address": shown_by_compare(capsys, lone, "here"),
+        }
+    lone_plc.do(lambda: lone_plc.plc.set_state(PlcState.CONFIG))
+    try:
+        found["in CONFIG"] = shown_by_compare(capsys, lone, lone_plc.ads, "--timeout", "20")
+    finally:
+        lone_plc.do(lambda: lone_plc.plc.set_state(PlcState.RUN))
+    other = tmp_path / "twincat"
+    shutil.copytree(lone[1], other)
+    text = (other / "st-codegen.json").read_text()
+    known = json.loads(text)["comparison"]["fingerprint"]
+    (other / "st-codegen.json").write_text(text.replace(f'"{known}"', '"1"'))
+    found["another project"] = shown_by_compare(capsys, (lone[0], other), lone_plc.ads, "--timeout", "20")
+    assert found == {
+        "nobody listens": (2, "STC1702"),
+        "another AMS port": (2, "STC1703"),
+        "no answer": (2, "STC1704"),
+        "no address": (2, "STC1711"),
+        "in CONFIG": (2, "STC1705"),
+        "another project": (2, "STC1708"),
+    }
+    with connected(lone_plc.ads, None, 20.0) as controller:
+        for code, do in {
+            "STC1706": lambda: controller.read(Signal("GVL_X.n", "<i4")),
+            "STC1707": lambda: controller.write(Signal("GVL_Comparison.nAnswer", "<i4"), 1),
+        }.items():
+            with pytest.raises(ControllerError) as caught:
+                do()
+            assert caught.value.codes == (code,)

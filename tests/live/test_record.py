@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 
 from st_codegen import generate
@@ -15,12 +16,13 @@ from st_codegen.campaign.curves import read_run
 from st_codegen.campaign.orders import curve_sums, fit_orders
 from st_codegen.campaign.reader import read_campaign
 from st_codegen.errors import GeneratedCodeError, InputError
-from st_codegen.live.controller import ControllerError, Signal, connected
+from st_codegen.live.controller import Signal, connected
+from st_codegen.live.failures import ControllerError, MeasurementError
 from st_codegen.live.plant import plant_behind
 from st_codegen.live.plc import PlcState
 from st_codegen.live.record import (
-    MeasurementError,
     RecordSettings,
+    _curves,
     open_campaign,
     planned,
     record,
@@ -151,8 +153,9 @@ def test_a_measurement_that_ends_early_says_why_and_nothing_is_written(
     controller, project, tmp_path, point, inputs, reason
 ):
     settings = dataclasses.replace(QUICK, inputs={**QUICK.inputs, **inputs})
-    with pytest.raises(MeasurementError, match=rf"\(1 of 1\): ended early, {reason}.*the axis stands"):
+    with pytest.raises(MeasurementError, match=rf"\(1 of 1\): ended early, {reason}.*the axis stands") as caught:
         record(controller, project, planned([point]), tmp_path / "c", settings)
+    assert caught.value.codes == ("STC1710",)
     assert [path.name for path in (tmp_path / "c").rglob("*") if path.is_file()] == ["record.json"]
 
 
@@ -171,6 +174,15 @@ def test_what_was_finished_before_a_fault_stays(controller, project, plc, tmp_pa
     assert (tmp_path / "c" / runs[0].file).is_file()
     assert not (tmp_path / "c" / runs[1].file).exists()
     assert open_campaign(tmp_path / "c", runs) == [runs[1]]
+
+
+@pytest.mark.parametrize("place", [0, 2])
+def test_samples_that_are_no_numbers_are_no_curve(place):
+    angle = np.linspace(0.0, 2.0 * np.pi, 50)
+    samples = [angle * 81.0, angle.copy(), angle.copy(), angle, angle, np.zeros(50, np.bool_)]
+    samples[place][7] = np.nan
+    with pytest.raises(MeasurementError, match=r"1 of 50 samples are no numbers .* first sample 7"):
+        _curves(samples, 81.0)
 
 
 def test_a_client_that_is_gone_leaves_nothing_moving(plc, project, tmp_path):
