@@ -13,10 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from st_codegen.errors import InputError
+from st_codegen.ir import AnyArray
 from st_codegen.live.plc import SoftPlc
 from st_codegen.rig.axis import Axis, Harmonics
 from st_codegen.rig.machine import read_machine
 from st_codegen.rig.motion import Rig
+from st_codegen.st import Machine
+from st_codegen.st.run.layout import dtype_of
 from st_codegen.te.compensation.load_torque import LOAD_RATIO
 from st_codegen.te.compensation.programs import EXPERIMENT_SIGNALS, SIGNALS
 
@@ -25,9 +28,16 @@ _START_RAD = 0.05
 #: The oil warms by so much, and at speeds from so many rpm on.
 _WARM_K_PER_S, _WARM_RPM, _WARM_ABOVE_K = 0.5, 500.0, 0.05
 #: Changes of the operating point within which the harmonics are not computed anew while it moves: rpm, N m, K.
-_NEAR = (2.0, 1.0, 0.05)
+_NEAR = (10.0, 5.0, 0.05)
 _DRAWN = 4096
-_SENSORS = ("fThetaIn_rad", "fThetaOut_rad", "bEncodersReady", "fOil_C", "fShaftTorque_Nm")
+_SENSORS = tuple(
+    f"{EXPERIMENT_SIGNALS}.{name}"
+    for name in ("fThetaIn_rad", "fThetaOut_rad", "bEncodersReady", "fOil_C", "fShaftTorque_Nm")
+)
+_BUSY, _SPEED, _TORQUE, _WANTED_C = (
+    f"{EXPERIMENT_SIGNALS}.{name}" for name in ("bBusy", "fMotorSpeed_rpm", "fMotorTorque_Nm", "fTemperature_C")
+)
+_ANGLE, _CORRECTION = f"{SIGNALS}.fThetaOut_rad", f"{SIGNALS}.fCorrection_deg"
 
 
 class SimulatedRig:
@@ -38,7 +48,6 @@ class SimulatedRig:
     """
 
     def __init__(self, plc: SoftPlc, rig: Rig, seed: int = 0) -> None:
-        self._globals = plc.machine.globals
         names = {variable.name for variable in plc.code.project.globals.get(EXPERIMENT_SIGNALS.upper(), ())}
         if not names:
             raise InputError(f"{plc.code.folder}: no {EXPERIMENT_SIGNALS}, to which a rig could be connected")
@@ -47,20 +56,20 @@ class SimulatedRig:
             role: next((f"{SIGNALS}.{name}" for name in own if name.lower().startswith(f"f{role}")), "")
             for role in ("speed", "torque", "temperature")
         }
-        driven = [*(f"{EXPERIMENT_SIGNALS}.{name}" for name in _SENSORS), f"{SIGNALS}.fThetaOut_rad"]
-        driven += [self._motion["temperature"]] if self._motion["temperature"] else []
+        driven = [*_SENSORS, _ANGLE, *filter(None, [self._motion["temperature"]])]
         self.drives = frozenset(name.upper() for name in driven)
+        used = {*driven, _BUSY, _SPEED, _TORQUE, _WANTED_C, _CORRECTION, *filter(None, self._motion.values())}
+        self._signals = {name: _value_of(plc.machine, name) for name in used}
         self._rig = rig
         self._ratio = rig.model.reduction_ratio
         self._axis = Axis(rig.axis, self._ratio, cycle_s=plc.tick_us * 1e-6)
         self._oil = rig.axis.thermal.start_C
         self._load = 0.0
-        self._wanted = 0.0
         self._reference = math.degrees(_START_RAD) * self._ratio
         self._point = self._last = (0.0, 0.0, self._oil)
         self._harmonics = self._at(self._point)
         self._random = np.random.default_rng(seed)
-        self._drawn = np.zeros((0, 2))
+        self._drawn: list[list[float]] = []
         self._encoders_ready = True
         self._axis.place(self._reference, self._harmonics)
         self._sense()
@@ -75,17 +84,16 @@ class SimulatedRig:
 
     def step(self, cycle_s: float, *, is_enabled: bool) -> None:
         """One tick of motion."""
-        read = self._globals
-        busy = is_enabled and bool(read[f"{EXPERIMENT_SIGNALS}.bBusy"])
+        signals, motion = self._signals, self._motion
         speed = torque = correction = 0.0
-        if busy:
-            speed = read[f"{EXPERIMENT_SIGNALS}.fMotorSpeed_rpm"]
-            torque = read[f"{EXPERIMENT_SIGNALS}.fMotorTorque_Nm"] * LOAD_RATIO
-        elif is_enabled and self._motion["speed"]:
-            speed = read[self._motion["speed"]]
+        if is_enabled and signals[_BUSY].item():
+            speed = signals[_SPEED].item()
+            torque = signals[_TORQUE].item() * LOAD_RATIO
+        elif is_enabled and motion["speed"]:
+            speed = signals[motion["speed"]].item()
             # a motion's torque opposes it, in both directions
-            torque = math.copysign(read[self._motion["torque"]], speed) if speed and self._motion["torque"] else 0.0
-            correction = read[f"{SIGNALS}.fCorrection_deg"]
+            torque = math.copysign(signals[motion["torque"]].item(), speed) if speed and motion["torque"] else 0.0
+            correction = signals[_CORRECTION].item()
         speed, torque, correction = (value if math.isfinite(value) else 0.0 for value in (speed, torque, correction))
         self._reference += speed * 6.0 * cycle_s
         before = self._load
@@ -103,43 +111,48 @@ class SimulatedRig:
         self._sense()
 
     def _warm(self, speed: float, cycle_s: float) -> None:
-        wanted = self._globals[f"{EXPERIMENT_SIGNALS}.fTemperature_C"]
-        if abs(speed) > _WARM_RPM and self._oil < wanted + _WARM_ABOVE_K:
+        if abs(speed) > _WARM_RPM and self._oil < self._signals[_WANTED_C].item() + _WARM_ABOVE_K:
             self._oil += _WARM_K_PER_S * cycle_s
 
     def _update(self, point: tuple[float, float, float]) -> None:
         """New harmonics where the operating point has moved far enough, or has come to rest somewhere else."""
-        far = any(abs(a - b) > near for a, b, near in zip(point, self._point, _NEAR, strict=True))
-        rests = point != self._point and all(abs(a - b) < 1e-6 for a, b in zip(point, self._last, strict=True))
+        if point == self._point:
+            return
+        moved = [abs(a - b) for a, b in zip(point, self._point, strict=True)]
+        step = max(abs(a - b) for a, b in zip(point, self._last, strict=True))
         self._last = point
-        if far or (rests and any(abs(a - b) > 1e-3 for a, b in zip(point, self._point, strict=True))):
+        far = moved[0] > _NEAR[0] or moved[1] > _NEAR[1] or moved[2] > _NEAR[2]
+        if far or (step < 1e-6 and max(moved) > 1e-3):
             self._point, self._harmonics = point, self._at(point)
 
     def _sense(self) -> None:
         """What the encoders and sensors show."""
         encoders = self._rig.axis.encoders
-        if not len(self._drawn):
-            self._drawn = self._random.normal(size=(_DRAWN, 2))
-        noise, self._drawn = self._drawn[-1], self._drawn[:-1]
+        if not self._drawn:
+            self._drawn = self._random.normal(size=(_DRAWN, 2)).tolist()
+        noise = self._drawn.pop()
         moved = encoders.delay_s * self._axis.speed_in_deg_s
         angles = self._axis.theta_in_deg - moved, self._axis.theta_out_deg - moved / self._ratio
         inner = _stepped(angles[0] + noise[0] * encoders.input_noise_deg, encoders.input_steps_per_rev)
         outer = _stepped(angles[1] + noise[1] * encoders.output_noise_deg, encoders.output_steps_per_rev)
-        write = self._globals
-        write[f"{EXPERIMENT_SIGNALS}.fThetaIn_rad"] = math.radians(inner)
-        write[f"{EXPERIMENT_SIGNALS}.fThetaOut_rad"] = math.radians(outer)
-        write[f"{EXPERIMENT_SIGNALS}.bEncodersReady"] = self._encoders_ready
-        write[f"{EXPERIMENT_SIGNALS}.fOil_C"] = float(self._oil)
-        write[f"{EXPERIMENT_SIGNALS}.fShaftTorque_Nm"] = float(self._load)
+        values = (math.radians(inner), math.radians(outer), self._encoders_ready, self._oil, self._load)
+        for name, value in zip(_SENSORS, values, strict=True):
+            self._signals[name][0] = value
         if self._motion["speed"]:
-            write[f"{SIGNALS}.fThetaOut_rad"] = math.radians(outer)
+            self._signals[_ANGLE][0] = math.radians(outer)
         if self._motion["temperature"]:
-            write[self._motion["temperature"]] = float(self._oil)
+            self._signals[self._motion["temperature"]][0] = self._oil
 
     @property
     def motor_speed_rpm(self) -> float:
         """How fast the fast shaft turns."""
         return self._axis.speed_in_deg_s / 6.0
+
+
+def _value_of(machine: Machine, name: str) -> AnyArray:
+    """The memory of a number, an array of one: the plant reads and sets it each tick."""
+    memory, place = machine.find(name)
+    return memory.view(place.offset, dtype_of(place.type), ())
 
 
 def _stepped(angle_deg: float, steps: float) -> float:

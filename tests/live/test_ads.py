@@ -45,8 +45,8 @@ def test_variables_by_name_whatever_its_case_by_handle_and_by_list(client, value
     client.release_handle(handle)
     refused(1808, client.read_by_name, "", pyads.PLCTYPE_LREAL, False, handle)
     assert client.read_by_name("GVL_Experiment.fSpeed_rpm") == value  # the type comes from the controller
-    names = ["GVL_Experiment.fSpeed_rpm", "GVL_Experiment.bBusy", "GVL_Comparison.nPerCycle"]
-    assert client.read_list_by_name(names) == dict(zip(names, [value, False, 1], strict=True))
+    names = ["GVL_Experiment.fSpeed_rpm", "GVL_Experiment.bBusy", "GVL_Record.nMeasurement"]
+    assert client.read_list_by_name(names) == dict(zip(names, [value, False, 0], strict=True))
 
 
 def test_nan_keeps_its_bits(client):
