@@ -30,6 +30,7 @@ from st_codegen.ir import (
     Round,
     Scale,
     Select,
+    SlidingLinear,
     Softmax,
     Source,
     SummationOrder,
@@ -194,7 +195,9 @@ VECTORS = np.array([[0.1, 0.2, 0.3], [-1.0, 0.5, 2.0], [0.0, 0.0, 1.0]])
 PIECES = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [5.0, 0.0], [5.0, -2.0], [-1.0, 0.0], [0.5, 0.0], [0.25, 0.0]])
 
 #: The columns that models of one function read: one of them where half of all numbers have no answer.
-FUNCTION_COLUMNS = {function: [0] if function in (Function.SQRT, Function.LOG) else [0, 1, 2] for function in Function}
+FUNCTION_COLUMNS = {
+    function: [0] if function in (Function.SQRT, Function.LOG, Function.POWER) else [0, 1, 2] for function in Function
+}
 
 #: One model for each operation and each of its variants.
 SMALL_MODELS = {
@@ -280,6 +283,23 @@ SMALL_MODELS = {
     "softmax float32": model(Round((0,), 3), Softmax((1,), 3, Precision.FLOAT32)),
     "logarithm of softmax": model(Softmax((0,), 3, logarithm=True)),
     "logarithm of softmax float32": model(Round((0,), 3), Softmax((1,), 3, Precision.FLOAT32, logarithm=True)),
+    "scale of doubt": model(Scale((0,), Operator.MULTIPLY, [0.5, -3.0, 0.1], doubt=[1e-12, 0.0, 1e-12])),
+    "sums at places": model(SlidingLinear((0,), W[:, :2], [0.25, -1.0], [0, 1], [0, 1])),
+    "sum at one place": model(SlidingLinear((0,), [[2.0]], [0.25], [1], [1])),
+    "sums at places float32": model(
+        Round((0,), 3), SlidingLinear((1,), W[:, :2], [0.25, -1.0], [0], [2, 0], Precision.FLOAT32)
+    ),
+    "many columns": model(
+        Scale((0,), Operator.MULTIPLY, [2.0, 2.0, 2.0]),
+        Select((0, 1), [*range(1, 6), *np.arange(70) % 6, 0, 1]),
+        SlidingLinear((2,), np.ones((1, 7)), [0.0], np.arange(0, 71, 7), np.arange(7)),
+    ),
+    **{
+        f"power {exponent}": model(
+            Select((0,), [0]), Activation((1,), Function.POWER, 1, exponent), Activation((2,), Function.POWER, 1, 2.0)
+        )
+        for exponent in (-2.0, -1.0, -0.5, 3.0, 7.5)
+    },
     "linear": model(Linear((0,), W, [0.25, -1.0])),
     "linear float32": model(Round((0,), 3), Linear((1,), W, [0.25, -1.0], precision=Precision.FLOAT32)),
     "linear sequential": model(

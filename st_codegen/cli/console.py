@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from st_codegen.cli.choices import LAYOUTS, OUTPUTS, TABLE_KILOBYTES
 from st_codegen.files.number_text import parse_number, parse_whole
-from st_codegen.walkers.limits import DEFAULT_MAX_MODEL_BYTES, set_max_model_bytes
+from st_codegen.walkers.limits import DEFAULT_MAX_MODEL_BYTES, set_features, set_max_model_bytes
 
 if TYPE_CHECKING:
     from st_codegen.ir import OutputKind
@@ -81,7 +81,7 @@ def controller_options(function: Command) -> Command:
 
 
 def trust_option(function: Command) -> Command:
-    """Add the options --trust-pickle and --max-model-bytes to a command; the latter holds for all that it loads."""
+    """Add the options by which model files are read: what is trusted, how large they may be, what they do not say."""
     with_limit = click.option(
         "--max-model-bytes",
         type=Whole(min=1),
@@ -91,6 +91,14 @@ def trust_option(function: Command) -> Command:
         callback=lambda _context, _option, value: set_max_model_bytes(value),
         help="Model files with more bytes, packed or unpacked, are refused before they are unpacked.",
     )(function)
+    with_limit = click.option(
+        "--features",
+        type=Whole(min=1),
+        metavar="N",
+        expose_value=False,
+        callback=lambda _context, _option, value: set_features(value),
+        help="Features of a row, for ONNX graphs with an input whose number of columns is left open.",
+    )(with_limit)
     return click.option(
         "--trust-pickle", is_flag=True, help="Load .joblib and .pkl files. A pickle can run code: only your own files."
     )(with_limit)

@@ -53,6 +53,7 @@ from st_codegen.ir.operations import (
     Round,
     Scale,
     Select,
+    SlidingLinear,
 )
 from st_codegen.ir.pieces import Piecewise
 from st_codegen.ir.trees import (
@@ -110,6 +111,7 @@ __all__ = [
     "Round",
     "Scale",
     "Select",
+    "SlidingLinear",
     "Softmax",
     "Source",
     "SummationOrder",

@@ -85,6 +85,12 @@ class Function(StrEnum):
     GELU = "gelu"  # x * (1 + erf(x / sqrt(2))) / 2
     COS = "cos"
     SIGNED_SQUARE = "signed_square"  # sign(x) * x * x (LightGBM reg_sqrt)
+    POWER = "power"  # x ** parameter; x < 0 for whole parameters only
+
+
+#: Functions that grow beyond all numbers: `Activation.limit` keeps their arguments, or that of the exponential that a
+#: power is, below overflow.
+EXPONENTIALS = frozenset({Function.EXP, Function.EXPM1, Function.POWER})
 
 
 class Kernel(StrEnum):

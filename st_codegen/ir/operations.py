@@ -54,6 +54,8 @@ class Scale(Quotient):
     """`x <operator> constant` for each column, rounded to `precision`; `reverse` gives `constant <operator> x`.
 
     A chain of these says exactly what a scaler does: (x - mean) / scale is two of them, x * scale + min is two others.
+    `doubt` (columns) is how far the library's own constant may lie from this one, where it computes it anew each time
+    that it predicts; it may also leave out a rounding between such a step and the next one.
     """
 
     inputs: tuple[int, ...]
@@ -62,17 +64,24 @@ class Scale(Quotient):
     precision: Precision = Precision.FLOAT64
     reverse: bool = False
     limit: float = math.inf
-    exact: ClassVar[bool] = True
+    doubt: FloatArray | None = None
 
     def __post_init__(self) -> None:
         freeze(self, "constant", np.float64, (None,))
         require_finite(self, "constant")
+        if self.doubt is not None:
+            freeze(self, "doubt", np.float64, (len(self.constant),))
+            require_finite(self, "doubt")
         if self.operator is Operator.DIVIDE and not self.reverse and not np.all(self.constant):
             raise InputError("Scale: division by a constant that is zero")
 
     @property
     def width(self) -> int:
         return len(self.constant)
+
+    @property
+    def exact(self) -> bool:
+        return self.doubt is None
 
 
 @dataclass(frozen=True)
@@ -205,10 +214,55 @@ class Linear:
 
 
 @dataclass(frozen=True)
+class SlidingLinear:
+    """The same weighted sums at several places of a value: a convolution, a matrix times several rows, a mean of each.
+
+    The place that starts at `starts[p]` reads the columns `starts[p] + offsets` and gives `weights @ columns + bias`,
+    added in any order; weights has shape (outputs, offsets). The result has all outputs of the first place, then those
+    of the next.
+    """
+
+    inputs: tuple[int, ...]
+    weights: FloatArray
+    bias: FloatArray
+    starts: Int32Array
+    offsets: Int32Array
+    precision: Precision = Precision.FLOAT64
+    exact: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        weights = freeze(self, "weights", np.float64, (None, None))
+        freeze(self, "bias", np.float64, (weights.shape[0],))
+        freeze(self, "starts", np.int32, (None,))
+        freeze(self, "offsets", np.int32, (weights.shape[1],))
+        require_finite(self, "weights", "bias")
+        if not weights.size or not len(self.starts):
+            raise InputError("SlidingLinear: no weights, or no places")
+
+    @property
+    def operand_width(self) -> None:
+        return None
+
+    def check_operands(self, total: int) -> None:
+        reached = [int(self.starts.min()) + int(self.offsets.min()), int(self.starts.max()) + int(self.offsets.max())]
+        check_columns(self, reached, total)
+
+    @property
+    def width(self) -> int:
+        return len(self.starts) * int(self.weights.shape[0])
+
+    @property
+    def columns(self) -> Int32Array:
+        """The columns that each place reads, shape (places, offsets)."""
+        return np.asarray(self.starts[:, None] + self.offsets, np.int32)
+
+
+@dataclass(frozen=True)
 class Activation(Elementwise):
     """A function of each column. Exact where it needs no transcendental function.
 
-    Arguments above `limit` are refused (exponentials: the pass `domain` sets a limit below overflow).
+    Arguments above `limit` are refused (exponentials: the pass `domain` sets a limit below overflow). A power is an
+    exponential of `parameter * log(x)`.
     """
 
     inputs: tuple[int, ...]
@@ -229,6 +283,12 @@ class Activation(Elementwise):
     @property
     def exact(self) -> bool:
         return self.function in self._EXACT
+
+    @property
+    def furthest(self) -> float:
+        """The largest magnitude of which a power is taken; the smallest one where the parameter is negative."""
+        argument = self.limit / self.parameter
+        return math.exp(argument) if argument < math.log(np.finfo(np.float64).max) else math.inf
 
 
 @dataclass(frozen=True)

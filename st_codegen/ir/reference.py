@@ -40,6 +40,7 @@ from st_codegen.ir import (
     Round,
     Scale,
     Select,
+    SlidingLinear,
     Softmax,
     SummationOrder,
     TreeColumn,
@@ -194,8 +195,19 @@ def _(op: Linear, operands: list[FloatArray]) -> FloatArray:
 
 
 @apply.register
+def _(op: SlidingLinear, operands: list[FloatArray]) -> FloatArray:
+    read, columns = operands[0], op.columns
+    total = np.broadcast_to(op.bias, (len(read), len(op.starts), len(op.bias))).copy()
+    for number in range(columns.shape[1]):
+        total += read[:, columns[:, number], None] * op.weights[:, number]
+    return rounded(total.reshape(len(read), -1), op.precision)
+
+
+@apply.register
 def _(op: Activation, operands: list[FloatArray]) -> FloatArray:
-    x = np.where(operands[0] > op.limit, np.nan, operands[0])
+    x, power = operands[0], op.function is Function.POWER
+    beyond = x > op.limit if not power else np.abs(x) > op.furthest if op.parameter > 0 else np.abs(x) < op.furthest
+    x = np.where(beyond, np.nan, x)
     return rounded(_FUNCTIONS[op.function](x, op.parameter), op.precision)
 
 
@@ -206,6 +218,10 @@ def _logistic(x: FloatArray, _: float) -> FloatArray:
 
 def _erf(x: FloatArray) -> FloatArray:
     return np.asarray(np.vectorize(math.erf, otypes=[np.float64])(x))
+
+
+def _power(x: FloatArray, exponent: float) -> FloatArray:
+    return np.power(np.where((x == 0) & (exponent < 0), np.nan, x), exponent)
 
 
 _FUNCTIONS: dict[Function, Callable[[FloatArray, float], FloatArray]] = {
@@ -227,6 +243,7 @@ _FUNCTIONS: dict[Function, Callable[[FloatArray, float], FloatArray]] = {
     Function.GELU: lambda x, _: 0.5 * x * (1.0 + _erf(x * math.sqrt(0.5))),
     Function.COS: lambda x, _: np.cos(np.where(np.abs(x) <= COS_REACH, x, np.nan)),
     Function.SIGNED_SQUARE: lambda x, _: np.sign(x) * x * x,
+    Function.POWER: _power,
 }
 
 

@@ -21,6 +21,7 @@ from st_codegen.ir import (
     ModelIR,
     Operation,
     Rank,
+    SlidingLinear,
     TreeEnsemble,
     depth_of,
 )
@@ -200,3 +201,9 @@ def _(op: Linear) -> CallCost:
     return CallCost(
         instructions=6.0 * op.weights.size, lines=_touched(op.weights.nbytes), table_bytes=int(op.weights.nbytes)
     )
+
+
+@_cost.register
+def _(op: SlidingLinear) -> CallCost:
+    read = int(op.weights.nbytes)
+    return CallCost(instructions=8.0 * len(op.starts) * op.weights.size, lines=_touched(read), table_bytes=read)

@@ -41,10 +41,12 @@ from st_codegen.ir import (
     Round,
     Scale,
     Select,
+    SlidingLinear,
     Softmax,
     TreeEnsemble,
     WeightedMedian,
 )
+from st_codegen.ir.base import EXPONENTIALS
 
 #: Limits tried for the arguments of exponentials, largest first: e**690 is about 1e299, e**88 about 1.7e38.
 _EXP_LIMITS = {Precision.FLOAT64: (690.0, 345.0, 170.0, 80.0, 40.0), Precision.FLOAT32: (88.0, 44.0, 22.0, 11.0, 5.0)}
@@ -106,7 +108,7 @@ def _raised(model: ModelIR, inputs: FloatArray) -> ModelIR:
     Exponentials behind one another need not have the same limit: what the last one leaves is often the output.
     """
     for number, op in reversed(tuple(enumerate(model.ops))):
-        if isinstance(op, Activation) and op.function in (Function.EXP, Function.EXPM1):
+        if isinstance(op, Activation) and op.function in EXPONENTIALS:
             largest = _EXP_LIMITS[op.precision][0]
             tried = [
                 dataclasses.replace(
@@ -128,7 +130,7 @@ def _widest(model: ModelIR) -> float:
 
 def _limited(op: Operation, attempt: int) -> Operation:
     """An exponential or a quotient with the limit of an attempt; any other operation as it is."""
-    if isinstance(op, Activation) and op.function in (Function.EXP, Function.EXPM1):
+    if isinstance(op, Activation) and op.function in EXPONENTIALS:
         return dataclasses.replace(op, limit=_EXP_LIMITS[op.precision][attempt])
     if isinstance(op, Quotient):  # all of them are dataclasses
         return dataclasses.replace(op, limit=_QUOTIENT_LIMITS[op.precision][attempt])  # type: ignore[type-var]
@@ -237,6 +239,11 @@ def _(op: Linear, operands: list[FloatArray]) -> tuple[float, FloatArray]:
 
 
 @magnitudes.register
+def _(op: SlidingLinear, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    return _peak(np.ravel(operands[0][op.columns] @ np.abs(op.weights).T + np.abs(op.bias)))
+
+
+@magnitudes.register
 def _(op: Activation, operands: list[FloatArray]) -> tuple[float, FloatArray]:  # noqa: PLR0911 - one return a function
     x = operands[0]
     if op.function in (Function.TANH, Function.LOGISTIC):
@@ -245,6 +252,10 @@ def _(op: Activation, operands: list[FloatArray]) -> tuple[float, FloatArray]:  
         return _peak(x * x)
     if op.function in (Function.EXP, Function.EXPM1):
         return _peak(np.exp(np.minimum(x, op.limit)))
+    if op.function is Function.POWER:
+        end = op.furthest
+        bound = (np.minimum(x, end) if op.parameter > 0 else np.full(op.width, end)) ** op.parameter
+        return float(np.max([x, bound])), bound  # infinities are refused, whatever their power is
     if op.function in (Function.LOG, Function.LOG1P):  # LN of the smallest number is -744.4, of 2**-53 it is -36.7
         return float(np.max(x)), np.maximum(np.log1p(x), 745.0 if op.function is Function.LOG else 37.0)
     if op.function in (Function.ERF, Function.GELU, Function.SOFTSIGN):

@@ -114,7 +114,7 @@ def _(op: Select, given: list[Column]) -> list[Column]:
 @_after.register
 def _(op: Scale, given: list[Column]) -> list[Column]:
     def narrowed(number: int) -> Operation | None:
-        if op.reverse and op.operator is Operator.DIVIDE:
+        if (op.reverse and op.operator is Operator.DIVIDE) or not op.exact:
             return None
         return dataclasses.replace(op, inputs=(0,), constant=op.constant[number : number + 1])
 

@@ -41,6 +41,7 @@ from st_codegen.ir import (
     Round,
     Scale,
     Select,
+    SlidingLinear,
     Softmax,
     TreeEnsemble,
     WeightedMedian,
@@ -113,7 +114,7 @@ def _(op: Select, operands: list[FloatArray], given: list[FloatArray], result: F
 @step.register
 def _(op: Scale, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     constant = np.broadcast_to(op.constant, operands[0].shape)
-    zero = np.zeros_like(given[0])
+    zero = np.zeros_like(given[0]) if op.doubt is None else np.broadcast_to(op.doubt, given[0].shape)
     pair, errors = (
         ([constant, operands[0]], [zero, given[0]]) if op.reverse else ([operands[0], constant], [given[0], zero])
     )
@@ -201,6 +202,15 @@ def _(op: Linear, operands: list[FloatArray], given: list[FloatArray], result: F
     return difference + sum_rounding(terms, size + difference, result, op.precision)
 
 
+@step.register
+def _(op: SlidingLinear, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    weights, columns = np.abs(op.weights).T, op.columns
+    moved = given[0][:, columns] @ weights
+    moved = np.where(np.isnan(moved), np.inf, moved).reshape(result.shape)  # infinity times zero
+    size = (np.abs(operands[0])[:, columns] @ weights + np.abs(op.bias)).reshape(result.shape)
+    return moved + sum_rounding(columns.shape[1] + 1, size + moved, result, op.precision)
+
+
 def sum_rounding(terms: int, size: FloatArray, result: FloatArray, precision: Precision) -> FloatArray:
     """The library adds in its precision, the generated code in LREAL with one rounding at the end."""
     library = gamma(terms, precision) * size
@@ -228,6 +238,11 @@ def _(op: Activation, operands: list[FloatArray], given: list[FloatArray], resul
     elif op.function is Function.GELU:
         size = np.abs(x) + moved
     formula = ERF_FORMULA if op.function in (Function.ERF, Function.GELU) else 0.0
+    if op.function is Function.POWER:  # the roundings of the argument of its exponential
+        argument = np.abs(op.parameter * np.log(np.where(x == 0, 1.0, np.abs(x))))
+        lost = np.expm1(8 * UNIT[Precision.FLOAT64] * argument)
+        power: FloatArray = moved + (roundings + lost) * size + _SMALLEST[op.precision]
+        return power
     return moved + (roundings + formula) * size + _TINY
 
 
@@ -243,6 +258,9 @@ def _slope(op: Activation, x: FloatArray, difference: FloatArray) -> FloatArray:
         return np.where(room > 0, slope, np.where(difference > 0, np.inf, 0.0))
     if op.function is Function.SIGNED_SQUARE:
         return 2.0 * near
+    if op.function is Function.POWER:
+        steepest = near if op.parameter >= 1 else np.abs(x) - difference
+        return np.where(steepest > 0, np.abs(op.parameter) * np.abs(steepest) ** (op.parameter - 1), np.inf)
     if op.function in (Function.LEAKY_RELU, Function.ELU):
         return constant * max(1.0, abs(op.parameter))
     return 1.13 * constant if op.function in (Function.ERF, Function.GELU) else constant

@@ -34,6 +34,17 @@ class _Limit:
     """The limit of this process."""
 
     size = DEFAULT_MAX_MODEL_BYTES
+    features: int | None = None
+
+
+def set_features(count: int | None) -> None:
+    """Say how many features a row has, for all files that this process reads from here on and that do not say so."""
+    _Limit.features = count
+
+
+def stated_features() -> int | None:
+    """How many features the user says that a row has."""
+    return _Limit.features
 
 
 def set_max_model_bytes(limit: int) -> None:

@@ -24,11 +24,12 @@ _NAMES = "add sub mul div sum gemm matmul tanh relu sigmoid leakyrelu elu softpl
 _NAMES += " identity reshape flatten squeeze unsqueeze transpose concat gather cast constant dropout_default shape"
 _NAMES += " abs sqrt log erf gelu reciprocal softsign celu selu hardsigmoid hardswish prelu pow max min reduce_max"
 _NAMES += " reduce_min reduce_l1 reduce_l2 reduce_sum_square reduce_log_sum_exp layer_normalization slice split expand"
-_NAMES += " gather_elements softmax logsoftmax"
+_NAMES += " gather_elements softmax logsoftmax conv_ basic_conv maxpool averagepool globalaveragepool globalmaxpool"
+_NAMES += " batchnorm"
 PREFIXES = tuple(f"test_{name}" for name in _NAMES.split())
-#: What the walker turns down: several rows of a matrix product, integers, sequences, strings, random numbers,
+#: What the walker turns down: batches and stacks of matrices, integers, sequences, strings, random numbers,
 #: a norm whose mean is an output.
-REFUSED_ONLY = {"MatMul", "Gemm", "Dropout", "Shape", "Constant", "ConstantOfShape", "LayerNormalization"}
+REFUSED_ONLY = {"Gemm", "Dropout", "Shape", "Constant", "ConstantOfShape", "LayerNormalization"}
 
 
 def cases():

@@ -69,8 +69,25 @@ def test_powers(tmp_path, exponent, elem_type):
     dtype = helper.tensor_dtype_to_np_dtype(elem_type)
     loaded = build.load(single("Pow", 3, [constant("E", exponent, dtype)], elem_type), tmp_path)
     agree(loaded, np.clip(rows(np.random.default_rng(2)), -1e9, 1e9))
-    with pytest.raises(UnsupportedModelError, match="exponents are 1, 2 and 3"):
-        build.load(single("Pow", 3, [constant("E", 0.5, dtype)], elem_type), tmp_path)
+    assert loaded.ir.exact
+
+
+@DTYPES
+@pytest.mark.parametrize("exponent", [0.5, -0.5, -1.0, -2.0, 4.0, 5.0, 1.75])
+def test_powers_by_a_logarithm(tmp_path, exponent, elem_type):
+    dtype = helper.tensor_dtype_to_np_dtype(elem_type)
+    loaded = compiled(build.load(single("Pow", 1, [constant("E", exponent, dtype)], elem_type), tmp_path))
+    x = rows(np.random.default_rng(2), 1)
+    x = x[(np.abs(x[:, 0]) < 1e6) & ((np.abs(x[:, 0]) > 1e-6) | (exponent > 0) | (x[:, 0] == 0))]
+    x[::2] = np.abs(x[::2])
+    bound = agree(loaded, x)
+    assert np.all(np.isfinite(bound)) and np.all(bound > 0)
+
+
+@pytest.mark.parametrize("exponent", [0.0, 100.0, np.nan, np.inf])
+def test_powers_that_are_refused(tmp_path, exponent):
+    with pytest.raises(UnsupportedModelError, match="one constant other than 0 and of magnitude up to 64"):
+        build.load(single("Pow", 3, [constant("E", exponent, np.float32)]), tmp_path)
 
 
 def test_slopes_of_columns(tmp_path):

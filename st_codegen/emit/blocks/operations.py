@@ -33,6 +33,7 @@ from st_codegen.ir import (
     Round,
     Scale,
     Select,
+    SlidingLinear,
     Softmax,
     SummationOrder,
     WeightedMedian,
@@ -60,6 +61,10 @@ _LOG_ERFC = (
     *(7.54980718974905, -3.61901364341873, 1.33647950696555, -0.405998888660434, -0.092662408805115),
     *(-0.0913157175380786, 0.0836727701850285, 0.374988806661786, 1.00000014555518, -1.26551212379872),
 )
+
+
+#: Columns that are picked in a line each; of more, tables say which.
+_PICKED_ONE_BY_ONE = 64
 
 
 @dataclass(frozen=True)
@@ -106,7 +111,20 @@ def _(op: Select, step: Step, listing: Listing) -> None:
         for column in range(width)
     ]
     picked = [sources[column] for column in op.columns]
-    listing.section("pick columns", "select", step=step, sources=picked)
+    if op.width <= _PICKED_ONE_BY_ONE:
+        listing.section("pick columns", "select", step=step, sources=picked)
+        return
+    parts = []
+    for number, name in enumerate(dict.fromkeys(source.name for source in picked)):
+        to = [at for at, source in enumerate(picked) if source.name == name]
+        part: dict[str, object] = {"name": name, "last": len(to) - 1}
+        for word, columns in (("source", [picked[at].index for at in to]), ("target", to)):
+            rises = columns == list(range(columns[0], columns[0] + len(columns)))
+            table = None if rises else listing.table(f"PICK_{word.upper()}_{step.number}_{number}", "DINT", columns)
+            part[word] = {"table": table, "first": columns[0]}
+        parts.append(part)
+        listing.loop("nColumn", len(to))
+    listing.section("pick columns", "select_many", step=step, parts=parts)
 
 
 @lay_out.register
@@ -328,6 +346,33 @@ def _lay_out_sums(op: Linear, step: Step, listing: Listing, title: str, function
 
 
 @lay_out.register
+def _(op: SlidingLinear, step: Step, listing: Listing) -> None:
+    _declare_result(op, step, listing)
+    outputs, read = op.weights.shape
+    for name, rounds in (("nPlace", len(op.starts)), ("nRow", outputs), ("nColumn", read)):
+        listing.loop(name, rounds)
+    for name in ("nFirst", "nBase", "nResult"):
+        listing.local(name, "DINT")
+    listing.locals("LREAL", "fSum")
+    groups = [Group(f"row {row}", row * read, (row + 1) * read) for row in range(outputs)]
+    in_order = np.array_equal(op.offsets, np.arange(read))
+    listing.section(
+        f"{outputs} weighted sums of {read} numbers at {len(op.starts)} places",
+        "sliding_linear",
+        step=step,
+        last_place=len(op.starts) - 1,
+        last_row=outputs - 1,
+        last_column=read - 1,
+        columns=read,
+        starts=listing.table(step.table("PLACE"), "DINT", op.starts),
+        offsets=None if in_order else listing.table(step.table("OFFSET"), "DINT", op.offsets),
+        bias=listing.table(step.table("BIAS"), "LREAL", op.bias),
+        weights=listing.table(step.table("WEIGHT"), "LREAL", np.ravel(op.weights), groups),
+        single=op.precision is Precision.FLOAT32,
+    )
+
+
+@lay_out.register
 def _(op: Activation, step: Step, listing: Listing) -> None:
     _declare_result(op, step, listing)
     listing.loop("nColumn", op.width)
@@ -349,10 +394,19 @@ def _function_values(op: Activation, step: Step, listing: Listing) -> dict[str, 
     if op.function is Function.SOFTPLUS:
         listing.locals("LREAL", "fPositive")
     parameter = None
-    if op.function in (Function.LEAKY_RELU, Function.ELU):
+    if op.function in (Function.LEAKY_RELU, Function.ELU, Function.POWER):
         parameter = listing.constant(step.table("PARAMETER"), op.parameter)
+    power: dict[str, object] = {}
+    if op.function is Function.POWER:
+        power = {
+            "whole": op.parameter == int(op.parameter),
+            "odd": op.parameter % 2 == 1,
+            "rises": op.parameter > 0,
+            "furthest": listing.table(step.table("FURTHEST"), "LREAL", [min(op.furthest, np.finfo(np.float64).max)]),
+        }
     return {
         "function": op.function.value,
+        "power": power,
         "parameter": parameter,
         "polynomial": polynomial,
         "last_term": len(_LOG_ERFC) - 1,

@@ -152,12 +152,20 @@ _MEANINGS = {
     "TRAINING_ROW": "training rows, one a line",
     "TRAINING_VALUE": "what belongs to each training row, output by output",
     "MEDIAN_WEIGHT": "weight of each column",
+    "FURTHEST": "limit of the numbers of which the power is taken",
     "FILL": "stands for a missing value",
     "FLAG_INPUT": "input whose missing flag belongs to the column",
     "ROW": "where the answers of a categorical split start",
     "SENTINEL": "a number that counts as missing",
     "ZERO_MAGNITUDE": "smaller numbers count as zero",
     "WEIGHT": "weights, row by row",
+    "nFirst": "first column that the place reads",
+    "nPlace": "place",
+    "nResult": "number of the result",
+    "OFFSET": "columns that are read, counted from the first",
+    "PICK_SOURCE": "columns that are picked",
+    "PICK_TARGET": "where they go",
+    "PLACE": "first column that each place reads",
 }
 
 

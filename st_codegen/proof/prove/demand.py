@@ -32,6 +32,7 @@ from st_codegen.ir import (
     Round,
     Scale,
     Select,
+    SlidingLinear,
     Softmax,
     SummationOrder,
 )
@@ -255,6 +256,18 @@ class Demand:
         return result
 
     @value.register
+    def _(self, op: SlidingLinear, given: list[list[Value]]) -> list[Value]:
+        result = []
+        for columns in op.columns.tolist():
+            for weights, bias in zip(op.weights.tolist(), op.bias.tolist(), strict=True):
+                total: Value = bias
+                for column, weight in zip(columns, weights, strict=True):
+                    product = self.terms.real("mul", given[0][column], weight)
+                    total = self.terms.real("add", total, product)
+                result.append(self._rounded(total, op.precision))
+        return result
+
+    @value.register
     def _(self, op: Activation, given: list[list[Value]]) -> list[Value]:
         return [self._rounded(self._function(op, x), op.precision) for x in given[0]]
 
@@ -289,7 +302,7 @@ class Demand:
         if op.function is Function.LOG:
             self._refuse("LE", x, 0.0)
             return self._either("LE", x, 0.0, lambda: 0.0, lambda: terms.real("ln", x))
-        if op.function in (Function.ERF, Function.GELU, Function.COS):
+        if op.function in (Function.ERF, Function.GELU, Function.COS, Function.POWER):
             raise NotProvedError(f"the function {op.function.value} is not followed")
         formula = self._expm1 if op.function is Function.EXPM1 else self._exp
         if not math.isfinite(op.limit):

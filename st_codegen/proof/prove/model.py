@@ -113,7 +113,7 @@ def _columns_after(op: Operation, given: list[Column | None]) -> list[Column | N
 
 def _step(op: Operation, number: int) -> Operation | None:
     """One column of an operation that is monotone in each of its columns."""
-    if isinstance(op, Scale) and not (op.reverse and op.operator is Operator.DIVIDE):
+    if isinstance(op, Scale) and op.exact and not (op.reverse and op.operator is Operator.DIVIDE):
         return Scale((0,), op.operator, op.constant[number : number + 1], op.precision, op.reverse)
     if isinstance(op, Round):
         return Round((0,), 1)

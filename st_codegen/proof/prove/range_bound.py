@@ -91,7 +91,7 @@ def _difference(op: Operation, operands: list[Ends], given: list[FloatArray], re
     sizes = [magnitude(operand) for operand in operands]
     if isinstance(op, Activation):
         # the slope is largest at the upper end, for a logarithm at the lower one
-        if op.function in (Function.LOG, Function.SQRT, Function.COS):
+        if op.function in (Function.LOG, Function.SQRT, Function.COS, Function.POWER):
             raise NotProvedError(f"no bound on the whole range is known for {op.function}")
         sizes = [operands[0][0] if op.function is Function.LOG1P else operands[0][1]]
         if op.function is Function.SIGNED_SQUARE:
@@ -146,7 +146,7 @@ def _(op: Linear, operands: list[Ends]) -> Ends:
 
 @interval.register
 def _(op: Activation, operands: list[Ends]) -> Ends:
-    if op.function in (Function.ABS, Function.SQRT, Function.LOG, Function.ERF, Function.GELU):
+    if op.function in (Function.ABS, Function.SQRT, Function.LOG, Function.ERF, Function.GELU, Function.POWER):
         raise NotProvedError(f"no bound on the whole range is known for {op.function.value}")
     if op.function in (Function.LOG1P, Function.EXP, Function.EXPM1):
         beyond = operands[0][0] <= -1.0 if op.function is Function.LOG1P else operands[0][1] > op.limit

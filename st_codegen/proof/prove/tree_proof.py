@@ -294,7 +294,7 @@ class TreeProof:
             raise OtherExpressionError(reason, got, wanted, self._inputs(), chosen)
         tail = [op for number, op in enumerate(self.model.ops, 1) if number in demand.values and number not in sums]
         linear = any(ensemble.op.linear is not None for ensemble in self.side.ensembles.values())
-        if not linear and all(isinstance(op, Select | Scale) for op in tail):
+        if not linear and all(isinstance(op, Select | Scale) and op.exact for op in tail):
             return TreeFindings(SUMS, len(self.expected), 0)
         bound = range_bound(self.model) if self.model.classes is None else ()
         return TreeFindings(TAIL, len(self.expected), 0, size_of(demand.outputs), bound)

@@ -82,13 +82,23 @@ def _prelu(call: NodeCall) -> Operand:
     return combined(walk, Operator.ADD, with_constant(walk, tensor, Operator.MAXIMUM, 0.0), below)
 
 
+#: Exponents beyond this leave hardly a number whose power is one.
+_MAX_EXPONENT = 64.0
+
+
 @operator("Pow", 7, 12, 13, 15)
 def _power(call: NodeCall) -> Operand:
     tensor, exponent = call.computed(), call.constant(1, "the exponent")
-    if exponent is None or exponent.size != 1 or float(exponent.ravel()[0]) not in (1.0, 2.0, 3.0):
-        raise UnsupportedModelError("exponents are 1, 2 and 3; write others with Sqrt, Reciprocal, Exp and Log")
+    number = float(exponent.ravel()[0]) if exponent is not None and exponent.size == 1 else 0.0
+    if not number or not abs(number) <= _MAX_EXPONENT:
+        raise UnsupportedModelError(
+            f"the exponent is one constant other than 0 and of magnitude up to {_MAX_EXPONENT:g}; "
+            "write others with Exp and Log"
+        )
+    if number not in (1.0, 2.0, 3.0):
+        return apply_activation(call.walk, tensor, Function.POWER, number)
     result = tensor
-    for _ in range(int(exponent.ravel()[0]) - 1):
+    for _ in range(int(number) - 1):
         result = product_of(call.walk, result, tensor)
     return result
 
@@ -241,15 +251,16 @@ def _layer_normalization(call: NodeCall) -> Operand:
     """(x - mean) / sqrt(variance + epsilon) * scale + bias."""
     tensor, walk = call.computed(), call.walk
     axis = axis_of(call.node.integer("axis", -1), len(tensor.shape))
-    if math.prod(tensor.shape[axis:]) != tensor.size or len([name for name in call.node.proto.output if name]) > 1:
-        raise UnsupportedModelError(f"axis {axis} of shape {tensor.shape}, or several outputs: one row is supported")
-    row = tensor.moved(lambda array: array.reshape(1, -1))
-    mean = mean_of(walk, row)
-    centred = require_tensor(combined(walk, Operator.SUBTRACT, row, mean))
+    if len([name for name in call.node.proto.output if name]) > 1:
+        raise UnsupportedModelError("several outputs: mean and deviation are for training; leave them out")
+    count = math.prod(tensor.shape[:axis])
+    rows = tensor.moved(lambda array: array.reshape(count, -1))
+    mean = mean_of(walk, rows).moved(lambda array: array.reshape(count, 1))
+    centred = require_tensor(combined(walk, Operator.SUBTRACT, rows, mean))
     variance = mean_of(walk, product_of(walk, centred, centred))
     shifted = with_constant(walk, variance, Operator.ADD, call.node.number("epsilon", 1e-5))
-    spread = apply_activation(walk, shifted, Function.SQRT)
-    centred = centred.moved(lambda array: array.reshape(tensor.shape))
-    result = combined(walk, Operator.DIVIDE, centred, spread)
-    result = combined(walk, Operator.MULTIPLY, result, call.required(1))
-    return combined(walk, Operator.ADD, result, call.required(2)) if call.optional(2) is not None else result
+    spread = apply_activation(walk, shifted, Function.SQRT).moved(lambda array: array.reshape(count, 1))
+    result = require_tensor(combined(walk, Operator.DIVIDE, centred, spread))
+    result = result.moved(lambda array: array.reshape(tensor.shape))
+    scaled = combined(walk, Operator.MULTIPLY, result, call.required(1))
+    return combined(walk, Operator.ADD, scaled, call.required(2)) if call.optional(2) is not None else scaled

@@ -25,6 +25,7 @@ from st_codegen.ir import (
     Norm,
     Normalize,
     Operator,
+    Piecewise,
     Precision,
     Select,
 )
@@ -258,10 +259,10 @@ def _one_hot_encoder(call: NodeCall) -> Operand:
 
 @operator("LabelEncoder", 2, 4, domain=_DOMAIN)
 def _label_encoder(call: NodeCall) -> Operand:
-    """The label that a list has for a chosen one."""
+    """The label that a list has for a chosen one, or the number that it has for a number."""
     choice, node = call.required(), call.node
     if not isinstance(choice, LabelOperand):
-        raise UnsupportedModelError("encodes numbers; only labels that a classifier has chosen are encoded")
+        return _encoded_numbers(call)
     keys: list[Label] = [*node.texts("keys_strings"), *node.integers("keys_int64s").tolist()]
     values: list[Label] = [*node.texts("values_strings"), *node.integers("values_int64s").tolist()]
     values = values or [float(value) for value in node.floats("values_floats")]
@@ -269,3 +270,36 @@ def _label_encoder(call: NodeCall) -> Operand:
         raise UnsupportedModelError(f"{len(keys)} keys and {len(values)} values, or not for all labels")
     known = dict(zip(keys, values, strict=True))
     return replace(choice, labels=tuple(known[label] for label in choice.labels))
+
+
+def _encoded_numbers(call: NodeCall) -> Tensor:
+    """What a list has for each number, of equal keys the first, and a default for all others."""
+    tensor, node, given = call.computed(), call.node, []
+    for word in ("keys", "values", "default"):
+        found = node.tensor(f"{word}_tensor")
+        single = node.number("default_float", -0.0)
+        if found is None:
+            found = np.array([single], np.float32) if word == "default" else node.floats(f"{word}_floats")
+            found = found.astype(np.float32)
+        given.append(np.ravel(found))
+    keys, values, default = given
+    if not len(keys) or len(keys) != len(values) or len(default) != 1 or keys.dtype != tensor.dtype:
+        raise UnsupportedModelError(
+            f"{len(keys)} keys of {keys.dtype} and {len(values)} values for numbers of {tensor.dtype}; "
+            "lists of floating-point numbers of one length are supported"
+        )
+    if values.dtype != keys.dtype:
+        raise UnsupportedModelError(f"numbers of {keys.dtype} become {values.dtype}; export with floating-point values")
+    if not np.all(np.isfinite(keys)):
+        raise UnsupportedModelError("NaN or infinity among the keys; impute them before")
+    call.walk.refuse_special(tensor)
+    knots, first = np.unique(keys.astype(np.float64), return_index=True)
+    count, width = len(knots), tensor.size
+    op = Piecewise(
+        inputs=(call.walk.settle(tensor),),
+        start=np.arange(width + 1) * count,
+        knots=np.tile(knots, width),
+        at=np.tile(values[first].astype(np.float64), width),
+        pieces=np.full((width * (count + 1), 1), float(default[0])),
+    )
+    return call.walk.computed(call.walk.builder.add(op), tensor.shape, tensor.dtype, special=False)

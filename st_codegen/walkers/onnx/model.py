@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,15 @@ from onnx.helper import OP_SET_ID_VERSION_MAP
 from st_codegen.errors import InputError, Problems, UnsupportedModelError, errors_name
 from st_codegen.ir import Feature, Source
 from st_codegen.walkers.base import LoadedModel
-from st_codegen.walkers.onnx import classifiers, elementwise, ml, operators, shapes  # noqa: F401  (they register operators)
+from st_codegen.walkers.limits import stated_features
+from st_codegen.walkers.onnx import (  # noqa: F401  (they register operators)
+    classifiers,
+    convolution,
+    elementwise,
+    ml,
+    operators,
+    shapes,
+)
 from st_codegen.walkers.onnx.file import check_names, domain_of, plain, printable, type_name
 from st_codegen.walkers.onnx.graph import GraphWalk, read_initializers, run_nodes
 from st_codegen.walkers.onnx.operands import FLOAT32, MAX_COLUMNS, Tensor
@@ -114,6 +123,8 @@ def _inputs(graph: onnx.GraphProto, problems: Problems) -> list[GraphInput]:
             if start + given.size > MAX_COLUMNS:
                 raise UnsupportedModelError(f"input '{name}': at most {MAX_COLUMNS} features are supported")
             inputs.append(given)
+    if len(inputs) > 1 and stated_features() not in (None, sum(given.size for given in inputs)):
+        problems.add(f"--features {stated_features()}: {len(inputs)} inputs have more; export them with fixed shapes")
     if not inputs and not problems.errors:
         problems.add("the graph has no inputs; the model file is damaged")
     return inputs
@@ -121,7 +132,7 @@ def _inputs(graph: onnx.GraphProto, problems: Problems) -> list[GraphInput]:
 
 def _row_shape(info: onnx.ValueInfoProto, name: str) -> tuple[tuple[int, ...], int]:
     """The shape of an input for one row, whose batch dimension, if there is one, is 1; and the rows to try at once."""
-    advice = "export the model with a fixed number of columns, such as FloatTensorType([None, 3])"
+    advice = "export the model with a fixed number of columns, such as FloatTensorType([None, 3]), or say --features N"
     if info.type.WhichOneof("value") != "tensor_type":
         raise UnsupportedModelError(f"input '{name}' is not a tensor; {advice}")
     if not info.type.tensor_type.HasField("shape"):
@@ -136,6 +147,11 @@ def _row_shape(info: onnx.ValueInfoProto, name: str) -> tuple[tuple[int, ...], i
         if dims[0] > 1:  # onnxruntime then takes single rows too, and warns of shapes that are not as declared
             info.type.tensor_type.shape.dim[0].dim_param = "rows"
         dims[0] = 1
+    features, known = stated_features(), math.prod(length for length in dims if length > 0)
+    if dims.count(-1) == 1 and features is not None:
+        if features % known:
+            raise InputError(f"--features {features}: input '{name}' of shape {shown} takes a multiple of {known}")
+        return tuple(features // known if length < 0 else length for length in dims), batch
     if any(length < 0 for length in dims):
         raise UnsupportedModelError(f"input '{name}' of shape {shown}: the number of features is not known; {advice}")
     return tuple(dims), batch

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from st_codegen.ir import (
     Linear,
     Operator,
     Scale,
+    SlidingLinear,
     Softmax,
     reference,
 )
@@ -40,8 +42,6 @@ from st_codegen.walkers.onnx.operands import (
     require_tensor,
 )
 
-#: Coefficients that a reduction may be written with.
-_MAX_REDUCTION = 2**24
 _SYMBOLS = {"Add": Operator.ADD, "Sub": Operator.SUBTRACT, "Mul": Operator.MULTIPLY, "Div": Operator.DIVIDE}
 
 
@@ -115,11 +115,18 @@ def _negate(call: NodeCall) -> Operand:
 
 
 def apply_linear(walk: GraphWalk, tensor: Tensor, weights: AnyArray, bias: AnyArray, shape: Sequence[int]) -> Tensor:
-    """weights @ tensor + bias, added in any order."""
+    """weights @ row + bias for each row of so many elements of a tensor, added in any order."""
     walk.refuse_special(tensor)
     walk.charge(weights.size)
-    linear = Linear(inputs=(walk.settle(tensor),), weights=weights, bias=bias, precision=tensor.precision)
-    return walk.computed(walk.builder.add(linear), shape, tensor.dtype, special=False)
+    count, own = weights.shape[1], (walk.settle(tensor),)
+    op: Linear | SlidingLinear
+    if tensor.size == count:
+        op = Linear(own, weights, bias, precision=tensor.precision)
+    else:
+        check_size([tensor.size // count, len(weights)])
+        starts, offsets = np.arange(0, tensor.size, count, dtype=np.int32), np.arange(count, dtype=np.int32)
+        op = SlidingLinear(own, weights, bias, starts, offsets, tensor.precision)
+    return walk.computed(walk.builder.add(op), shape, tensor.dtype, special=False)
 
 
 def _matrix(constant: ConstantOperand, tensor: Tensor) -> FloatArray:
@@ -135,21 +142,22 @@ def _matmul(call: NodeCall) -> Operand:
     left, right = call.required(), call.required(1)
     if isinstance(left, Tensor) and isinstance(right, ConstantOperand):
         weights = _matrix(right, require_float(left))
-        columns, rows = left.shape[-1:], left.shape[:-1]
-        if right.array.ndim and columns == weights.shape[:1] and math.prod(rows) == 1:
-            shape = (*rows, *weights.shape[1:])
+        if right.array.ndim and left.shape[-1:] == weights.shape[:1]:
+            shape = (*left.shape[:-1], *weights.shape[1:])
             weights = weights.reshape(len(weights), -1).T
             return apply_linear(call.walk, left, weights, np.zeros(len(weights)), shape)
     elif isinstance(left, ConstantOperand) and isinstance(right, Tensor):
         weights = _matrix(left, require_float(right))
-        rows = right.shape[-2:-1] or right.shape
-        if left.array.ndim and rows == weights.shape[-1:] and right.size == rows[0]:
-            shape = (*right.shape[:-2], *weights.shape[:-1], *right.shape[-1:][: len(right.shape) - 1])
-            weights = weights.reshape(-1, rows[0])
-            return apply_linear(call.walk, right, weights, np.zeros(len(weights)), shape)
+        matrix = right.moved(lambda array: array.swapaxes(-1, -2) if array.ndim > 1 else array)
+        if left.array.ndim and matrix.shape[-1:] == weights.shape[-1:]:
+            shape = (*matrix.shape[:-1], *weights.shape[:-1])
+            weights = weights.reshape(-1, matrix.shape[-1])
+            found = apply_linear(call.walk, matrix, weights, np.zeros(len(weights)), shape)
+            both = right.size > matrix.shape[-1] or len(right.shape) > 1
+            return found.moved(lambda array: array.swapaxes(-1, -2)) if both and left.array.ndim > 1 else found
     raise UnsupportedModelError(
-        f"multiplies tensors of shapes {left.shape} and {right.shape} (for one row); one row of numbers times constant "
-        "weights is supported"
+        f"multiplies tensors of shapes {left.shape} and {right.shape} (for one row); computed numbers times constant "
+        "weights that fit are supported"
     )
 
 
@@ -164,13 +172,13 @@ def _gemm(call: NodeCall) -> Operand:
         raise InputError(f"shapes {tensor.shape} and {weights.shape}, expected matrices; the model file is damaged")
     row = tensor.moved(np.transpose) if call.node.integer("transA") else tensor
     weights = weights if call.node.integer("transB") else weights.T
-    if row.shape != (1, weights.shape[1]):
-        raise UnsupportedModelError(
-            f"multiplies shapes {row.shape} and {weights.T.shape} (for one row); one row that fits is supported"
-        )
-    shape = (1, len(weights))
+    if row.shape[1] != weights.shape[1]:
+        raise InputError(f"multiplies shapes {row.shape} and {weights.T.shape}; the model file is damaged")
+    shape = (row.shape[0], len(weights))
     alpha, added = call.node.number("alpha", 1.0), call.optional(2)
     if isinstance(added, Tensor):
+        if row.shape[0] > 1:
+            raise UnsupportedModelError("C is computed from the inputs, which is supported for one row only")
         return _gemm_sum(call, row, weights, added, alpha)
     bias = _gemm_bias(call, row, len(weights))
     if alpha == 1.0:
@@ -202,6 +210,8 @@ def _gemm_bias(call: NodeCall, row: Tensor, width: int) -> FloatArray:
     constant = call.constant(2, "C")
     if constant is None:
         return np.zeros(width)
+    if constant.ndim == 2 and len(constant) == row.shape[0] > 1:
+        raise UnsupportedModelError("C differs from row to row; one row for all is supported")
     try:
         spread = np.broadcast_to(constant, (1, width)).ravel()
     except ValueError:
@@ -298,17 +308,14 @@ def _reduction(call: NodeCall) -> Operand:
     return _REDUCTIONS[name](call.walk, rows).moved(lambda array: array.reshape(kept))
 
 
-def _total(walk: GraphWalk, rows: Tensor) -> Tensor:
-    outputs = rows.shape[0]
-    if outputs * rows.size > _MAX_REDUCTION:
-        raise UnsupportedModelError(f"reduces {rows.size} numbers to {outputs}; the table of both is too large")
-    weights = np.repeat(np.eye(outputs), rows.shape[1], axis=1)
-    return apply_linear(walk, rows, weights, np.zeros(outputs), (outputs,))
+def total_of(walk: GraphWalk, rows: Tensor) -> Tensor:
+    """The sum of each row."""
+    return apply_linear(walk, rows, np.ones((1, rows.shape[1])), np.zeros(1), rows.shape[:1])
 
 
 def mean_of(walk: GraphWalk, rows: Tensor) -> Tensor:
     """The mean of each row."""
-    return with_constant(walk, _total(walk, rows), Operator.DIVIDE, rows.shape[1])
+    return with_constant(walk, total_of(walk, rows), Operator.DIVIDE, rows.shape[1])
 
 
 def product_of(walk: GraphWalk, one: Tensor, other: Tensor) -> Tensor:
@@ -316,18 +323,14 @@ def product_of(walk: GraphWalk, one: Tensor, other: Tensor) -> Tensor:
     return require_tensor(combined(walk, Operator.MULTIPLY, one, other))
 
 
-def _extreme(code: Operator) -> Callable[[GraphWalk, Tensor], Tensor]:
+def extreme_of(walk: GraphWalk, rows: Tensor, code: Operator) -> Tensor:
     """The largest or the smallest of each row, by halves."""
-
-    def reduce(walk: GraphWalk, rows: Tensor) -> Tensor:
-        walk.refuse_special(rows)
-        while rows.shape[1] > 1:
-            half = (rows.shape[1] + 1) // 2
-            sides = (replace(rows, value=rows.value[:, part], column=rows.column[:, part]) for part in _halves(half))
-            rows = replace(require_tensor(combined(walk, code, *sides)), special=False)
-        return rows
-
-    return reduce
+    walk.refuse_special(rows)
+    while rows.shape[1] > 1:
+        half = (rows.shape[1] + 1) // 2
+        sides = (replace(rows, value=rows.value[:, part], column=rows.column[:, part]) for part in _halves(half))
+        rows = replace(require_tensor(combined(walk, code, *sides)), special=False)
+    return rows
 
 
 def _halves(half: int) -> tuple[slice, slice]:
@@ -346,13 +349,13 @@ def _log_sum_exp(walk: GraphWalk, rows: Tensor) -> Tensor:
 
 
 _REDUCTIONS: dict[str, Callable[[GraphWalk, Tensor], Tensor]] = {
-    "ReduceSum": _total,
+    "ReduceSum": total_of,
     "ReduceMean": mean_of,
-    "ReduceSumSquare": lambda walk, rows: _total(walk, product_of(walk, rows, rows)),
-    "ReduceL1": lambda walk, rows: _total(walk, apply_activation(walk, rows, Function.ABS)),
-    "ReduceL2": lambda walk, rows: apply_activation(walk, _total(walk, product_of(walk, rows, rows)), Function.SQRT),
-    "ReduceMax": _extreme(Operator.MAXIMUM),
-    "ReduceMin": _extreme(Operator.MINIMUM),
+    "ReduceSumSquare": lambda walk, rows: total_of(walk, product_of(walk, rows, rows)),
+    "ReduceL1": lambda walk, rows: total_of(walk, apply_activation(walk, rows, Function.ABS)),
+    "ReduceL2": lambda walk, rows: apply_activation(walk, total_of(walk, product_of(walk, rows, rows)), Function.SQRT),
+    "ReduceMax": partial(extreme_of, code=Operator.MAXIMUM),
+    "ReduceMin": partial(extreme_of, code=Operator.MINIMUM),
     "ReduceLogSumExp": _log_sum_exp,
 }
 for _name in _REDUCTIONS:

@@ -30,11 +30,12 @@ NOT_FOLLOWED = {"combine divide": "may overflow"} | {
 }
 NOT_FOLLOWED |= {
     f"function {name}{suffix}": f"the function {name} is not followed"
-    for name in ("erf", "gelu", "cos")
+    for name in ("erf", "gelu", "cos", "power")
     for suffix in ("", " float32")
 }
 #: Neighbours are sorted by distances, so that the place of an element depends on the inputs.
 NOT_FOLLOWED |= {
+    **{name: "the function power is not followed" for name in SMALL_MODELS if name.startswith("power ")},
     "distances": "the operation Distances is not followed",
     "distances by magnitude": "the operation Distances is not followed",
     "median": "whose place depends on the inputs",

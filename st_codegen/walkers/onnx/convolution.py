@@ -1,0 +1,262 @@
+"""Convolutions, poolings and the normalization of a batch: what slides over the columns of a row.
+
+onnxruntime turns a convolution into a product of matrices (core/providers/cpu/nn/conv.cc), whose order of additions is
+open; the places and the padding are those of conv_attributes.h and pool_attributes.h. A maximum is exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.ir import AnyArray, BoolArray, IntArray, Operator, Scale, SlidingLinear
+from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
+from st_codegen.walkers.onnx.operands import Operand, Tensor, check_size
+from st_codegen.walkers.onnx.operators import extreme_of, total_of
+
+#: Operations that one node may become: a convolution in groups is one operation a group.
+_MAX_GROUPS = 64
+
+#: Roundings of the library between the numbers of the file and a constant that it computes of them.
+_ROUNDINGS = 8
+
+
+@dataclass(frozen=True)
+class _Window:
+    """Where a kernel is laid: for each spatial axis its length, its steps, and the zeros before and behind."""
+
+    kernel: tuple[int, ...]
+    strides: tuple[int, ...]
+    dilations: tuple[int, ...]
+    before: tuple[int, ...]
+    behind: tuple[int, ...]
+    places: tuple[int, ...]
+
+    def along(self, axis: int) -> IntArray:
+        """What each place reads along an axis, counted with the zeros in front, shape (places, kernel)."""
+        starts = np.arange(self.places[axis]) * self.strides[axis]
+        return starts[:, None] + np.arange(self.kernel[axis]) * self.dilations[axis]
+
+
+def _window(call: NodeCall, lengths: Sequence[int], kernel: Sequence[int]) -> _Window:
+    """The attributes of a node for an input of spatial lengths."""
+    node, rank = call.node, len(lengths)
+    if rank not in (1, 2):
+        raise UnsupportedModelError(f"slides over {rank} dimensions; 1 and 2 are supported")
+    given = node.integers("kernel_shape").tolist() or list(kernel)
+    strides, dilations = (node.integers(name).tolist() or [1] * rank for name in ("strides", "dilations"))
+    pads = node.integers("pads").tolist() or [0] * (2 * rank)
+    whole = [*given, *strides, *dilations]
+    if len(whole) != 3 * rank or len(pads) != 2 * rank or min(whole) < 1 or min(pads) < 0 or max(whole + pads) > 2**16:
+        raise InputError(
+            f"kernel_shape {given}, strides {strides}, dilations {dilations}, pads {pads} for {rank} dimensions; "
+            "the model file is damaged"
+        )
+    reach = [(length - 1) * step + 1 for length, step in zip(given, dilations, strict=True)]
+    kind = node.text("auto_pad", "NOTSET")
+    if kind in ("SAME_UPPER", "SAME_LOWER"):
+        needed = [
+            max((-(-length // step) - 1) * step + wide - length, 0)
+            for length, step, wide in zip(lengths, strides, reach, strict=True)
+        ]
+        pads = [(n + (kind == "SAME_LOWER")) // 2 for n in needed]
+        pads += [n - first for n, first in zip(needed, pads, strict=True)]
+    elif kind not in ("NOTSET", "VALID"):
+        raise InputError(f"auto_pad {kind} is not known; the model file is damaged")
+    elif kind == "VALID":
+        pads = [0] * (2 * rank)
+    left = [length + pads[axis] + pads[rank + axis] - reach[axis] for axis, length in enumerate(lengths)]
+    if min(left) < 0:
+        raise InputError(f"a kernel of {given} does not fit into {list(lengths)} columns; the model file is damaged")
+    if node.integer("ceil_mode") and any(room % step for room, step in zip(left, strides, strict=True)):
+        raise UnsupportedModelError("ceil_mode with a last window that is cut; export the model with ceil_mode=False")
+    places = tuple(room // step + 1 for room, step in zip(left, strides, strict=True))
+    return _Window(tuple(given), tuple(strides), tuple(dilations), tuple(pads[:rank]), tuple(pads[rank:]), places)
+
+
+def _grid(window: _Window) -> tuple[IntArray, IntArray]:
+    """For each place and each element of the kernel, where it reads along each axis: two such arrays, the first zeros
+    for one dimension. Shape of each (places, elements).
+    """
+    last = window.along(len(window.kernel) - 1)
+    first = window.along(0) if len(window.kernel) == 2 else np.zeros((1, 1), np.int64)
+    shape = (first.shape[0] * last.shape[0], first.shape[1] * last.shape[1])
+    rows = np.broadcast_to(first[:, None, :, None], (first.shape[0], last.shape[0], first.shape[1], last.shape[1]))
+    columns = np.broadcast_to(last[None, :, None, :], rows.shape)
+    return rows.reshape(shape), columns.reshape(shape)
+
+
+def _image(call: NodeCall) -> Tensor:
+    """The input as (channels, rows, columns), one row where there is one dimension."""
+    tensor = call.computed()
+    if len(tensor.shape) not in (3, 4) or tensor.shape[0] != 1:
+        raise UnsupportedModelError(
+            f"slides over a tensor of shape {tensor.shape} (for one row); (1, channels, length) and (1, channels, "
+            "height, width) are supported"
+        )
+    call.walk.refuse_special(tensor)
+    return replace(tensor.moved(lambda array: array.reshape(array.shape[1], -1, array.shape[-1])), special=False)
+
+
+def _padded(walk: GraphWalk, image: Tensor, window: _Window) -> Tensor:
+    """The image with zeros around it."""
+    around = [(0, 0), *zip(window.before, window.behind, strict=True)]
+    around.insert(1, (0, 0)) if len(around) == 2 else None
+    if not np.any(around):
+        return image
+    check_size([length + sum(more) for length, more in zip(image.shape, around, strict=True)])
+    one = walk.settle(replace(image, value=image.value[:1, :1, :1], column=image.column[:1, :1, :1]))
+    zero = walk.builder.add(Scale((one,), Operator.MULTIPLY, np.zeros(1)))
+    return replace(
+        image,
+        value=np.pad(image.value, around, constant_values=zero),
+        column=np.pad(image.column, around),
+    )
+
+
+@operator("Conv", 1, 11, 22)
+def _convolution(call: NodeCall) -> Operand:
+    kernel, bias = call.constant(1, "the kernel"), call.constant(2, "the bias")
+    image, groups, walk = _image(call), call.node.integer("group", 1), call.walk
+    if kernel is None or kernel.dtype != image.dtype or kernel.ndim != len(call.computed().shape):
+        raise InputError("the kernel is missing, or not of the type and the dimensions of the input")
+    outputs, depth = kernel.shape[:2]
+    if groups < 1 or outputs % groups or depth * groups != image.shape[0] or not kernel.size:
+        raise InputError(f"a kernel of shape {kernel.shape} in {groups} groups for {image.shape[0]} channels")
+    if groups > _MAX_GROUPS:
+        raise UnsupportedModelError(f"a convolution in {groups} groups; at most {_MAX_GROUPS} are supported")
+    if bias is not None and bias.shape != (outputs,):
+        raise InputError(f"a bias of shape {bias.shape} for {outputs} outputs; the model file is damaged")
+    window = _window(call, call.computed().shape[2:], kernel.shape[2:])
+    if kernel.shape[2:] != window.kernel:
+        raise InputError(f"kernel_shape {list(window.kernel)} of a kernel of shape {kernel.shape}")
+    image = _padded(walk, image, window)
+    check_size([outputs, *window.places])
+    walk.charge(kernel.size)
+    rows, columns = _grid(window)
+    at = rows * image.shape[2] + columns
+    whole, size = walk.settle(image), image.shape[1] * image.shape[2]
+    own, values, results = outputs // groups, [], []
+    for group in range(groups):
+        part = slice(group * own, (group + 1) * own)
+        op = SlidingLinear(
+            inputs=(whole,),
+            weights=kernel[part].reshape(own, -1).astype(np.float64),
+            bias=np.zeros(own) if bias is None else bias[part].astype(np.float64),
+            starts=at[:, 0] + group * depth * size,
+            offsets=np.ravel(np.arange(depth)[:, None] * size + at[0] - at[0, 0]),
+            precision=image.precision,
+        )
+        made = walk.computed(walk.builder.add(op), (len(at), own), image.dtype, special=False)
+        values.append(made.value.T)
+        results.append(made.column.T)
+    shape = (1, outputs, *window.places)
+    return replace(
+        image,
+        value=np.concatenate(values).reshape(shape),
+        column=np.concatenate(results).reshape(shape),
+        unrounded=False,
+    )
+
+
+def _windows(call: NodeCall) -> tuple[Tensor, _Window, IntArray, BoolArray]:
+    """What a pooling reads: the image, its window, and for each channel and place the columns and which of them lie
+    inside.
+    """
+    if len([name for name in call.node.proto.output if name]) > 1:
+        raise UnsupportedModelError("the second output, where each maximum stands; leave it out")
+    image, lengths = _image(call), call.computed().shape[2:]
+    window = _window(call, lengths, ())
+    before = (0, *window.before)[-2:]
+    rows, columns = (found - less for found, less in zip(_grid(window), before, strict=True))
+    inside = (rows >= 0) & (rows < image.shape[1]) & (columns >= 0) & (columns < image.shape[2])
+    at = np.clip(rows, 0, image.shape[1] - 1) * image.shape[2] + np.clip(columns, 0, image.shape[2] - 1)
+    if not np.all(np.any(inside, axis=1)):
+        raise UnsupportedModelError("a window that lies in the padding alone; use less padding")
+    return image, window, at, inside
+
+
+@operator("MaxPool", 1, 8, 10, 11, 12, 22)
+def _max_pool(call: NodeCall) -> Operand:
+    image, window, at, inside = _windows(call)
+    first = np.take_along_axis(at, np.argmax(inside, axis=1)[:, None], axis=1)
+    at = np.where(inside, at, first)  # a number twice does not change the largest
+    check_size([image.shape[0], at.size])
+    rows = image.moved(lambda array: array.reshape(array.shape[0], -1)[:, at].reshape(-1, at.shape[1]))
+    found = extreme_of(call.walk, rows, Operator.MAXIMUM)
+    return found.moved(lambda array: array.reshape(1, image.shape[0], *window.places))
+
+
+@operator("AveragePool", 1, 7, 10, 11, 19, 22)
+def _average_pool(call: NodeCall) -> Operand:
+    image, window, at, inside = _windows(call)
+    walk, channels = call.walk, image.shape[0]
+    counts = np.full(len(at), at.shape[1]) if call.node.integer("count_include_pad") else np.sum(inside, axis=1)
+    padded = _padded(walk, image, window)
+    rows, columns = _grid(window)
+    at = rows * padded.shape[2] + columns
+    check_size([channels, len(at)])
+    starts = np.ravel(np.arange(channels)[:, None] * padded.shape[1] * padded.shape[2] + at[:, 0])
+    ones = np.ones((1, at.shape[1]))
+    op = SlidingLinear((walk.settle(padded),), ones, np.zeros(1), starts, at[0] - at[0, 0], image.precision)
+    return _divided(walk, walk.builder.add(op), np.tile(counts, channels), image, (1, channels, *window.places))
+
+
+def _divided(walk: GraphWalk, sums: int, counts: AnyArray, image: Tensor, shape: tuple[int, ...]) -> Tensor:
+    """Sums by their counts; a library may multiply by the reciprocal."""
+    divisor = counts.astype(np.float64)
+    doubt = _ROUNDINGS * float(np.finfo(image.dtype).epsneg) * divisor
+    op = Scale((sums,), Operator.DIVIDE, divisor, image.precision, doubt=doubt)
+    return walk.computed(walk.builder.add(op), shape, image.dtype, special=False)
+
+
+def _global(call: NodeCall) -> Operand:
+    image, walk = _image(call), call.walk
+    rows = image.moved(lambda array: array.reshape(array.shape[0], -1))
+    shape = (1, image.shape[0], *[1] * (len(call.computed().shape) - 2))
+    if call.node.op_type == "GlobalMaxPool":
+        return extreme_of(walk, rows, Operator.MAXIMUM).moved(lambda array: array.reshape(shape))
+    total = walk.settle(total_of(walk, rows))
+    return _divided(walk, total, np.full(rows.shape[0], rows.shape[1]), image, shape)
+
+
+operator("GlobalMaxPool", 1, 22)(_global)
+operator("GlobalAveragePool", 1, 22)(_global)
+
+
+@operator("BatchNormalization", 7, 9, 14, 15)
+def _batch_normalization(call: NodeCall) -> Operand:
+    """x * s + (bias - mean * s) with s = scale / sqrt(variance + epsilon) (core/providers/cpu/nn/batch_norm.h).
+
+    The library computes both constants when it predicts, with the roundings of its machine.
+    """
+    tensor, walk = call.computed(), call.walk
+    if call.node.integer("training_mode") or len([name for name in call.node.proto.output if name]) > 1:
+        raise UnsupportedModelError(
+            "BatchNormalization in training mode; export the model for inference (model.eval())"
+        )
+    if call.node.version < 9 and call.node.integer("spatial", 1) != 1:
+        raise UnsupportedModelError("BatchNormalization of each element (spatial=0); export with a newer opset")
+    names = ("scale", "bias", "mean", "variance")
+    given = [call.constant(number, name) for number, name in enumerate(names, 1)]
+    channels = tensor.shape[1] if len(tensor.shape) > 1 else 1
+    scale, bias, mean, variance = (np.asarray(array) for array in given)
+    if any(array.shape != (channels,) or array.dtype != tensor.dtype for array in (scale, bias, mean, variance)):
+        raise InputError(f"scale, bias, mean and variance are not {channels} numbers of the type of the input each")
+    walk.refuse_special(tensor)
+    with np.errstate(all="ignore"):
+        factor = scale * (1 / np.sqrt(variance + tensor.dtype.type(call.node.number("epsilon", 1e-5))))
+        added = bias - mean * factor
+    size = {Operator.MULTIPLY: np.abs(factor), Operator.ADD: np.abs(bias) + np.abs(mean * factor)}
+    value, unit = walk.settle(tensor), _ROUNDINGS * float(np.finfo(tensor.dtype).epsneg)
+    spread = (1, channels, *[1] * (len(tensor.shape) - 2))
+    for code, constant in ((Operator.MULTIPLY, factor), (Operator.ADD, added)):
+        numbers, doubts = (
+            np.broadcast_to(array.reshape(spread), tensor.shape).astype(np.float64).ravel()
+            for array in (constant, unit * size[code].astype(np.float64))
+        )
+        value = walk.builder.add(Scale((value,), code, numbers, tensor.precision, doubt=doubts))
+    return walk.computed(value, tensor.shape, tensor.dtype, special=False)
