@@ -591,7 +591,8 @@ def has_isnan(folder):
 STATEMENT = (
     "For every proved entry and every float64 input (both zeros, denormals, infinities and NaN included) one call of "
     "the block sets bValid to TRUE exactly where the model has an answer, and then the outputs have the bits that the "
-    "model file demands; where bValid is FALSE the outputs keep their last values. Where the method is the model's "
+    "model file demands for the inputs, after these are limited to the ranges in which bundle.toml or st-codegen.toml "
+    "limits them; where bValid is FALSE the outputs keep their last values. Where the method is the model's "
     "expression, the outputs are the operations that the model demands, in their order, none of them fails for any "
     "input, and they lie within the bound, where there is one, of the library's answer on the declared ranges."
 )
@@ -626,6 +627,22 @@ def unchecked(entry):
     return None
 
 
+def limit(model, entry, ranges, given):
+    """Number the inputs as the block's are, and take the limits that bundle.toml or st-codegen.toml give them."""
+    names = model.names or [f"f{number}" for number in range(model.features)]
+    if ranges is not None:
+        need([r["name"] for r in ranges] == entry["inputs"], "other inputs than those of the bundle")
+        if model.names and sorted(model.names) == sorted(entry["inputs"]):
+            model.order(model.names, entry["inputs"])
+    else:
+        need(entry["inputs"] == names, "other inputs than those of the model")
+        said = [r for r in given if r.get("file", "") in ("", entry["file"])]
+        ranges = [next((r for r in said[::-1] if r["feature"] == name), {}) for name in names]
+        ranges = [r if r.get("outside", "clamp") == "clamp" else {} for r in ranges]
+    for side, far, bound in (("min", -np.inf, model.lower), ("max", np.inf, model.upper)):
+        bound[:] = [float(r.get(side, far)) for r in ranges]
+
+
 def main(certificate, models, out):
     """Say of each entry if it is confirmed; how many are, of how many. Raises Reject for one that does not hold."""
     content = json.loads(Path(certificate).read_text("utf-8"))
@@ -633,8 +650,8 @@ def main(certificate, models, out):
     folder = models if models.is_dir() else models.parent
     need(content.keys() == PARTS and content["format"] == "st-codegen certificate 1", "another format")
     need(content["statement"] == STATEMENT and content["assumptions"] == ASSUMPTIONS, "another statement")
-    proofs, bundle = content["proofs"], folder / "bundle.toml"
-    files = {e["file"] for e in proofs} | ({"bundle.toml"} if bundle.is_file() else set())
+    proofs, bundle, settings = content["proofs"], folder / "bundle.toml", folder / "st-codegen.toml"
+    files = {e["file"] for e in proofs} | {path.name for path in (bundle, settings) if path.is_file()}
     need(content["models"] == {name: sha256(folder / name) for name in files}, "other model files")
     targets = {name: out / name if (out / name).is_dir() else out for name in content["texts"]}
     for target, path in targets.items():
@@ -646,10 +663,12 @@ def main(certificate, models, out):
     need(all(e.keys() == form[e["verdict"] == "proved"] for e in content["blocks"]), "another form of block")
     need(bundle.is_file() or not content["blocks"], "blocks around models that stand alone")
     confirmed, ranges = 0, tomllib.loads(bundle.read_text("utf-8"))["feature"] if bundle.is_file() else None
+    given = tomllib.loads(settings.read_text("utf-8")).get("input", []) if settings.is_file() else []
     for entry in proofs:
         where = f"{entry['model']}, {entry['target']}"
         try:
-            need(Path(entry["file"]).stem == entry["model"], "another file")
+            called = Path(entry["file"]).stem, entry["block"].lower()  # a prefix or a given name is in the block's, too
+            need(entry["model"] == called[0] or f"fb_{entry['model']}".lower() == called[1], "another file")
             other = unchecked(entry)
             try:
                 model = other or read_model(folder / entry["file"])
@@ -658,14 +677,7 @@ def main(certificate, models, out):
             if other:
                 print(f"{where}: {other}")
                 continue
-            names = model.names or [f"f{number}" for number in range(model.features)]
-            if ranges is not None:
-                need([r["name"] for r in ranges] == entry["inputs"], "other inputs than those of the bundle")
-                if model.names and sorted(model.names) == sorted(entry["inputs"]):
-                    model.order(model.names, entry["inputs"])
-                model.lower, model.upper = (np.array([float(r[side]) for r in ranges]) for side in ("min", "max"))
-            else:
-                need(entry["inputs"] == names, "other inputs than those of the model")
+            limit(model, entry, ranges, given)
             found = Check(model, targets[entry["target"]], entry)
             need((found.method, found.trees) == (entry["method"], entry["trees"]), "proved in another way")
         except Reject as reason:

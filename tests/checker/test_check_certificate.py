@@ -133,6 +133,40 @@ def test_a_comparison_that_no_cut_decides_ends_the_check(tmp_path):
         check_certificate.Check(check_certificate.read_model(models / "gradient_boosting.skops"), out, entry)
 
 
+SETTINGS = """
+[project]
+prefix = "P1_"
+[[input]]
+feature = "f0"
+name = "fSpeed"
+min = 500.0
+max = 900.0
+[[input]]
+feature = "f1"
+name = "fTorque"
+min = -1.0
+max = 1.0
+outside = "flag"
+"""
+
+
+def test_the_limits_of_inputs_are_part_of_what_is_claimed(tmp_path):
+    models = folder_of(tmp_path, ["random_forest.skops"])
+    settings = models / "st-codegen.toml"
+    settings.write_text(SETTINGS)
+    generate(load(models), "iec", tmp_path / "out")
+    path = written(tmp_path, models, tmp_path / "out")
+    result = check(path, models, tmp_path / "out")
+    assert result.returncode == 0, result.stdout
+    settings.write_text(SETTINGS.replace("900.0", "901.0"))
+    assert "other model files" in check(path, models, tmp_path / "out").stdout
+    content = json.loads(path.read_text())
+    content["models"]["st-codegen.toml"] = hashlib.sha256(settings.read_bytes()).hexdigest()
+    path.write_text(json.dumps(content))
+    result = check(path, models, tmp_path / "out")
+    assert (result.returncode, "rejected" in result.stdout) == (1, True)
+
+
 def test_an_entry_that_was_proved_cannot_be_renamed_to_one_that_is_not_checked(tmp_path):
     models = folder_of(tmp_path, ["random_forest.skops", "lightgbm_dart.txt"])
     out = GOLDEN / "generated" / "iec"

@@ -8,6 +8,7 @@ from typing import Any
 
 from st_codegen.ir import ModelIR
 from st_codegen.project.bundle import Bundle
+from st_codegen.project.configuration import CONFIGURATION_FILE
 from st_codegen.proof.prove.prove import ProofResult, ProveReport, Verdict
 from st_codegen.proof.runner import target_folders
 
@@ -16,7 +17,8 @@ FORMAT = "st-codegen certificate 1"
 STATEMENT = (
     "For every proved entry and every float64 input (both zeros, denormals, infinities and NaN included) one call of "
     "the block sets bValid to TRUE exactly where the model has an answer, and then the outputs have the bits that the "
-    "model file demands; where bValid is FALSE the outputs keep their last values. Where the method is the model's "
+    "model file demands for the inputs, after these are limited to the ranges in which bundle.toml or st-codegen.toml "
+    "limits them; where bValid is FALSE the outputs keep their last values. Where the method is the model's "
     "expression, the outputs are the operations that the model demands, in their order, none of them fails for any "
     "input, and they lie within the bound, where there is one, of the library's answer on the declared ranges."
 )
@@ -35,7 +37,8 @@ def certificate(bundle: Bundle, models: Path, generated: Path, report: ProveRepo
     """The content of a certificate for what `prove` found of a folder of models (or one file) and generated targets."""
     folder = models if models.is_dir() else models.parent
     files = {loaded.ir.name: loaded.ir.source.file for loaded in bundle.models}
-    named = sorted({*files.values(), *(["bundle.toml"] if (folder / "bundle.toml").is_file() else [])})
+    settings = [name for name in ("bundle.toml", CONFIGURATION_FILE) if (folder / name).is_file()]
+    named = sorted({*files.values(), *settings})
     return {
         "format": FORMAT,
         "statement": STATEMENT,
