@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 # the packages, before the functions of the same names are defined: later modules do not take the names back
 import st_codegen.reconcile  # noqa: F401
 from st_codegen.entries import announce
+from st_codegen.files.made_by import VERSION
 
 if TYPE_CHECKING:
     from st_codegen.driver import generate
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from st_codegen.reconcile.run import Reconciliation
     from st_codegen.rig.motion_files import MotionStudy
 
-__version__ = "0.2.0"
+__version__ = VERSION
 __all__ = ["diff", "generate", "load", "reconcile", "simulate", "verify"]
 
 #: Public functions that are the same in their room, which is imported when they are first used.

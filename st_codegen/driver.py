@@ -5,23 +5,25 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 from st_codegen.emit import output
 from st_codegen.emit.blocks import comparison
 from st_codegen.emit.blocks.application import AS_SOLUTION, Packaging, ProjectForm
-from st_codegen.emit.blocks.model import Limits, block_name
+from st_codegen.emit.blocks.listing import Cuts
+from st_codegen.emit.blocks.model import Extras, Limits, block_name
 from st_codegen.emit.contents import Contents
 from st_codegen.emit.render import print_plans
 from st_codegen.emit.targets import TARGETS, FilePlan, Target, target_named
 from st_codegen.errors import TargetError
 from st_codegen.files.html_text import html_table
+from st_codegen.files.made_by import VERSION
 from st_codegen.files.temporary import temporary_folder
 from st_codegen.ir import AnyArray, Classes, FloatArray, KernelSum, ModelIR, TreeEnsemble
 from st_codegen.passes.choose import Choices, CostFunction, Options, simple_cost
@@ -33,12 +35,14 @@ from st_codegen.proof.emitted import check_emitted
 from st_codegen.proof.isolated import isolated
 from st_codegen.proof.probes import operating_range, range_source
 from st_codegen.proof.runner import GeneratedCode
-from st_codegen.proof.vectors import reference_vectors
+from st_codegen.proof.vectors import check_row, reference_vectors
 
 #: More elements, or bytes, than any table has.
 _UNLIMITED = 2**31 - 1
 #: Larger files are slow in a development environment, and no review reads them; nobody states a limit.
 _LARGE_FILE = 2_000_000
+#: What the manifest calls the places where arrays were cut, and the limit that they were cut at.
+_CUTS, _CUT_AT = "cuts", "cut_at"
 #: Blocks that an error names
 _NAMED = 5
 
@@ -75,21 +79,29 @@ class Generated:
         return rows
 
 
-def generate(  # noqa: PLR0913 - one argument an option
+class Wishes(TypedDict, total=False):
+    """What `generate`, `check` and `differences` take beside models, target and folder; `generate` explains each."""
+
+    max_array: int | None
+    options: Options | None
+    with_tests: bool
+    with_configuration: bool
+    with_comparison: bool
+    packaging: Packaging | None
+    self_check: bool
+    with_age: bool
+    cost: CostFunction
+    relayout: bool
+
+
+def generate(
     models: Bundle | Path | str,
     target: Target | str,
     out: Path | str,
     *,
-    max_array: int | None = None,
-    options: Options | None = None,
-    with_tests: bool = False,
-    with_configuration: bool = False,
-    with_comparison: bool = False,
-    packaging: Packaging | None = None,
-    cost: CostFunction = simple_cost,
-    relayout: bool = False,
     force: bool = False,
     announce: Callable[[str], None] | None = None,
+    **wishes: Unpack[Wishes],
 ) -> Generated:
     """Compile models for one target and write the files to `out/<target>`.
 
@@ -120,6 +132,10 @@ def generate(  # noqa: PLR0913 - one argument an option
     `packaging` says in which form a development environment gets the project (`ProjectForm`): a solution that opens by
     itself, which is the default, a PLC project alone, or a library; only TwinCAT's targets have the choice.
 
+    `self_check` makes each model's block look at a few of its constants in each call and compute a row with a known
+    answer in its first one; after damage its `bValid` stays FALSE. `with_age` gives each of these blocks the output
+    `nAge`: the calls since its outputs were valid. Both keep state from call to call, which `prove` does not follow.
+
     `cost` prices the layouts among which is chosen. The default estimates from the model alone, in no time;
     `proof.explain.Pricing` prints, reads and counts every candidate for a real controller, which takes many times as
     long as all the rest.
@@ -144,17 +160,8 @@ def generate(  # noqa: PLR0913 - one argument an option
     target = target_named(target) if isinstance(target, str) else target
     folder = Path(out) / target.name
     output.check_place(folder)
-    settings = CompileSettings.of(
-        target,
-        max_array,
-        options,
-        with_tests,
-        cost,
-        with_configuration,
-        with_comparison=with_comparison,
-        packaging=packaging,
-    )
-    with _staged(models, target, Path(out), settings, Choices() if relayout else _earlier(folder)) as staged:
+    settings = CompileSettings.of(target, wishes)
+    with _staged(models, target, Path(out), settings, folder) as staged:
         files = {name: (staged.stage / name).stat().st_size for name in staged.names if name != output.MANIFEST}
         for name, size in files.items():
             if announce is not None and size > _LARGE_FILE:
@@ -163,53 +170,26 @@ def generate(  # noqa: PLR0913 - one argument an option
     return Generated(target.name, folder, files, staged.compiled, staged.purpose, staged.facts, changed)
 
 
-def check(  # noqa: PLR0913 - one argument an option
+def check(
     models: Bundle | Path | str,
     target: Target | str,
     out: Path | str,
     *,
-    max_array: int | None = None,
-    options: Options | None = None,
-    with_tests: bool = False,
-    with_configuration: bool = False,
-    with_comparison: bool = False,
-    packaging: Packaging | None = None,
-    cost: CostFunction = simple_cost,
-    relayout: bool = False,
     provenance: bool = False,
+    **wishes: Unpack[Wishes],
 ) -> Iterator[str]:
     """The unified diff, line by line, of all `differences`; empty when there is none."""
-    found = differences(
-        models,
-        target,
-        out,
-        max_array=max_array,
-        options=options,
-        with_tests=with_tests,
-        with_configuration=with_configuration,
-        with_comparison=with_comparison,
-        packaging=packaging,
-        cost=cost,
-        relayout=relayout,
-        provenance=provenance,
-    )
+    found = differences(models, target, out, provenance=provenance, **wishes)
     return (line for difference in found for line in difference.lines())
 
 
-def differences(  # noqa: PLR0913 - one argument an option
+def differences(
     models: Bundle | Path | str,
     target: Target | str,
     out: Path | str,
     *,
-    max_array: int | None = None,
-    options: Options | None = None,
-    with_tests: bool = False,
-    with_configuration: bool = False,
-    with_comparison: bool = False,
-    packaging: Packaging | None = None,
-    cost: CostFunction = simple_cost,
-    relayout: bool = False,
     provenance: bool = False,
+    **wishes: Unpack[Wishes],
 ) -> Iterator[output.FileChange]:
     """The files on disk that are not as `generate` would write them, each beside what it would write.
 
@@ -221,17 +201,8 @@ def differences(  # noqa: PLR0913 - one argument an option
     target = target_named(target) if isinstance(target, str) else target
     folder = Path(out) / target.name
     output.check_place(folder)
-    settings = CompileSettings.of(
-        target,
-        max_array,
-        options,
-        with_tests,
-        cost,
-        with_configuration,
-        with_comparison=with_comparison,
-        packaging=packaging,
-    )
-    with _staged(models, target, None, settings, Choices() if relayout else _earlier(folder)) as staged:
+    settings = CompileSettings.of(target, wishes)
+    with _staged(models, target, None, settings, folder) as staged:
         on_disk = {name for name in output.generated_names(folder) if (folder / name).exists()}
         for name in sorted({*staged.names, *on_disk}):
             found = output.FileChange.between(name, folder, staged.stage, provenance=provenance)
@@ -271,46 +242,56 @@ class CompileSettings:
 
     limits: Limits
     options: Options
-    with_tests: bool
-    cost: CostFunction
+    with_tests: bool = False
     with_configuration: bool = False
     with_comparison: bool = False
     packaging: Packaging = AS_SOLUTION
+    self_check: bool = False
+    with_age: bool = False
+    cost: CostFunction = simple_cost
+    relayout: bool = False
 
     @classmethod
-    def of(  # noqa: PLR0913 - one argument an option
-        cls,
-        target: Target,
-        max_array: int | None,
-        options: Options | None,
-        with_tests: bool,
-        cost: CostFunction,
-        with_configuration: bool,
-        *,
-        with_comparison: bool = False,
-        packaging: Packaging | None = None,
-    ) -> CompileSettings:
-        """The settings of `generate`. Raises TargetError for tests, a configuration, a comparison or a form of a
-        project that the target does not have."""
-        if with_tests and not target.has_tests:
-            able = ", ".join(name for name, other in TARGETS.items() if other.has_tests)
-            raise TargetError(f"the target {target.name} has no test suites; --with-tests goes with {able}")
-        if with_configuration and not target.has_configuration:
-            able = ", ".join(name for name, other in TARGETS.items() if other.has_configuration)
-            raise TargetError(f"the target {target.name} has its own tasks; --with-configuration goes with {able}")
-        if with_comparison and not target.has_comparison:
-            able = ", ".join(name for name, other in TARGETS.items() if other.has_comparison)
-            raise TargetError(f"the target {target.name} has no clock; --with-comparison goes with {able}")
-        packaging = packaging or AS_SOLUTION
-        if packaging != AS_SOLUTION and not target.has_project_forms:
-            able = ", ".join(name for name, other in TARGETS.items() if other.has_project_forms)
-            raise TargetError(f"the target {target.name} has no forms of a project; --project goes with {able}")
-        if (with_tests or with_comparison) and packaging.form is ProjectForm.LIBRARY:
-            wrong = "--with-tests" if with_tests else "--with-comparison"
+    def of(cls, target: Target, wishes: Wishes) -> CompileSettings:
+        """The settings of `generate`. Raises TargetError for what the target does not have."""
+        given: dict[str, Any] = {key: value for key, value in wishes.items() if value is not None}
+        limits = limits_for(target, given.pop("max_array", None))
+        options = dataclasses.replace(given.pop("options", Options()), max_array=limits.max_array)
+        settings = cls(limits, options, **given)
+        settings._check(target)
+        return settings
+
+    def _check(self, target: Target) -> None:
+        """Raise TargetError for what the target does not have."""
+        formed = self.packaging != AS_SOLUTION
+        for wished, attribute, option, lack in (
+            (self.with_tests, "has_tests", "--with-tests", "has no test suites"),
+            (self.with_configuration, "has_configuration", "--with-configuration", "has its own tasks"),
+            (self.with_comparison, "has_comparison", "--with-comparison", "has no clock"),
+            (formed, "has_project_forms", "--project", "has no forms of a project"),
+            (self.self_check, "compiles", "--self-check", "has the models' numbers in files, not in blocks"),
+            (self.with_age, "compiles", "--with-age", "has blocks that wait for the vendor's runtime"),
+        ):
+            if wished and not getattr(target, attribute):
+                able = ", ".join(name for name, other in TARGETS.items() if getattr(other, attribute))
+                raise TargetError(f"the target {target.name} {lack}; {option} goes with {able}")
+        if (self.with_tests or self.with_comparison) and self.packaging.form is ProjectForm.LIBRARY:
+            wrong = "--with-tests" if self.with_tests else "--with-comparison"
             raise TargetError(f"a library has no task that runs programs: leave out {wrong} or --project library")
-        limits = limits_for(target, max_array)
-        options = dataclasses.replace(options or Options(), max_array=limits.max_array)
-        return cls(limits, options, with_tests, cost, with_configuration, with_comparison, packaging)
+
+    def remark(self, target: Target, layout: str | None) -> str:
+        """By what a block was generated: version, layout, and the options that shape it where they are no defaults."""
+        usual, own = Options(), self.options
+        given = {
+            "--layout": own.layout if own.layout != usual.layout else None,
+            "--table-limit": own.table_bytes // 1024 if own.table_bytes != usual.table_bytes else None,
+            "--outputs-per-cycle": own.outputs_per_cycle,
+            "--max-array": own.max_array if own.max_array != target.limits.max_array else None,
+        }
+        words = [f"{option} {value}" for option, value in given.items() if value is not None]
+        words += [f"--{word}" for word, on in (("self-check", self.self_check), ("with-age", self.with_age)) if on]
+        options = f", options {' '.join(words)}" if words else ""
+        return f"Generated by: st-codegen {VERSION}{f', layout {layout}' if layout else ''}{options}"
 
 
 @dataclass(frozen=True)
@@ -330,17 +311,19 @@ class _Staged:
 
 @contextmanager
 def _staged(
-    models: Bundle | Path | str, target: Target, out: Path | None, settings: CompileSettings, earlier: Choices
+    models: Bundle | Path | str, target: Target, out: Path | None, settings: CompileSettings, folder: Path
 ) -> Iterator[_Staged]:
-    """Load, compile, plan and print below `out`, or in the system's temporary folder.
+    """Load, compile, plan and print below `out`, or in the system's temporary folder; `folder` has an earlier run's.
 
     What the caller does with the printed files is the last step.
     """
     bundle = models if isinstance(models, Bundle) else load(models)
+    earlier = Choices() if settings.relayout else _earlier(folder)
     compiled, purpose = _compiled(bundle, target, settings, earlier)
-    plans = _planned(bundle, compiled, purpose, target, settings)
+    cuts = {} if settings.relayout else _earlier_cuts(folder, settings.limits.max_array)
+    plans = _planned(bundle, compiled, purpose, target, settings, cuts)
     files = print_plans(target, plans)
-    known = facts(bundle, compiled, purpose, plans)
+    known = facts(bundle, compiled, purpose, plans, settings.limits.max_array)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
     with output.staged(out or Path(tempfile.gettempdir()), files, known) as stage:
@@ -359,6 +342,24 @@ def _earlier(folder: Path) -> Choices:
         return Choices()
 
 
+def _earlier_cuts(folder: Path, max_array: int) -> dict[str, Cuts]:
+    """Where the blocks of a folder cut their arrays; nothing where the limit was another one."""
+    manifest = output.read_manifest(folder)
+    found = {} if manifest is None else manifest.facts[output.CHOICES]
+    try:
+        if found[_CUT_AT] != max_array:
+            return {}
+        return {str(name): tuple(tuple(map(int, cut)) for cut in cuts) for name, cuts in found[_CUTS].items()}
+    except (KeyError, TypeError, ValueError, AttributeError):  # an older manifest, or a changed one
+        return {}
+
+
+def _cuts(plans: Sequence[FilePlan], max_array: int) -> dict[str, Any]:
+    """What a later run keeps of the arrays; nothing where none is cut."""
+    found = {block.name: block.cuts for plan in plans for block in plan.blocks if any(block.cuts)}
+    return {_CUT_AT: max_array, _CUTS: found} if found else {}
+
+
 def _compiled(
     bundle: Bundle, target: Target, settings: CompileSettings, earlier: Choices
 ) -> tuple[Compiled, Purpose | None]:
@@ -372,7 +373,12 @@ def _compiled(
 
 
 def _planned(
-    bundle: Bundle, compiled: Compiled, purpose: Purpose | None, target: Target, settings: CompileSettings
+    bundle: Bundle,
+    compiled: Compiled,
+    purpose: Purpose | None,
+    target: Target,
+    settings: CompileSettings,
+    cuts: Mapping[str, Cuts],
 ) -> tuple[FilePlan, ...]:
     """The files of the project. Raises TargetError where its tables do not fit the controller."""
     contents = Contents(compiled.models, bundle.configuration.application())
@@ -382,7 +388,7 @@ def _planned(
     around = dataclasses.replace(
         contents.around, has_configuration=settings.with_configuration, packaging=settings.packaging
     )
-    contents = dataclasses.replace(contents, around=around)
+    contents = dataclasses.replace(contents, around=around, extras=_extras(bundle, compiled, target, settings, cuts))
     vectors = reference_vectors(bundle, compiled) if settings.with_tests else ()
     plans = tuple(target.plan(contents, settings.limits, vectors))
     if settings.with_comparison:
@@ -395,6 +401,21 @@ def _planned(
     asked = settings.options.data_bytes
     _check_size(target, plans, settings.limits.data_bytes if asked is None else asked)
     return plans
+
+
+def _extras(
+    bundle: Bundle, compiled: Compiled, target: Target, settings: CompileSettings, cuts: Mapping[str, Cuts]
+) -> dict[str, Extras]:
+    """What the block of each printed model has beside the model."""
+    layouts = {decision.model: decision.chosen for decision in compiled.decisions}
+    layouts |= dict.fromkeys(compiled.shared, "table")
+    found = {}
+    for model in compiled.models:
+        remarks = (settings.remark(target, layouts.get(model.name)), *bundle.configuration.remarks(model.source.file))
+        row = check_row(bundle.irs, compiled, model) if settings.self_check else None
+        own = cuts.get(block_name(model.name), ())
+        found[model.name] = Extras(remarks, settings.self_check, row, settings.with_age, own)
+    return found
 
 
 def _fingerprint(target: Target, plans: Sequence[FilePlan]) -> int:
@@ -439,14 +460,16 @@ def _check_size(target: Target, plans: Sequence[FilePlan], limit: int) -> None:
     )
 
 
-def facts(bundle: Bundle, compiled: Compiled, purpose: Purpose | None, plans: Sequence[FilePlan]) -> dict[str, Any]:
+def facts(
+    bundle: Bundle, compiled: Compiled, purpose: Purpose | None, plans: Sequence[FilePlan], max_array: int
+) -> dict[str, Any]:
     """What a reviewer asks first, for the manifest: models with their sizes and ranges, and what they are for."""
     return {
         "models": {model.name: _model_facts(model, compiled) for model in bundle.irs},
         "blocks": {block.name: {"data_bytes": block.table_bytes} for plan in plans for block in plan.blocks},
         output.PURPOSE: {} if purpose is None else purpose.facts(),
         **_comparison_facts(compiled, purpose, plans),
-        output.CHOICES: dataclasses.asdict(compiled.choices),
+        output.CHOICES: {**dataclasses.asdict(compiled.choices), **_cuts(plans, max_array)},
         output.PROVENANCE: {
             model.source.file: model.source.file_sha256 for model in bundle.irs if model.source.file_sha256
         },

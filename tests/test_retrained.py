@@ -11,6 +11,7 @@ import pytest
 
 from st_codegen.driver import check, generate
 from st_codegen.emit import output
+from st_codegen.emit.blocks.listing import Listing
 from st_codegen.ir import digest
 from st_codegen.passes.choose import CallCost, Choices, Layout, Options, PricedLayout, preferred
 from st_codegen.passes.pipeline import Location, compile_models
@@ -194,3 +195,32 @@ def test_shared_tables_keep_their_block_their_groups_and_their_places(bundle_fol
     after = compile_models([*models, *more], options, together=True, earlier=earlier)
     assert after.shared == {"mine": [["b", "a", "a0", "a1"], ["a2"]]}
     assert after.locations["b"] == Location("mine", (0,))
+
+
+def test_arrays_are_cut_where_an_earlier_run_cut_them():
+    """The tree that no longer fits moves on; arrays behind it begin where they began."""
+    before, sizes = Listing(10), [4, 4, 4, 4, 4, 4]
+    assert before.chunks(sizes, "tree") == [(0, 2), (2, 4), (4, 6)]
+    smaller = [4, 4, 1, 4, 4, 4]
+    assert Listing(10).chunks(smaller, "tree") == [(0, 3), (3, 5), (5, 6)]
+    assert Listing(10, earlier=tuple(before.cuts)).chunks(smaller, "tree") == [(0, 2), (2, 4), (4, 6)]
+    larger = [4, 7, 4, 4, 4, 4]
+    assert Listing(10, earlier=tuple(before.cuts)).chunks(larger, "tree") == [(0, 1), (1, 2), (2, 4), (4, 6)]
+
+
+def test_cuts_stay_in_the_files_until_the_limit_or_the_wish_changes(tmp_path):
+    ensemble = pytest.importorskip("sklearn.ensemble")
+
+    def cuts(depth, **wishes):
+        model = ensemble.RandomForestRegressor(9, max_depth=depth, random_state=0).fit(X, Y)
+        generated = generate(load(model), "twincat", tmp_path, options=Options(Layout.TREES), **wishes)
+        (found,) = generated.facts["choices"].get("cuts", {}).get("FB_Model", [()])
+        return found
+
+    first = cuts(4, max_array=70)
+    assert first
+    kept = cuts(3, max_array=70)
+    assert set(first) <= set(kept)
+    afresh = cuts(3, max_array=70, relayout=True)
+    assert not set(first) <= set(afresh)
+    assert cuts(4) == ()

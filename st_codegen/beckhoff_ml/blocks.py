@@ -35,10 +35,13 @@ _SINGLE = "The engine computes in REAL (float32): about 7 digits."
 _NAN = "The format knows no missing values: for NaN in an input bValid is FALSE."
 
 
-def engine_block(model: ModelIR, engines: tuple[Engine, ...], limits: Limits) -> Block:
-    """The block that lets the runtime compute a model. Raises InputError for names that Structured Text cannot have."""
+def engine_block(model: ModelIR, engines: tuple[Engine, ...], limits: Limits, remarks: tuple[str, ...] = ()) -> Block:
+    """The block that lets the runtime compute a model, with `remarks` in its header.
+
+    Raises InputError for names that Structured Text cannot have.
+    """
     with errors_name(f"model '{model.name}'"):
-        return _block(model, engines, Listing(limits.max_array, limits.real_range))
+        return _block(model, engines, Listing(limits.max_array, limits.real_range), remarks)
 
 
 def engine_limits(model: ModelIR, engine: Engine) -> tuple[float | None, ...]:
@@ -61,7 +64,7 @@ def engine_limits(model: ModelIR, engine: Engine) -> tuple[float | None, ...]:
     return tuple(FLOAT32_OVERFLOW if limit is None else min(limit, FLOAT32_OVERFLOW) for limit in single)
 
 
-def _block(model: ModelIR, engines: tuple[Engine, ...], listing: Listing) -> Block:
+def _block(model: ModelIR, engines: tuple[Engine, ...], listing: Listing, remarks: tuple[str, ...]) -> Block:
     engine = engines[0]
     single = engine.precision is Precision.FLOAT32
     limited = dataclasses.replace(model, accepts_nan=False, magnitude_limits=engine_limits(model, engine))
@@ -97,13 +100,14 @@ def _block(model: ModelIR, engines: tuple[Engine, ...], listing: Listing) -> Blo
             for number, variable in enumerate(model.variables)
         ],
         ranged=is_ranged(model),
+        aged=False,
         plausible=[],
     )
     closing = [f"Engine: {engine.template}, files {', '.join(engine_names(model, engines))}", _WITHIN]
     closing += [_SINGLE] if single else []
     closing += [_EXACT] if engine.folder == "trees" else []
     closing += [_NAN] if model.accepts_nan else []
-    return finished_block(model, inputs, outputs, listing, model_header(model, *closing))
+    return finished_block(model, inputs, outputs, listing, model_header(model, *closing, remarks=remarks))
 
 
 def engine_names(model: ModelIR, engines: tuple[Engine, ...]) -> list[str]:

@@ -40,7 +40,9 @@ class BeckhoffMlTarget(Target):
             with problems.collect():
                 engines[model.name] = checked_engines(model)
         problems.raise_if_any()
-        application = contents.application(lambda model: engine_block(model, engines[model.name], limits))
+        application = contents.application(
+            lambda model, extras: engine_block(model, engines[model.name], limits, extras.remarks)
+        )
         files, paths = [], {}
         for model in contents.models:
             use = contents.uses.get(model.name)

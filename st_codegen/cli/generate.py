@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 from rich.table import Table
@@ -28,11 +28,14 @@ from st_codegen.cli.console import (
 from st_codegen.cli.costs import Explanation, print_explanation
 
 if TYPE_CHECKING:
-    from st_codegen.driver import Generated
+    from st_codegen.cost.profile import Profile
+    from st_codegen.driver import Generated, Wishes
     from st_codegen.emit.blocks.application import Packaging
     from st_codegen.emit.output import FileChange
+    from st_codegen.emit.targets import Target
     from st_codegen.ir import OutputKind
-    from st_codegen.passes.choose import CostFunction
+    from st_codegen.project.bundle import Bundle
+    from st_codegen.proof.explain import Pricing
 
 
 @click.command(
@@ -109,6 +112,17 @@ Examples:
     help="For twincat: also write the programs that `compare` and `record` need on the controller.",
 )
 @click.option(
+    "--self-check",
+    is_flag=True,
+    help="Blocks check their constants, a few in each call, and a row with a known answer in the first one: after "
+    "damage bValid stays FALSE. prove does not follow them.",
+)
+@click.option(
+    "--with-age",
+    is_flag=True,
+    help="Blocks have the output nAge: the calls since their outputs were valid. prove does not follow them.",
+)
+@click.option(
     "--project",
     type=click.Choice(PROJECT_FORMS),
     default=PROJECT_FORMS[0],
@@ -150,24 +164,14 @@ def command(
     stat: bool,
     limit: int,
     force: bool,
-    relayout: bool,
     provenance: bool,
-    with_tests: bool,
-    with_configuration: bool,
-    with_comparison: bool,
-    project: str,
-    library_version: str | None,
-    company: str | None,
-    namespace: str | None,
-    max_array: int | None,
-    max_bytes: int | None,
+    profile: str | None,
     explain: bool,
     html: Path | None,
-    profile: str | None,
     outputs: Collection[OutputKind],
     trust_pickle: bool,
     quiet: bool,
-    **layout: Any,
+    **wished: Any,
 ) -> None:
     """Compile MODELS, a folder of model files (or one file), to Structured Text.
 
@@ -176,95 +180,119 @@ def command(
     """
     from st_codegen.cost.profile import load_profile
     from st_codegen.cost.profile_files import DEFAULT
-    from st_codegen.driver import differences, generate, limits_for
+    from st_codegen.driver import generate, limits_for
     from st_codegen.emit.targets import target_named
-    from st_codegen.passes.choose import Layout, Options, simple_cost
     from st_codegen.project.bundle import load
-    from st_codegen.proof.explain import Pricing, input_limits, prices
-    from st_codegen.proof.runner import GeneratedCode
-    from st_codegen.proof.verify import cycle_cost
+    from st_codegen.proof.explain import Pricing
 
     if html is not None and (only_check or not explain):
         raise click.UsageError("--html is a page of what --explain says: give --explain, without --check.")
     machine = load_profile(profile or DEFAULT)
-    explained: list[Explanation] = []
-    options = Options(
-        Layout(layout["layout"]),
-        table_bytes=layout["table_limit"] * 1024,
-        outputs_per_cycle=layout["outputs_per_cycle"],
-        data_bytes=max_bytes,
-    )
     chosen = [target_named(name) for name in targets or ("twincat",)]
-    packaging = _packaging(project, library_version, company, namespace)
-    able = any(target.has_project_forms for target in chosen)
+    wishes = _wishes(wished, chosen)
     with progress_bar("loading", quiet=quiet) as progress:
         bundle = load(models, trust_pickle=trust_pickle, outputs=outputs, progress=progress, **names)
-    pricing = {target.name: Pricing(target, limits_for(target, max_array), machine) for target in chosen}
-    costs: dict[str, CostFunction] = {name: simple_cost if profile is None else own for name, own in pricing.items()}
+    pricing = {t.name: Pricing(t, limits_for(t, wished["max_array"]), machine) for t in chosen}
+    for target in chosen if profile is not None else ():
+        wishes[target.name]["cost"] = pricing[target.name]
     if only_check:
-        stale = False
-        for target in chosen:
-            found = differences(
-                bundle,
-                target,
-                out,
-                max_array=max_array,
-                options=options,
-                with_tests=with_tests,
-                with_configuration=with_configuration,
-                with_comparison=with_comparison,
-                packaging=packaging if target.has_project_forms or not able else None,
-                cost=costs[target.name],
-                relayout=relayout,
-                provenance=provenance,
-            )
-            stale |= _show(found, limit, stat=stat)
-        show_codes(["STC2201"] if stale else [])
-        sys.exit(1 if stale else 0)
+        _check(bundle, chosen, out, wishes, limit=limit, stat=stat, provenance=provenance)
+    explained: list[Explanation] = []
+    announce = None if quiet else lambda text: console.print(text, soft_wrap=True)
     for target in chosen:
-        generated = generate(
-            bundle,
-            target,
-            out,
-            max_array=max_array,
-            options=options,
-            with_tests=with_tests,
-            with_configuration=with_configuration,
-            with_comparison=with_comparison,
-            packaging=packaging if target.has_project_forms or not able else None,
-            cost=costs[target.name],
-            relayout=relayout,
-            force=force,
-            announce=None if quiet else lambda text: console.print(text, soft_wrap=True),
-        )
+        generated = generate(bundle, target, out, force=force, announce=announce, **wishes[target.name])
         if not quiet:
-            console.print(f"{generated.folder}: {len(generated.files)} file(s)", soft_wrap=True)
-            console.print(_files_table(generated))
-            console.print(_models_table(generated))
-            for name in generated.changed:
-                console.print(
-                    f"warning: {generated.folder / name} is no longer generated; it stays, since it was changed after "
-                    "it was written",
-                    soft_wrap=True,
-                )
-            for change in filter(None, (decision.change for decision in generated.compiled.decisions)):
-                console.print(change, soft_wrap=True)
-            for remark in generated.purpose.remarks() if generated.purpose else ():
-                console.print(remark, soft_wrap=True)
+            _show_generated(generated)
         if explain:
-            entry = Explanation(
-                target.name,
-                tuple(input_limits(bundle.irs)),
-                tuple(prices(generated.compiled, pricing[target.name])),
-                cycle_cost(GeneratedCode(generated.folder, target.dialect), machine),
-            )
-            print_explanation(entry)
-            explained.append(entry)
+            explained.append(_explanation(bundle, generated, target, pricing[target.name], machine))
+            print_explanation(explained[-1])
     if html is not None:
         from st_codegen.cli.pages import explain_sections, write_pages
 
         summary, sections = explain_sections(explained)
         write_pages(f"Layouts and times of {models}", sections, summary, html, None)
+
+
+def _wishes(given: Mapping[str, Any], chosen: Sequence[Target]) -> dict[str, Wishes]:
+    """What is wished for each target, from the options of the command line."""
+    from st_codegen.driver import Wishes
+    from st_codegen.passes.choose import Layout, Options
+
+    options = Options(
+        Layout(given["layout"]),
+        table_bytes=given["table_limit"] * 1024,
+        outputs_per_cycle=given["outputs_per_cycle"],
+        data_bytes=given["max_bytes"],
+    )
+    packaging = _packaging(*(given[key] for key in ("project", "library_version", "company", "namespace")))
+    able = any(target.has_project_forms for target in chosen)
+    return {
+        target.name: Wishes(
+            max_array=given["max_array"],
+            options=options,
+            with_tests=given["with_tests"],
+            with_configuration=given["with_configuration"],
+            with_comparison=given["with_comparison"],
+            packaging=packaging if target.has_project_forms or not able else None,
+            self_check=given["self_check"],
+            with_age=given["with_age"],
+            relayout=given["relayout"],
+        )
+        for target in chosen
+    }
+
+
+def _check(
+    bundle: Bundle,
+    chosen: Sequence[Target],
+    out: Path,
+    wishes: Mapping[str, Wishes],
+    *,
+    limit: int,
+    stat: bool,
+    provenance: bool,
+) -> NoReturn:
+    """Show what is not up to date, and end with the exit code that says whether anything is."""
+    from st_codegen.driver import differences
+
+    stale = False
+    for target in chosen:
+        found = differences(bundle, target, out, provenance=provenance, **wishes[target.name])
+        stale |= _show(found, limit, stat=stat)
+    show_codes(["STC2201"] if stale else [])
+    sys.exit(1 if stale else 0)
+
+
+def _show_generated(generated: Generated) -> None:
+    """Print what was written, and what there is to know of it."""
+    lines = [
+        f"warning: {generated.folder / name} is no longer generated; it stays, since it was changed after it was "
+        "written"
+        for name in generated.changed
+    ]
+    lines += filter(None, (decision.change for decision in generated.compiled.decisions))
+    lines += generated.purpose.remarks() if generated.purpose else ()
+    console.print(f"{generated.folder}: {len(generated.files)} file(s)", soft_wrap=True)
+    console.print(_files_table(generated))
+    console.print(_models_table(generated))
+    for line in lines:
+        console.print(line, soft_wrap=True)
+
+
+def _explanation(
+    bundle: Bundle, generated: Generated, target: Target, pricing: Pricing, machine: Profile
+) -> Explanation:
+    """What `--explain` says of one target."""
+    from st_codegen.proof.explain import input_limits, prices
+    from st_codegen.proof.runner import GeneratedCode
+    from st_codegen.proof.verify import cycle_cost
+
+    return Explanation(
+        target.name,
+        tuple(input_limits(bundle.irs)),
+        tuple(prices(generated.compiled, pricing)),
+        cycle_cost(GeneratedCode(generated.folder, target.dialect), machine),
+    )
 
 
 def _packaging(project: str, version: str | None, company: str | None, namespace: str | None) -> Packaging:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
 import click
@@ -22,7 +23,8 @@ Examples:
     "--training-data",
     type=click.Path(path_type=Path),
     default=None,
-    help="CSV with a column for each feature, by its name in the models: writes lowest and highest value of each.",
+    help="CSV with a column for each feature, by its name in the models: writes lowest and highest value of each, and "
+    "the file's SHA-256.",
 )
 @click.option("--force", is_flag=True, help="Replace a configuration that is there.")
 @trust_option
@@ -41,6 +43,7 @@ def command(models: Path, training_data: Path | None, force: bool, trust_pickle:
     if path.exists() and not force:
         raise click.ClickException(f"{path} is there already; --force replaces it")
     table = None if training_data is None else read_table(training_data)
-    write_text(path, initial_configuration(models, table, trust_pickle=trust_pickle))
+    digest = "" if training_data is None else hashlib.sha256(training_data.read_bytes()).hexdigest()
+    write_text(path, initial_configuration(models, table, digest, trust_pickle=trust_pickle))
     if not quiet:
         console.print(f"{path}: complete names, units and ranges, then st-codegen {models}", soft_wrap=True)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from st_codegen.emit.blocks.application import Application
 from st_codegen.emit.blocks.classes import class_type
 from st_codegen.emit.blocks.listing import Block
+from st_codegen.emit.blocks.model import PLAIN, Extras
 from st_codegen.emit.blocks.self_test import SELF_TEST, self_test_block
 from st_codegen.ir import ModelIR
 
@@ -22,20 +23,22 @@ class Contents:
 
     `around` has the project's name and all that the purpose of the models adds: types, signals, blocks that call the
     models' blocks, programs and tasks. `uses` says in a word what a model predicts, for the models that have a use.
-    `extended` adds to the whole application what needs to know all its blocks.
+    `extras` has what models' blocks have beside the model, by the model's name. `extended` adds to the whole
+    application what needs to know all its blocks.
     """
 
     models: tuple[ModelIR, ...]
     around: Application = LONE
     uses: Mapping[str, str] = field(default_factory=dict)
+    extras: Mapping[str, Extras] = field(default_factory=dict)
     extended: Callable[[Application], Application] = lambda application: application
 
-    def application(self, block_of: Callable[[ModelIR], Block]) -> Application:
+    def application(self, block_of: Callable[[ModelIR, Extras], Block]) -> Application:
         """The whole application; `block_of` makes the block of a model. FB_SelfTest comes first, if its name is free.
 
         Raises InputError for names that Structured Text cannot have, TargetError for tables that are too long.
         """
-        blocks = tuple(block_of(model) for model in self.models)
+        blocks = tuple(block_of(model, self.extras.get(model.name, PLAIN)) for model in self.models)
         blocks = (*blocks, *self.around.blocks)
         types = tuple(found for model in self.models if (found := class_type(model)) is not None)
         is_free = all(block.name.lower() != SELF_TEST.lower() for block in blocks)

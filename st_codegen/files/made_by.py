@@ -1,4 +1,4 @@
-"""What is being run, for the foot of pages: the version and the command; no date."""
+"""What is being run, for headers and for the foot of pages: the version and the command; no date."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Sequence
 from contextvars import ContextVar
 
+VERSION = "0.2.0"
 #: As in `st-codegen 1.0: st-codegen verify models --html page.html`; empty where no command runs.
 MADE_BY: ContextVar[str] = ContextVar("made_by", default="")
 

@@ -30,6 +30,8 @@ file = "kühlung.skops"
 name = "Cooling"                     # FB_Cooling
 layout = "table"                     # auto, trees or table
 outputs = [{name = "fPower_kW", unit = "kW", min = 0.0, max = 11.0}]   # bPlausible is FALSE outside
+training_sha256 = "5f1c.."           # of the training data, for the header of the block
+metrics = {"MAE, kW" = 0.21}         # for the header, too
 """
 
 from __future__ import annotations
@@ -58,7 +60,7 @@ CONFIGURATION_FILE = "st-codegen.toml"
 BUILD_KEYS = (
     *("target", "out", "layout", "table_limit", "outputs_per_cycle", "max_array", "max_bytes", "with_tests"),
     *("with_comparison", "with_configuration", "project", "library_version", "company", "namespace", "outputs"),
-    *("profile", "cycle_us", "entry", "rows"),
+    *("profile", "cycle_us", "entry", "rows", "self_check", "with_age"),
 )
 
 
@@ -101,8 +103,10 @@ class ModelEntry:
 
     file: str
     name: str
-    layout: Layout | None
-    outputs: tuple[Output, ...]
+    layout: Layout | None = None
+    outputs: tuple[Output, ...] = ()
+    training_sha256: str = ""
+    metrics: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -174,13 +178,20 @@ class Configuration:
             )
         (file,) = files
         name = block_name.removeprefix("FB_")
-        known = next((entry for entry in self.models if entry.file == file), ModelEntry(file, "", None, ()))
+        known = next((entry for entry in self.models if entry.file == file), ModelEntry(file, ""))
         others = tuple(entry for entry in self.models if entry.file != file)
         return dataclasses.replace(changed, models=(*others, dataclasses.replace(known, name=name)))
 
     def layouts(self) -> dict[str, Layout]:
         """The layouts that are asked for, by the names of models."""
         return {self.model_name(entry.file): entry.layout for entry in self.models if entry.layout is not None}
+
+    def remarks(self, file: str) -> tuple[str, ...]:
+        """What the header of the block of a file says of its training."""
+        entry = next((entry for entry in self.models if entry.file == file), ModelEntry(file, ""))
+        data = [f"Training data: SHA-256 {entry.training_sha256}"] if entry.training_sha256 else []
+        metrics = "; ".join(f"{name} {value:g}" for name, value in entry.metrics)
+        return (*data, *([f"Metrics, as given: {metrics}"] if metrics else []))
 
     def application(self) -> Application:
         """The project around the blocks of lone models."""
@@ -308,12 +319,18 @@ def _model(table: TomlTable) -> ModelEntry | None:
         layout = table.choice("layout", Layout) if "layout" in table else None
         outputs = tuple(_output(entry) for entry in table.tables("outputs"))
         table.declare("layout")
+        digest, metrics = table.text("training_sha256", ""), table.table("metrics")
+        if digest and not re.fullmatch("[0-9a-f]{64}", digest):
+            table.note(f"training_sha256 = {shown(digest)}: 64 digits of 0-9 and a-f are wanted")
+        numbers = tuple((key, metrics.number(key)) for key in metrics.values)
         names = [output.variable.lower() for output in outputs]
         if len(set(names)) < len(names):
             table.note("two outputs have the same name")
         with table.collect():
             check_text(name, "name")
-    return ModelEntry(file, name, layout, outputs) if table.is_sound else None
+            for key, _ in numbers:
+                check_text(key, "metrics")
+    return ModelEntry(file, name, layout, outputs, digest, numbers) if table.is_sound else None
 
 
 def _output(table: TomlTable) -> Output:

@@ -21,7 +21,7 @@ from st_codegen.walkers.files import known_formats, suffixes
 _HEAD = """\
 # What the generated project is called, and what the model files do not know: complete it by hand.
 # Keys that may be added: [project] name, prefix, attributes; [[input]] min, max and outside = "clamp" or "flag";
-# [[model]] layout; outputs unit, min and max.
+# [[model]] layout, metrics = {"MAE, kW" = 0.2}; outputs unit, min and max.
 """
 _LETTERS = str.maketrans(
     {"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss", "°": "deg", "µ": "u", "μ": "u"}
@@ -29,12 +29,16 @@ _LETTERS = str.maketrans(
 
 
 def initial_configuration(
-    folder: Path, training_data: Mapping[str, FloatArray] | None = None, *, trust_pickle: bool = False
+    folder: Path,
+    training_data: Mapping[str, FloatArray] | None = None,
+    training_sha256: str = "",
+    *,
+    trust_pickle: bool = False,
 ) -> str:
     """The text of a configuration for a folder of models.
 
-    `training_data` has a column of values for each feature, of which the range is written. Raises InputError where the
-    folder has no model file, or is described by a file of its own.
+    `training_data` has a column of values for each feature, of which the range is written; `training_sha256` is that of
+    its file. Raises InputError where the folder has no model file, or is described by a file of its own.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder")
@@ -60,6 +64,7 @@ def initial_configuration(
         lines += ["", *_input(feature, training_data)]
     for file, name in _names(models).items():
         lines += ["", *_model(file, name, models[file])]
+        lines += [f"training_sha256 = {toml_value(training_sha256)}"] if training_sha256 else []
     return "\n".join(lines) + "\n"
 
 

@@ -1,12 +1,15 @@
-"""Rows and the source library's answers for `--with-tests`."""
+"""Rows with known answers: the source library's for `--with-tests`, one of the reference for `--self-check`."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from st_codegen.emit.blocks.model import block_name
+from st_codegen.emit.blocks.self_check import CheckRow
 from st_codegen.emit.blocks.tests import ReferenceVectors
-from st_codegen.ir import BoolArray, FloatArray, reference
+from st_codegen.ir import BoolArray, FloatArray, ModelIR, reference
 from st_codegen.passes.pipeline import Compiled
 from st_codegen.project.bundle import Bundle
 from st_codegen.proof import bounds
@@ -25,6 +28,34 @@ def reference_vectors(bundle: Bundle, compiled: Compiled) -> tuple[ReferenceVect
     with isolated(bundle.models) as models:
         around = () if bundle.purpose is None else bundle.purpose.vectors(models)
         return (*(_of_model(model, compiled) for model in models), *around)
+
+
+def check_row(models: Sequence[ModelIR], compiled: Compiled, printed: ModelIR) -> CheckRow | None:
+    """A row that a printed model's block must answer, with the answers of the models that it computes.
+
+    None where no row has an answer that is certain.
+    """
+    inside = [model for model in models if compiled.locations[model.name].model == printed.name]
+    rows = probe_rows(inside[0], 20 * ROWS)[::-1]  # ordinary ones stand last
+    with np.errstate(all="ignore"):
+        usable = np.all([_certain(model, rows) for model in inside], axis=0)
+        x = _chosen(rows, usable)[:1]
+        if not len(x) or any(model.features != inside[0].features for model in inside):
+            return None
+        expected, allowed = np.zeros((2, len(printed.outputs)))
+        for model in inside:
+            columns = list(compiled.locations[model.name].outputs)
+            expected[columns] = reference.evaluate(model, x)[0]
+            allowed[columns] = bounds.difference_bound(model, x)[0]
+    return CheckRow(x[0], expected, allowed)
+
+
+def _certain(model: ModelIR, x: FloatArray) -> BoolArray:
+    """The rows within the model's ranges that have a finite answer with a finite bound, and one label alone."""
+    bound = bounds.difference_bound(model, reference.limited(model, x))
+    found: BoolArray = np.all(np.isfinite(reference.evaluate(model, x)) & np.isfinite(bound), axis=1)
+    found &= np.all(reference.limited(model, x) == x, axis=1)
+    return found if model.classes is None else found & (bound[:, 0] == 0)
 
 
 def _chosen(x: FloatArray, usable: BoolArray) -> FloatArray:

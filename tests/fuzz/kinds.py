@@ -47,9 +47,10 @@ def inputs(path):
     """A table of inputs: each cell is the number that its text is, read in another way."""
     found = read_inputs(path)
     separator = ";" if b";" in path.read_bytes().splitlines()[0] else ","
-    rows = [line.split(separator) for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip(" ,;\t")]
-    if '"' in path.read_text(encoding="utf-8-sig"):
+    text = path.read_text(encoding="utf-8-sig")
+    if '"' in text:
         return True
+    rows = [line.split(separator) for line in re.split(r"\r\n|\r|\n", text) if line.strip(" ,;\t")]
     texts = np.array([[cell.strip().replace(",", ".") for cell in row] for row in rows[1:]]).reshape(-1, len(found))
     return all(
         np.array_equal(values, texts[:, number].astype(np.float64), equal_nan=True)

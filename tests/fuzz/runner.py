@@ -10,7 +10,7 @@ from collections import Counter
 from pathlib import Path
 
 from tests.fuzz.kinds import KINDS
-from tests.fuzz.process import GOOD, Outcome, outcome
+from tests.fuzz.process import GOOD, Outcome, Server, outcome
 
 KEPT = Path("build/fuzz")
 
@@ -34,14 +34,15 @@ def run(name, seed, seconds, most):
             result, shown = outcome(kind.check, path)
             assert result is Outcome.ACCEPTED, (name, shown)
         end = time.monotonic() + seconds
-        while time.monotonic() < end and sum(counts.values()) < most:
-            data = kind.mutant(source.choice(seeds), source)
-            path.write_bytes(data)
-            result, shown = outcome(kind.check, path)
-            counts[result] += 1
-            if result not in GOOD:
-                KEPT.mkdir(parents=True, exist_ok=True)
-                stem = f"{seed}_{sum(counts.values())}"
-                (KEPT / f"{stem}_{name}").write_bytes(data)
-                (KEPT / f"{stem}_{name}.log").write_text(f"{result}\n{shown}", encoding="utf-8")
+        with Server(kind.check, path) as server:
+            while time.monotonic() < end and sum(counts.values()) < most:
+                data = kind.mutant(source.choice(seeds), source)
+                path.write_bytes(data)
+                result, shown = server.outcome()
+                counts[result] += 1
+                if result not in GOOD:
+                    KEPT.mkdir(parents=True, exist_ok=True)
+                    stem = f"{seed}_{sum(counts.values())}"
+                    (KEPT / f"{stem}_{name}").write_bytes(data)
+                    (KEPT / f"{stem}_{name}.log").write_text(f"{result}\n{shown}", encoding="utf-8")
     return name, counts

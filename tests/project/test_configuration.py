@@ -1,5 +1,6 @@
 """`st-codegen.toml` beside lone models, and `st-codegen init`, which writes it."""
 
+import hashlib
 import re
 import tomllib
 
@@ -183,7 +184,9 @@ def test_init_writes_what_the_files_know_and_the_result_compiles(tmp_path, capsy
         "unit": "",
         "trained": [x[:, 0].min(), x[:, 0].max()],
     }
-    assert content["model"] == [{"file": "kühl.pkl", "name": "Kuehl", "outputs": [{"name": "fOut1", "unit": ""}]}]
+    (entry,) = content["model"]
+    assert entry.pop("training_sha256") == hashlib.sha256((folder / "data.csv").read_bytes()).hexdigest()
+    assert entry == {"file": "kühl.pkl", "name": "Kuehl", "outputs": [{"name": "fOut1", "unit": ""}]}
     bundle = load(folder, trust_pickle=True)
     generated = generate(bundle, "twincat", tmp_path / "out")
     assert "FB_Kuehl" in generated.facts["blocks"]
@@ -305,4 +308,29 @@ def test_rules_that_make_no_names_are_refused(lone_folder, rule):
         load(lone_folder)
     (lone_folder / "st-codegen.toml").write_text("[names]\nother = 1\n")
     with pytest.raises(InputError, match="other"):
+        load(lone_folder)
+
+
+def test_header_has_the_training_data_and_the_metrics_that_are_given(lone_folder, tmp_path):
+    digest = "5f" * 32
+    (lone_folder / "st-codegen.toml").write_text(
+        f'[[model]]\nfile = "te.txt"\ntraining_sha256 = "{digest}"\nmetrics = {{"MAE, kW" = 0.21, R2 = 0.983}}\n'
+    )
+    text = (generate(load(lone_folder), "iec", tmp_path).folder / "FB_Te.st").read_text()
+    assert f"Training data: SHA-256 {digest}" in text
+    assert "Metrics, as given: MAE, kW 0.21; R2 0.983" in text
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ('training_sha256 = "5f1c"', "64 digits"),
+        ('metrics = {"*)" = 1.0}', "would break the generated file"),
+        ('metrics = {MAE = "small"}', "is not a number"),
+        ("metrics = 0.2", "is not a table"),
+    ],
+)
+def test_what_cannot_stand_in_a_header_is_refused(line, message, lone_folder):
+    (lone_folder / "st-codegen.toml").write_text(f'[[model]]\nfile = "te.txt"\n{line}\n')
+    with pytest.raises(InputError, match=re.escape(message)):
         load(lone_folder)

@@ -157,6 +157,10 @@ class Code:
     comment: str
 
 
+#: For each list of items that were to fit arrays, the items with which further arrays begin.
+Cuts = tuple[tuple[int, ...], ...]
+
+
 @dataclass(frozen=True)
 class Block:
     """A function block, or another kind of code, ready for printing.
@@ -164,6 +168,7 @@ class Block:
     `kind` is the opening keyword: FUNCTION_BLOCK, PROGRAM or FUNCTION; `result` the type that a function returns;
     `extends` the block that a function block is built on. `codes` are the named numbers that its text uses. A program
     with `needs_globals` shares variables with another; others have inputs and outputs where a dialect has no globals.
+    `cuts` says where its arrays were cut (`Listing.chunks`).
     """
 
     name: str
@@ -180,6 +185,7 @@ class Block:
     in_outs: tuple[BlockVariable, ...] = ()
     codes: tuple[Code, ...] = ()
     needs_globals: bool = False
+    cuts: Cuts = ()
 
     @property
     def table_bytes(self) -> int:
@@ -189,10 +195,15 @@ class Block:
 
 @dataclass
 class Listing:
-    """Collects the parts of a block while its operations are laid out, one after another."""
+    """Collects the parts of a block while its operations are laid out, one after another.
+
+    `earlier` are the cuts that a block of an earlier run has: they stay where they can.
+    """
 
     max_array: int
     real_range: tuple[float, float] | None = None
+    earlier: Cuts = ()
+    cuts: list[tuple[int, ...]] = field(default_factory=list)
     variables: dict[str, BlockVariable] = field(default_factory=dict)
     constants: list[BlockVariable] = field(default_factory=list)
     tables: list[Table] = field(default_factory=list)
@@ -253,9 +264,11 @@ class Listing:
     def chunks(self, sizes: AnyArray | Sequence[int], what: str) -> list[tuple[int, int]]:
         """Split consecutive items (trees, neurons, support vectors) of the given sizes into runs that fit an array.
 
-        Returns (first, stop) item numbers. Raises TargetError where a single item does not fit.
+        Where an earlier run cut, is cut again: a model that was trained again moves nothing behind the first item
+        that no longer fits. Returns (first, stop) item numbers. Raises TargetError where a single item does not fit.
         """
         runs: list[tuple[int, int]] = []
+        kept = set(self.earlier[len(self.cuts)]) if len(self.cuts) < len(self.earlier) else set()
         first, total = 0, 0
         for number, size in enumerate(np.asarray(sizes).tolist()):
             if size > self.max_array:
@@ -263,9 +276,10 @@ class Listing:
                     f"{what} {number} needs {size:,} elements in one array, the limit is {self.max_array:,}: "
                     "train a smaller model, or raise the limit with --max-array if your controller allows it"
                 )
-            if total + size > self.max_array:
+            if number > first and (total + size > self.max_array or number in kept):
                 runs.append((first, number))
                 first, total = number, 0
             total += size
         runs.append((first, len(sizes)))
+        self.cuts.append(tuple(start for start, _ in runs[1:]))
         return runs

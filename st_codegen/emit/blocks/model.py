@@ -12,8 +12,9 @@ import numpy as np
 
 from st_codegen.emit.blocks import cells, trees  # noqa: F401 - these register the code of their operations
 from st_codegen.emit.blocks.classes import class_lines
-from st_codegen.emit.blocks.listing import LINE_LENGTH, ArrayElement, Block, BlockVariable, Listing
+from st_codegen.emit.blocks.listing import LINE_LENGTH, ArrayElement, Block, BlockVariable, Cuts, Listing
 from st_codegen.emit.blocks.operations import Step, lay_out, lay_out_layer
+from st_codegen.emit.blocks.self_check import CheckRow, add_self_check
 from st_codegen.emit.foreign_names import is_foreign
 from st_codegen.emit.literals import capitalised, check_text, identifier, real, unit_text
 from st_codegen.errors import InputError, errors_name
@@ -53,21 +54,48 @@ def block_name(model: str) -> str:
     return f"FB_{capitalised(identifier(model, 'model name', 'FB_'))}"
 
 
-def model_block(model: ModelIR, limits: Limits) -> Block:
+@dataclass(frozen=True)
+class Extras:
+    """What a model's block has beside the model, where it is asked for.
+
+    `remarks` stand in its header. `self_check` makes it check its own constants, with a `row` whose answer is known
+    where there is one; `aged` adds the output nAge. `cuts` are those of the block's arrays in an earlier run.
+    """
+
+    remarks: tuple[str, ...] = ()
+    self_check: bool = False
+    row: CheckRow | None = None
+    aged: bool = False
+    cuts: Cuts = ()
+
+
+PLAIN = Extras()
+
+
+def model_block(model: ModelIR, limits: Limits, extras: Extras = PLAIN) -> Block:
     """The function block of a model.
 
     Raises InputError for names that Structured Text cannot have, TargetError for tables that the target cannot hold.
     """
     with errors_name(f"model '{model.name}'"):
-        return _block(model, Listing(limits.max_array, limits.real_range))
+        return _block(model, Listing(limits.max_array, limits.real_range, extras.cuts), extras)
 
 
-def _block(model: ModelIR, listing: Listing) -> Block:
+def _block(model: ModelIR, listing: Listing, extras: Extras) -> Block:
     inputs = input_variables(model.features)
     outputs = model_outputs(model)
-    check_inputs(model, inputs, listing)
-    _operations(model, listing)
-    return finished_block(model, inputs, outputs, listing, model_header(model))
+    remarks = [*extras.remarks]
+    if extras.aged:
+        outputs = (*outputs, BlockVariable("nAge", "DINT", initial="2147483647", comment=_AGE))
+    known = extras.row is not None and listing.table("CHECK_INPUT", "LREAL", extras.row.inputs)
+    check_inputs(model, inputs, listing, known or None)
+    results = _operations(model, listing, aged=extras.aged)
+    if extras.self_check:
+        remarks += [add_self_check(listing, results, extras.row)]
+    return finished_block(model, inputs, outputs, listing, model_header(model, remarks=remarks))
+
+
+_AGE = "calls since the outputs were valid, 0: they are; 2147483647: never, or so many"
 
 
 def _output(model: ModelIR, number: int) -> BlockVariable:
@@ -126,6 +154,7 @@ def finished_block(
         constants=tuple(listing.constants),
         tables=tuple(listing.tables),
         sections=tuple(listing.sections),
+        cuts=tuple(listing.cuts),
     )
 
 
@@ -184,14 +213,18 @@ def accepted_text(accepted: tuple[float, float] | None) -> str:
     return ", accepted " + " ".join(f"{word} {real(end)}" for word, end, open_end in ends if end != open_end)
 
 
-def model_header(model: ModelIR, *closing: str) -> tuple[str, ...]:
-    """Where a model comes from and what its inputs are; `closing` says what its numbers are worth."""
+def model_header(model: ModelIR, *closing: str, remarks: Iterable[str] = ()) -> tuple[str, ...]:
+    """Where a model comes from and what its inputs are; `closing` says what its numbers are worth.
+
+    `remarks` are lines of their own, behind what is known of the model's file.
+    """
     source = model.source
     lines = [f"{block_name(model.name)}: {source.model_class}", f"Source: {source.library} {source.version}".rstrip()]
     if source.file:
         lines.append(f"File: {source.file.encode('ascii', 'backslashreplace').decode()}")
     if source.digest:
         lines.append(f"Model digest: {source.digest}")
+    lines.extend(remarks)
     lines.extend(f"Note: {note}" for note in source.notes)
     lines.extend(
         f"Input {number}: {feature_text(feature)}{limit_text(limit)}{accepted_text(accepted)}"
@@ -217,8 +250,13 @@ def header_lines(lines: Iterable[str]) -> tuple[str, ...]:
     )
 
 
-def check_inputs(model: ModelIR, inputs: tuple[BlockVariable, ...], listing: Listing) -> None:
-    """Copying and checking the inputs: NaN by its bits, the trained range, the largest magnitude."""
+def check_inputs(
+    model: ModelIR, inputs: tuple[BlockVariable, ...], listing: Listing, known_row: str | None = None
+) -> None:
+    """Copying and checking the inputs: NaN by its bits, the trained range, the largest magnitude.
+
+    `known_row` is a table that is read in their place where `nPass` is 0.
+    """
     listing.local("aInput", "LREAL", len(inputs))
     listing.loop("nColumn", len(inputs))
     listing.locals("BOOL", "bUsable", *(["bInside"] if is_ranged(model) else []))
@@ -258,6 +296,7 @@ def check_inputs(model: ModelIR, inputs: tuple[BlockVariable, ...], listing: Lis
     listing.section(
         "inputs, checked",
         "inputs",
+        known_row=known_row,
         accepts_nan=model.accepts_nan,
         present=(
             listing.table("MUST_BE_PRESENT", "DINT", [int(not model.takes_nan(n)) for n in range(len(inputs))])
@@ -275,7 +314,8 @@ def check_inputs(model: ModelIR, inputs: tuple[BlockVariable, ...], listing: Lis
     )
 
 
-def _operations(model: ModelIR, listing: Listing) -> None:
+def _operations(model: ModelIR, listing: Listing, *, aged: bool) -> list[ArrayElement]:
+    """The code of all operations and of the outputs; where the outputs' numbers stand."""
     names = ["aInput"]
     missing = _missing_inputs(model)
     *_, last = model.ops
@@ -327,6 +367,7 @@ def _operations(model: ModelIR, listing: Listing) -> None:
             for variable, value in zip(model.variables, results, strict=True)
         ],
         ranged=is_ranged(model),
+        aged=aged,
         plausible=[
             {
                 "output": port.variable,
@@ -336,6 +377,7 @@ def _operations(model: ModelIR, listing: Listing) -> None:
             for number, port in enumerate(_plausible(model), 1)
         ],
     )
+    return results
 
 
 def _layers(model: ModelIR) -> dict[int, tuple[Linear, Activation]]:

@@ -42,7 +42,7 @@ class Target(ABC):
 
         Raises InputError or TargetError before anything is printed.
         """
-        application = contents.application(lambda model: model_block(model, limits))
+        application = contents.application(lambda model, extras: model_block(model, limits, extras))
         return self.files(with_tests(application, vectors))
 
     @abstractmethod
