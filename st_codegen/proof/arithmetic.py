@@ -17,7 +17,7 @@ from st_codegen.entries import Entries
 from st_codegen.ir import BoolArray, FloatArray, ModelIR
 from st_codegen.proof.bounds import difference_bound
 from st_codegen.st import Library
-from st_codegen.st.run.library import TC2_SYSTEM, TCUNIT
+from st_codegen.st.run.library import TC2_STANDARD, TC2_SYSTEM, TCUNIT
 
 
 def _answers_all(_: ModelIR, x: FloatArray) -> BoolArray:
@@ -52,12 +52,18 @@ def _unit_tests(folder: Path) -> Library | None:
     return TCUNIT if (folder / "Tests").is_dir() else None
 
 
+def _strings(folder: Path) -> Library | None:
+    return TC2_STANDARD if (folder / "Tests").is_dir() else None
+
+
 def _system(folder: Path) -> Library | None:
     return TC2_SYSTEM if any(folder.rglob(f"{PROGRAM}.*")) else None
 
 
 #: For each library that generated text may call, whether (and with which contents) a generated folder needs it.
-LIBRARIES: Entries[Callable[[Path], Library | None]] = Entries({"unit tests": _unit_tests, "system": _system})
+LIBRARIES: Entries[Callable[[Path], Library | None]] = Entries(
+    {"unit tests": _unit_tests, "strings": _strings, "system": _system}
+)
 
 
 def libraries_of(folder: Path) -> tuple[Library, ...]:

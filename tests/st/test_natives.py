@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from st_codegen.errors import InputError
-from st_codegen.st import Library, Machine, NativeBlock, NativeCall, StRuntimeError, parse_project
-from st_codegen.st.run.library import TCUNIT, TestSuite
+from st_codegen.st import Library, Machine, NativeBlock, NativeCall, StCheckError, StRuntimeError, parse_project
+from st_codegen.st.run.library import TC2_STANDARD, TCUNIT, TestSuite
 from st_codegen.st.run.natives import Host
 
 
@@ -226,3 +226,16 @@ def test_failures_name_their_row() -> None:
     found = [(f.row, f.actual) for f in instance.native.failures if f.message == "x"]
     assert found[0] == (1, 2.0)
     assert [row for row, _ in found] == [1, 2]
+
+
+def test_texts_are_joined_and_whole_numbers_written_as_in_twincat() -> None:
+    text = (
+        "FUNCTION_BLOCK FB_Text VAR_INPUT n : DINT; END_VAR VAR sText : STRING(255); END_VAR\n"
+        "sText := CONCAT(CONCAT('row ', DINT_TO_STRING(n)), ': fOut1');\nEND_FUNCTION_BLOCK"
+    )
+    project = parse_project({"t.st": text}, "twincat", [TC2_STANDARD])
+    instance = Machine(project, 2, libraries=[TC2_STANDARD]).instance("FB_Text")
+    instance(n=np.array([0, -12]))
+    assert list(instance["sText"]) == ["row 0: fOut1", "row -12: fOut1"]
+    with pytest.raises(StCheckError, match="functions of strings are not supported"):
+        parse_project({"t.st": text.replace("DINT_TO_STRING(n)", "'n'")}, "twincat")

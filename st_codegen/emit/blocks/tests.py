@@ -86,6 +86,7 @@ def _suite(vectors: ReferenceVectors, inputs: list[str]) -> Block:
     variables = [
         BlockVariable("fbBlock", vectors.block, comment="what is tested"),
         *([BlockVariable("nRow", "DINT", comment="row")] if rows > 1 else []),
+        BlockVariable("sRow", "STRING(255)", comment="the row, for messages"),
     ]
     if vectors.refuses_nan:
         variables.append(BlockVariable("uNan", "U_LrealBits", comment="not a number"))

@@ -109,7 +109,7 @@ class Symbols:
 
     def _add(self, declaration: d.Declaration, is_native: bool) -> None:
         key, where = declaration.name.upper(), declaration.position
-        self._check_name(declaration.name, where)
+        self._check_name(declaration.name, where, is_offered=is_native)
         if key in self._taken and not (isinstance(declaration, d.GlobalDeclarations) and key in self.lists):
             self._problem(where, f"'{declaration.name}' is declared already at {self._taken[key]}")
             return
@@ -130,7 +130,7 @@ class Symbols:
         unit = DeclaredUnit(pou.name, key, pou.position, {}, pou.kind, pou, block, is_native=is_native)
         self._add_entries(unit, pou.blocks)
         for method in pou.methods:
-            self._check_name(method.name, method.position, is_method=True)
+            self._check_name(method.name, method.position, is_offered=True)
             name = method.name.upper()
             if name in unit.methods or name in unit.entries:
                 self._problem(method.position, f"'{method.name}' is declared twice in '{pou.name}'")
@@ -150,9 +150,10 @@ class Symbols:
                     self._problem(declaration.position, f"'{declaration.name}' is declared twice in '{unit.name}'")
                 unit.entries.setdefault(key, Entry(declaration, block))
 
-    def _check_name(self, name: str, position: Position, is_method: bool = False) -> None:
+    def _check_name(self, name: str, position: Position, is_offered: bool = False) -> None:
+        """Note a name that has a meaning already; methods and what libraries offer may have that of a function."""
         key = name.upper()
-        is_function = is_standard_function(key) and not is_method
+        is_function = is_standard_function(key) and not is_offered
         if key in self.dialect.types or key in UNSUPPORTED or key in reserved_words() or is_function:
             self._problem(position, f"'{name}' is a word of the language and cannot be declared")
 

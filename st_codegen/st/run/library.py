@@ -1,4 +1,4 @@
-"""Libraries of TwinCAT for the engine: the part of TcUnit that test suites use, and a clock of Tc2_System."""
+"""Libraries of TwinCAT for the engine: what test suites use of TcUnit and Tc2_Standard, and a clock of Tc2_System."""
 
 from __future__ import annotations
 
@@ -113,6 +113,24 @@ def _run_suites(call: NativeCall) -> None:
 
 
 TCUNIT = Library("TcUnit", _TCUNIT, blocks={"FB_TestSuite": TestSuite}, functions={"RUN": _run_suites})
+
+_TC2_STANDARD = """
+FUNCTION CONCAT : STRING(255) VAR_INPUT STR1 : STRING(255); STR2 : STRING(255); END_VAR END_FUNCTION
+FUNCTION DINT_TO_STRING : STRING(80) VAR_INPUT IN : DINT; END_VAR END_FUNCTION
+"""
+
+
+def _concat(call: NativeCall) -> None:
+    """CONCAT: both texts, cut after 255 characters."""
+    call["CONCAT"] = np.array([f"{a}{b}"[:255] for a, b in zip(call["STR1"], call["STR2"], strict=True)], dtype=object)
+
+
+def _dint_to_string(call: NativeCall) -> None:
+    """DINT_TO_STRING: the digits, with a sign where the number is negative."""
+    call["DINT_TO_STRING"] = np.array([str(int(number)) for number in call["IN"]], dtype=object)
+
+
+TC2_STANDARD = Library("Tc2_Standard", _TC2_STANDARD, functions={"CONCAT": _concat, "DINT_TO_STRING": _dint_to_string})
 
 _TC2_SYSTEM = """
 FUNCTION_BLOCK GETCPUCOUNTER

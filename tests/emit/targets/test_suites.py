@@ -9,16 +9,17 @@ from st_codegen.driver import generate
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import TargetError
 from st_codegen.project.bundle import load
+from st_codegen.proof.arithmetic import libraries_of
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.proof.verify import verify
 from st_codegen.st import Machine, load_project
-from st_codegen.st.run.library import TCUNIT, TestSuite
+from st_codegen.st.run.library import TestSuite
 
 
 def suites(folder):
     """The suites of a generated folder after one cycle."""
-    project = load_project([folder], "twincat", [TCUNIT])
-    machine = Machine(project, libraries=[TCUNIT])
+    libraries = libraries_of(folder)
+    machine = Machine(load_project([folder], "twincat", libraries), libraries=libraries)
     machine.program("PRG_Test")()
     return [native for native in machine.natives if isinstance(native, TestSuite)]
 
@@ -51,11 +52,15 @@ def test_the_suites_pass_on_the_controllers_text(folder, bundle_folder):
 )
 def test_a_change_makes_a_suite_fail(folder, file, pattern, by):
     path = folder / file
+    name = path.stem
     text = path.read_text(encoding="utf-8")
     changed = re.sub(pattern, by, text, count=1, flags=re.S)
     assert changed != text
     path.write_text(changed, encoding="utf-8")
-    assert sum(len(suite.failures) for suite in suites(folder)) >= 1
+    failures = [failure for suite in suites(folder) for failure in suite.failures]
+    assert failures
+    if name == "FB_A_Test":  # the message says which row it is, and which output
+        assert [failure.message for failure in failures] == ["row 5: fOut1"]
 
 
 def test_the_project_lists_the_suites_their_task_and_their_library(folder):
