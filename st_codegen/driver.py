@@ -381,7 +381,7 @@ def _planned(
     cuts: Mapping[str, Cuts],
 ) -> tuple[FilePlan, ...]:
     """The files of the project. Raises TargetError where its tables do not fit the controller."""
-    contents = Contents(compiled.models, bundle.configuration.application())
+    contents = Contents(compiled.models, bundle.configuration.application(), windows=bundle.configuration.windows())
     if purpose is not None:
         around = purpose.application(recorded=settings.with_comparison)
         contents = Contents(compiled.models, around, purpose.uses())

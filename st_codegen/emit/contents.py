@@ -11,6 +11,7 @@ from st_codegen.emit.blocks.classes import class_type
 from st_codegen.emit.blocks.listing import Block
 from st_codegen.emit.blocks.model import PLAIN, Extras
 from st_codegen.emit.blocks.self_test import SELF_TEST, self_test_block
+from st_codegen.emit.blocks.window import Window, window_block
 from st_codegen.ir import ModelIR
 
 #: Models that have nothing to do with each other: nothing surrounds their blocks.
@@ -23,14 +24,16 @@ class Contents:
 
     `around` has the project's name and all that the purpose of the models adds: types, signals, blocks that call the
     models' blocks, programs and tasks. `uses` says in a word what a model predicts, for the models that have a use.
-    `extras` has what models' blocks have beside the model, by the model's name. `extended` adds to the whole
-    application what needs to know all its blocks.
+    `extras` has what models' blocks have beside the model, by the model's name; `windows` has the models, by name,
+    whose features are the newest samples of a signal. `extended` adds to the whole application what needs to know all
+    its blocks.
     """
 
     models: tuple[ModelIR, ...]
     around: Application = LONE
     uses: Mapping[str, str] = field(default_factory=dict)
     extras: Mapping[str, Extras] = field(default_factory=dict)
+    windows: Mapping[str, Window] = field(default_factory=dict)
     extended: Callable[[Application], Application] = lambda application: application
 
     def application(self, block_of: Callable[[ModelIR, Extras], Block]) -> Application:
@@ -38,9 +41,10 @@ class Contents:
 
         Raises InputError for names that Structured Text cannot have, TargetError for tables that are too long.
         """
-        blocks = tuple(block_of(model, self.extras.get(model.name, PLAIN)) for model in self.models)
-        blocks = (*blocks, *self.around.blocks)
-        types = tuple(found for model in self.models if (found := class_type(model)) is not None)
+        found = {model.name: block_of(model, self.extras.get(model.name, PLAIN)) for model in self.models}
+        kept = (window_block(found[name], window) for name, window in self.windows.items())
+        blocks = (*found.values(), *kept, *self.around.blocks)
+        types = tuple(named for model in self.models if (named := class_type(model)) is not None)
         is_free = all(block.name.lower() != SELF_TEST.lower() for block in blocks)
         blocks = (*([self_test_block()] if is_free else []), *blocks)
         return self.extended(dataclasses.replace(self.around, types=(*types, *self.around.types), blocks=blocks))

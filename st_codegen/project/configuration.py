@@ -32,6 +32,12 @@ layout = "table"                     # auto, trees or table
 outputs = [{name = "fPower_kW", unit = "kW", min = 0.0, max = 11.0}]   # bPlausible is FALSE outside
 training_sha256 = "5f1c.."           # of the training data, for the header of the block
 metrics = {"MAE, kW" = 0.21}         # for the header, too
+
+[[model]]
+file = "bearing.onnx"
+window = 64                          # its features are the last 64 samples: FB_BearingWindow keeps them
+samples = ["fVibration"]             # what one sample has; default: fSample
+window_order = "sample"              # of several numbers: all of the oldest sample first; or "channel"
 """
 
 from __future__ import annotations
@@ -47,6 +53,7 @@ from pathlib import Path
 from typing import Any
 
 from st_codegen.emit.blocks.application import Application
+from st_codegen.emit.blocks.window import Window
 from st_codegen.emit.foreign_names import is_foreign
 from st_codegen.emit.literals import KEYWORDS, MAX_IDENTIFIER, capitalised, check_text, identifier, unit_text
 from st_codegen.errors import InputError, Problems
@@ -69,6 +76,13 @@ class Outside(StrEnum):
 
     CLAMP = "clamp"  # computes with the nearest end of the range, bInRange is FALSE
     FLAG = "flag"  # computes with the input, bInRange is FALSE
+
+
+class WindowOrder(StrEnum):
+    """In which order the features of a window of samples with several numbers stand."""
+
+    SAMPLE = "sample"  # all numbers of the oldest sample, then of the next
+    CHANNEL = "channel"  # the first number of all samples, then the second
 
 
 @dataclass(frozen=True)
@@ -107,6 +121,7 @@ class ModelEntry:
     outputs: tuple[Output, ...] = ()
     training_sha256: str = ""
     metrics: tuple[tuple[str, float], ...] = ()
+    window: Window | None = None
 
 
 @dataclass(frozen=True)
@@ -193,6 +208,10 @@ class Configuration:
         metrics = "; ".join(f"{name} {value:g}" for name, value in entry.metrics)
         return (*data, *([f"Metrics, as given: {metrics}"] if metrics else []))
 
+    def windows(self) -> dict[str, Window]:
+        """The windows of samples that are asked for, by the names of models."""
+        return {self.model_name(entry.file): entry.window for entry in self.models if entry.window is not None}
+
     def application(self) -> Application:
         """The project around the blocks of lone models."""
         return Application(self.name, connected=False, attributes=self.attributes)
@@ -210,6 +229,9 @@ class Configuration:
     def check_used(self, models: Mapping[str, tuple[str, ...]], problems: Problems) -> None:
         """Note what is said of files and features that are not there; `models`: the features of each file."""
         for model in self.models:
+            if model.window is not None:
+                with problems.collect(f"[[model]] file = '{model.file}'"):
+                    model.window.names(len(models.get(model.file, ())))
             if model.file not in models:
                 problems.add(f"[[model]] file = '{model.file}': no such model; {nearest(model.file, models)}")
         for entry in self.inputs:
@@ -318,6 +340,7 @@ def _model(table: TomlTable) -> ModelEntry | None:
         file, name = table.text("file"), table.text("name", "")
         layout = table.choice("layout", Layout) if "layout" in table else None
         outputs = tuple(_output(entry) for entry in table.tables("outputs"))
+        window = _window(table)
         table.declare("layout")
         digest, metrics = table.text("training_sha256", ""), table.table("metrics")
         if digest and not re.fullmatch("[0-9a-f]{64}", digest):
@@ -330,7 +353,24 @@ def _model(table: TomlTable) -> ModelEntry | None:
             check_text(name, "name")
             for key, _ in numbers:
                 check_text(key, "metrics")
-    return ModelEntry(file, name, layout, outputs, digest, numbers) if table.is_sound else None
+    return ModelEntry(file, name, layout, outputs, digest, numbers, window) if table.is_sound else None
+
+
+def _window(table: TomlTable) -> Window | None:
+    """The keys window, samples and window_order, of which the first must be there for the others."""
+    samples = _texts(table, "samples")
+    order = table.choice("window_order", WindowOrder) if "window_order" in table else WindowOrder.SAMPLE
+    table.declare("window", "window_order")
+    if "window" not in table:
+        if samples or "window_order" in table:
+            table.note("samples and window_order are for a window: say how many samples it has")
+        return None
+    for name in samples:
+        _variable(table, name)
+    if len({name.lower() for name in samples}) < len(samples):
+        table.note("two numbers of a sample have the same name")
+    length = table.whole("window", low=2, high=2**16)
+    return Window(length, samples, order is WindowOrder.SAMPLE)
 
 
 def _output(table: TomlTable) -> Output:

@@ -159,6 +159,16 @@ class GeneratedCode:
             self._run(instance, block, inputs)
         return self._run(instance, block, inputs)
 
+    def sequence(self, block: str, inputs: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """Call one instance of a block again and again, with the values of each named input in turn.
+
+        Returns all its outputs, shape (calls,).
+        """
+        instance = self._instance(block, 1)
+        calls = len(next(iter(inputs.values())))
+        found = [self._run(instance, block, {name: values[n] for name, values in inputs.items()}) for n in range(calls)]
+        return {name: np.concatenate([np.atleast_1d(outputs[name]) for outputs in found]) for name in found[0]}
+
     def _instance(self, block: str, rows: int, calls: int = 1) -> Instance:
         optimised = block in self._optimised or rows * calls > _MANY_ROWS
         machine = Machine(self.project, rows, libraries=self.libraries, optimised=optimised)

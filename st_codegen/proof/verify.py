@@ -37,6 +37,7 @@ from st_codegen.proof.isolated import LibraryRefusesError, isolated
 from st_codegen.proof.probes import operating_range, probe_rows
 from st_codegen.proof.prove.prove import Verdict, prove_model
 from st_codegen.proof.runner import BlockResult, GeneratedCode, target_folders
+from st_codegen.proof.windows import window_checks
 from st_codegen.st.run.machine import processors
 from st_codegen.walkers.base import LoadedModel
 
@@ -239,6 +240,9 @@ def verify(
         for name, code in targets.items():
             checks = bundle.purpose.checks(bundle.irs, code, seed, arithmetic_of(name).bound)
             reports.extend(block_report(check, name) for check in checks)
+    if windows := bundle.configuration.windows():
+        for name, code in targets.items():
+            reports.extend(block_report(check, name) for check in window_checks(bundle.irs, windows, code, seed))
     if progress is not None:
         progress(total, total, "")
     notes = {name: note for name in targets if (note := arithmetic_of(name).note)}

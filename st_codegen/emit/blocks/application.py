@@ -199,6 +199,15 @@ class Application:
         for type_ in self.types:
             yield from ((type_.name, variable.name) for variable in type_.fields)
 
+    def alone(self) -> Iterator[tuple[str, tuple[Block, ...]]]:
+        """Blocks that stand alone, by name, each with those that call it: what goes into one file."""
+        callers = {variable.type: block for block in self.blocks for variable in block.variables}
+        called = {id(block) for name, block in callers.items() if any(other.name == name for other in self.blocks)}
+        for block in self.blocks:
+            if id(block) not in called:
+                caller = callers.get(block.name)
+                yield block.name, (block,) if caller is None else (block, caller)
+
     @property
     def own_tasks(self) -> tuple[Task, ...]:
         """The tasks that call no test program."""

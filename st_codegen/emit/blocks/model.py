@@ -86,7 +86,7 @@ def _block(model: ModelIR, listing: Listing, extras: Extras) -> Block:
     outputs = model_outputs(model)
     remarks = [*extras.remarks]
     if extras.aged:
-        outputs = (*outputs, BlockVariable("nAge", "DINT", initial="2147483647", comment=_AGE))
+        outputs = (*outputs, BlockVariable(AGE, "DINT", initial="2147483647", comment=_AGE))
     known = extras.row is not None and listing.table("CHECK_INPUT", "LREAL", extras.row.inputs)
     check_inputs(model, inputs, listing, known or None)
     results = _operations(model, listing, aged=extras.aged)
@@ -95,6 +95,8 @@ def _block(model: ModelIR, listing: Listing, extras: Extras) -> Block:
     return finished_block(model, inputs, outputs, listing, model_header(model, remarks=remarks))
 
 
+#: The output that counts the calls since the outputs were valid.
+AGE = "nAge"
 _AGE = "calls since the outputs were valid, 0: they are; 2147483647: never, or so many"
 
 

@@ -35,7 +35,7 @@ class IecTarget(Target):
             return [
                 text_file(application.name, types, blocks, application.tasks if application.has_configuration else ())
             ]
-        return [text_file(block.name, (), (block,)) for block in application.blocks]
+        return [text_file(name, (), blocks) for name, blocks in application.alone()]
 
 
 def text_file(

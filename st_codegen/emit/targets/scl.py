@@ -35,7 +35,8 @@ class SclTarget(Target):
                 raise TargetError(f"{block.name} extends {block.extends}: SCL has no inheritance; use --target twincat")
         names = _Names.of(application, blocks)
         if not application.connected:
-            return [names.file(block.name, (), (block,)) for block in blocks]
+            alone = dataclasses.replace(application, blocks=blocks, tasks=(), tests=()).alone()
+            return [names.file(name, (), group) for name, group in alone]
         types = tuple(item for item in application.types if isinstance(item, Structure))
         return [names.file(application.name, types, blocks)]
 
