@@ -1,9 +1,16 @@
-"""Time and memory of `prove`: python benchmarks/prove.py TREES LEAVES, for one LightGBM model of that size."""
+"""What `prove` proves, and what it takes.
 
+python benchmarks/prove.py                 all golden projects, the example bundle and classifiers, as a table
+python benchmarks/prove.py TREES LEAVES    time and memory for one LightGBM model of that size
+"""
+
+import json
 import resource
+import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from pathlib import Path
 
 import lightgbm
@@ -12,10 +19,73 @@ import numpy as np
 from st_codegen.driver import generate
 from st_codegen.passes.choose import Layout, Options
 from st_codegen.passes.domain import limit_inputs
-from st_codegen.project.bundle import Bundle
-from st_codegen.proof.prove.prove import prove
+from st_codegen.project.bundle import Bundle, load
+from st_codegen.proof.prove.certificate import certificate
+from st_codegen.proof.prove.prove import ProveReport, Verdict, prove
 from st_codegen.walkers.base import LoadedModel
 from st_codegen.walkers.objects import from_estimator
+
+ROOT = Path(__file__).resolve().parents[1]
+CHECKER = ROOT / "checker" / "check_certificate.py"
+
+
+def row(name: str, report: ProveReport, seconds: float, checked: str) -> None:
+    """Print what was found of a project, and then why something is not proved."""
+    verdicts = Counter(result.verdict for result in report.results)
+    methods = Counter(result.method for result in report.results if result.verdict is Verdict.PROVED)
+    how = ", ".join(f"{count} by {method}" for method, count in sorted(methods.items()))
+    rest = len(report.results) - verdicts[Verdict.PROVED]
+    print(f"| {name} | {verdicts[Verdict.PROVED]} | {how} | {rest} | {checked} | {seconds:.1f} |", flush=True)
+    for result in report.results:
+        if result.verdict is not Verdict.PROVED:
+            print(f"{result.model}: {result.verdict.value}: {result.reason}", file=sys.stderr)
+
+
+def checked(models: Path, generated: Path, bundle: Bundle, report: ProveReport) -> str:
+    """How many entries of its certificate the checker confirms."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "certificate.json"
+        path.write_text(json.dumps(certificate(bundle, models, generated, report)))
+        command = [sys.executable, CHECKER, path, models, generated]
+        said = subprocess.run([str(part) for part in command], capture_output=True, text=True, check=False)
+    if said.returncode not in (0, 3):
+        raise SystemExit(said.stdout)
+    return str(said.stdout.count(": confirmed"))
+
+
+def projects() -> None:
+    """Prove the golden projects, the example bundle and the classifiers of the tests; print a table."""
+    from tests.proof.prove import test_prove_classes as classifiers
+
+    print("| project | proved | how | not proved | confirmed by the checker | s |\n|---|---|---|---|---|---|")
+    with tempfile.TemporaryDirectory() as out:
+        example = ROOT / "examples" / "rv160n" / "models"
+        for target in ("twincat", "iec"):
+            generate(load(example), target, Path(out) / target)
+        folders = [
+            (ROOT / "golden" / name / "models", ROOT / "golden" / name / "generated") for name in ("lone", "bundle")
+        ]
+        for models, generated in [*folders, (example, Path(out))]:
+            bundle = load(models)
+            for target in ("twincat", "iec"):
+                start = time.process_time()
+                report = prove(bundle, generated / target)
+                seconds = time.process_time() - start
+                confirmed = checked(models, generated / target, bundle, report)
+                row(f"`{models.parent.relative_to(ROOT)}`, {target}", report, seconds, confirmed)
+    results, start = [], time.process_time()
+    kinds = {**classifiers.EXPRESSIONS, **{name: (kind, y, x) for name, (kind, x, y) in classifiers.TREES.items()}}
+    fitted = [(name, classifiers.fitted(*given)) for name, given in kinds.items()]
+    fitted += [(name, classifiers.booster(name)) for name in classifiers.BOOSTERS]
+    for _, model in fitted:
+        with tempfile.TemporaryDirectory() as out:
+            results.append(classifiers.proved(model, Path(out)))
+    row(
+        f"{len(fitted)} classifiers, anomaly models and links, iec",
+        ProveReport(tuple(results)),
+        time.process_time() - start,
+        "-",
+    )
 
 
 def main(trees: int, leaves: int) -> None:
@@ -38,4 +108,4 @@ def main(trees: int, leaves: int) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    main(*map(int, sys.argv[1:])) if len(sys.argv) > 1 else projects()

@@ -472,7 +472,7 @@ class Check:
         shape = tuple(int(np.sum(taken)) for _, taken in sides)
         need(np.prod(shape, dtype=float) < 3e6, "too many cells")
         x = np.zeros((2, int(np.prod(shape)), self.model.features))
-        for f, (side, taken), at in zip(used, sides, np.indices(shape).reshape(len(shape), -1)):
+        for f, (side, taken), at in zip(used, sides, np.indices(shape).reshape(len(shape), x.shape[1])):
             x[:, :, f] = side[:, taken][:, at]
         machine = Machine(self.block, x, self.has_isnan)
         for output, name in enumerate(entry["outputs"]):

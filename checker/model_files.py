@@ -50,26 +50,18 @@ def bits(x):
 
 
 # --- models: trees, with the rules of their library as data -----------------------------------------------------------
+#: `<` for `<=`; inputs and sums rounded to float32; the divisor of the sum; the base added last; whether NaN is taken,
+#: and the magnitude from which inputs are refused.
+RULES = {"less": False, "single_in": False, "single_sum": False, "divisor": 1.0, "base_last": False, "nan": True}
+RULES |= {"limit": np.inf}
+
+
 class Model:
     """`trees`: (feature, threshold, left, right, nan_left, values, outputs); children < 0 are leaves -child - 1."""
 
-    def __init__(
-        self,
-        features,
-        trees,
-        base,
-        less,
-        single_in,
-        single_sum,
-        divisor=1.0,
-        base_last=False,
-        nan=True,
-        limit=np.inf,
-        names=None,
-    ):
+    def __init__(self, features, trees, base, names, **rules):
         self.features, self.trees, self.base, self.names = features, trees, [float(b) for b in base], names
-        self.less, self.single_in, self.single_sum = less, single_in, single_sum
-        self.divisor, self.base_last, self.nan, self.limit = divisor, base_last, nan, limit
+        self.__dict__ |= {**RULES, **rules}
         self.lower, self.upper = np.full(features, -np.inf), np.full(features, np.inf)
 
     def order(self, names, wanted):
@@ -156,21 +148,17 @@ class Model:
         return tuple(np.concatenate(p) for p in zip(*done))
 
 
-def flat(feature, threshold, left, right, nan_left, value, leaf, output):
-    """A tree whose leaves are nodes of their own, numbered anew so that children < 0 are leaves."""
+def flat(columns, value, leaf, outputs):
+    """A tree whose leaves are nodes of their own, numbered anew so that children < 0 are leaves.
+
+    `columns`: feature, threshold, left, right, nan_left of each node.
+    """
     leaf = np.asarray(leaf, bool)
     name = np.where(leaf, -np.cumsum(leaf), np.cumsum(~leaf) - 1)
-    f, t, left, right, nan_left = (np.asarray(a)[~leaf] for a in (feature, threshold, left, right, nan_left))
+    kinds = zip(columns, (int, float, int, int, bool))
+    f, threshold, left, right, nan_left = (np.asarray(a)[~leaf].astype(kind) for a, kind in kinds)
     value = np.asarray(value, np.float64)[leaf]
-    return (
-        f.astype(int),
-        t.astype(float),
-        name[left.astype(int)],
-        name[right.astype(int)],
-        nan_left.astype(bool),
-        value.reshape(len(value), -1),
-        list(output),
-    )
+    return f, threshold, name[left], name[right], nan_left, value.reshape(len(value), -1), list(outputs)
 
 
 def read_lightgbm(data):
@@ -198,17 +186,8 @@ def read_lightgbm(data):
         nan_left = np.where(missing == 2, (kind & 2) > 0, row["threshold"] >= 0)  # no missing type: NaN is read as 0.0
         index = [row[k].astype(int) for k in ("split_feature", "left_child", "right_child")]
         trees.append((index[0], row["threshold"], *index[1:], nan_left, row["leaf_value"][:, None], [0]))
-    average = bool(re.search(r"^average_output$", head, re.M))
-    return Model(
-        int(top["max_feature_idx"]) + 1,
-        trees,
-        [0.0],
-        False,
-        False,
-        False,
-        float(len(trees)) if average else 1.0,
-        names=top["feature_names"].split(),
-    )
+    rules = {"divisor": float(len(trees))} if re.search(r"^average_output$", head, re.M) else {}
+    return Model(int(top["max_feature_idx"]) + 1, trees, [0.0], top["feature_names"].split(), **rules)
 
 
 def read_ubjson(data):
@@ -271,22 +250,10 @@ def read_xgboost(document):
         left = np.array(t["left_children"])
         condition = np.array(t["split_conditions"], np.float32)
         value = condition * weight[number] if len(weight) else condition
-        trees.append(
-            flat(
-                t["split_indices"],
-                condition.astype(float),
-                left,
-                t["right_children"],
-                t["default_left"],
-                value.astype(float),
-                left < 0,
-                [group],
-            )
-        )
-    names = learner["feature_names"] or None
-    return Model(
-        int(learner["learner_model_param"]["num_feature"]), trees, base, True, True, True, limit=F32_LIMIT, names=names
-    )
+        columns = t["split_indices"], condition, left, t["right_children"], t["default_left"]
+        trees.append(flat(columns, value, left < 0, [group]))
+    features, names = int(learner["learner_model_param"]["num_feature"]), learner["feature_names"] or None
+    return Model(features, trees, base, names, less=True, single_in=True, single_sum=True, limit=F32_LIMIT)
 
 
 def read_skops(data):
@@ -320,23 +287,11 @@ def read_skops(data):
         trees = []
         for (predictor,) in e["_predictors"]:
             n = predictor["nodes"]
-            trees.append(
-                flat(
-                    n["feature_idx"],
-                    n["num_threshold"],
-                    n["left"],
-                    n["right"],
-                    n["missing_go_to_left"],
-                    n["value"],
-                    n["is_leaf"] if len(n) > 1 else [True],
-                    [0],
-                )
-            )
-        return Model(features, trees, np.ravel(e["_baseline_prediction"]), False, False, False, names=names)
-    need(
-        kind in (*forest, "GradientBoostingRegressor", "DecisionTreeRegressor", "ExtraTreeRegressor"),
-        f"{kind} is not known",
-    )
+            columns = [n[k] for k in ("feature_idx", "num_threshold", "left", "right", "missing_go_to_left")]
+            trees.append(flat(columns, n["value"], n["is_leaf"] if len(n) > 1 else [True], [0]))
+        return Model(features, trees, np.ravel(e["_baseline_prediction"]), names)
+    known = (*forest, "GradientBoostingRegressor", "DecisionTreeRegressor", "ExtraTreeRegressor")
+    need(kind in known, f"{kind} is not known")
     boosting = kind == "GradientBoostingRegressor"
     members = [m for row in e["estimators_"] for m in row] if boosting else e["estimators_"] if kind in forest else [e]
     base, rate, width = [0.0], 1.0, int(e.get("n_outputs_", 1))
@@ -347,30 +302,10 @@ def read_skops(data):
     for member in members:
         n, value = member["tree_"]["nodes"], member["tree_"]["values"]
         go = n["missing_go_to_left"] if "missing_go_to_left" in n.dtype.names else np.zeros(len(n))
-        trees.append(
-            flat(
-                n["feature"],
-                n["threshold"],
-                n["left_child"],
-                n["right_child"],
-                go,
-                rate * value[:, :, 0] if boosting else value[:, :, 0],
-                n["left_child"] < 0,
-                range(width),
-            )
-        )
-    return Model(
-        features,
-        trees,
-        base if boosting else [0.0] * width,
-        False,
-        True,
-        False,
-        float(len(trees)) if kind in forest else 1.0,
-        nan=not boosting,
-        limit=F32_LIMIT,
-        names=names,
-    )
+        columns = *(n[k] for k in ("feature", "threshold", "left_child", "right_child")), go
+        trees.append(flat(columns, rate * value[:, :, 0], n["left_child"] < 0, range(width)))
+    rules = {"divisor": float(len(trees)) if kind in forest else 1.0, "nan": not boosting, "limit": F32_LIMIT}
+    return Model(features, trees, base if boosting else [0.0] * width, names, single_in=True, **rules)
 
 
 def protobuf(data):
@@ -411,53 +346,29 @@ def read_onnx(data):
         floats = np.frombuffer(b"".join(m.get(7, [])), "<f4")
         integers = [i if isinstance(i, int) else varints(i) for i in m.get(8, [])]
         integers = [n for i in integers for n in (i if isinstance(i, list) else [i])]
-        a[m[1][0].decode()] = (
-            floats
-            if 7 in m
-            else integers
-            if 8 in m
-            else [s.decode() for s in m.get(9, [])]
-            if 9 in m
-            else m[3][0]
-            if 3 in m
-            else m.get(4, [b""])[0].decode()
-        )
-    need(
-        set(a["nodes_modes"]) <= {"BRANCH_LEQ", "LEAF"}
-        and a.get("aggregate_function", "SUM") == "SUM"
-        and a.get("post_transform", "NONE") == "NONE"
-        and a.get("n_targets", 1) == 1,
-        "modes or aggregates",
-    )
+        texts = [text.decode() for text in m.get(9, [])]
+        one = m[3][0] if 3 in m else m.get(4, [b""])[0].decode()
+        a[m[1][0].decode()] = floats if 7 in m else integers if 8 in m else texts if 9 in m else one
+    plain = {"aggregate_function": "SUM", "post_transform": "NONE", "n_targets": 1}
+    known = set(a["nodes_modes"]) <= {"BRANCH_LEQ", "LEAF"} and all(a.get(k, v) == v for k, v in plain.items())
+    need(known, "modes or aggregates")
     ids, nodes = np.array(a["nodes_treeids"]), np.array(a["nodes_nodeids"])
     trees = []
     for t in dict.fromkeys(a["nodes_treeids"]):
         at = np.flatnonzero(ids == t)
         need(np.array_equal(nodes[at], np.arange(len(at))), "nodes out of order")
-        pick = {
-            k: np.array(a[k])[at]
-            for k in ("nodes_featureids", "nodes_values", "nodes_truenodeids", "nodes_falsenodeids", "nodes_modes")
-        }
+        names = ("nodes_featureids", "nodes_values", "nodes_truenodeids", "nodes_falsenodeids")
+        columns = [np.array(a[k])[at] for k in names]
         missing = np.array(a.get("nodes_missing_value_tracks_true") or np.zeros(len(ids)))[at]
         value = np.zeros(len(at))
         for owner, leaf, weight in zip(a["target_treeids"], a["target_nodeids"], a["target_weights"]):
             if owner == t:
                 value[leaf] = weight
-        trees.append(
-            flat(
-                pick["nodes_featureids"],
-                pick["nodes_values"].astype(float),
-                pick["nodes_truenodeids"],
-                pick["nodes_falsenodeids"],
-                missing,
-                value,
-                pick["nodes_modes"] == "LEAF",
-                [0],
-            )
-        )
+        trees.append(flat((*columns, missing), value, np.array(a["nodes_modes"])[at] == "LEAF", [0]))
     shape = protobuf(protobuf(protobuf(protobuf(graph[11][0])[2][0])[1][0])[2][0])[1]
     base = a.get("base_values", np.zeros(1))
-    return Model(protobuf(shape[1])[1][0], trees, base if len(base) else [0.0], False, True, True, base_last=True)
+    rules = {"single_in": True, "single_sum": True, "base_last": True}
+    return Model(protobuf(shape[1])[1][0], trees, base if len(base) else [0.0], None, **rules)
 
 
 def varints(data):

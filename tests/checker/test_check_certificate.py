@@ -12,6 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import skops.io
+from sklearn.ensemble import HistGradientBoostingRegressor
 
 from st_codegen.driver import generate
 from st_codegen.passes.choose import Layout, Options
@@ -131,6 +133,17 @@ def test_a_comparison_that_no_cut_decides_ends_the_check(tmp_path):
     check_certificate = mutants.check_certificate
     with pytest.raises(check_certificate.Reject, match="not decided"):
         check_certificate.Check(check_certificate.read_model(models / "gradient_boosting.skops"), out, entry)
+
+
+def test_a_constant_model_is_confirmed(tmp_path):
+    models = tmp_path / "models"
+    models.mkdir()
+    rows = np.arange(12.0).reshape(6, 2)
+    model = HistGradientBoostingRegressor(max_iter=2).fit(rows, np.full(6, 0.3))
+    skops.io.dump(model, models / "constant.skops")
+    generate(load(models), "iec", tmp_path / "out")
+    result = check(written(tmp_path, models, tmp_path / "out"), models, tmp_path / "out")
+    assert result.returncode == 0, result.stdout
 
 
 SETTINGS = """

@@ -189,12 +189,12 @@ def all_cells(model):
     for number in tuple(edges):
         near = np.float32(number)
         sides = [np.nextafter(near, np.float32(side)) for side in (-np.inf, np.inf)]
-        edges |= {(float(near) + float(side)) / 2 for side in sides} | {float(near)}
-    few = [np.nan, 0.0, -0.0, 1.0, *(sign * number for number in limits for sign in (-1, 1))]
-    few += [sign * np.nextafter(number, 0) for number in limits for sign in (-1, 1)]
+        edges |= {(float(near) + float(side)) / 2 for side in sides}
+    few = [np.nan, 0.0, *limits, *(np.nextafter(number, 0) for number in limits)]
+    ends = [-0.0, *(-number for number in few[2:])]
     many = [number for edge in edges for number in (np.nextafter(edge, -np.inf), edge, np.nextafter(edge, np.inf))]
     read = {trees.columns[number].column for number in set(trees.split.tolist()) - {-1}}
-    return np.array(list(product(*(few + many if f in read else few for f in range(len(model.features))))))
+    return np.array(list(product(*(few + ends + many if f in read else few for f in range(len(model.features))))))
 
 
 def equal_when_run(bundle, out, path):
