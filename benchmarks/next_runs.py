@@ -118,7 +118,7 @@ def with_proposals(rig: RigModel, truth: RigModel, hidden: Effect, start: np.nda
         result = reconcile_observations(rig, measured(truth, points, seed), KNOWN)
         if is_right(result, hidden):
             return len(points), "right"
-        proposed = next_runs(result, KNOWN)
+        proposed = next_runs(result)
         if not proposed.runs:
             return 0, proposed.none_because
         points = np.concatenate([points, [astuple(run.point) for run in proposed.runs[:PORTION]]])

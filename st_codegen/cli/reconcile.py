@@ -124,7 +124,7 @@ def command(
                 model, measured, known, scale=scale, accept=accept, skip_bad=skip_bad, progress=progress
             )
         result = with_empirical(result, known) if empirical else result
-        ahead = next_runs(result, known)
+        ahead = next_runs(result)
         changes = _written(result, ahead, wish, out, quiet)
         content, text = report(result, changes, ahead), f"{summary(result)}\n{next_runs_summary(ahead)}"
         text += "" if changes is None else "\n" + update_summary(changes)

@@ -25,7 +25,7 @@ from st_codegen.reconcile.fit.parameters import Piece, piece_of
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.candidates import Candidate
-from st_codegen.reconcile.judge.conclusions import Conclusions, conclude, unchanged, without_gone, without_misfits
+from st_codegen.reconcile.judge.conclusions import Conclusions, conclude, unchanged
 from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.held_out import between_states, held_out_rms
 from st_codegen.reconcile.judge.lines import lines_in_samples
@@ -205,10 +205,8 @@ def _reconcile(rig: RigModel, known: Catalogue, progress: Progress | None, exami
     target = FitData(shown, noise.sigma, noise.good, groups_of(data.at), *_of(rig))
     state = State(rig, rig.zero_offset_deg, tuple(map(_own, (e for e in rig.effects if e.stage is not Stage.AXIS))))
     last, judged = search(target, state, known, progress)
-    last, _ = without_misfits(last)
-    # which effects there are is decided; how large they are all runs may say
+    # which effects there may be is decided; whether they stand, and how large they are, all runs say
     last = fit(with_noise_of(replace(last, target=replace(target, data=data)))[0], last.state)
-    last = without_gone(last)
     conclusions = conclude(rig, last, known)
     result = _result(rig, data, conclusions, tuple(judged), examined.mistakes, apart)
     worse = result.held_out.after > SETTINGS.worse * result.held_out.before
@@ -269,11 +267,9 @@ def _result(
     if kept.any():
         trained = fit(target.subset(~apart), final.state).state.model()
         unseen = np.sqrt(weight * (np.abs(target.residual(trained, kept)) ** 2).mean(axis=0))
-        # runs between those seen say nothing of levels between them: a gap that falls clearly less there counts
-        own = rms_deg(before[kept], data.orders)
-        if np.linalg.norm(held_out) / first < SETTINGS.clearly_larger * np.linalg.norm(unseen) / own:
-            held_out, first, unseen_curves = unseen, own, int(kept.sum())
-    # more than without the resonance they are not off by
+        # runs between those seen say nothing of levels between them: a gap that is clearly larger there counts
+        if np.linalg.norm(held_out) < SETTINGS.clearly_larger * np.linalg.norm(unseen):
+            held_out, first, unseen_curves = unseen, rms_deg(before[kept], data.orders), int(kept.sum())
     per_order = tuple(
         OrderGap(
             int(order),

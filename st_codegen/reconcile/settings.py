@@ -137,9 +137,9 @@ class Settings:
     #: and where as many orders peak at one frequency, each at its own speed. Chosen on the table of the RV 160N
     orders_that_agree: int = 3
     misfit_of_agreeing: float = 10.0
-    #: the form of an effect is believed to a tenth of its size, this share of its power: what else takes off no more on
+    #: the form of an effect is believed to this share of its size in each run: what else takes off no more than that on
     #: the same orders may be what the form lacks
-    form: float = 0.01
+    form: float = 0.1
     #: an effect acts where its contribution is more than this part of its largest
     acts: float = 0.3
     #: loss of a run by noise with heavy tails, which a robust estimate of the noise takes for one

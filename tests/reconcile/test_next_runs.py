@@ -50,7 +50,7 @@ def resonance(coarse):
 
 
 def test_runs_go_to_the_peaks_and_their_errors_fall_as_expected(resonance, coarse):
-    ahead = next_runs(resonance, KNOWN)
+    ahead = next_runs(resonance)
     assert 1 < len(ahead.runs) <= SETTINGS.most_next_runs
     speeds = np.array([run.point.speed_rpm for run in ahead.runs])
     # half width of a peak: 1.2 % of its speed; flanks count
@@ -67,7 +67,7 @@ def test_runs_go_to_the_peaks_and_their_errors_fall_as_expected(resonance, coars
 
 def test_proposals_stay_inside_what_was_measured_and_are_new(resonance, coarse):
     measured = {tuple(row) for row in np.stack(astuple(coarse)[1:], axis=1).tolist()}
-    for run in next_runs(resonance, KNOWN).runs:
+    for run in next_runs(resonance).runs:
         assert astuple(run.point) not in measured
         for value, column in zip(astuple(run.point), astuple(coarse)[1:], strict=True):
             assert column.min() <= value <= column.max()
@@ -80,7 +80,7 @@ def test_two_explanations_are_told_apart(coarse):
     first = found(BACKLASH, at, sigma=4e-4)
     [claim] = first.conclusions.claims
     assert {claim.piece.effect.name, *claim.alternatives} == {"friction_windup", "backlash"}
-    ahead = next_runs(first, KNOWN)
+    ahead = next_runs(first)
     assert ahead.runs[0].purpose.startswith(f"tells {claim.piece.effect.name} from {claim.alternatives[0]}")
     assert 100 <= ahead.runs[0].point.torque_Nm < 500
     # in a twentieth of the noise the part of the play that is still open at 100 N m tells them apart by itself
@@ -97,7 +97,7 @@ def test_what_is_unexplained_draws_runs_to_where_it_is_large(coarse):
     values[:, list(data.orders).index(3)] += bump
     result = reconcile_observations(RIG, replace(data, values=values), KNOWN)
     assert [s.order for s in result.unexplained] == [3]
-    runs = next_runs(result, KNOWN).runs
+    runs = next_runs(result).runs
     step = np.diff(np.unique(coarse.speed_rpm))[0]
     assert "order 3" in runs[0].purpose
     assert 0 < abs(runs[0].point.speed_rpm - speed) < 1.1 * step
@@ -106,7 +106,7 @@ def test_what_is_unexplained_draws_runs_to_where_it_is_large(coarse):
 def test_with_nothing_missing_runs_go_far_from_all_others(coarse):
     result = reconcile_observations(RIG, observed(RIG, coarse), KNOWN)
     assert result.verdict == "nothing_missing"
-    ahead = next_runs(result, KNOWN)
+    ahead = next_runs(result)
     speeds = np.unique(coarse.speed_rpm)
     away = [np.abs(speeds - run.point.speed_rpm).min() for run in ahead.runs[:4]]
     assert all("lies far from all runs" in run.purpose for run in ahead.runs)
@@ -114,7 +114,7 @@ def test_with_nothing_missing_runs_go_far_from_all_others(coarse):
 
 
 def test_the_file_is_one_of_conditions(resonance, tmp_path):
-    ahead = next_runs(resonance, KNOWN)
+    ahead = next_runs(resonance)
     (tmp_path / "next_runs.csv").write_text(ahead.csv_text(), encoding="utf-8")
     assert read_conditions(tmp_path / "next_runs.csv") == tuple(run.point for run in ahead.runs)
     rows = list(csv.DictReader((tmp_path / "next_runs.csv").open(encoding="utf-8")))

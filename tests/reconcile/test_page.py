@@ -42,7 +42,7 @@ def result():
 
 @pytest.fixture(scope="module")
 def page(result):
-    return report_page(result, None, next_runs(result, KNOWN))
+    return report_page(result, None, next_runs(result))
 
 
 def test_findings_stand_by_size_with_what_the_larger_ones_leave(result):
@@ -67,7 +67,7 @@ def test_a_changed_parameter_shows_old_and_new(result, page):
 
 
 def test_each_finding_says_what_is_next(result, page):
-    for finding in findings(result, next_runs(result, KNOWN)):
+    for finding in findings(result, next_runs(result)):
         assert finding.todo
         assert html.escape(finding.todo) in page
 

@@ -69,6 +69,11 @@ class Piece:
             self.origin,
         )
 
+    def held(self) -> Piece:
+        """The rig's own values, none of them free."""
+        origin = self.origin or self.effect
+        return Piece(origin, frozenset(), False, origin)
+
     def unit(self, chosen: Coordinate | None) -> Effect:
         """The effect with this linear coordinate at 1 and the other linear ones at 0; None: all of them at 0."""
         coordinates = self.coordinates()

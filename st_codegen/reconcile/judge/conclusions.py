@@ -11,11 +11,12 @@ from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.judge.candidates import STAGES, Candidate, Search
-from st_codegen.reconcile.judge.evidence import Evidence, judge, p_of_clusters
+from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.held_out import unmeasured_states
 from st_codegen.reconcile.judge.peaks import bracket, has_a_frequency, spread
 from st_codegen.reconcile.judge.plausible import bounds_met, explained, followers, is_a_peak, misfit
-from st_codegen.reconcile.judge.retuned import change_after_all, changes
+from st_codegen.reconcile.judge.retuned import change_after_all, changes, with_piece_held
+from st_codegen.reconcile.judge.selection import founded
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Conditions, Effect, Form, Stage
 from st_codegen.rig.model import RigModel
@@ -58,12 +59,18 @@ class Claim:
 
 @dataclass(frozen=True)
 class Retuned:
-    """An effect of the rig whose parameters the data contradict."""
+    """An effect of the rig whose parameters the data contradict; other effects that would do in place of the change."""
 
     before: Effect
     after: Effect
     stderr: dict[str, float]
     p: float
+    experiments: tuple[Experiment, ...] = ()
+
+    @property
+    def alternatives(self) -> tuple[str, ...]:
+        """Names of effects that explain the data as well as the change does."""
+        return tuple(sorted({experiment.other for experiment in self.experiments}))
 
 
 @dataclass(frozen=True)
@@ -77,39 +84,54 @@ class Conclusions:
     offset_changed: bool
 
 
-def without_misfits(current: Fit) -> tuple[Fit, list[Piece]]:
-    """Take back additions whose orders keep too much structure: the data want something else there."""
-    dropped: list[Piece] = []
+@dataclass(frozen=True)
+class Standing:
+    """An added effect against the fit without it: that fit, its evidence, and whether it stands."""
+
+    without: Fit
+    evidence: Evidence
+    stands: bool
+
+
+def settled(current: Fit) -> tuple[Fit, dict[int, Standing]]:
+    """Take back additions that fail what let them in, now that other runs and other effects are there.
+
+    Returns the fit of those that stay, and how each stands.
+    """
     while True:
-        worst: tuple[float, int] | None = None
-        for number, piece in enumerate(current.state.pieces):
-            if not piece.added:
-                continue
-            ratio = misfit(current, piece)
-            limit = SETTINGS.misfit if piece.effect.stage is not Stage.STRUCTURE else _misfit_of_peaks(piece)
-            if bounds_met(piece) or not is_a_peak(piece):
-                ratio = float("inf")
-            if ratio > limit and (worst is None or ratio > worst[0]):
-                worst = (ratio, number)
-        if worst is None:
-            return current, dropped
-        dropped.append(current.state.pieces[worst[1]])
-        current = fit(current.target, current.state.without(worst[1]))
+        current = _without_misfits(current)
+        standing = {i: _standing(current, i) for i, piece in enumerate(current.state.pieces) if piece.added}
+        failing = [i for i, one in standing.items() if not one.stands]
+        if not failing:
+            return current, standing
+        weakest = min(failing, key=lambda i: standing[i].evidence.loss_saved)
+        current = fit(current.target, current.state.without(weakest))
 
 
-def without_gone(current: Fit) -> Fit:
-    """Take back additions that are no longer more than noise, now that other runs and other effects are there."""
-    for number in reversed(range(len(current.state.pieces))):
-        place = current.state.slices()[number]
-        places = list(range(place.start, place.stop))
-        vector = current.state.vector()[places]
-        if current.state.pieces[number].added and p_of_clusters(current, places, vector) > SETTINGS.p_clusters:
-            current = fit(current.target, current.state.without(number))
-    return current
+def _standing(current: Fit, number: int) -> Standing:
+    without = fit(current.target, current.state.without(number), steps=SETTINGS.quick_steps, tolerance=0.1)
+    place = current.state.slices()[number]
+    return Standing(without, *founded(without, current, number, list(range(place.start, place.stop))))
 
 
-def _misfit_of_peaks(piece: Piece) -> float:
-    """The limit for a resonance: its frequency is sure when several orders peak there, whatever their exact shape."""
+def _without_misfits(current: Fit) -> Fit:
+    """Take back additions at a bound, and those whose orders keep too much: the data want something else there."""
+    while True:
+        ratios = {
+            number: float("inf") if bounds_met(piece) or not is_a_peak(piece) else misfit(current, piece)
+            for number, piece in enumerate(current.state.pieces)
+            if piece.added
+        }
+        over = [i for i, ratio in ratios.items() if ratio > _most_misfit(current.state.pieces[i])]
+        if not over:
+            return current
+        current = fit(current.target, current.state.without(max(over, key=lambda i: ratios[i])))
+
+
+def _most_misfit(piece: Piece) -> float:
+    """The limit of an effect; the frequency of a resonance is sure when several orders peak there."""
+    if piece.effect.stage is not Stage.STRUCTURE:
+        return SETTINGS.misfit
     return (
         SETTINGS.misfit_of_peaks
         if len(piece.effect.orders) < SETTINGS.orders_that_agree
@@ -119,8 +141,10 @@ def _misfit_of_peaks(piece: Piece) -> float:
 
 def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
     """Claims with evidence, changed parameters, alternatives."""
-    joint, changed, offset_changed = _told_apart(joint)
-    added = [i for i, piece in enumerate(joint.state.pieces) if piece.added]
+    joint, standing = settled(joint)
+    free, changed, offset_changed = _told_apart(joint)
+    if free is not joint:
+        joint, standing = settled(free)
     final = fit(joint.target, _held(joint, changed, offset_changed))
     for _ in range(SETTINGS.most_after_all):
         more = change_after_all(joint, final, changed)
@@ -128,40 +152,44 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
             break
         changed |= more
         final = fit(joint.target, _held(joint, changed, offset_changed))
-    claims = []
-    for i in added:
-        smaller = fit(joint.target, joint.state.without(i), steps=6, tolerance=0.1)
-        places = list(range(joint.state.slices()[i].start, joint.state.slices()[i].stop))
-        evidence = judge(smaller, joint, places, i)
-        others = _as_good(smaller, joint, i, known)
-        piece = final.state.pieces[i]
-        stderr, peaks = standard_errors(joint, i), _peaks(final, piece)
-        if peaks is not None:
-            # the shape fails, so the errors of the fit say little: what the speeds of the peaks leave open counts
-            stderr["frequency_Hz"] = float(
-                np.hypot(stderr["frequency_Hz"], spread(piece.effect.scalar("frequency_Hz"), peaks))
-            )
-        claims.append(
-            Claim(
-                piece=piece,
-                stderr=stderr,
-                evidence=evidence,
-                alternatives=(
-                    *sorted({other.name for other, _ in others} - {piece.effect.name}),
-                    *((SOMETHING_ELSE,) if _by_order_alone(final, i) else ()),
-                ),
-                experiments=tuple(_experiment(joint, fitted, i, other) for other, fitted in others),
-                share=_share(rig, final, piece),
-                own_gap=_own_gap(rig, final, piece),
-                extrapolates=(*_extrapolates(joint, piece), *_of_its_shape(piece, peaks), *_of_its_order(final, i)),
-                peaks=peaks,
-            )
-        )
-    retuned = [
-        Retuned(_origin(joint.state.pieces[i]), final.state.pieces[i].effect, standard_errors(joint, i), p)
-        for i, p in changed.items()
-    ]
-    return Conclusions(joint, final, tuple(claims), tuple(retuned), offset_changed)
+    outside = [i for i in standing if bounds_met(final.state.pieces[i]) or not is_a_peak(final.state.pieces[i])]
+    if outside:
+        # what holds the rest of the rig put it there: then it was a part of the rest
+        return conclude(rig, fit(joint.target, joint.state.without(outside[0])), known)
+    claims = tuple(_claim(rig, joint, final, i, one, known) for i, one in standing.items())
+    retuned = tuple(_retuned(joint, final, i, p, known) for i, p in changed.items())
+    return Conclusions(joint, final, claims, retuned, offset_changed)
+
+
+def _retuned(joint: Fit, final: Fit, number: int, p: float, known: Catalogue) -> Retuned:
+    """What is said of a changed effect of the rig."""
+    others = _as_good(with_piece_held(joint, number), joint, number, known)
+    experiments = tuple(_experiment(joint, fitted, number, other) for other, fitted in others)
+    before, after = _origin(joint.state.pieces[number]), final.state.pieces[number].effect
+    return Retuned(before, after, standard_errors(joint, number), p, experiments)
+
+
+def _claim(rig: RigModel, joint: Fit, final: Fit, number: int, standing: Standing, known: Catalogue) -> Claim:
+    """What is said of an added effect."""
+    others = _as_good(standing.without, joint, number, known)
+    piece = final.state.pieces[number]
+    stderr, peaks = standard_errors(joint, number), _peaks(final, piece)
+    if peaks is not None:
+        # the shape fails, so the errors of the fit say little: what the speeds of the peaks leave open counts
+        frequency = piece.effect.scalar("frequency_Hz")
+        stderr["frequency_Hz"] = float(np.hypot(stderr["frequency_Hz"], spread(frequency, peaks)))
+    names = sorted({other.name for other, _ in others} - {piece.effect.name})
+    return Claim(
+        piece=piece,
+        stderr=stderr,
+        evidence=standing.evidence,
+        alternatives=(*names, *((SOMETHING_ELSE,) if _by_order_alone(final, number) else ())),
+        experiments=tuple(_experiment(joint, fitted, number, other) for other, fitted in others),
+        share=_share(rig, final, piece),
+        own_gap=_own_gap(rig, final, piece),
+        extrapolates=(*_extrapolates(joint, piece), *_of_its_shape(piece, peaks), *_of_its_order(final, number)),
+        peaks=peaks,
+    )
 
 
 def _told_apart(joint: Fit) -> tuple[Fit, dict[int, float], bool]:
@@ -178,8 +206,7 @@ def _told_apart(joint: Fit) -> tuple[Fit, dict[int, float], bool]:
         return joint, changed, offset_changed
     state = joint.state
     for i in beside:
-        origin = _origin(state.pieces[i])
-        state = state.replaced(i, Piece(origin, frozenset(), False, origin))
+        state = state.replaced(i, state.pieces[i].held())
     for i in found:
         piece = state.pieces[i]
         forced = piece.effect.with_values(dict(piece.effect.values) | {"static_share": 1.0})
@@ -188,7 +215,7 @@ def _told_apart(joint: Fit) -> tuple[Fit, dict[int, float], bool]:
     good, at = joint.target.good, np.isin(joint.target.data.orders, sorted(orders))
     power = sum(float((np.abs(explained(held, held.state.pieces[i])[good][:, at]) ** 2).sum()) for i in found)
     lost = float((np.abs(held.residual[good][:, at]) ** 2 - np.abs(joint.residual[good][:, at]) ** 2).sum())
-    return (held, *changes(held)) if lost < SETTINGS.form * power else (joint, changed, offset_changed)
+    return (held, *changes(held)) if lost < SETTINGS.form**2 * power else (joint, changed, offset_changed)
 
 
 def _peaks(final: Fit, piece: Piece) -> tuple[float, float] | None:
@@ -263,9 +290,7 @@ def unchanged(joint: Fit) -> Fit:
 def _held(joint: Fit, changed: dict[int, float], offset_changed: bool) -> State:
     """The state with what did not change at the rig's own values, and not free."""
     pieces = [
-        piece
-        if piece.added or i in changed or piece.origin is None
-        else Piece(piece.origin, frozenset(), False, piece.origin)
+        piece if piece.added or i in changed or piece.origin is None else piece.held()
         for i, piece in enumerate(joint.state.pieces)
     ]
     offset = joint.state.offset if offset_changed else joint.state.rig.zero_offset_deg

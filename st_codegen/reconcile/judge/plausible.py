@@ -4,7 +4,6 @@ nobody's expense."""
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.judge.peaks import has_a_frequency
 from st_codegen.reconcile.judge.unexplained import is_lacking
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Form, Scalar, Stage
+from st_codegen.rig.effects import Effect, Form, Scalar, Stage
 
 
 def bounds_met(piece: Piece) -> list[Coordinate]:
@@ -87,10 +86,8 @@ def is_its_own(current: Fit, piece: Piece, held: Fit) -> bool:
     assert piece.origin is not None
     propagation = current.propagation
     change = propagation.change(piece.effect) - propagation.change(piece.origin)
-    part = propagation.measured(change, piece.effect.stage)
-    if _left_of(current, part, 0.0) > SETTINGS.misfit:
-        return False
-    return _stands_alone(current, part, [other for other in current.state.pieces if other.added], held)
+    left = _left_of(current, propagation.measured(change, piece.effect.stage), 0.0)
+    return left <= SETTINGS.misfit and is_no_form_error(held, current)
 
 
 def _left_of(current: Fit, own: ComplexArray, least: float) -> float:
@@ -127,22 +124,18 @@ def law_holds(fitted: Fit, number: int) -> bool:
     return follows and not (own & is_lacking(target, fitted.residual)).any()
 
 
-def is_no_form_error(without: Fit, with_it: Fit, number: int) -> bool:
-    """Whether an addition is more than what the forms of other added effects may lack on their orders."""
-    others = [other for i, other in enumerate(with_it.state.pieces) if other.added and i != number]
-    return _stands_alone(with_it, explained(with_it, with_it.state.pieces[number]), others, without)
+def is_no_form_error(without: Fit, with_it: Fit, number: int | None = None) -> bool:
+    """Whether a change of the fit saves loss beyond what the forms of other added effects may lack.
 
-
-def _stands_alone(current: Fit, part: ComplexArray, others: Sequence[Piece], held: Fit) -> bool:
-    """Whether a part shows on an order of no other added effect, or is not small beside these; `held`: without it."""
-    target = current.target
-    beside = sum((explained(current, other) for other in others), np.zeros_like(part))
-    shared = np.abs(beside).max(axis=0) > 0
-    saved = (target.losses(held.residual) - target.losses(current.residual)).sum(axis=0)
-    if not shared.any() or float(np.maximum(saved[~shared], 0.0).sum()) > SETTINGS.order_gain:
-        return True
-    sizes = [float((np.abs(x[target.good][:, shared]) ** 2).sum()) for x in (part, beside)]
-    return sizes[0] > SETTINGS.form * sizes[1]
+    number: the addition that is judged, if it is one. In each run a form may be off by a share of what the other added
+    effects contribute there: so much of what is left counts for nothing.
+    """
+    target = with_it.target
+    others = [piece for i, piece in enumerate(with_it.state.pieces) if piece.added and i != number]
+    slack = SETTINGS.form * np.abs(sum((explained(with_it, one) for one in others), np.zeros_like(with_it.residual)))
+    left = [np.maximum(np.abs(one.residual) - slack, 0.0).astype(np.complex128) for one in (without, with_it)]
+    saved = float((target.losses(left[0]) - target.losses(left[1])).sum())
+    return saved > SETTINGS.order_gain
 
 
 def at_nobodys_expense(without: Fit, with_it: Fit) -> bool:
@@ -172,8 +165,8 @@ def at_two_frequencies(without: Fit, with_it: Fit, number: int) -> bool:
     grown = len(without.state.pieces) == len(with_it.state.pieces)
     others = [
         piece.effect
-        for i, piece in enumerate(without.state.pieces)
-        if piece.effect.name == effect.name and not (grown and i == number)
+        for i, piece in enumerate(with_it.state.pieces)
+        if piece.effect.name == effect.name and i != number and (grown or not _other_state(effect, piece.effect))
     ]
     # what is left of a resonance that is not quite an oscillator's is not a second one
     apart = all(
@@ -184,6 +177,11 @@ def at_two_frequencies(without: Fit, with_it: Fit, number: int) -> bool:
     return (
         len(points) >= 2 and 1.02 * low < frequency < 0.98 * high and apart and is_a_peak(with_it.state.pieces[number])
     )
+
+
+def _other_state(effect: Effect, other: Effect) -> bool:
+    """Whether two resonances are those of two states of the structure."""
+    return bool(effect.state_text and other.state_text) and effect.state_text != other.state_text
 
 
 def is_a_peak(piece: Piece) -> bool:

@@ -25,11 +25,11 @@ def changes(joint: Fit) -> tuple[dict[int, float], bool]:
         sure = p < SETTINGS.p_changed
         if sure:
             # where the model is a product (a ratio times a mesh order) standard errors at the solution say too little
-            held = _held(joint, i)
+            held = with_piece_held(joint, i)
             p = max(p, chi_square_tail(held.loss - joint.loss, len(places)))
             sure = p < SETTINGS.p_changed and is_its_own(joint, piece, held)
         grown = piece.effect.values.keys() != piece.origin.values.keys()
-        if grown or (sure and not _lasting_noise(joint, piece)):
+        if sure and (grown or not _lasting_noise(joint, piece)):
             found[i] = p
     shift = joint.state.vector()[:1] - joint.state.rig.zero_offset_deg
     sigma = joint.target.sigma[:, joint.target.data.orders == 0]
@@ -50,7 +50,7 @@ def change_after_all(joint: Fit, final: Fit, changed: dict[int, float]) -> dict[
         piece = joint.state.pieces[i]
         if i in changed or not loud & set(piece.effect.touched_orders()):
             continue
-        if is_its_own(joint, piece, _held(joint, i)):
+        if is_its_own(joint, piece, with_piece_held(joint, i)):
             chances[i] = _p_alone(joint, *_difference(joint, i))
     best = min(chances, key=lambda i: chances[i], default=None)
     return {} if best is None or chances[best] > SETTINGS.discovery_rate else {best: chances[best]}
@@ -99,12 +99,10 @@ def _p_of(joint: Fit, places: list[int], difference: FloatArray) -> float:
     return plain if clusters < SETTINGS.p_clusters else max(plain, clusters)
 
 
-def _held(joint: Fit, number: int) -> Fit:
+def with_piece_held(joint: Fit, number: int) -> Fit:
     """The fit with one piece held at the rig's own values and all others fitted again."""
-    piece = joint.state.pieces[number]
-    assert piece.origin is not None
-    own = Piece(piece.origin, frozenset(), False, piece.origin)
-    return fit(joint.target, joint.state.replaced(number, own), steps=SETTINGS.quick_steps)
+    held = joint.state.replaced(number, joint.state.pieces[number].held())
+    return fit(joint.target, held, steps=SETTINGS.quick_steps)
 
 
 def _p_alone(joint: Fit, places: list[int], difference: FloatArray) -> float:

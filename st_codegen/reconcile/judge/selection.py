@@ -121,15 +121,22 @@ def _first_that_passes(
         places = [start + i for i, _ in candidate.coordinates()]
         if not places:
             continue
-        evidence = judge(current, inside, places, number)
+        evidence, stands = founded(current, inside, number, places)
         judged.append((candidate, evidence))
-        sound = at_two_frequencies(current, inside, number) and at_nobodys_expense(current, inside)
-        # a part that grows on an effect is no other effect
-        sound = sound and (raw.number is not None or is_no_form_error(current, inside, number))
-        if evidence.passed and sound and law_holds(inside, number):
+        if stands:
             del refused[raw.identity]
             return inside
     return None
+
+
+def founded(without: Fit, with_it: Fit, number: int, places: list[int]) -> tuple[Evidence, bool]:
+    """Evidence of piece `number` of a fit (its coordinates `places`) against the fit without, and whether it stands."""
+    evidence = judge(without, with_it, places, number)
+    # a part that grows on an effect is no other effect
+    grown = len(without.state.pieces) == len(with_it.state.pieces)
+    sound = at_two_frequencies(without, with_it, number) and at_nobodys_expense(without, with_it)
+    sound = sound and (grown or is_no_form_error(without, with_it, number))
+    return evidence, evidence.passed and sound and law_holds(with_it, number)
 
 
 def _tried(current: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:

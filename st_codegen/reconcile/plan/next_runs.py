@@ -20,7 +20,6 @@ from st_codegen.reconcile.plan.questions import Name, Parameters, Question, peak
 from st_codegen.reconcile.plan.rivals import other_models
 from st_codegen.reconcile.run import Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Catalogue
 
 
 @dataclass(frozen=True)
@@ -72,12 +71,12 @@ class NextRuns:
         return text.getvalue()
 
 
-def next_runs(result: Reconciliation, known: Catalogue) -> NextRuns:
+def next_runs(result: Reconciliation) -> NextRuns:
     """The runs that would tell most of what a reconciliation leaves open."""
     data, final = result.data, result.conclusions.final
     if data.angle_rad is not None:
         return NextRuns(none_because="recordings over time have no operating points that could be chosen")
-    rivals = other_models(result, known)
+    rivals = other_models(result)
     points = points_of(result, [rival.rig for rival in rivals])
     if not points:
         return NextRuns(none_because="every point between the measured ones was measured")

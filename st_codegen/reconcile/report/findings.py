@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from st_codegen.reconcile.data.observations import rms_deg
-from st_codegen.reconcile.judge.conclusions import SOMETHING_ELSE, Claim
+from st_codegen.reconcile.judge.conclusions import SOMETHING_ELSE, Claim, Retuned
 from st_codegen.reconcile.report.output import parameters_of
 from st_codegen.reconcile.report.sentences import plain, words
 from st_codegen.reconcile.run import Reconciliation
@@ -67,8 +67,8 @@ def findings(result: Reconciliation, ahead: NextRuns | None = None) -> list[Find
         numbers = _numbers(entry.after, entry.stderr, entry.before)
         text = f"{plain(entry.after, result)}: the data refuse what the rig says of it"
         finding = Finding(
-            text, entry.after, entry.before, numbers, (), "it is in the rig already", _todo(entry.after, ahead), None,
-            _own_gap(result, entry.after),
+            text, entry.after, entry.before, numbers, entry.alternatives, _how_sure_of_change(entry),
+            _todo(entry.after, ahead), None, _own_gap(result, entry.after),
         )  # fmt: skip
         entries.append((finding, _replaced(entry.before, entry.after)))
     if found.offset_changed:
@@ -173,6 +173,13 @@ def _how_sure(claim: Claim) -> str:
         parts.append("named by its order alone: something else may make the same wave")
     kept = f"kept its size in {100 * claim.evidence.stability:.0f} % of the resampled data sets"
     return "; ".join(parts or ["no other effect that was tried does as well"]) + f"; {kept}"
+
+
+def _how_sure_of_change(entry: Retuned) -> str:
+    """What else may have changed."""
+    others = ", ".join(entry.alternatives)
+    return f"it is in the rig already; {others} in place of the change would do as well" if others else (
+        "it is in the rig already")  # fmt: skip
 
 
 #: what a maintenance engineer looks at first

@@ -131,7 +131,9 @@ def _loaded_mesh(draw: Draw, law: mesh.Law, title: str) -> Drawn:
     names = ("load_dependent_mesh", name)
     size = draw.wave(6e-4, 3e-3)
     backward = size * complex(draw.random.uniform(0.7, 1.2)) * np.exp(1j * draw.random.uniform(-1, 1))
-    part = mesh.wave_part(f"order {order} {title}", names, order, law, size, complex(backward), touches=(name,))
+    # sidebands of the rig keep their size, so that their ratio to what is now their mesh order truly is another
+    touches = (name, "carrier_modulation")
+    part = mesh.wave_part(f"order {order} {title}", names, order, law, size, complex(backward), touches=touches)
     return known, (part,)
 
 
@@ -180,7 +182,8 @@ def wear_step(draw: Draw) -> Drawn:
         return law(points) - 1.0
 
     title = f"order {order} grows by a step in mid-campaign"
-    part = mesh.wave_part(title, ("wear", name), order, grown, draw.wave(4e-4, 2e-3), touches=(name,), in_time=True)
+    touches = (name, "carrier_modulation")
+    part = mesh.wave_part(title, ("wear", name), order, grown, draw.wave(4e-4, 2e-3), touches=touches, in_time=True)
     return draw.machine, (part,)
 
 
@@ -284,7 +287,9 @@ def stribeck(draw: Draw) -> Drawn:
 
 def play(draw: Draw) -> Drawn:
     value = slow.shifted_by(draw.size(2e-3, 1e-2), draw.random.uniform(60.0, 300.0))
-    part = slow.mean_part("play that load takes up gradually", ("backlash",), value, signed=True)
+    # its part without load has the form of dry friction to the last digit: which of the two moved no data can tell
+    touches = ("friction_windup",)
+    part = slow.mean_part("play that load takes up gradually", ("backlash",), value, signed=True, touches=touches)
     return draw.machine.without("backlash"), (part,)
 
 

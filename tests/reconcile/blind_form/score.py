@@ -103,7 +103,7 @@ def _false_names(truth: Truth, report: Report) -> list[Statement]:
     touched = allowed | {name for part in truth.parts for name in (*part.touches, *part.names)}
     for claim in report.retuned:
         changed = [key for key, value in claim.parameters.items() if _is_changed(value.before, value)]
-        if changed and claim.name not in touched:
+        if changed and not {claim.name, *claim.alternatives} & touched:
             kind = absorbed if truth.case.mistakes else "known parameter"
             rows.append(Statement(kind, f"says that {claim.name} of the rig is wrong ({', '.join(changed[:3])})"))
     return rows
