@@ -123,7 +123,8 @@ class Settings:
     one_apart_in: int = 8
     #: a held-out gap that rises by more than its own scatter from run to run: the rig stays as it is
     worse: float = 1.02
-    #: the gap of levels that were left out counts in place of that of unseen runs from so many times on: both scatter
+    #: the gap of levels that were left out counts in place of that of unseen runs from so many times on, and so many
+    #: times the floor are more than noise: these gaps scatter
     clearly_larger: float = 1.25
     #: resampled data sets, and the share of them in which an effect must keep its size
     resamplings: int = 60

@@ -11,9 +11,12 @@ from st_codegen.reconcile.fit.parameters import piece_of
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.candidates import Search, variants
+from st_codegen.reconcile.judge.conclusions import conclude, settled
 from st_codegen.reconcile.judge.peaks import bracket, spread
+from st_codegen.reconcile.judge.plausible import is_no_form_error
 from st_codegen.reconcile.judge.retuned import changes
 from st_codegen.reconcile.report.findings import Finding, share_text
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
 from st_codegen.threads import one_thread
@@ -134,3 +137,49 @@ def test_a_small_share_is_told_by_the_gap_of_its_own_orders():
     finding = Finding("", RIG.effects[0], None, (), (), "", "", 0.002, (3e-3, 4e-4))
     assert share_text(finding, first=True) == "the gap of its orders falls from 0.003 to 0.0004 deg"
     assert share_text(replace(finding, share=0.05), first=True) == "it explains 5 % of the gap"
+
+
+def with_added(data, *effects):
+    """A fit of the rig without its first effect to data, with effects added."""
+    rig = RigModel(effects=RIG.effects[1:])
+    first = fitted(rig, data)
+    state = first.state
+    for one in effects:
+        state = state.with_piece(piece_of(one, added=True))
+    return fit(first.target, state)
+
+
+@pytest.mark.parametrize("gap", [0.0, 1.0])
+def test_what_a_form_may_lack_is_no_effect(gap):
+    """A compliance that bends by 6 %: backlash saves loss there, and is an effect only where there is some."""
+    at = grid()
+    truth = RigModel(effects=(*RIG.effects, effect("backlash", gap_arcmin=gap, seating_torque_Nm=50.0)))
+    data = observed(truth, at)
+    bend = -0.06 * at.sign * at.torque_Nm / 454 / 60 * np.sin(np.pi * at.torque_Nm / 1800)
+    data = replace(data, values=data.values + bend[:, None] * (data.orders == 0))
+    spring = effect("torsional_compliance", stiffness_Nm_per_arcmin=454.0)
+    without = with_added(data, spring)
+    both = with_added(data, spring, effect("backlash", gap_arcmin=0.5, seating_torque_Nm=50.0))
+    assert without.loss - both.loss > SETTINGS.order_gain
+    assert is_no_form_error(without, both, len(both.state.pieces) - 1) is bool(gap)
+
+
+def test_an_addition_that_the_whole_data_refuse_is_taken_back():
+    """Beside the true effect stands one that no data need, and one at its bound."""
+    data = observed(RIG, grid())
+    spring = effect("torsional_compliance", stiffness_Nm_per_arcmin=400.0)
+    stiff = effect("hanging_load_compliance", stiffness_Nm_per_arcmin=20000.0)
+    last, standing = settled(with_added(data, spring, stiff, effect("pin_error", order=40, amplitude_deg=1e-6)))
+    assert [piece.effect.name for piece in last.state.pieces if piece.added] == ["torsional_compliance"]
+    assert all(one.stands for one in standing.values())
+
+
+def test_a_changed_parameter_names_what_would_do_in_its_place():
+    """Where all runs have loads that seat the flanks, more dry friction looks like more backlash."""
+    at = grid(4, 5, 2)
+    loaded = Conditions(at.sign, at.speed_rpm, 600 + at.torque_Nm * 2 / 3, at.temperature_C)
+    play = effect("backlash", gap_arcmin=1.0, seating_torque_Nm=25.0)
+    rig = RigModel(effects=(*RIG.effects, play))
+    truth = RigModel(effects=(*RIG.effects, play, effect("friction_windup", coulomb_arcmin=0.5)))
+    (changed,) = conclude(rig, fitted(rig, observed(truth, loaded)), KNOWN).retuned
+    assert (changed.after.name, changed.alternatives) == ("backlash", ("friction_windup",))

@@ -189,3 +189,13 @@ def test_nothing_is_written_that_predicts_worse(monkeypatch):
     assert result.new_rig is result.rig
     assert result.verdict == "unexplained"
     assert result.held_out.after == pytest.approx(result.held_out.before)
+
+
+def test_nothing_is_explained_where_more_than_noise_is_left():
+    """Few runs show no pattern in what is left, and it is no noise for all that."""
+    at, orders = grid(np.linspace(100, 1800, 6)), [0, 39, 40, 78]
+    result = reconciled(part(MESH, orders), at, orders, {40: 5e-4 * at.torque_Nm / 1000})
+    assert (result.verdict, result.unexplained) == ("explained", ())
+    floor = result.fitted.noise_floor
+    assert replace(result, fitted=replace(result.fitted, after=1.2 * floor)).verdict == "explained"
+    assert replace(result, fitted=replace(result.fitted, after=1.4 * floor)).verdict == "partly_explained"
