@@ -109,6 +109,11 @@ class Reconciliation:
             return "partly_explained" if named else "unexplained"
         return "explained" if named else "nothing_missing"
 
+    @property
+    def floor_is_bound(self) -> bool:
+        """Whether the noise floor may be smaller: that of the mean holds what is unexplained there."""
+        return any(signature.at_least for signature in self.unexplained)
+
 
 def reconcile_files(
     rig: RigModel,

@@ -178,3 +178,18 @@ def test_how_far_orders_of_a_table_scatter_says_which_is_too_loud():
 
     assert loud([1, 4.5, 2, 1, 1, 1, 1, 2.8, 1, 1, 1, 1]) == [53]
     assert loud([1, 3, 2, 1, 4, 0.4, 2, 2.8, 0.5, 1, 3, 0.3]) == []
+
+
+def test_nothing_tells_the_noise_of_a_mean_that_keeps_structure():
+    """In a table its runs scatter for a reason that no condition shows: the size is the least that it may have."""
+    at = grid()
+    random = np.random.default_rng(5)
+    values = SIGMA * (random.standard_normal((len(at), 3)) + 1j * random.standard_normal((len(at), 3)))
+    values[:, 0] = values[:, 0].real + 20 * SIGMA * (random.standard_normal(len(at)) + 3 * np.sin(at.torque_Nm / 200))
+    values[:, 2] += 10 * SIGMA * np.sin(at.torque_Nm / 200)
+    data = Observations(at, labels(at), ORDERS, values)
+    noise = estimate(data, values)
+    target = FitData(data, noise.sigma, noise.good, groups_of(at))
+    found = {s.order: s for s in signatures(target, values, 1.0, floors(target, values, noise.floor_rms))}
+    assert found[0].at_least and "at least" in found[0].text
+    assert not found[53].at_least and "at least" not in found[53].text

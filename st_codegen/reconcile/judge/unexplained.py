@@ -141,7 +141,9 @@ class Signature:
 
     order; rms_deg: of what is no noise, over all runs and angles; share of the gap (power); dependence: shares by
     factor; direction: `both`, `forward`, `backward`; text: a sentence; amplitude_deg: the largest of the formula, or of
-    the levels of the factor on which it depends most; formula: the simplest expression that the data hold, or None.
+    the levels of the factor on which it depends most; formula: the simplest expression that the data hold, or None;
+    at_least: the noise beside it is known no better than by how far runs lie from their neighbours, which holds what is
+    unexplained as well, so that the size may be larger and the noise smaller.
     """
 
     order: int
@@ -152,6 +154,7 @@ class Signature:
     text: str
     amplitude_deg: float = 0.0
     formula: Formula | None = None
+    at_least: bool = False
 
 
 def signatures(target: FitData, residual: ComplexArray, gap_power: float, floor: FloatArray) -> list[Signature]:
@@ -318,11 +321,14 @@ def _signature(
     formula = formula_of(target, r, k)
     said, amplitude = _sentence(target, r, order, shares, course, formula)
     side = "" if direction == "both" else f", {direction} only"
-    what, size = f"order {order}" if order else "the mean", f"{np.sqrt(power):.2g} deg RMS"
+    # orders beside an order tell its noise, but nothing tells that of a table's mean
+    at_least = not order and target.data.spectral_deg is None
+    what = f"order {order}" if order else "the mean"
+    size = f"{'at least ' if at_least else ''}{np.sqrt(power):.2g} deg RMS"
     is_law = formula is not None and said == formula.text
     text = f"{what} {said}; {size} over the runs{side}" if is_law else f"{what}: {size}, {said}{side}"
     share = float(min(1.0, power / max(gap_power, 1e-300)))
-    return Signature(order, float(np.sqrt(power)), share, shares, direction, text, amplitude, formula)
+    return Signature(order, float(np.sqrt(power)), share, shares, direction, text, amplitude, formula, at_least)
 
 
 def _direction(target: FitData, r: ComplexArray) -> str:

@@ -32,6 +32,7 @@ def report(result: Reconciliation, update: Update | None = None, ahead: NextRuns
                 "dependence": {name: round(share, 4) for name, share in s.dependence.items()},
                 "direction": s.direction,
                 "size": s.rms_deg,
+                "at_least": s.at_least,
                 "share_of_gap": s.share,
                 "amplitude_deg": s.amplitude_deg,
                 "formula": None if s.formula is None else {
@@ -42,6 +43,7 @@ def report(result: Reconciliation, update: Update | None = None, ahead: NextRuns
             for s in result.unexplained
         ],
         "gap": {"fitted": _gap(result.fitted), "held_out": _gap(result.held_out)},
+        "noise_floor_at_most": result.floor_is_bound,
         "gap_by_order": [asdict(gap) for gap in result.orders],
         "suspect_runs": [f"{result.data.labels[row]}: {times:.1f} times the usual distance from what is expected"
                          for row, times in result.noise.suspects]

@@ -46,6 +46,8 @@ def floor_text(result: Reconciliation) -> str:
     text = f"The floor is {'; '.join(parts)}"
     if "repeats" not in kinds:
         text += ". No run was repeated: what is sharper than the steps of the conditions counts as noise there"
+    if result.floor_is_bound:
+        text += ". It may be smaller: what is unexplained of the mean counts as its noise as well"
     if result.data.spectral_deg is not None:
         text += ". Orders above 5 were also compared with the noise between the orders of their own curves"
     return text + "."

@@ -55,6 +55,7 @@ class Leftover:
     size: float | None
     direction: str
     text: str
+    at_least: bool = False
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,7 @@ class Report:
     measurement: tuple[str, ...]
     about_unseen: str
     whole: str
+    floor_is_bound: bool = False
 
     @property
     def is_rounded(self) -> bool:
@@ -114,8 +116,8 @@ def _claim(table: Mapping[str, Any]) -> Claim:
 def _leftover(entry: Any) -> Leftover:
     if not isinstance(entry, Mapping):
         return Leftover(None, None, "both", str(entry))
-    direction = str(entry.get("direction", "both"))
-    return Leftover(_number(entry.get("order")), _number(entry.get("size")), direction, json.dumps(entry))
+    direction, least = str(entry.get("direction", "both")), bool(entry.get("at_least", False))
+    return Leftover(_number(entry.get("order")), _number(entry.get("size")), direction, json.dumps(entry), least)
 
 
 def _about(report: Mapping[str, Any], beginnings: Iterable[str]) -> str:
@@ -170,6 +172,7 @@ def read_report(report: Mapping[str, Any]) -> Report:
         _measurement(report),
         _about(report, _UNSEEN_KEYS),
         json.dumps(report),
+        bool(report.get("noise_floor_at_most", False)),
     )  # fmt: skip
 
 

@@ -195,7 +195,10 @@ def _sizes(truth: Truth, report: Report, rig: NewRig) -> tuple[list[Statement], 
         noise = truth.noise_by_order[order] if order < len(truth.noise_by_order) else 0.0
         if max(true, entry.size) > noise:
             sizes.append((entry.size, true))
-        errors = [abs(entry.size - value) - SIZE_SHARE * value - noise for value in (true, one_way)]
+        apart = [entry.size - value for value in (true, one_way)]
+        # a size that is said to be the least may be smaller
+        apart = [x if entry.at_least else abs(x) for x in apart]
+        errors = [x - SIZE_SHARE * value - noise for x, value in zip(apart, (true, one_way), strict=True)]
         if min(errors) > 0:
             rows.append(Statement("size", f"order {order}: says {entry.size:.2g} deg are unexplained, true {true:.2g}"))
     for claim in report.effects:
@@ -221,7 +224,8 @@ def _floor(truth: Truth, report: Report) -> tuple[list[Statement], tuple[float, 
         return [], None
     orders = np.array([order for order in report.orders if order < len(truth.noise_by_order)])
     true = _total(truth.noise_by_order, orders)
-    if true / FLOOR_FACTOR <= said <= true * FLOOR_FACTOR:
+    # a floor that is said to be the most may be larger
+    if true / FLOOR_FACTOR <= said and (report.floor_is_bound or said <= true * FLOOR_FACTOR):
         return [], (said, true)
     return [Statement("floor", f"noise floor {said:.2g} deg, true {true:.2g}")], (said, true)
 

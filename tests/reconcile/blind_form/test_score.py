@@ -122,6 +122,18 @@ def test_a_wrong_floor_and_a_wrong_held_out_gap_are_false():
     report = report_of(effects=[{"name": "pin_error"}], gap={"fitted": gap, "held_out": gap})
     assert kinds(judged(truth, report)) == {"floor"}
     assert kinds(judged(truth, report, found=False)) >= {"floor", "held out"}
+    gaps = {"gap": {"fitted": gap, "held_out": gap}, "noise_floor_at_most": True}
+    assert not kinds(judged(truth, report_of("unexplained", **gaps)))
+    low = {"gap": {"fitted": gap | {"noise_floor": 1e-9}, "held_out": gap}, "noise_floor_at_most": True}
+    assert kinds(judged(truth, report_of("unexplained", **low))) == {"floor"}
+
+
+def test_a_size_that_is_said_to_be_the_least_may_be_larger():
+    truth = truth_of(wave(53))
+    for share, right in ((0.5, True), (1.0, True), (1.5, False)):
+        entry = {"order": 53, "size": share * SIZE / np.sqrt(2), "at_least": True}
+        marks = judged(truth, report_of("unexplained", unexplained=[entry]), found=False)
+        assert ("size" not in kinds(marks)) is right, share
 
 
 def test_a_new_rig_that_is_worse_is_no_progress():
