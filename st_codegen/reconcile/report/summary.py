@@ -25,10 +25,9 @@ def summary(result: Reconciliation) -> str:
         lines.append(f"- and {len(result.unexplained) - 8} more unexplained orders")
     if result.taken_back is not None:
         lines.append(f"- {taken_back_text(result.taken_back)}")
-    gap, most = result.held_out, "at most " if result.floor_is_bound else ""
-    lines.append(
-        f"Gap on held-out runs: {gap.before:.3g} -> {gap.after:.3g} deg RMS, noise floor {most}{gap.noise_floor:.3g} deg"
-    )
+    gap = result.held_out
+    floor = f"{'at most ' if result.floor_is_bound else ''}{gap.noise_floor:.3g} deg"
+    lines.append(f"Gap on held-out runs: {gap.before:.3g} -> {gap.after:.3g} deg RMS, noise floor {floor}")
     lines += [text for text in (between_text(result), floor_text(result)) if text]
     lines += [f"Cannot be shown: {text}" for text in result.cannot_show]
     lines += [f"Not looked at: {text}" for text in result.data.not_looked_at]
