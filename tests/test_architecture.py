@@ -1,6 +1,7 @@
 """The rules of the house, read from the imports."""
 
 import ast
+import functools
 import re
 from pathlib import Path
 
@@ -84,33 +85,42 @@ def module_name(path):
 MODULES = {module_name(path): path for path in FILES}
 
 
-def imports(path):
-    """Modules of ours that a file imports, also inside functions and for types."""
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        names = []
-        if isinstance(node, ast.ImportFrom) and node.module:
-            names = [f"{node.module}.{alias.name}" for alias in node.names]
-        elif isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        for name in names:
-            if name.partition(".")[0] == PACKAGE.name:
-                found.add(name if name in MODULES else name.rpartition(".")[0])
+@functools.cache
+def read():
+    """Of every module: the modules of ours that it imports, also inside functions and for types, its texts, classes."""
+    found = {}
+    for module, path in MODULES.items():
+        imported, texts, classes = set(), set(), []
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = []
+            if isinstance(node, ast.ImportFrom) and node.module:
+                names = [f"{node.module}.{alias.name}" for alias in node.names]
+            elif isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.Constant):
+                texts.add(node.value)
+            elif isinstance(node, ast.ClassDef):
+                classes.append(node.name)
+            for name in names:
+                if name.partition(".")[0] == PACKAGE.name:
+                    imported.add(name if name in MODULES else name.rpartition(".")[0])
+        found[module] = imported, texts, classes
     return found
 
 
-def named(path):
-    """Modules of ours that a file names in a text, to import them when they are needed."""
-    constants = {node.value for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Constant)}
-    return {value for value in constants & MODULES.keys() if "." in value}
+def imports():
+    """Modules of ours that each module imports."""
+    return {name: imported for name, (imported, *_) in read().items()}
+
+
+def uses():
+    """Modules of ours that each module imports, or names in a text to import them when they are needed."""
+    named = {name for name in MODULES if "." in name}
+    return {name: imported | (texts & named) for name, (imported, texts, _) in read().items()}
 
 
 def room(name):
     return name.split(".")[1] if "." in name else "__init__"
-
-
-IMPORTS = {name: imports(path) for name, path in MODULES.items()}
-USES = {name: IMPORTS[name] | named(path) for name, path in MODULES.items()}
 
 
 def test_there_are_files():
@@ -131,7 +141,7 @@ def test_a_room_uses_only_rooms_that_stand_above_it_in_the_table():
 def test_imports_keep_to_the_table():
     wrong = [
         f"{name} uses {other}"
-        for name, used in USES.items()
+        for name, used in uses().items()
         for other in sorted(used)
         if room(name) not in TOP and room(other) not in MAY_USE[room(name)] | {room(name)}
     ]
@@ -140,7 +150,7 @@ def test_imports_keep_to_the_table():
 
 def circles():
     """Groups of modules that import each other, directly or through others."""
-    reach = {name: set(used) for name, used in IMPORTS.items()}
+    reach = {name: set(used) for name, used in imports().items()}
     for middle, beyond in reach.items():
         for known in reach.values():
             if middle in known:
@@ -157,7 +167,7 @@ def test_no_module_imports_itself_through_others():
 @pytest.mark.parametrize("name", ["te", "beckhoff_ml"])
 def test_only_the_top_names_the_rooms_that_enter_themselves(name):
     """The compiler finds targets, purposes and kinds of files in its tables."""
-    users = {room(other) for other in MODULES if any(room(used) == name for used in USES[other])} - {name}
+    users = {room(other) for other, used in uses().items() if any(room(one) == name for one in used)} - {name}
     assert not users & (COMPILER | {"proof", "cost", "st"})
 
 
@@ -275,9 +285,9 @@ def test_floors_of_reconcile(path):
 
 def test_a_public_class_has_its_name_for_itself():
     homes = {}
-    for path in FILES:
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                homes.setdefault(node.name, []).append(path.relative_to(PACKAGE).as_posix())
+    for module, (*_, classes) in read().items():
+        for name in classes:
+            if not name.startswith("_"):
+                homes.setdefault(name, []).append(module)
     assert len(homes) > 200
-    assert {name: files for name, files in homes.items() if len(files) > 1} == {}
+    assert {name: modules for name, modules in homes.items() if len(modules) > 1} == {}

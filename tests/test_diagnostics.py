@@ -17,12 +17,12 @@ from tests.cli.helpers import run
 PACKAGE = Path(st_codegen.__file__).parent
 
 
-def classes():
+def classes(trees):
     """All classes of errors of the package, and those above each, by their names in the source."""
     known = {"StCodegenError": {"StCodegenError"}}
     bases = {}
-    for path in PACKAGE.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for tree in trees:
+        for node in ast.walk(tree):
             if isinstance(node, ast.ClassDef):
                 bases[node.name] = [base.id for base in node.bases if isinstance(base, ast.Name)]
     for _ in bases:
@@ -33,14 +33,11 @@ def classes():
     return known
 
 
-CLASSES = classes()
-
-
 class Makers(ast.NodeVisitor):
     """Places of a module that make an error or note a problem, with the class of the error."""
 
-    def __init__(self, module):
-        self.module, self.names, self.found = module, [], []
+    def __init__(self, module, known):
+        self.module, self.known, self.names, self.found = module, known, [], []
 
     def inside(self, node):
         self.names.append(node.name)
@@ -53,33 +50,34 @@ class Makers(ast.NodeVisitor):
         name = node.func.id if isinstance(node.func, ast.Name) else getattr(node.func, "attr", "")
         text = bool(node.args) and isinstance(node.args[0], ast.JoinedStr | ast.Constant)
         noted = name == "note" or (name == "add" and text and "problems" in ast.unparse(node.func))
-        if name in CLASSES or noted:
+        if name in self.known or noted:
             place = f"{self.module}:{'.'.join(self.names)}"
-            self.found.append((place, CLASSES.get(name, CLASSES["InputError"])))
+            self.found.append((place, self.known.get(name, self.known["InputError"])))
         self.generic_visit(node)
 
 
+@pytest.fixture(scope="module")
 def makers():
+    paths = sorted(PACKAGE.rglob("*.py"))
+    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in paths}
+    known = classes(trees.values())
     found = []
-    for path in sorted(PACKAGE.rglob("*.py")):
+    for path, tree in trees.items():
         module = ".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__")
-        visitor = Makers(module)
-        visitor.visit(ast.parse(path.read_text(encoding="utf-8")))
+        visitor = Makers(module, known)
+        visitor.visit(tree)
         found += [entry for entry in visitor.found if module not in errors._FOR_OTHERS]
     return found
 
 
-MAKERS = makers()
-
-
-def test_every_place_that_makes_an_error_has_a_code():
-    assert len(MAKERS) > 400
-    without = {place for place, kinds in MAKERS if code_for(place, kinds) == UNKNOWN}
+def test_every_place_that_makes_an_error_has_a_code(makers):
+    assert len(makers) > 400
+    without = {place for place, kinds in makers if code_for(place, kinds) == UNKNOWN}
     assert not without, "an entry in st_codegen/diagnostics.py should name these rooms or modules"
 
 
-def test_every_code_stands_for_something_that_is_made():
-    made = {code_for(place, kinds) for place, kinds in MAKERS}
+def test_every_code_stands_for_something_that_is_made(makers):
+    made = {code_for(place, kinds) for place, kinds in makers}
     by_kind = {entry.code for entry in DIAGNOSTICS if entry.kinds and not entry.places}
     answers = {entry.code for entry in DIAGNOSTICS if entry.code >= "STC2"}
     rooms = {entry.code for entry in DIAGNOSTICS if entry.places and not (PACKAGE / entry.places[0]).exists()}

@@ -146,11 +146,11 @@ def test_long_chains_compile() -> None:
     for operator, kind in (("+", "LREAL"), ("+", "DINT"), ("AND", "BOOL"), ("-", "LREAL")):
         chain = f" {operator} ".join(["x", *["y"] * 3000])
         source = f"FUNCTION_BLOCK FB_T VAR x : {kind}; y : {kind}; z : {kind}; END_VAR z := {chain}; END_FUNCTION_BLOCK"
-        Machine(parse_project({"a.st": source}), 1).instance("FB_T")()
+        Machine(parse_project({"a.st": source}), optimised=False).instance("FB_T")()
     chain = " + ".join(["x", *["y"] * 3000])
     source = f"FUNCTION_BLOCK FB_T VAR_INPUT x : LREAL; y : LREAL; END_VAR VAR z : LREAL; END_VAR z := {chain}; END_FUNCTION_BLOCK"
     with pytest.raises(StRuntimeError, match="overflow"):
-        Machine(parse_project({"a.st": source})).instance("FB_T")(x=1e308, y=1e307)
+        Machine(parse_project({"a.st": source}), optimised=False).instance("FB_T")(x=1e308, y=1e307)
     branches = "".join(f"ELSIF n = {k} OR x > {k}.5 THEN n := {k + 1};\n" for k in range(500))
     source = f"FUNCTION_BLOCK FB_T VAR n : DINT := 7; x : LREAL; END_VAR IF FALSE THEN ; {branches} END_IF; END_FUNCTION_BLOCK"
     instance = Machine(parse_project({"a.st": source})).instance("FB_T")
