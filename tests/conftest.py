@@ -1,8 +1,14 @@
 """Fixtures that many tests share, and the option that updates golden files."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
+from st_codegen.driver import generate
+from st_codegen.emit.targets import TARGETS
+from st_codegen.passes.choose import Layout, Options
+from st_codegen.project.bundle import load
 from tests.examples import register
 
 register()
@@ -77,10 +83,8 @@ sine = {file = "b.txt", output = 0}
 """
 
 
-@pytest.fixture
-def bundle_folder(tmp_path, lightgbm_text):
+def write_bundle(folder, lightgbm_text):
     """A transmission error bundle of two models."""
-    folder = tmp_path / "models"
     folder.mkdir()
     (folder / "a.txt").write_text(lightgbm_text)
     (folder / "b.txt").write_text(lightgbm_text)
@@ -88,10 +92,40 @@ def bundle_folder(tmp_path, lightgbm_text):
     return folder
 
 
-@pytest.fixture
-def lone_folder(tmp_path, lightgbm_text):
+def write_lone(folder, lightgbm_text):
     """A folder with one LightGBM text file and nothing else."""
-    folder = tmp_path / "lone"
     folder.mkdir()
     (folder / "te.txt").write_text(lightgbm_text)
     return folder
+
+
+@pytest.fixture
+def bundle_folder(tmp_path, lightgbm_text):
+    return write_bundle(tmp_path / "models", lightgbm_text)
+
+
+@pytest.fixture
+def lone_folder(tmp_path, lightgbm_text):
+    return write_lone(tmp_path / "lone", lightgbm_text)
+
+
+@pytest.fixture(scope="session")
+def generated_once(tmp_path_factory, lightgbm_text):
+    """Generates the `"bundle"` or the `"lone"` model for targets, once with these options; returns the folder.
+
+    Nobody changes it: a test that needs other text changes a copy.
+    """
+    folder = tmp_path_factory.mktemp("generated")
+    bundles = {
+        "bundle": load(write_bundle(folder / "bundle", lightgbm_text)),
+        "lone": load(write_lone(folder / "lone", lightgbm_text)),
+    }
+
+    @cache
+    def generated(name, targets=tuple(TARGETS), layout=Layout.AUTO, **options):
+        out = tmp_path_factory.mktemp("out")
+        for target in targets:
+            generate(bundles[name], target, out, options=Options(layout), **options)
+        return out
+
+    return generated

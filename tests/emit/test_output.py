@@ -266,7 +266,7 @@ bundles = [load(Path(folder)) for folder in sys.argv[1:3]]
 out = sys.argv[3]
 for bundle in bundles:  # what is imported and compiled here, no child does again
     generate(bundle, TARGETS["twincat"], Path(sys.argv[4]), options=Options(Layout.TREES))
-driver.check_emitted = lambda folder, dialect, portable: None  # the same texts every time, and reading them changes nothing
+driver.check_emitted = lambda folder, dialect, portable: None  # reads the same texts every time, and changes nothing
 gc.freeze()
 
 def killed_at(last):

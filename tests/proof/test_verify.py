@@ -1,5 +1,6 @@
 import json
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from st_codegen.driver import generate
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import Comparison, reference
-from st_codegen.passes.choose import Layout, Options
+from st_codegen.passes.choose import Layout
 from st_codegen.project.bundle import Bundle, load
 from st_codegen.proof.verify import ulps_between, verify
 from st_codegen.walkers.base import LoadedModel
@@ -16,17 +17,21 @@ from tests.models import model, random_trees
 
 
 @pytest.fixture
-def generated(lone_folder, tmp_path):
-    for target in TARGETS.values():
-        generate(load(lone_folder), target, tmp_path / "out", options=Options(Layout.TREES))
-    return tmp_path / "out"
+def generated(generated_once):
+    return generated_once("lone", layout=Layout.TREES)
 
 
 @pytest.fixture
-def tabled(lone_folder, tmp_path):
-    for target in TARGETS.values():
-        generate(load(lone_folder), target, tmp_path / "tables", options=Options(Layout.TABLE))
-    return tmp_path / "tables"
+def changed(generated_once, tmp_path):
+    """Changes the text of the block of one target; returns the folder in which this target is alone."""
+
+    def make(target, pattern, by, layout=Layout.TREES):
+        copy = tmp_path / "changed"
+        shutil.copytree(generated_once("lone", layout=layout) / target, copy / target)
+        change(copy / target / {"twincat": "POUs/FB_Te.TcPOU", "iec": "FB_Te.st"}[target], pattern, by)
+        return copy
+
+    return make
 
 
 def test_generated_code_passes_and_the_report_says_on_what(lone_folder, generated):
@@ -62,12 +67,14 @@ def change(path, pattern, by):
     ids=["comparison", "tree size", "a threshold", "a tree less", "validity"],
 )
 @pytest.mark.parametrize("target", ["twincat", "iec"])
-def test_a_change_in_the_text_is_found_with_the_row_that_shows_it(lone_folder, generated, pattern, by, target):
-    path = {"twincat": generated / "twincat" / "POUs" / "FB_Te.TcPOU", "iec": generated / "iec" / "FB_Te.st"}[target]
-    change(path, pattern, by)
-    report = verify(load(lone_folder), generated, rows=2000)
+def test_a_change_in_the_text_is_found_with_the_row_that_shows_it(lone_folder, changed, pattern, by, target):
+    report = verify(load(lone_folder), changed(target, pattern, by), rows=2000)
     assert not report.passed
     assert any(target in failure.between and len(failure.input) == 3 for failure in report.models[0].failures)
+
+
+def test_tables_pass_where_nothing_is_changed(lone_folder, generated_once):
+    assert verify(load(lone_folder), generated_once("lone", layout=Layout.TABLE), rows=300).passed
 
 
 @pytest.mark.parametrize(
@@ -82,25 +89,22 @@ def test_a_change_in_the_text_is_found_with_the_row_that_shows_it(lone_folder, g
     ids=["comparison", "a threshold", "a cell", "a stride", "a missing value"],
 )
 @pytest.mark.parametrize("target", ["twincat", "iec"])
-def test_a_change_of_a_table_is_found(lone_folder, tabled, pattern, by, target):
-    path = {"twincat": tabled / "twincat" / "POUs" / "FB_Te.TcPOU", "iec": tabled / "iec" / "FB_Te.st"}[target]
-    assert verify(load(lone_folder), tabled, rows=300).passed
-    change(path, pattern, by)
-    report = verify(load(lone_folder), tabled, rows=2000)
+def test_a_change_of_a_table_is_found(lone_folder, changed, pattern, by, target):
+    report = verify(load(lone_folder), changed(target, pattern, by, Layout.TABLE), rows=2000)
+    assert not report.passed
     assert any(target in failure.between and len(failure.input) == 3 for failure in report.models[0].failures)
 
 
-def test_text_that_would_stop_the_controller_is_an_error_with_its_place(lone_folder, generated):
-    path = generated / "twincat" / "POUs" / "FB_Te.TcPOU"
-    change(path, r"fOut1 := aStep1\[0\];", "fOut1 := aStep1[0] / (aInput[0] - aInput[0]);")
+def test_text_that_would_stop_the_controller_is_an_error_with_its_place(lone_folder, changed):
+    folder = changed("twincat", r"fOut1 := aStep1\[0\];", "fOut1 := aStep1[0] / (aInput[0] - aInput[0]);")
     with pytest.raises(GeneratedCodeError, match=r"(?s)controller would stop in FB_Te.*FB_Te\.TcPOU:\d+"):
-        verify(load(lone_folder), generated, rows=50)
+        verify(load(lone_folder), folder, rows=50)
 
 
-def test_text_that_is_no_structured_text_is_an_error_with_its_place(lone_folder, generated):
-    change(generated / "iec" / "FB_Te.st", r"END_FOR;", "END_WHILE;")
+def test_text_that_is_no_structured_text_is_an_error_with_its_place(lone_folder, changed):
+    folder = changed("iec", r"END_FOR;", "END_WHILE;")
     with pytest.raises(GeneratedCodeError, match=r"(?s)not valid Structured Text.*FB_Te\.st:\d+"):
-        verify(load(lone_folder), generated, rows=50)
+        verify(load(lone_folder), folder, rows=50)
 
 
 def with_first_leaf(text, value):
@@ -125,13 +129,13 @@ def test_missing_blocks_and_missing_folders_are_named(lone_folder, generated, li
         verify(load(lone_folder), tmp_path / "nowhere", rows=50)
 
 
-def test_a_bundle_is_verified_with_its_two_blocks(bundle_folder, tmp_path):
+def test_a_bundle_is_verified_with_its_two_blocks(bundle_folder, generated_once, tmp_path):
     bundle = load(bundle_folder)
-    for target in TARGETS.values():
-        generate(bundle, target, tmp_path / "out")
-    report = verify(bundle, tmp_path / "out", rows=300)
+    generated = generated_once("bundle")
+    report = verify(bundle, generated, rows=300)
     assert report.passed
     assert [model.name for model in report.models] == ["a", "b", "FB_TEPredict", "FB_Compensator"]
+    shutil.copytree(generated / "twincat", tmp_path / "out" / "twincat")
     change(
         tmp_path / "out" / "twincat" / "POUs" / "FB_HarmonicSum.TcPOU",
         r"fSum_deg \+ aCosine\[1\]",

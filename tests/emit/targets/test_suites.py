@@ -1,6 +1,8 @@
 """Test suites for the controller: they pass on the text they were made for, and fail on any other."""
 
 import re
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,8 +27,8 @@ def suites(folder):
 
 
 @pytest.fixture
-def folder(bundle_folder, tmp_path):
-    return generate(load(bundle_folder), "twincat", tmp_path / "out", with_tests=True).folder
+def folder(generated_once):
+    return generated_once("bundle", ("twincat",), with_tests=True) / "twincat"
 
 
 def test_the_suites_pass_on_the_controllers_text(folder, bundle_folder):
@@ -50,7 +52,8 @@ def test_the_suites_pass_on_the_controllers_text(folder, bundle_folder):
     ],
     ids=["expected value", "amplitude", "arithmetic", "NaN taken"],
 )
-def test_a_change_makes_a_suite_fail(folder, file, pattern, by):
+def test_a_change_makes_a_suite_fail(folder, tmp_path, file, pattern, by):
+    folder = Path(shutil.copytree(folder, tmp_path / "twincat"))
     path = folder / file
     name = path.stem
     text = path.read_text(encoding="utf-8")
@@ -86,7 +89,8 @@ def test_expected_values_are_the_librarys(folder, bundle_folder, lightgbm_text):
     assert not np.any(table("TEST_ALLOWED"))
 
 
-def test_without_the_option_there_are_no_tests_and_a_later_run_removes_them(folder, bundle_folder):
+def test_without_the_option_there_are_no_tests_and_a_later_run_removes_them(folder, bundle_folder, tmp_path):
+    folder = Path(shutil.copytree(folder, tmp_path / "twincat"))
     assert (folder / "Tests").is_dir()
     generate(load(bundle_folder), "twincat", folder.parent)
     assert not (folder / "Tests").exists()
