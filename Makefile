@@ -12,8 +12,12 @@ run: $(INSTALLED)  ## compile the example bundle, verify the result
 	$(BIN)/st-codegen examples/rv160n/models/ --target twincat --out build/rv160n
 	$(BIN)/st-codegen verify examples/rv160n/models/ --generated build/rv160n
 
+# Two processes share the cores: threads of libraries inside them would spin beside each other. Programs that tests start
+# find the compiled modules. A process that has nothing left takes tests from the other one.
+TESTS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 2 --dist worksteal -q
+
 test: $(INSTALLED)  ## the whole test suite
-	$(BIN)/python -m pytest -n 2 -q
+	$(TESTS)
 
 real: $(INSTALLED)  ## the models of the real rig on 100,000 inputs each, reconcile on its table; needs the measured data
 	$(BIN)/python -m pytest -q -m slow tests/proof/test_real_rig.py tests/reconcile/test_real_data.py
@@ -35,7 +39,7 @@ sizes: $(INSTALLED)  ## files and tables of millions of numbers
 	$(BIN)/python -m pytest -q -m slow tests/walkers tests/st
 
 nightly: $(INSTALLED)  ## the property tests with twenty times as many examples, new ones each time
-	HYPOTHESIS_PROFILE=nightly $(BIN)/python -m pytest -n 2 -q
+	HYPOTHESIS_PROFILE=nightly $(TESTS)
 
 fuzz: $(INSTALLED)  ## damaged files of every kind for ten minutes, each in a process of its own; build/fuzz/ keeps what fails
 	$(BIN)/python -m tests.fuzz --seconds 600

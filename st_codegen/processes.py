@@ -8,6 +8,7 @@ a new thread computes in a copy: it has had none.
 from __future__ import annotations
 
 import contextlib
+import gc
 import os
 import signal
 import sys
@@ -49,10 +50,16 @@ def make_copy(action: Callable[[], object]) -> int:
 
 
 def fork() -> int:
-    """`os.fork`, without Python's warning about threads."""
+    """`os.fork`, without Python's warning about threads.
+
+    What a copy has been given is left out of its collections: they write to each object, and so would copy all memory.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
-        return os.fork()
+        child = os.fork()
+    if not child:
+        gc.freeze()
+    return child
 
 
 def how_it_ended(status: int) -> str:

@@ -1,5 +1,6 @@
 """Checks in processes of their own, with limits of processor time and memory."""
 
+import gc
 import os
 import resource
 import signal
@@ -106,7 +107,8 @@ def outcome(check, *arguments):
 
 
 def _prepare(output):
-    """What the process writes goes to a file, and its memory is limited."""
+    """What the process writes goes to a file, and its memory is limited; collections do not copy what it was given."""
+    gc.freeze()
     os.dup2(output, 1)
     os.dup2(output, 2)
     sys.stdout = sys.stderr = open(output, "w", encoding="utf-8", errors="replace", closefd=False)  # noqa: SIM115

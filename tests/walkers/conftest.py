@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from st_codegen import processes
 from st_codegen.ir import ModelIR, TreeColumn, TreeEnsemble, reference
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.walkers.base import LoadedModel
@@ -107,6 +108,12 @@ def without_package(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str],
         monkeypatch.setitem(__import__("sys").modules, package, None)
 
     yield hide
+
+
+@pytest.fixture
+def tried_in_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Models are tried in this process, as on systems without copies of one: of so large a process they take long."""
+    monkeypatch.setattr(processes, "can_be_copied", lambda: False)
 
 
 @pytest.fixture(scope="session")

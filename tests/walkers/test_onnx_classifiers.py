@@ -27,6 +27,8 @@ from tests.classifiers import verified
 from tests.walkers import onnx_builders as build
 from tests.walkers.onnx_builders import DOUBLE, FLOAT, INT64, Branch, Leaf, constant, graph_model, info, leaf, ml
 
+pytestmark = pytest.mark.usefixtures("tried_in_place")
+
 TRANSFORMS = ("NONE", "LOGISTIC", "SOFTMAX")
 NUMBERS, TEXTS = (7, 3, 5, -1), ("good", "*) bad", "ünsure", "2")
 

@@ -18,7 +18,10 @@ from st_codegen.walkers.onnx.load import load_file
 from tests.walkers import onnx_builders as build
 
 DATA = Path(onnx.__file__).parent / "backend" / "test" / "data" / "node"
-pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the onnx package is installed without its test data")
+pytestmark = [
+    pytest.mark.skipif(not DATA.is_dir(), reason="the onnx package is installed without its test data"),
+    pytest.mark.usefixtures("tried_in_place"),
+]
 
 _NAMES = "add sub mul div sum gemm matmul tanh relu sigmoid leakyrelu elu softplus exp neg clip reduce_mean reduce_sum"
 _NAMES += " identity reshape flatten squeeze unsqueeze transpose concat gather cast constant dropout_default shape"

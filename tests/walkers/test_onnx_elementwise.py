@@ -14,6 +14,8 @@ from tests.classifiers import verified
 from tests.walkers import onnx_builders as build
 from tests.walkers.onnx_builders import DOUBLE, FLOAT, INT64, constant, graph_model, info, ml, single
 
+pytestmark = pytest.mark.usefixtures("tried_in_place")
+
 DTYPES = pytest.mark.parametrize("elem_type", [FLOAT, DOUBLE])
 
 

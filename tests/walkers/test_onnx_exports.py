@@ -41,7 +41,10 @@ from skl2onnx.common.data_types import (  # noqa: E402
     Int64TensorType,
 )
 
-pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning"),
+    pytest.mark.usefixtures("tried_in_place"),
+]
 RNG = np.random.default_rng(0)
 X = RNG.uniform(-2, 2, size=(300, 3)).astype(np.float32)
 Y = np.column_stack([X[:, 0] * X[:, 1] + np.sin(3 * X[:, 2]), X[:, 1] ** 2 - X[:, 0]])

@@ -23,6 +23,8 @@ from tests.walkers.onnx_builders import (
     single,
 )
 
+pytestmark = pytest.mark.usefixtures("tried_in_place")
+
 ROW = [0.5, -1.75, 3.1]
 DTYPES = pytest.mark.parametrize("elem_type", [FLOAT, DOUBLE])
 

@@ -11,6 +11,8 @@ from st_codegen.ir import Round, Scale, reference
 from tests.walkers import onnx_builders as build
 from tests.walkers.onnx_builders import DOUBLE, FLOAT, assert_equal_bits, constant, graph_model, info, rows
 
+pytestmark = pytest.mark.usefixtures("tried_in_place")
+
 
 def test_an_input_without_dimensions(tmp_path):
     nodes = [helper.make_node("Add", ["A", "B"], ["Y"])]

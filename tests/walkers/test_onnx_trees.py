@@ -14,6 +14,8 @@ from st_codegen.ir import Comparison, Precision, Round, TreeEnsemble
 from tests.walkers import onnx_builders as build
 from tests.walkers.onnx_builders import DOUBLE, FLOAT, Branch, Leaf, assert_equal_bits, leaf
 
+pytestmark = pytest.mark.usefixtures("tried_in_place")
+
 MODES = ("LEQ", "LT", "GTE", "GT", "EQ", "NEQ")
 TYPES = pytest.mark.parametrize("elem_type", [FLOAT, DOUBLE])
 
