@@ -29,6 +29,7 @@ from st_codegen.ir import (
     Precision,
     Round,
     Scale,
+    Scan,
     Select,
     SlidingLinear,
     Softmax,
@@ -283,6 +284,16 @@ SMALL_MODELS = {
     "softmax float32": model(Round((0,), 3), Softmax((1,), 3, Precision.FLOAT32)),
     "logarithm of softmax": model(Softmax((0,), 3, logarithm=True)),
     "logarithm of softmax float32": model(Round((0,), 3), Softmax((1,), 3, Precision.FLOAT32, logarithm=True)),
+    "rounds": model(
+        Scan(
+            (0,),
+            (Linear((0,), W, [0.25, -1.0]), Activation((1,), Function.TANH, 2), Scale((2,), Operator.ADD, [0.5, 1.0])),
+            [0, 2, 1],
+            1,
+            [0.0, -0.5],
+        )
+    ),
+    "one round": model(Scan((0,), (Select((0,), [2, 1]), Linear((1,), [[0.5, -1.0]], [1.0])), [0], 2, [0.0])),
     "scale of doubt": model(Scale((0,), Operator.MULTIPLY, [0.5, -3.0, 0.1], doubt=[1e-12, 0.0, 1e-12])),
     "sums at places": model(SlidingLinear((0,), W[:, :2], [0.25, -1.0], [0, 1], [0, 1])),
     "sum at one place": model(SlidingLinear((0,), [[2.0]], [0.25], [1], [1])),

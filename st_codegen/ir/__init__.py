@@ -56,6 +56,7 @@ from st_codegen.ir.operations import (
     SlidingLinear,
 )
 from st_codegen.ir.pieces import Piecewise
+from st_codegen.ir.scan import Scan
 from st_codegen.ir.trees import (
     LinearLeaves,
     TreeColumn,
@@ -110,6 +111,7 @@ __all__ = [
     "RankColumn",
     "Round",
     "Scale",
+    "Scan",
     "Select",
     "SlidingLinear",
     "Softmax",

@@ -7,7 +7,7 @@ back end. It shares no code with either.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import singledispatch
 
 import numpy as np
@@ -39,6 +39,7 @@ from st_codegen.ir import (
     RankColumn,
     Round,
     Scale,
+    Scan,
     Select,
     SlidingLinear,
     Softmax,
@@ -201,6 +202,22 @@ def _(op: SlidingLinear, operands: list[FloatArray]) -> FloatArray:
     for number in range(columns.shape[1]):
         total += read[:, columns[:, number], None] * op.weights[:, number]
     return rounded(total.reshape(len(read), -1), op.precision)
+
+
+@apply.register
+def _(op: Scan, operands: list[FloatArray]) -> FloatArray:
+    return np.hstack([values[-1] for values in rounds(op, operands[0])])
+
+
+def rounds(op: Scan, x: FloatArray) -> Iterator[list[FloatArray]]:
+    """All values of the body in each round, for rows `x` of the operand."""
+    state = np.broadcast_to(op.initial, (len(x), len(op.initial)))
+    for start in op.starts.tolist():
+        values = [np.hstack([x[:, start : start + op.columns], state])]
+        for part in op.body:
+            values.append(apply(part, [values[number] for number in part.inputs]))
+        state = values[-1]
+        yield values
 
 
 @apply.register

@@ -21,6 +21,7 @@ from st_codegen.ir import (
     ModelIR,
     Operation,
     Rank,
+    Scan,
     SlidingLinear,
     TreeEnsemble,
     depth_of,
@@ -207,3 +208,9 @@ def _(op: Linear) -> CallCost:
 def _(op: SlidingLinear) -> CallCost:
     read = int(op.weights.nbytes)
     return CallCost(instructions=8.0 * len(op.starts) * op.weights.size, lines=_touched(read), table_bytes=read)
+
+
+@_cost.register
+def _(op: Scan) -> CallCost:
+    once = sum(map(_cost, op.body), CallCost(instructions=6.0 * len(op.initial)))
+    return CallCost(len(op.starts) * once.instructions, once.lines, once.table_bytes)

@@ -40,6 +40,7 @@ from st_codegen.ir import (
     Rank,
     Round,
     Scale,
+    Scan,
     Select,
     SlidingLinear,
     Softmax,
@@ -241,6 +242,21 @@ def _(op: Linear, operands: list[FloatArray]) -> tuple[float, FloatArray]:
 @magnitudes.register
 def _(op: SlidingLinear, operands: list[FloatArray]) -> tuple[float, FloatArray]:
     return _peak(np.ravel(operands[0][op.columns] @ np.abs(op.weights).T + np.abs(op.bias)))
+
+
+@magnitudes.register
+def _(op: Scan, operands: list[FloatArray]) -> tuple[float, FloatArray]:
+    state, found, peak = np.abs(op.initial), [], 0.0
+    for start in op.starts.tolist():
+        bounds = [np.concatenate([operands[0][start : start + op.columns], state])]
+        for part in op.body:
+            highest, bound = magnitudes(part, [bounds[value] for value in part.inputs])
+            peak = highest if np.isnan(highest) else max(peak, highest)
+            bounds.append(bound)
+        state = bounds[-1]
+        found.append(state)
+    # all that is computed is a number of float32
+    return (peak if peak <= _LARGEST[Precision.FLOAT32] else math.inf), np.concatenate(found)
 
 
 @magnitudes.register

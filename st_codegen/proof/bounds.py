@@ -9,6 +9,7 @@ add.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import singledispatch
 from typing import Literal
 
@@ -40,6 +41,7 @@ from st_codegen.ir import (
     Rank,
     Round,
     Scale,
+    Scan,
     Select,
     SlidingLinear,
     Softmax,
@@ -78,13 +80,18 @@ def difference_bound(model: ModelIR, x: FloatArray) -> FloatArray:
 def differences(model: ModelIR, x: FloatArray) -> list[FloatArray]:
     """That bound for all values of a model: the inputs, then the result of each operation, each (rows, width)."""
     values = reference.trace(model, x)
-    found = [np.zeros_like(values[0])]
     with np.errstate(all="ignore"):
-        for number, op in enumerate(model.ops, 1):
-            operands = [values[value] for value in op.inputs]
-            given = [found[value] for value in op.inputs]
-            difference = step(op, operands, given, values[number])
-            found.append(np.where(np.isnan(difference), np.inf, difference))
+        return _behind(model.ops, values, np.zeros_like(values[0]))
+
+
+def _behind(ops: Sequence[Operation], values: list[FloatArray], first: FloatArray) -> list[FloatArray]:
+    """The bounds on all values, `first` being that on value 0."""
+    found = [first]
+    for number, op in enumerate(ops, 1):
+        operands = [values[value] for value in op.inputs]
+        given = [found[value] for value in op.inputs]
+        difference = step(op, operands, given, values[number])
+        found.append(np.where(np.isnan(difference), np.inf, difference))
     return found
 
 
@@ -211,6 +218,15 @@ def _(op: SlidingLinear, operands: list[FloatArray], given: list[FloatArray], re
     return moved + sum_rounding(columns.shape[1] + 1, size + moved, result, op.precision)
 
 
+@step.register
+def _(op: Scan, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
+    state, found = np.zeros((len(result), len(op.initial))), []
+    for start, values in zip(op.starts.tolist(), reference.rounds(op, operands[0]), strict=True):
+        state = _behind(op.body, values, np.hstack([given[0][:, start : start + op.columns], state]))[-1]
+        found.append(state)
+    return np.hstack(found)
+
+
 def sum_rounding(terms: int, size: FloatArray, result: FloatArray, precision: Precision) -> FloatArray:
     """The library adds in its precision, the generated code in LREAL with one rounding at the end."""
     library = gamma(terms, precision) * size
@@ -246,6 +262,10 @@ def _(op: Activation, operands: list[FloatArray], given: list[FloatArray], resul
     return moved + (roundings + formula) * size + _TINY
 
 
+#: The largest slopes of functions that are not as steep as the identity, or steeper.
+_STEEPEST = {Function.LOGISTIC: 0.25, Function.ERF: 1.13, Function.GELU: 1.13}
+
+
 def _slope(op: Activation, x: FloatArray, difference: FloatArray) -> FloatArray:
     """Largest slope of the function within `difference` of x."""
     near = np.abs(x) + difference
@@ -263,7 +283,7 @@ def _slope(op: Activation, x: FloatArray, difference: FloatArray) -> FloatArray:
         return np.where(steepest > 0, np.abs(op.parameter) * np.abs(steepest) ** (op.parameter - 1), np.inf)
     if op.function in (Function.LEAKY_RELU, Function.ELU):
         return constant * max(1.0, abs(op.parameter))
-    return 1.13 * constant if op.function in (Function.ERF, Function.GELU) else constant
+    return _STEEPEST.get(op.function, 1.0) * constant
 
 
 @step.register

@@ -6,25 +6,22 @@ import math
 import textwrap
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
-from st_codegen.emit.blocks import cells, trees  # noqa: F401 - these register the code of their operations
+from st_codegen.emit.blocks import cells, scan, trees  # noqa: F401 - these register the code of their operations
 from st_codegen.emit.blocks.classes import class_lines
 from st_codegen.emit.blocks.listing import LINE_LENGTH, ArrayElement, Block, BlockVariable, Cuts, Listing
-from st_codegen.emit.blocks.operations import Step, lay_out, lay_out_layer
+from st_codegen.emit.blocks.operations import Step, lay_out, lay_out_layer, layers_of
 from st_codegen.emit.blocks.self_check import CheckRow, add_self_check
 from st_codegen.emit.foreign_names import is_foreign
 from st_codegen.emit.literals import capitalised, check_text, identifier, real, unit_text
 from st_codegen.errors import InputError, errors_name
 from st_codegen.ir import (
     FLOAT32_OVERFLOW,
-    Activation,
     CellTable,
     Feature,
     FillMissing,
-    Linear,
     ModelIR,
     Output,
     Piecewise,
@@ -322,7 +319,7 @@ def _operations(model: ModelIR, listing: Listing, *, aged: bool) -> list[ArrayEl
     missing = _missing_inputs(model)
     *_, last = model.ops
     picked = isinstance(last, Select)  # the outputs are read where they are
-    layers = _layers(model)
+    layers = layers_of(model.ops)
     for number, op in enumerate(model.ops[:-1] if picked else model.ops, 1):
         # a table that has nothing but classes
         whole = model.classes is not None and isinstance(op, CellTable) and number == len(model.ops) and op.width == 1
@@ -380,16 +377,6 @@ def _operations(model: ModelIR, listing: Listing, *, aged: bool) -> list[ArrayEl
         ],
     )
     return results
-
-
-def _layers(model: ModelIR) -> dict[int, tuple[Linear, Activation]]:
-    """Weighted sums, by number, of which nothing but the function behind them is read."""
-    found = {}
-    for number, (op, behind) in enumerate(pairwise(model.ops), 1):
-        readers = sum(number in other.inputs for other in model.ops)
-        if isinstance(op, Linear) and isinstance(behind, Activation) and behind.inputs == (number,) and readers == 1:
-            found[number] = op, behind
-    return found
 
 
 def _missing_inputs(model: ModelIR) -> list[Origins]:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import singledispatch
+from itertools import pairwise
 
 import numpy as np
 
@@ -77,7 +79,7 @@ class Step:
     an integer.
     """
 
-    number: int
+    number: int | str
     operands: tuple[str, ...]
     widths: tuple[int, ...]
     result: str
@@ -104,7 +106,7 @@ def lay_out(op: Operation, step: Step, listing: Listing) -> None:
 
 @lay_out.register
 def _(op: Select, step: Step, listing: Listing) -> None:
-    _declare_result(op, step, listing)
+    declare_result(op, step, listing)
     sources = [
         ArrayElement(name, column)
         for name, width in zip(step.operands, step.widths, strict=True)
@@ -129,7 +131,7 @@ def _(op: Select, step: Step, listing: Listing) -> None:
 
 @lay_out.register
 def _(op: Scale, step: Step, listing: Listing) -> None:
-    _declare_result(op, step, listing)
+    declare_result(op, step, listing)
     listing.loop("nColumn", op.width)
     constant = listing.table(step.table("OPERAND"), "LREAL", op.constant)
     least = None
@@ -150,7 +152,7 @@ def _(op: Scale, step: Step, listing: Listing) -> None:
 
 @lay_out.register
 def _(op: Combine, step: Step, listing: Listing) -> None:
-    _declare_result(op, step, listing)
+    declare_result(op, step, listing)
     listing.loop("nColumn", op.width)
     least = None
     if op.operator is Operator.DIVIDE:
@@ -168,14 +170,14 @@ def _(op: Combine, step: Step, listing: Listing) -> None:
 
 @lay_out.register
 def _(op: Round, step: Step, listing: Listing) -> None:
-    _declare_result(op, step, listing)
+    declare_result(op, step, listing)
     listing.loop("nColumn", op.width)
     listing.section("rounded to REAL, as the library computes", "round", step=step, last=op.width - 1)
 
 
 @lay_out.register
 def _(op: FillMissing, step: Step, listing: Listing) -> None:
-    _declare_result(op, step, listing)
+    declare_result(op, step, listing)
     listing.loop("nColumn", op.width)
     listing.locals("LREAL", "fX")
     same = bool(np.all(op.fill == op.fill[0]))
@@ -193,7 +195,7 @@ def _(op: FillMissing, step: Step, listing: Listing) -> None:
 
 @lay_out.register
 def _(op: Clip, step: Step, listing: Listing) -> None:
-    _declare_result(op, step, listing)
+    declare_result(op, step, listing)
     listing.loop("nColumn", op.width)
     listing.section(
         "limited",
@@ -207,7 +209,7 @@ def _(op: Clip, step: Step, listing: Listing) -> None:
 
 @lay_out.register
 def _(op: Exceeds, step: Step, listing: Listing) -> None:
-    _declare_result(op, step, listing)
+    declare_result(op, step, listing)
     listing.loop("nColumn", op.width)
     listing.section(
         f"1.0 where {'the cut is reached' if op.inclusive else 'above the cut'}, else 0.0",
@@ -221,7 +223,7 @@ def _(op: Exceeds, step: Step, listing: Listing) -> None:
 
 @lay_out.register
 def _(op: Piecewise, step: Step, listing: Listing) -> None:
-    _declare_result(op, step, listing)
+    declare_result(op, step, listing)
     listing.loop("nColumn", op.width)
     listing.locals("LREAL", "fX", "fY")
     listing.locals("DINT", "nKnot", "nHigh")
@@ -272,7 +274,7 @@ def _(op: Piecewise, step: Step, listing: Listing) -> None:
 
 @lay_out.register
 def _(op: ArgMax, step: Step, listing: Listing) -> None:
-    _declare_result(op, step, listing)
+    declare_result(op, step, listing)
     values: dict[str, object] = {"merged": None, "last": op.n_columns - 1, "before_last": op.n_columns - 2}
     if op.n_columns > 1:
         listing.locals("LREAL", "fLargest")
@@ -284,7 +286,7 @@ def _(op: ArgMax, step: Step, listing: Listing) -> None:
 
 @lay_out.register
 def _(op: Softmax, step: Step, listing: Listing) -> None:
-    _declare_result(op, step, listing)
+    declare_result(op, step, listing)
     listing.loop("nColumn", op.width)
     listing.locals("LREAL", "fLargest", "fX", "fY", "fSum")
     listing.section(
@@ -311,8 +313,18 @@ def lay_out_layer(op: Linear, activation: Activation, step: Step, listing: Listi
     _lay_out_sums(op, step, listing, title, values)
 
 
+def layers_of(ops: Sequence[Operation]) -> dict[int, tuple[Linear, Activation]]:
+    """Weighted sums, by number, of which nothing but the function behind them is read."""
+    found = {}
+    for number, (op, behind) in enumerate(pairwise(ops), 1):
+        readers = sum(number in other.inputs for other in ops)
+        if isinstance(op, Linear) and isinstance(behind, Activation) and behind.inputs == (number,) and readers == 1:
+            found[number] = op, behind
+    return found
+
+
 def _lay_out_sums(op: Linear, step: Step, listing: Listing, title: str, function: dict[str, object]) -> None:
-    _declare_result(op, step, listing)
+    declare_result(op, step, listing)
     listing.local("nBase", "DINT")
     listing.locals("LREAL", "fSum")
     sequential_single = op.order is SummationOrder.SEQUENTIAL and op.precision is Precision.FLOAT32
@@ -347,7 +359,7 @@ def _lay_out_sums(op: Linear, step: Step, listing: Listing, title: str, function
 
 @lay_out.register
 def _(op: SlidingLinear, step: Step, listing: Listing) -> None:
-    _declare_result(op, step, listing)
+    declare_result(op, step, listing)
     outputs, read = op.weights.shape
     for name, rounds in (("nPlace", len(op.starts)), ("nRow", outputs), ("nColumn", read)):
         listing.loop(name, rounds)
@@ -374,7 +386,7 @@ def _(op: SlidingLinear, step: Step, listing: Listing) -> None:
 
 @lay_out.register
 def _(op: Activation, step: Step, listing: Listing) -> None:
-    _declare_result(op, step, listing)
+    declare_result(op, step, listing)
     listing.loop("nColumn", op.width)
     values = _function_values(op, step, listing)
     listing.section(f"{op.function.value} of each column", "activation", step=step, last=op.width - 1, **values)
@@ -420,7 +432,7 @@ def _function_values(op: Activation, step: Step, listing: Listing) -> dict[str, 
 
 @lay_out.register
 def _(op: Normalize, step: Step, listing: Listing) -> None:
-    _declare_result(op, step, listing)
+    declare_result(op, step, listing)
     listing.loop("nColumn", op.width)
     listing.locals("LREAL", "fX", "fY", "fSum")
     least = listing.table(step.table("LEAST"), "LREAL", [1.0 / op.ceiling]) if op.norm is Norm.MAX else None
@@ -437,7 +449,7 @@ def _(op: Normalize, step: Step, listing: Listing) -> None:
 
 @lay_out.register
 def _(op: KernelSum, step: Step, listing: Listing) -> None:
-    _declare_result(op, step, listing)
+    declare_result(op, step, listing)
     vectors, columns = op.support_vectors.shape
     runs = listing.chunks(np.full(vectors, max(columns, op.width)), "support vector")
     listing.loop("nVector", *(stop - first for first, stop in runs))
@@ -490,7 +502,7 @@ def _(op: KernelSum, step: Step, listing: Listing) -> None:
 
 @lay_out.register
 def _(op: Distances, step: Step, listing: Listing) -> None:
-    _declare_result(op, step, listing)
+    declare_result(op, step, listing)
     vectors, columns = op.vectors.shape
     runs = listing.chunks(np.full(vectors, columns), "training row")
     listing.loop("nVector", *(stop - first for first, stop in runs))
@@ -519,7 +531,7 @@ def _(op: Distances, step: Step, listing: Listing) -> None:
 
 @lay_out.register
 def _(op: NearestMean, step: Step, listing: Listing) -> None:
-    _declare_result(op, step, listing)
+    declare_result(op, step, listing)
     columns = op.values.shape[1]
     listing.local(f"abUsed{step.number}", "BOOL", columns)
     listing.local("nBest", "DINT")
@@ -543,7 +555,7 @@ def _(op: NearestMean, step: Step, listing: Listing) -> None:
 
 @lay_out.register
 def _(op: WeightedMedian, step: Step, listing: Listing) -> None:
-    _declare_result(op, step, listing)
+    declare_result(op, step, listing)
     columns = len(op.weights)
     listing.local(f"abUsed{step.number}", "BOOL", columns)
     listing.local(f"anOrder{step.number}", "DINT", columns)
@@ -564,7 +576,7 @@ def _(op: WeightedMedian, step: Step, listing: Listing) -> None:
 
 @lay_out.register
 def _(op: FactoredKernel, step: Step, listing: Listing) -> None:
-    _declare_result(op, step, listing)
+    declare_result(op, step, listing)
     lengths = [len(axis) for axis in op.axes]
     listing.loop("nRow", sum(lengths), op.coefficients.size // lengths[-1])
     listing.local("nTerm", "DINT")
@@ -599,5 +611,6 @@ def _(op: FactoredKernel, step: Step, listing: Listing) -> None:
     )
 
 
-def _declare_result(op: Operation, step: Step, listing: Listing) -> None:
+def declare_result(op: Operation, step: Step, listing: Listing) -> None:
+    """Declare the array that takes the results of an operation."""
     listing.local(step.result, "LREAL", op.width)

@@ -22,6 +22,7 @@ from st_codegen.walkers.onnx import (  # noqa: F401  (they register operators)
     elementwise,
     ml,
     operators,
+    recurrent,
     shapes,
 )
 from st_codegen.walkers.onnx.file import check_names, domain_of, plain, printable, type_name

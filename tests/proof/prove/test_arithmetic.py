@@ -36,6 +36,7 @@ NOT_FOLLOWED |= {
 #: Neighbours are sorted by distances, so that the place of an element depends on the inputs.
 NOT_FOLLOWED |= {
     **{name: "the function power is not followed" for name in SMALL_MODELS if name.startswith("power ")},
+    **dict.fromkeys(("rounds", "one round"), "the operation Scan is not followed"),
     "distances": "the operation Distances is not followed",
     "distances by magnitude": "the operation Distances is not followed",
     "median": "whose place depends on the inputs",

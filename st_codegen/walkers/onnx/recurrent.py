@@ -1,0 +1,217 @@
+"""Recurrent layers over a window: RNN, LSTM and GRU, which forget all between two rows.
+
+onnxruntime multiplies matrices in an order of its own and takes its functions from MLAS
+(core/providers/cpu/rnn): within a bound. Each round's sums are of the inputs and the state together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.ir import (
+    Activation,
+    AnyArray,
+    Combine,
+    FloatArray,
+    Function,
+    Linear,
+    Operation,
+    Operator,
+    Precision,
+    Scale,
+    Scan,
+    Select,
+)
+from st_codegen.walkers.onnx.file import printable
+from st_codegen.walkers.onnx.graph import NodeCall, Result, operator
+from st_codegen.walkers.onnx.operands import FLOAT32, Tensor, check_size
+
+#: Gates of each kind of layer, and the functions that its nodes have unless they say otherwise.
+_LAYERS = {"RNN": (1, ("Tanh",)), "GRU": (3, ("Sigmoid", "Tanh")), "LSTM": (4, ("Sigmoid", "Tanh", "Tanh"))}
+_FUNCTIONS = {"Tanh": Function.TANH, "Sigmoid": Function.LOGISTIC, "Relu": Function.RELU}
+
+
+class _Body:
+    """Collects the operations of a round, which reads its row of the input, then its state; all in float32."""
+
+    def __init__(self) -> None:
+        self.ops: list[Operation] = []
+
+    def add(self, op: Operation) -> int:
+        self.ops.append(op)
+        return len(self.ops)
+
+    def pick(self, *inputs: int, columns: range) -> int:
+        return self.add(Select(inputs, np.array(columns, np.int32)))
+
+    def joined(self, *inputs: int) -> int:
+        width = sum(self.ops[value - 1].width for value in inputs)
+        return self.pick(*inputs, columns=range(width))
+
+    def sums(self, value: int, weights: FloatArray, biases: FloatArray) -> int:
+        """Weighted sums with the sum of two biases, which the library adds when it computes."""
+        terms = np.sum(np.abs(biases), axis=0)
+        return self.add(
+            Linear((value,), weights, np.sum(biases, axis=0), precision=Precision.FLOAT32, bias_terms=terms)
+        )
+
+    def function(self, value: int, function: Function) -> int:
+        width = self.ops[value - 1].width
+        return self.add(Activation((value,), function, width, precision=Precision.FLOAT32))
+
+    def combine(self, one: int, code: Operator, other: int) -> int:
+        return self.add(Combine((one, other), code, self.ops[one - 1].width, Precision.FLOAT32))
+
+
+def _rnn(w: FloatArray, r: FloatArray, b: FloatArray, _linear_first: bool, function: Function) -> _Body:
+    """h = f(W x + R h + b)."""
+    body = _Body()
+    body.function(body.sums(0, np.hstack([w[0], r[0]]), b[:, 0]), function)
+    return body
+
+
+def _lstm(w: FloatArray, r: FloatArray, b: FloatArray, _linear_first: bool, _function: Function) -> _Body:
+    """c = f * c + i * g, h = o * tanh(c) with i, o, f by sigmoids and g by tanh; the state is h, then c."""
+    body, size, read = _Body(), r.shape[1], w.shape[2]
+    both = body.pick(0, columns=range(read + size))
+    old = body.pick(0, columns=range(read + size, read + 2 * size))
+    gates = [
+        body.function(
+            body.sums(both, np.hstack([w[gate], r[gate]]), b[:, gate]),
+            Function.TANH if gate == 3 else Function.LOGISTIC,
+        )
+        for gate in range(4)
+    ]
+    kept = body.combine(gates[2], Operator.MULTIPLY, old)
+    new = body.combine(kept, Operator.ADD, body.combine(gates[0], Operator.MULTIPLY, gates[3]))
+    hidden = body.combine(gates[1], Operator.MULTIPLY, body.function(new, Function.TANH))
+    body.joined(hidden, new)
+    return body
+
+
+def _gru(w: FloatArray, r: FloatArray, b: FloatArray, linear_first: bool, _function: Function) -> _Body:
+    """h = (1 - z) * g + z * h; g = tanh(W x + r * (R h + b) + b), or with R (r * h) where `linear_first` is FALSE."""
+    body, size, read = _Body(), r.shape[1], w.shape[2]
+    row, old = body.pick(0, columns=range(read)), body.pick(0, columns=range(read, read + size))
+    update, reset = (
+        body.function(body.sums(0, np.hstack([w[gate], r[gate]]), b[:, gate]), Function.LOGISTIC) for gate in range(2)
+    )
+    if linear_first:
+        inner = body.combine(reset, Operator.MULTIPLY, body.sums(old, r[2], b[1:, 2]))
+        given = body.sums(body.joined(row, inner), np.hstack([w[2], np.eye(size)]), b[:1, 2])
+    else:
+        inner = body.combine(reset, Operator.MULTIPLY, old)
+        given = body.sums(body.joined(row, inner), np.hstack([w[2], r[2]]), b[:, 2])
+    new = body.function(given, Function.TANH)
+    rest = body.add(Scale((update,), Operator.SUBTRACT, np.ones(size), Precision.FLOAT32, reverse=True))
+    kept = body.combine(update, Operator.MULTIPLY, old)
+    body.combine(body.combine(rest, Operator.MULTIPLY, new), Operator.ADD, kept)
+    return body
+
+
+_BODIES: dict[str, Callable[[FloatArray, FloatArray, FloatArray, bool, Function], _Body]] = {
+    "RNN": _rnn,
+    "LSTM": _lstm,
+    "GRU": _gru,
+}
+
+
+def _check(call: NodeCall, directions: int) -> Function:
+    """The function of an RNN; raises UnsupportedModelError for what is not walked."""
+    node, name = call.node, call.node.op_type
+    functions = tuple(node.texts("activations")) or _LAYERS[name][1] * directions
+    usual = functions == _LAYERS[name][1] * directions
+    if not usual and (name != "RNN" or len(set(functions)) > 1 or functions[0] not in _FUNCTIONS):
+        raise UnsupportedModelError(f"activations {', '.join(map(printable, functions))}; the usual ones are supported")
+    for attribute in ("clip", "activation_alpha", "activation_beta", "input_forget"):
+        if attribute in node and (attribute != "input_forget" or node.integer(attribute)):
+            raise UnsupportedModelError(f"the attribute {attribute}; export the layer without it")
+    if call.optional(7) is not None:
+        raise UnsupportedModelError("peepholes; export the layer without them")
+    return _FUNCTIONS[functions[0]]
+
+
+def _steps(call: NodeCall, tensor: Tensor) -> int:
+    """The number of rounds."""
+    by_batch = bool(call.node.integer("layout"))
+    if len(tensor.shape) != 3 or tensor.shape[0 if by_batch else 1] != 1:
+        raise UnsupportedModelError(f"a sequence of shape {tensor.shape} (for one row); a batch of one is supported")
+    steps = tensor.shape[1 if by_batch else 0]
+    lengths = call.constant(4, "the lengths of the sequences")
+    if lengths is not None and np.any(lengths != steps):
+        raise UnsupportedModelError("sequences that are shorter than the window; leave sequence_lens out")
+    return steps
+
+
+def _numbers(call: NodeCall, number: int, what: str, shape: tuple[int, ...]) -> FloatArray:
+    """A constant of a shape; zeros where it is absent."""
+    array = call.constant(number, what)
+    if array is None:
+        return np.zeros(shape)
+    if array.size != np.prod(shape) or array.dtype != FLOAT32:
+        raise InputError(f"{what} is {array.dtype} of shape {array.shape}, expected {shape}; the model file is damaged")
+    return array.astype(np.float64).reshape(shape)
+
+
+def _recurrent(call: NodeCall) -> Result:
+    tensor, walk, node = call.computed(), call.walk, call.node
+    if tensor.dtype != FLOAT32:
+        raise UnsupportedModelError("reads double numbers; export the layer with float inputs")
+    name, (gates, _) = node.op_type, _LAYERS[node.op_type]
+    direction = node.text("direction", "forward")
+    directions = 2 if direction == "bidirectional" else 1
+    function, steps = _check(call, directions), _steps(call, tensor)
+    hidden, read = node.integer("hidden_size"), tensor.shape[-1]
+    if hidden < 1 or direction not in ("forward", "reverse", "bidirectional"):
+        raise InputError(f"hidden_size {hidden}, direction {printable(direction)}; the model file is damaged")
+    check_size([steps, directions, hidden, 2])
+    w = _numbers(call, 1, "W", (directions, gates, hidden, read))
+    r = _numbers(call, 2, "R", (directions, gates, hidden, hidden))
+    b = _numbers(call, 3, "B", (directions, 2, gates, hidden))
+    walk.charge(w.size + r.size)
+    states = [
+        _numbers(call, number, what, (directions, hidden)) for number, what in ((5, "initial_h"), (6, "initial_c"))
+    ]
+    walk.refuse_special(tensor)
+    value = walk.settle(tensor)
+    order, results = np.arange(steps) * read, []
+    for side in range(directions):
+        backwards = direction == "reverse" or side == 1
+        body = _BODIES[name](w[side], r[side], b[side], bool(node.integer("linear_before_reset")), function)
+        initial = np.concatenate([state[side] for state in (states if name == "LSTM" else states[:1])])
+        starts = (order[::-1] if backwards else order).astype(np.int32)
+        made = walk.builder.add(Scan((value,), tuple(body.ops), starts, read, initial))
+        found = walk.computed(made, (steps, len(initial)), FLOAT32, special=False)
+        results.append((found, backwards))
+    return _outputs(results, hidden, by_batch=bool(node.integer("layout")))
+
+
+def _outputs(results: list[tuple[Tensor, bool]], hidden: int, *, by_batch: bool) -> tuple[Tensor, ...]:
+    """Y (steps, directions, 1, hidden), and the last h and c of each direction (directions, 1, hidden)."""
+
+    def stacked(parts: list[Tensor], axis: int) -> Tensor:
+        pair = [np.stack([getattr(part, name) for part in parts], axis) for name in ("value", "column")]
+        return Tensor(pair[0], pair[1], FLOAT32, special=False)
+
+    turned = [found.moved(np.flipud) if backwards else found for found, backwards in results]
+    all_h = [found.moved(lambda a: a[:, None, :hidden]) for found in turned]
+    last = [found.moved(lambda a: a[-1:]) for found, _ in results]
+    parts = [slice(start, start + hidden) for start in range(0, last[0].shape[1], hidden)]
+    y = stacked(all_h, 1)
+    ends = [stacked([found.moved(partial(_columns, part=part)) for found in last], 0) for part in parts]
+    if by_batch:
+        y, *ends = y.moved(lambda a: a.transpose(2, 0, 1, 3)), *(end.moved(lambda a: a.swapaxes(0, 1)) for end in ends)
+    return (y, *ends)
+
+
+def _columns(array: AnyArray, part: slice) -> AnyArray:
+    return array[:, part]
+
+
+operator("RNN", 7, 14, 22)(_recurrent)
+operator("GRU", 7, 14, 22)(_recurrent)
+operator("LSTM", 7, 14, 22)(_recurrent)
