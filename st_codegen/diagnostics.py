@@ -68,7 +68,7 @@ DIAGNOSTICS = (
         "The command line is not used as it is meant",
         "An option or an argument is unknown, missing, or has a value that is not allowed.",
         "Run the command with --help: it lists all options with examples.",
-        kinds=("UsageError",),
+        kinds=("UsageError", "ClickException"),
     ),
     Diagnostic(
         "STC1002",
@@ -101,10 +101,10 @@ DIAGNOSTICS = (
     ),
     Diagnostic(
         "STC1006",
-        "A command cannot do what it is asked",
-        "What the command should write is there already, or something else stands in its way.",
-        "Follow the message.",
-        kinds=("ClickException",),
+        "What the command should write is there already",
+        "`init` does not overwrite a configuration that somebody may have completed by hand.",
+        "Keep what is there, or pass --force to replace it.",
+        places=("cli.init",),
     ),
     # --- files and folders
     Diagnostic(

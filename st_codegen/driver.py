@@ -218,22 +218,26 @@ class Evaluator(StrEnum):
     SOURCE = "source"  # the source library
 
 
-def predict(bundle: Bundle, columns: dict[str, FloatArray], engine: Evaluator) -> dict[str, AnyArray]:
+def predict(
+    bundle: Bundle, columns: dict[str, FloatArray], engine: Evaluator, *, table: str = "the table of inputs"
+) -> dict[str, AnyArray]:
     """Predict every model for columns of inputs (see `proof.predict.predict`).
 
     `Engine.ST` generates the project for TwinCAT into a temporary folder first.
     """
     if engine is Evaluator.REFERENCE:
-        return predictions.predict(bundle, columns, predictions.by_reference)
+        return predictions.predict(bundle, columns, predictions.by_reference, table=table)
     if engine is Evaluator.SOURCE:
         with isolated(bundle.models) as models:
-            return predictions.predict(dataclasses.replace(bundle, models=models), columns, predictions.by_library)
+            return predictions.predict(
+                dataclasses.replace(bundle, models=models), columns, predictions.by_library, table=table
+            )
     with temporary_folder(Path(tempfile.gettempdir())) as folder:
         target = TARGETS["twincat"]
         # no controller has to hold this text: no table is too large
         made = generate(bundle, target, folder, max_array=_UNLIMITED, options=Options(data_bytes=_UNLIMITED))
         code = GeneratedCode(made.folder, target.dialect)
-        return predictions.predict(bundle, columns, predictions.by_text(code))
+        return predictions.predict(bundle, columns, predictions.by_text(code), table=table)
 
 
 @dataclass(frozen=True)
@@ -450,9 +454,9 @@ def _check_size(target: Target, plans: Sequence[FilePlan], limit: int) -> None:
     total = sum(blocks.values())
     if total <= limit:
         return
-    largest = sorted(blocks.items(), key=lambda item: -item[1])[:_NAMED]
+    largest = [item for item in sorted(blocks.items(), key=lambda item: -item[1])[:_NAMED] if item[1]]
     names = ", ".join(f"{name} {size:,}" for name, size in largest)
-    others = len(blocks) - len(largest)
+    others = sum(size > 0 for size in blocks.values()) - len(largest)
     raise TargetError(
         f"the tables take {total:,} bytes, the limit of the target {target.name} is {limit:,}; the largest: "
         f"{names}{f' and {others} smaller ones' if others else ''}. Train smaller models, or raise the limit with "

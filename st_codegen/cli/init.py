@@ -34,6 +34,7 @@ def command(models: Path, training_data: Path | None, force: bool, trust_pickle:
 
     Files that cannot be read as models are left out, with the reason beside them.
     """
+    from st_codegen.errors import InputError
     from st_codegen.files.text import write_text
     from st_codegen.project.configuration import CONFIGURATION_FILE
     from st_codegen.project.initial import initial_configuration
@@ -41,7 +42,7 @@ def command(models: Path, training_data: Path | None, force: bool, trust_pickle:
 
     path = models / CONFIGURATION_FILE
     if path.exists() and not force:
-        raise click.ClickException(f"{path} is there already; --force replaces it")
+        raise InputError(f"{path} is there already; --force replaces it")
     table = None if training_data is None else read_table(training_data)
     digest = "" if training_data is None else hashlib.sha256(training_data.read_bytes()).hexdigest()
     write_text(path, initial_configuration(models, table, digest, trust_pickle=trust_pickle))

@@ -79,4 +79,4 @@ def command(
     table = read_table(source)
     with progress_bar("loading", quiet=quiet) as progress:
         bundle = load(models, trust_pickle=trust_pickle, outputs=outputs, progress=progress, **names)
-    write_table(result, predict(bundle, table, Evaluator(engine)))
+    write_table(result, predict(bundle, table, Evaluator(engine), table=str(source)))

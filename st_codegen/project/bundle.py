@@ -14,7 +14,6 @@ from st_codegen.emit.literals import identifier
 from st_codegen.entries import Entries
 from st_codegen.errors import InputError, Problems, with_subject
 from st_codegen.files.html_text import html_table
-from st_codegen.files.toml_tables import read_toml
 from st_codegen.ir import ModelIR, OutputKind, digest
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.passes.inexact import without_inexact_steps
@@ -102,8 +101,8 @@ def load(
     `models` may also be a fitted estimator, which is then called `model`, or a dictionary of estimators by their names.
 
     `outputs` says what classifiers give beside the number of the class; each costs what it takes to compute it, and
-    models that are no classifiers have none of these. A `bundle.toml` with nothing but a table `[outputs]` says so for
-    single models, by their names.
+    models that are no classifiers have none of these. `gives` in a `[[model]]` of the configuration says so for a
+    single model.
 
     `trust_pickle` allows `.joblib` and `.pkl` files, which can run any code when they are opened. `progress` is told of
     each file.
@@ -121,14 +120,9 @@ def load(
     folder, reading = Path(models), Reading(trust_pickle, progress)
     if not folder.exists():
         raise InputError(f"{folder}: no such folder")
-    own: dict[str, tuple[OutputKind, ...]] = {}
     configuration = read_configuration(folder)
     for name, read in READERS.items():
         if folder.is_dir() and os.path.lexists(folder / name):
-            found = _outputs_in(folder / name)
-            if found is not None:
-                own = found
-                continue
             if configuration.describes_models:
                 raise InputError(
                     f"{folder / CONFIGURATION_FILE}: {name} describes these models; only [build] has a use beside it"
@@ -146,9 +140,7 @@ def load(
     named = {path.name: configuration.model_name(path.name) for path in files}
     check_names(named, problems)
     models = reading.models({named[path.name]: path for path in files}, problems)
-    for name in own:
-        if name not in named.values():
-            problems.add(f"[outputs] names '{name}', but there is no such model")
+    own = configuration.gives()
     wanted = outputs if isinstance(outputs, Mapping) else {name: own.get(name, outputs) for name in models}
     finished = tuple(_finished(model, configuration, wanted, problems) for model in models.values())
     if folder.is_dir() and not problems.errors:
@@ -192,22 +184,6 @@ def check_names(names: Mapping[str, str], problems: Problems) -> None:
                     f"two models would be called FB_{text}: {other} and {file}; rename one of the files, or give it a "
                     f"name in {CONFIGURATION_FILE}"
                 )
-
-
-def _outputs_in(path: Path) -> dict[str, tuple[OutputKind, ...]] | None:
-    """The outputs of classifiers in a file that says nothing else; None for a file that says what models are for."""
-    try:
-        content = read_toml(path)
-    except InputError:  # its reader says what is wrong
-        return None
-    if list(content) != ["outputs"] or not isinstance(content["outputs"], dict):
-        return None
-    found = {}
-    for name, words in content["outputs"].items():
-        if not isinstance(words, list) or not all(word in list(OutputKind) for word in words):
-            raise InputError(f"{path}: outputs.{name}: expected a list of {', '.join(OutputKind)}")
-        found[name] = tuple(OutputKind(word) for word in words)
-    return found
 
 
 def _finished(model: LoadedModel, configuration: Configuration, outputs: Outputs, problems: Problems) -> LoadedModel:

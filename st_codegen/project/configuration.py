@@ -29,6 +29,7 @@ trained = [3.5, 58.0]                # range of the training data, where it is k
 file = "kühlung.skops"
 name = "Cooling"                     # FB_Cooling
 layout = "table"                     # auto, trees or table
+gives = ["class", "probability"]     # what a classifier gives, in place of --outputs
 outputs = [{name = "fPower_kW", unit = "kW", min = 0.0, max = 11.0}]   # bPlausible is FALSE outside
 training_sha256 = "5f1c.."           # of the training data, for the header of the block
 metrics = {"MAE, kW" = 0.21}         # for the header, too
@@ -46,7 +47,7 @@ import dataclasses
 import fnmatch
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -58,7 +59,7 @@ from st_codegen.emit.foreign_names import is_foreign
 from st_codegen.emit.literals import KEYWORDS, MAX_IDENTIFIER, capitalised, check_text, identifier, unit_text
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.toml_tables import TomlTable, nearest, read_toml, shown
-from st_codegen.ir import Feature, ModelIR, Output
+from st_codegen.ir import Feature, ModelIR, Output, OutputKind
 from st_codegen.passes.choose import Layout
 
 CONFIGURATION_FILE = "st-codegen.toml"
@@ -122,6 +123,7 @@ class ModelEntry:
     training_sha256: str = ""
     metrics: tuple[tuple[str, float], ...] = ()
     window: Window | None = None
+    gives: tuple[OutputKind, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -200,6 +202,10 @@ class Configuration:
     def layouts(self) -> dict[str, Layout]:
         """The layouts that are asked for, by the names of models."""
         return {self.model_name(entry.file): entry.layout for entry in self.models if entry.layout is not None}
+
+    def gives(self) -> dict[str, tuple[OutputKind, ...]]:
+        """What single classifiers give, by the names of their models."""
+        return {self.model_name(entry.file): entry.gives for entry in self.models if entry.gives is not None}
 
     def remarks(self, file: str) -> tuple[str, ...]:
         """What the header of the block of a file says of its training."""
@@ -342,6 +348,8 @@ def _model(table: TomlTable) -> ModelEntry | None:
         outputs = tuple(_output(entry) for entry in table.tables("outputs"))
         window = _window(table)
         table.declare("layout")
+        gives = table.list_of("gives", _kind(table)) if "gives" in table else None
+        table.declare("gives")
         digest, metrics = table.text("training_sha256", ""), table.table("metrics")
         if digest and not re.fullmatch("[0-9a-f]{64}", digest):
             table.note(f"training_sha256 = {shown(digest)}: 64 digits of 0-9 and a-f are wanted")
@@ -353,7 +361,7 @@ def _model(table: TomlTable) -> ModelEntry | None:
             check_text(name, "name")
             for key, _ in numbers:
                 check_text(key, "metrics")
-    return ModelEntry(file, name, layout, outputs, digest, numbers, window) if table.is_sound else None
+    return ModelEntry(file, name, layout, outputs, digest, numbers, window, gives) if table.is_sound else None
 
 
 def _window(table: TomlTable) -> Window | None:
@@ -371,6 +379,10 @@ def _window(table: TomlTable) -> Window | None:
         table.note("two numbers of a sample have the same name")
     length = table.whole("window", low=2, high=2**16)
     return Window(length, samples, order is WindowOrder.SAMPLE)
+
+
+def _kind(table: TomlTable) -> Callable[[str, Any], OutputKind | None]:
+    return lambda key, found: table.choice_of(key, found, OutputKind)
 
 
 def _output(table: TomlTable) -> Output:

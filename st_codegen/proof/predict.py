@@ -23,14 +23,16 @@ from st_codegen.walkers.base import LoadedModel
 Answer = Callable[[LoadedModel, FloatArray], FloatArray]
 
 
-def predict(bundle: Bundle, columns: dict[str, FloatArray], answer: Answer) -> dict[str, AnyArray]:
+def predict(
+    bundle: Bundle, columns: dict[str, FloatArray], answer: Answer, *, table: str = "the table of inputs"
+) -> dict[str, AnyArray]:
     """Predict every model for columns of inputs, by feature name (or `f0`, `f1`, .. by position).
 
     Returns a column a model, headed by its name, `name[i]` (from 0) where it has several outputs; NaN where a model
     takes no such input. Of a classifier, `name` holds the library's own labels, and `name[i]` the numbers beside them.
-    Raises one InputError that lists all missing features.
+    Raises one InputError that lists all missing features, and calls the columns `table`.
     """
-    problems = Problems("the table of inputs")
+    problems = Problems(table)
     inputs = {}
     for model in bundle.models:
         with problems.collect():

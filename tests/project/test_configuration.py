@@ -193,7 +193,7 @@ def test_init_writes_what_the_files_know_and_the_result_compiles(tmp_path, capsy
     assert verify(bundle, tmp_path / "out", rows=300).passed
     low, high = operating_range(bundle.models[0].ir)
     assert np.array_equal([low, high], [x.min(axis=0), x.max(axis=0)])
-    assert run("init", folder) == 1
+    assert run("init", folder) == 2
     assert "is there already" in capsys.readouterr().err
 
 

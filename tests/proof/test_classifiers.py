@@ -171,20 +171,18 @@ def test_the_command_line_writes_verifies_and_predicts_labels(tmp_path, capsys):
     assert lines[0] == "parts" and set(lines[1:]) <= {f'"{word}"' if "," in word else word for word in set(WORDS)}
 
 
-def test_bundle_toml_says_what_single_classifiers_give(tmp_path):
+def test_the_configuration_says_what_single_classifiers_give(tmp_path):
     skops_io = pytest.importorskip("skops.io")
     for name in ("parts", "others"):
         skops_io.dump(DecisionTreeClassifier(max_depth=2, random_state=0).fit(X, TWO), tmp_path / f"{name}.skops")
-    file = tmp_path / "bundle.toml"
-    file.write_text('[outputs]\nparts = ["class", "probability"]\n')
+    file = tmp_path / "st-codegen.toml"
+    file.write_text('[[model]]\nfile = "parts.skops"\nname = "Worn"\ngives = ["class", "probability"]\n')
     models = {model.ir.name: model.ir.outputs for model in load(tmp_path).models}
-    assert models == {"parts": ("class", "probability of class 0", "probability of class 1"), "others": ("class",)}
-    file.write_text('[outputs]\nparts = ["colour"]\n')
-    with pytest.raises(InputError, match=r"outputs\.parts: expected a list of class, probability, decision"):
+    assert models == {"Worn": ("class", "probability of class 0", "probability of class 1"), "others": ("class",)}
+    file.write_text('[[model]]\nfile = "parts.skops"\ngives = ["colour"]\n')
+    with pytest.raises(InputError, match=r"gives = 'colour'; known are class, probability, decision"):
         load(tmp_path)
-    file.write_text('[outputs]\nnone = ["class"]\n')
-    with pytest.raises(InputError, match=r"\[outputs\] names 'none', but there is no such model"):
-        load(tmp_path)
-    file.write_text("[outputs]\n[bundle]\n")  # the description of a bundle, which has no such table
+    file.unlink()
+    (tmp_path / "bundle.toml").write_text('[outputs]\nparts = ["class"]\n')  # what describes a bundle has no such table
     with pytest.raises(InputError, match="outputs"):
         load(tmp_path)

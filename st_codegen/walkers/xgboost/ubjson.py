@@ -54,7 +54,7 @@ class _UbjsonReader:
         self.values = self.containers = 0
 
     def fail(self, message: str) -> InputError:
-        return InputError(f"UBJSON, byte {self.position}: {message}")
+        return InputError(f"not an XGBoost model (UBJSON, byte {self.position}: {message})")
 
     def take(self, count: int) -> bytes:
         if not 0 <= count <= len(self.data) - self.position:
