@@ -195,6 +195,15 @@ DIAGNOSTICS = (
         places=("passes.domain",),
     ),
     Diagnostic(
+        "STC1411",
+        "REAL cannot stand for LREAL here",
+        "--real asks for text without LREAL. The target's controllers have LREAL, or the model is one of which no "
+        "bound in REAL is derived.",
+        "The message has the reason. Only tree ensembles that predict numbers are written so, for iec, plcopen and "
+        "codesys; the page on targets says what is lost.",
+        places=("passes.real", "project.bundle:load", "driver:_check_real"),
+    ),
+    Diagnostic(
         "STC1208",
         "A model does not give what is asked for",
         "--outputs asks for probabilities or scores that this class does not have, or names a model that is not there.",
@@ -246,7 +255,7 @@ DIAGNOSTICS = (
         "There is no folder of models",
         "The folder is not there, has no model files, or is described twice (by bundle.toml and by st-codegen.toml).",
         "Check the path. The message lists the endings of files that are models.",
-        places=("project.bundle:load",),
+        places=("project.bundle:_loaded",),
     ),
     Diagnostic(
         "STC1303",

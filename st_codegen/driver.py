@@ -26,7 +26,7 @@ from st_codegen.files.html_text import html_table
 from st_codegen.files.made_by import VERSION
 from st_codegen.files.temporary import temporary_folder
 from st_codegen.ir import AnyArray, Classes, FloatArray, KernelSum, ModelIR, TreeEnsemble
-from st_codegen.passes.choose import Choices, CostFunction, Options, simple_cost
+from st_codegen.passes.choose import Choices, CostFunction, Layout, Options, simple_cost
 from st_codegen.passes.pipeline import Compiled, compile_models, unchanged
 from st_codegen.project.bundle import Bundle, load
 from st_codegen.project.purpose import Purpose
@@ -369,11 +369,26 @@ def _compiled(
 ) -> tuple[Compiled, Purpose | None]:
     """The printed models and what they are for."""
     purpose = bundle.purpose
+    if any(ir.is_real for ir in bundle.irs):
+        _check_real(bundle, target, settings)
     if not target.compiles:
         return unchanged(bundle.irs), purpose
     options = dataclasses.replace(settings.options, layouts=bundle.configuration.layouts())
     compiled = compile_models(bundle.irs, options, settings.cost, together=purpose is not None, earlier=earlier)
     return compiled, None if purpose is None else purpose.settled(compiled, settings.options)
+
+
+def _check_real(bundle: Bundle, target: Target, settings: CompileSettings) -> None:
+    """Raise TargetError where a controller has LREAL, or something is asked for that is not made for REAL."""
+    if not target.may_lack_lreal:
+        able = ", ".join(name for name, other in TARGETS.items() if other.may_lack_lreal)
+        raise TargetError(f"controllers of the target {target.name} have LREAL; --real goes with {able}")
+    layouts = {settings.options.layout, *bundle.configuration.layouts().values()} & {Layout.RANKED, Layout.TABLE}
+    if layouts:
+        raise TargetError(f"--real prints the nodes as they were trained: leave out the layout {', '.join(layouts)}")
+    if settings.self_check or bundle.configuration.windows():
+        what = "a window of samples" if bundle.configuration.windows() else "--self-check"
+        raise TargetError(f"{what} is written in LREAL: leave it out, or --real")
 
 
 def _planned(
@@ -512,6 +527,7 @@ def _model_facts(model: ModelIR, compiled: Compiled) -> dict[str, Any]:
         "class": model.source.model_class,
         "digest": model.source.digest,
         "exact": model.exact,
+        **({"real": list(model.stray)} if model.is_real else {}),
         "accepts_nan": model.accepts_nan,
         "features": [
             {

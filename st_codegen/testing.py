@@ -20,7 +20,7 @@ from typing import Any
 
 import pytest
 
-from st_codegen.emit.output import FileChange
+from st_codegen.emit.output import FileChange, is_real
 
 #: Lines of a difference that a failed test shows.
 _SHOWN = 60
@@ -35,7 +35,7 @@ def assert_generated_up_to_date(models: Path | str, out: Path | str, *, trust_pi
     from st_codegen.driver import differences
     from st_codegen.project.bundle import load
 
-    bundle = load(models, trust_pickle=trust_pickle)
+    bundle = load(models, trust_pickle=trust_pickle, real=is_real(Path(out)))
     settings, targets = _settings(bundle.configuration.build)
     changed: list[FileChange] = []
     for target in targets or _targets_in(Path(out)):
@@ -60,7 +60,7 @@ def assert_equals_library(
     from st_codegen.project.bundle import load
     from st_codegen.proof.verify import verify
 
-    report = verify(load(models, trust_pickle=trust_pickle), out, rows=rows, seed=seed, jobs=1)
+    report = verify(load(models, trust_pickle=trust_pickle, real=is_real(Path(out))), out, rows=rows, seed=seed, jobs=1)
     if not report.passed:
         failed = [
             f"  {model.name}: {failure.between} differ at {list(failure.input)}: {list(failure.expected)} and "
@@ -111,6 +111,8 @@ def generated_golden(request: pytest.FixtureRequest) -> Callable[..., None]:
             from st_codegen.project.bundle import load
 
             bundle = load(models, trust_pickle=trust_pickle)
+            if bundle.configuration.build.get("real"):
+                bundle = load(models, trust_pickle=trust_pickle, real=True)
             settings, targets = _settings(bundle.configuration.build)
             for target in targets or ["twincat"]:
                 generate(bundle, target, out, **settings)

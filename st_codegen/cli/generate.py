@@ -123,6 +123,12 @@ Examples:
     help="Blocks have the output nAge: the calls since their outputs were valid. prove does not follow them.",
 )
 @click.option(
+    "--real",
+    is_flag=True,
+    help="For iec, plcopen, codesys: REAL instead of LREAL, for controllers that have no LREAL. Trees only; what is "
+    "lost is computed and printed.",
+)
+@click.option(
     "--project",
     type=click.Choice(PROJECT_FORMS),
     default=PROJECT_FORMS[0],
@@ -166,6 +172,7 @@ def command(
     force: bool,
     provenance: bool,
     profile: str | None,
+    real: bool,
     explain: bool,
     html: Path | None,
     outputs: Collection[OutputKind],
@@ -183,7 +190,7 @@ def command(
     from st_codegen.driver import generate, limits_for
     from st_codegen.emit.targets import target_named
     from st_codegen.project.bundle import load
-    from st_codegen.proof.explain import Pricing
+    from st_codegen.proof.explain import Pricing, real_remarks
 
     if html is not None and (only_check or not explain):
         raise click.UsageError("--html is a page of what --explain says: give --explain, without --check.")
@@ -191,7 +198,9 @@ def command(
     chosen = [target_named(name) for name in targets or ("twincat",)]
     wishes = _wishes(wished, chosen)
     with progress_bar("loading", quiet=quiet) as progress:
-        bundle = load(models, trust_pickle=trust_pickle, outputs=outputs, progress=progress, **names)
+        bundle = load(models, trust_pickle=trust_pickle, outputs=outputs, progress=progress, real=real, **names)
+    for name, text in real_remarks(bundle.irs).items():
+        console.print(f"{name}: {text}", soft_wrap=True, markup=False)
     pricing = {t.name: Pricing(t, limits_for(t, wished["max_array"]), machine) for t in chosen}
     for target in chosen if profile is not None else ():
         wishes[target.name]["cost"] = pricing[target.name]

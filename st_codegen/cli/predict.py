@@ -78,5 +78,5 @@ def command(
 
     table = read_table(source)
     with progress_bar("loading", quiet=quiet) as progress:
-        bundle = load(models, trust_pickle=trust_pickle, outputs=outputs, progress=progress, **names)
+        bundle = load(models, trust_pickle=trust_pickle, outputs=outputs, progress=progress, real=False, **names)
     write_table(result, predict(bundle, table, Evaluator(engine), table=str(source)))

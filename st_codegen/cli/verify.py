@@ -79,14 +79,19 @@ def command(
     cold caches, must fit as well. Exit code 0 when all agree and fit, 1 when not.
     """
     from st_codegen.cost.profile import load_profile
-    from st_codegen.emit.output import kinds_of_outputs
+    from st_codegen.emit.output import is_real, kinds_of_outputs
     from st_codegen.project.bundle import load
     from st_codegen.proof.verify import Budget, verify
 
     budget = Budget(load_profile(profile), cycle_us, entries)
     with progress_bar("loading", quiet=quiet) as progress:
         bundle = load(
-            models, trust_pickle=trust_pickle, outputs=kinds_of_outputs(generated), progress=progress, **names
+            models,
+            trust_pickle=trust_pickle,
+            outputs=kinds_of_outputs(generated),
+            progress=progress,
+            real=is_real(generated),
+            **names,
         )
     with progress_bar("verifying", quiet=quiet) as progress:
         report = verify(bundle, generated, rows=rows, seed=seed, budget=budget, progress=progress, jobs=jobs)

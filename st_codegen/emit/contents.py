@@ -37,7 +37,8 @@ class Contents:
     extended: Callable[[Application], Application] = lambda application: application
 
     def application(self, block_of: Callable[[ModelIR, Extras], Block]) -> Application:
-        """The whole application; `block_of` makes the block of a model. FB_SelfTest comes first, if its name is free.
+        """The whole application; `block_of` makes the block of a model. FB_SelfTest comes first, if its name is free
+        and there is LREAL, of which it tests the arithmetic.
 
         Raises InputError for names that Structured Text cannot have, TargetError for tables that are too long.
         """
@@ -45,6 +46,8 @@ class Contents:
         kept = (window_block(found[name], window) for name, window in self.windows.items())
         blocks = (*found.values(), *kept, *self.around.blocks)
         types = tuple(named for model in self.models if (named := class_type(model)) is not None)
-        is_free = all(block.name.lower() != SELF_TEST.lower() for block in blocks)
+        is_free = not any(model.is_real for model in self.models) and all(
+            block.name.lower() != SELF_TEST.lower() for block in blocks
+        )
         blocks = (*([self_test_block()] if is_free else []), *blocks)
         return self.extended(dataclasses.replace(self.around, types=(*types, *self.around.types), blocks=blocks))

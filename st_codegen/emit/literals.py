@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 import re
 
+import numpy as np
+
 from st_codegen.errors import InputError
 
 #: Reserved words of IEC 61131-3 and TwinCAT, in upper case, that no name may be. Short ones that are unlikely to be
@@ -47,6 +49,13 @@ def real(value: float) -> str:
         return text
     mantissa, exponent = text.split("e")
     return f"{mantissa if '.' in mantissa else mantissa + '.0'}E{int(exponent)}"
+
+
+def real32(value: float) -> str:
+    """A finite float32 as a real literal: the shortest that reads back as the same bits, at once or by way of LREAL."""
+    single = np.float32(value)
+    shortest = float(str(single))
+    return real(shortest if np.float32(shortest) == single else float(single))
 
 
 def check_text(text: str, what: str) -> str:

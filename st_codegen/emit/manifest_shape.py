@@ -43,6 +43,7 @@ _MODEL: dict[Any, Any] = {
     **dict.fromkeys(map(_Optional, ("shared", "exact", "accepts_nan")), bool),
     **dict.fromkeys(map(_Optional, ("trees", "nodes", "support_vectors")), _is_count),
     _Optional("kinds"): [str],
+    _Optional("real"): [_is_number],
 }
 _PURPOSE: dict[Any, Any] = {
     _Optional("calls"): _is_count,

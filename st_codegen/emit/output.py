@@ -122,6 +122,20 @@ def kinds_of_outputs(generated: Path) -> dict[str, tuple[OutputKind, ...]]:
     return found
 
 
+def is_real(generated: Path) -> bool:
+    """Whether models of generated folders (`generated` is one, or holds them) are computed in REAL.
+
+    Raises GeneratedCodeError where some are and others are not: they are compared with different models.
+    """
+    found = set()
+    for folder in (generated, *(sorted(generated.iterdir()) if generated.is_dir() else ())):
+        manifest = read_manifest(folder) if folder.is_dir() else None
+        found |= {"real" in facts for facts in ({} if manifest is None else manifest.facts["models"]).values()}
+    if len(found) > 1:
+        raise GeneratedCodeError(f"{generated}: some targets were generated with --real and some without: name one")
+    return found == {True}
+
+
 def _is_below(name: str) -> bool:
     """A manifest names files below its folder, nothing else, on every system."""
     path = PurePosixPath(name)

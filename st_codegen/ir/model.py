@@ -88,7 +88,8 @@ class ModelIR:
     everything). Empty: it takes everything. `accepted`: for each feature the closed interval of numbers for which there
     is an answer (None, or empty: no interval), once the feature is limited to its declared range. `ports` are the
     block's outputs where the user named them. `classes`: the labels of a classifier, whose first output is the number
-    of one of them.
+    of one of them. `stray`: the block computes in REAL (`passes.real`), and each output may lie so far from the
+    library's; empty: it computes in LREAL.
     """
 
     name: str
@@ -102,6 +103,7 @@ class ModelIR:
     accepted: tuple[tuple[float, float] | None, ...] = ()
     classes: Classes | None = None
     ports: tuple[Output, ...] = ()
+    stray: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if self.ports and self.classes is not None:
@@ -172,4 +174,9 @@ class ModelIR:
     @property
     def exact(self) -> bool:
         """Whether every output equals the source library's bit for bit."""
-        return all(op.exact for op in self.ops)
+        return all(op.exact for op in self.ops) and not any(self.stray)
+
+    @property
+    def is_real(self) -> bool:
+        """Whether its block computes in REAL, with REAL inputs."""
+        return bool(self.stray)

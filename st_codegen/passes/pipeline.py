@@ -156,7 +156,7 @@ def _decide(model: ModelIR, options: Options, cost: CostFunction, earlier: str |
     on_grid = factored(model)
     if on_grid is not None and _fits(on_grid, options):
         candidates.append(priced("factored kernel", on_grid, cost))
-    layout = options.layouts.get(model.name, options.layout)
+    layout = Layout.TREES if model.is_real else options.layouts.get(model.name, options.layout)
     on_ranks = None if layout is Layout.TREES else _on_ranks(model, options)
     if on_ranks is not None:
         ranked_trees = priced("ranked trees", on_ranks, cost)

@@ -10,14 +10,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from st_codegen.emit.literals import identifier
 from st_codegen.entries import Entries
 from st_codegen.errors import InputError, Problems, with_subject
 from st_codegen.files.html_text import html_table
-from st_codegen.ir import ModelIR, OutputKind, digest
+from st_codegen.ir import FloatArray, ModelIR, OutputKind, digest
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.passes.inexact import without_inexact_steps
 from st_codegen.passes.outputs import with_outputs
+from st_codegen.passes.real import in_real
 from st_codegen.project.configuration import CONFIGURATION_FILE, Configuration, read_configuration
 from st_codegen.project.purpose import Purpose
 from st_codegen.walkers.base import LoadedModel
@@ -95,6 +98,7 @@ def load(
     progress: Progress | None = None,
     prefix: str | None = None,
     block_name: str | None = None,
+    real: bool = False,
 ) -> Bundle:
     """Load a folder of models (or one model file), as the `st-codegen.toml` beside them says where there is one.
 
@@ -110,9 +114,48 @@ def load(
     `prefix` stands in front of the names of all models, in place of the one in `st-codegen.toml`; `block_name` is the
     name of a single model, in place of its file's. Blocks that a `bundle.toml` asks for have names of their own.
 
+    `real` makes models for controllers without LREAL: everything is a REAL (`passes.real`); trees alone can be.
+
     Raises one InputError that lists everything that is wrong: files, models, names, and the description of
     what the models are for.
     """
+    bundle = _loaded(models, trust_pickle, outputs, progress, prefix=prefix, block_name=block_name)
+    if not real:
+        return bundle
+    if bundle.purpose is not None:
+        raise InputError(
+            "--real: the compensation takes angles of many revolutions; after 1,000 of them REAL numbers lie 0.028 deg "
+            "apart, about as much as the error that it corrects"
+        )
+    problems = Problems(str(models))
+    found = []
+    for model in bundle.models:
+        with problems.collect():
+            found.append(_in_real(model))
+    problems.raise_if_any()
+    return dataclasses.replace(bundle, models=tuple(found))
+
+
+def _in_real(model: LoadedModel) -> LoadedModel:
+    """The model in REAL, and its library, which gets the inputs rounded to REAL as the block does."""
+
+    def predict(x: FloatArray) -> FloatArray:
+        with np.errstate(over="ignore"):
+            return model.predict(x.astype(np.float32).astype(np.float64))
+
+    return LoadedModel(in_real(model.ir), predict)
+
+
+def _loaded(
+    models: Any,
+    trust_pickle: bool,
+    outputs: Outputs,
+    progress: Progress | None,
+    *,
+    prefix: str | None,
+    block_name: str | None,
+) -> Bundle:
+    """The models as their files and the configuration beside them have them."""
     if not isinstance(models, str | os.PathLike):
         if prefix or block_name:
             raise InputError("models from memory have the names that they are given with: leave out prefix, block_name")

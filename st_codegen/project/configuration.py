@@ -5,7 +5,6 @@ name = "Pumps"                       # of the PLC project; default: Models
 prefix = "P1_"                       # of all blocks: FB_P1_Power
 leave_out = ["notes.txt", "old_*"]   # files that are no models of this project
 attributes = ["no_check"]            # pragmas of every block, in TwinCAT
-real = "LREAL"                       # the arithmetic; nothing else is built
 
 [names]                              # of inputs and outputs that are given none below
 input = "fIn{feature}"               # default: "f{feature}"
@@ -68,7 +67,7 @@ CONFIGURATION_FILE = "st-codegen.toml"
 BUILD_KEYS = (
     *("target", "out", "layout", "table_limit", "outputs_per_cycle", "max_array", "max_bytes", "with_tests"),
     *("with_comparison", "with_configuration", "project", "library_version", "company", "namespace", "outputs"),
-    *("profile", "cycle_us", "entry", "rows", "self_check", "with_age"),
+    *("profile", "cycle_us", "entry", "rows", "self_check", "with_age", "real"),
 )
 
 
@@ -281,8 +280,8 @@ def _configuration(file: TomlTable) -> Configuration:
             project.note(f"prefix = {shown(prefix)}: letters, digits and underscores, a letter first")
         if real != "LREAL":
             project.note(
-                f"real = {shown(real)}: blocks compute in LREAL, in which they equal their libraries; arithmetic in "
-                "REAL is not built, since no proof would hold for it"
+                f"real = {shown(real)}: blocks compute in LREAL; for controllers that have none say real = true in "
+                "[build], as --real does"
             )
     names = _rules(file)
     build = file.table("build")

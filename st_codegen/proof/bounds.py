@@ -74,7 +74,10 @@ def difference_bound(model: ModelIR, x: FloatArray) -> FloatArray:
     0 where the result must be equal to the bit; infinite where rounding may send a row through another leaf of a tree
     behind an inexact operation and no finite bound holds.
     """
-    return np.zeros((len(x), len(model.outputs))) if model.exact else differences(model, x)[-1]
+    if model.exact:
+        return np.zeros((len(x), len(model.outputs)))
+    found: FloatArray = differences(model, x)[-1] + np.array(model.stray or (0.0,))
+    return found
 
 
 def differences(model: ModelIR, x: FloatArray) -> list[FloatArray]:

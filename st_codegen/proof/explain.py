@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from st_codegen.cost.profile import Profile
 from st_codegen.cost.report import BlockCost, project_cost
-from st_codegen.emit.blocks.model import Limits, block_name
+from st_codegen.emit.blocks.model import Limits, block_name, real_lines
 from st_codegen.emit.contents import Contents
 from st_codegen.emit.render import render
 from st_codegen.emit.targets import Target
@@ -66,6 +66,11 @@ class InputLimit:
     model: str
     feature: str
     magnitude: float
+
+
+def real_remarks(models: Sequence[ModelIR]) -> dict[str, str]:
+    """What models lose that are computed in REAL, by their names."""
+    return {model.name: " ".join(real_lines(model)) for model in models if model.is_real}
 
 
 def input_limits(models: Sequence[ModelIR]) -> list[InputLimit]:

@@ -97,7 +97,7 @@ def test_configured_blocks_are_proved_and_tested(configured, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("[project]", '[project]\nreal = "REAL"'), "arithmetic in REAL is not built"),
+        (("[project]", '[project]\nreal = "REAL"'), "say real = true in [build]"),
         (('"fSpeed"', '"Speed"'), "f and a capital letter"),
         (('"fTorque"', '"fSpeed"'), "its input would be called fSpeed"),
         (('"te.txt"', '"tee.txt"'), "did you mean 'te.txt'"),

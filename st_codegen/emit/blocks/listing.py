@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.emit.blocks.wording import meaning
-from st_codegen.emit.literals import real
+from st_codegen.emit.literals import real, real32
 from st_codegen.errors import TargetError
 from st_codegen.ir import AnyArray
 
@@ -20,7 +20,7 @@ from st_codegen.ir import AnyArray
 SIZES = {"LREAL": 8, "DINT": 4, "SINT": 1, "BOOL": 1, "REAL": 4}
 
 #: Numbers on a line. Fixed, so that a changed number changes its own line only.
-_PER_LINE = {"LREAL": 4, "DINT": 10, "SINT": 30}
+_PER_LINE = {"LREAL": 4, "REAL": 6, "DINT": 10, "SINT": 30}
 LINE_LENGTH = 100
 _INDENT = 8
 
@@ -123,7 +123,9 @@ class Table:
 
     def _texts(self, group: Group) -> list[str]:
         values = self.values[group.start : group.stop].tolist()
-        return [real(value) for value in values] if self.type == "LREAL" else [str(value) for value in values]
+        if self.type == "LREAL":
+            return [real(value) for value in values]
+        return [real32(value) if self.type == "REAL" else str(value) for value in values]
 
 
 def _fit(texts: Sequence[str], *, final: bool) -> Iterator[str]:

@@ -13,6 +13,7 @@ from st_codegen.emit.blocks import cells, scan, trees  # noqa: F401 - these regi
 from st_codegen.emit.blocks.classes import class_lines
 from st_codegen.emit.blocks.listing import LINE_LENGTH, ArrayElement, Block, BlockVariable, Cuts, Listing
 from st_codegen.emit.blocks.operations import Step, lay_out, lay_out_layer, layers_of
+from st_codegen.emit.blocks.real_types import in_real_types
 from st_codegen.emit.blocks.self_check import CheckRow, add_self_check
 from st_codegen.emit.foreign_names import is_foreign
 from st_codegen.emit.literals import capitalised, check_text, identifier, real, unit_text
@@ -89,7 +90,9 @@ def _block(model: ModelIR, listing: Listing, extras: Extras) -> Block:
     results = _operations(model, listing, aged=extras.aged)
     if extras.self_check:
         remarks += [add_self_check(listing, results, extras.row)]
-    return finished_block(model, inputs, outputs, listing, model_header(model, remarks=remarks))
+    closing = real_lines(model) if model.is_real else ()
+    block = finished_block(model, inputs, outputs, listing, model_header(model, *closing, remarks=remarks))
+    return in_real_types(block) if model.is_real else block
 
 
 #: The output that counts the calls since the outputs were valid.
@@ -103,6 +106,18 @@ def _output(model: ModelIR, number: int) -> BlockVariable:
         return BlockVariable(name, "DINT", comment="number of the class; its label stands above")
     unit = f", {model.ports[number].unit}" if model.ports and model.ports[number].unit else ""
     return BlockVariable(name, "LREAL", comment=f"prediction: {model.outputs[number]}{unit}")
+
+
+def real_lines(model: ModelIR) -> tuple[str, ...]:
+    """What is lost where a block computes in REAL."""
+    largest = max(model.stray)
+    return (
+        "Inputs, outputs and all numbers between are REAL (--real), with about 7 digits.",
+        "For inputs that are REAL numbers it equals the library bit for bit."
+        if not largest
+        else "For inputs that are REAL numbers every split decides as in the library, and the outputs lie within "
+        f"{largest:.3g} of its own.",
+    )
 
 
 def model_outputs(model: ModelIR) -> tuple[BlockVariable, ...]:
@@ -339,8 +354,8 @@ def _operations(model: ModelIR, listing: Listing, *, aged: bool) -> list[ArrayEl
                 if model.accepts_nan
                 else None
             ),
-            fits_real=op.inputs == (0,)
-            and all((limit or np.inf) <= FLOAT32_OVERFLOW for limit in model.magnitude_limits),
+            fits_real=model.is_real
+            or (op.inputs == (0,) and all((limit or np.inf) <= FLOAT32_OVERFLOW for limit in model.magnitude_limits)),
         )
         if number in layers:
             names += ["", f"aStep{number + 1}"]

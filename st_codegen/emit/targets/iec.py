@@ -22,6 +22,7 @@ class IecTarget(Target):
     summary = "portable Structured Text (.st)"
     dialect = "iec"
     is_portable = True
+    may_lack_lreal = True
     has_configuration = True
     templates = "iec"
     limits = Limits(max_array=65_536, real_range=(1e-37, 1e37), data_bytes=16 * 1024 * 1024)

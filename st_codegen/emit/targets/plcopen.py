@@ -66,6 +66,7 @@ class PlcOpenTarget(Target):
     """One XML file for the whole project."""
 
     name = "plcopen"
+    may_lack_lreal = True
     summary = "PLCopen XML, TC6 version 2.01 (.xml)"
     dialect = "iec"
     templates = "iec"

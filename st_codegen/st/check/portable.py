@@ -21,6 +21,8 @@ from st_codegen.st.syntax.source import ParsedFiles
 from st_codegen.st.types import REAL, ArrayType, Elementary, EnumType, StructType, Type
 
 SMALLEST_REAL, LARGEST_REAL = 1e-37, 1e37
+#: Functions of REAL that round nothing.
+_EXACT_FUNCTIONS = frozenset({"ABS", "MIN", "MAX"})
 _FLAGS = re.IGNORECASE | re.ASCII
 # What stands between quotes is no code
 _CODE = re.compile(r"'(?:[^'$\r\n]|\$.)*+'|\"(?:[^\"$\r\n]|\$.)*+\"")
@@ -216,18 +218,42 @@ def methods(text: Text) -> Iterator[Problem]:
 
 
 def arithmetic(text: Text) -> Iterator[Problem]:
-    """Refuses integers narrower than DINT and REAL in arithmetic."""
+    """Refuses integers narrower than DINT in arithmetic, and REAL where a compiler may compute with more digits.
+
+    One operation of REAL numbers that is stored at once gives the same in whatever precision between: LREAL has more
+    than twice the digits, so that rounding twice is rounding once. A sign, ABS, MIN and MAX round nothing.
+    """
+    stored = {id(expression) for expression in _stored_operations(text)}
     for expression in text.expressions:
         if isinstance(expression, t.Unary | t.Binary) and expression.operator not in ("NOT", "AND", "OR", "XOR"):
-            problem = _narrow(expression.type)
+            exact = expression.type == REAL and (isinstance(expression, t.Unary) or id(expression) in stored)
+            problem = None if exact else _narrow(expression.type)
             if problem:
                 yield Problem(expression.position, problem)
-        if isinstance(expression, t.StandardCall) and expression.type == REAL:
+        if (
+            isinstance(expression, t.StandardCall)
+            and expression.type == REAL
+            and expression.function not in _EXACT_FUNCTIONS
+        ):
             yield Problem(expression.position, f"{expression.function} of REAL: compute in LREAL and convert")
     for pou in text.project.pous.values():
         for statement in walk.statements(pou.body):
             if isinstance(statement, t.For) and _narrow(statement.counter.type):
                 yield Problem(statement.position, f"a FOR loop counts with {statement.counter.type}: use DINT")
+
+
+def _stored_operations(text: Text) -> Iterator[t.Binary]:
+    """Operations of REAL numbers that are all of what is assigned to a REAL."""
+    for pou in text.project.pous.values():
+        for statement in walk.statements(pou.body):
+            if isinstance(statement, t.Assign) and statement.target.type == REAL:
+                value = statement.value
+                if isinstance(value, t.Binary) and not any(
+                    isinstance(inner, t.Binary) and inner.type == REAL
+                    for operand in (value.left, value.right)
+                    for inner in walk.expressions(operand)
+                ):
+                    yield value
 
 
 def _narrow(type_: Type) -> str | None:

@@ -42,6 +42,7 @@ COUNTER = Block(
             {
                 "assignments": [{"output": "fOut1", "value": ArrayElement("WEIGHT", 1), "cut": False}],
                 "ranged": False,
+                "aged": False,
                 "plausible": [],
             },
         ),

@@ -1,0 +1,228 @@
+"""Models in REAL: every row takes the library's way through the trees, and what the sum loses stays below the bound."""
+
+import dataclasses
+import json
+import re
+
+import numpy as np
+import pytest
+
+from st_codegen import generate, load, verify
+from st_codegen.emit.literals import real32
+from st_codegen.errors import GeneratedCodeError, InputError, TargetError, UnsupportedModelError
+from st_codegen.ir import (
+    Aggregate,
+    Comparison,
+    Feature,
+    ModelIR,
+    Precision,
+    Source,
+    TreeColumn,
+    TreeEnsemble,
+    reference,
+)
+from st_codegen.passes.choose import Layout, Options
+from st_codegen.passes.real import in_real
+from st_codegen.proof.prove.prove import Verdict, prove
+from tests.cli.helpers import run
+
+
+def forest(comparison=Comparison.LESS_OR_EQUAL, *, seed=0, trees=40, **changes):
+    """Stumps at thresholds that are no REAL numbers, with leaves of both signs."""
+    random = np.random.default_rng(seed)
+    nodes = 3 * trees
+    inner = np.arange(nodes) % 3 == 0
+    threshold = np.where(inner, np.sort(random.uniform(-2, 2, nodes)), 0.0)
+    threshold[0] = float(np.float32(0.1))  # one that is
+    leaf_value = random.normal(size=(2 * trees, 1)) * 10.0 ** random.integers(-3, 3, (2 * trees, 1))
+    op = TreeEnsemble(
+        inputs=(0,),
+        columns=(TreeColumn(0),),
+        roots=np.arange(0, nodes, 3),
+        split=np.where(inner, 0, -1),
+        threshold=threshold,
+        left=np.where(inner, np.arange(nodes) + 1, 0),
+        right=np.where(inner, np.arange(nodes) + 2, 0),
+        missing_left=inner,
+        leaf=np.where(inner, -1, np.cumsum(~inner) - 1),
+        leaf_value=leaf_value,
+        tree_output=np.zeros(trees),
+        base=np.array([0.3]),
+        comparison=comparison,
+    )
+    op = dataclasses.replace(op, **changes)
+    return ModelIR("m", (Feature("x"),), (op,), ("out",), Source("none", "1", "M"), accepts_nan=True)
+
+
+def near(thresholds):
+    """The REAL numbers around thresholds, and others."""
+    single = np.float32(thresholds)
+    ends = [np.float32(np.inf), np.float32(-np.inf)]
+    around = np.concatenate([single, *(np.nextafter(single, end) for end in ends)])
+    others = np.float32([0.0, -0.0, 1e-45, 1e30, -1e30, np.nan])
+    return np.concatenate([around, others]).astype(np.float64)[:, None]
+
+
+@pytest.mark.parametrize("comparison", list(Comparison))
+def test_every_row_of_real_numbers_takes_the_same_way(comparison):
+    model = forest(comparison)
+    real = in_real(model)
+    assert np.array_equal(np.float32(real.ops[0].threshold), real.ops[0].threshold)
+    x = near(model.ops[0].threshold)
+    for tree in range(model.ops[0].n_trees):
+        ways = [reference.leaf_values(ir.ops[0], x, tree) for ir in (model, real)]
+        assert np.array_equal(np.float32(ways[0]), ways[1])
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"divisor": 40.0},
+        {"divisor": 0.125, "base_last": True},
+        {"divisor": 40.0, "base_last": True, "base": np.array([1e3 + 0.1])},
+        {"aggregate": Aggregate.MAXIMUM},
+        {"leaf_value": np.full((80, 1), 1e-44 / 3)},
+    ],
+)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_what_is_lost_stays_below_the_bound(changes, seed):
+    model = forest(seed=seed, **changes)
+    real = in_real(model)
+    x = near(model.ops[0].threshold)
+    lost = np.abs(reference.evaluate(model, x) - reference.evaluate(real, x))
+    assert 0.0 < np.max(lost) <= real.stray[0]
+    assert real.stray[0] < 1000 * np.max(lost)  # and says something
+    assert not real.exact
+
+
+def test_a_library_that_computes_in_float32_loses_nothing():
+    model = forest(leaf_value=np.float32(np.random.default_rng(0).normal(size=(80, 1))), base=np.zeros(1))
+    model = dataclasses.replace(model, ops=(dataclasses.replace(model.ops[0], sum_precision=Precision.FLOAT32),))
+    real = in_real(model)
+    assert real.exact and real.is_real
+    x = near(model.ops[0].threshold)
+    assert np.array_equal(reference.evaluate(model, x), reference.evaluate(real, x), equal_nan=True)
+
+
+def test_literals_of_real_read_back():
+    random = np.random.default_rng(0)
+    values = np.concatenate([random.normal(size=2000), np.exp(random.uniform(-80, 80, 2000))]).astype(np.float32)
+    for value in values:
+        text = real32(float(value))
+        assert np.float32(float(text)) == value
+        assert re.fullmatch(r"-?\d+\.\d+(E-?\d+)?", text)
+    assert real32(float(np.float32(0.1))) == "0.1"
+
+
+@pytest.fixture
+def generated(lone_folder, tmp_path):
+    bundle = load(lone_folder, real=True)
+    for target in ("iec", "codesys"):
+        generate(bundle, target, tmp_path / "out")
+    return bundle, tmp_path / "out"
+
+
+def test_the_text_is_of_real_numbers_and_is_verified_against_both(generated, lone_folder):
+    bundle, out = generated
+    text = (out / "iec" / "FB_Te.st").read_text()
+    code = re.sub(r"\(\*.*?\*\)", "", text, flags=re.S)
+    assert "LREAL" not in code and "fSpeed_rpm : REAL;" in code and "fOut1 : REAL;" in code
+    assert not (out / "iec" / "FB_SelfTest.st").exists()
+    (stray,) = bundle.irs[0].stray
+    assert f"{stray:.3g} of its own" in " ".join(text.split())
+    report = verify(bundle, out, rows=500)
+    (model,) = report.models
+    assert report.passed and not model.exact
+    assert 0.0 < model.max_abs_err <= stray == model.bound
+    assert "REAL numbers every split decides as in the library" in report.notes["te"]
+    assert {result.verdict for result in prove(bundle, out).results} == {Verdict.NOT_PROVED}
+    with pytest.raises(GeneratedCodeError, match="real=True"):
+        verify(load(lone_folder), out, rows=50)
+
+
+def test_the_text_must_be_the_model_in_real_to_the_bit(generated):
+    bundle, out = generated
+    path = out / "iec" / "FB_Te.st"
+    text = path.read_text()
+    first = text.index("(* tree 0 *)", text.index("THRESHOLD_1"))
+    number = re.compile(r"-?\d+\.\d+(E-?\d+)?").search(text, first)
+    moved = real32(float(np.nextafter(np.float32(number[0]), np.float32(np.inf))))
+    path.write_text(text[: number.start()] + moved + text[number.end() :])
+    report = verify(bundle, out, rows=500)
+    assert not report.passed
+    assert report.models[0].failures[0].between == "reference and iec"
+
+
+def test_what_runs_the_blocks_is_of_real_numbers_too(lone_folder, tmp_path):
+    bundle = load(lone_folder, real=True)
+    folder = generate(bundle, "iec", tmp_path, with_configuration=True, with_age=True).folder
+    text = "".join(path.read_text() for path in folder.glob("*.st"))
+    code = re.sub(r"\(\*.*?\*\)", "", text, flags=re.S)
+    assert "LREAL" not in code and "END_CONFIGURATION" in code and "nAge : DINT" in code
+    assert verify(bundle, tmp_path, rows=100).passed
+
+
+def test_a_range_is_that_of_its_real_numbers(lone_folder, tmp_path):
+    (lone_folder / "st-codegen.toml").write_text(
+        '[[input]]\nfeature = "speed_rpm"\nunit = "rpm"\nmin = 0.1\nmax = 1000.3\noutside = "clamp"\n'
+    )
+    bundle = load(lone_folder, real=True)
+    feature = next(f for f in bundle.irs[0].features if f.name == "speed_rpm")
+    assert np.float32(feature.lower) == feature.lower >= 0.1
+    assert np.float32(feature.upper) == feature.upper <= 1000.3
+    generate(bundle, "iec", tmp_path)
+    assert verify(bundle, tmp_path, rows=500).passed
+
+
+def test_what_cannot_be_computed_in_real_is_refused_with_its_reason(lone_folder, bundle_folder, tmp_path):
+    with pytest.raises(InputError, match="angles of many revolutions") as caught:
+        load(bundle_folder, real=True)
+    assert caught.value.codes == ("STC1411",)
+    bundle = load(lone_folder, real=True)
+    with pytest.raises(TargetError, match="target twincat have LREAL; --real goes with iec, plcopen, codesys"):
+        generate(bundle, "twincat", tmp_path)
+    with pytest.raises(TargetError, match="have LREAL"):
+        generate(bundle, "beckhoff-ml", tmp_path)
+    with pytest.raises(TargetError, match="leave out the layout table"):
+        generate(bundle, "iec", tmp_path, options=Options(Layout.TABLE))
+    with pytest.raises(TargetError, match="--self-check is written in LREAL"):
+        generate(bundle, "iec", tmp_path, self_check=True)
+    model = forest()
+    for changes, reason in (
+        ({"leaf_value": np.full((80, 1), 1e38)}, "are too large"),
+        ({"threshold": np.where(model.ops[0].split >= 0, 1e300, 0.0)}, "are too large"),
+        ({"divisor": 0.1}, "divides by 0.1"),
+    ):
+        with pytest.raises(UnsupportedModelError, match=reason):
+            in_real(forest(**changes))
+    limited = dataclasses.replace(model, magnitude_limits=(1e10,))
+    with pytest.raises(UnsupportedModelError, match="refuses some finite inputs"):
+        in_real(limited)
+
+
+def test_kinds_of_models_that_are_no_plain_trees():
+    linear = pytest.importorskip("sklearn.linear_model")
+    trees = pytest.importorskip("sklearn.tree")
+    x = np.random.default_rng(0).normal(size=(50, 2))
+    with pytest.raises(InputError, match=r"--real takes trees alone: this one has Linear"):
+        load(linear.LinearRegression().fit(x, x[:, 0]), real=True)
+    with pytest.raises(InputError, match=r"a label or a probability"):
+        load(trees.DecisionTreeClassifier().fit(x, x[:, 0] > 0), real=True)
+
+
+def test_the_command_says_what_is_lost_also_when_it_is_quiet(lone_folder, tmp_path, capsys):
+    assert run("generate", lone_folder, "--target", "iec", "--real", "-q", "-o", tmp_path) == 0
+    assert "every split decides as in the library" in " ".join(capsys.readouterr().err.split())
+    facts = json.loads((tmp_path / "iec" / "st-codegen.json").read_text())["models"]["te"]
+    assert len(facts["real"]) == 1 and not facts["exact"]
+    assert run("verify", lone_folder, "-g", tmp_path, "-n", 100) == 0
+    assert "REAL numbers" in " ".join(capsys.readouterr().err.split())
+    assert run("prove", lone_folder, "-g", tmp_path) == 1
+    assert "it computes in REAL" in " ".join(capsys.readouterr().err.split())
+    assert run("generate", lone_folder, "--target", "plcopen", "-q", "-o", tmp_path) == 0
+    capsys.readouterr()
+    assert run("verify", lone_folder, "-g", tmp_path) == 2
+    assert "some targets were generated with --real" in " ".join(capsys.readouterr().err.split())
+    (lone_folder / "st-codegen.toml").write_text('[build]\ntarget = ["iec"]\nreal = true\n')
+    assert run("generate", lone_folder, "--check", "-o", tmp_path) == 0
