@@ -43,6 +43,7 @@ _COMMANDS = {
 #: Exit codes beside 0 (yes) and 1 (the answer is no).
 _WRONG_USE, _DEFECT, _INTERRUPTED = 2, 70, 130
 _TRACEBACK = "--traceback"
+_DATED = "--dated"
 _TRACEBACK_VARIABLE = "ST_CODEGEN_TRACEBACK"
 
 
@@ -76,6 +77,7 @@ Exit codes: 0 yes, 1 the answer is no, 2 wrong use or input, 70 a defect of st-c
 @click.option(
     _TRACEBACK, is_flag=True, expose_value=False, help=f"Show where an error arose; also {_TRACEBACK_VARIABLE}=1."
 )
+@click.option(_DATED, is_flag=True, expose_value=False, help="Pages name the day on which they were made.")
 @click.version_option(__version__, prog_name="st-codegen")
 def cli() -> None:
     """Compile trained models to IEC 61131-3 Structured Text and prove that the code computes the same numbers.
@@ -87,9 +89,9 @@ def cli() -> None:
 def main(arguments: list[str] | None = None) -> NoReturn:
     """Run the command line. What a user can mend ends it with exit code 2 and one message, a defect with 70."""
     given = sys.argv[1:] if arguments is None else arguments
-    rest = [argument for argument in given if argument != _TRACEBACK]
-    shows_traceback = len(rest) < len(given) or os.environ.get(_TRACEBACK_VARIABLE, "") not in ("", "0")
-    set_command(__version__, rest)
+    rest = [argument for argument in given if argument not in (_TRACEBACK, _DATED)]
+    shows_traceback = _TRACEBACK in given or os.environ.get(_TRACEBACK_VARIABLE, "") not in ("", "0")
+    set_command(__version__, rest, dated=_DATED in given)
     try:
         code = cli.main(args=rest, obj=rest, prog_name="st-codegen", standalone_mode=False)
     except click.exceptions.Abort:

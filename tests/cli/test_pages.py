@@ -109,6 +109,32 @@ def test_a_page_is_as_wide_as_the_window(two, tmp_path, width):
     assert f"<title>true {width}</title>" in done.stdout
 
 
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+def test_nothing_of_a_page_is_white_in_the_dark(two, tmp_path):
+    image = pytest.importorskip("matplotlib.image")
+    page = tmp_path / "r.html"
+    assert run("diff", *two, "--html", page, "-n", 200, "-q") == 1
+    text = page.read_text("utf-8")
+    assert text.count("<svg") == 1
+    bright = {}
+    for name, scheme in (("light", "(width < 0)"), ("dark", "all")):
+        page.write_text(text.replace("(prefers-color-scheme: dark)", scheme), encoding="utf-8")
+        shot = tmp_path / f"{name}.png"
+        command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
+        command += ["--window-size=800,1200", f"--screenshot={shot}", page.as_uri()]
+        subprocess.run(command, capture_output=True, timeout=120, check=True)
+        bright[name] = (image.imread(shot)[..., :3].min(axis=2) > 0.8).mean()
+    assert bright["light"] > 0.8
+    assert bright["dark"] < 0.1
+
+
+def test_the_day_stands_on_a_page_on_demand_only(two, tmp_path):
+    for options, shown in (((), False), (("--dated",), True)):
+        assert run(*options, "diff", *two, "--html", tmp_path / "r.html", "-n", 100, "-q") == 1
+        footer = (tmp_path / "r.html").read_text("utf-8").partition("<footer>")[2]
+        assert bool(re.search(r"-q, 2\d{3}-\d\d-\d\d", footer)) is shown, footer
+
+
 def test_what_explain_says_has_a_page(lone_folder, tmp_path, capsys):
     page = tmp_path / "e.html"
     assert run(lone_folder, "--out", tmp_path, "-t", "iec", "-t", "twincat", "--explain", "--html", page, "-q") == 0
