@@ -1,7 +1,8 @@
-"""`python -m tests.fuzz`: damaged files of every kind, each in a process of its own; anything but two outcomes fails.
+"""`python -m tests.fuzz`: damaged files of every kind, in processes with limits; anything but two outcomes fails.
 
 A mutant must be refused in one line, or be accepted and then equal what its library or another reading makes of it.
-What does neither is kept in build/fuzz/; put it into tests/fuzz/corpus/, which the quick suite replays.
+A process checks many mutants; what fails there is tried again in a fresh one, and counts where it fails again. It is
+kept in build/fuzz/; put it into tests/fuzz/corpus/, which the quick suite replays.
 """
 
 import argparse
