@@ -85,7 +85,7 @@ def read_block(folder, name):
         end = section.end()
         for line in filter(None, map(str.strip, section[3].split(";"))):
             form = re.fullmatch(
-                r"(\w+) : (?:ARRAY\[0\.\.(\d+)\] OF )?(LREAL|DINT|BOOL|DWORD)(?:\s*:=\s*(.*))?", line, re.S
+                r"(\w+) : (?:ARRAY\[0\.\.(\d+)\] OF )?(LREAL|[SD]?INT|BOOL|DWORD)(?:\s*:=\s*(.*))?", line, re.S
             )
             need(form and form[1] not in values, f"the declaration {line[:60]}")
             kind = {"LREAL": float, "BOOL": bool}.get(form[3], int)
@@ -113,7 +113,7 @@ class V:
 
 
 class Sum:
-    """A chain of additions: `key` is its shape, with the numbers of the terms in `Machine.terms`."""
+    """An expression of what trees give: `key` is its shape, with the numbers of the terms in `Machine.terms`."""
 
     def __init__(self, key):
         self.key = key
@@ -139,6 +139,10 @@ NUMERIC = {
     "NEG": np.negative,
     "LREAL_TO_REAL": single,
 }
+
+
+CONVERSIONS = {"DINT_TO_LREAL": np.float64, "REAL_TO_LREAL": np.float64, "BOOL_TO_DINT": np.int64, "TRUNC": np.int64}
+CONVERSIONS |= {"SINT_TO_DINT": np.int64, "INT_TO_DINT": np.int64}
 
 
 class Machine:
@@ -183,6 +187,9 @@ class Machine:
                 gone = mask
             elif isinstance(s, ast.If):
                 test = self.value(s.test, mask)
+                if isinstance(test, Sum):
+                    self.choose(s, test, mask)
+                    continue
                 yes, no = self.logic(np.logical_and, mask, test), self.logic(np.logical_and, mask, self.opposite(test))
                 for body, where in ((s.body, yes), (s.orelse, no)):
                     if body and where is not False and np.any(self.holds(where)):
@@ -201,6 +208,13 @@ class Machine:
             left = self.logic(np.logical_or, left, gone)
             mask = self.logic(np.logical_and, mask, self.opposite(gone))
         return left
+
+    def choose(self, s, test, mask):
+        """Assignments under a condition on sums: both values are kept."""
+        need(mask is True and not s.orelse and all(isinstance(part, ast.Assign) for part in s.body), "a condition")
+        for part in s.body:
+            new, old = (self.term(self.value(e, True)) for e in (part.value, part.targets[0]))
+            self.assign(part.targets[0], Sum(("if", test.key, new, old)), True)
 
     def assign(self, target, new, mask):
         name = target.id if isinstance(target, ast.Name) else target.value.id
@@ -278,12 +292,20 @@ class Machine:
         if name == "F_IsNan":
             need(self.has_isnan, "F_IsNan is another function")
             return self.is_nan(values[0])
-        if name in ("BOOL_TO_DINT", "DINT_TO_LREAL", "REAL_TO_LREAL"):
-            kind = {"B": np.int64, "D": np.float64, "R": np.float64}[name[0]]
-            v = values[0]
-            return v if isinstance(v, Sum) else V(self.wide(v).a.astype(kind), self.wide(v).d, self.wide(v).src)
+        if name in CONVERSIONS:
+            return self.converted(name, values[0], mask)
         need(name in NUMERIC, f"the function {name}")
         return self.number(name, values, mask)
+
+    def converted(self, name, v, mask):
+        """A number in another type. Of expressions only labels are cut to integers: a choice of whole numbers."""
+        if isinstance(v, Sum):
+            need(name != "TRUNC" or is_label(v.key), "TRUNC of a sum")
+            return v
+        v = self.wide(v)
+        fits = np.abs(v.a) < 2.0**31 if name == "TRUNC" else np.full(v.a.shape, True)
+        need(np.all(fits | ~self.holds(mask) | (v.d & UNDECIDED > 0)), "TRUNC of what is too large")
+        return V(np.where(fits, v.a, 0).astype(CONVERSIONS[name]), v.d, v.src)
 
     def read(self, name, place, value):
         need(value is not None and name not in self.outputs, f"{name} is read")
@@ -357,6 +379,8 @@ class Machine:
         return V(nan, v.d | np.where(nan[0] != nan[1], UNDECIDED, 0))
 
     def compare(self, how, a, b, mask):
+        if isinstance(a, Sum) or isinstance(b, Sum):
+            return Sum((how.__name__, self.term(a), self.term(b)))
         if not isinstance(a, V) and not isinstance(b, V):
             return bool(how(a, b))
         a, b = self.wide(a), self.wide(b)
@@ -374,12 +398,20 @@ class Machine:
         return self.made(out, d | np.where(differ, UNDECIDED, 0), (a, b))
 
 
+def is_label(key):
+    """Whether an expression chooses between small whole numbers."""
+    if key[0] == "if":
+        return is_label(key[2]) and is_label(key[3])
+    return key[0] == "const" and float.fromhex(key[1]) in range(1 << 15)
+
+
 # --- the check --------------------------------------------------------------------------------------------------------
 class Check:
     """One model against the outputs of a block that the certificate names."""
 
     def __init__(self, model, folder, entry):
         model.prepare()
+        self.made, self.forms = {}, {}
         self.model, self.block, self.has_isnan = model, read_block(folder, entry["block"]), has_isnan(folder)
         self.ends = []
         for f in range(model.features):
@@ -398,11 +430,12 @@ class Check:
         for o in parts:
             same = isinstance(o, tuple) and isinstance(valid, V) and np.array_equal(o[1].a, valid.a)
             need(same or (valid is True and not isinstance(o, tuple)), "an output that does not keep to bValid")
-        need(len(results) == len(model.base), "another number of outputs")
+        need(len(results) == (1 if model.label else len(model.base)), "another number of outputs")
         terms = [(t[5][:, c]) for t in model.trees for c in range(len(t[6]))]
         self.trees = sum(bool(np.any(bits(v) != bits(v[:1]))) for v in terms)
-        self.method = "sums of trees, tree by tree" if any(isinstance(r, Sum) for r in results) else "all cells"
-        if any(isinstance(r, Sum) for r in results):
+        sums = any(isinstance(r, Sum) for r in results)
+        self.method = (BY_CLASS if model.label else "sums of trees, tree by tree") if sums else "all cells"
+        if sums:
             self.sums(entry)
         else:
             used = np.bitwise_or.reduce([np.bitwise_or.reduce(machine.wide(r).d) for r in results])
@@ -479,7 +512,11 @@ class Check:
             got = machine.values[name]
             got = machine.wide(got[2] if isinstance(got, tuple) else got)
             need(not np.any(got.d & UNDECIDED), "a comparison that is not decided")
-            want = np.broadcast_to(self.model.evaluate(x[0], output), x.shape[1])
+            every = range(len(self.model.base)) if self.model.label else [output]
+            want = np.array([np.broadcast_to(self.model.evaluate(x[0], n), x.shape[1]) for n in every])
+            if self.model.label:
+                want = [np.argmax(want, axis=0) if len(want) > 1 else want[0] > 0]
+            want = np.asarray(want[0], float)
             need(np.array_equal(bits(got.a.astype(float)), bits(np.array([want] * 3))), "a cell is another number")
 
     def sums(self, entry):
@@ -523,28 +560,47 @@ class Check:
                 )
             need(at == len(machine.terms), "the text has more terms than the model has trees")
         names = {key: ("term", i) for i, key in enumerate(k for k in order if k not in same)}
-        for output, got in enumerate(shape):
+        wanted = [self.total(output, names, same) for output in range(len(model.base))]
+        if model.label:  # the first of the largest, or where the only score is above zero
+            zero, one = (("const", number.hex()) for number in (0.0, 1.0))
+            largest, best = wanted[0], zero if len(wanted) > 1 else ("if", ("greater", wanted[0], zero), one, zero)
+            for number, score in enumerate(wanted[1:], 1):
+                larger = "greater", score, largest
+                largest, best = ("if", larger, score, largest), ("if", larger, ("const", float(number).hex()), best)
+            wanted = [best]
+        for got, want in zip(shape, wanted, strict=True):
             need(isinstance(got, Sum), "an output that is no sum")
-            total = ("const", float(0.0 if model.base_last else model.base[output]).hex())
-            for t, (*_, outputs) in enumerate(model.trees):
-                if output in outputs:
-                    key = (t, outputs.index(output))
-                    total = self.rounded(("+", total, names[key] if key in names else ("const", same[key].hex())))
-            total = self.rounded(("/", total, ("const", model.divisor.hex()))) if model.divisor != 1.0 else total
-            total = self.rounded(("+", total, ("const", model.base[output].hex()))) if model.base_last else total
-            need(self.normal(got.key) == self.normal(total), "other additions than the model's")
+            need(self.normal(got.key) == self.normal(want), "other operations than the model's")
+
+    def total(self, output, names, same):
+        """The additions of one output in the library's order."""
+        model = self.model
+        total = ("const", float(0.0 if model.base_last else model.base[output]).hex())
+        for t, (*_, outputs) in enumerate(model.trees):
+            if output in outputs:
+                key = (t, outputs.index(output))
+                total = self.rounded(("+", total, names[key] if key in names else ("const", same[key].hex())))
+        total = self.rounded(("/", total, ("const", model.divisor.hex()))) if model.divisor != 1.0 else total
+        return self.rounded(("+", total, ("const", model.base[output].hex()))) if model.base_last else total
 
     def rounded(self, key):
         return ("LREAL_TO_REAL", key) if self.model.single_sum else key
 
     def normal(self, key):
+        """The number of the form of an expression, the same for equal forms."""
+        if id(key) not in self.made:
+            self.made[id(key)] = key, self.forms.setdefault(self.form(key), len(self.forms))
+        return self.made[id(key)][1]
+
+    def form(self, key):
         """A flat form of a chain: constants computed, additions of zero dropped where they change nothing."""
         out = []
-        while key[0] not in ("const", "term"):
+        while key[0] in NUMERIC:
             out.append((key[0], *key[2:]))
             key = key[1]
         chain, value = [], float.fromhex(key[1]) if key[0] == "const" else None
-        start, minus = key, "-0x0.0p+0"
+        start = key if key[0] in ("const", "term") else (key[0], *map(self.normal, key[1:]))
+        minus = "-0x0.0p+0"
         for name, *rest in reversed(out):
             const = float.fromhex(rest[0][1]) if rest and rest[0][0] == "const" else None
             if value is not None and (const is not None or not rest):
@@ -558,7 +614,7 @@ class Check:
                     chain = [*chain, (name, *rest)]
             else:
                 chain, value = [*chain, (name, *rest)], None
-        return start, chain
+        return start, tuple(chain)
 
 
 ISNAN = "uBits.fValue := fValue; F_IsNan := (uBits.nBits AND {}) > {};"
@@ -606,7 +662,8 @@ ASSUMPTIONS = [
 PARTS = {"format", "statement", "assumptions", "models", "texts", "proofs", "blocks"}
 ENTRY = {"model", "file", "target", "block", "outputs", "inputs", "verdict", "method", "trees"}
 UNPROVED = ENTRY - {"method", "trees"} | {"reason"}
-EXPRESSIONS = {"the model's expression", "the model's expression of its trees"}
+BY_CLASS = "the model's expression of its trees"
+EXPRESSIONS = {"the model's expression", BY_CLASS}
 BLOCK = {"block", "target", "verdict"}
 TEXTS = {".st", ".scl", ".TcPOU", ".TcDUT", ".TcGVL", ".xml"}
 
@@ -619,11 +676,13 @@ def unchecked(entry):
     """Why an entry is not checked here; None for one that is."""
     if entry["verdict"] in ("not proved", "refuted") and entry.keys() == UNPROVED:
         return f"{entry['verdict']}, by its own words"
-    if entry["verdict"] == "proved" and entry.get("method") in EXPRESSIONS and entry.keys() - {"bound"} == ENTRY:
+    method = entry.get("method")
+    expression = entry["verdict"] == "proved" and method in EXPRESSIONS and entry.keys() - {"bound"} == ENTRY
+    need(expression or (entry["verdict"] == "proved" and entry.keys() == ENTRY), "another form of entry")
+    if expression and (method != BY_CLASS or entry["outputs"] != ["nClass"]):
         return "not checked: expressions are outside of this checker"
-    need(entry["verdict"] == "proved" and entry.keys() == ENTRY, "another form of entry")
-    if entry["outputs"][0] == "nClass":
-        return "not checked: classes are outside of this checker"
+    if entry["outputs"][0] == "nClass" and len(entry["outputs"]) > 1:
+        return "not checked: chances and scores of classes are outside of this checker"
     return None
 
 
@@ -672,6 +731,7 @@ def main(certificate, models, out):
             other = unchecked(entry)
             try:
                 model = other or read_model(folder / entry["file"])
+                need(other or model.label == (entry["outputs"] == ["nClass"]), "a decision of another kind")
             except Reject as outside:
                 other = f"not checked: {outside}"
             if other:

@@ -51,9 +51,10 @@ def bits(x):
 
 # --- models: trees, with the rules of their library as data -----------------------------------------------------------
 #: `<` for `<=`; inputs and sums rounded to float32; the divisor of the sum; the base added last; whether NaN is taken,
-#: and the magnitude from which inputs are refused.
+#: and the magnitude from which inputs are refused; whether the answer is a class: the number of
+#: the largest sum, or 1 where the only sum is above zero.
 RULES = {"less": False, "single_in": False, "single_sum": False, "divisor": 1.0, "base_last": False, "nan": True}
-RULES |= {"limit": np.inf}
+RULES |= {"limit": np.inf, "label": False}
 
 
 class Model:
@@ -168,10 +169,8 @@ def read_lightgbm(data):
         return dict(line.split("=", 1) for line in text.splitlines() if "=" in line)
 
     top = fields(head)
-    need(
-        top["num_class"] == "1" and top["objective"].split()[0] == "regression" and "sqrt" not in top["objective"],
-        "only LightGBM regression is known",
-    )
+    known = top["num_class"] == "1" and top["objective"].split()[0] == "regression" and "sqrt" not in top["objective"]
+    need(known, "only LightGBM regression is known")
     trees = []
     for part in parts:
         f = fields(part.split("\n\n")[0])
@@ -256,6 +255,9 @@ def read_xgboost(document):
     return Model(features, trees, base, names, less=True, single_in=True, single_sum=True, limit=F32_LIMIT)
 
 
+OUTSIDE = "link or categories"
+
+
 def read_skops(data):
     archive = zipfile.ZipFile(BytesIO(data))
 
@@ -281,20 +283,20 @@ def read_skops(data):
     e = build(json.loads(archive.read("schema.json")))
     kind, features = e["class"], e.get("n_features_in_")
     names = None if e.get("feature_names_in_") is None else [str(n) for n in np.ravel(e["feature_names_in_"])]
-    forest = ("RandomForestRegressor", "ExtraTreesRegressor")
-    if kind == "HistGradientBoostingRegressor":
-        need(e["loss"] in ("squared_error", "absolute_error") and e["is_categorical_"] is None, "link or categories")
+    label, name = kind.endswith("Classifier"), re.sub("(Classifier|Regressor)$", "", kind)
+    if name == "HistGradientBoosting":
+        need(e["loss"] in ("squared_error", "absolute_error", "log_loss") and e["is_categorical_"] is None, OUTSIDE)
         trees = []
-        for (predictor,) in e["_predictors"]:
+        for number, predictor in ((c, p) for row in e["_predictors"] for c, p in enumerate(row)):
             n = predictor["nodes"]
             columns = [n[k] for k in ("feature_idx", "num_threshold", "left", "right", "missing_go_to_left")]
-            trees.append(flat(columns, n["value"], n["is_leaf"] if len(n) > 1 else [True], [0]))
-        return Model(features, trees, np.ravel(e["_baseline_prediction"]), names)
-    known = (*forest, "GradientBoostingRegressor", "DecisionTreeRegressor", "ExtraTreeRegressor")
-    need(kind in known, f"{kind} is not known")
-    boosting = kind == "GradientBoostingRegressor"
-    members = [m for row in e["estimators_"] for m in row] if boosting else e["estimators_"] if kind in forest else [e]
-    base, rate, width = [0.0], 1.0, int(e.get("n_outputs_", 1))
+            trees.append(flat(columns, n["value"], n["is_leaf"] if len(n) > 1 else [True], [number]))
+        return Model(features, trees, np.ravel(e["_baseline_prediction"]), names, label=label)
+    forest, boosting = name in ("RandomForest", "ExtraTrees"), kind == "GradientBoostingRegressor"
+    need(boosting or forest or name in ("DecisionTree", "ExtraTree"), f"{kind} is not known")
+    need(not label or e["n_outputs_"] == 1, "several decisions")
+    members = [m for row in e["estimators_"] for m in row] if boosting else e["estimators_"] if forest else [e]
+    base, rate, width = [0.0], 1.0, int(e["n_classes_"] if label else e.get("n_outputs_", 1))
     if boosting:
         need(e["init_"]["class"] == "DummyRegressor", "an initial estimator")
         base, rate = np.ravel(e["init_"]["constant_"]), float(e["learning_rate"])
@@ -303,8 +305,10 @@ def read_skops(data):
         n, value = member["tree_"]["nodes"], member["tree_"]["values"]
         go = n["missing_go_to_left"] if "missing_go_to_left" in n.dtype.names else np.zeros(len(n))
         columns = *(n[k] for k in ("feature", "threshold", "left_child", "right_child")), go
-        trees.append(flat(columns, rate * value[:, :, 0], n["left_child"] < 0, range(width)))
-    rules = {"divisor": float(len(trees)) if kind in forest else 1.0, "nan": not boosting, "limit": F32_LIMIT}
+        trees.append(
+            flat(columns, rate * (value[:, 0] if label else value[:, :, 0]), n["left_child"] < 0, range(width))
+        )
+    rules = {"divisor": float(len(trees)) if forest else 1.0, "nan": not boosting, "limit": F32_LIMIT, "label": label}
     return Model(features, trees, base if boosting else [0.0] * width, names, single_in=True, **rules)
 
 

@@ -13,13 +13,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 import skops.io
-from sklearn.ensemble import HistGradientBoostingRegressor
+from sklearn.ensemble import (
+    ExtraTreesClassifier,
+    HistGradientBoostingClassifier,
+    HistGradientBoostingRegressor,
+    RandomForestClassifier,
+)
+from sklearn.tree import DecisionTreeClassifier
 
 from st_codegen.driver import generate
 from st_codegen.passes.choose import Layout, Options
 from st_codegen.project.bundle import load
 from st_codegen.proof.prove.certificate import certificate
 from st_codegen.proof.prove.prove import prove
+from tests.classifiers import THREE, TWO, X
 from tests.proof import mutants
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -144,6 +151,57 @@ def test_a_constant_model_is_confirmed(tmp_path):
     generate(load(models), "iec", tmp_path / "out")
     result = check(written(tmp_path, models, tmp_path / "out"), models, tmp_path / "out")
     assert result.returncode == 0, result.stdout
+
+
+#: Classifiers of trees, whose label is the largest of several sums, or one sum above zero.
+CLASSIFIERS = {
+    "tree": DecisionTreeClassifier(max_depth=3, random_state=0).fit(X, THREE),
+    "forest": RandomForestClassifier(3, max_depth=3, max_features=1, random_state=1).fit(np.round(X), THREE),
+    "many": ExtraTreesClassifier(2, max_depth=5, random_state=0).fit(X, np.arange(len(X)) % 26),
+    "two": HistGradientBoostingClassifier(max_iter=2, random_state=0).fit(X, TWO),
+    "three": HistGradientBoostingClassifier(max_iter=1, random_state=0).fit(X, THREE),
+}
+
+
+@pytest.mark.parametrize("layout", [Layout.TREES, Layout.AUTO])
+def test_labels_of_classifiers_are_confirmed(layout, tmp_path):
+    models = tmp_path / "models"
+    models.mkdir()
+    for name, model in CLASSIFIERS.items():
+        skops.io.dump(model, models / f"{name}.skops")
+    generate(load(models), "iec", tmp_path / "out", options=Options(layout=layout))
+    path = written(tmp_path, models, tmp_path / "out")
+    assert {tuple(entry["outputs"]) for entry in json.loads(path.read_text())["proofs"]} == {("nClass",)}
+    result = check(path, models, tmp_path / "out")
+    assert result.returncode == 0, result.stdout
+
+
+CHANGED_LABELS = [
+    ("forest", r"(\] )>( fLargest)", r"\1>=\2"),
+    ("forest", "nBest := nColumn", "nBest := 2"),
+    ("forest", "FOR nColumn := 1 TO 2 DO\n    IF", "FOR nColumn := 1 TO 1 DO\n    IF"),
+    ("forest", r"TRUNC\(aStep2\[0\]\)", "TRUNC(aStep1[0])"),
+    ("two", "> CUT_2", ">= CUT_2"),
+    ("two", r"aStep2\[0\] := 1.0", "aStep2[0] := 0.0"),
+]
+
+
+@pytest.mark.parametrize(("name", "pattern", "change"), CHANGED_LABELS)
+def test_a_label_that_was_changed_is_rejected(name, pattern, change, tmp_path):
+    models = tmp_path / "models"
+    models.mkdir()
+    skops.io.dump(CLASSIFIERS[name], models / f"{name}.skops")
+    generate(load(models), "iec", tmp_path / "out", options=Options(layout=Layout.TREES))
+    check_certificate = mutants.check_certificate
+    model = check_certificate.read_model(models / f"{name}.skops")
+    (text,) = tmp_path.rglob(f"FB_{name.capitalize()}.st")
+    entry = {"block": text.stem, "outputs": ["nClass"]}
+    check_certificate.Check(model, text.parent, entry)
+    changed, count = re.subn(pattern, change, text.read_text(), count=1)
+    assert count == 1
+    text.write_text(changed)
+    with pytest.raises(check_certificate.Reject):
+        check_certificate.Check(model, text.parent, entry)
 
 
 SETTINGS = """

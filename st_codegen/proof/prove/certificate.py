@@ -91,7 +91,8 @@ def _entry(result: ProofResult, model: ModelIR) -> dict[str, Any]:
 
 def _variable(model: ModelIR, result: ProofResult, number: int) -> str:
     """The block's output: the model's own name for it, unless the block holds several models."""
-    return model.variables[number] if len(result.outputs) == len(model.ports) else f"fOut{number + 1}"
+    alone = result.outputs == tuple(range(len(model.variables)))
+    return model.variables[number] if alone else f"fOut{number + 1}"
 
 
 def _sha256(path: Path) -> str:
