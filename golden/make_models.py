@@ -5,8 +5,8 @@ The files below `golden/` are committed; run this only to add a model:
     python golden/make_models.py            # makes what is missing
     python golden/make_models.py NAME ..    # makes these again
 
-Each model gets `lone/models/NAME.*`, `lone/inputs/NAME.csv` and `lone/outputs/NAME.csv`. The expected Structured Text
-is written by `pytest tests/emit/test_golden.py --update-golden`.
+`monitoring` is a project of its own. Each other model gets `lone/models/NAME.*`, `lone/inputs/NAME.csv` and
+`lone/outputs/NAME.csv`. The expected Structured Text is written by `pytest tests/emit/test_golden.py --update-golden`.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ from sklearn.ensemble import (
     ExtraTreesRegressor,
     GradientBoostingRegressor,
     HistGradientBoostingRegressor,
+    IsolationForest,
+    RandomForestClassifier,
     RandomForestRegressor,
 )
 from sklearn.linear_model import ElasticNet, Lasso, LinearRegression, Ridge
@@ -336,6 +338,42 @@ def write(path: Path, header: list[str], values: np.ndarray) -> None:
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
+def monitoring() -> None:
+    """A classifier, a detector of anomalies, and a network over a window of samples, below `monitoring/models`."""
+    folder = HERE.parent / "monitoring" / "models"
+    folder.mkdir(parents=True, exist_ok=True)
+    random = np.random.default_rng(1)
+    centres = {"healthy": (0.8, 3.0, 45.0), "worn": (1.9, 4.2, 52.0), "dry": (1.4, 6.5, 71.0)}
+    x = np.vstack([random.normal(c, (0.2, 0.5, 4.0), (40, 3)) for c in centres.values()])
+    y = np.repeat(list(centres), 40)
+    state = RandomForestClassifier(4, max_depth=3, random_state=1).fit(x, y)
+    known = IsolationForest(n_estimators=4, max_samples=16, random_state=1).fit(x[y == "healthy"])
+    for name, estimator in (("state", state), ("known", known)):
+        skops.io.dump(estimator, folder / f"{name}.skops", compression=zipfile.ZIP_DEFLATED)
+    nodes = [
+        helper.make_node("Conv", ["samples", "kernel"], ["band"]),
+        helper.make_node("LSTM", ["turned", "w", "r"], ["", "last"], hidden_size=2),
+        helper.make_node("Abs", ["band"], ["sizes"]),
+        helper.make_node("GlobalMaxPool", ["sizes"], ["peak"]),
+        helper.make_node("Flatten", ["peak"], ["flat"]),
+        helper.make_node("Squeeze", ["last", "first"], ["state"]),
+        helper.make_node("Concat", ["flat", "state"], ["out"], axis=1),
+    ]
+    nodes.insert(0, helper.make_node("Transpose", ["samples"], ["turned"], perm=[2, 0, 1]))
+    constants = {"kernel": (2, 1, 3), "w": (1, 8, 1), "r": (1, 8, 2)}
+    known_constants = [
+        numpy_helper.from_array(random.normal(size=shape).astype(np.float32), name) for name, shape in constants.items()
+    ]
+    known_constants.append(numpy_helper.from_array(np.array([0], np.int64), "first"))
+    inputs = [helper.make_tensor_value_info("samples", TensorProto.FLOAT, [1, 1, 6])]
+    outputs = [helper.make_tensor_value_info("out", TensorProto.FLOAT, [1, 4])]
+    made = helper.make_graph(nodes, "wave", inputs, outputs, known_constants)
+    network = helper.make_model(made, opset_imports=[helper.make_opsetid("", 18)], ir_version=9)
+    (folder / "wave.onnx").write_bytes(network.SerializeToString())
+    window = '[[model]]\nfile = "wave.onnx"\nwindow = 6\nsamples = ["fVibration"]\n'
+    (folder / "st-codegen.toml").write_text(f'[project]\nname = "Monitoring"\n\n{window}', encoding="utf-8")
+
+
 def main(names: list[str]) -> None:
     """Make the named models, or all that are missing."""
     for folder in ("models", "inputs", "outputs"):
@@ -354,6 +392,8 @@ def main(names: list[str]) -> None:
                 outputs,
             )
             print(name)
+    if "monitoring" in names or not (HERE.parent / "monitoring" / "models").exists():
+        monitoring()
 
 
 if __name__ == "__main__":
