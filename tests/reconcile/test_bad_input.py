@@ -1,9 +1,15 @@
 """Measured data that cannot be reconciled: one clear message, exit code 2, nothing written."""
 
+import contextlib
+import io
+
 import numpy as np
 import pytest
 
-from .blind import effects, hidden, layout, noise, run, write
+from st_codegen.threads import one_thread
+from tests.cli.helpers import run
+
+from .blind import effects, hidden, layout, noise, write
 
 ORDERS = (0, 1, 2, 3, 39, 40, 78, 81)
 SIGMA = np.array([5e-4, *[1e-5] * (len(ORDERS) - 1)])
@@ -27,10 +33,17 @@ def measured(path, known, runs, factor=1.0, orders=ORDERS):
     return path
 
 
+def reconcile(folder, path):
+    """Exit code and messages of the command."""
+    shown = io.StringIO()
+    with contextlib.redirect_stderr(shown), one_thread():
+        code = run("reconcile", "--rig", folder / "rig.toml", "--measured", path, "--out", folder / "out")
+    return code, shown.getvalue()
+
+
 def refused(folder, path, *words):
-    done = run.reconcile(folder / "rig.toml", path, folder / "out")
-    assert done.returncode == 2, (done.returncode, done.stdout, done.stderr)
-    message = done.stderr
+    code, message = reconcile(folder, path)
+    assert code == 2, message
     assert "Traceback" not in message
     for word in words:
         assert word in message, message
@@ -44,8 +57,8 @@ def grid():
 
 def test_the_same_data_in_good_order_pass(tmp_path, rig):
     """The refusals below are about what is wrong with them, not about this rig."""
-    done = run.reconcile(tmp_path / "rig.toml", measured(tmp_path / "h.csv", rig, grid()), tmp_path / "out")
-    assert done.returncode == 0, done.stderr
+    code, message = reconcile(tmp_path, measured(tmp_path / "h.csv", rig, grid()))
+    assert code == 0, message
     assert (tmp_path / "out" / "report.json").is_file()
 
 

@@ -25,7 +25,7 @@ def chosen(kind, effects, size, form):
 
 @pytest.mark.parametrize("wanted", SAMPLE, ids=lambda wanted: "-".join((wanted[0], *wanted[1], wanted[3])))
 def test_sample(wanted, tmp_path):
-    result = run.run_case(chosen(*wanted), tmp_path)
+    result = run.run_case(chosen(*wanted), tmp_path, how=run.lean)
     assert result["status"] == "scored", result.get("message", result["status"])
     assert result["score"]["passed"], (result["claims"], result["score"]["remarks"])
     if result["score"]["gap_ratio"] is not None and result["case"]["kind"] == "single":
