@@ -1,6 +1,7 @@
 """The independent checker: accepts what `prove` proves, in every layout and dialect, and nothing that was changed."""
 
 import ast
+import functools
 import hashlib
 import json
 import re
@@ -26,6 +27,7 @@ from st_codegen.passes.choose import Layout, Options
 from st_codegen.project.bundle import load
 from st_codegen.proof.prove.certificate import certificate
 from st_codegen.proof.prove.prove import prove
+from st_codegen.proof.runner import GeneratedCode
 from tests.classifiers import THREE, TWO, X
 from tests.proof import mutants
 
@@ -53,6 +55,16 @@ KNOWN += (
 )
 KNOWN += ("extra_tree.skops", "extra_trees_ranked.skops", "hist_gradient_boosting_missing.skops")
 KNOWN += ("lightgbm_dart.txt", "lightgbm_rf.txt", "random_forest_two_outputs.skops", "xgboost_dart.json")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def golden_text_is_read_once():
+    """Proofs of few models read the text of all; that of golden/, which nobody changes, is kept."""
+    kept = functools.cache(GeneratedCode)
+    with pytest.MonkeyPatch.context() as patch:
+        read = lambda folder, dialect: (kept if GOLDEN in folder.parents else GeneratedCode)(folder, dialect)  # noqa: E731
+        patch.setattr("st_codegen.proof.prove.prove.GeneratedCode", read)
+        yield
 
 
 def folder_of(tmp_path, names):

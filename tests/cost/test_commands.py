@@ -23,10 +23,8 @@ def run(*arguments):
 
 
 @pytest.fixture
-def generated(bundle_folder, tmp_path):
-    out = tmp_path / "out"
-    assert run(bundle_folder, "--out", out, "-q") == 0
-    return out
+def generated(generated_once):
+    return generated_once("bundle", ("twincat",))
 
 
 def test_explain_lists_the_inputs_that_are_refused(bundle_folder, tmp_path, capsys):
