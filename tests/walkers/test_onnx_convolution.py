@@ -16,6 +16,8 @@ from tests.walkers import onnx_builders as build
 from tests.walkers.onnx_builders import constant, graph_model, info
 from tests.walkers.test_onnx_elementwise import agree
 
+pytestmark = pytest.mark.usefixtures("tried_in_place")
+
 RNG = np.random.default_rng(7)
 
 

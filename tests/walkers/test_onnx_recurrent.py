@@ -12,6 +12,8 @@ from tests.walkers import onnx_builders as build
 from tests.walkers.onnx_builders import constant, graph_model, info
 from tests.walkers.test_onnx_elementwise import agree
 
+pytestmark = pytest.mark.usefixtures("tried_in_place")
+
 STEPS, READ, HIDDEN = 5, 2, 3
 GATES = {"RNN": 1, "GRU": 3, "LSTM": 4}
 
