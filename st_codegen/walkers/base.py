@@ -130,7 +130,7 @@ class GraphBuilder:
 EstimatorWalker = Callable[[Any, GraphBuilder, int], Walked]
 
 #: Packages whose fitted objects are walked, each by the modules of the folder of its name, and the libraries' names.
-LIBRARIES = {"sklearn": "scikit-learn", "lightgbm": "LightGBM", "xgboost": "XGBoost"}
+LIBRARIES = {"sklearn": "scikit-learn", "lightgbm": "LightGBM", "xgboost": "XGBoost", "statsmodels": "statsmodels"}
 
 #: Adds the operations of a fitted estimator's `transform`.
 TransformWalker = Callable[[Any, GraphBuilder, int], int]

@@ -22,6 +22,7 @@ _LOADERS = {
     "sklearn": "st_codegen.walkers.sklearn.estimator",
     "lightgbm": "st_codegen.walkers.lightgbm.model",
     "xgboost": "st_codegen.walkers.xgboost.model",
+    "statsmodels": "st_codegen.walkers.statsmodels.results",
 }
 
 
@@ -91,7 +92,7 @@ def load_pickle(path: Path, name: str, *, trusted: bool) -> LoadedModel:
 
 
 def from_estimator(estimator: Any, name: str) -> LoadedModel:
-    """A fitted estimator of scikit-learn, LightGBM or XGBoost as a model.
+    """A fitted estimator of scikit-learn, LightGBM, XGBoost or statsmodels as a model.
 
     Raises UnsupportedModelError for classes without a walker, InputError for an estimator that is not fitted.
     """
@@ -99,7 +100,7 @@ def from_estimator(estimator: Any, name: str) -> LoadedModel:
     if package not in LIBRARIES:
         raise UnsupportedModelError(
             f"this is a {type(estimator).__module__}.{type(estimator).__qualname__}, not a model of "
-            "scikit-learn, LightGBM or XGBoost"
+            "scikit-learn, LightGBM, XGBoost or statsmodels"
         )
     module = importlib.import_module(_LOADERS[package])
     try:

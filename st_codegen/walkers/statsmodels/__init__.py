@@ -1,0 +1,1 @@
+"""Walkers of statsmodels: linear and generalized linear models, from trusted pickles."""

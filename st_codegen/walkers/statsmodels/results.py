@@ -1,0 +1,91 @@
+"""Fitted results of statsmodels: OLS, WLS, GLS and GLM, as their `predict` computes.
+
+It multiplies the columns with the parameters (regression/linear_model.py, genmod/generalized_linear_model.py) and, for
+a GLM, takes the inverse of the link (genmod/families/links.py). Offsets and exposures of the fit take no part.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from st_codegen.errors import InputError, UnsupportedModelError
+from st_codegen.ir import Activation, Feature, FloatArray, Function, Linear, Source
+from st_codegen.walkers.base import LIBRARIES, GraphBuilder, LoadedModel, walk_any, walks
+
+#: Names of the column of ones.
+_CONSTANT = ("const", "Intercept")
+_REGRESSIONS = ("OLS", "WLS", "GLS", "GLSAR")
+#: The functions that are the inverses of links; those of powers stand beside it.
+_INVERSES = {"Identity": None, "Log": Function.EXP, "Logit": Function.LOGISTIC}
+_POWERS = ("Power", "InversePower", "Sqrt", "InverseSquared")
+
+
+def load_object(results: Any, name: str) -> LoadedModel:
+    """Fitted results as a model; a column of ones is no feature. Raises UnsupportedModelError, InputError."""
+    names, constant = _columns(results)
+    features = [Feature(column) for number, column in enumerate(names) if number != constant]
+    if not features:
+        raise InputError("the model has no columns but a constant")
+    builder = GraphBuilder(len(features))
+    walk_any(results, builder, 0)
+    model = results.model
+    family = f"({type(model.family).__name__}, {type(model.family.link).__name__})" if hasattr(model, "family") else ""
+    version = str(__import__("statsmodels").__version__)
+    note = () if constant is None else (f"the column {names[constant]} of ones is part of the block",)
+    source = Source(LIBRARIES["statsmodels"], version, type(model).__name__ + family, notes=note)
+
+    def predict(x: FloatArray) -> FloatArray:
+        whole = x if constant is None else np.insert(x, constant, 1.0, axis=1)
+        with np.errstate(all="ignore"):
+            return np.asarray(results.predict(whole, transform=False), np.float64).reshape(len(x), -1)
+
+    return LoadedModel(builder.model(name, tuple(features), source), predict)
+
+
+def _columns(results: Any) -> tuple[list[str], int | None]:
+    """The names of the parameters, and which of them is that of a column of ones."""
+    model = getattr(results, "model", None)
+    names = [str(column) for column in getattr(model, "exog_names", None) or []]
+    made = [column for column in names if not column.isidentifier()] if hasattr(model, "formula") else []
+    if made:
+        raise UnsupportedModelError(
+            f"the formula computes columns ({', '.join(made[:3])}): fit on the columns themselves, computed before"
+        )
+    constant = getattr(getattr(model, "data", None), "const_idx", None)
+    if constant is None or not 0 <= constant < len(names) or names[constant] not in _CONSTANT:
+        return names, None
+    ones = getattr(model, "exog", None)
+    return names, constant if ones is not None and bool(np.all(ones[:, constant] == 1.0)) else None
+
+
+@walks("statsmodels.RegressionResultsWrapper", "statsmodels.GLMResultsWrapper")
+def _results(results: Any, builder: GraphBuilder, value: int) -> int:
+    names, constant = _columns(results)
+    kind = type(results.model).__name__
+    parameters = np.asarray(results.params, np.float64)
+    if kind not in (*_REGRESSIONS, "GLM") or parameters.shape != (len(names),):
+        raise UnsupportedModelError(
+            f"results of {kind} with {parameters.shape} parameters; OLS, WLS, GLS and GLM of one number are supported"
+        )
+    weights = parameters if constant is None else np.delete(parameters, constant)
+    bias = np.zeros(1) if constant is None else parameters[[constant]]
+    builder.refuse_nan(value)
+    builder.refuse_magnitude(math.inf)
+    total = builder.add(Linear((value,), weights[None, :], bias))
+    return total if kind != "GLM" else _inverse(results.model.family.link, builder, total)
+
+
+def _inverse(link: Any, builder: GraphBuilder, value: int) -> int:
+    """The inverse of a link; NumPy's power is within the bound."""
+    name = type(link).__name__
+    if name in _POWERS:
+        power = float(link.power)
+        return value if power == 1 else builder.add(Activation((value,), Function.POWER, 1, 1.0 / power))
+    if name not in _INVERSES:
+        known = ", ".join((*_INVERSES, *_POWERS))
+        raise UnsupportedModelError(f"the link {name}: supported are {known}")
+    function = _INVERSES[name]
+    return value if function is None else builder.add(Activation((value,), function, 1))

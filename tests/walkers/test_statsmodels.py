@@ -1,0 +1,90 @@
+"""Results of statsmodels, from pickles: linear models and GLM with every link, with and without a constant."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from st_codegen.errors import InputError, UnsupportedModelError, UntrustedFileError
+from st_codegen.ir import reference
+from st_codegen.passes.domain import limit_inputs
+from st_codegen.proof.bounds import difference_bound
+from st_codegen.walkers.files import load_model
+
+sm = pytest.importorskip("statsmodels.api")
+pd = pytest.importorskip("pandas")
+
+RANDOM = np.random.default_rng(5)
+X = RANDOM.normal(size=(60, 3))
+Y = X @ [0.3, -0.2, 0.1] + 0.8 + 0.05 * RANDOM.normal(size=60)
+LINKS = sm.families.links
+
+
+def loaded(results, folder):
+    path = folder / "model.pkl"
+    path.write_bytes(pickle.dumps(results))
+    return load_model(path, "m", trust_pickle=True)
+
+
+def agrees(model, scale=1.0):
+    x = np.random.default_rng(1).normal(size=(200, len(model.ir.features))) * scale
+    ir = limit_inputs(model.ir)
+    ours, library = reference.evaluate(ir, x), model.predict(x)
+    answered = np.isfinite(ours)
+    assert np.array_equal(answered, np.isfinite(library)) and answered.mean() > 0.4
+    assert np.all(np.abs(ours - library)[answered] <= difference_bound(ir, x)[answered])
+    return model
+
+
+MODELS = {
+    "OLS": lambda: sm.OLS(Y, sm.add_constant(X)),
+    "OLS without a constant": lambda: sm.OLS(Y, X),
+    "WLS": lambda: sm.WLS(Y, sm.add_constant(X), weights=np.linspace(1, 2, 60)),
+    "GLS": lambda: sm.GLS(Y, sm.add_constant(X), sigma=np.linspace(1, 2, 60)),
+    "GLM gaussian": lambda: sm.GLM(Y, sm.add_constant(X)),
+    "GLM gamma log": lambda: sm.GLM(np.abs(Y), sm.add_constant(X), family=sm.families.Gamma(LINKS.Log())),
+    "GLM gamma inverse": lambda: sm.GLM(np.abs(Y) + 1, sm.add_constant(X), family=sm.families.Gamma()),
+    "GLM poisson": lambda: sm.GLM(np.round(np.abs(Y) * 3), sm.add_constant(X), family=sm.families.Poisson()),
+    "GLM binomial": lambda: sm.GLM(Y > 0.8, sm.add_constant(X), family=sm.families.Binomial()),
+    "GLM root": lambda: sm.GLM(np.abs(Y) + 1, sm.add_constant(X), family=sm.families.Poisson(LINKS.Sqrt())),
+    "GLM squared": lambda: sm.GLM(np.abs(Y) + 1, sm.add_constant(X), family=sm.families.InverseGaussian()),
+}
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", MODELS)
+def test_results_are_those_of_the_library(tmp_path, name):
+    model = agrees(loaded(MODELS[name]().fit(), tmp_path), 0.5)
+    assert len(model.ir.features) == 3
+    assert model.ir.source.model_class.startswith(name.split()[0])
+    for bad in (np.nan, np.inf):
+        assert np.isnan(reference.evaluate(model.ir, np.array([[bad, 0.0, 0.0]])))
+
+
+def test_columns_have_the_names_of_a_frame_and_plain_formulas_are_read(tmp_path):
+    frame = pd.DataFrame(X, columns=["speed", "load", "oil"]).assign(y=Y)
+    model = agrees(loaded(sm.OLS(frame["y"], frame[["speed", "load"]]).fit(), tmp_path))
+    assert [feature.name for feature in model.ir.features] == ["speed", "load"]
+    model = agrees(loaded(sm.OLS.from_formula("y ~ oil + load", frame).fit(), tmp_path))
+    assert [feature.name for feature in model.ir.features] == ["oil", "load"]
+    with pytest.raises(UnsupportedModelError, match=r"computes columns \(np.exp\(oil\)\)"):
+        loaded(sm.OLS.from_formula("y ~ np.exp(oil)", frame).fit(), tmp_path)
+
+
+def test_a_constant_that_is_not_one_is_a_feature(tmp_path):
+    frame = pd.DataFrame(X, columns=["a", "b", "c"]).assign(const=5.0)
+    assert len(agrees(loaded(sm.OLS(Y, frame).fit(), tmp_path)).ir.features) == 4
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_what_is_refused(tmp_path):
+    family = sm.families.Binomial(LINKS.Probit())
+    with pytest.raises(UnsupportedModelError, match="the link Probit: supported are Identity, Log, Logit"):
+        loaded(sm.GLM(Y > 0.8, sm.add_constant(X), family=family).fit(), tmp_path)
+    with pytest.raises(UnsupportedModelError, match="statsmodels's BinaryResultsWrapper is not supported"):
+        loaded(sm.Logit(Y > 0.8, X).fit(disp=0), tmp_path)
+    with pytest.raises(InputError, match="no columns but a constant"):
+        loaded(sm.OLS(Y, np.ones(60)).fit(), tmp_path)
+    path = tmp_path / "model.pkl"
+    with pytest.raises(UntrustedFileError, match="--trust-pickle"):
+        load_model(path, "m")
