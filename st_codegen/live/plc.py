@@ -175,6 +175,8 @@ class SoftPlc:
                 if (due - self.ticks) * self.tick_us * 1e-6 > _LATE_S * max(self.speed, 1.0):
                     self.late += due - self.ticks
                     begin, begun, due = now, self.ticks, self.ticks + 1
+                elif due < self.ticks - 1:  # it ran faster until now
+                    begin, begun = now, self.ticks
                 while self.ticks < due and time.perf_counter() < now + _BATCH_S:
                     self.tick()
             else:

@@ -4,7 +4,6 @@ import json
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 
@@ -61,7 +60,6 @@ def test_compare_against_serve_and_serve_stops_cleanly(lone, process, tmp_path, 
 
 
 def test_one_message_and_exit_code_2_where_nobody_listens(lone, tmp_path, capsys):
-    begin = time.monotonic()
     code = run(
         *("compare", str(lone[0]), "--generated", str(lone[1]), "--ads", "127.0.0.1.1.1:851@127.0.0.1:1"),
         *("--json", str(tmp_path / "record.json")),
@@ -71,7 +69,6 @@ def test_one_message_and_exit_code_2_where_nobody_listens(lone, tmp_path, capsys
     assert shown.count("error:") == 1
     assert "127.0.0.1:1 cannot be reached" in shown
     assert not (tmp_path / "record.json").exists()
-    assert time.monotonic() - begin < 60
 
 
 @pytest.mark.parametrize(
