@@ -116,7 +116,8 @@ def verify_sections(report: VerifyReport, bundle: Bundle) -> tuple[str, list[Pag
         for ir in bundle.irs
     ]
     head = ("model", "file", "library", "class", "digest of what was read")
-    sections.append(PageSection("Provenance", table=PageTable(head, sources)))
+    served = "\n\n".join(bundle.purpose.served(bundle.irs)) if bundle.purpose else ""
+    sections.append(PageSection("Provenance", served, PageTable(head, sources)))
     return summary, sections + [_cost_section(target, cost, report.cycle_us) for target, cost in report.costs.items()]
 
 

@@ -104,6 +104,8 @@ def command(
         for target, note in report.notes.items():
             console.print(f"{target}: {note}", soft_wrap=True)
         _print_remarks(report)
+        for line in bundle.purpose.served(bundle.irs) if bundle.purpose else ():
+            console.print(line, soft_wrap=True, markup=False)
     for model in report.models:
         if model.jump:
             console.print(

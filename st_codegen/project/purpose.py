@@ -74,6 +74,10 @@ class Purpose(Protocol):
         """Sentences that a user should read before the generated code is used."""
         ...
 
+    def served(self, models: Sequence[ModelIR]) -> tuple[str, ...]:
+        """Which file, and which of its outputs, serves what: a verification compares numbers and cannot see it."""
+        ...
+
     def vectors(self, models: Sequence[LoadedModel]) -> tuple[ReferenceVectors, ...]:
         """What the blocks around the models must answer, by the models' libraries, for test suites."""
         ...

@@ -19,7 +19,7 @@ from st_codegen.project.purpose import BlockCheck, DifferenceBound, RunsBlocks
 from st_codegen.te.check import check_transmission_error, checked_blocks
 from st_codegen.te.compensation import compensation
 from st_codegen.te.compensation.recorder import with_recorder
-from st_codegen.te.harmonics import TransmissionError
+from st_codegen.te.harmonics import HarmonicOutput, TransmissionError
 from st_codegen.te.vectors import prediction_vectors
 from st_codegen.walkers.base import LoadedModel
 
@@ -71,6 +71,24 @@ class Compensation:
             f"The models are spread over {calls} calls of FB_TEPredict: its outputs belong to the operating point of "
             f"{calls - 1} to {2 * calls - 2} calls before.",
         )
+
+    def served(self, models: Sequence[ModelIR]) -> tuple[str, ...]:
+        """For each direction the files and outputs of all its orders, as they are read."""
+        named = {model.name: model for model in models}
+
+        def text(output: HarmonicOutput) -> str:
+            model = named[output.model]
+            place = f" output {output.output}" if len(model.outputs) > 1 else ""
+            return f"{'+ ' if output.added else ''}{output.quantity} {model.source.file or model.name}{place}"
+
+        lines = []
+        for direction in self.te.directions:
+            orders = []
+            for order in self.te.orders:
+                own = [o for o in self.te.outputs if (o.direction, o.order) == (direction, order)]
+                orders.append(f"order {order} {', '.join(map(text, own))}")
+            lines.append(f"{direction}: {'; '.join(orders)}")
+        return tuple(lines)
 
     def vectors(self, models: Sequence[LoadedModel]) -> tuple[ReferenceVectors, ...]:
         """A test suite for FB_TEPredict."""

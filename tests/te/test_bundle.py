@@ -7,6 +7,7 @@ import pytest
 from st_codegen.errors import InputError, UntrustedFileError
 from st_codegen.project.bundle import load
 from st_codegen.te.harmonics import Direction, Quantity
+from tests.cli.helpers import run
 
 
 def test_a_folder_without_bundle_toml_gives_a_model_a_file(lone_folder):
@@ -296,3 +297,12 @@ def test_skops_files_with_foreign_types_are_refused(tmp_path):
         skops.dump(pipeline, tmp_path / "ridge.skops")
         with pytest.raises(UntrustedFileError, match=r"ridge\.skops: .*could run code: .*e(val|xec)"):
             load(tmp_path)
+
+
+def test_verification_says_which_file_and_output_serves_which_order(bundle_folder, tmp_path, capsys):
+    """Another output of a file is as consistent as the right one: only a reader can see it."""
+    assert run(bundle_folder, "--out", tmp_path, "-t", "iec", "-q") == 0
+    assert run("verify", bundle_folder, "-g", tmp_path, "--rows", 20) == 0
+    shown = capsys.readouterr().err
+    assert "forward: order 0 amplitude a.txt; order 1 amplitude a.txt, phase b.txt\n" in shown
+    assert "backward: order 0 amplitude b.txt; order 1 cosine a.txt, sine b.txt\n" in shown
