@@ -1,6 +1,7 @@
 """Parts of reconcile one by one: noise floor, coordinates, joint fit, evidence, units; own effects; the report."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -65,6 +66,17 @@ def test_noise_is_found_under_what_varies_smoothly():
     # 126 runs a direction: the median of as many has a relative error of 6 %; four times that
     assert noise.sigma[0, 1:] == pytest.approx(SIGMA, rel=0.25)
     assert not noise.suspects
+
+
+def test_orders_that_few_curves_tell_have_the_noise_of_these():
+    """What stands in for the others has no noise: a resonance was read from the rest."""
+    data = observed(RIG, grid())
+    seen = np.ones(data.values.shape, bool)
+    seen[::2, -1] = False
+    data = replace(data, seen=seen, spectral_deg=np.where(seen, SIGMA, 0.0), values=np.where(seen, data.values, 0.0))
+    noise = estimate(data, data.values - RIG.coefficients(data.at, data.orders.tolist()))
+    assert noise.sigma[:, -1] == pytest.approx(SIGMA, rel=0.25)
+    assert noise.sigma[:, -2] == pytest.approx(SIGMA, rel=0.25)
 
 
 def test_a_bad_run_is_named():

@@ -14,6 +14,7 @@ from st_codegen.errors import InputError
 from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.data.reading import read_measured
 from st_codegen.reconcile.judge.unseen import cannot_show
+from st_codegen.reconcile.report.findings import findings
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.run import reconcile_observations, with_empirical
 from st_codegen.reconcile.settings import SETTINGS
@@ -98,6 +99,10 @@ def test_an_order_alone_is_no_certain_name():
     (claim,) = result.conclusions.claims
     assert "something_else" in claim.alternatives
     assert any("from elsewhere would look the same" in text for text in claim.extrapolates)
+    true, of = SETTINGS.names_by_order
+    assert report(result)["effects"][0]["probability"] == claim.probability == (true + 1) / (of + 2)
+    assert claim.probability < (SETTINGS.names_by_more[0] + 1) / (SETTINGS.names_by_more[1] + 2)
+    assert f"{true} of {of} such names were true" in findings(result)[0].name
 
 
 def test_what_has_a_formula_and_no_name_enters_the_rig_as_such():

@@ -87,8 +87,20 @@ def estimate(data: Observations, residual: ComplexArray, known_bad: BoolArray | 
         sigma = np.broadcast_to(sigma_of(residual, data.orders), residual.shape).copy()
         floor, kinds = sigma_of(residual, data.orders), ["rig"] * len(data.orders)
     ranked = tuple(sorted(suspects.items(), key=lambda item: -item[1]))
-    least = SETTINGS.least_noise_deg
+    least = np.maximum(_between_orders(data), SETTINGS.least_noise_deg)
     return Noise(np.maximum(sigma, least), np.maximum(floor, least), good, ranked, tuple(kinds))
+
+
+def _between_orders(data: Observations) -> FloatArray:
+    """The noise between the orders of the curves that tell an order, float64 (K,), where some do not; else 0.
+
+    Rows that stand in for those that were not measured have no noise, and contrasts with them too little.
+    """
+    if data.seen is None or data.spectral_deg is None:
+        return np.zeros(len(data.orders))
+    count = data.seen.sum(axis=0)
+    power = (np.where(data.seen, data.spectral_deg, 0.0) ** 2).sum(axis=0) / np.maximum(count, 1)
+    return np.where(count < len(data), np.sqrt(power), 0.0)
 
 
 def _rms_of(data: Observations, e: ComplexArray) -> FloatArray:

@@ -15,7 +15,7 @@ from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.held_out import unmeasured_states
 from st_codegen.reconcile.judge.peaks import bracket, has_a_frequency, spread
 from st_codegen.reconcile.judge.plausible import bounds_met, explained, followers, is_a_peak, misfit
-from st_codegen.reconcile.judge.retuned import change_after_all, changes, with_piece_held
+from st_codegen.reconcile.judge.retuned import changes, with_piece_held
 from st_codegen.reconcile.judge.selection import founded
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Conditions, Effect, Form, Stage
@@ -43,7 +43,7 @@ class Claim:
 
     share: of the gap (power) that the effect explains; own_gap: RMS (deg) of the gap of its orders alone, before and
     after all changes; peaks: the frequencies (Hz) between which the peaks of a resonance's orders put it, where their
-    shape is not that of one oscillator.
+    shape is not that of one oscillator; counted: how many names of this kind were true, of how many, if that is known.
     """
 
     piece: Piece
@@ -55,6 +55,12 @@ class Claim:
     own_gap: tuple[float, float]
     extrapolates: tuple[str, ...]
     peaks: tuple[float, float] | None = None
+    counted: tuple[int, int] | None = None
+
+    @property
+    def probability(self) -> float | None:
+        """Chance that the name is true, by how many of its kind were (rule of succession); None where none is known."""
+        return None if self.counted is None else (self.counted[0] + 1) / (self.counted[1] + 2)
 
 
 @dataclass(frozen=True)
@@ -117,26 +123,26 @@ def _standing(current: Fit, number: int) -> Standing:
 def _without_misfits(current: Fit) -> Fit:
     """Take back additions at a bound, and those whose orders keep too much: the data want something else there."""
     while True:
-        ratios = {
-            number: float("inf") if bounds_met(piece) or not is_a_peak(piece) else misfit(current, piece)
-            for number, piece in enumerate(current.state.pieces)
-            if piece.added
-        }
-        over = [i for i, ratio in ratios.items() if ratio > _most_misfit(current.state.pieces[i])]
-        if not over:
+        added = [i for i, piece in enumerate(current.state.pieces) if piece.added]
+        over = {i: _over_its_limit(current, current.state.pieces[i]) for i in added}
+        worst = max(over, key=lambda i: over[i], default=None)
+        if worst is None or not over[worst]:
             return current
-        current = fit(current.target, current.state.without(max(over, key=lambda i: ratios[i])))
+        current = fit(current.target, current.state.without(worst))
 
 
-def _most_misfit(piece: Piece) -> float:
-    """The limit of an effect; the frequency of a resonance is sure when several orders peak there."""
-    if piece.effect.stage is not Stage.STRUCTURE:
-        return SETTINGS.misfit
-    return (
-        SETTINGS.misfit_of_peaks
-        if len(piece.effect.orders) < SETTINGS.orders_that_agree
-        else SETTINGS.misfit_of_agreeing
-    )
+def _over_its_limit(current: Fit, piece: Piece) -> float:
+    """The misfit of an addition that keeps too much; infinite at a bound, 0 for one that may stay.
+
+    A resonance may keep what it likes where the peaks of several orders agree on its frequency.
+    """
+    if bounds_met(piece) or not is_a_peak(piece):
+        return np.inf
+    ratio, of_peaks = misfit(current, piece), piece.effect.stage is Stage.STRUCTURE
+    if ratio <= (SETTINGS.misfit_of_peaks if of_peaks else SETTINGS.misfit):
+        return 0.0
+    agree = len(piece.effect.orders) >= SETTINGS.orders_that_agree and _peaks(current, piece) is not None
+    return 0.0 if of_peaks and agree else ratio
 
 
 def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
@@ -146,12 +152,6 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
     if free is not joint:
         joint, standing = settled(free)
     final = fit(joint.target, _held(joint, changed, offset_changed))
-    for _ in range(SETTINGS.most_after_all):
-        more = change_after_all(joint, final, changed)
-        if not more:
-            break
-        changed |= more
-        final = fit(joint.target, _held(joint, changed, offset_changed))
     outside = [i for i in standing if bounds_met(final.state.pieces[i]) or not is_a_peak(final.state.pieces[i])]
     if outside:
         # what holds the rest of the rig put it there: then it was a part of the rest
@@ -179,16 +179,19 @@ def _claim(rig: RigModel, joint: Fit, final: Fit, number: int, standing: Standin
         frequency = piece.effect.scalar("frequency_Hz")
         stderr["frequency_Hz"] = float(np.hypot(stderr["frequency_Hz"], spread(frequency, peaks)))
     names = sorted({other.name for other, _ in others} - {piece.effect.name})
+    alone = _by_order_alone(final, number)
+    counted = SETTINGS.names_by_order if alone else SETTINGS.names_by_more
     return Claim(
         piece=piece,
         stderr=stderr,
         evidence=standing.evidence,
-        alternatives=(*names, *((SOMETHING_ELSE,) if _by_order_alone(final, number) else ())),
+        alternatives=(*names, *((SOMETHING_ELSE,) if alone else ())),
         experiments=tuple(_experiment(joint, fitted, number, other) for other, fitted in others),
         share=_share(rig, final, piece),
         own_gap=_own_gap(rig, final, piece),
         extrapolates=(*_extrapolates(joint, piece), *_of_its_shape(piece, peaks), *_of_its_order(final, number)),
         peaks=peaks,
+        counted=counted if joint.target.data.angle_rad is None else None,
     )
 
 

@@ -10,7 +10,6 @@ from st_codegen.reconcile.fit.normal import inverse
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.evidence import chi_square_tail, p_of_clusters
 from st_codegen.reconcile.judge.plausible import is_its_own
-from st_codegen.reconcile.judge.unexplained import structure
 from st_codegen.reconcile.settings import SETTINGS
 
 
@@ -35,25 +34,6 @@ def changes(joint: Fit) -> tuple[dict[int, float], bool]:
     sigma = joint.target.sigma[:, joint.target.data.orders == 0]
     large = bool(sigma.size) and abs(float(shift[0])) > SETTINGS.least_constant * float(np.sqrt((sigma**2).mean()))
     return found, large and _p_of(joint, [0], shift) < SETTINGS.p_changed
-
-
-def change_after_all(joint: Fit, final: Fit, changed: dict[int, float]) -> dict[int, float]:
-    """The piece of the rig that changed most among those whose orders keep structure only while they are held.
-
-    Pieces that share an order can each be within their errors and together not; with many parameters and few clusters
-    of runs the test by clusters sees nothing. What would be left tells.
-    """
-    held, free = (structure(joint.target, one.residual) for one in (final, joint))
-    loud = set(held.orders[held.significant & ~free.significant].tolist())
-    chances = {}
-    for i in _own_pieces(joint):
-        piece = joint.state.pieces[i]
-        if i in changed or not loud & set(piece.effect.touched_orders()):
-            continue
-        if is_its_own(joint, piece, with_piece_held(joint, i)):
-            chances[i] = _p_alone(joint, *_difference(joint, i))
-    best = min(chances, key=lambda i: chances[i], default=None)
-    return {} if best is None or chances[best] > SETTINGS.discovery_rate else {best: chances[best]}
 
 
 def _own_pieces(joint: Fit) -> list[int]:

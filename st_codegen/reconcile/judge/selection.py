@@ -1,4 +1,4 @@
-"""Greedy search: add what explains most, take back what is no longer needed, stop when nothing passes."""
+"""Greedy search: add what explains most, stop when nothing passes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from st_codegen.reconcile.judge.plausible import (
 )
 from st_codegen.reconcile.judge.states import in_their_forms
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Catalogue, Stage
+from st_codegen.rig.effects import Catalogue
 
 #: Called with (steps done, steps at most, what is tried).
 Progress = Callable[[int, int, str], None]
@@ -43,7 +43,7 @@ def search(
         found = _next(current, known, refused, judged)
         if found is None:
             break
-        current = in_their_forms(_pruned(found, refused))
+        current = in_their_forms(found)
         # on coarse grids a missing effect passes for noise until it is named
         current = fit(with_noise_of(current)[0], current.state, steps=SETTINGS.long_steps)
     return current, judged
@@ -58,7 +58,7 @@ def _next(
         ranked = [c for c in ranked if not _failed_before(c, refused)]
         if not ranked:
             break
-        found = _first_that_passes(current, finder, _without_collectors(finder, ranked), refused, judged)
+        found = _first_that_passes(current, finder, ranked, refused, judged)
         if found is not None:
             return found
     return None
@@ -67,30 +67,7 @@ def _next(
 def _failed_before(candidate: Candidate, refused: dict[object, float]) -> bool:
     """Whether a candidate was refused when it gained about as much: beside a missing effect it may have gained less."""
     then = refused.get(candidate.identity)
-    return then is not None and (
-        then == float("inf") or 1 / SETTINGS.changed_gain < candidate.gain / then < SETTINGS.changed_gain
-    )
-
-
-def _without_collectors(finder: Search, ranked: list[Candidate]) -> list[Candidate]:
-    """Ranked candidates; one on several orders stands behind those on single ones that together do better.
-
-    An effect with many free amplitudes gains on every order that lacks anything, whatever that is.
-    """
-    data = finder.data
-    of_order: dict[int, float] = {}
-    touched = {id(c): [k for k in c.piece.effect.touched_orders() if k in data.model_orders()] for c in ranked}
-    for c in ranked:
-        if 0 < len(touched[id(c)]) <= 2 and c.piece.effect.stage is not Stage.STRUCTURE:
-            for order in touched[id(c)]:
-                share = finder.net(c) / len(touched[id(c)])
-                of_order[order] = max(of_order.get(order, 0.0), share)
-    behind = [
-        c
-        for c in ranked
-        if len(touched[id(c)]) > 2 and sum(of_order.get(k, 0.0) for k in touched[id(c)]) > finder.net(c)
-    ]
-    return [c for c in ranked if c not in behind] + behind
+    return then is not None and 1 / SETTINGS.changed_gain < candidate.gain / then < SETTINGS.changed_gain
 
 
 def _first_that_passes(
@@ -168,29 +145,6 @@ def _tried(current: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:
     }
     smaller = replace(candidate, piece=replace(piece, effect=effect.with_values(values)))
     return fit(current.target, smaller.put_into(current.state)), smaller
-
-
-def _pruned(current: Fit, refused: dict[object, float]) -> Fit:
-    """Backward removal: additions that the others made superfluous go."""
-    while True:
-        added = [i for i, piece in enumerate(current.state.pieces) if piece.added]
-        worst: tuple[float, int] | None = None
-        slices = current.state.slices()
-        for i in added:
-            places = list(range(slices[i].start, slices[i].stop))
-            block = current.inverse[np.ix_(places, places)]
-            vector = current.state.vector()[places]
-            score = float(vector @ np.linalg.pinv(block, hermitian=True) @ vector)
-            if worst is None or score < worst[0]:
-                worst = (score, i)
-        if worst is None or worst[0] > 25.0 + 2 * len(current.state.pieces[worst[1]].coordinates()):
-            return current
-        smaller = fit(current.target, current.state.without(worst[1]))
-        if smaller.loss - current.loss > 25.0:
-            return current
-        piece = current.state.pieces[worst[1]]
-        refused[Candidate(piece).identity] = float("inf")
-        current = smaller
 
 
 def with_noise_of(current: Fit) -> tuple[FitData, Noise]:

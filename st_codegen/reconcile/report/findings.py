@@ -171,8 +171,11 @@ def _how_sure(claim: Claim) -> str:
     parts = [f"{', '.join(others)} would do as well"] if others else []
     if SOMETHING_ELSE in claim.alternatives:
         parts.append("named by its order alone: something else may make the same wave")
-    kept = f"kept its size in {100 * claim.evidence.stability:.0f} % of the resampled data sets"
-    return "; ".join(parts or ["no other effect that was tried does as well"]) + f"; {kept}"
+    parts = parts or ["no other effect that was tried does as well"]
+    if claim.counted is not None:
+        true, of = claim.counted
+        parts.append(f"{true} of {of} such names were true on simulated machines of other physics than the catalogue's")
+    return "; ".join(parts)
 
 
 def _how_sure_of_change(entry: Retuned) -> str:

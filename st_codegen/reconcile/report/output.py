@@ -96,6 +96,7 @@ def _group(group: list[Claim]) -> dict[str, Any]:
         "orders": sorted({order for claim in group for order in claim.piece.effect.orders}),
         "parameters": parameters,
         "evidence": [_evidence(claim.evidence) for claim in group] if several else _evidence(first.evidence),
+        "probability": min((claim.probability for claim in group if claim.probability is not None), default=None),
         "alternatives": sorted({name for claim in group for name in claim.alternatives}),
         "experiments": [
             {"instead_of": e.name, "name": e.other, "text": e.text, "difference_deg": e.difference_deg}
