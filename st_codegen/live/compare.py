@@ -36,6 +36,8 @@ Progress = Callable[[int, int, str], None]
 _QUANTILE = 0.99
 #: Functions of which no standard says the last bit; that of SQRT is said.
 _OPEN_FUNCTIONS = {"EXP", "LN", "LOG", "SIN", "COS", "TAN", "ASIN", "ACOS", "ATAN", "EXPT"}
+#: Seconds of waiting after which it is asked whether the controller still runs.
+_LOOK_S = 0.5
 #: Cycles of a request at most: the first ones have few rows, until their times are known.
 _CYCLES = 10
 
@@ -168,15 +170,19 @@ class LiveCode:
             *(_number("nRequest"), _number("nAnswer"), Signal(f"{LIST}.fOutputs", length=self.project.lengths[1])),
             *(Signal(f"{LIST}.bValid", "|b1", most), Signal(f"{LIST}.nTime", "<u4", most)),
         ]
-        deadline = time.monotonic() + 10.0 + rows / self._per_cycle * 0.02
+        begun = looked = time.monotonic()
+        deadline = begun + 10.0 + rows / self._per_cycle * 0.02
         while True:
             request, answer, values, valid, times = self.controller.read_all(signals)
             if request != self._request:
                 raise OtherClientError(f"{self.controller.address}: another client compares at the same time")
             if answer == self._request:
                 return values, valid, times
-            if time.monotonic() > deadline:
+            now = time.monotonic()
+            if now > looked + _LOOK_S:
                 must_run(self.controller)
+                looked = now
+            if now > deadline:
                 raise SilentError(
                     f"{self.controller.address}: the rows are not done in time; is ComparisonTask started?"
                 )

@@ -139,7 +139,7 @@ def test_bytes_that_are_no_packet_close_one_connection_only(shared_plc, client):
     assert client.read_state()[0] == pyads.ADSSTATE_RUN
 
 
-def test_stop_config_and_a_programs_fault(lone):
+def test_stop_and_config(lone):
     with Running(soft_plc(lone[1])) as running, connect(running) as client:
         client.write_control(pyads.ADSSTATE_STOP, 0, 0, pyads.PLCTYPE_INT)
         assert client.read_state()[0] == pyads.ADSSTATE_STOP

@@ -15,7 +15,7 @@ from st_codegen.cost.calibrate import read_measurements
 from st_codegen.errors import GeneratedCodeError, InputError
 from st_codegen.live.compare import LiveCode, compare, compared_project
 from st_codegen.live.controller import Signal, connected
-from st_codegen.live.failures import ControllerError
+from st_codegen.live.failures import ControllerError, NotRunningError
 from st_codegen.live.plc import PlcState
 from st_codegen.live.record_page import record_of, record_sections, times_csv
 from st_codegen.live.rows import comparison_rows
@@ -215,6 +215,18 @@ def test_a_controller_that_does_not_run(models, lone, state):
         running.do(lambda: running.plc.set_state(state))
         with pytest.raises(ControllerError, match=f"the PLC is in {state.value}, not in RUN"):
             compared(models, lone[1], running, rows=10)
+
+
+def test_a_controller_that_a_fault_stops_in_mid_run(models, lone, tmp_path):
+    there = tmp_path / "twincat"
+    shutil.copytree(lone[1], there)
+    path = there / "POUs" / "PRG_Comparison.TcPOU"
+    text, request = read(path), "GVL_Comparison.nRequest"
+    path.write_text(text.replace(f"nCurrent := {request};", f"nCurrent := 1 / ({request} - {request});"), "utf-8-sig")
+    with Running(soft_plc(there)) as running:
+        with pytest.raises(NotRunningError, match="the PLC is in ERROR, not in RUN"):
+            compared(models, lone[1], running, rows=10)
+        assert running.plc.state is PlcState.ERROR
 
 
 def test_a_wrong_port_of_tcp_and_of_ams(lone_plc):
