@@ -92,9 +92,13 @@ class FlatForest:
         tree_output: Int32Array,
         comparison: Comparison,
         precision: Precision,
+        sum_precision: Precision | None = None,
         divisor: float = 1.0,
     ) -> TreeEnsemble:
-        """The operation that reads `inputs` and sums the leaves by the library's rule."""
+        """The operation that reads `inputs` and sums the leaves by the library's rule.
+
+        `precision` is that of the inputs, and of the sum unless that has another one.
+        """
         return TreeEnsemble(
             inputs=inputs,
             columns=self.columns,
@@ -110,7 +114,7 @@ class FlatForest:
             base=base,
             comparison=comparison,
             input_precision=precision,
-            sum_precision=precision,
+            sum_precision=sum_precision or precision,
             divisor=divisor,
             category_row=self.category_row,
             category_left=self.category_left,

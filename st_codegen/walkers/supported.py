@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from st_codegen.walkers.base import LIBRARIES, known_transforms, known_walkers
+from st_codegen.walkers.catboost.model import OBJECTIVES as CATBOOST_LOSSES
 from st_codegen.walkers.lightgbm.model import OBJECTIVES as LIGHTGBM_OBJECTIVES
 from st_codegen.walkers.xgboost.model import OBJECTIVES as XGBOOST_OBJECTIVES
 
@@ -25,6 +26,7 @@ def supported() -> Iterator[tuple[str, str, tuple[str, ...]]]:
             yield library, "columns, in a Pipeline or alone", tuple(sorted(known_transforms(package)))
     yield "LightGBM", "objectives", LIGHTGBM_OBJECTIVES
     yield "XGBoost", "objectives", XGBOOST_OBJECTIVES
+    yield "CatBoost", "losses", CATBOOST_LOSSES
     try:
         from st_codegen.walkers.onnx import model  # noqa: F401 - it imports all that registers operators
         from st_codegen.walkers.onnx.graph import RULES

@@ -42,6 +42,7 @@ from st_codegen.ir import (
     TreeColumn,
 )
 from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor, Walked, walks
+from st_codegen.walkers.catboost import model as catboost
 from st_codegen.walkers.classes import above, complement, largest, last_below, most_probable, numbers_of, softmax
 from st_codegen.walkers.forest import ParsedTree, category_note, flatten
 from st_codegen.walkers.xgboost import ubjson
@@ -98,7 +99,9 @@ class _Path:
 
 
 def load_file(path: Path, name: str) -> LoadedModel:
-    """Read an XGBoost `.json` or `.ubj` file. `predict` of the result needs the package xgboost; reading does not.
+    """Read an XGBoost `.json` or `.ubj` file, or a `.json` file of CatBoost.
+
+    `predict` of the result needs the library's package; reading does not.
 
     A file saved from a class such as XGBRegressor predicts as that class does, any other as Booster on a DMatrix.
     Raises InputError for a file that is no such model or is damaged, UnsupportedModelError for unknown objectives.
@@ -108,6 +111,8 @@ def load_file(path: Path, name: str) -> LoadedModel:
             data = path.read_bytes()
         except OSError as error:
             raise InputError(f"cannot be read: {error.strerror}") from None
+        if path.suffix.lower() == ".json" and catboost.is_export(data):
+            return catboost.load(data, name, path)
         model = loads(data, binary=path.suffix.lower() == ".ubj")
         sklearn = "scikit_learn" in model.attributes
         classifier = '"classifier"' in model.attributes.get("scikit_learn", "")

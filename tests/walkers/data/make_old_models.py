@@ -1,8 +1,9 @@
 """Writes the models of older library versions beside this file; run once for each version, with it installed.
 
-python make_old_models.py xgboost, or python make_old_models.py lightgbm
+python make_old_models.py xgboost, or lightgbm, or catboost, whose answers are written beside its models
 """
 
+import json
 import sys
 from pathlib import Path
 
@@ -74,5 +75,69 @@ def write_lightgbm() -> None:
         train("linear", lgb.Dataset(x[:, :2], y), linear_tree=True)
 
 
+def write_catboost() -> None:
+    import catboost
+
+    x, y = table()
+    x = x[:, :2]
+    whole, sizes = np.nan_to_num(x), np.digitize(y, [1.0, 2.0])
+    base = {
+        "depth": 2,
+        "iterations": 4,
+        "random_seed": 1,
+        "thread_count": 1,
+        "verbose": 0,
+        "allow_writing_files": False,
+    }
+    answers = {}
+
+    def train(name: str, x: np.ndarray, y: np.ndarray, classes: bool = False, **parameters: object) -> None:
+        model = (catboost.CatBoostClassifier if classes else catboost.CatBoostRegressor)(**dict(base, **parameters))
+        model.fit(x, y)
+        if name == "scaled":
+            model.set_scale_and_bias(0.1, 0.7)
+        path = HERE / f"catboost-{catboost.__version__}-{name}.json"
+        model.save_model(str(path), format="json")
+        path.write_text(json.dumps(_small(json.loads(path.read_text()))) + "\n")
+        rows = _rows(path)
+        if not hasattr(model, "predict_proba"):
+            answers[name] = [np.reshape(row, -1).tolist() for row in model.predict(rows)]
+            return
+        raw = model.predict(rows, prediction_type="RawFormulaVal").reshape(len(rows), -1)
+        parts = zip(
+            np.ravel(model.predict(rows)).tolist(), model.predict_proba(rows).tolist(), raw.tolist(), strict=True
+        )
+        answers[name] = [[label, *chances, *scores] for label, chances, scores in parts]
+
+    def _small(document: dict) -> dict:
+        """The export without what says how it was trained."""
+        info = document["model_info"]
+        kept = ("catboost_version_info", "class_params", "params")
+        document["model_info"] = {key: info[key] for key in kept if key in info}
+        document["model_info"]["params"] = {"loss_function": info["params"]["loss_function"]}
+        return document
+
+    train("rmse", x, y, depth=3)
+    train("gaps-high", x, y, nan_mode="Max")
+    train("no-gaps", whole, y)
+    train("scaled", x, y)
+    train("poisson", x, np.round(y), loss_function="Poisson")
+    train("two-outputs", x, np.column_stack([y, -y]), loss_function="MultiRMSE")
+    train("text-labels", x, np.array(["bad", "good"])[(y > 1.5).astype(int)], classes=True)
+    train("multiclass", x, sizes, classes=True, loss_function="MultiClass")
+    train("one-vs-all", x, sizes, classes=True, loss_function="MultiClassOneVsAll")
+    train("other-trees", x, y, grow_policy="Lossguide")
+    (HERE / f"catboost-{catboost.__version__}-answers.txt").write_text(json.dumps(answers) + "\n")
+
+
+def _rows(path: Path) -> np.ndarray:
+    """Rows around all borders of a model, of gaps and of large numbers; test_catboost.py makes the same."""
+    features = json.loads(path.read_text())["features_info"]["float_features"]
+    borders = [np.float32(border) for feature in features for border in feature["borders"]][:60]
+    near = [float(np.nextafter(border, np.float32(end))) for border in borders for end in (-9, 9)]
+    pool = [*map(float, borders), *near, np.nan, np.inf, -np.inf, 1e300, -1e300, 0.0, 3.5e38]
+    return np.random.RandomState(3).choice(pool, size=(80, len(features)))
+
+
 if __name__ == "__main__":
-    {"xgboost": write_xgboost, "lightgbm": write_lightgbm}[sys.argv[1]]()
+    {"xgboost": write_xgboost, "lightgbm": write_lightgbm, "catboost": write_catboost}[sys.argv[1]]()
