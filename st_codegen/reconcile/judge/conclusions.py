@@ -18,28 +18,21 @@ from st_codegen.reconcile.judge.plausible import bounds_met, explained, follower
 from st_codegen.reconcile.judge.retuned import changes, with_piece_held
 from st_codegen.reconcile.judge.selection import founded
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Catalogue, Conditions, Effect, Form, Stage
+from st_codegen.rig.effects import Catalogue, Effect, Form, Stage
 from st_codegen.rig.model import RigModel
 
 
 @dataclass(frozen=True)
-class Experiment:
-    """Where two names predict different things: conditions, largest difference (deg RMS), `rival` by the other name."""
+class Other:
+    """Another name that explains the data as well, and the rig that it gives."""
 
     name: str
-    other: str
-    text: str
-    sign: float
-    speed_rpm: float
-    torque_Nm: float
-    temperature_C: float
-    difference_deg: float
-    rival: RigModel
+    rig: RigModel
 
 
 @dataclass(frozen=True)
 class Claim:
-    """An effect that is missing in the rig: its piece, evidence, equally good names, and how to tell them apart.
+    """An effect that is missing in the rig: its piece, evidence, and equally good names.
 
     share: of the gap (power) that the effect explains; own_gap: RMS (deg) of the gap of its orders alone, before and
     after all changes; peaks: the frequencies (Hz) between which the peaks of a resonance's orders put it, where their
@@ -50,7 +43,7 @@ class Claim:
     stderr: dict[str, float]
     evidence: Evidence
     alternatives: tuple[str, ...]
-    experiments: tuple[Experiment, ...]
+    others: tuple[Other, ...]
     share: float
     own_gap: tuple[float, float]
     extrapolates: tuple[str, ...]
@@ -71,12 +64,12 @@ class Retuned:
     after: Effect
     stderr: dict[str, float]
     p: float
-    experiments: tuple[Experiment, ...] = ()
+    others: tuple[Other, ...] = ()
 
     @property
     def alternatives(self) -> tuple[str, ...]:
         """Names of effects that explain the data as well as the change does."""
-        return tuple(sorted({experiment.other for experiment in self.experiments}))
+        return tuple(sorted({other.name for other in self.others}))
 
 
 @dataclass(frozen=True)
@@ -164,9 +157,8 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
 def _retuned(joint: Fit, final: Fit, number: int, p: float, known: Catalogue) -> Retuned:
     """What is said of a changed effect of the rig."""
     others = _as_good(with_piece_held(joint, number), joint, number, known)
-    experiments = tuple(_experiment(joint, fitted, number, other) for other, fitted in others)
     before, after = _origin(joint.state.pieces[number]), final.state.pieces[number].effect
-    return Retuned(before, after, standard_errors(joint, number), p, experiments)
+    return Retuned(before, after, standard_errors(joint, number), p, others)
 
 
 def _claim(rig: RigModel, joint: Fit, final: Fit, number: int, standing: Standing, known: Catalogue) -> Claim:
@@ -178,7 +170,7 @@ def _claim(rig: RigModel, joint: Fit, final: Fit, number: int, standing: Standin
         # the shape fails, so the errors of the fit say little: what the speeds of the peaks leave open counts
         frequency = piece.effect.scalar("frequency_Hz")
         stderr["frequency_Hz"] = float(np.hypot(stderr["frequency_Hz"], spread(frequency, peaks)))
-    names = sorted({other.name for other, _ in others} - {piece.effect.name})
+    names = sorted({other.name for other in others} - {piece.effect.name})
     alone = _by_order_alone(final, number)
     counted = SETTINGS.names_by_order if alone else SETTINGS.names_by_more
     return Claim(
@@ -186,7 +178,7 @@ def _claim(rig: RigModel, joint: Fit, final: Fit, number: int, standing: Standin
         stderr=stderr,
         evidence=standing.evidence,
         alternatives=(*names, *((SOMETHING_ELSE,) if alone else ())),
-        experiments=tuple(_experiment(joint, fitted, number, other) for other, fitted in others),
+        others=others,
         share=_share(rig, final, piece),
         own_gap=_own_gap(rig, final, piece),
         extrapolates=(*_extrapolates(joint, piece), *_of_its_shape(piece, peaks), *_of_its_order(final, number)),
@@ -350,7 +342,7 @@ def _own_gap(rig: RigModel, final: Fit, piece: Piece) -> tuple[float, float]:
     return before, after
 
 
-def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> list[tuple[Candidate, Fit]]:
+def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> tuple[Other, ...]:
     """Other effects that explain what this one does about as well."""
     piece = joint.state.pieces[number]
     own = set(piece.effect.touched_orders())
@@ -375,59 +367,8 @@ def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> list[tu
         # what it gains on other orders does not make it a name for this one's
         worse = joint.target.losses(fitted.residual)[:, places] - joint.target.losses(joint.residual)[:, places]
         if max(fitted.loss - joint.loss, float(worse.sum())) + 2.0 * max(extra, 0) < SETTINGS.as_good:
-            found.append((c, fitted))
-    return found
-
-
-def _experiment(joint: Fit, other_fit: Fit, number: int, other: Candidate) -> Experiment:
-    """The operating point at which the two models differ most, in the measured range and half as far beyond it."""
-    at = joint.target.data.at
-    box = [_around(values) for values in (at.speed_rpm, at.torque_Nm, at.temperature_C)]
-    mesh = [axis.ravel() for axis in np.meshgrid(*box, [1.0, -1.0], indexing="ij")]
-    points = Conditions(mesh[3], np.maximum(mesh[0], 1.0), np.maximum(mesh[1], 0.0), mesh[2])
-    one, two = joint.state.model(), other_fit.state.model()
-    difference = _difference(one, two, points)
-    row = int(np.argmax(difference))
-    name = joint.state.pieces[number].effect.name
-    largest = float(difference[row])
-    size = float(np.sqrt((np.abs(explained(joint, joint.state.pieces[number])) ** 2).sum(axis=1).mean()))
-    if largest < 0.02 * size:
-        effect = other.piece.effect
-        text = (
-            effect.experiment or joint.state.pieces[number].effect.experiment or ("no operating point tells them apart")
-        )
-    else:
-        direction = "forward" if points.sign[row] > 0 else "backward"
-        text = (
-            f"measure at {points.speed_rpm[row]:.0f} rpm, {points.torque_Nm[row]:.0f} N m and "
-            f"{points.temperature_C[row]:.0f} degC, {direction}: there the two differ by {largest:.2g} deg RMS"
-        )
-    return Experiment(
-        name,
-        other.name,
-        text,
-        float(points.sign[row]),
-        float(points.speed_rpm[row]),
-        float(points.torque_Nm[row]),
-        float(points.temperature_C[row]),
-        largest,
-        two,
-    )
-
-
-def _around(values: np.ndarray) -> np.ndarray:
-    """Levels over the range of the values and half as far beyond it, no load among them where it is near."""
-    low, high = float(values.min()), float(values.max())
-    span = max(high - low, 0.25 * abs(high), 1e-9)
-    return np.unique(np.concatenate([np.linspace(max(low - span / 2, 0.0), high + span / 2, 9), [low, high]]))
-
-
-def _difference(one: RigModel, two: RigModel, points: Conditions) -> np.ndarray:
-    orders = sorted({*one.orders(), *two.orders()})
-    both = one.coefficients(points, orders) - two.coefficients(points, orders)
-    weight = np.where(np.array(orders) == 0, 1.0, 0.5)
-    found: np.ndarray = np.sqrt((weight * np.abs(both) ** 2).sum(axis=1))
-    return found
+            found.append(Other(c.name, fitted.state.model()))
+    return tuple(found)
 
 
 def _extrapolates(joint: Fit, piece: Piece) -> tuple[str, ...]:

@@ -27,9 +27,9 @@ def other_models(result: Reconciliation) -> list[Rival]:
     Names that are as good, also in place of a changed parameter, and refused effects on unexplained orders.
     """
     found = result.conclusions
-    pairs = [(e.name, e) for one in found.claims for e in one.experiments]
-    pairs += [(f"changed {e.name}", e) for one in found.retuned for e in one.experiments]
-    as_good = [Rival(name, e.other, e.rival, SETTINGS.told_apart) for name, e in pairs]
+    pairs = [(one.piece.effect.name, other) for one in found.claims for other in one.others]
+    pairs += [(f"changed {one.after.name}", other) for one in found.retuned for other in one.others]
+    as_good = [Rival(name, other.name, other.rig, SETTINGS.told_apart) for name, other in pairs]
     return [*as_good, *_refused(result)]
 
 

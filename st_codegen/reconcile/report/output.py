@@ -98,11 +98,6 @@ def _group(group: list[Claim]) -> dict[str, Any]:
         "evidence": [_evidence(claim.evidence) for claim in group] if several else _evidence(first.evidence),
         "probability": min((claim.probability for claim in group if claim.probability is not None), default=None),
         "alternatives": sorted({name for claim in group for name in claim.alternatives}),
-        "experiments": [
-            {"instead_of": e.name, "name": e.other, "text": e.text, "difference_deg": e.difference_deg}
-            for claim in group
-            for e in claim.experiments
-        ],
         "share_of_gap": min(1.0, sum(claim.share for claim in group)),
         "remarks": sorted({text for claim in group for text in claim.extrapolates}),
     }

@@ -1,4 +1,4 @@
-"""report.html: findings, maps of the gap, ranking, curves before and after, the new rig."""
+"""report.html: findings with their evidence, the gap, ranking, curves before and after, the new rig."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from st_codegen.reconcile.judge.conclusions import Claim
 from st_codegen.reconcile.judge.spectrum import SpectrumResult, sizes, spectrum_report, spectrum_summary
 from st_codegen.reconcile.report.evidence import evidence_panels, unexplained_panels
 from st_codegen.reconcile.report.findings import Finding, findings, share_text
-from st_codegen.reconcile.report.maps import map_sections
 from st_codegen.reconcile.report.output import parameters_of, rig_diff
 from st_codegen.reconcile.report.ranking import ranking_section
 from st_codegen.reconcile.report.sentences import VERDICT_TEXT, between_text, floor_text, taken_back_text
@@ -37,7 +36,6 @@ def report_page(result: Reconciliation, update: Update | None = None, ahead: Nex
     sections: list[PageSection | None] = [_findings(result, found)]
     sections += [] if ahead is None else [_next_runs(ahead)]
     sections += [_evidence(result, found), _unexplained(result), _gap(result), _by_order(result), _claims(result)]
-    sections += map_sections(result)
     sections += [_curves(result), ranking_section(result), _runs(result), _limits(result), _rig(result)]
     if update is not None:
         sections += [_models(update), _motion(update)]
@@ -171,10 +169,7 @@ def _claims(result: Reconciliation) -> PageSection | None:
     if not claims:
         return None
     rows = [row for claim in claims for row in _parameter_rows(claim)]
-    notes = [
-        f"{e.name} or {e.other}? {e.text}" for claim in claims for e in claim.experiments
-    ]  # fmt: skip
-    notes += [f"{claim.piece.effect.name}: {text}" for claim in claims for text in claim.extrapolates]
+    notes = [f"{claim.piece.effect.name}: {text}" for claim in claims for text in claim.extrapolates]
     columns = ["effect", "order", "parameter", "value", "standard error", "unit"]
     return PageSection("What is missing, with parameters", "\n\n".join(notes), PageTable(columns, rows))
 
