@@ -152,7 +152,7 @@ class Machine:
         self.inputs, self.outputs, self.constants, values, self.statements = block
         x = x if len(x) == 3 else np.concatenate([x, x[:1]])
         self.x, self.n, self.has_isnan, self.terms, self.cuts = x, x.shape[1], has_isnan, [], []
-        self.profiles, self.seen, self.changed = profiles or {}, set(), set()
+        self.profiles, self.seen, self.changed, self.quotients = profiles or {}, set(), set(), []
         self.values = {k: list(v) if isinstance(v, list) else v for k, v in values.items()}
         self.assigned, self.early, self.none = {(i, 0) for i in self.inputs}, set(), np.zeros(self.n, np.int64)
         need(len(self.inputs) == x.shape[2] < 62, "another number of inputs")
@@ -342,6 +342,8 @@ class Machine:
     def number(self, name, values, mask):
         floats = any(isinstance(v, Sum | float) or (isinstance(v, V) and v.a.dtype == float) for v in values)
         fixed = [v for v in values if isinstance(v, V) and v.src is None]
+        if name == "/" and not floats:
+            return self.quotient(*values)
         if any(isinstance(v, Sum) for v in values) or (floats and name in ("+", "MIN", "MAX") and fixed):
             return Sum((name, *(self.term(v) for v in values)))
         with np.errstate(all="ignore"):
@@ -364,6 +366,15 @@ class Machine:
         else:
             need(np.all((np.abs(out) < 2**31) | ~active), "an integer overflows")
         return self.made(out, d, wide, src=moving[0] if moving else None)
+
+    def quotient(self, a, b):
+        """A whole number from 0 on by a constant, which rises with it: constant in a box where its corners agree."""
+        need(type(b) is int and b > 0, "a division by a number that is no constant above 0")
+        a = self.wide(a)
+        need(np.all((a.a >= 0) | (a.d & UNDECIDED > 0)), "a division of a number below 0")
+        out = a.a.astype(np.int64) // b
+        self.quotients.append(out)
+        return self.made(out, a.d | np.where(out[0] != out[1], UNDECIDED, 0), (a,))
 
     def term(self, v):
         if isinstance(v, Sum):
@@ -423,6 +434,7 @@ class Check:
             self.ends.append(np.unique(np.append(ends, [-2, -1, 0, HIGH])))
         machine, boxes = self.alone()
         self.profiles = dict(self.rising(machine))
+        self.steps = list(self.changes(machine))
         valid = machine.values["bValid"]
         parts = [machine.values[name] for name in entry["outputs"]]
         self.valid(valid, boxes, machine)
@@ -481,6 +493,35 @@ class Check:
                     if np.all(low[:-1] <= high[:-1]) and np.all(low[:-1][taken][1:] >= high[:-1][taken][:-1]):
                         yield (name, place), (f, self.ends[f], (low, high))
 
+    def changes(self, machine):
+        """For each input the last key in front of which any quotient changes, where the others are 0.0."""
+        at = 0
+        for f in range(self.model.features):
+            stop = at + len(self.ends[f])
+            found = [self.ends[f][:-1][out[0, at : stop - 1] != out[0, at + 1 : stop]] for out in machine.quotients]
+            yield np.unique(np.concatenate([*found, np.zeros(0, np.int64)]))
+            at = stop + 1  # behind NaN
+
+    def parts(self, f, owner, low, high, nan, leaf):
+        """Boxes cut where a quotient of one input changes, so that each of its parts has one number of it."""
+        model, steps = self.model, self.steps[f]
+        free = (low[:, f] > high[:, f]) & ~nan[:, f]
+        first, last = (
+            np.where(free, end, own[:, f]) for end, own in ((model.first_key[f], low), (model.last_key[f], high))
+        )
+        begin = np.searchsorted(steps, first)
+        pieces = np.where(nan[:, f], 0, np.searchsorted(steps, last) - begin + 1)
+        count = pieces + (nan[:, f] | (free & model.nan))
+        at = np.repeat(np.arange(len(owner)), count)
+        number = np.arange(len(at)) - np.repeat(np.cumsum(count) - count, count)
+        missing, here = number == pieces[at], np.append(steps, HIGH)[np.minimum(begin[at] + number, len(steps))]
+        before = np.append(LOW - 1, steps)[np.minimum(begin[at] + number, len(steps))]
+        low, high, nan = low[at], high[at], nan[at]
+        low[:, f] = np.where(missing, HIGH, np.maximum(first[at], before + 1))
+        high[:, f] = np.where(missing, LOW, np.minimum(last[at], here))
+        nan[:, f] = missing
+        return owner[at], low, high, nan, leaf[at]
+
     def valid(self, valid, x, machine):
         """bValid is the conjunction of what each input alone demands; refused inputs count as 0.0 from there on."""
         taken = np.concatenate([self.lanes(f)[1] for f in range(self.model.features)])
@@ -527,6 +568,9 @@ class Check:
         step, same, shape = 0, {}, None
         owner = np.repeat(np.arange(len(boxes)), [len(b[3]) for b in boxes])
         low, high, nan, leaf = (np.concatenate([b[i] for b in boxes]) for i in range(4))
+        for f, steps in enumerate(self.steps):
+            if len(steps):
+                owner, low, high, nan, leaf = self.parts(f, owner, low, high, nan, leaf)
         for step in range(0, len(owner), 100_000):
             part = slice(step, step + 100_000)
             free = (low[part] > high[part]) & ~nan[part]

@@ -260,7 +260,9 @@ class CompileSettings:
         """The settings of `generate`. Raises TargetError for what the target does not have."""
         given: dict[str, Any] = {key: value for key, value in wishes.items() if value is not None}
         limits = limits_for(target, given.pop("max_array", None))
-        options = dataclasses.replace(given.pop("options", Options()), max_array=limits.max_array)
+        options = given.pop("options", Options())
+        data_bytes = limits.data_bytes if options.data_bytes is None else options.data_bytes
+        options = dataclasses.replace(options, max_array=limits.max_array, data_bytes=data_bytes)
         settings = cls(limits, options, **given)
         settings._check(target)
         return settings
@@ -417,8 +419,8 @@ def _planned(
         called = () if purpose is None else purpose.called_blocks()
         extended = partial(comparison.with_comparison, models=models, fingerprint=fingerprint, around=called)
         plans = tuple(target.plan(dataclasses.replace(contents, extended=extended), settings.limits, vectors))
-    asked = settings.options.data_bytes
-    _check_size(target, plans, settings.limits.data_bytes if asked is None else asked)
+    if settings.options.data_bytes is not None:
+        _check_size(target, plans, settings.options.data_bytes)
     return plans
 
 

@@ -58,7 +58,9 @@ from st_codegen.ir.operations import (
 from st_codegen.ir.pieces import Piecewise
 from st_codegen.ir.scan import Scan
 from st_codegen.ir.trees import (
+    CutTrees,
     LinearLeaves,
+    RankSlabs,
     TreeColumn,
     TreeEnsemble,
     depth_of,
@@ -79,6 +81,7 @@ __all__ = [
     "Combine",
     "Comparison",
     "ComplexArray",
+    "CutTrees",
     "Distances",
     "Elementwise",
     "Exceeds",
@@ -109,6 +112,7 @@ __all__ = [
     "Quotient",
     "Rank",
     "RankColumn",
+    "RankSlabs",
     "Round",
     "Scale",
     "Scan",

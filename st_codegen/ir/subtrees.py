@@ -54,6 +54,18 @@ def subtrees(op: TreeEnsemble, substitute: IntArray | None = None) -> Subtrees:
     return Subtrees(number, forward)
 
 
+def distinct_families(op: TreeEnsemble, number: IntArray, together: int) -> IntArray:
+    """Distinct pairs of children in each run of `together` trees, `number` being that of each subtree."""
+    inner = np.flatnonzero(op.split >= 0)
+    run = (np.searchsorted(op.roots, inner, side="right") - 1) // together
+    kinds = int(number.max(initial=0)) + 1
+    pair = number[op.left[inner]] * kinds + number[op.right[inner]]
+    order = np.lexsort((pair, run))
+    first = np.ones(len(inner), np.bool_)
+    first[1:] = (np.diff(pair[order]) != 0) | (np.diff(run[order]) != 0)
+    return np.bincount(run[order][first], minlength=op.n_trees // together)
+
+
 def _numbered(op: TreeEnsemble, nodes: IntArray, left: IntArray, right: IntArray) -> IntArray:
     """Numbers from 0 for splits: the same for the same question with the same answers."""
     question = (op.split[nodes].astype(np.int64) << 33) + op.threshold[nodes].astype(np.int64)

@@ -178,6 +178,39 @@ class TreeEnsemble:
         return len(self.split)
 
 
+@dataclass(frozen=True)
+class RankSlabs:
+    """Slabs of the ranks in one column of an operand: rank r lies in slab (r + shift) / width, of `count` slabs."""
+
+    column: int
+    width: int
+    shift: int
+    count: int
+
+
+@dataclass(frozen=True)
+class CutTrees(TreeEnsemble):
+    """Trees on ranks, once more for each cell of a grid of slabs, cut down to the nodes that rows of the cell meet.
+
+    The ensemble itself says what is computed; `cut` is how: the trees of a cell give the same leaves, in fewer steps.
+    Cells are numbered with the last of `slabs` as the fastest; tree t is number `t * cells + c` of `cut` in cell c.
+    What the cells do not share takes `numbers` integers.
+    """
+
+    slabs: tuple[RankSlabs, ...] = field(kw_only=True)
+    cut: TreeEnsemble = field(kw_only=True)
+    numbers: int = field(kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.cut.n_trees != self.n_trees * self.cells:
+            raise InputError(f"CutTrees: {self.cut.n_trees} trees for {self.n_trees} in {self.cells} cells")
+
+    @property
+    def cells(self) -> int:
+        return math.prod(axis.count for axis in self.slabs)
+
+
 def depth_of(op: TreeEnsemble) -> int:
     """The largest number of splits on a path from a root to a leaf."""
     node = op.roots.astype(np.int64)

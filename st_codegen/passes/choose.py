@@ -15,6 +15,7 @@ from functools import singledispatch
 from st_codegen.errors import InputError
 from st_codegen.ir import (
     CellTable,
+    CutTrees,
     FactoredKernel,
     KernelSum,
     Linear,
@@ -34,6 +35,7 @@ class Layout(StrEnum):
     AUTO = "auto"  # the cheapest
     TREES = "trees"  # nodes as they were trained, for people who want to read them
     RANKED = "ranked"  # nodes that compare ranks, wherever there are such
+    CUT = "cut"  # the same, cut into the cells of a coarse grid, wherever that saves levels
     TABLE = "table"  # a table wherever one exists below the limit
 
 
@@ -45,8 +47,9 @@ class Options:
     `max_array`: elements of an array that the target holds; longer lists of thresholds have no layout.
     `outputs_per_cycle`: models are
     spread over successive calls, at most so many outputs in each (one model is never cut); None: all in every call.
-    `data_bytes`: of all tables that are printed, more is an error; None: what the target says. `layouts`: what is
-    asked for single models, by their names, in place of `layout`.
+    `data_bytes`: of all tables that are printed, more is an error; None: what the target says. Forests that need more
+    memory to be faster stay as they are where it would be exceeded. `layouts`: what is asked for single models, by
+    their names, in place of `layout`.
     """
 
     layout: Layout = Layout.AUTO
@@ -176,8 +179,9 @@ def _(op: TreeEnsemble) -> CallCost:
 
 def _ranked_cost(op: TreeEnsemble) -> CallCost:
     """Two integers a node, side by side; half of the children lie in the line of their parent."""
-    visits = op.n_trees * depth_of(op)
-    return CallCost(7.0 * visits + 10.0 * op.n_trees, 0.5 * visits + op.n_trees, 8 * op.n_nodes + op.leaf_value.nbytes)
+    cut, numbers = (op.cut, op.numbers) if isinstance(op, CutTrees) else (op, 2 * op.n_nodes)
+    visits = op.n_trees * depth_of(cut)
+    return CallCost(7.0 * visits + 10.0 * op.n_trees, 0.5 * visits + op.n_trees, 4 * numbers + op.leaf_value.nbytes)
 
 
 @_cost.register

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from st_codegen.ir import FactoredKernel, ModelIR, Rank, Source
 from st_codegen.passes import tables
@@ -27,6 +27,10 @@ from st_codegen.passes.choose import (
 from st_codegen.passes.kernels import factored
 from st_codegen.passes.prune import pruned
 from st_codegen.passes.ranks import ranked
+from st_codegen.passes.slabs import cut_into_cells
+
+#: Layouts of forests, of which the second is the first cut into cells.
+RANKS, CELLS = "ranked trees", "cut trees"
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,8 @@ class LayoutDecision:
         if before is not None:
             share = self.candidates[0].cost.nanoseconds / before
             why = f"whose time in the worst case falls to {share:.0%} by the prices that it was chosen by"
+            if share > 1:
+                why = "with which all tables together would be larger than the limit"
         return f"{self.model}: new layout '{self.chosen}' for '{self.earlier}', {why}"
 
 
@@ -108,6 +114,8 @@ def compile_models(
     """
     options, earlier = options or Options(), earlier or Choices()
     decisions = {model.name: _decide(model, options, cost, earlier.layouts.get(model.name)) for model in models}
+    if options.data_bytes is not None:
+        _keep_within(decisions, options.data_bytes)
     chosen = {name: decision.candidates[0].model for name, decision in decisions.items()}
     locations = _own_locations(models)
     printed = list(chosen.values())
@@ -159,16 +167,39 @@ def _decide(model: ModelIR, options: Options, cost: CostFunction, earlier: str |
     layout = Layout.TREES if model.is_real else options.layouts.get(model.name, options.layout)
     on_ranks = None if layout is Layout.TREES else _on_ranks(model, options)
     if on_ranks is not None:
-        ranked_trees = priced("ranked trees", on_ranks, cost)
-        candidates = [ranked_trees] if layout is Layout.RANKED else [*candidates, ranked_trees]
-    if layout in (Layout.AUTO, Layout.TABLE):
-        found = _cells(model, options, earlier)
-        if found is not None:
-            table = priced("table", tables.as_model(model, found), cost)
-            candidates = [table] if layout is Layout.TABLE else [*candidates, table]
+        ranked_trees = priced(RANKS, on_ranks, cost)
+        candidates = [ranked_trees] if layout in (Layout.RANKED, Layout.CUT) else [*candidates, ranked_trees]
+    found = _cells(model, options, earlier) if layout in (Layout.AUTO, Layout.TABLE) else None
+    if found is not None:
+        table = priced("table", tables.as_model(model, found), cost)
+        candidates = [table] if layout is Layout.TABLE else [*candidates, table]
+    elif on_ranks is not None and layout in (Layout.AUTO, Layout.CUT):  # no grid is as fast as a table
+        cut = cut_into_cells(on_ranks, options.max_array)
+        if cut is not None:
+            cut_trees = priced(CELLS, cut, cost)
+            candidates = [cut_trees] if layout is Layout.CUT else [*candidates, cut_trees]
     best = preferred(candidates, earlier)
     others = sorted((c for c in candidates if c is not best), key=lambda c: c.cost.nanoseconds)
     return LayoutDecision(model.name, best.layout, (best, *others), earlier)
+
+
+def _keep_within(decisions: dict[str, LayoutDecision], limit: int) -> None:
+    """Take the cells from the forests that grow most by them, until all tables are within a limit."""
+    total = sum(decision.candidates[0].cost.table_bytes for decision in decisions.values())
+    growth = {
+        name: decision.candidates[0].cost.table_bytes - whole.cost.table_bytes
+        for name, decision in decisions.items()
+        for whole in decision.candidates[1:]
+        if (decision.chosen, whole.layout) == (CELLS, RANKS)
+    }
+    for name in sorted(growth, key=lambda name: (-growth[name], name)):
+        if total <= limit:
+            return
+        first, *others = decisions[name].candidates
+        (whole,) = (candidate for candidate in others if candidate.layout == RANKS)
+        rest = (whole, first, *(candidate for candidate in others if candidate is not whole))
+        decisions[name] = replace(decisions[name], chosen=RANKS, candidates=rest)
+        total -= growth[name]
 
 
 def _shared(

@@ -6,6 +6,7 @@ leaf has a key above every rank, itself as its child, and so it stays where it i
 same number of steps, and several go down together, which hides the waiting for memory.
 Where there are several classes, the leaves that were reached are noted and summed in the library's order of the trees.
 Children of the larger subtree come next in memory. Equal subtrees of a table are there once.
+Trees that are cut into cells have a root for each cell; the roots of a cell stand side by side.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ from st_codegen.emit.blocks.depth_classes import DepthClasses, Prices, depth_cla
 from st_codegen.emit.blocks.listing import Group, Listing
 from st_codegen.emit.blocks.operations import Step
 from st_codegen.errors import TargetError
-from st_codegen.ir import Aggregate, FloatArray, Int32Array, IntArray, Precision, TreeEnsemble, depth_of
+from st_codegen.ir import Aggregate, CutTrees, FloatArray, Int32Array, IntArray, Precision, TreeEnsemble, depth_of
 from st_codegen.ir.preorder import preorder
-from st_codegen.ir.subtrees import subtrees
+from st_codegen.ir.subtrees import distinct_families, subtrees
 
 #: Trees that go down together.
 ABREAST = 4
@@ -64,7 +65,8 @@ def lay_out_ranked(op: TreeEnsemble, step: Step, listing: Listing) -> None:
     """Append the code of an ensemble whose splits compare ranks (`passes.ranks`)."""
     listing.local(step.result, "LREAL", op.width)
     keys = _keys(op)
-    packed, comparisons = keys.slots > 1, depth_of(op)
+    cut = op.cut if isinstance(op, CutTrees) else op
+    packed, comparisons = keys.slots > 1, depth_of(cut)
     if comparisons:  # where every tree is one leaf, nothing is compared
         listing.locals("DINT", "nKey", *(["nSlot"] if packed else []))
     listing.locals("LREAL", "fX")
@@ -75,10 +77,15 @@ def lay_out_ranked(op: TreeEnsemble, step: Step, listing: Listing) -> None:
         listing.local("nBase", "DINT")
     slots = listing.local(f"anSlot{step.number}", "DINT", keys.slots)
     values = sum_values(op, step, listing)
-    parts = _parts(op, step, listing, keys)
+    cells = None
+    if isinstance(op, CutTrees):
+        listing.locals("DINT", "nCell", "nCellRoot")
+        cells = {"slabs": op.slabs, "count": op.cells}
+    parts = _parts(cut, cut.n_trees // op.n_trees, step, listing, keys)
     listing.section(
         f"{op.n_trees:,} trees, {op.n_nodes:,} nodes, at most {comparisons} comparisons a tree",
         "ranked_trees",
+        cells=cells,
         step=step,
         parts=parts,
         slots=slots,
@@ -104,20 +111,20 @@ def _keys(op: TreeEnsemble) -> _Keys:
     return _Keys(slots, leaf)
 
 
-def _parts(op: TreeEnsemble, step: Step, listing: Listing, keys: _Keys) -> list[dict[str, object]]:
-    """The nodes, cut into runs of whole trees that fit an array."""
-    stops = np.append(op.roots[1:], op.n_nodes)
-    sizes = stops - op.roots
+def _parts(op: TreeEnsemble, cells: int, step: Step, listing: Listing, keys: _Keys) -> list[dict[str, object]]:
+    """The nodes, cut into runs of whole trees that fit an array; each tree has a root in every cell."""
     equal = subtrees(op).number
-    runs = listing.chunks(np.maximum(2 * sizes, (sizes + 1) // 2 * op.leaf_value.shape[1]), "tree")
+    pairs = distinct_families(op, equal, cells)
+    runs = listing.chunks(np.maximum(2 * cells + 4 * pairs, (pairs + cells) * op.leaf_value.shape[1]), "tree")
     parts: list[dict[str, object]] = []
     for number, (first, stop) in enumerate(runs):
         suffix = "" if len(runs) == 1 else f"_{number}"
-        tables = _tables(op, equal, (first, stop), keys)
+        tables = _tables(op, equal, (first, stop), cells, keys)
         parts.append(
             {
                 "node": listing.table(step.table(f"NODE{suffix}"), "DINT", tables.node, tables.groups),
                 "leaf": listing.table(step.table(f"LEAF{suffix}"), "LREAL", tables.leaf.ravel()),
+                "roots": 2 * (stop - first),
                 "classes": [
                     {"depth": depth, "runs": _tree_runs((low, high), first, listing)}
                     for low, high, depth in tables.classes.runs
@@ -184,33 +191,34 @@ class _Tables:
     groups: tuple[Group, ...]
 
 
-def _tables(op: TreeEnsemble, equal: IntArray, run: tuple[int, int], keys: _Keys) -> _Tables:
-    """Nodes of trees `run[0]` to `run[1]` - 1: the roots, then pairs of children."""
+def _tables(op: TreeEnsemble, equal: IntArray, run: tuple[int, int], cells: int, keys: _Keys) -> _Tables:
+    """Nodes of trees `run[0]` to `run[1]` - 1: the roots, cell by cell, then pairs of children."""
     first, stop = run
-    begin = int(op.roots[first])
-    end = int(op.roots[stop]) if stop < op.n_trees else op.n_nodes
-    part = _Part(op, begin, end, op.roots[first:stop] - begin, equal[begin:end])
-    trees = stop - first
+    begin = int(op.roots[first * cells])
+    end = int(op.roots[stop * cells]) if stop * cells < op.n_trees else op.n_nodes
+    part = _Part(op, begin, end, op.roots[first * cells : stop * cells] - begin, equal[begin:end])
+    trees, n_roots = stop - first, (stop - first) * cells
     used, leaf = np.unique(part.leaf[part.split < 0], return_inverse=True)
     key = np.where(part.split >= 0, part.threshold * keys.slots + part.split, 0)
     key[part.split < 0] = keys.leaf + leaf
     owner, pair_of = part.pairs()
     n_pairs = len(owner)
-    node = np.empty((trees + 2 * n_pairs, 2), np.int64)
+    node = np.empty((n_roots + 2 * n_pairs, 2), np.int64)
     # the record of a node: the same for all nodes whose subtrees are equal
-    children = 2 * (trees + 2 * pair_of)
-    classes = depth_classes(part.depths(), ABREAST, PRICES)
-    source = np.concatenate([part.roots[classes.order], np.column_stack([part.left[owner], part.right[owner]]).ravel()])
+    children = 2 * (n_roots + 2 * pair_of)
+    classes = depth_classes(part.depths().reshape(trees, cells).max(axis=1), ABREAST, PRICES)
+    roots = part.roots.reshape(trees, cells)[classes.order].T.ravel()
+    source = np.concatenate([roots, np.column_stack([part.left[owner], part.right[owner]]).ravel()])
     node[:, 0] = key[source]
     own = 2 * np.arange(len(source))
     # a leaf is its own left child: its key is above every rank, so it stays
     node[:, 1] = np.where(part.split[source] >= 0, children[source], own)
-    tree = part.tree_of(owner)
+    tree = part.tree_of(owner) // cells
     edges = np.searchsorted(tree, np.arange(trees + 1))
-    groups = [Group("roots", 0, 2 * trees)]
+    groups = [Group("roots", 0, 2 * n_roots)]
     for number, (low, high) in enumerate(pairwise(edges.tolist())):
         if high > low:
-            groups.append(Group(f"tree {first + number}", 2 * trees + 4 * low, 2 * trees + 4 * high))
+            groups.append(Group(f"tree {first + number}", 2 * n_roots + 4 * low, 2 * n_roots + 4 * high))
     return _Tables(node.ravel().astype(np.int32), op.leaf_value[used], classes, tuple(groups))
 
 

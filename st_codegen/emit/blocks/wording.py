@@ -78,6 +78,7 @@ _MEANINGS = {
     "nOutput": "output",
     "nPower": "factor number",
     "nRoot": "first node of the tree",
+    "nCellRoot": "where the roots of the cell begin",
     "nRow": "row",
     "nSlot": "slot",
     "nTerm": "number of a product or power",

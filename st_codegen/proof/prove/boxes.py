@@ -27,7 +27,10 @@ MOST_LANES = 4_000_000
 
 
 class Space:
-    """Boxes: `low` and `high` keys and `nan`, each (lanes, inputs); low > high: no number."""
+    """Boxes: `low` and `high` keys and `nan`, each (lanes, inputs); low > high: no number.
+
+    `is_walked`: decisions of one walk split it, so that another walk from the same boxes takes a copy.
+    """
 
     def __init__(self, axes: Sequence[InputAxis]) -> None:
         self.axes = axes
@@ -35,6 +38,7 @@ class Space:
         self.high = np.array([[axis.last for axis in axes]], np.int64)
         self.nan = np.array([[axis.nan for axis in axes]], np.bool_)
         self.parents: list[IntArray] = []
+        self.is_walked = False
 
     @property
     def lanes(self) -> int:
@@ -67,6 +71,7 @@ class Space:
 
         `below` is the decision up to `last`, `nan` that for NaN; lanes that are not `active` stay whole.
         """
+        self.is_walked = True
         row = np.arange(self.lanes)
         low, high, has_nan = self.low[row, feature], self.high[row, feature], self.nan[row, feature]
         parts = []

@@ -137,7 +137,10 @@ class Executor:
 
     def _followed(self, statement: t.Statement, mask: Value) -> Value:
         if isinstance(statement, t.Assign):
-            self._store(statement.target, self._value(statement.value, mask), mask)
+            value = self._value(statement.value, mask)
+            if mask is True and isinstance(statement.target, t.VariableRef) and isinstance(value, Lanes):
+                value = _own_walk(statement.value, value)
+            self._store(statement.target, value, mask)
         elif isinstance(statement, t.If):
             return self._if(statement, mask)
         elif isinstance(statement, t.For):
@@ -868,6 +871,20 @@ class Executor:
             return AxisValue(axis, np.asarray(compute(*(value.constant for value in on_axis), active)))
         space, arrays = self.joined(values, mask, needed=needed)
         return Lanes(space, np.asarray(compute(*arrays, self._active(mask, space))))
+
+
+def _own_walk(expression: t.Expression, value: Lanes) -> Lanes:
+    """Where a walk begins is computed from a cell, whose boxes other walks begin with, too: each splits a copy.
+
+    Once a table is read at such a place, the walk is under way.
+    """
+    if value.value.dtype.kind not in "iu" or value.space.is_walked:
+        return value
+    if isinstance(expression, t.ElementRef):
+        value.space.is_walked = True
+        return value
+    value.lift()
+    return Lanes(value.space.copy(), value.value, value.known)
 
 
 def truncated(kind: Elementary) -> Callable[..., AnyArray]:

@@ -1,0 +1,172 @@
+"""Forests cut into cells: the trees of each cell of a coarse grid of ranks, without what no row of the cell meets.
+
+A tree of a forest with random thresholds is deep, and most of its splits lie far away from any one input. The ranks of
+the two features with the most thresholds are cut into slabs of equal numbers of ranks; where two slabs meet, a cell,
+each tree is left with about half of its levels. The cells share equal subtrees, so that the nodes do not even double.
+The leaves that a row meets are those of the whole trees, in the same order.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from st_codegen.ir import CutTrees, Int32Array, IntArray, ModelIR, Rank, RankSlabs, TreeEnsemble, depth_of
+from st_codegen.ir.preorder import preorder
+from st_codegen.ir.subtrees import distinct_families, subtrees
+
+#: Slabs of a feature in the first attempt, and fewest that are worth their search.
+_MOST, _FEWEST = 12, 4
+#: Features that are cut. More cells share less.
+_AXES = 2
+#: The nodes of all cells take at most this many times the memory of the whole trees.
+_GROWTH = 2.0
+#: With more features than this, two of them decide little.
+_FEATURES = 4
+#: Trees that are not this deep gain nothing.
+_DEEP = 8
+#: Nodes of an ensemble that are cut in seconds.
+_NODES = 500_000
+
+
+def cut_into_cells(model: ModelIR, max_array: int = 65_536) -> ModelIR | None:
+    """The model, whose trees are on ranks, with each ensemble cut into cells; None where one gains nothing by it.
+
+    A tree in all its cells takes no more than an array of `max_array` elements.
+    """
+    ops = list(model.ops)
+    found = False
+    for number, op in enumerate(ops):
+        if not isinstance(op, TreeEnsemble):
+            continue
+        rank = ops[op.inputs[0] - 1]
+        cut = _cut(rank, op, max_array, accepts_nan=model.accepts_nan) if isinstance(rank, Rank) else None
+        if cut is None:
+            return None
+        ops[number], found = cut, True
+    return replace(model, ops=tuple(ops)) if found else None
+
+
+def _cut(rank: Rank, op: TreeEnsemble, longest: int, *, accepts_nan: bool) -> CutTrees | None:
+    groups = _columns_by_search(rank)
+    if op.n_nodes > _NODES or depth_of(op) < _DEEP or not _AXES <= len(groups) <= _FEATURES:
+        return None
+    # along the features in which leaves are short, few of them lie in several slabs
+    alone = [_in_cells(rank, op, [_Axis.of(rank, group, _MOST, accepts_nan)], accepts_nan) for group in groups]
+    chosen = [groups[at] for at in np.argsort([trees.n_nodes for trees in alone], kind="stable")[:_AXES]]
+    whole, wanted = int(_numbers(op, 1).sum()), _MOST
+    for _ in range(2):
+        axes = [_Axis.of(rank, group, wanted, accepts_nan) for group in chosen]
+        slabs = tuple(axis.slabs for axis in axes)
+        cut = _in_cells(rank, op, axes, accepts_nan)
+        numbers = _numbers(cut, cut.n_trees // op.n_trees)
+        size = int(numbers.sum())
+        if size <= _GROWTH * whole and numbers.max() <= longest:
+            whole_trees = {field.name: getattr(op, field.name) for field in fields(op)}
+            return CutTrees(**whole_trees, slabs=slabs, cut=cut, numbers=size)
+        # what is added grows about as the number of slabs
+        wanted = int(wanted * min((_GROWTH - 1) * whole / max(size - whole, 1), longest / numbers.max()))
+        if wanted < _FEWEST:
+            break
+    return None
+
+
+def _numbers(op: TreeEnsemble, together: int) -> IntArray:
+    """Integers that the nodes of each run of trees take: two a root, four for two children that are written once."""
+    return 4 * distinct_families(op, subtrees(op).number, together) + 2 * together
+
+
+def _columns_by_search(rank: Rank) -> list[list[int]]:
+    """Columns that count among the same thresholds of a feature: their ranks differ where a value is missing only."""
+    groups: dict[tuple[int, bool, bytes], list[int]] = {}
+    for number, column in enumerate(rank.columns):
+        groups.setdefault((column.column, column.descending, column.edges.tobytes()), []).append(number)
+    return list(groups.values())
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """An axis of the grid: its slabs, and the first and last rank of its columns in each, shape (slabs, columns)."""
+
+    slabs: RankSlabs
+    columns: list[int]
+    low: Int32Array
+    high: Int32Array
+
+    @classmethod
+    def of(cls, rank: Rank, group: list[int], wanted: int, accepts_nan: bool) -> _Axis:
+        """Slabs of equal numbers of ranks; missing values have one of their own, the first or the last."""
+        columns = [rank.columns[number] for number in group]
+        highest, missing = columns[0].highest, columns[0].missing
+        width = -(-(highest + 1) // wanted)
+        shift = 0 if not accepts_nan else width if missing < 0 else -(highest + 1) % width
+        last = max(highest, missing) if accepts_nan else highest
+        slabs = RankSlabs(group[0], width, shift, (last + shift) // width + 1)
+        start = np.arange(slabs.count) * width - shift
+        low = np.repeat(np.maximum(start, 0)[:, None], len(group), axis=1)
+        high = np.repeat(np.minimum(start + width - 1, highest)[:, None], len(group), axis=1)
+        if accepts_nan:
+            at = (missing + shift) // width
+            low[at] = high[at] = [column.missing for column in columns]
+        return cls(slabs, group, low.astype(np.int32), high.astype(np.int32))
+
+
+def _in_cells(rank: Rank, op: TreeEnsemble, axes: list[_Axis], accepts_nan: bool) -> TreeEnsemble:
+    """The trees of every cell, those of a tree side by side."""
+    shape = tuple(axis.slabs.count for axis in axes)
+    cells = math.prod(shape)
+    low = np.array([min(0, c.missing) if accepts_nan else 0 for c in rank.columns], np.int32)
+    high = np.array([max(c.highest, c.missing) if accepts_nan else c.highest for c in rank.columns], np.int32)
+    low, high = np.tile(low, (cells, 1)), np.tile(high, (cells, 1))
+    for axis, at in zip(axes, np.unravel_index(np.arange(cells), shape), strict=True):
+        low[:, axis.columns], high[:, axis.columns] = axis.low[at], axis.high[at]
+    roots, source, left, right = _walked(op, np.tile(low, (op.n_trees, 1)), np.tile(high, (op.n_trees, 1)))
+    layout = preorder(roots, left, right)
+    node = source[layout.order]
+    return replace(
+        op,
+        roots=layout.roots,
+        split=op.split[node],
+        threshold=op.threshold[node],
+        left=layout.left,
+        right=layout.right,
+        missing_left=op.missing_left[node],
+        leaf=op.leaf[node],
+        tree_output=np.repeat(op.tree_output, cells),
+    )
+
+
+def _walked(op: TreeEnsemble, low: Int32Array, high: Int32Array) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+    """All trees level by level in boxes of ranks, shape (trees * cells, columns).
+
+    Returns the roots, and of each new node its old number and its children. A split that sends a whole box one way
+    is no node.
+    """
+    node = np.repeat(op.roots.astype(np.int64), len(low) // op.n_trees)
+    threshold = op.threshold.astype(np.int32)
+    roots, made = len(low), 0
+    place = np.arange(roots) - roots  # of a root: below 0; of a child: twice its parent, and 1 for the right one
+    old, places = [], []
+    while node.size:
+        column, at = np.maximum(op.split[node], 0), threshold[node]
+        inner, row = op.split[node] >= 0, np.arange(len(node))
+        goes_left, goes_right = low[row, column] <= at, high[row, column] > at
+        passes = np.flatnonzero(inner & (goes_left != goes_right))
+        new = np.flatnonzero(~inner | (goes_left & goes_right))
+        both = np.flatnonzero(inner[new])
+        number, both = made + both, new[both]
+        old.append(node[new])
+        places.append(place[new])
+        made += len(new)
+        upper, lower = high[both].copy(), low[both].copy()
+        upper[np.arange(len(both)), column[both]] = at[both]
+        lower[np.arange(len(both)), column[both]] = at[both] + 1
+        onward = np.where(goes_left[passes], op.left[node[passes]], op.right[node[passes]])
+        place = np.concatenate([place[passes], 2 * number, 2 * number + 1])
+        low, high = np.concatenate([low[passes], low[both], lower]), np.concatenate([high[passes], upper, high[both]])
+        node = np.concatenate([onward, op.left[node[both]], op.right[node[both]]]).astype(np.int64)
+    found = np.full(2 * made + roots, -1, np.int64)
+    found[np.concatenate(places)] = np.arange(made)  # places of roots count from the end
+    return found[2 * made :], np.concatenate(old), found[: 2 * made : 2], found[1 : 2 * made : 2]
