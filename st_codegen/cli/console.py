@@ -173,8 +173,9 @@ def layout_options(function: Command) -> Command:
         default=LAYOUTS[0],
         show_default=True,
         help="How trees are written: trees, as they were trained, to be read; ranked, as nodes that compare ranks, "
-        "which is faster; table, as a table of their values in every cell. With auto, and where ranked or table is "
-        "impossible, whichever is cheapest.",
+        "which is faster; cut, the same, with deep trees cut into the cells of a coarse grid of the inputs, in fewer "
+        "steps and with more memory; table, as a table of their values in every cell. With auto, and where what is "
+        "asked for is impossible, whichever is cheapest.",
     )
     limit = click.option(
         "--table-limit",

@@ -32,14 +32,15 @@ def preorder(roots: AnyArray, left: AnyArray, right: AnyArray) -> Preorder:
     """
     total = len(left)
     levels = [np.asarray(roots, np.int64)]
-    seen = np.zeros(total, np.bool_)
+    seen, reached = np.zeros(total, np.bool_), 0
     while levels[-1].size:
         here = levels[-1]
         if np.any(here >= total):
             raise InputError("tree: a child number outside the tree; the model file is damaged")
-        if np.any(seen[here]) or len(np.unique(here)) != len(here):
-            raise InputError("tree: a node with two parents or a cycle; the model file is damaged")
         seen[here] = True
+        reached += len(here)
+        if np.count_nonzero(seen) != reached:
+            raise InputError("tree: a node with two parents or a cycle; the model file is damaged")
         if np.any((left[here] < 0) != (right[here] < 0)):
             raise InputError("tree: a split with only one child; the model file is damaged")
         inner = here[left[here] >= 0]
@@ -55,8 +56,8 @@ def preorder(roots: AnyArray, left: AnyArray, right: AnyArray) -> Preorder:
         position[left[inner]] = position[inner] + 1
         position[right[inner]] = position[inner] + 1 + size[left[inner]]
     order = np.empty(int(seen.sum()), np.int64)
-    reached = np.flatnonzero(seen)
-    order[position[reached]] = reached
+    kept = np.flatnonzero(seen)
+    order[position[kept]] = kept
     split = left[order] >= 0
     return Preorder(
         order=order,

@@ -54,7 +54,7 @@ def _cut(rank: Rank, op: TreeEnsemble, longest: int, *, accepts_nan: bool) -> Cu
     if op.n_nodes > _NODES or depth_of(op) < _DEEP or not _AXES <= len(groups) <= _FEATURES:
         return None
     # along the features in which leaves are short, few of them lie in several slabs
-    alone = [_in_cells(rank, op, [_Axis.of(rank, group, _MOST, accepts_nan)], accepts_nan) for group in groups]
+    alone = [_in_cells(rank, op, [_Axis.of(rank, group, _FEWEST, accepts_nan)], accepts_nan) for group in groups]
     chosen = [groups[at] for at in np.argsort([trees.n_nodes for trees in alone], kind="stable")[:_AXES]]
     whole, wanted = int(_numbers(op, 1).sum()), _MOST
     for _ in range(2):

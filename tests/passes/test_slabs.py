@@ -111,8 +111,8 @@ def test_prove_follows_the_cells_and_the_checker_confirms_it(tmp_path):
     # one root too far: another tree's, or another cell's
     (file,) = (out / "iec").glob("FB_Deep.st")
     text = file.read_text()
-    assert text.count("[nCellRoot]") == 1
-    file.write_text(text.replace("[nCellRoot]", "[nCellRoot + 1]"))
+    assert text.count("nNode1 := nCellRoot;") == 1
+    file.write_text(text.replace("nNode1 := nCellRoot;", "nNode1 := nCellRoot + 2;"))
     assert not prove(bundle, out).proved
 
 

@@ -75,7 +75,7 @@ def test_the_bundle_of_the_paper_is_compiled_and_verified(tmp_path):
         model.ir.name: decision.chosen for model, decision in zip(bundle.models, compiled.decisions, strict=True)
     }
     assert {layouts[f"{name}_forward"] for name in ("phi1", "A3", "phi39", "A81", "phi156")} == {"table"}
-    assert layouts["A162_forward"] == "ranked trees"
+    assert layouts["A162_forward"] == "cut trees"
     assert len(blocks) < 20
     report = verify(bundle, tmp_path / "out", rows=1_000)
     assert report.passed, [model.failures for model in report.models if not model.passed]
