@@ -244,6 +244,9 @@ class Executor:
         )
         if isinstance(new, AxisValue) and new.chain is not None:
             stale = stale or (not (isinstance(old, AxisValue) and old.axis is new.axis) and not is_scalar(old))
+        if isinstance(mask, AxisValue) and isinstance(old, AxisValue) and old.axis is not mask.axis:
+            # what another input gave before is forgotten: in loops over columns each branch assigns
+            stale = stale or is_scalar(new) or (isinstance(new, AxisValue) and new.axis is mask.axis)
         return self._where(mask, new, None if stale else old)
 
     def _where(self, mask: Value, new: Value, old: Value) -> Value:

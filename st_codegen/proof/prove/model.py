@@ -6,6 +6,7 @@ are data of the representation. None of the passes and layouts of the compiler i
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -13,15 +14,19 @@ import numpy as np
 
 from st_codegen.ir import (
     Clip,
+    Combine,
     Comparison,
+    Exceeds,
     FillMissing,
     ModelIR,
     NanRule,
     Operation,
     Operator,
+    Piecewise,
     Round,
     Scale,
     Select,
+    TreeColumn,
     TreeEnsemble,
     reference,
 )
@@ -38,8 +43,17 @@ from st_codegen.proof.prove.axis import (
 )
 from st_codegen.proof.prove.boxes import Lanes, Space
 
-#: A monotone column: the input it depends on and its value for numbers of that input.
-Column = tuple[int, Callable[[FloatArray], FloatArray]]
+
+@dataclass(frozen=True)
+class Column:
+    """A column that depends on one input: its value for numbers of that input.
+
+    It is monotone in the input (`steps` None), or constant between the keys `steps`, behind which it may change.
+    """
+
+    feature: int
+    value: Callable[[FloatArray], FloatArray]
+    steps: IntArray | None = None
 
 
 @dataclass(frozen=True)
@@ -79,11 +93,11 @@ class ModelSide:
     def __init__(self, model: ModelIR) -> None:
         self.model = model
         self.domain = domain_of(model)
-        columns: list[list[Column | None]] = [[(f, self._limited(f)) for f in range(len(model.features))]]
+        columns: list[list[Column | None]] = [[Column(f, self._limited(f)) for f in range(len(model.features))]]
         self.ensembles: dict[int, Ensemble] = {}
         for number, op in enumerate(model.ops, 1):
             given = [column for value in op.inputs for column in columns[value]]
-            columns.append(_columns_after(op, given))
+            columns.append(_columns_after(op, given, self.domain))
             if isinstance(op, TreeEnsemble):
                 self.ensembles[number] = Ensemble(op, given, self.domain)
 
@@ -99,21 +113,31 @@ class ModelSide:
         return np.unique(np.concatenate([*found, np.zeros(0, np.int64)]))
 
 
-def _columns_after(op: Operation, given: list[Column | None]) -> list[Column | None]:
-    """The columns of a result; None for what depends on several inputs or through comparisons."""
+def _columns_after(op: Operation, given: list[Column | None], domain: InputDomain) -> list[Column | None]:
+    """The columns of a result; None for what depends on several inputs, or is neither monotone nor in steps."""
     if isinstance(op, Select):
         return [given[column] for column in op.columns]
+    if isinstance(op, Combine):
+        half = len(given) // 2
+        return [_combined(op, one, other) for one, other in zip(given[:half], given[half:], strict=True)]
     result: list[Column | None] = []
     for number in range(op.width):
-        step = _step(op, number)
-        column = given[number] if step is not None and number < len(given) else None
-        result.append(None if step is None or column is None else (column[0], _after(column[1], step)))
+        column = given[number] if number < len(given) else None
+        step = None if column is None else _step(op, number, monotone=column.steps is None)
+        if column is None or step is None:
+            result.append(None)
+            continue
+        steps = column.steps
+        if isinstance(step, Piecewise | Exceeds) and steps is None:
+            at = np.repeat(step.knots if isinstance(step, Piecewise) else step.cut, 2)
+            steps, _ = changes(column, at, np.arange(len(at)) % 2 == 0, domain)
+        result.append(Column(column.feature, _after(step, column), steps))
     return result
 
 
-def _step(op: Operation, number: int) -> Operation | None:
-    """One column of an operation that is monotone in each of its columns."""
-    if isinstance(op, Scale) and op.exact and not (op.reverse and op.operator is Operator.DIVIDE):
+def _step(op: Operation, number: int, *, monotone: bool) -> Operation | None:  # noqa: PLR0911 - one return a kind
+    """One column of an operation that keeps a column monotone, or in steps; None where it does not."""
+    if isinstance(op, Scale) and not (monotone and op.reverse and op.operator is Operator.DIVIDE):
         return Scale((0,), op.operator, op.constant[number : number + 1], op.precision, op.reverse)
     if isinstance(op, Round):
         return Round((0,), 1)
@@ -121,15 +145,57 @@ def _step(op: Operation, number: int) -> Operation | None:
         return Clip((0,), op.lower[number : number + 1], op.upper[number : number + 1])
     if isinstance(op, FillMissing) and op.sentinel is None:
         return FillMissing((0,), op.fill[number : number + 1])
+    if isinstance(op, Exceeds):
+        return Exceeds((0,), op.cut[number : number + 1], inclusive=op.inclusive)
+    if isinstance(op, Piecewise) and op.degree == 0:
+        first, last = op.start[number : number + 2]
+        missing = None if op.missing is None else op.missing[number : number + 1]
+        pieces = op.pieces[first + number : last + number + 1]
+        if np.all(np.isfinite(pieces)) and np.all(np.isfinite(op.at[first:last])):
+            return Piecewise(
+                (0,), np.array([0, last - first]), op.knots[first:last], op.at[first:last], pieces, missing
+            )
     return None
 
 
-def _after(before: Callable[[FloatArray], FloatArray], step: Operation) -> Callable[[FloatArray], FloatArray]:
+def _after(step: Operation, *before: Column) -> Callable[[FloatArray], FloatArray]:
     def value(x: FloatArray) -> FloatArray:
         with np.errstate(all="ignore"):
-            return reference.apply(step, [before(x)[:, None]])[:, 0]
+            return reference.apply(step, [column.value(x)[:, None] for column in before])[:, 0]
 
     return value
+
+
+def _combined(op: Combine, one: Column | None, other: Column | None) -> Column | None:
+    """Two columns in steps of the same input."""
+    if one is None or other is None or one.feature != other.feature or one.steps is None or other.steps is None:
+        return None
+    if op.operator not in (Operator.ADD, Operator.SUBTRACT):
+        return None
+    step = dataclasses.replace(op, inputs=(0, 1), width=1)
+    return Column(one.feature, _after(step, one, other), np.union1d(one.steps, other.steps))
+
+
+def changes(
+    column: Column, thresholds: FloatArray, strict: BoolArray, domain: InputDomain
+) -> tuple[IntArray, BoolArray]:
+    """The last key up to which a comparison with each threshold is as for the smallest number, and what it is.
+
+    Below the threshold where `strict`, else not above it.
+    """
+
+    def decide(x: FloatArray, chosen: IntArray) -> BoolArray:
+        value, limit = column.value(x), thresholds[chosen]
+        return np.asarray(np.where(strict[chosen], value < limit, value <= limit) | (limit == np.inf), np.bool_)
+
+    ends = domain.low[column.feature], domain.high[column.feature]
+    low, high = (np.full(len(thresholds), end, np.int64) for end in ends)
+    everything = np.arange(len(thresholds))
+    first = decide(from_keys(low), everything)
+    changing = np.flatnonzero(decide(from_keys(high), everything) != first)
+    last = np.full(len(thresholds), HIGHEST, np.int64)
+    last[changing] = bisected(lambda x: decide(x, changing), low[changing], high[changing])
+    return last, first
 
 
 class Ensemble:
@@ -150,21 +216,25 @@ class Ensemble:
             if at.size:
                 column = given[op.columns[number].column]
                 if column is None:
-                    raise NotProvedError("a tree behind operations that are not monotone, or that are inexact")
+                    behind = "operations on several inputs, or that are not monotone, inexact, or refuse numbers"
+                    raise NotProvedError(f"a tree behind {behind}")
                 self._read(number, column, at)
 
-    def _value(self, column: Column, x: FloatArray) -> FloatArray:
-        with np.errstate(over="ignore"):
-            return reference.rounded(column[1](x), self.op.input_precision)
+    def _rounded(self, column: Column) -> Column:
+        """The column as the ensemble reads it."""
 
-    def _ends(self, feature: int) -> tuple[int, int]:
-        return int(self.domain.low[feature]), int(self.domain.high[feature])
+        def value(x: FloatArray) -> FloatArray:
+            with np.errstate(over="ignore"):
+                return reference.rounded(column.value(x), self.op.input_precision)
+
+        return dataclasses.replace(column, value=value)
 
     def _read(self, number: int, column: Column, at: IntArray) -> None:
         op, rule = self.op, self.op.columns[number]
-        self.feature[at] = column[0]
-        if rule.categorical:
-            self.codes[number] = self._category(number, column)
+        self.feature[at] = column.feature
+        column = self._rounded(column)
+        if rule.categorical or column.steps is not None:
+            self.codes[number] = self._category(number, column) if rule.categorical else self._numbers(rule, column)
             return
         thresholds, back = np.unique(op.threshold[at], return_inverse=True)
         last, below = self._changes(column, thresholds, strict=op.comparison is Comparison.LESS)
@@ -181,31 +251,32 @@ class Ensemble:
             self.gap[number] = int(ends[0][0][0]) + 1, int(ends[1][0][0])
             zero = np.where((low <= 0) & (high >= 0), missing, zero)
         self.nan[at] = missing if rule.nan is NanRule.MISSING else zero
+        filled = column.value(np.array([np.nan]))
+        if not np.isnan(filled[0]):
+            self.nan[at] = self._decision(filled, op.threshold[at])
 
     def _decision(self, value: FloatArray, threshold: FloatArray) -> BoolArray:
         left = value < threshold if self.op.comparison is Comparison.LESS else value <= threshold
         return np.asarray(left | (threshold == np.inf), np.bool_)
 
     def _changes(self, column: Column, thresholds: FloatArray, *, strict: bool) -> tuple[IntArray, BoolArray]:
-        """The last key up to which a comparison with each threshold is as for the smallest number, and what it is."""
+        return changes(column, thresholds, np.full(len(thresholds), strict), self.domain)
 
-        def decide(x: FloatArray, chosen: IntArray) -> BoolArray:
-            value = self._value(column, x)
-            limit = thresholds[chosen]
-            return np.asarray((value < limit if strict else value <= limit) | (limit == np.inf), np.bool_)
-
-        low, high = (np.full(len(thresholds), end, np.int64) for end in self._ends(column[0]))
-        everything = np.arange(len(thresholds))
-        first = decide(from_keys(low), everything)
-        changes = np.flatnonzero(decide(from_keys(high), everything) != first)
-        last = np.full(len(thresholds), HIGHEST, np.int64)
-        last[changes] = bisected(lambda x: decide(x, changes), low[changes], high[changes])
-        return last, first
+    def _numbers(self, rule: TreeColumn, column: Column) -> AxisValue:
+        """A column in steps, on an axis that is cut where it may change."""
+        if rule.missing_interval is not None or column.steps is None:
+            raise NotProvedError("an interval of missing values behind operations that are not followed")
+        axis = InputAxis(column.feature)
+        axis.cut(column.steps)
+        value = column.value(axis.low)
+        return AxisValue(axis, value if rule.nan is NanRule.MISSING else np.where(np.isnan(value), 0.0, value))
 
     def _category(self, number: int, column: Column) -> AxisValue:
         """The code of a category column on an axis that is cut where it changes."""
         rule = self.op.columns[number]
-        axis = InputAxis(column[0])
+        if column.steps is not None:
+            raise NotProvedError("categories behind steps")
+        axis = InputAxis(column.feature)
         if rule.categories is not None:
             points = np.array(sorted(set(rule.categories)))
         else:
@@ -216,7 +287,7 @@ class Ensemble:
         points = points if gap is None else np.append(points, gap)
         for strict in (True, False):
             axis.cut(self._changes(column, points, strict=strict)[0])
-        value = self._value(column, axis.low)
+        value = column.value(axis.low)
         missing = np.isnan(value) & (rule.nan is NanRule.MISSING)
         value = np.where(np.isnan(value), 0.0, value)
         if gap is not None:
@@ -264,11 +335,8 @@ class Ensemble:
                 goes = np.where(missing.lift().value.astype(np.bool_), op.missing_left[here], goes)
             if categories[0] is not None:
                 codes = categories[0].lift()
-                known = codes.known
-                assert known is not None
-                row = op.category_row[here] + codes.value
-                chosen = op.category_left[np.where(known, row, 0)]
-                goes = np.where(known, chosen, goes)
+                assert codes.known is not None
+                goes = np.where(codes.known, codes.value, goes)
             node = Lanes(space, np.where(inner, np.where(goes, op.left[here], op.right[here]), here).astype(np.int64))
 
     def _missing(self, space: Space, node: Lanes) -> Lanes | None:
@@ -292,20 +360,26 @@ class Ensemble:
         return result
 
     def _category_decisions(self, space: Space, node: Lanes) -> tuple[Lanes | None, BoolArray]:
-        """The category codes of boxes at category splits, and which boxes these are."""
+        """Whether boxes at splits of categories and of columns in steps go left, and which boxes these are."""
+        op = self.op
         result: Lanes | None = None
         for number, codes in self.codes.items():
-            at = self.op.split[node.lift().value] == number
+            at = op.split[node.lift().value] == number
             if not np.any(at):
                 continue
             value, _ = space.resolve(codes, at)
-            at = self.op.split[node.lift().value] == number
+            here = node.lift().value
+            at = op.split[here] == number
+            if op.columns[number].categorical:
+                goes = op.category_left[np.where(at, op.category_row[here] + value, 0)]
+            else:
+                goes = np.where(np.isnan(value), op.missing_left[here], self._decision(value, op.threshold[here]))
             if result is None:
-                result = Lanes(space, np.where(at, value, 0), at)
+                result = Lanes(space, at & goes, at)
             else:
                 result.lift()
                 assert result.known is not None
-                result = Lanes(space, np.where(at, value, result.value), result.known | at)
+                result = Lanes(space, np.where(at, goes, result.value), result.known | at)
         if result is None:
             return None, np.zeros(space.lanes, np.bool_)
         assert result.known is not None

@@ -1,0 +1,94 @@
+"""Trees behind encoders, bins and flags: columns that are constant between some numbers of one input."""
+
+import re
+
+import numpy as np
+import pytest
+
+pytest.importorskip("sklearn")
+
+from sklearn.compose import ColumnTransformer
+from sklearn.impute import SimpleImputer
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import Binarizer, KBinsDiscretizer, OneHotEncoder, OrdinalEncoder, StandardScaler
+from sklearn.tree import DecisionTreeRegressor
+
+from st_codegen.driver import generate
+from st_codegen.passes.choose import Layout, Options
+from st_codegen.passes.domain import limit_inputs
+from st_codegen.project.bundle import Bundle
+from st_codegen.proof.prove.prove import Verdict, prove
+from st_codegen.walkers.base import LoadedModel
+from tests.classifiers import GAPS, SCORE, X, loaded
+
+KINDS = np.column_stack([X[:, 0], np.digitize(X[:, 1], [-3, 0, 2]), X[:, 2]])
+TREE = DecisionTreeRegressor(max_depth=4, random_state=0)
+
+
+def encoded(encoder):
+    return ColumnTransformer([("kind", encoder, [1])], remainder="passthrough")
+
+
+STEPS = {
+    "flags of missing values": (SimpleImputer(add_indicator=True), GAPS),
+    "one column a category": (encoded(OneHotEncoder(handle_unknown="ignore")), KINDS),
+    "numbers of categories": (encoded(OrdinalEncoder(handle_unknown="use_encoded_value", unknown_value=-1)), KINDS),
+    "bins": (KBinsDiscretizer(4, encode="ordinal", quantile_method="averaged_inverted_cdf"), X),
+    "bins behind a scaler": (
+        make_pipeline(StandardScaler(), KBinsDiscretizer(3, encode="ordinal", quantile_method="averaged_inverted_cdf")),
+        X,
+    ),
+    "truth values": (Binarizer(threshold=0.5), X),
+}
+
+
+def generated(name, folder, layout=Layout.AUTO):
+    before, x = STEPS[name]
+    model = loaded(make_pipeline(before, TREE).fit(x, SCORE + 9.0 * np.isnan(x).sum(axis=1)))
+    model = LoadedModel(limit_inputs(model.ir), model.predict)
+    generate(Bundle((model,)), "iec", folder, options=Options(layout=layout))
+    return model, folder / "iec" / "FB_M.st"
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_trees_behind_steps_are_proved(name, tmp_path):
+    model, _ = generated(name, tmp_path)
+    (result,) = prove(Bundle((model,)), tmp_path).results
+    assert (result.verdict, result.reason) == (Verdict.PROVED, ""), result
+
+
+def test_trees_behind_steps_are_proved_node_by_node(tmp_path):
+    model, _ = generated("bins behind a scaler", tmp_path, Layout.TREES)
+    assert prove(Bundle((model,)), tmp_path).proved
+
+
+def ulp(match):
+    return match[1] + repr(float(np.nextafter(float(match[2]), np.inf)))
+
+
+CHANGES = {
+    "an end of a bin": ("bins", r"( KNOT_1 : .*\n\s+(?:\(\*.*\*\)\n\s+)?)(-?[0-9.E-]+)", ulp),
+    "a number of a bin": ("bins", r"(PIECE_1 : .*\n\s+)0\.0, 1\.0", r"\g<1>0.0, 2.0"),
+    "a number on the end of a bin": ("bins", r"(KNOT_VALUE_1 : .*\n\s+)1\.0", r"\g<1>0.0"),
+    "a cut": ("truth values", r"(CUT_1 : .*\n\s+)(0\.5)", ulp),
+    "a missing value that counts as there": ("flags of missing values", r"(FILL_[2-9] : .*\n\s+)1\.0", r"\g<1>0.0"),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_a_step_that_was_changed_is_refuted(name, tmp_path):
+    steps, pattern, change = CHANGES[name]
+    model, path = generated(steps, tmp_path)
+    changed, count = re.subn(pattern, change, path.read_text(), count=1)
+    assert count == 1
+    path.write_text(changed)
+    (result,) = prove(Bundle((model,)), tmp_path).results
+    assert result.verdict is Verdict.REFUTED, result
+
+
+def test_categories_that_are_refused_are_not_followed(tmp_path):
+    model = loaded(make_pipeline(encoded(OrdinalEncoder()), TREE).fit(KINDS, SCORE))
+    model = LoadedModel(limit_inputs(model.ir), model.predict)
+    generate(Bundle((model,)), "iec", tmp_path)
+    (result,) = prove(Bundle((model,)), tmp_path).results
+    assert result.verdict is Verdict.NOT_PROVED and "refuse numbers" in result.reason
