@@ -1,7 +1,7 @@
 """OPC UA for the soft PLC, by asyncua: an object for each list of globals and each program, a node for each variable.
 
-Values are read where they are when a client asks. Structures are not offered, nor are subscriptions: nobody tells
-asyncua when a variable changes.
+Values are read where they are when a client asks. Structures are data types of the server with a field for each member;
+they can be read, not written. Subscriptions are not offered: nobody tells asyncua when a variable changes.
 """
 
 from __future__ import annotations
@@ -14,12 +14,13 @@ import numpy as np
 
 from st_codegen.errors import MissingExtraError
 from st_codegen.live.plc import Log, SoftPlc
-from st_codegen.live.symbols import WireVariable
-from st_codegen.st.run.layout import dtype_of
-from st_codegen.st.types import ArrayType, Elementary, EnumType, Kind, Type
+from st_codegen.live.symbols import WireVariable, wire_size
+from st_codegen.st.run.layout import aligned, dtype_of
+from st_codegen.st.types import ArrayType, Elementary, EnumType, Kind, StructType, Type
 
 try:
     from asyncua import Server, ua
+    from asyncua.common.structures104 import new_struct, new_struct_field
     from asyncua.crypto.permission_rules import User, UserRole
     from asyncua.server.user_managers import UserManager
 except ImportError as missing:
@@ -61,16 +62,21 @@ class OpcUaServer:
         server.set_server_name("st-codegen serve")
         server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
         space = await server.register_namespace(NAMESPACE)
+        structures = await self._structures(space)
         parents: dict[str, Any] = {}
         for name in self.plc.symbols.names():
             symbol = self.plc.symbols[name]
             kind = variant_type(symbol.type)
             parent = name.split(".")[0]
-            if kind is None or name.count(".") != 1:
+            known = isinstance(symbol.type, StructType) and symbol.type.name in structures
+            if (kind is None and not known) or name.count(".") != 1:
                 continue
             if parent not in parents:
                 parents[parent] = await server.nodes.objects.add_object(ua.NodeId(parent, space), parent)
-            await self._add(parents[parent], space, symbol, kind)
+            if kind is not None:
+                await self._add(parents[parent], space, symbol, kind)
+            else:
+                await self._add_structure(parents[parent], space, symbol, structures[str(symbol.type)])
         plc = await server.nodes.objects.add_object(ua.NodeId("PLC", space), "PLC")
         state = await plc.add_variable(ua.NodeId(STATE, space), "State", "")
         self._answer(state, lambda *_: ua.DataValue(ua.Variant(self.plc.state.value, ua.VariantType.String)))
@@ -88,6 +94,31 @@ class OpcUaServer:
             await node.set_writable()
             aspace = self._server.iserver.aspace
             aspace.set_attribute_value_setter(node.nodeid, ua.AttributeIds.Value, partial(self._set, symbol, kind))
+
+    async def _structures(self, space: int) -> dict[str, Any]:
+        """A data type for each structure of the project whose fields all have one, by name."""
+        found: dict[str, Any] = {}
+        types = [item for item in self.plc.code.project.types.values() if isinstance(item, StructType)]
+        todo = [item for item in types if not item.is_union]
+        while ready := [item for item in todo if all(_field_type(entry.type, found) for entry in item.fields)]:
+            for item in ready:
+                fields = [
+                    new_struct_field(
+                        entry.name, _field_type(entry.type, found), array=isinstance(entry.type, ArrayType)
+                    )
+                    for entry in item.fields
+                ]
+                found[item.name], _ = await new_struct(self._server, space, item.name, fields)
+                todo.remove(item)
+        if found:
+            await self._server.load_data_type_definitions()
+        return found
+
+    async def _add_structure(self, parent: Any, space: int, symbol: WireVariable, data_type: Any) -> None:
+        short = symbol.name.split(".", 1)[1]
+        value = _structure(symbol.type, symbol.read())
+        node = await parent.add_variable(ua.NodeId(symbol.name, space), short, value, datatype=data_type.nodeid)
+        self._answer(node, lambda *_: ua.DataValue(ua.Variant(_structure(symbol.type, symbol.read()))))
 
     def _answer(self, node: Any, callback: Any) -> None:
         self._server.iserver.aspace.set_attribute_value_callback(node.nodeid, ua.AttributeIds.Value, callback)
@@ -117,6 +148,29 @@ def _dtype(type_: Type) -> np.dtype[Any]:
 
 def _numbers(symbol: WireVariable) -> Any:
     return np.frombuffer(symbol.read(), _dtype(symbol.type))
+
+
+def _field_type(type_: Type, known: dict[str, Any]) -> Any:
+    """The type of a field: one of the elementary ones, or a structure that is known already; None: neither."""
+    inner = type_.element if isinstance(type_, ArrayType) else type_
+    return known.get(inner.name) if isinstance(inner, StructType) else variant_type(inner)
+
+
+def _structure(type_: Type, data: bytes) -> Any:
+    """The value of a structure, from its bytes on the wire of ADS."""
+    if isinstance(type_, StructType):
+        values, offset = {}, 0
+        for entry in type_.fields:
+            size, alignment = wire_size(entry.type)
+            offset = aligned(offset, alignment)
+            values[entry.name] = _structure(entry.type, data[offset : offset + size])
+            offset += size
+        return getattr(ua, type_.name)(**values)
+    if isinstance(type_, ArrayType) and isinstance(type_.element, StructType):
+        size, _ = wire_size(type_.element)
+        return [_structure(type_.element, data[size * number : size * (number + 1)]) for number in range(type_.size)]
+    numbers = np.frombuffer(data, _dtype(type_))
+    return numbers.tolist() if isinstance(type_, ArrayType) else numbers[0].item()
 
 
 _KINDS = {

@@ -44,6 +44,23 @@ def test_an_unmodified_client_reads_and_writes_inputs_only(server):
         assert {"GVL_Experiment", "GVL_Record", "PRG_Record"} <= names
 
 
+def test_structures_have_their_fields(bundle, server):
+    values = server.plc.machine.globals
+    server.do(lambda: values.__setitem__("GVL_Machine.stExchange.stOdd.nNumber", 41))
+    with sync.Client(server.addresses["opcua"], timeout=20) as client:
+        client.load_data_type_definitions()
+        space = client.get_namespace_index("urn:st-codegen:plc")
+        node = client.get_node(f"ns={space};s=GVL_Machine.stExchange")
+        found = node.read_value()
+        with pytest.raises(asyncua.ua.uaerrors.BadUserAccessDenied):
+            node.write_value(found)
+    server.do(lambda: values.__setitem__("GVL_Machine.stExchange.stOdd.nNumber", 0))
+    assert found.stOdd.nNumber == 41
+    assert found.stOdd.bInRange is False
+    names = [entry.name for entry in server.plc.code.project.types["ST_TEEXCHANGE"].fields]
+    assert all(hasattr(found, name) for name in names)
+
+
 def test_the_comparison_goes_over_it_too(bundle, server):
     report = compare(load(bundle[0]), bundle[1], lambda: connected(None, server.addresses["opcua"], 20.0), rows=600)
     assert report.passed
