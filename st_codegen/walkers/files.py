@@ -33,9 +33,24 @@ FORMATS: Entries[FileFormat] = Entries(
     {
         "onnx": FileFormat((".onnx",), ".onnx", "st_codegen.walkers.onnx.load"),
         "lightgbm": FileFormat((".txt",), ".txt (LightGBM)", "st_codegen.walkers.lightgbm.model"),
-        "xgboost": FileFormat((".json", ".ubj"), ".json and .ubj (XGBoost)", "st_codegen.walkers.xgboost.model"),
+        "xgboost": FileFormat(
+            (".json", ".ubj"), ".json and .ubj (XGBoost), .json (CatBoost)", "st_codegen.walkers.xgboost.model"
+        ),
     }
 )
+#: What to do with a format of a library that is not read.
+_XGBOOST = "XGBoost's own formats are .json and .ubj: load it with XGBoost 1.0 to 2.1 and save_model('model.json')"
+_ADVICE = {
+    ".bin": _XGBOOST,
+    ".model": _XGBOOST,
+    ".cbm": "CatBoost's save_model(path, format='json') writes what is read",
+    ".pt": "export it as .onnx (torch.onnx.export)",
+    ".pth": "export it as .onnx (torch.onnx.export)",
+    ".h5": "export it as .onnx (tf2onnx)",
+    ".keras": "export it as .onnx (tf2onnx)",
+    ".tflite": "export it as .onnx (tf2onnx)",
+    ".pmml": "save the model itself, as .skops or .onnx",
+}
 _SKOPS = ".skops"
 _PICKLES = (".joblib", ".pkl", ".pickle")
 
@@ -79,7 +94,8 @@ def _loaded(path: Path, name: str, *, trust_pickle: bool) -> LoadedModel:
         if suffix in known.suffixes:
             loaded: LoadedModel = importlib.import_module(known.module).load_file(path, name)
             return loaded
-    raise UnsupportedModelError(f"{path.name}: not a known model format; supported are {known_formats()}")
+    advice = f"; {_ADVICE[suffix]}" if suffix in _ADVICE else ""
+    raise UnsupportedModelError(f"{path.name}: not a known model format{advice}; supported are {known_formats()}")
 
 
 def _sha256(path: Path) -> str:

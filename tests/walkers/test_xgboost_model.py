@@ -366,6 +366,12 @@ def test_mixed_leaves_are_refused(load: Any) -> None:
     ("content", "suffix", "message"),
     [
         (b"", "json", "not a JSON document"),
+        (
+            b"\0\0\0\x3f\3\0\0\0\0\x0fbinary:logistic\6gbtree",
+            "json",
+            "XGBoost's binary format, which new versions do not read either",
+        ),
+        (b"binf\0\0\0\x3f\3\0\0\0\0\x0fbinary:logistic\6gbtree", "ubj", "XGBoost's binary format"),
         (b"{", "json", "not a JSON document"),
         (b"\xff\xfe", "json", "not a JSON document"),
         (b"[" * 100_000, "json", "not a JSON document"),

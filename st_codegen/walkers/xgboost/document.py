@@ -76,6 +76,11 @@ def loads(data: bytes, *, binary: bool) -> BoosterModel:
 
     Raises InputError that names the field where the data is no XGBoost model, cut or inconsistent.
     """
+    if not data.lstrip().startswith(b"{") and any(name in data[:1024] for name in (b"gbtree", b"gblinear", b"dart")):
+        raise UnsupportedModelError(
+            "XGBoost's binary format, which new versions do not read either: load it with XGBoost 1.0 to 2.1, and save "
+            "it again with save_model('model.json')"
+        )
     document = ubjson.loads(data) if binary else _json(data)
     if not isinstance(document, dict) or not isinstance(document.get("learner"), dict):
         raise InputError("not an XGBoost model: no object 'learner'")
