@@ -15,7 +15,7 @@ import numpy as np
 
 from st_codegen.errors import Problems
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from st_codegen.reconcile.data.noise import estimate
+from st_codegen.reconcile.data.noise import MEDIAN_1, estimate
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.reading import check_units, ramp_deg, unit_choices
 from st_codegen.reconcile.settings import SETTINGS
@@ -226,26 +226,38 @@ def _common(data: Observations, rig: RigModel, scale: float | None) -> list[Mist
     swapped = _better(same.gap, other.gap, least)
     found = other if swapped else same
     ones = np.ones((2, 1))
-    if not _better(same.left(ones, 0.0), found.gap, least):
-        return []
-    mistakes = [Mistake("direction", _DIRECTION, _swapped)] if swapped else []
+    is_all = _better(same.left(ones, 0.0), found.gap, least)
+    mistakes = [Mistake("direction", _DIRECTION, _swapped)] if swapped and is_all else []
     offset = float(np.rad2deg(np.angle(np.exp(1j * found.angle))))
-    if abs(offset) > SETTINGS.least_home_deg and _better(found.left(found.sign * found.factors, 0.0), found.gap, least):
+    turned = is_all and abs(offset) > SETTINGS.least_home_deg
+    if turned and _better(found.left(found.sign * found.factors, 0.0), found.gap, least):
         mistakes.append(Mistake("home_offset", _HOME.format(offset), _turned(found.angle)))
-    if found.sign < 0 and _better(found.left(found.factors, found.angle), found.gap, least):
+    if is_all and found.sign < 0 and _better(found.left(found.factors, found.angle), found.gap, least):
         mistakes.append(Mistake("sign", _SIGN, _times(-1.0, -1.0)))
     forward, backward = (float(x) for x in found.factors[:, 0])
     both = float(np.sqrt(forward * backward))
-    apart = abs(np.log(forward / backward)) > np.log(SETTINGS.column_factor)
-    common = [found.left(found.sign * factor * ones, found.angle) for factor in (forward, backward)]
-    if apart and all(_better(left, found.gap, least) for left in common):
+    if abs(np.log(forward / backward)) > np.log(SETTINGS.column_factor) and _agree(found.sums):
         louder = abs(np.log(forward)) > abs(np.log(backward))
         which, factor, both = ("forward", forward / backward, backward) if louder else (
             "backward", backward / forward, forward)  # fmt: skip
         wrong = (factor, 1.0) if which == "forward" else (1.0, factor)
         mistakes.append(Mistake("column_scale", _COLUMN.format(which, factor), _times(*wrong)))
+    if not is_all:
+        return mistakes
     choices = unit_choices(both, rig.constants.reduction_ratio) if scale is None else ""
     return [*mistakes, Mistake("unit", choices)] if choices else mistakes
+
+
+def _agree(sums: _Sums) -> bool:
+    """Whether the orders agree that the two directions have different factors.
+
+    Each has one vote, and a missing effect moves its own orders only; gaps say little where single runs are wrong.
+    """
+    ratio = np.log(np.maximum(np.abs(sums.product) / np.maximum(sums.model, 1e-300), 1e-12))
+    apart = ratio[0] - ratio[1]
+    middle = float(np.median(apart))
+    error = float(np.median(np.abs(apart - middle))) / MEDIAN_1 * np.sqrt(np.pi / 2 / len(apart))
+    return bool(abs(middle) > SETTINGS.ramp * error)
 
 
 def _better(left: FloatArray, right: FloatArray, least: FloatArray) -> bool:
