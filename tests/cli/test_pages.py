@@ -105,7 +105,7 @@ def test_a_page_is_as_wide_as_the_window(two, tmp_path, width):
     frame.write_text(f"{frame.read_text()}<script>{frame_script}</script>")
     command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--allow-file-access-from-files"]
     command += [f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=5000", "--dump-dom", frame.as_uri()]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=True)
     assert f"<title>true {width}</title>" in done.stdout
 
 
@@ -122,7 +122,7 @@ def test_nothing_of_a_page_is_white_in_the_dark(two, tmp_path):
         shot = tmp_path / f"{name}.png"
         command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
         command += ["--window-size=800,1200", f"--screenshot={shot}", page.as_uri()]
-        subprocess.run(command, capture_output=True, timeout=120, check=True)
+        subprocess.run(command, capture_output=True, timeout=600, check=True)
         bright[name] = (image.imread(shot)[..., :3].min(axis=2) > 0.8).mean()
     assert bright["light"] > 0.8
     assert bright["dark"] < 0.1

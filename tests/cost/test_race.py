@@ -20,26 +20,26 @@ from tests.cost.test_translator import GOLDEN, library
 
 
 def test_results_errors_crashes_and_hangs_come_back():
-    assert isolated(lambda: {"a": 1}, 60.0) == {"a": 1}
+    assert isolated(lambda: {"a": 1}, 600.0) == {"a": 1}
     with pytest.raises(FailedError, match=r"ZeroDivisionError: .*by zero"):
-        isolated(lambda: 1 // 0, 60.0)
+        isolated(lambda: 1 // 0, 600.0)
     with pytest.raises(FailedError, match="SystemExit: 3"):
-        isolated(lambda: sys.exit(3), 60.0)
+        isolated(lambda: sys.exit(3), 600.0)
     with pytest.raises(FailedError, match="crashed: SIGKILL"):
-        isolated(lambda: os.kill(os.getpid(), signal.SIGKILL), 60.0)
+        isolated(lambda: os.kill(os.getpid(), signal.SIGKILL), 600.0)
     with pytest.raises(FailedError, match="crashed: exit code 7"):
-        isolated(lambda: os._exit(7), 60.0)
+        isolated(lambda: os._exit(7), 600.0)
     start = time.monotonic()
     with pytest.raises(FailedError, match="stopped after 0 s"):
-        isolated(lambda: time.sleep(600), 0.2)
-    assert time.monotonic() - start < 60.0
+        isolated(lambda: time.sleep(6000), 0.2)
+    assert time.monotonic() - start < 600.0
 
 
 def test_several_at_a_time_swallow_errors(tmp_path):
     def good(name):
         return lambda: (tmp_path / name).write_text("done")
 
-    all_isolated([good("a"), lambda: 1 // 0, good("b")], 60.0)
+    all_isolated([good("a"), lambda: 1 // 0, good("b")], 600.0)
     assert {path.name for path in tmp_path.iterdir()} == {"a", "b"}
 
 

@@ -50,19 +50,19 @@ class Running:
 
     def __enter__(self):
         self._thread.start()
-        assert self._ready.wait(60), self.log
+        assert self._ready.wait(600), self.log
         return self
 
     def do(self, function):
         """Call something between two ticks."""
         done = threading.Event()
         self._loop.call_soon_threadsafe(lambda: (function(), done.set()))
-        assert done.wait(30)
+        assert done.wait(600)
 
     def stop(self):
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._stopping.set)
-        self._thread.join(30)
+        self._thread.join(600)
         assert not self._thread.is_alive()
 
     def __exit__(self, *_):

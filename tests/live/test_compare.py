@@ -32,7 +32,7 @@ def models(lone):
 
 
 def compared(models, folder, running, **settings):
-    return compare(models, folder, lambda: connected(running.ads, None, 20.0), **settings)
+    return compare(models, folder, lambda: connected(running.ads, None, 600.0), **settings)
 
 
 def test_all_agree_and_the_record_says_so(models, lone, lone_plc, tmp_path):
@@ -198,7 +198,7 @@ def test_a_project_with_another_fingerprint(models, lone, lone_plc, tmp_path):
 
 
 def test_a_variable_that_is_not_there(lone_plc):
-    with connected(lone_plc.ads, None, 20.0) as controller:
+    with connected(lone_plc.ads, None, 600.0) as controller:
         with pytest.raises(ControllerError, match=r"no variable GVL_X\.n: another project runs there"):
             controller.read(Signal("GVL_X.n", "<i4"))
         with pytest.raises(ControllerError, match=r"no variable GVL_X\.n"):
@@ -236,7 +236,7 @@ def test_a_wrong_port_of_tcp_and_of_ams(lone_plc):
         with pytest.raises(ControllerError, match=f"127.0.0.1:{port} cannot be reached"):
             connected(f"5.1.2.3.1.1:851@127.0.0.1:{port}", None, 5.0)
     with (
-        connected(lone_plc.ads.replace(":851", ":852"), None, 20.0) as controller,
+        connected(lone_plc.ads.replace(":851", ":852"), None, 600.0) as controller,
         pytest.raises(ControllerError, match="no PLC at AMS port 852"),
     ):
         controller.state()
@@ -277,7 +277,7 @@ def test_a_connection_that_is_lost_on_the_way(models, lone):
 def test_a_second_client(models, lone, lone_plc):
     project = compared_project(lone[1], models, None)
     x = np.random.default_rng(0).uniform(100, 900, (600, 3))
-    with connected(lone_plc.ads, None, 20.0) as first, connected(lone_plc.ads, None, 20.0) as second:
+    with connected(lone_plc.ads, None, 600.0) as first, connected(lone_plc.ads, None, 600.0) as second:
 
         def disturb(done, rows, block):
             second.write(Signal("GVL_Comparison.nRequest", "<i4"), 2**30 + 12345)
@@ -330,7 +330,7 @@ def test_an_interrupted_call_does_not_slow_down_all_that_follow(models, lone):
 def test_nan_and_infinities_go_there_and_back(models, lone, lone_plc):
     project = compared_project(lone[1], models, None)
     x = np.array([[np.nan, 1.0, 2.0], [np.inf, -np.inf, np.nan], [0.0, -0.0, 5e-324]])
-    with connected(lone_plc.ads, None, 20.0) as controller:
+    with connected(lone_plc.ads, None, 600.0) as controller:
         live = LiveCode(controller, project)
         live.run_model("FB_Te", x, (0,))
         sent = controller.read(Signal("GVL_Comparison.fInputs", length=9))
@@ -353,7 +353,9 @@ def test_each_kind_of_failure_has_a_code(lone, lone_plc, capsys, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as silent:
         found = {
             "nobody listens": shown_by_compare(capsys, lone, "5.1.2.3.1.1:851@127.0.0.1:1"),
-            "another AMS port": shown_by_compare(capsys, lone, lone_plc.ads.replace(":851", ":852"), "--timeout", "20"),
+            "another AMS port": shown_by_compare(
+                capsys, lone, lone_plc.ads.replace(":851", ":852"), "--timeout", "600"
+            ),
             "no answer": shown_by_compare(
                 capsys, lone, f"5.9.9.8.1.1:851@127.0.0.1:{silent.getsockname()[1]}", "--timeout", "0.2"
             ),
@@ -361,7 +363,7 @@ def test_each_kind_of_failure_has_a_code(lone, lone_plc, capsys, tmp_path):
         }
     lone_plc.do(lambda: lone_plc.plc.set_state(PlcState.CONFIG))
     try:
-        found["in CONFIG"] = shown_by_compare(capsys, lone, lone_plc.ads, "--timeout", "20")
+        found["in CONFIG"] = shown_by_compare(capsys, lone, lone_plc.ads, "--timeout", "600")
     finally:
         lone_plc.do(lambda: lone_plc.plc.set_state(PlcState.RUN))
     other = tmp_path / "twincat"
@@ -369,7 +371,7 @@ def test_each_kind_of_failure_has_a_code(lone, lone_plc, capsys, tmp_path):
     text = (other / "st-codegen.json").read_text()
     known = json.loads(text)["comparison"]["fingerprint"]
     (other / "st-codegen.json").write_text(text.replace(f'"{known}"', '"1"'))
-    found["another project"] = shown_by_compare(capsys, (lone[0], other), lone_plc.ads, "--timeout", "20")
+    found["another project"] = shown_by_compare(capsys, (lone[0], other), lone_plc.ads, "--timeout", "600")
     assert found == {
         "nobody listens": (2, "STC1702"),
         "another AMS port": (2, "STC1703"),
@@ -378,7 +380,7 @@ def test_each_kind_of_failure_has_a_code(lone, lone_plc, capsys, tmp_path):
         "in CONFIG": (2, "STC1705"),
         "another project": (2, "STC1708"),
     }
-    with connected(lone_plc.ads, None, 20.0) as controller:
+    with connected(lone_plc.ads, None, 600.0) as controller:
         for code, do in {
             "STC1706": lambda: controller.read(Signal("GVL_X.n", "<i4")),
             "STC1707": lambda: controller.write(Signal("GVL_Comparison.nAnswer", "<i4"), 1),

@@ -25,7 +25,7 @@ def server(bundle):
 
 def test_an_unmodified_client_reads_and_writes_inputs_only(server):
     ua = asyncua.ua
-    with sync.Client(server.addresses["opcua"], timeout=20) as client:
+    with sync.Client(server.addresses["opcua"], timeout=600) as client:
         space = client.get_namespace_index("urn:st-codegen:plc")
 
         def node(name):
@@ -62,13 +62,13 @@ def test_structures_have_their_fields(bundle, server):
 
 
 def test_the_comparison_goes_over_it_too(bundle, server):
-    report = compare(load(bundle[0]), bundle[1], lambda: connected(None, server.addresses["opcua"], 20.0), rows=600)
+    report = compare(load(bundle[0]), bundle[1], lambda: connected(None, server.addresses["opcua"], 600.0), rows=600)
     assert report.passed
     assert report.sent >= 600
 
 
 def test_what_is_not_there(server):
-    with connected(None, server.addresses["opcua"], 20.0) as controller:
+    with connected(None, server.addresses["opcua"], 600.0) as controller:
         with pytest.raises(ControllerError, match=r"no variable GVL_X\.nY"):
             controller.read(Signal("GVL_X.nY"))
         with pytest.raises(ControllerError, match=r"GVL_Experiment\.bBusy may not be written"):

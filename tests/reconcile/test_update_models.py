@@ -223,7 +223,7 @@ def test_the_page_in_a_browser(both, tmp_path):
     (tmp_path / "page.html").write_text(text.replace("</body>", script))
     options = ["--headless", "--no-sandbox", "--disable-gpu", "--window-size=1200,900", f"--user-data-dir={tmp_path}"]
     command = [browser, *options, "--dump-dom", (tmp_path / "page.html").as_uri()]
-    shown = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    shown = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
     assert shown.returncode == 0, shown.stderr
     width = re.search(r"<title>width (\d+)</title>", shown.stdout)
     assert width is not None

@@ -79,7 +79,7 @@ def test_the_page_in_a_browser(out, tmp_path):
     ]
 
     def browse(*more):
-        return subprocess.run([*command, *more, page], capture_output=True, text=True, timeout=120, check=False)
+        return subprocess.run([*command, *more, page], capture_output=True, text=True, timeout=600, check=False)
 
     shown = browse("--dump-dom")
     assert shown.returncode == 0, shown.stderr

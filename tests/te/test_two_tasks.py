@@ -132,7 +132,8 @@ def run_schedule(stepped, schedule):
                 break
             steps[name] += 1
     for thread in threads:
-        thread.join(10)
+        thread.join(600)
+        assert not thread.is_alive()
     assert not turns.errors, turns.errors
     names = ("aCosineFw", "aSineFw", "aCosineBw", "aSineBw")
     used = np.concatenate([fast[f"fbFast.stUsed.{name}"] for name in names])
