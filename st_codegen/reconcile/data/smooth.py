@@ -31,11 +31,13 @@ def noise_beside(at: Conditions, values: ComplexArray, orders: IntArray) -> Floa
     count = len(values)
     if not LEAST <= count <= MOST:
         return np.full(len(orders), np.inf)
-    parts = np.where(orders == 0, 1, 2)
+    is_mean = orders == 0
+    parts = np.where(is_mean, 1, 2)
+    apart = np.hstack([values.real, np.where(is_mean, 0.0, values.imag)])
     evidence, variance = [], []
     for roots, basis in _spectra(at):
-        power = np.abs(basis.T @ values) ** 2
-        power[:, orders == 0] = (basis.T @ values[:, orders == 0].real) ** 2
+        squares = (basis.T @ apart) ** 2
+        power = squares[:, : len(orders)] + squares[:, len(orders) :]
         size = roots[:, None] + _RATIOS
         scale = power.T @ (1.0 / size) / (len(roots) * parts)[:, None]
         scale = np.maximum(scale, 1e-300)
