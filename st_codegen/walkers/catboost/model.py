@@ -7,6 +7,7 @@ Leaves are added in order in float64; the sum is multiplied with the scale, and 
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import json
 from collections.abc import Callable
@@ -30,6 +31,7 @@ from st_codegen.ir import (
     Scale,
     Source,
     TreeColumn,
+    TreeEnsemble,
 )
 from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Walked
 from st_codegen.walkers.classes import above, complement, largest, numbers_of, softmax
@@ -89,10 +91,12 @@ def _loaded(document: dict[str, Any], name: str, path: Path) -> LoadedModel:
     if not trees or not len(bias) or not np.all(np.isfinite([scale, *bias])):
         raise InputError("no trees, or a scale or bias that is not finite; train the model again")
     builder = GraphBuilder(len(known))
-    value = _add_trees(trees, features["float_features"], len(bias), builder)
-    if scale != 1.0:
-        value = builder.add(Scale((value,), Operator.MULTIPLY, np.full(len(bias), scale)))
-    value = builder.add(Scale((value,), Operator.ADD, bias))
+    ensemble = _ensemble(trees, features["float_features"], len(bias))
+    if scale == 1.0:  # the bias is the last of the numbers that are added
+        value = builder.add(dataclasses.replace(ensemble, base=bias, base_last=True))
+    else:
+        value = builder.add(Scale((builder.add(ensemble),), Operator.MULTIPLY, np.full(len(bias), scale)))
+        value = builder.add(Scale((value,), Operator.ADD, bias))
     info = document["model_info"]
     loss = str(info["params"]["loss_function"]["type"])
     result = _result(loss, info, builder, value, len(bias))
@@ -115,7 +119,8 @@ def _features(listed: list[dict[str, Any]]) -> tuple[Feature, ...]:
     return tuple(Feature(name if named else f"f{number}") for number, name in enumerate(names))
 
 
-def _add_trees(trees: list[dict[str, Any]], features: list[dict[str, Any]], outputs: int, builder: GraphBuilder) -> int:
+def _ensemble(trees: list[dict[str, Any]], features: list[dict[str, Any]], outputs: int) -> TreeEnsemble:
+    """The sum of the leaves in the order of the trees."""
     missing = [_MISSING_LEFT[feature["nan_value_treatment"]] for feature in features]
     parsed = [_tree(tree, missing, outputs) for tree in trees]
 
@@ -124,15 +129,13 @@ def _add_trees(trees: list[dict[str, Any]], features: list[dict[str, Any]], outp
 
     flat = flatten(parsed, column, members_left=False, zero=0.0)
     whole: Int32Array = np.zeros(len(parsed), np.int32)
-    return builder.add(
-        flat.ensemble(
-            (0,),
-            base=np.zeros(outputs),
-            tree_output=whole,
-            comparison=Comparison.LESS_OR_EQUAL,
-            precision=Precision.FLOAT32,
-            sum_precision=Precision.FLOAT64,
-        )
+    return flat.ensemble(
+        (0,),
+        base=np.zeros(outputs),
+        tree_output=whole,
+        comparison=Comparison.LESS_OR_EQUAL,
+        precision=Precision.FLOAT32,
+        sum_precision=Precision.FLOAT64,
     )
 
 
