@@ -54,7 +54,7 @@ Recogniser = Callable[[Lanes | Slots], Term]
 
 
 class ValueOperations(Joining):
-    """ValueOperations in one call of a block.
+    """Arithmetic, comparisons and conversions of the values of one call of a block.
 
     `recognise` names a value that differs from box to box when it enters a sum (a leaf of a tree).
     """
