@@ -151,16 +151,15 @@ def test_a_row_more_keeps_the_layout_that_is_in_place(tmp_path):
     limit = Options(table_bytes=8 * 12 * 30)
     kept = generate(bundle, "twincat", tmp_path / "kept", options=limit)
     afresh = generate(bundle, "twincat", tmp_path / "afresh", options=limit)
-    assert (kept.facts["models"]["model"]["layout"], afresh.facts["models"]["model"]["layout"]) == (
-        "table",
-        "ranked trees",
-    )
+    assert kept.facts["models"]["model"]["layout"] == "table"
+    other = afresh.facts["models"]["model"]["layout"]
+    assert other != "table"
     assert size < kept.facts["blocks"]["FB_Model"]["data_bytes"] < 1.25 * size
     few, many = (changed_lines(tmp_path / "before", tmp_path / name) for name in ("kept", "afresh"))
     assert 4 * few < many
     assert not any(decision.change for decision in kept.compiled.decisions)
     again = generate(bundle, "twincat", tmp_path / "kept", options=limit, relayout=True)
-    assert again.facts["models"]["model"]["layout"] == "ranked trees"
+    assert again.facts["models"]["model"]["layout"] == other
     assert list(check(bundle, "twincat", tmp_path / "kept", options=limit)) == []
 
 
@@ -171,7 +170,7 @@ def test_a_layout_that_is_no_longer_possible_is_replaced_and_announced(tmp_path,
     assert run(path, "--trust-pickle", "--out", tmp_path) == 0
     capsys.readouterr()
     assert run(path, "--trust-pickle", "--out", tmp_path, "--table-limit", 1) == 0
-    assert "model: new layout 'ranked trees' for 'table', which is no longer possible" in capsys.readouterr().err
+    assert re.search(r"model: new layout '[\w ]+' for 'table', which is no longer possible", capsys.readouterr().err)
 
 
 def test_a_choice_that_saves_much_is_taken():

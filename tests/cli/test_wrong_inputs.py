@@ -36,7 +36,10 @@ FILES = {
         "min = 5 is not below max = 1",
     ),
     "a range with one end": ({"st-codegen.toml": '[[input]]\nfeature = "speed_rpm"\nmin = 5.0\n'}, "'max' is missing"),
-    "REAL": ({"st-codegen.toml": '[project]\nreal = "REAL"\n'}, "blocks compute in LREAL, in which they equal"),
+    "REAL": (
+        {"st-codegen.toml": '[project]\nreal = "REAL"\n'},
+        "for controllers that have none say real = true in [build]",
+    ),
     "30 files that are no models": ({f"n{n}.txt": "hello" for n in range(30)}, "and 29 more that differ in names"),
 }
 #: Arguments behind the folder of a good model, and what the message says of them.
