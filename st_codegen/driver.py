@@ -385,7 +385,7 @@ def _check_real(bundle: Bundle, target: Target, settings: CompileSettings) -> No
     if not target.may_lack_lreal:
         able = ", ".join(name for name, other in TARGETS.items() if other.may_lack_lreal)
         raise TargetError(f"controllers of the target {target.name} have LREAL; --real goes with {able}")
-    layouts = {settings.options.layout, *bundle.configuration.layouts().values()} & {Layout.RANKED, Layout.TABLE}
+    layouts = {settings.options.layout, *bundle.configuration.layouts().values()} - {Layout.AUTO, Layout.TREES}
     if layouts:
         raise TargetError(f"--real prints the nodes as they were trained: leave out the layout {', '.join(layouts)}")
     if settings.self_check or bundle.configuration.windows():

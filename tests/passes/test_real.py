@@ -184,8 +184,9 @@ def test_what_cannot_be_computed_in_real_is_refused_with_its_reason(lone_folder,
         generate(bundle, "twincat", tmp_path)
     with pytest.raises(TargetError, match="have LREAL"):
         generate(bundle, "beckhoff-ml", tmp_path)
-    with pytest.raises(TargetError, match="leave out the layout table"):
-        generate(bundle, "iec", tmp_path, options=Options(Layout.TABLE))
+    for layout in set(Layout) - {Layout.AUTO, Layout.TREES}:
+        with pytest.raises(TargetError, match=f"leave out the layout {layout}"):
+            generate(bundle, "iec", tmp_path, options=Options(layout))
     with pytest.raises(TargetError, match="--self-check is written in LREAL"):
         generate(bundle, "iec", tmp_path, self_check=True)
     model = forest()
