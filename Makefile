@@ -12,9 +12,9 @@ run: $(INSTALLED)  ## compile the example bundle, verify the result
 	$(BIN)/st-codegen examples/rv160n/models/ --target twincat --out build/rv160n
 	$(BIN)/st-codegen verify examples/rv160n/models/ --generated build/rv160n
 
-# Two processes share the cores: threads of libraries inside them would spin beside each other. Programs that tests start
-# find the compiled modules. A process that has nothing left takes tests from the other one.
-TESTS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 2 --dist worksteal -q
+# Two processes share the cores: threads of libraries inside them would spin beside each other. A process that has nothing
+# left takes tests from the other one.
+TESTS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -q
 
 test: $(INSTALLED)  ## the whole test suite
 	$(TESTS)

@@ -8,6 +8,7 @@ import importlib.util
 import inspect
 import pkgutil
 from collections.abc import Iterable, Mapping
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Any
@@ -70,11 +71,19 @@ def _add(found: dict[str, type[Effect]], classes: Iterable[type[Effect]], source
         found[effect.name] = effect
 
 
+class _SourceOnly(SourceFileLoader):
+    """Leaves no compiled file beside a user's own."""
+
+    def set_data(self, path: str, data: Any, *, _mode: int = 0o666) -> None:
+        """Write nothing."""
+
+
 def _module(path: Path) -> ModuleType:
     if not path.is_file():
         raise InputError(f"{path}: no such file")
-    spec = importlib.util.spec_from_file_location(f"effects_of_{path.stem}", path)
-    if spec is None or spec.loader is None:
+    name = f"effects_of_{path.stem}"
+    spec = importlib.util.spec_from_file_location(name, path, loader=_SourceOnly(name, str(path)))
+    if spec is None or spec.loader is None or path.suffix != ".py":
         raise InputError(f"{path}: not a Python file")
     module = importlib.util.module_from_spec(spec)
     try:
