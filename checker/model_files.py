@@ -238,11 +238,16 @@ def read_xgboost(document):
     weight = np.array(booster.get("weight_drop", []), np.float32)
     model = booster["gbtree"]["model"] if booster["name"] == "dart" else booster["model"]
     need(booster["name"] in ("gbtree", "dart"), f"booster {booster['name']} is not known")
+    # saved by XGBRegressor, whose predict takes infinities and stops at the best iteration; a Booster does neither
+    told = learner.get("attributes", {})
+    by_class = "scikit_learn" in told
+    need(not by_class or booster["name"] == "gbtree", "dart as XGBRegressor predicts is not known")
+    last = model["iteration_indptr"][int(told["best_iteration"]) + 1] if by_class and "best_iteration" in told else None
     base = np.array(json.loads(learner["learner_model_param"]["base_score"]), np.float32).reshape(-1)
     outputs = max(int(learner["learner_model_param"]["num_target"]), 1)
     base = np.broadcast_to(base, outputs) if len(base) == 1 else base
     trees = []
-    for number, (t, group) in enumerate(zip(model["trees"], model["tree_info"])):
+    for number, (t, group) in enumerate(zip(model["trees"][:last], model["tree_info"])):
         need(not any(t["split_type"]), "categories are not known")
         width = max(int(t["tree_param"]["size_leaf_vector"]), 1)
         need(width == 1, "leaves with several numbers are not known")
@@ -252,7 +257,8 @@ def read_xgboost(document):
         columns = t["split_indices"], condition, left, t["right_children"], t["default_left"]
         trees.append(flat(columns, value, left < 0, [group]))
     features, names = int(learner["learner_model_param"]["num_feature"]), learner["feature_names"] or None
-    return Model(features, trees, base, names, less=True, single_in=True, single_sum=True, limit=F32_LIMIT)
+    limit = np.inf if by_class else F32_LIMIT
+    return Model(features, trees, base, names, less=True, single_in=True, single_sum=True, limit=limit)
 
 
 OUTSIDE = "link or categories"

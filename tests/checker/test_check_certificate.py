@@ -102,6 +102,19 @@ def test_sums_of_trees_are_confirmed(ranks, tmp_path):
     assert result.returncode == 0, result.stdout + result.stderr
 
 
+def test_files_of_xgbregressor_take_infinities_and_end_at_the_best_iteration(tmp_path):
+    xgboost = pytest.importorskip("xgboost")
+    answer = X[:, 0] * X[:, 1]
+    options = {"n_estimators": 12, "max_depth": 2, "early_stopping_rounds": 3, "learning_rate": 1.0}
+    model = xgboost.XGBRegressor(**options).fit(X, answer, eval_set=[(X[::3], answer[::3] - X[::3, 0])], verbose=False)
+    assert 0 < model.best_iteration < model.get_booster().num_boosted_rounds() - 1
+    (tmp_path / "models").mkdir()
+    model.save_model(tmp_path / "models" / "m.json")
+    generate(load(tmp_path / "models"), "iec", tmp_path / "out")
+    result = check(written(tmp_path, tmp_path / "models", tmp_path / "out"), tmp_path / "models", tmp_path / "out")
+    assert result.returncode == 0, result.stdout
+
+
 @pytest.mark.parametrize("name", OUTSIDE)
 def test_what_is_outside_is_named_and_not_confirmed(name, tmp_path):
     models = folder_of(tmp_path, [name])
