@@ -253,13 +253,16 @@ class MeasuringClient:
         taken, begun, last_state = 0, time.monotonic(), -1
         while True:
             self._tell_alive()
+            # in this order, since the controller goes on between requests: what has begun is busy or at its end, and
+            # at its end has all its samples
+            owner, measurement = self._numbers("nOwner", "nMeasurement")
             state, error, done, busy = self.controller.read_all(
                 [
                     *(_experiment(name, "<i4") for name in ("eState", "eError")),
                     *(_experiment(name, "|b1") for name in ("bDone", "bBusy")),
                 ]
             )
-            owner, measurement, count = self._numbers("nOwner", "nMeasurement", "nSamples")
+            (count,) = self._numbers("nSamples")
             if owner != self._owner:
                 raise MeasurementError("another client has taken over, or this one was silent for too long")
             if state != last_state:

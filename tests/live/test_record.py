@@ -134,6 +134,29 @@ def test_a_campaign_is_what_the_rig_is_and_another_client_is_turned_away(control
     assert controller.read(Signal("GVL_Experiment.fHomingSpeed_rpm")) == 50.0
 
 
+def test_a_measurement_may_begin_between_two_requests(controller, project, plc, tmp_path, monkeypatch):
+    """What was not busy before the controller has begun is no end without a result."""
+    read, write, late = controller.read_all, controller.write_all, []
+
+    def write_later(pairs):
+        if (Signal("GVL_Experiment.bStart", "|b1"), True) in pairs:
+            late.append(pairs)
+        else:
+            write(pairs)
+
+    def read_then_write(wanted):
+        found = read(wanted)
+        while late:
+            write(late.pop())
+            while not plc.plc.machine.globals["GVL_Experiment.bBusy"]:
+                time.sleep(0.005)
+        return found
+
+    monkeypatch.setattr(controller, "write_all", write_later)
+    monkeypatch.setattr(controller, "read_all", read_then_write)
+    assert record(controller, project, planned([POINT]), tmp_path / "c", QUICK) == 1
+
+
 def test_conditions_that_repeat_have_numbered_files_and_a_campaign_goes_on(controller, project, tmp_path):
     runs = planned([POINT, POINT])
     record(controller, project, planned([]), tmp_path / "other", QUICK)
