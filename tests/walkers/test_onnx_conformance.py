@@ -138,7 +138,7 @@ MIXING += " transpose_all_permutations_3"
 @pytest.mark.parametrize("name", MIXING.split())
 def test_cases_in_which_rows_of_a_batch_change_each_other_are_refused(name):
     with pytest.raises(
-        InputError, match=r"rows change each other's answers in the output '.*': an operator works along"
+        InputError, match=r"rows have no answers of their own in the output '.*': an operator works along"
     ):
         load_file(DATA / f"test_{name}" / "model.onnx", "m")
 
@@ -168,3 +168,12 @@ def test_a_mean_over_a_batch_of_one_row_is_taken(tmp_path):
         many = build.graph_model(nodes, [build.info("X", (rows, 3))], [build.info("Y", (1, 3))], [axes])
         with pytest.raises(InputError, match="export with a batch dimension of 1"):
             build.load(many, tmp_path)
+
+
+@pytest.mark.parametrize("batch", ["N", 3])
+def test_a_constant_with_a_row_for_each_row_of_a_batch_is_refused(tmp_path, batch):
+    table = build.constant("table", [[0.0, 1.0], [2.0, 3.0], [4.0, 5.0]])
+    nodes = [helper.make_node("Add", ["X", "table"], ["Y"])]
+    model = build.graph_model(nodes, [build.info("X", (batch, 2))], [build.info("Y", None)], [table])
+    with pytest.raises(InputError, match="among 3 rows at once, rows have no answers of their own"):
+        build.load(model, tmp_path)

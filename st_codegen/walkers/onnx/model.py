@@ -29,7 +29,7 @@ from st_codegen.walkers.onnx.file import check_names, domain_of, plain, printabl
 from st_codegen.walkers.onnx.graph import GraphWalk, read_initializers, run_nodes
 from st_codegen.walkers.onnx.operands import FLOAT32, MAX_COLUMNS, Tensor
 from st_codegen.walkers.onnx.outputs import finish
-from st_codegen.walkers.onnx.session import GraphInput, predictor
+from st_codegen.walkers.onnx.session import MOST_ROWS, GraphInput, predictor
 from st_codegen.walkers.onnx.wire import check_messages
 
 #: Operators that only move numbers about, left out of the description of a model.
@@ -144,7 +144,7 @@ def _row_shape(info: onnx.ValueInfoProto, name: str) -> tuple[tuple[int, ...], i
         raise InputError(f"input '{name}' of shape {shown} has a dimension of length 0; {advice}")
     batch = 1
     if len(dims) > 1:
-        batch = 2 if dims[0] < 0 else min(dims[0], 16)
+        batch = 2 if dims[0] < 0 else min(dims[0], MOST_ROWS)
         if dims[0] > 1:  # onnxruntime then takes single rows too, and warns of shapes that are not as declared
             info.type.tensor_type.shape.dim[0].dim_param = "rows"
         dims[0] = 1

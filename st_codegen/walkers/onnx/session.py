@@ -14,11 +14,14 @@ import onnxruntime
 from onnx import TensorProto
 
 from st_codegen.errors import InputError
-from st_codegen.ir import AnyArray, FloatArray, IntArray, Label
+from st_codegen.ir import FloatArray, IntArray, Label
 from st_codegen.processes import failure_in_copy
 from st_codegen.walkers.base import Predictor
 from st_codegen.walkers.classes import numbers_of
 from st_codegen.walkers.onnx.file import printable
+
+#: Rows with which a batch is tried at most.
+MOST_ROWS = 16
 
 
 @dataclass(frozen=True)
@@ -97,43 +100,56 @@ class _SessionPredictor:
             raise InputError(f"{self.file}: onnxruntime refuses the model: {printable(str(error), 400)}") from error
 
     def try_it(self) -> None:
-        """Raise InputError for faults that show only when a model runs, and where rows of a batch are not independent.
+        """Raise InputError for faults that show only when a model runs, and where a row of a batch has no own answer.
 
-        One row of a batch is changed at random, and the answers of all others must stay. A graph that takes no batch of
-        this size passes: it can be called with single rows only.
+        One row of a batch is changed at random: the answers of all others must stay, and there must be as many numbers
+        for each row as one row alone has. A graph that takes no batch passes: it can be called with single rows only.
         """
         width = self.inputs[-1].start + self.inputs[-1].size
         self(np.zeros((1, width)))  # some faults show only when a model runs
-        rows = max(given.batch for given in self.inputs)
-        random = np.random.default_rng(0)
-        for changed in (0, rows - 1) * 4 if rows > 1 else ():
+        most = max(given.batch for given in self.inputs)
+        if most == 1:
+            return
+        alone = self._batch(np.zeros((1, width)), 1)
+        # a constant with a row for each row of a batch takes no other batch, and gives one row all of its own rows
+        lengths = {len(found) for found in alone if np.ndim(found)}
+        for rows in sorted({most, *(length for length in lengths if 1 < length <= MOST_ROWS)}):
+            for name, found in zip(self.names, alone, strict=True):
+                self._try_batch(rows, name, np.size(found))
+
+    def _try_batch(self, rows: int, name: str, size: int) -> None:
+        """Raise InputError where a batch of so many rows does not hold an answer of so many numbers for each row."""
+        width = self.inputs[-1].start + self.inputs[-1].size
+        random, output = np.random.default_rng(0), self.names.index(name)
+        for changed in (0, rows - 1) * 4:
             batch = random.normal(scale=3.0, size=(rows, width))
             other = batch.copy()
             for given in self.inputs:
                 if given.batch > 1:
                     other[changed, given.columns] = random.normal(scale=3.0, size=given.shape)
             try:
-                pairs = zip(self.names, self._batch(batch), self._batch(other), strict=True)
+                pair = [np.asarray(self._batch(x, rows)[output]) for x in (batch, other)]
             except Exception:  # its exceptions have no common base class
                 return
-            for name, before, after in pairs:
-                answers = [np.delete(_by_rows(found, rows), changed, axis=0) for found in (before, after)]
-                if repr(answers[0].tolist()) != repr(answers[1].tolist()) or not answers[0].size:
-                    raise InputError(
-                        f"{self.file}: among {rows} rows at once, rows change each other's answers in the output "
-                        f"'{printable(name)}': an operator works along axis 0 (Softmax, a mean, Concat, ..), and a "
-                        "controller has one row at a time; where one row is meant, export with a batch dimension of 1"
-                    )
+            rest = [
+                np.delete(found.reshape(rows, size), changed, axis=0).tolist() if found.size == rows * size else None
+                for found in pair
+            ]
+            if rest[0] is None or repr(rest[0]) != repr(rest[1]):
+                raise InputError(
+                    f"{self.file}: among {rows} rows at once, rows have no answers of their own in the output "
+                    f"'{printable(name)}': an operator works along axis 0 (Softmax, a mean, Concat, a constant with "
+                    "several rows, ..), and a controller has one row at a time; where one row is meant, export with a "
+                    "batch dimension of 1"
+                )
 
-    def _batch(self, x: FloatArray) -> list[Any]:
+    def _batch(self, x: FloatArray, rows: int) -> list[Any]:
         """The outputs for several rows at once; inputs without a dimension for rows have the numbers of the first."""
-        columns = {given.name: x[: given.batch, given.columns].astype(_given_type(given)) for given in self.inputs}
-        shaped = {
-            given.name: columns[given.name].reshape(given.batch * given.shape[0], *given.shape[1:])
-            if given.shape
-            else columns[given.name].reshape(())
-            for given in self.inputs
-        }
+        shaped = {}
+        for given in self.inputs:
+            count = rows if given.batch > 1 else 1
+            shape = (count * given.shape[0], *given.shape[1:]) if given.shape else ()
+            shaped[given.name] = x[:count, given.columns].astype(_given_type(given)).reshape(shape)
         found: list[Any] = self.session.run(self.names, shaped)
         return found
 
@@ -162,12 +178,6 @@ class _SessionPredictor:
 def _given_type(given: GraphInput) -> type[np.floating[Any]]:
     """The type of the numbers that an input is given: double in place of integers."""
     return np.float32 if given.dtype == np.float32 else np.float64
-
-
-def _by_rows(found: Any, rows: int) -> AnyArray:
-    """An output cut into as many parts as a batch has rows; an empty array where it cannot be cut so."""
-    numbers = np.asarray(found)
-    return numbers.reshape(rows, -1) if numbers.size % rows == 0 else np.empty((rows, 0))
 
 
 def _with_double_inputs(model: onnx.ModelProto, inputs: list[GraphInput]) -> bytes:
