@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
 
 from st_codegen.errors import InputError
-from st_codegen.ir.arrays import BoolArray, FloatArray, Int32Array
+from st_codegen.ir.arrays import BoolArray, FloatArray, Int32Array, IntArray
 from st_codegen.ir.base import Aggregate, Comparison, NanRule, Precision, check_columns, freeze, require_finite
+from st_codegen.ir.preorder import Preorder
 
 
 @dataclass(frozen=True)
@@ -209,6 +210,21 @@ class CutTrees(TreeEnsemble):
     @property
     def cells(self) -> int:
         return math.prod(axis.count for axis in self.slabs)
+
+
+def with_nodes(op: TreeEnsemble, layout: Preorder, node: IntArray, tree_output: Int32Array) -> TreeEnsemble:
+    """An ensemble of other trees made of its nodes: those numbered `node`, in the order of `layout`."""
+    return replace(
+        op,
+        roots=layout.roots,
+        split=op.split[node],
+        threshold=op.threshold[node],
+        left=layout.left,
+        right=layout.right,
+        missing_left=op.missing_left[node],
+        leaf=op.leaf[node],
+        tree_output=tree_output,
+    )
 
 
 def depth_of(op: TreeEnsemble) -> int:

@@ -14,6 +14,7 @@ import numpy as np
 from st_codegen.ir import Aggregate, Int32Array, IntArray, ModelIR, Precision, Rank, TreeEnsemble
 from st_codegen.ir.preorder import Preorder, preorder
 from st_codegen.ir.subtrees import distinct_rows, follow, subtrees
+from st_codegen.ir.trees import with_nodes
 from st_codegen.passes.ranks import compact
 
 #: Numbers kept at once for the reachable ranks of the nodes of one level.
@@ -132,19 +133,8 @@ def _without_constant_trees(op: TreeEnsemble) -> TreeEnsemble:
     if keep.all():
         return op
     layout = _laid_out(op.roots[keep].astype(np.int64), op.left.astype(np.int64), op.right.astype(np.int64))
-    node = layout.order
-    return dataclasses.replace(
-        op,
-        roots=layout.roots,
-        split=op.split[node],
-        threshold=op.threshold[node],
-        left=layout.left,
-        right=layout.right,
-        missing_left=op.missing_left[node],
-        leaf=op.leaf[node],
-        tree_output=op.tree_output[keep],
-        base=base.astype(np.float64),
-    )
+    kept = with_nodes(op, layout, layout.order, op.tree_output[keep])
+    return dataclasses.replace(kept, base=base.astype(np.float64))
 
 
 def _compacted(rank: Rank, op: TreeEnsemble) -> tuple[Rank, TreeEnsemble]:

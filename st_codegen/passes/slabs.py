@@ -16,6 +16,7 @@ import numpy as np
 from st_codegen.ir import CutTrees, Int32Array, IntArray, ModelIR, Rank, RankSlabs, TreeEnsemble, depth_of
 from st_codegen.ir.preorder import preorder
 from st_codegen.ir.subtrees import distinct_families, subtrees
+from st_codegen.ir.trees import with_nodes
 
 #: Slabs of a feature in the first attempt, and fewest that are worth their search.
 _MOST, _FEWEST = 12, 4
@@ -124,18 +125,7 @@ def _in_cells(rank: Rank, op: TreeEnsemble, axes: list[_Axis], accepts_nan: bool
         low[:, axis.columns], high[:, axis.columns] = axis.low[at], axis.high[at]
     roots, source, left, right = _walked(op, np.tile(low, (op.n_trees, 1)), np.tile(high, (op.n_trees, 1)))
     layout = preorder(roots, left, right)
-    node = source[layout.order]
-    return replace(
-        op,
-        roots=layout.roots,
-        split=op.split[node],
-        threshold=op.threshold[node],
-        left=layout.left,
-        right=layout.right,
-        missing_left=op.missing_left[node],
-        leaf=op.leaf[node],
-        tree_output=np.repeat(op.tree_output, cells),
-    )
+    return with_nodes(op, layout, source[layout.order], np.repeat(op.tree_output, cells))
 
 
 def _walked(op: TreeEnsemble, low: Int32Array, high: Int32Array) -> tuple[IntArray, IntArray, IntArray, IntArray]:

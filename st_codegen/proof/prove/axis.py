@@ -16,6 +16,15 @@ import numpy as np
 
 from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
+#: Comparisons by their names in the typed text.
+COMPARE: dict[str, Callable[..., BoolArray]] = {
+    "LT": np.less,
+    "LE": np.less_equal,
+    "GT": np.greater,
+    "GE": np.greater_equal,
+    "EQ": np.equal,
+    "NE": np.not_equal,
+}
 _SIGN = np.int64(-(2**63))
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.ir import BoolArray, FloatArray, IntArray
-from st_codegen.proof.prove.axis import NotProvedError, from_keys, to_keys
+from st_codegen.proof.prove.axis import COMPARE, NotProvedError, from_keys, to_keys
 from st_codegen.proof.prove.terms import Term, Value
 
 #: Rows of the first look, numbers of an input that are tried in it, and neighbouring numbers of each input afterwards.
@@ -25,14 +25,6 @@ _CENTRES, _CHANGEOVERS = 6, 64
 #: Numbers that are held at once, and that are computed of one set of rows.
 _MOST_HELD, _MOST_COMPUTED = 2_000_000, 60_000_000
 
-_ORDER: dict[str, Callable[..., BoolArray]] = {
-    "LT": np.less,
-    "LE": np.less_equal,
-    "GT": np.greater,
-    "GE": np.greater_equal,
-    "EQ": np.equal,
-    "NE": np.not_equal,
-}
 _COMPUTE: dict[str, Callable[..., FloatArray]] = {
     "add": np.add,
     "sub": np.subtract,
@@ -117,7 +109,7 @@ def evaluated(values: Sequence[Value], leaves: Mapping[Term, FloatArray], rows: 
         for term in parts_of(values):
             if term not in known:
                 arguments = [known[a] if isinstance(a, Term) else a for a in term.arguments]
-                function = _ORDER.get(term.operation) or _COMPUTE.get(term.operation)
+                function = COMPARE.get(term.operation) or _COMPUTE.get(term.operation)
                 if function is None or term.operation == "leaf":
                     raise NotProvedError(f"{term.operation} is not evaluated")
                 known[term] = np.broadcast_to(np.asarray(function(*arguments)), (rows,))
@@ -142,7 +134,7 @@ class _Search:
         got, wanted = parts_of(self.got), parts_of(self.wanted)
         alone = set(got).symmetric_difference(wanted)
         #: Comparisons of the same numbers that one of the two makes and the other does not.
-        decisions = [term for term in (*got, *wanted) if term in alone and term.operation in _ORDER]
+        decisions = [term for term in (*got, *wanted) if term in alone and term.operation in COMPARE]
         self.decisions = [term for term in decisions if not alone.intersection(term.arguments)]
         self.parts = max(len({*got, *wanted}), 1)
         self.batch = max(_MOST_HELD // self.parts, 64)

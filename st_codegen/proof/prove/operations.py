@@ -13,6 +13,7 @@ import numpy as np
 
 from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray
 from st_codegen.proof.prove.axis import (
+    COMPARE,
     HIGHEST,
     LOWEST,
     AxisValue,
@@ -35,14 +36,6 @@ from st_codegen.proof.prove.values import (
 )
 from st_codegen.st.types import Elementary, Type
 
-_COMPARE: dict[str, Callable[..., BoolArray]] = {
-    "LT": np.less,
-    "LE": np.less_equal,
-    "GT": np.greater,
-    "GE": np.greater_equal,
-    "EQ": np.equal,
-    "NE": np.not_equal,
-}
 _FLIPPED = {"LT": "GT", "LE": "GE", "GT": "LT", "GE": "LE", "EQ": "EQ", "NE": "NE"}
 _FLOAT = {"ADD": "add", "SUB": "sub", "MUL": "mul", "DIV": "div", "MIN": "min", "MAX": "max"}
 _MAGNITUDE = 0x7FFF_FFFF_FFFF_FFFF
@@ -220,7 +213,7 @@ class ValueOperations(Joining):
         def compared(a: AnyArray, b: AnyArray, active: BoolArray) -> AnyArray:
             if np.any((np.isnan(a) | np.isnan(b)) & active):
                 raise NotProvedError("a comparison with NaN")
-            return _COMPARE[operator](a, b)
+            return COMPARE[operator](a, b)
 
         return self._elementwise(compared, values, mask)
 
@@ -232,7 +225,7 @@ class ValueOperations(Joining):
             active = self._active_on_axis(mask, axis)
             if np.any((other.chain > 0) & active):
                 raise NotProvedError("a comparison of two numbers that vary with one input")
-        compare = _COMPARE[operator]
+        compare = COMPARE[operator]
         steps = [compare] if operator not in ("EQ", "NE") else [np.less, np.less_equal]
         for step in steps:
             while one.cut_where(
@@ -279,7 +272,7 @@ class ValueOperations(Joining):
             item = slots.items[number]
             if is_scalar(item):
                 feature[lanes] = 0
-                decided = _COMPARE[operator](item, thresholds[lanes])
+                decided = COMPARE[operator](item, thresholds[lanes])
                 below[lanes], nan[lanes], last[lanes] = decided, decided, HIGHEST
                 continue
             if not isinstance(item, AxisValue):
@@ -402,14 +395,14 @@ def _changeovers(operator: str, item: AxisValue, thresholds: FloatArray) -> tupl
             chain = item.chains[number - 1]
             cuts.append(
                 bisected(
-                    lambda x, chain=chain, limit=limit[chosen]: _COMPARE[operator](run_chain(chain, x), limit),  # type: ignore[misc]
+                    lambda x, chain=chain, limit=limit[chosen]: COMPARE[operator](run_chain(chain, x), limit),  # type: ignore[misc]
                     axis.starts[at[chosen]],
                     axis.ends[at[chosen]],
                 )
             )
         axis.cut(np.concatenate(cuts))
     end = np.where(count > 0, axis.ends[lanes[np.maximum(count - 1, 0)]], LOWEST - 1)
-    nan = _COMPARE[operator](item.lift().constant[-1], distinct)
+    nan = COMPARE[operator](item.lift().constant[-1], distinct)
     below = np.full(len(distinct), name in ("LT", "LE"))
     back = np.ravel(back)
     return end[back], below[back], np.asarray(nan)[back]
