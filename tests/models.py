@@ -263,6 +263,11 @@ SMALL_MODELS = {
     "nearest, weighted": model(
         Distances((0,), VECTORS, squared=False), NearestMean((1,), [[1.0, 2.0, -1.5], [0.5, 0.0, 3.0]], 2, inverse=True)
     ),
+    "nearest of computed numbers": model(
+        Distances((0,), VECTORS),
+        Distances((0,), VECTORS, squared=False),
+        NearestMean((1, 2), [[1.0, 2.0, -1.5]], 2),
+    ),
     "nearest of one": model(Distances((0,), VECTORS), NearestMean((1,), [[1.0, 2.0, -1.5]], 1, inverse=True)),
     "median": model(WeightedMedian((0,), [0.5, 0.25, 0.3])),
     "median of one": model(Select((0,), [1]), WeightedMedian((1,), [0.5])),

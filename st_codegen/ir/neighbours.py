@@ -9,7 +9,7 @@ import numpy as np
 
 from st_codegen.errors import InputError
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.ir.base import freeze, require_finite
+from st_codegen.ir.base import Precision, freeze, require_finite
 
 
 @dataclass(frozen=True)
@@ -49,21 +49,24 @@ class Distances:
 class NearestMean:
     """The mean of what belongs to the `count` columns with the smallest numbers, of equal ones the first.
 
-    `values` (outputs, columns). `inverse`: weighted with one through the number; where a number is 0, only those that
-    are 0 count.
+    `values` (outputs, columns), each times its column of a second input where there is one. `inverse`: weighted with
+    one through the number; where a number is 0, only those that are 0 count. `divides`: else it is the sum of them.
+    The library adds in `precision`.
     """
 
     inputs: tuple[int, ...]
     values: FloatArray
     count: int
     inverse: bool = False
+    precision: Precision = Precision.FLOAT64
+    divides: bool = True
     exact: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         values = freeze(self, "values", np.float64, (None, None))
         require_finite(self, "values")
-        if not 1 <= self.count <= values.shape[1]:
-            raise InputError(f"NearestMean: {self.count} of {values.shape[1]} columns")
+        if not 1 <= self.count <= values.shape[1] or len(self.inputs) > 2:
+            raise InputError(f"NearestMean: {self.count} of {values.shape[1]} columns, {len(self.inputs)} inputs")
 
     @property
     def operand_width(self) -> int:

@@ -301,7 +301,7 @@ def _(op: Distances, operands: list[FloatArray]) -> FloatArray:
 
 @apply.register
 def _(op: NearestMean, operands: list[FloatArray]) -> FloatArray:
-    x = operands[0]
+    x, factors = operands[0], operands[1] if len(operands) > 1 else np.ones_like(operands[0])
     nearest = np.argsort(x, axis=1, kind="stable")[:, : op.count]
     weights = np.ones(nearest.shape)
     if op.inverse:
@@ -312,9 +312,9 @@ def _(op: NearestMean, operands: list[FloatArray]) -> FloatArray:
     divisor = np.zeros((len(x), 1))
     for place in range(op.count):
         weight = weights[:, place, None]
-        total += weight * op.values[:, nearest[:, place]].T
+        total += weight * op.values[:, nearest[:, place]].T * factors[np.arange(len(x)), nearest[:, place], None]
         divisor += weight
-    return np.where(np.isnan(x).any(axis=1, keepdims=True), np.nan, total / divisor)
+    return np.where(np.isnan(x + factors).any(axis=1, keepdims=True), np.nan, total / divisor if op.divides else total)
 
 
 @apply.register

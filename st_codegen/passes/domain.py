@@ -312,8 +312,8 @@ def _(op: Distances, operands: list[FloatArray]) -> tuple[float, FloatArray]:
 
 @magnitudes.register
 def _(op: NearestMean, operands: list[FloatArray]) -> tuple[float, FloatArray]:
-    bound = np.max(np.abs(op.values), axis=1)
-    return op.count * (float(np.max(bound)) + 1.0), bound
+    bound = np.max(np.abs(op.values) * (operands[1] if len(operands) > 1 else 1.0), axis=1)
+    return op.count * (float(np.max(bound)) + 1.0), bound if op.divides else op.count * bound
 
 
 @magnitudes.register

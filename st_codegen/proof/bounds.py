@@ -144,7 +144,10 @@ def _arithmetic(operator: Operator, operands: list[FloatArray], given: list[Floa
         product = np.abs(a) * db + np.abs(b) * da + da * db
         return np.where(np.isnan(product) & (da + db > 0), np.inf, product)  # infinity times zero
     if operator in (Operator.MAXIMUM, Operator.MINIMUM):
-        return np.maximum(da, db)
+        turned = 1.0 if operator is Operator.MAXIMUM else -1.0
+        middle = np.maximum(turned * a, turned * b)
+        above, below = (np.maximum(turned * a + s * da, turned * b + s * db) for s in (1.0, -1.0))
+        return np.asarray(np.maximum(above - middle, middle - below), np.float64)
     room = np.abs(b) - db
     return np.where(room > 0, (da + np.abs(a / b) * db) / room, np.inf) * (da + db > 0)
 
@@ -380,6 +383,8 @@ def _(op: NearestMean, operands: list[FloatArray], given: list[FloatArray], resu
     x, moved = operands[0], given[0]
     low, high = x - moved, x + moved
     found = np.empty_like(result)
+    factors, unsure = (operands[1], given[1]) if len(operands) > 1 else (np.ones_like(x), np.zeros_like(x))
+    largest = np.max(np.abs(op.values) * (np.abs(factors) + unsure)[:, None, :], axis=2)
     for row in range(len(x)):
         if not np.all(np.isfinite([low[row], high[row]])):
             found[row] = np.inf
@@ -388,24 +393,32 @@ def _(op: NearestMean, operands: list[FloatArray], given: list[FloatArray], resu
         may = np.searchsorted(np.sort(low[row]), high[row], side="right")
         must = np.searchsorted(np.sort(high[row]), low[row], side="left")
         sure, possible = may <= op.count, must < op.count
-        least, most = _range_of_mean(op, low[row], high[row], sure, possible)
-        found[row] = np.maximum(most - result[row], result[row] - least)
-    if op.inverse or not np.array_equal(op.values, np.trunc(op.values)):  # whole numbers are added without rounding
-        found += 2 * gamma(2 * op.count + 6, Precision.FLOAT64) * np.max(np.abs(op.values), axis=1)
+        least, most = _range_of_mean(op, op.values * factors[row], low[row], high[row], sure, possible)
+        moves = np.max((np.abs(op.values) * unsure[row])[:, possible], axis=1)
+        if not op.divides:
+            least, most, moves = least * op.count, most * op.count, moves * op.count
+        found[row] = np.maximum(most - result[row], result[row] - least) + moves
+    if not op.divides:
+        largest = largest * op.count
+    whole = len(operands) == 1 and np.array_equal(op.values, np.trunc(op.values))
+    if op.inverse or not whole:  # whole numbers are added without rounding
+        found += 2 * gamma(2 * op.count + 6, op.precision) * largest
     else:
-        found[found <= 4 * UNIT[Precision.FLOAT64] * np.max(np.abs(op.values), axis=1)] = 0.0
+        found = np.where(found <= 4 * UNIT[Precision.FLOAT64] * largest, 0.0, found)
+        if op.precision is Precision.FLOAT32 and op.divides:  # the quotient is rounded
+            found += 2 * UNIT[op.precision] * np.abs(result)
     return np.maximum(found, 0.0)
 
 
 def _range_of_mean(
-    op: NearestMean, low: FloatArray, high: FloatArray, sure: BoolArray, possible: BoolArray
+    op: NearestMean, given: FloatArray, low: FloatArray, high: FloatArray, sure: BoolArray, possible: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
-    """The least and the largest mean, for numbers of these intervals, of columns that surely and possibly count."""
-    values = op.values[:, possible]
+    """The least and the largest mean of `given`, for numbers of these intervals, of what surely and possibly counts."""
+    values = given[:, possible]
     if not op.inverse:
         open_places = op.count - int(np.sum(sure))
-        others = np.sort(op.values[:, possible & ~sure], axis=1)
-        fixed = np.sum(op.values[:, sure], axis=1)
+        others = np.sort(given[:, possible & ~sure], axis=1)
+        fixed = np.sum(given[:, sure], axis=1)
         least = fixed + np.sum(others[:, :open_places], axis=1)
         most = fixed + np.sum(others[:, others.shape[1] - open_places :], axis=1)
         return least / op.count, most / op.count

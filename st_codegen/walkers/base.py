@@ -244,8 +244,6 @@ def is_known(package: str, name: str) -> bool:
 
 #: What does the work of a class that is not compiled, for messages.
 _NEAR = {
-    "RadiusNeighborsClassifier": "KNeighborsClassifier",
-    "LocalOutlierFactor": "IsolationForest and OneClassSVM",
     "GaussianProcessClassifier": "SVC with kernel='rbf'",
     "KNNImputer": "SimpleImputer (KNNImputer searches all training rows for each missing value, others for each set of "
     "missing columns)",

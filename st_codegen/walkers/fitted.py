@@ -19,6 +19,10 @@ Shape = tuple[int | None, ...]
 
 _T = TypeVar("_T")
 _LARGEST_WHOLE = 2.0**53
+#: Numbers of a sparse matrix, its zeros included.
+_LARGEST_DENSE = 2.0**26
+#: The types of sparse matrices in files.
+SPARSE = ("scipy.sparse._csr.csr_matrix",)
 
 
 class Fitted:
@@ -43,8 +47,17 @@ class Fitted:
             raise InputError(f"{self.kind} is not fitted ({name} is missing): call fit() before saving it") from None
 
     def floats(self, name: str, *shapes: Shape) -> FloatArray:
-        """Finite numbers as float64, in an array of one of the shapes (without shapes: of any)."""
-        return self.floats_of(name, self.get(name), *shapes)
+        """Finite numbers as float64, in an array of one of the shapes (without shapes: of any).
+
+        A sparse matrix, as `sparsify()` and random projections make it, is read as the array that it stands for.
+        """
+        value = self.get(name)
+        if type(value).__module__.startswith("scipy.sparse"):
+            if np.prod([float(length) for length in value.shape]) > _LARGEST_DENSE:
+                raise self.fail(name, f"a sparse matrix of shape {value.shape}, which no block could hold")
+            value.check_format(full_check=True)  # native code follows its indices without a look
+            value = value.toarray()
+        return self.floats_of(name, value, *shapes)
 
     def floats_of(self, name: str, value: Any, *shapes: Shape) -> FloatArray:
         """As `floats`, for a value that stands inside an attribute."""

@@ -15,17 +15,18 @@ from sklearn.ensemble import (
     HistGradientBoostingRegressor,
     RandomForestRegressor,
 )
-from sklearn.linear_model import Ridge
+from sklearn.linear_model import LogisticRegression, Perceptron, Ridge, SGDClassifier
 from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, StandardScaler
-from sklearn.svm import SVR
+from sklearn.svm import SVR, LinearSVC
 from sklearn.tree import DecisionTreeRegressor
 from threadpoolctl import threadpool_limits
 
 from st_codegen.errors import InputError, StCodegenError
+from st_codegen.ir import digest
 from st_codegen.walkers.fitted import Fitted
-from st_codegen.walkers.objects import from_estimator
+from st_codegen.walkers.objects import from_estimator, load_skops
 from tests.fuzz.models import agrees
 from tests.fuzz.objects import mutant as mutant_of
 from tests.fuzz.process import Outcome, outcome
@@ -157,3 +158,27 @@ def test_numbers_are_float64_float32_or_integers(value, message):
     for good in (np.array([2], np.int8), np.array([2], np.float32), np.array([2.0])):
         model.coef_ = good
         assert Fitted(model).floats("coef_", (1,)).dtype == np.float64
+
+
+@pytest.mark.parametrize("kind", [LinearSVC, SGDClassifier, LogisticRegression, Perceptron])
+def test_weights_that_were_made_sparse(kind, tmp_path):
+    skops_io = pytest.importorskip("skops.io")
+    dense = kind(random_state=0).fit(X, Y > 1)
+    dense.coef_ *= np.abs(dense.coef_) > 0.1
+    expected = from_estimator(dense, "m").ir
+    sparse = copy.deepcopy(dense).sparsify()
+    skops_io.dump(sparse, tmp_path / "m.skops")
+    for found in (from_estimator(sparse, "m"), load_skops(tmp_path / "m.skops", "m")):
+        assert digest(found.ir) == digest(expected)
+        assert np.array_equal(found.predict(X)[:, 0], from_estimator(dense, "m").predict(X)[:, 0])
+
+
+@pytest.mark.parametrize("damage", ["indices", "shape"])
+def test_sparse_weights_that_lie_outside(damage):
+    estimator = LinearSVC().fit(X, Y > 1).sparsify()
+    if damage == "indices":
+        estimator.coef_.indices[0] = 10**6
+    else:
+        estimator.coef_ = type(estimator.coef_)((2**20, 2**20))
+    with pytest.raises(InputError, match=r"indices|shape"):
+        from_estimator(estimator, "m")

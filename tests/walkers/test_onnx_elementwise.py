@@ -39,12 +39,12 @@ def rows(rng, columns=3):
 
 
 UNARY = {
-    **{name: {} for name in "Abs Sqrt Log Erf Reciprocal Softsign Celu Selu HardSigmoid HardSwish Gelu".split()},
+    **{name: {} for name in "Abs Sign Sqrt Log Erf Reciprocal Softsign Celu Selu HardSigmoid HardSwish Gelu".split()},
     "HardSigmoid 2": {"alpha": 0.3, "beta": 0.25},
     "Celu 2": {"alpha": 1.7},
     "Selu 2": {"alpha": 1.5, "gamma": 0.75},
 }
-EXACT = {"Abs", "Sqrt", "Reciprocal", "HardSigmoid", "HardSwish"}
+EXACT = {"Abs", "Sign", "Sqrt", "Reciprocal", "HardSigmoid", "HardSwish"}
 FLOAT_ONLY = {"Erf", "Celu", "Gelu"}
 
 
@@ -163,6 +163,39 @@ def test_reductions(tmp_path, op_type, keepdims, grid):
     assert len(loaded.ir.outputs) == (1 if len(grid) == 2 else 2)
     assert loaded.ir.exact == (op_type in ("ReduceMax", "ReduceMin"))
     agree(loaded, np.clip(rows(np.random.default_rng(7), 6), -1e6, 1e6))
+
+
+@DTYPES
+@pytest.mark.parametrize("kind", [1, 2])
+@pytest.mark.parametrize(("grid", "axis"), [((-1, 6), -1), ((-1, 2, 3), 1)])
+def test_division_by_a_norm(tmp_path, kind, grid, axis, elem_type):
+    nodes = [
+        helper.make_node("Reshape", ["X", "shape"], ["G"]),
+        helper.make_node("LpNormalization", ["G"], ["Y"], p=kind, axis=axis),
+    ]
+    outputs, shape = [info("Y", None, elem_type)], constant("shape", grid, np.int64)
+    loaded = build.load(graph_model(nodes, [info("X", (None, 6), elem_type)], outputs, [shape]), tmp_path)
+    x = np.clip(rows(np.random.default_rng(8), 6), -1e6, 1e6)
+    x[::5] = 0.0
+    agree(loaded, x)
+    assert not reference.evaluate(loaded.ir, np.zeros((1, 6))).any()
+
+
+@DTYPES
+@pytest.mark.parametrize(("grid", "axis"), [((-1, 6, 1), 2), ((-1, 2, 3), 2), ((-1, 3, 2), 1), ((-1, 3, 2), 2)])
+def test_products_are_equal_to_the_bit(tmp_path, grid, axis, elem_type):
+    nodes = [
+        helper.make_node("Reshape", ["X", "shape"], ["G"]),
+        helper.make_node("ReduceProd", ["G"], ["Y"], axes=[axis]),
+    ]
+    outputs, shape = [info("Y", None, elem_type)], constant("shape", grid, np.int64)
+    model = graph_model(nodes, [info("X", (None, 6), elem_type)], outputs, [shape], opset=13)
+    assert not agree(build.load(model, tmp_path), rows(np.random.default_rng(9), 6)).any()
+
+
+def test_a_product_of_many_numbers_has_no_order_that_is_known(tmp_path):
+    with pytest.raises(UnsupportedModelError, match="more than 3"):
+        build.load(single("ReduceProd", 4, opset=13, axes=[-1]), tmp_path)
 
 
 @pytest.mark.parametrize("bias", [False, True])

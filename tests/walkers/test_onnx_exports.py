@@ -15,14 +15,19 @@ from sklearn.ensemble import (
     StackingRegressor,
     VotingRegressor,
 )
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, WhiteKernel
 from sklearn.linear_model import Lasso, LinearRegression, Ridge
+from sklearn.neighbors import KNeighborsClassifier, KNeighborsRegressor
 from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import (
     FunctionTransformer,
+    KBinsDiscretizer,
     MaxAbsScaler,
     MinMaxScaler,
     Normalizer,
+    PolynomialFeatures,
     RobustScaler,
     StandardScaler,
 )
@@ -31,6 +36,7 @@ from sklearn.tree import DecisionTreeRegressor, ExtraTreeRegressor
 
 from st_codegen.errors import UnsupportedModelError
 from st_codegen.ir import TreeEnsemble, reference
+from st_codegen.proof.bounds import difference_bound
 from tests.walkers import onnx_builders as build
 from tests.walkers.onnx_builders import assert_equal_bits, assert_within_bound
 
@@ -98,6 +104,19 @@ OTHERS = {
     "bag": seeded(BaggingRegressor, seeded(DecisionTreeRegressor, max_depth=3), 3),
     "stack": StackingRegressor([("a", LinearRegression()), ("b", seeded(DecisionTreeRegressor, max_depth=3))]),
 }
+#: These keep training rows: a Scan over them, and what belongs to the nearest.
+NEAREST = {
+    "nearest": KNeighborsRegressor(4),
+    "nearest weighted": KNeighborsRegressor(4, weights="distance"),
+    "nearest Manhattan": KNeighborsRegressor(4, p=1),
+    "process": GaussianProcessRegressor(2.0 * RBF(1.5) + WhiteKernel(0.1), optimizer=None),
+}
+#: These give columns.
+COLUMNS = {
+    "bins": KBinsDiscretizer(4, encode="ordinal"),
+    "squares": PolynomialFeatures(2),
+    "cubes": PolynomialFeatures(3, interaction_only=True, include_bias=False),
+}
 TWO_OUTPUTS = {
     "decision tree": seeded(DecisionTreeRegressor, max_depth=6),
     "random forest": seeded(RandomForestRegressor, n_estimators=10, max_depth=5),
@@ -141,6 +160,35 @@ def test_double_graphs_stay_within_their_bound(tmp_path, name):
     loaded = build.load(export(model, DoubleTensorType), tmp_path)
     np.testing.assert_allclose(reference.evaluate(loaded.ir, ROWS)[:, 0], model.predict(ROWS), rtol=1e-11, atol=1e-11)
     assert_within_bound(loaded, ROWS)
+
+
+@pytest.mark.parametrize("tensor_type", [FloatTensorType, DoubleTensorType])
+@pytest.mark.parametrize("name", NEAREST)
+def test_models_that_keep_training_rows(tmp_path, name, tensor_type):
+    model = NEAREST[name].fit(X[:60], SINGLE[:60])
+    loaded = build.load(export(model, tensor_type), tmp_path)
+    assert_within_bound(loaded, ROWS)
+    near = np.abs(reference.evaluate(loaded.ir, ROWS)[:, 0] - model.predict(ROWS)) < 1e-3
+    assert near.mean() > 0.98 or "weighted" in name  # the exporter weights all of the nearest alike
+
+
+@pytest.mark.parametrize("weights", ["uniform", "distance"])
+def test_classes_of_the_nearest(tmp_path, weights):
+    model = KNeighborsClassifier(5, weights=weights).fit(X[:80], np.digitize(SINGLE[:80], [-0.5, 0.8]))
+    loaded = build.load(export(model), tmp_path)
+    assert loaded.ir.classes.labels == (0, 1, 2)
+    bound = difference_bound(loaded.ir, ROWS)
+    assert np.all(np.abs(reference.evaluate(loaded.ir, ROWS) - loaded.predict(ROWS)) <= bound)
+    assert np.mean(bound[:200, 0] > 0) < (0.02 if weights == "uniform" else 0.3)  # equal sums of rounded weights
+    assert np.mean(loaded.predict(ROWS)[:, 0] == model.predict(ROWS)) > (0.98 if weights == "uniform" else 0.8)
+
+
+@pytest.mark.parametrize("name", COLUMNS)
+def test_columns_that_are_equal_to_the_bit(tmp_path, name):
+    loaded = build.load(export(COLUMNS[name].fit(X)), tmp_path)
+    assert loaded.ir.classes is None
+    assert_equal_bits(loaded, ROWS)
+    np.testing.assert_allclose(reference.evaluate(loaded.ir, ROWS), COLUMNS[name].transform(ROWS), rtol=1e-5)
 
 
 @pytest.mark.parametrize("name", TWO_OUTPUTS)
@@ -192,6 +240,6 @@ def test_all_operators_that_are_missing_are_listed_at_once(tmp_path):
     with pytest.raises(UnsupportedModelError) as caught:
         build.load(export(model), tmp_path)
     message = str(caught.value)
-    for name in ("TopK", "CumSum"):
-        assert f"operator {name} (opset 22) is not supported: node '" in message
+    assert "operator CumSum (opset 22) is not supported: node '" in message
+    assert "(TopK, opset 22): the largest, or without order, or of several rows" in message
     assert "supported operators: Abs, Add, And, ArgMax, ArgMin, ArrayFeatureExtractor," in message

@@ -297,7 +297,6 @@ def test_operands_of_the_wrong_kind(tmp_path):
     assert "the weights are float64, the input float32" in message("MatMul", [constant("C", np.eye(3), float)])
     assert "multiplies shapes (1, 3) and (2, 2)" in message("Gemm", [constant("C", np.eye(2))])
     assert "C has shape (2,) for 3 columns" in message("Gemm", [constant("B", np.eye(3)), constant("C", [1.0, 2.0])])
-    assert "joins computed and constant numbers" in message("Concat", [constant("C", [[1.0]])], axis=1)
     assert "positions outside 0 .. 2" in message("Gather", [constant("C", [3], np.int64)], axis=1)
     assert "positions are missing or not integers" in message("Gather", [constant("C", [1.0])], axis=1)
     assert "shape is float32 of shape (2,), expected a list of integers" in message(

@@ -13,7 +13,13 @@ from sklearn.gaussian_process import kernels as gp
 from sklearn.linear_model import LogisticRegression, Ridge
 from sklearn.mixture import GaussianMixture
 from sklearn.multioutput import ClassifierChain, MultiOutputClassifier
-from sklearn.neighbors import KNeighborsClassifier, KNeighborsRegressor, RadiusNeighborsRegressor
+from sklearn.neighbors import (
+    KNeighborsClassifier,
+    KNeighborsRegressor,
+    LocalOutlierFactor,
+    RadiusNeighborsClassifier,
+    RadiusNeighborsRegressor,
+)
 from sklearn.preprocessing import PowerTransformer
 from sklearn.tree import DecisionTreeClassifier
 
@@ -34,6 +40,7 @@ REGRESSORS = {
     "nearest, weighted, brute": (KNeighborsRegressor(5, weights="distance", algorithm="brute"), X, SCORE),
     "nearest of a grid": (KNeighborsRegressor(3), GRID, SCORE),
     "nearest of a grid, weighted": (KNeighborsRegressor(6, weights="distance"), GRID, SCORE),
+    "nearest by names of the distances": (KNeighborsRegressor(4, metric="cityblock"), X, SCORE),
     "radius": (RadiusNeighborsRegressor(1.5), X, SCORE),
     "median": (AdaBoostRegressor(n_estimators=12, random_state=0), X, SCORE),
     "median of equal weights": (AdaBoostRegressor(Ridge(), n_estimators=4, random_state=0), X, SCORE),
@@ -111,6 +118,27 @@ def test_no_neighbour_within_the_radius_is_no_answer(tmp_path):
     assert usable[: len(X)].all() and not usable[len(X) :].any() and np.isnan(model.predict(rows[-1:])).all()
 
 
+def test_classes_within_a_radius(tmp_path):
+    model = loaded(RadiusNeighborsClassifier(1.5).fit(X, WORDS))
+    usable, bound = agrees(model, np.vstack([X, HALVES, X + 100.0]))
+    assert usable[: len(X)].all() and not usable[-len(X) :].any() and np.mean(bound[:, 0] > 0) < 0.05
+    verified(model, tmp_path, rows=100)
+
+
+@pytest.mark.parametrize("method", ["brute", "kd_tree"])
+def test_local_outliers(method, tmp_path):
+    # of training rows that stand twice the library takes any; the bound of those beside others is that of rounding
+    unequal = X + np.random.default_rng(3).normal(size=X.shape) * 0.01
+    model = loaded(LocalOutlierFactor(7, algorithm=method, novelty=True, contamination=0.1).fit(unequal))
+    usable, bound = agrees(model, np.vstack([unequal * 1.01, unequal * 3.0]))
+    assert usable.all() and np.max(bound[:, 1]) < 1e-6 and not bound[:, 0].any()
+    assert 0.02 < np.mean(model.predict(unequal * 3.0)[:, 0] == 0) < 1.0
+    agrees(model, np.vstack([unequal, GRID]))
+    verified(model, tmp_path, rows=100)
+    with pytest.raises(UnsupportedModelError, match="novelty=True"):
+        loaded(LocalOutlierFactor().fit(X))
+
+
 @pytest.mark.parametrize("inverse", [False, True])
 def test_the_bound_of_nearest_means_holds_for_any_numbers_within(inverse):
     random = np.random.default_rng(1)
@@ -124,6 +152,21 @@ def test_the_bound_of_nearest_means_holds_for_any_numbers_within(inverse):
         order = random.permutation(9)  # of equal ones any may be first
         turned = NearestMean((0,), op.values[:, order], 3, inverse)
         assert np.all(np.abs(reference.apply(turned, [other[:, order]]) - result) <= bound * (1 + 1e-9) + 1e-15)
+
+
+@pytest.mark.parametrize("divides", [False, True])
+def test_the_bound_of_nearest_means_of_computed_numbers_holds_for_any_within(divides):
+    random = np.random.default_rng(1)
+    x, factors = random.integers(0, 4, (300, 9)) * 0.1, random.normal(size=(300, 9))
+    moved = [np.where(random.random(x.shape) < 0.3, 10.0 ** random.uniform(-12, -1, x.shape), 0.0) for _ in range(2)]
+    op = NearestMean((0, 1), random.normal(size=(2, 9)), 3, divides=divides)
+    result = reference.apply(op, [x, factors])
+    bound = bounds.step(op, [x, factors], moved, result)
+    for _ in range(40):
+        order = random.permutation(9)
+        other = [(a + b * random.uniform(-1, 1, x.shape))[:, order] for a, b in zip((x, factors), moved, strict=True)]
+        turned = NearestMean((0, 1), op.values[:, order], 3, divides=divides)
+        assert np.all(np.abs(reference.apply(turned, other) - result) <= bound * (1 + 1e-9))
 
 
 def test_the_bound_of_a_weighted_median_holds_for_any_numbers_within():

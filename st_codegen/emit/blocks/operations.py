@@ -550,6 +550,8 @@ def _(op: NearestMean, step: Step, listing: Listing) -> None:
         width=op.width,
         values=listing.table(step.table("TRAINING_VALUE"), "LREAL", np.ravel(op.values.T)),
         inverse=op.inverse,
+        factors=step.operands[1] if len(step.operands) > 1 else None,
+        divides=op.divides,
     )
 
 

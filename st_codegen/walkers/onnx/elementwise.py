@@ -26,7 +26,7 @@ from st_codegen.walkers.onnx.operands import (
     require_float,
     require_tensor,
 )
-from st_codegen.walkers.onnx.operators import apply_activation, combined, mean_of, product_of, with_constant
+from st_codegen.walkers.onnx.operators import apply_activation, combined, mean_of, norm_of, product_of, with_constant
 
 # --- activations ---------------------------------------------------------------------------------------------------
 
@@ -34,6 +34,18 @@ from st_codegen.walkers.onnx.operators import apply_activation, combined, mean_o
 @operator("Reciprocal", 6, 13)
 def _reciprocal(call: NodeCall) -> Operand:
     return with_constant(call.walk, call.computed(), Operator.DIVIDE, 1.0, left=True)
+
+
+@operator("Sign", 9, 13)
+def _sign(call: NodeCall) -> Operand:
+    """1 above 0, -1 below it, 0 between."""
+    tensor, walk = call.computed(), call.walk
+    walk.refuse_special(tensor)
+    value, cut = walk.settle(tensor), np.zeros(tensor.size)
+    pair = tuple(walk.builder.add(Exceeds((value,), cut, inclusive)) for inclusive in (False, True))
+    both = walk.builder.add(Combine(pair, Operator.ADD, tensor.size))
+    found = walk.builder.add(Scale((both,), Operator.SUBTRACT, np.ones(tensor.size)))
+    return walk.computed(found, tensor.shape, tensor.dtype, special=False)
 
 
 @operator("Gelu", 20)
@@ -149,8 +161,19 @@ _COMPARISONS = {
 }
 
 
+_COMPARED: dict[str, np.ufunc] = {
+    "Greater": np.greater,
+    "GreaterOrEqual": np.greater_equal,
+    "Less": np.less,
+    "LessOrEqual": np.less_equal,
+    "Equal": np.equal,
+}
+
+
 def _comparison(call: NodeCall) -> Operand:
     left, right, walk = _as_number(call.required()), _as_number(call.required(1)), call.walk
+    if isinstance(left, ConstantOperand) and isinstance(right, ConstantOperand):
+        return ConstantOperand(np.asarray(_COMPARED[call.node.op_type](left.array, right.array)))
     shape = np.broadcast_shapes(left.shape, right.shape)
     check_size(shape)
     if isinstance(left, ConstantOperand):  # c < x is -x < -c
@@ -244,6 +267,26 @@ def _where(call: NodeCall) -> Operand:
 
 
 # --- norms ---------------------------------------------------------------------------------------------------------
+
+
+@operator("LpNormalization", 1, 22)
+def _lp_normalization(call: NodeCall) -> Operand:
+    """Columns by their norm along an axis; where that is 0 all of them are (core/providers/cpu/nn/lp_norm.h)."""
+    tensor, walk = call.computed(), call.walk
+    axis, kind = axis_of(call.node.integer("axis", -1), len(tensor.shape)), call.node.integer("p", 2)
+    if kind not in (1, 2):
+        raise InputError(f"p is {kind}, expected 1 or 2; the model file is damaged")
+    rows = tensor.moved(lambda array: np.moveaxis(array, axis, -1))
+    lengths = rows.shape
+    rows = rows.moved(lambda array: array.reshape(-1, lengths[-1]))
+    norm = norm_of(walk, rows, kind)
+    absent = _compared(walk, "Equal", walk.settle(norm), np.zeros(norm.size))
+    zeros = walk.computed(absent, norm.shape, norm.dtype, special=False)
+    divisor = require_tensor(combined(walk, Operator.ADD, norm, zeros)).moved(lambda array: array[:, None])
+    present = walk.computed(_opposite(walk, absent), norm.shape, norm.dtype, special=False)
+    kept = combined(walk, Operator.MULTIPLY, rows, present.moved(lambda array: array[:, None]))
+    found = require_tensor(combined(walk, Operator.DIVIDE, kept, divisor))
+    return found.moved(lambda array: np.moveaxis(array.reshape(lengths), -1, axis))
 
 
 @operator("LayerNormalization", 17)

@@ -53,13 +53,19 @@ def check_names(model: onnx.ModelProto) -> None:
 
 def _names(model: onnx.ModelProto) -> Iterator[object]:
     yield from (model.producer_name, model.producer_version)
+    yield from _names_in(model.graph)
     yield from (entry.domain for entry in model.opset_import)
     yield from (function.name for function in model.functions)
-    yield from (value.name for values in (model.graph.input, model.graph.output) for value in values)
-    yield from (tensor.name for tensor in model.graph.initializer)
-    for node in model.graph.node:
+
+
+def _names_in(graph: onnx.GraphProto) -> Iterator[object]:
+    yield from (value.name for values in (graph.input, graph.output) for value in values)
+    yield from (tensor.name for tensor in graph.initializer)
+    for node in graph.node:
         yield from (node.name, node.op_type, node.domain, *node.input, *node.output)
-        yield from (attribute.name for attribute in node.attribute)
+        for attribute in node.attribute:
+            yield attribute.name
+            yield from _names_in(attribute.g)
 
 
 def printable(text: str, length: int = 80) -> str:

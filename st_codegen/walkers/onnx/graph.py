@@ -26,6 +26,7 @@ from st_codegen.walkers.onnx.operands import (
     MAX_COLUMNS,
     ConstantOperand,
     Operand,
+    PickedOperand,
     Tensor,
     check_size,
     require_float,
@@ -126,6 +127,7 @@ class GraphWalk:
         self.values: dict[str, Operand | None] = {}
         self.zipped: dict[str, tuple[Label, ...]] = {}
         self.notes: list[str] = []
+        self.opsets: dict[str, int] = {}
         self.narrows = False
         self._numbers = 0
         self._settled: dict[tuple[bytes, bytes, bool], int] = {}
@@ -201,6 +203,7 @@ class GraphWalk:
 
 def run_nodes(walk: GraphWalk, graph: onnx.GraphProto, opsets: dict[str, int], problems: Problems) -> None:
     """Walk all nodes of a graph; what is wrong with any of them is noted in `problems`."""
+    walk.opsets = opsets
     unsupported: dict[tuple[str, str, int], list[str]] = {}
     made_by = {name: label for node in graph.node for label in [node_label(node)] for name in node.output if name}
     for proto in graph.node:
@@ -260,7 +263,7 @@ def _run_node(
         operands.append(walk.values[name] if name else None)
     if any(name and operand is None for name, operand in zip(proto.input, operands, strict=True)):
         return None
-    result = rule.handler(NodeCall(walk, node, operands))
+    result = _handled(rule, NodeCall(walk, node, operands))
     for operand in result if isinstance(result, tuple) else (result,):
         if operand is None:
             continue
@@ -268,6 +271,27 @@ def _run_node(
             check_size(operand.shape)
         walk.charge(math.prod(operand.shape))
     return result
+
+
+#: Operators that compute each element by itself.
+_EACH = frozenset("Abs Add Cast Div Equal Greater Identity Less Max Min Mul Neg Not Pow Reciprocal Sqrt Sub".split())
+
+
+def _handled(rule: Rule, call: NodeCall) -> Result:
+    """The result of a node; of elements that are picked that of all of which they may be."""
+    picks = [operand for operand in call.operands if isinstance(operand, PickedOperand)]
+    if not picks or call.node.op_type not in _EACH:
+        return rule.handler(call)
+    others = [operand for operand in call.operands if not isinstance(operand, PickedOperand)]
+    same = len({(picked.value, picked.count, math.prod(picked.whole.shape)) for picked in picks}) == 1
+    if not same or any(not isinstance(other, ConstantOperand) or other.array.size != 1 for other in others):
+        raise UnsupportedModelError("numbers of the nearest rows together with others; a constant is supported")
+    shape = np.broadcast_shapes(*(operand.shape for operand in call.operands if operand is not None))
+    given = [operand.whole if isinstance(operand, PickedOperand) else operand for operand in call.operands]
+    found = rule.handler(replace(call, operands=given))
+    if not isinstance(found, ConstantOperand | Tensor):
+        raise UnsupportedModelError("labels of the nearest rows; sums and means over their numbers are supported")
+    return replace(picks[0], whole=found.moved(np.ravel), shape=shape)
 
 
 def _store(walk: GraphWalk, proto: onnx.NodeProto, result: Result | None) -> None:

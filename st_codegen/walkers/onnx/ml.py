@@ -38,12 +38,13 @@ from st_codegen.walkers.onnx.operands import (
     ConstantOperand,
     LabelOperand,
     Operand,
+    PickedOperand,
     Tensor,
     one_row,
     require_tensor,
 )
 from st_codegen.walkers.onnx.operators import apply_linear, combined
-from st_codegen.walkers.onnx.shapes import joined, labelled, picked
+from st_codegen.walkers.onnx.shapes import joined, labelled, of_nearest, picked
 from st_codegen.walkers.onnx.tree_ensemble import read_ensemble
 from st_codegen.walkers.onnx.tree_layout import build_ensemble
 from st_codegen.walkers.onnx.tree_lists import read_regressor
@@ -164,6 +165,8 @@ def _array_feature_extractor(call: NodeCall) -> Operand:
     operand, position = call.required(), call.required(1)
     if isinstance(position, LabelOperand):
         return replace(labelled(operand, position), shape=(1, 1))
+    if isinstance(position, PickedOperand):
+        return replace(of_nearest(operand, position), shape=(1, position.count))
     positions = np.ravel(call.positions())
     if len(operand.shape) < 2:
         operand = operand.moved(lambda array: array.reshape(1, -1))

@@ -21,6 +21,7 @@ from st_codegen.walkers.onnx import (  # noqa: F401  (they register operators)
     convolution,
     elementwise,
     ml,
+    nearest,
     operators,
     recurrent,
     shapes,

@@ -74,22 +74,50 @@ class Tensor:
 
 @dataclass(frozen=True)
 class LabelOperand:
-    """A tensor of one element, which is one of the labels: column 0 of value `value` has its number."""
+    """A tensor of one element, which is one of the labels: column 0 of value `value` has its number.
+
+    `number_type`: labels that are numbers were cast to it.
+    """
 
     value: int
     labels: tuple[Label, ...]
     shape: tuple[int, ...]
+    number_type: np.dtype[Any] | None = None
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        return np.dtype(object if isinstance(self.labels[0], str) else type(self.labels[0]))
+        return self.number_type or np.dtype(object if isinstance(self.labels[0], str) else type(self.labels[0]))
 
     def moved(self, move: Callable[[AnyArray], AnyArray]) -> LabelOperand:
         """The result of an operator that only moves numbers about."""
         return replace(self, shape=move(np.zeros(self.shape, np.int64)).shape)
 
 
-Operand = ConstantOperand | Tensor | LabelOperand
+@dataclass(frozen=True)
+class PickedOperand:
+    """What belongs to the `count` smallest columns of value `value`: as many elements of `whole`, one for each column.
+
+    Operators that compute each element by itself do so with `whole`; only a sum or a mean of the elements is computed.
+    """
+
+    value: int
+    count: int
+    whole: ConstantOperand | Tensor
+    shape: tuple[int, ...]
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return self.whole.dtype
+
+    def moved(self, move: Callable[[AnyArray], AnyArray]) -> PickedOperand:
+        """The result of an operator that changes the shape only."""
+        found = move(np.arange(self.count).reshape(self.shape))
+        if not np.array_equal(np.ravel(found), np.arange(self.count)):
+            raise UnsupportedModelError("takes some of the nearest rows; sums and means over all of them are supported")
+        return replace(self, shape=found.shape)
+
+
+Operand = ConstantOperand | Tensor | LabelOperand | PickedOperand
 
 
 def require_float(tensor: Tensor) -> Tensor:
@@ -103,6 +131,8 @@ def require_tensor(operand: Operand) -> Tensor:
     """The operand itself; raises UnsupportedModelError unless it holds numbers computed from the inputs."""
     if isinstance(operand, ConstantOperand):
         raise UnsupportedModelError("reads a constant; fold constants when exporting")
+    if isinstance(operand, PickedOperand):
+        raise UnsupportedModelError("reads numbers of the nearest rows; sums and means over them are supported")
     if isinstance(operand, LabelOperand):
         raise UnsupportedModelError("computes with labels of classes; they can be chosen among and cast only")
     return operand

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import partial, reduce
 
 import numpy as np
 
@@ -22,7 +22,9 @@ from st_codegen.ir import (
     FloatArray,
     Function,
     Linear,
+    NearestMean,
     Operator,
+    Precision,
     Scale,
     SlidingLinear,
     Softmax,
@@ -35,6 +37,7 @@ from st_codegen.walkers.onnx.operands import (
     MAX_FOLDED,
     ConstantOperand,
     Operand,
+    PickedOperand,
     Tensor,
     axis_of,
     check_size,
@@ -140,7 +143,10 @@ def _matrix(constant: ConstantOperand, tensor: Tensor) -> FloatArray:
 @operator("MatMul", 9, 13)
 def _matmul(call: NodeCall) -> Operand:
     left, right = call.required(), call.required(1)
-    if isinstance(left, Tensor) and isinstance(right, ConstantOperand):
+    if isinstance(left, ConstantOperand) and isinstance(right, ConstantOperand):
+        if left.dtype == right.dtype and left.array.ndim == right.array.ndim == 2 and left.shape[1] == 1:
+            return combined(call.walk, Operator.MULTIPLY, left, right)  # one product each, rounded once
+    elif isinstance(left, Tensor) and isinstance(right, ConstantOperand):
         weights = _matrix(right, require_float(left))
         if right.array.ndim and left.shape[-1:] == weights.shape[:1]:
             shape = (*left.shape[:-1], *weights.shape[1:])
@@ -291,7 +297,8 @@ def _clip(call: NodeCall) -> Operand:
 
 
 def _reduction(call: NodeCall) -> Operand:
-    tensor, name = call.computed(), call.node.op_type
+    name, given = call.node.op_type, call.required()
+    tensor = given if isinstance(given, PickedOperand) else call.computed()
     by_input = call.node.version >= (13 if name == "ReduceSum" else 18)
     axes = call.integers(1, "axes") if by_input else call.node.integers("axes").tolist()
     if not axes and call.node.integer("noop_with_empty_axes"):
@@ -302,10 +309,29 @@ def _reduction(call: NodeCall) -> Operand:
     kept = (
         groups if call.node.integer("keepdims", 1) else tuple(n for axis, n in enumerate(groups) if axis not in reduced)
     )
+    if isinstance(tensor, PickedOperand):
+        if math.prod(groups) != 1 or name not in ("ReduceSum", "ReduceMean"):
+            raise UnsupportedModelError("reads numbers of the nearest rows; their sum and their mean are supported")
+        return _mean_of_picked(call.walk, tensor, name == "ReduceMean").moved(lambda array: array.reshape(kept))
     group = np.broadcast_to(np.arange(math.prod(groups)).reshape(groups), tensor.shape).ravel()
     order = np.argsort(group, kind="stable")
     rows = tensor.moved(lambda array: np.ravel(array)[order].reshape(math.prod(groups), -1))
     return _REDUCTIONS[name](call.walk, rows).moved(lambda array: array.reshape(kept))
+
+
+def _mean_of_picked(walk: GraphWalk, picked: PickedOperand, divides: bool) -> Tensor:
+    """The mean or the sum of what belongs to the nearest rows."""
+    whole, inputs = picked.whole, [picked.value]
+    values = np.ones((1, walk.builder.width(picked.value)))
+    if isinstance(whole, ConstantOperand):
+        values = whole.array.astype(np.float64).reshape(1, -1)
+    else:
+        walk.refuse_special(whole)
+        inputs.append(walk.settle(whole))
+    dtype = whole.dtype if whole.dtype in (FLOAT32, FLOAT64) else FLOAT64
+    precision = Precision.FLOAT32 if dtype == FLOAT32 else Precision.FLOAT64
+    mean = NearestMean(tuple(inputs), values, picked.count, precision=precision, divides=divides)
+    return walk.computed(walk.builder.add(mean), (1,), dtype, special=False)
 
 
 def total_of(walk: GraphWalk, rows: Tensor) -> Tensor:
@@ -321,6 +347,23 @@ def mean_of(walk: GraphWalk, rows: Tensor) -> Tensor:
 def product_of(walk: GraphWalk, one: Tensor, other: Tensor) -> Tensor:
     """The product of two tensors, number by number."""
     return require_tensor(combined(walk, Operator.MULTIPLY, one, other))
+
+
+def _product(walk: GraphWalk, rows: Tensor) -> Tensor:
+    """The product of each row, in order."""
+    if rows.shape[1] > 3:
+        raise UnsupportedModelError(
+            "the product of more than 3 numbers, whose order onnxruntime chooses by the machine"
+        )
+    parts = [rows.moved(partial(np.take, indices=number, axis=1)) for number in range(rows.shape[1])]
+    return reduce(partial(product_of, walk), parts)
+
+
+def norm_of(walk: GraphWalk, rows: Tensor, kind: int) -> Tensor:
+    """The sum of the magnitudes of each row (1), or the root of that of the squares (2)."""
+    if kind == 1:
+        return total_of(walk, apply_activation(walk, rows, Function.ABS))
+    return apply_activation(walk, total_of(walk, product_of(walk, rows, rows)), Function.SQRT)
 
 
 def extreme_of(walk: GraphWalk, rows: Tensor, code: Operator) -> Tensor:
@@ -352,8 +395,9 @@ _REDUCTIONS: dict[str, Callable[[GraphWalk, Tensor], Tensor]] = {
     "ReduceSum": total_of,
     "ReduceMean": mean_of,
     "ReduceSumSquare": lambda walk, rows: total_of(walk, product_of(walk, rows, rows)),
-    "ReduceL1": lambda walk, rows: total_of(walk, apply_activation(walk, rows, Function.ABS)),
-    "ReduceL2": lambda walk, rows: apply_activation(walk, total_of(walk, product_of(walk, rows, rows)), Function.SQRT),
+    "ReduceL1": partial(norm_of, kind=1),
+    "ReduceL2": partial(norm_of, kind=2),
+    "ReduceProd": _product,
     "ReduceMax": partial(extreme_of, code=Operator.MAXIMUM),
     "ReduceMin": partial(extreme_of, code=Operator.MINIMUM),
     "ReduceLogSumExp": _log_sum_exp,

@@ -15,7 +15,7 @@ from st_codegen.walkers.classes import largest
 from st_codegen.walkers.onnx.classifiers import are_shares
 from st_codegen.walkers.onnx.file import plain, printable, type_name
 from st_codegen.walkers.onnx.graph import GraphWalk
-from st_codegen.walkers.onnx.operands import ConstantOperand, LabelOperand, Tensor
+from st_codegen.walkers.onnx.operands import ConstantOperand, LabelOperand, PickedOperand, Tensor
 from st_codegen.walkers.onnx.session import Reader, read_label, read_largest, read_map
 
 #: What a graph computes (None: all numbers of the last value), how each of its outputs is read, and notes on them.
@@ -68,6 +68,8 @@ def _checked(walk: GraphWalk, info: onnx.ValueInfoProto, problems: Problems) -> 
             raise UnsupportedModelError(f"the output '{name}' is a constant; remove it from the graph")
         if isinstance(operand, Tensor) and info.name not in walk.zipped:
             _check_type(info, name, operand)
+        if isinstance(operand, PickedOperand):
+            raise UnsupportedModelError(f"the output '{name}' has the nearest rows themselves; leave it out")
         if operand is not None:
             yield operand
 

@@ -12,7 +12,7 @@ import numpy as np
 import onnx
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import AnyArray
+from st_codegen.ir import AnyArray, Clip, Piecewise, Select
 from st_codegen.walkers.onnx.elementwise import is_not_zero
 from st_codegen.walkers.onnx.file import type_name
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, Result, operator
@@ -25,6 +25,7 @@ from st_codegen.walkers.onnx.operands import (
     ConstantOperand,
     LabelOperand,
     Operand,
+    PickedOperand,
     Tensor,
     axis_of,
     check_size,
@@ -62,6 +63,8 @@ def _cast(call: NodeCall) -> Operand:
     dtype = np.dtype(target)
     if isinstance(operand, LabelOperand):
         return _cast_labels(operand, dtype)
+    if isinstance(operand, PickedOperand):
+        raise UnsupportedModelError("casts the nearest rows")
     if isinstance(operand, Tensor):
         if operand.dtype == TRUTH:
             return replace(operand, dtype=dtype)
@@ -85,7 +88,9 @@ def _cast_labels(choice: LabelOperand, dtype: np.dtype[Any]) -> LabelOperand:
     texts = isinstance(choice.labels[0], str)
     if texts != (dtype.kind == "O"):
         raise UnsupportedModelError("casts labels between text and numbers; leave the cast out")
-    return choice if texts else replace(choice, labels=tuple(dtype.type(label).item() for label in choice.labels))
+    if texts:
+        return choice
+    return replace(choice, labels=tuple(dtype.type(label).item() for label in choice.labels), number_type=dtype)
 
 
 @operator("Constant", 1, 9, 11, 12, 13, 19, 21, 23, 24, 25)
@@ -192,8 +197,9 @@ def _concat(call: NodeCall) -> Operand:
 
 def joined(walk: GraphWalk, parts: Sequence[Operand], axis: int) -> Operand:
     """The parts laid end to end along an axis."""
-    if any(isinstance(part, LabelOperand) for part in parts):
-        raise UnsupportedModelError("joins labels of classes; leave all but one of them out")
+    parts = [_numbered(walk, part) if isinstance(part, LabelOperand) else part for part in parts]
+    if any(isinstance(part, PickedOperand) for part in parts):
+        raise UnsupportedModelError("joins numbers of the nearest rows; sums and means over them are supported")
     if len({part.dtype for part in parts}) > 1:
         raise InputError("joins tensors of different types; the model file is damaged")
     constants = [part.array for part in parts if isinstance(part, ConstantOperand)]
@@ -202,9 +208,8 @@ def joined(walk: GraphWalk, parts: Sequence[Operand], axis: int) -> Operand:
         if not tensors:
             check_size([sum(constant.size for constant in constants)], MAX_FOLDED)
             return ConstantOperand(np.concatenate(constants, axis))
-        if constants:
-            raise UnsupportedModelError("joins computed and constant numbers; leave the constants out")
-        check_size([sum(tensor.size for tensor in tensors)])
+        check_size([sum(math.prod(part.shape) for part in parts)])
+        tensors = [part if isinstance(part, Tensor) else _repeated(walk, part, tensors[0]) for part in parts]
         if len({tensor.unrounded for tensor in tensors}) > 1:
             tensors = [_rounded(walk, tensor) for tensor in tensors]
         return replace(
@@ -218,6 +223,26 @@ def joined(walk: GraphWalk, parts: Sequence[Operand], axis: int) -> Operand:
         raise InputError(f"tensors of shapes {shapes} cannot be joined along axis {axis}") from None
 
 
+def _numbered(walk: GraphWalk, choice: LabelOperand) -> Tensor:
+    """Labels that are numbers as these."""
+    if choice.dtype not in (FLOAT32, FLOAT64):
+        raise UnsupportedModelError("joins labels of classes; cast them to float, or leave all but one of them out")
+    labels = np.array(choice.labels, np.float64)
+    knots, pieces = np.arange(float(len(labels))), np.full((len(labels) + 1, 1), labels[0])
+    numbers = Piecewise((choice.value,), np.array([0, len(labels)]), knots, labels, pieces)
+    return walk.computed(walk.builder.add(numbers), choice.shape, choice.dtype, special=False)
+
+
+def _repeated(walk: GraphWalk, constant: Operand, beside: Tensor) -> Tensor:
+    """A constant as numbers that are computed for each row, of a number that is there."""
+    assert isinstance(constant, ConstantOperand)
+    walk.refuse_special(beside)
+    numbers = constant.array.astype(np.float64).ravel()
+    first = walk.builder.add(Select((walk.settle(beside),), np.zeros(len(numbers), np.int32)))
+    value = walk.builder.add(Clip((first,), numbers, numbers))
+    return walk.computed(value, constant.shape, constant.dtype, special=False)
+
+
 def _rounded(walk: GraphWalk, tensor: Tensor) -> Tensor:
     return walk.computed(walk.settle(tensor), tensor.shape, tensor.dtype, tensor.special)
 
@@ -227,6 +252,8 @@ def _gather(call: NodeCall) -> Operand:
     operand, position = call.required(), call.required(1)
     if isinstance(position, LabelOperand):
         return labelled(operand, position)
+    if isinstance(position, PickedOperand):
+        return of_nearest(operand, position)
     return picked(operand, call.positions(), axis_of(call.node.integer("axis"), len(operand.shape)))
 
 
@@ -238,6 +265,20 @@ def labelled(labels: Operand, choice: LabelOperand) -> LabelOperand:
     if not all(isinstance(at, int) and 0 <= at < len(listed) for at in choice.labels):
         raise InputError(f"positions outside 0 .. {len(listed) - 1}; the model file is damaged")
     return replace(choice, labels=tuple(listed[int(at)] for at in choice.labels))
+
+
+def of_nearest(numbers: Operand, position: PickedOperand) -> PickedOperand:
+    """The elements of a constant list that stand at the positions of the nearest rows."""
+    places = position.whole
+    if not isinstance(places, ConstantOperand) or not np.issubdtype(places.dtype, np.integer):
+        raise UnsupportedModelError("picks by the distances of the nearest rows")
+    if not isinstance(numbers, ConstantOperand) or numbers.array.dtype.kind not in "fi":
+        raise UnsupportedModelError("picks by a computed position; only a constant list of numbers can be picked from")
+    if math.prod(numbers.shape) != max(numbers.shape, default=0):
+        raise UnsupportedModelError("the nearest rows have several numbers each; export one model for each output")
+    if np.any((places.array < 0) | (places.array >= numbers.array.size)):
+        raise InputError(f"positions outside 0 .. {numbers.array.size - 1}; the model file is damaged")
+    return replace(position, whole=ConstantOperand(np.ravel(numbers.array)[places.array]))
 
 
 def picked(operand: Operand, indices: AnyArray, axis: int) -> Operand:

@@ -83,7 +83,7 @@ def walk_envelope(estimator: Any, builder: GraphBuilder, value: int) -> Classifi
     return Classified(_INLIERS, above(builder, decision, inclusive=True), decision=decision)
 
 
-@walks("sklearn.KMeans", "sklearn.MiniBatchKMeans")
+@walks("sklearn.KMeans", "sklearn.MiniBatchKMeans", "sklearn.MeanShift", "sklearn.AffinityPropagation")
 def walk_clusters(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """The nearest centre, the first of equal ones (`cluster/_k_means_lloyd.pyx: lloyd_iter_chunked_dense`)."""
     fitted = Fitted(estimator)

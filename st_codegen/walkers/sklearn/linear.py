@@ -15,7 +15,7 @@ from st_codegen.errors import UnsupportedModelError
 from st_codegen.ir import Activation, Combine, Exceeds, FloatArray, Function, Linear, Operator, Scale, Select
 from st_codegen.walkers.base import Classified, GraphBuilder, walk_estimator, walks
 from st_codegen.walkers.classes import above, complement, labels_of, largest, softmax, whole_sums
-from st_codegen.walkers.fitted import Fitted
+from st_codegen.walkers.fitted import SPARSE, Fitted
 
 
 def refuse_nan_and_infinity(builder: GraphBuilder, value: int) -> None:
@@ -87,7 +87,8 @@ def walk_consensus(estimator: Any, builder: GraphBuilder, value: int) -> int:
         LinearDiscriminantAnalysis LinearSVC LogisticRegression LogisticRegressionCV PassiveAggressiveClassifier
         Perceptron RidgeClassifier RidgeClassifierCV SGDClassifier
         """.split()
-    )
+    ),
+    trusts=SPARSE,
 )
 def walk_linear_classifier(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """Of two classes the second above 0, of more the first of the largest (`LinearClassifierMixin.predict`).

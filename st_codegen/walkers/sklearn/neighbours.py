@@ -26,10 +26,13 @@ from st_codegen.ir import (
     Select,
 )
 from st_codegen.walkers.base import Classified, GraphBuilder, walks
-from st_codegen.walkers.classes import labels_of, largest
+from st_codegen.walkers.classes import above, labels_of, largest
 from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.sklearn.linear import refuse_nan_and_infinity, squares
 from st_codegen.walkers.sklearn.transforms import euclidean
+
+#: Names of the Manhattan distance.
+_SUMS = ("manhattan", "cityblock", "l1")
 
 
 def _distances(fitted: Fitted, builder: GraphBuilder, value: int) -> tuple[int, int]:
@@ -37,14 +40,14 @@ def _distances(fitted: Fitted, builder: GraphBuilder, value: int) -> tuple[int, 
     refuse_nan_and_infinity(builder, value)
     metric, method = fitted.get("effective_metric_"), fitted.get("_fit_method")
     rows = fitted.get("_fit_X")
-    if metric not in ("euclidean", "manhattan") or not isinstance(rows, np.ndarray):
+    if metric not in ("euclidean", "l2", *_SUMS) or not isinstance(rows, np.ndarray):
         raise UnsupportedModelError(
             f"{fitted.kind} with metric={metric!r}: supported are Euclidean and Manhattan distances of dense rows"
         )
     vectors = fitted.floats("_fit_X", (None, builder.width(value)))
     if method != "brute" and not np.array_equal(np.asarray(fitted.get("_tree").data), vectors):
         raise fitted.fail("_tree", "does not hold the training rows")
-    if metric == "manhattan":
+    if metric in _SUMS:
         return builder.add(Distances((value,), vectors, squared=False)), len(vectors)
     return euclidean(builder, value, vectors, expands=method == "brute"), len(vectors)
 
@@ -78,13 +81,51 @@ def walk_nearest_classes(estimator: Any, builder: GraphBuilder, value: int) -> C
     return Classified(labels, largest(builder, shares), shares)
 
 
+@walks("sklearn.LocalOutlierFactor")
+def walk_local_outliers(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """How dense the nearest training rows lie beside this one (`neighbors/_lof.py: score_samples`); 1 from 0 on."""
+    fitted = Fitted(estimator)
+    if not fitted.flag("novelty"):
+        raise UnsupportedModelError("LocalOutlierFactor predicts new rows with novelty=True only: fit it so")
+    distances, count = _distances(fitted, builder, value)
+    nearest = fitted.integer("n_neighbors_", 1, count)
+    own = fitted.floats("_distances_fit_X_", (count, nearest))[:, -1]
+    reached = builder.add(Scale((distances,), Operator.MAXIMUM, own))
+    mean = builder.add(NearestMean((distances, reached), np.ones((1, count)), nearest))
+    shifted = builder.add(Scale((mean,), Operator.ADD, np.full(1, 1e-10)))
+    density = builder.add(Scale((shifted,), Operator.DIVIDE, np.ones(1), reverse=True))
+    others = builder.add(NearestMean((distances,), fitted.floats("_lrd", (count,))[None, :], nearest))
+    ratio = builder.add(Combine((others, density), Operator.DIVIDE, 1))
+    turned = builder.add(Scale((ratio,), Operator.MULTIPLY, np.full(1, -1.0)))
+    decision = builder.add(Scale((turned,), Operator.SUBTRACT, np.full(1, fitted.number("offset_"))))
+    return Classified((-1, 1), above(builder, decision, inclusive=True), decision=decision)
+
+
 @walks("sklearn.RadiusNeighborsRegressor")
 def walk_radius(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """The mean over all training rows within the radius; without any no answer (`neighbors/_regression.py`)."""
     fitted = Fitted(estimator)
-    _inverse(fitted, ("uniform",))
     distances, count = _distances(fitted, builder, value)
-    targets = fitted.floats("_y", (count,), (count, None)).reshape(count, -1)
+    return _within(fitted, builder, distances, fitted.floats("_y", (count,), (count, None)).reshape(count, -1))
+
+
+@walks("sklearn.RadiusNeighborsClassifier")
+def walk_radius_classes(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """The first class of most training rows within the radius; without any no answer."""
+    fitted = Fitted(estimator)
+    labels = labels_of(fitted)
+    if fitted.get("outlier_label") is not None:
+        raise UnsupportedModelError("RadiusNeighborsClassifier with an outlier_label: bValid says that no row is near")
+    distances, count = _distances(fitted, builder, value)
+    codes = fitted.integers("_y", (count,), low=0, high=len(labels) - 1)
+    shares = _within(fitted, builder, distances, np.eye(len(labels))[codes])
+    return Classified(labels, largest(builder, shares), shares)
+
+
+def _within(fitted: Fitted, builder: GraphBuilder, distances: int, targets: FloatArray) -> int:
+    """The means of the targets (rows, outputs) of all rows within the radius."""
+    _inverse(fitted, ("uniform",))
+    count = len(targets)
     turned = builder.add(Scale((distances,), Operator.MULTIPLY, np.full(count, -1.0)))
     inside = builder.add(Exceeds((turned,), np.full(count, -fitted.number("radius")), inclusive=True))
     outputs = targets.shape[1]

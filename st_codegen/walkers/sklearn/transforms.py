@@ -27,7 +27,7 @@ from st_codegen.ir import (
     Select,
 )
 from st_codegen.walkers.base import GraphBuilder, transforms, walk_transform
-from st_codegen.walkers.fitted import Fitted
+from st_codegen.walkers.fitted import SPARSE, Fitted
 from st_codegen.walkers.sklearn.linear import refuse_nan_and_infinity, squares
 
 KERNELS = {
@@ -104,23 +104,17 @@ def _centred(fitted: Fitted, builder: GraphBuilder, value: int, before: Before) 
     return value
 
 
-def _matrix(fitted: Fitted, name: str, width: int, *, turned: bool) -> FloatArray:
-    """A matrix (outputs, columns) that stands in an attribute so, or `turned` (columns, outputs)."""
-    given = fitted.get(name)
-    dense = given.toarray() if type(given).__module__.startswith("scipy.sparse") else given
-    return fitted.floats_of(name, dense, (width, None)).T if turned else fitted.floats_of(name, dense, (None, width))
-
-
 #: What is done to each column before the weighted sums.
 _PROJECTIONS: dict[str, Before] = {
     "FastICA": ((Operator.SUBTRACT, "mean_"),),
+    "NeighborhoodComponentsAnalysis": (),
     "TruncatedSVD": (),
     "GaussianRandomProjection": (),
     "SparseRandomProjection": (),
 }
 
 
-@transforms(*(f"sklearn.{name}" for name in _PROJECTIONS), trusts=("scipy.sparse._csr.csr_matrix",))
+@transforms(*(f"sklearn.{name}" for name in _PROJECTIONS), trusts=SPARSE)
 def walk_projection(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Columns centred (or scaled, or as they are), then weighted sums: `transform` of these classes."""
     fitted = Fitted(estimator)
@@ -130,7 +124,7 @@ def walk_projection(estimator: Any, builder: GraphBuilder, value: int) -> int:
     if fitted.kind == "FastICA" and fitted.get("whiten") is False:
         before = ()
     value = _centred(fitted, builder, value, before)
-    weights = _matrix(fitted, "components_", builder.width(value), turned=False)
+    weights = fitted.floats("components_", (None, builder.width(value)))
     return builder.add(Linear((value,), weights, np.zeros(len(weights))))
 
 
@@ -144,7 +138,7 @@ def walk_discriminant(estimator: Any, builder: GraphBuilder, value: int) -> int:
     if estimator.solver == "svd":
         value = _centred(fitted, builder, value, ((Operator.SUBTRACT, "xbar_"),))
     count = fitted.integer("_max_components", 1, 2**31 - 1)
-    weights = _matrix(fitted, "scalings_", builder.width(value), turned=True)[:count]
+    weights = fitted.floats("scalings_", (builder.width(value), None)).T[:count]
     return builder.add(Linear((value,), weights, np.zeros(len(weights))))
 
 
@@ -273,7 +267,7 @@ def walk_random_features(estimator: Any, builder: GraphBuilder, value: int) -> i
     """Cosines of random projections (`kernel_approximation.py: RBFSampler.transform`)."""
     fitted = Fitted(estimator)
     refuse_nan_and_infinity(builder, value)
-    weights = _matrix(fitted, "random_weights_", builder.width(value), turned=True)
+    weights = fitted.floats("random_weights_", (builder.width(value), None)).T
     angles = builder.add(Linear((value,), weights, fitted.floats("random_offset_", (len(weights),))))
     cosines = builder.add(Activation((angles,), Function.COS, len(weights)))
     factor = (2.0 / fitted.integer("n_components", 1, 2**31 - 1)) ** 0.5
