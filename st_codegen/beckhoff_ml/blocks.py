@@ -96,7 +96,7 @@ def _block(model: ModelIR, engines: tuple[Engine, ...], listing: Listing, remark
         "outputs",
         "outputs",
         assignments=[
-            {"output": variable, "value": ArrayElement("aResult", number), "cut": False}
+            {"output": variable, "value": ArrayElement("aResult", number), "cut": model.classes is not None}
             for number, variable in enumerate(model.variables)
         ],
         ranged=is_ranged(model),

@@ -7,8 +7,9 @@ float64 numbers decides exactly as the library does, rounding of the input to fl
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import singledispatch
+from itertools import combinations
 from typing import ClassVar
 
 import numpy as np
@@ -19,7 +20,9 @@ from st_codegen.ir import (
     FLOAT32_OVERFLOW,
     Activation,
     Aggregate,
+    ArgMax,
     Comparison,
+    Exceeds,
     Float32Array,
     FloatArray,
     Function,
@@ -36,6 +39,8 @@ from st_codegen.ir import (
     Select,
     TreeEnsemble,
 )
+from st_codegen.walkers.base import GraphBuilder
+from st_codegen.walkers.classes import pair_coefficients, pair_votes
 
 _ACTIVATION_NAMES = {function: f"ACT_FN_{name}" for name, function in ACTIVATIONS.items()}
 _KERNEL_NAMES = {kernel: f"KERNEL_FN_{name}" for name, kernel in KERNELS.items()}
@@ -167,7 +172,11 @@ class MlpEngine(Engine):
 
 @dataclass(frozen=True)
 class SvmEngine(Engine):
-    """svm_fp64_engine: sum of coefficient * kernel(x, support vector) - rho."""
+    """svm_fp64_engine: sum of coefficient * kernel(x, support vector) - rho.
+
+    Of a classifier each pair of classes has such a sum and votes, and the result is a label: `coefficients` has shape
+    (classes - 1, vectors), `rho` (pairs). The format wants two classes, `vectors_per_class`, even of a regression.
+    """
 
     kernel: Kernel
     gamma: float
@@ -175,7 +184,9 @@ class SvmEngine(Engine):
     degree: int
     vectors: FloatArray
     coefficients: FloatArray
-    rho: float
+    rho: FloatArray
+    vectors_per_class: tuple[int, ...]
+    classifies: bool = False
     folder: ClassVar[str] = "svm"
     template: ClassVar[str] = "svm"
 
@@ -184,9 +195,9 @@ class SvmEngine(Engine):
         return _KERNEL_NAMES[self.kernel]
 
     @property
-    def vectors_per_class(self) -> tuple[int, int]:
-        """How many support vectors are of each of the two classes that the format wants even of a regression."""
-        return 1, len(self.coefficients) - 1
+    def labels(self) -> range:
+        """Those of a classifier are the numbers of its classes."""
+        return range(len(self.vectors_per_class)) if self.classifies else range(1, 3)
 
 
 def engines_of(model: ModelIR) -> tuple[Engine, ...]:
@@ -408,34 +419,81 @@ def _(op: KernelSum, front: _Front) -> tuple[Engine, ...]:
     inputs = front.in_place(unused=0.0)
     vectors = np.zeros((len(op.support_vectors), len(front.model.features)))
     vectors[:, front.columns] = op.support_vectors
+    one = SvmEngine(
+        n_inputs=len(front.model.features),
+        n_outputs=1,
+        input=inputs,
+        output=Affine.identity(1),
+        first=front.number,
+        last=front.number,
+        rounds=front.rounds,
+        kernel=op.kernel,
+        gamma=op.gamma,
+        coef0=op.coef0,
+        degree=op.degree,
+        vectors=vectors,
+        coefficients=op.coefficients,
+        rho=-op.intercept,
+        vectors_per_class=(1, len(vectors) - 1),
+    )
+    if front.model.classes is not None:
+        return (_voting(op, front, one),)
     outputs = output_of(front.model, front.number)
     return tuple(
-        SvmEngine(
-            n_inputs=len(front.model.features),
-            n_outputs=1,
-            input=inputs,
+        replace(
+            one,
             output=outputs.of(np.array([number], np.int32)),
-            first=front.number,
-            last=front.number,
-            rounds=front.rounds,
-            kernel=op.kernel,
-            gamma=op.gamma,
-            coef0=op.coef0,
-            degree=op.degree,
-            vectors=vectors,
-            coefficients=op.coefficients[number],
-            rho=-float(op.intercept[number]),
+            coefficients=op.coefficients[number : number + 1],
+            rho=one.rho[number : number + 1],
         )
         for number in range(op.width)
     )
 
 
+def _voting(op: KernelSum, front: _Front, engine: SvmEngine) -> SvmEngine:
+    """The engine of a classifier of which each pair of classes votes, as libsvm decides."""
+    builder = GraphBuilder(op.width)
+    count = len(front.model.classes.labels) if front.model.classes is not None else 0
+    votes = pair_votes(builder, 0, count)
+    builder.add(ArgMax((votes,), count))
+    rest = [step for step in front.model.ops[front.number :] if not isinstance(step, Select)]
+    if op.width != count * (count - 1) // 2 or [_said(step) for step in rest] != [_said(step) for step in builder.ops]:
+        raise UnsupportedModelError("a label that is not that of most votes of pairs: the format says no other")
+    # a vector has a coefficient above 0 in pairs of which its class is the first, and one below 0 in others
+    owner = np.zeros(len(op.support_vectors), np.int64)
+    for (one, other), row in zip(combinations(range(count), 2), op.coefficients, strict=True):
+        owner = np.where(row > 0, one, np.where(row < 0, other, owner))
+    of_class = np.bincount(owner, minlength=count)
+    dual = np.zeros((count - 1, len(owner)))
+    for (one, other), row in zip(combinations(range(count), 2), op.coefficients, strict=True):
+        dual[other - 1, owner == one], dual[one, owner == other] = row[owner == one], row[owner == other]
+    if np.any(np.diff(owner) < 0) or not np.array_equal(pair_coefficients(dual, of_class), op.coefficients):
+        raise UnsupportedModelError("support vectors that do not stand class by class: not expressible")
+    per_class = tuple(int(number) for number in of_class)
+    last = len(front.model.ops)
+    return replace(engine, last=last, coefficients=dual, vectors_per_class=per_class, classifies=True)
+
+
+def _said(op: Operation) -> tuple[object, ...]:
+    """What an operation computes, for comparison with another one."""
+    numbers = (op.cut,) if isinstance(op, Exceeds) else (op.weights, op.bias) if isinstance(op, Linear) else ()
+    inclusive = op.inclusive if isinstance(op, Exceeds) else None
+    return type(op), op.width, op.operand_width, inclusive, *(array.tolist() for array in numbers)
+
+
 def checked_engines(model: ModelIR) -> tuple[Engine, ...]:
     """`engines_of`, its errors with the name of the model."""
     with errors_name(f"model '{model.name}'"):
-        if model.classes is not None:
+        engines = engines_of(model) if model.classes is None or _sums_kernels(model) else ()
+        if not engines:
             raise UnsupportedModelError(
-                "a classifier: only the formats of regressions were compared with files of the vendor's exporters; use "
-                "--target twincat, which computes it in Structured Text"
+                "a classifier that is no support vector machine: the text of such files is not public; use --target "
+                "twincat, which computes it in Structured Text"
             )
-        return engines_of(model)
+        if model.classes is not None and len(model.outputs) > 1:
+            raise UnsupportedModelError("the runtime hands out labels only: leave scores out (--outputs class)")
+        return engines
+
+
+def _sums_kernels(model: ModelIR) -> bool:
+    return any(isinstance(op, KernelSum) for op in model.ops)

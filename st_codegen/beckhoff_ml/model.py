@@ -37,7 +37,8 @@ from st_codegen.ir import (
     TreeEnsemble,
 )
 from st_codegen.ir.preorder import preorder
-from st_codegen.walkers.base import GraphBuilder, LoadedModel, Predictor
+from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor
+from st_codegen.walkers.classes import largest, pair_coefficients, pair_votes
 from st_codegen.walkers.limits import check_size
 
 _FUNCTIONS: dict[Function, Callable[[Any], Any]] = {
@@ -90,6 +91,9 @@ class _Transformation:
 class _File:
     """What all kinds share: the envelope, the transformations, the finished model."""
 
+    #: Those of a classifier.
+    labels: tuple[int, ...] = ()
+
     def __init__(self, model: XmlElement) -> None:
         self.model = model
         self.configuration = model.only("Configuration")
@@ -137,6 +141,8 @@ class _File:
         builder = GraphBuilder(self.n_inputs)
         builder.refuse_nan()
         value = self.add(builder, self._first(builder))
+        if self.output is not None and self.labels:
+            raise UnsupportedModelError(f"{self.model.file}: a transformation of labels is not read")
         if self.output is not None:
             self.output.add(builder, value)
         information = self.model.optional("AuxiliarySpecifications")
@@ -151,7 +157,8 @@ class _File:
             notes=("evaluated by the arithmetic of the file format, not by the vendor's runtime",),
         )
         features = tuple(Feature(f"f{number}") for number in range(self.n_inputs))
-        return LoadedModel(builder.model(name, features, source), self._predictor())
+        result = Classified(self.labels, value) if self.labels else None
+        return LoadedModel(builder.model(name, features, source, result), self._predictor())
 
     def _first(self, builder: GraphBuilder) -> int:
         return self.input.add(builder, 0) if self.input is not None else 0
@@ -315,7 +322,8 @@ class _SupportVectors(_File):
 
     def inputs(self) -> int:
         kind = self.configuration.text("str_operationType").removeprefix("SVM_TYPE_")
-        if kind not in ("EPSILON_REGRESSION", "NU_REGRESSION"):
+        self.classifies = kind in ("C_CLASSIFIER", "NU_CLASSIFIER")
+        if not self.classifies and kind not in ("EPSILON_REGRESSION", "NU_REGRESSION"):
             raise UnsupportedModelError(f"{self.model.file}: support vectors for '{kind[:SHOWN]}' are not read")
         name = self.configuration.text("str_kernelFunction").removeprefix("KERNEL_FN_")
         if name not in KERNELS:
@@ -334,34 +342,50 @@ class _SupportVectors(_File):
             self.parameters.only(tag).matrix(XmlElement.doubles)
             for tag in ("SupportVectors", "SupportVectorClassCoefficients")
         )
-        announced = self.parameters.only("ModelInfo").count("numSVs", 1 << 31)
-        if vectors.shape != (announced, self.n_inputs) or coefficients.shape != (1, announced):
+        information = self.parameters.only("ModelInfo")
+        announced = information.count("numSVs", 1 << 31)
+        classes = information.count("numClasses", announced + 1) if self.classifies else 2
+        if vectors.shape != (announced, self.n_inputs) or coefficients.shape != (classes - 1, announced):
             raise self.parameters.error(
                 f"vectors of shape {vectors.shape}, coefficients of shape {coefficients.shape}; expected are "
-                f"{announced} vectors of {self.n_inputs} numbers and a coefficient each"
+                f"{announced} vectors of {self.n_inputs} numbers and {classes - 1} coefficients each"
             )
-        self.vectors, self.coefficients = vectors, coefficients[0]
-        self.rho = self.parameters.only("ProbabilityInfo").double("rhoConstants")
+        self.vectors, self.coefficients = vectors, coefficients
+        self.rho = self.parameters.only("ProbabilityInfo").doubles("rhoConstants")
+        if self.classifies:
+            self.labels = tuple(information.integers("classLabels").tolist())
+            self.per_class = information.integers("numSVsPerClass")
+            if (
+                not 2 <= classes == len(self.labels) == len(self.per_class)
+                or np.any(self.per_class < 0)
+                or np.sum(self.per_class) != announced
+            ):
+                raise information.error(f"labels or numbers of vectors that are not those of {classes} classes")
+        if len(self.rho) != classes * (classes - 1) // 2:
+            raise self.parameters.error(f"{len(self.rho)} rhoConstants for {classes} classes")
         return 1
 
     def add(self, builder: GraphBuilder, value: int) -> int:
         builder.refuse_magnitude(np.inf)
-        return builder.add(
+        sums = builder.add(
             KernelSum(
                 inputs=(value,),
                 kernel=self.kernel,
                 support_vectors=self.vectors,
-                coefficients=self.coefficients[None, :],
-                intercept=np.array([-self.rho]),
+                coefficients=pair_coefficients(self.coefficients, self.per_class)
+                if self.classifies
+                else self.coefficients,
+                intercept=-self.rho,
                 gamma=self.gamma,
                 coef0=self.coef0,
                 degree=self.degree,
             )
         )
+        return largest(builder, pair_votes(builder, sums, len(self.labels))) if self.classifies else sums
 
     def evaluate(self, x: FloatArray) -> FloatArray:
-        total = np.full(len(x), -self.rho)
-        for vector, coefficient in zip(self.vectors, self.coefficients, strict=True):
+        kernels = np.empty((len(x), len(self.vectors)))
+        for number, vector in enumerate(self.vectors):
             product = x @ vector
             if self.kernel is Kernel.RBF:
                 product = np.exp(-self.gamma * np.sum((x - vector) ** 2, axis=1))
@@ -369,8 +393,28 @@ class _SupportVectors(_File):
                 product = (self.gamma * product + self.coef0) ** self.degree
             elif self.kernel is Kernel.SIGMOID:
                 product = np.tanh(self.gamma * product + self.coef0)
-            total += coefficient * product
+            kernels[:, number] = product
+        if self.classifies:
+            return self._label(kernels)
+        total = np.full(len(x), -self.rho[0])
+        for number, coefficient in enumerate(self.coefficients[0]):
+            total += coefficient * kernels[:, number]
         return total[:, None]
+
+    def _label(self, kernels: FloatArray) -> FloatArray:
+        """The number of the first class of most votes; a pair votes for its first class where its sum is above rho."""
+        ends = np.cumsum(self.per_class)
+        votes, pair = np.zeros((len(kernels), len(ends))), 0
+        for one in range(len(ends)):
+            for other in range(one + 1, len(ends)):
+                total = np.full(len(kernels), -self.rho[pair])
+                for own, row in ((one, other - 1), (other, one)):
+                    for number in range(ends[own] - self.per_class[own], ends[own]):
+                        total += self.coefficients[row, number] * kernels[:, number]
+                votes[:, one] += total > 0
+                votes[:, other] += ~(total > 0)
+                pair += 1
+        return np.asarray(np.argmax(votes, axis=1)[:, None], np.float64)
 
 
 _KINDS: dict[str, Callable[[XmlElement], _File]] = {

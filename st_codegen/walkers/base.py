@@ -85,6 +85,8 @@ class GraphBuilder:
         """The finished model. Its outputs are the columns of the last value, or all that a classifier computes."""
         outputs: tuple[str, ...]
         classes = None
+        if not self.ops:  # a scaler that is told to do nothing
+            self.add(Select((0,), np.arange(self.n_features, dtype=np.int32)))
         present, read = self.present, self._read()
         if isinstance(result, Classified):
             outputs, classes = self._select_outputs(result)

@@ -8,6 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+from sklearn.svm import SVC
+from sklearn.tree import DecisionTreeClassifier
 
 from st_codegen.beckhoff_ml.blocks import engine_limits
 from st_codegen.beckhoff_ml.bounds import engine_answers, engine_bound
@@ -17,7 +21,7 @@ from st_codegen.driver import generate
 from st_codegen.emit.contents import Contents
 from st_codegen.emit.render import render
 from st_codegen.emit.targets import TARGETS
-from st_codegen.errors import UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import (
     Activation,
     Clip,
@@ -28,6 +32,7 @@ from st_codegen.ir import (
     KernelSum,
     Linear,
     Operator,
+    OutputKind,
     Precision,
     Scale,
     Select,
@@ -38,6 +43,7 @@ from st_codegen.passes.domain import limit_inputs
 from st_codegen.project.bundle import load
 from st_codegen.proof.probes import probe_rows
 from st_codegen.proof.runner import GeneratedCode
+from tests.classifiers import MANY, TWO, WORDS, X, loaded, verified
 from tests.examples import examples
 from tests.models import VECTORS, W, model, random_trees
 
@@ -338,3 +344,45 @@ def test_predict_and_generate_take_such_a_file(tmp_path):
         result = code.run_model("FB_Net", x, 1)
         assert result.valid.all()
         assert np.all(np.abs(result.values - bundle.models[0].predict(x)) <= 1e-5)
+
+
+@pytest.mark.parametrize("labels", [TWO, WORDS, MANY], ids=["two", "three", "many"])
+@pytest.mark.parametrize("kernel", ["rbf", "linear"])
+def test_support_vectors_of_classes(labels, kernel, tmp_path):
+    """The runtime's label, as the file says it and as the block gives it, is the library's."""
+    machine = make_pipeline(StandardScaler(), SVC(kernel=kernel, decision_function_shape="ovo")).fit(X, labels)
+    found = loaded(machine, (OutputKind.CLASS,))
+    assert verified(found, tmp_path, target="beckhoff-ml", rows=100).max_abs_err == 0.0
+    text = only_file(found.ir)
+    file = etree.fromstring(text.encode())[0]
+    own = machine[-1]
+    information = file.find("Parameters/ModelInfo").attrib
+    assert file.find("Configuration").get("str_operationType") == "SVM_TYPE_C_CLASSIFIER"
+    assert information["arrint32_numSVsPerClass"] == ",".join(map(str, own.n_support_))
+    assert information["int64_numClasses"] == str(len(own.classes_))
+    read = read_model(text.encode(), "m.xml", "m")
+    assert np.mean(read.predict(X)[:, 0] == found.predict(X)[:, 0]) == 1.0
+    assert np.array_equal(reference.evaluate(read.ir, X), found.predict(X))
+
+
+def test_labels_of_a_vendors_file_are_its_own():
+    machine = SVC().fit(X, MANY % 3)
+    text = only_file(loaded(machine, (OutputKind.CLASS,)).ir)
+    text = text.replace('arrint32_classLabels="0,1,2"', 'arrint32_classLabels="7,-1,30"')
+    assert read_model(text.encode(), "m.xml", "m").ir.classes.labels == (7, -1, 30)
+    for bad, message in (('"7,-1"', "are not those of 3 classes"), ('"7,7,7"', "different")):
+        with pytest.raises(InputError, match=message):
+            read_model(text.replace('"7,-1,30"', bad).encode(), "m.xml", "m")
+
+
+def test_classifiers_that_the_format_does_not_say():
+    scores = loaded(SVC().fit(X, MANY % 3))
+    forest = loaded(DecisionTreeClassifier(max_depth=3).fit(X, TWO))
+    ties = loaded(SVC(break_ties=True).fit(X, MANY % 3), (OutputKind.CLASS,))
+    for found, message in (
+        (scores, "labels only|branches"),
+        (forest, "no support vector machine"),
+        (ties, "branches|most votes"),
+    ):
+        with pytest.raises(UnsupportedModelError, match=message):
+            only_file(found.ir)
