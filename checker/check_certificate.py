@@ -17,6 +17,9 @@ from pathlib import Path
 import numpy as np
 from model_files import HIGH, LOW, Reject, bits, keys, need, numbers, read_model, single
 
+#: What a file that is not as it should be may raise.
+REJECTIONS = (Reject, OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError, SyntaxError)
+
 # --- Structured Text ------------------------------------------------------------------------------------------------
 WORDS = {
     ":=": "=",
@@ -77,17 +80,19 @@ def read_block(folder, name):
     )
     need(len(parts) == 1, f"{len(parts)} blocks {name} in {folder}")
     text = re.sub(r"\(\*.*?\*\)", " ", "\n".join(parts[0]) if path.is_file() else parts[0], flags=re.S)
-    need(not re.search(r"[{'\"$^]|//", text), "attributes, strings or pointers")
+    need(not re.search(r"[{'\"$^]|//|\*\)", text), "attributes, strings, pointers, or a comment in a comment")
     text = re.sub(rf"^\s*FUNCTION_BLOCK {name}\s", "", text)
     ports, constants, values, end = {"VAR_INPUT": [], "VAR_OUTPUT": []}, set(), {}, 0
     for section in re.finditer(r"\s*(VAR\w*)( CONSTANT)?\s(.*?)END_VAR", text, re.S):
-        need(section.start() == end, "text between declarations")
+        need(section.start() == end and section[1] in ("VAR", *ports), "text between declarations, or another section")
         end = section.end()
         for line in filter(None, map(str.strip, section[3].split(";"))):
             form = re.fullmatch(
                 r"(\w+) : (?:ARRAY\[0\.\.(\d+)\] OF )?(LREAL|[SD]?INT|BOOL|DWORD)(?:\s*:=\s*(.*))?", line, re.S
             )
-            need(form and form[1] not in values, f"the declaration {line[:60]}")
+            known = {name.lower() for name in values}
+            narrow = form and not section[2] and form[3] in ("SINT", "INT")
+            need(form and form[1].lower() not in known and not narrow, f"the declaration {line[:60]}")
             kind = {"LREAL": float, "BOOL": bool}.get(form[3], int)
             size, given = int(form[2] or 0) + 1, re.sub(r"\w*#?16#(\w+)", lambda m: str(int(m[1], 16)), form[4] or "")
             need(not (given and kind is bool), "an initial truth value")
@@ -198,6 +203,10 @@ class Machine:
                 need(isinstance(s, ast.For), "a statement of another kind")
                 bounds = [self.value(a, mask) for a in s.iter.args]
                 need(all(type(b) is int for b in bounds) and bounds[2] > 0, "a loop whose bounds depend on the inputs")
+                need(bounds[1] + bounds[2] < 2**31, "a loop that never ends")
+                names = [n for part in s.body for n in ast.walk(part) if isinstance(n, ast.Name)]
+                stores = {n.id for n in names if isinstance(n.ctx, ast.Store)}
+                need(s.target.id not in stores, "a counter that its loop assigns")
                 inside = mask
                 for counter in range(bounds[0], bounds[1] + 1, bounds[2]):
                     self.assign(s.target, counter, True)
@@ -349,7 +358,7 @@ class Machine:
         with np.errstate(all="ignore"):
             if all(not isinstance(v, V) for v in values):
                 out = NUMERIC[name](*(np.float64(v) if floats else v for v in values))
-                need(np.isfinite(out), "a constant that overflows")
+                need(np.isfinite(out) if floats else abs(out) < 2**31, "a constant that overflows")
                 return float(out) if floats else int(out)
             wide = [self.wide(v) for v in values]
             moving = [v.src for v in wide if v.src is not None]
@@ -424,8 +433,10 @@ class Check:
         model.prepare()
         self.made, self.forms = {}, {}
         self.model, self.block, self.has_isnan = model, read_block(folder, entry["block"]), has_isnan(folder)
-        self.ends = []
-        for f in range(model.features):
+        self.ends, ports = [], [name.lower() for name in self.block[0]]
+        for f, name in enumerate(entry["inputs"]):
+            port = f"f{name}".lower()
+            need(port not in ports or ports.index(port) == f, "inputs in another order")
             inner = [last[t[0] == f] for t, last in zip(model.trees, model.last)]
             edges = keys([model.lower[f], model.upper[f]])
             ends = np.concatenate(
@@ -800,7 +811,7 @@ if __name__ == "__main__":
         sys.exit(2)
     try:
         done, every = main(*sys.argv[1:])
-    except (Reject, OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError) as error:
+    except REJECTIONS as error:
         print(f"rejected: {type(error).__name__}: {error}")
         sys.exit(1)
     if done == every:

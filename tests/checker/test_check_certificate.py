@@ -160,7 +160,7 @@ def test_a_comparison_that_no_cut_decides_ends_the_check(tmp_path):
     assert limit in text.read_text()
     text.write_text(text.read_text().replace(limit, limit.replace(">", ">=")))
     content = json.loads(written(tmp_path, models, tmp_path / "out").read_text())
-    entry = {"block": "FB_Gradient_boosting", "outputs": ["fOut1"]}
+    entry = {"block": "FB_Gradient_boosting", "outputs": ["fOut1"], "inputs": ["f0", "f1", "f2"]}
     assert content["proofs"][0]["verdict"] == "refuted"
     check_certificate = mutants.check_certificate
     with pytest.raises(check_certificate.Reject, match="not decided"):
@@ -220,7 +220,7 @@ def test_a_label_that_was_changed_is_rejected(name, pattern, change, tmp_path):
     check_certificate = mutants.check_certificate
     model = check_certificate.read_model(models / f"{name}.skops")
     (text,) = tmp_path.rglob(f"FB_{name.capitalize()}.st")
-    entry = {"block": text.stem, "outputs": ["nClass"]}
+    entry = {"block": text.stem, "outputs": ["nClass"], "inputs": [f"f{n}" for n in range(model.features)]}
     check_certificate.Check(model, text.parent, entry)
     changed, count = re.subn(pattern, change, text.read_text(), count=1)
     assert count == 1

@@ -150,8 +150,9 @@ def _called(
     for path, variable, place in state:
         held: Held = run.held[path, variable]
         value = held[place] if isinstance(held, tuple | np.ndarray) else held
-        if not isinstance(value, bool | int | float | Term | np.generic):
-            raise NotProvedError(f"{variable.name} has no value behind the call")
+        if not isinstance(value, bool | int | float | Term | np.generic):  # a counter behind its loop
+            after[path, variable, place] = anything(path, variable, place)
+            continue
         after[path, variable, place] = terms.interval(value.item() if isinstance(value, np.generic) else value)
     return run, after
 

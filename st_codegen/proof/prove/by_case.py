@@ -77,8 +77,10 @@ def follow(executor: Boxes, statement: t.Statement) -> None:
             raise NotProvedError(f"{variable.name} is assigned in some boxes only")
         executor.touch(variable, 0)
         items = [changes[variable] for changes in found]
+        if None in items:  # the counter of a loop
+            executor.variables[variable] = LOST
+            continue
         executor.variables[variable] = Slots(space, Lanes(space, np.ravel(back)), items)
-    _lose_counter(executor, statement)
 
 
 def _executed(executor: Boxes, statement: t.Statement, before: dict[t.Variable, Held]) -> dict[t.Variable, Held]:
@@ -97,7 +99,7 @@ def _give_back(executor: Boxes, before: dict[t.Variable, Held], changes: dict[t.
     for variable, value in changes.items():
         if not isinstance(value, tuple):
             executor.touch(variable, 0)
-            executor.variables[variable] = value
+            executor.variables[variable] = LOST if value is None else value
             continue
         items, old = executor.variables[variable], before[variable]
         assert isinstance(items, list) and isinstance(old, tuple)
@@ -105,11 +107,6 @@ def _give_back(executor: Boxes, before: dict[t.Variable, Held], changes: dict[t.
             if new is not known:
                 executor.touch(variable, place)
                 items[place] = new
-
-
-def _lose_counter(executor: Boxes, statement: t.Statement) -> None:
-    if isinstance(statement, t.For) and isinstance(statement.counter, t.VariableRef):
-        executor.variables[statement.counter.variable] = LOST
 
 
 def _variables(node: object) -> Iterator[t.Variable]:

@@ -9,7 +9,7 @@ import numpy as np
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import FloatArray, IntArray, ModelIR, reference
 from st_codegen.proof.bounds import difference_bound
-from st_codegen.proof.prove.axis import HIGHEST, LOWEST, from_keys
+from st_codegen.proof.prove.axis import HIGHEST, LOWEST, NotProvedError, from_keys
 from st_codegen.proof.prove.disagree import OtherExpressionError, differing_rows, evaluated
 from st_codegen.proof.prove.model import domain_of
 from st_codegen.proof.prove.terms import Term
@@ -90,7 +90,10 @@ def of_expressions(
     model: ModelIR, code: GeneratedCode, block: str, outputs: tuple[int, ...], difference: OtherExpressionError
 ) -> Counterexample | None:
     """An input for which the executed text gives other bits than the expression that the model demands."""
-    rows = differing_rows(difference)[:_MOST_EXECUTED]
+    try:
+        rows = differing_rows(difference)[:_MOST_EXECUTED]
+    except NotProvedError:  # a number of an earlier call, which no row of inputs tells
+        return None
     if not len(rows):
         return None
     wanted = difference.wanted

@@ -21,6 +21,7 @@ from st_codegen.proof.prove.axis import (
 from st_codegen.proof.prove.boxes import Lanes, Slots
 from st_codegen.proof.prove.by_case import follow
 from st_codegen.proof.prove.inputs import InputTerms
+from st_codegen.proof.prove.intervals import rounds
 from st_codegen.proof.prove.operations import Recogniser, ValueOperations
 from st_codegen.proof.prove.terms import Term
 from st_codegen.proof.prove.values import (
@@ -156,17 +157,15 @@ class Executor(ValueOperations):
             raise ComputedError("a loop whose bounds depend on the inputs", statement.position)
         if not isinstance(statement.counter, t.VariableRef):
             raise NotProvedError(f"{statement.position}: a counter that is no variable")
-        start, stop, step = (int(bound) for bound in bounds)  # type: ignore[call-overload]
-        counter = start
-        while counter <= stop if step > 0 else counter >= stop:
-            self.variables[statement.counter.variable] = counter
+        self.touch(statement.variable, 0)
+        for counter in rounds(bounds, statement.variable.type):
+            self.variables[statement.variable] = counter
             gone = self._block(statement.body, mask)
             if gone is not False:
                 mask = self._logic("AND", mask, self._not(gone))
                 if not self._any(mask):
                     break
-            counter += step
-        self.variables[statement.counter.variable] = LOST
+        self.variables[statement.variable] = LOST
 
     def _store(self, target: t.Expression, value: Value, mask: Value) -> None:
         if isinstance(target, t.VariableRef):

@@ -7,11 +7,13 @@ has to be widened. Only EXP, LN, SIN, COS and ATAN are widened, by what they may
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
 from st_codegen.proof.prove.axis import NotProvedError
+from st_codegen.st.types import Elementary, Type
 
 #: The largest relative error of EXP, LN, SQRT, SIN, COS and ATAN that is assumed of a controller.
 FUNCTION_ERROR = 1e-14
@@ -33,6 +35,16 @@ def hull(one: Interval, other: Interval) -> Interval:
 def cut(one: Interval, other: Interval) -> Interval:
     """What lies in two intervals."""
     return max(one[0], other[0]), min(one[1], other[1]), one[2] and other[2]
+
+
+def rounds(bounds: Sequence[Any], counter: Type) -> range:
+    """The numbers that the counter of a loop (start, stop, step) has. Raises NotProvedError where it never ends."""
+    start, stop, step = map(int, bounds)
+    found = range(start, stop + (1 if step > 0 else -1), step)
+    last = start + len(found) * step
+    if not isinstance(counter, Elementary) or not counter.lower <= last <= counter.upper:
+        raise NotProvedError(f"a loop whose counter, of type {counter}, never passes {stop}")
+    return found
 
 
 def compute(operation: str, *values: float) -> float:

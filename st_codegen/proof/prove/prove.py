@@ -17,6 +17,7 @@ from st_codegen.proof.prove.axis import NotProvedError
 from st_codegen.proof.prove.blocks import prove_block
 from st_codegen.proof.prove.counterexample import Counterexample, counterexample, edge_rows, of_expressions
 from st_codegen.proof.prove.disagree import OtherExpressionError
+from st_codegen.proof.prove.texts import check_interface, check_text
 from st_codegen.proof.prove.tree_proof import BlockRun, Difference, TreeProof
 from st_codegen.proof.runner import GeneratedCode, target_folders
 
@@ -111,6 +112,7 @@ def _prove_around(block: str, code: GeneratedCode, bundle: Bundle, models: list[
     for model in models:
         members.setdefault(model.block, []).append((irs[model.model], model.outputs))
     try:
+        check_text(code, block)
         proof = prove_block(code.project, block, members)
     except NotProvedError as error:
         return _with(result, Verdict.NOT_PROVED, reason=str(error))
@@ -134,6 +136,8 @@ def prove_model(model: ModelIR, code: GeneratedCode, runs: dict[str, BlockRun] |
         return _left_out(model, folder)
     code.check_block(block, len(model.features), outputs)
     try:
+        check_text(code, block)
+        check_interface(model, code.project, block, outputs)
         if any(isinstance(op, TreeEnsemble) for op in model.ops):
             found = TreeProof(model, code, block, outputs, {} if runs is None else runs).check()
             return _with(result, Verdict.PROVED, **found.__dict__)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.proof.prove.axis import NotProvedError
-from st_codegen.proof.prove.intervals import WHOLE, Interval
+from st_codegen.proof.prove.intervals import WHOLE, Interval, rounds
 from st_codegen.proof.prove.terms import Term, Terms, Value
 from st_codegen.st import Project
 from st_codegen.st import tree as t
@@ -204,9 +204,9 @@ class Symbolic:
         bounds = [self._number(path, part) for part in (statement.start, statement.stop, statement.step)]
         if not all(isinstance(bound, int) for bound in bounds):
             raise NotProvedError("a loop whose bounds depend on the inputs")
-        start, stop, step = (int(bound) for bound in bounds)  # type: ignore[arg-type]
-        counters = range(start, stop + (1 if step > 0 else -1), step)
+        counters = rounds(bounds, statement.variable.type)
         self._rounds(path, statement, counters, leaves=_leaves(statement.body))
+        self.held[path, statement.variable] = None  # what a counter has behind its loop differs between compilers
 
     def _rounds(self, path: Path, statement: t.For, counters: range, *, leaves: bool) -> None:
         if leaves and counters:
@@ -216,7 +216,6 @@ class Symbolic:
         for counter in counters:
             self.held[path, statement.variable] = counter
             self.block(path, statement.body)
-        self.held[path, statement.variable] = counters.start + len(counters) * counters.step
 
     def _until_exit(self, path: Path, statements: Sequence[t.Statement], after: Callable[[], None]) -> None:
         """Execute statements, and what comes `after` them where none of them is EXIT."""
@@ -296,7 +295,8 @@ class Symbolic:
                 raise NotProvedError("a structure is read before it is assigned")
             if place.name in stored:
                 return stored[place.name]
-            if len(stored) == 1 and str(place.type) in ("LWORD", "ULINT"):
+            is_union = isinstance(place.base.type, StructType) and place.base.type.is_union
+            if is_union and len(stored) == 1 and str(place.type) in ("LWORD", "ULINT"):
                 return RawBits(next(iter(stored.values())))
             raise NotProvedError("a union is read in another way than as the bits of an LREAL")
         key = self._key(path, place)

@@ -1,0 +1,89 @@
+"""What a text may not have where it is to be proved: all that gives its statements another meaning than they say.
+
+The executors read checked statements. Conditional compilation, comments that compilers end at different places,
+addresses that two variables may share, values that survive a restart or are set by a method that runs before the first
+call, and names that belong to another input are not seen there. They are refused here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from st_codegen.emit.blocks.model import input_variables
+from st_codegen.ir import ModelIR
+from st_codegen.proof.prove.axis import NotProvedError
+from st_codegen.proof.runner import GeneratedCode
+from st_codegen.st import Project, walk
+from st_codegen.st import tree as t
+from st_codegen.st.syntax import declarations as d
+from st_codegen.st.syntax.scan import CommentKind
+from st_codegen.st.types import BlockType
+
+#: Methods that TwinCAT and CODESYS call by themselves, before the first call of a block.
+_UNCALLED = {"FB_INIT", "FB_REINIT", "FB_EXIT"}
+
+
+def check_text(code: GeneratedCode, block: str) -> None:
+    """Raise NotProvedError for what gives a block, or what it calls, another meaning than its statements say."""
+    units = [code.project.pous[key] for key in _reached(code.project, block.upper())]
+    for unit in units:
+        if unit.base is not None or _UNCALLED & set(unit.methods):
+            raise NotProvedError(f"{unit.position}: {unit.name} extends a block or has a method that nobody calls")
+    keys = {unit.key for unit in units}
+    declared = [item for item in code.source.declarations if isinstance(item, d.PouDeclaration | d.GlobalDeclarations)]
+    owners = [item for item in declared if isinstance(item, d.GlobalDeclarations) or item.name.upper() in keys]
+    files = {item.position.file for item in owners}
+    for scanned in code.source.scans:
+        if scanned.segment.file not in files:
+            continue
+        for comment in scanned.comments:
+            if comment.kind is CommentKind.NESTED:
+                where = scanned.segment.position(comment.start)
+                raise NotProvedError(f"{where}: a comment in a comment, which compilers end at different places")
+        for pragma in scanned.pragmas:
+            name = pragma.attribute
+            if name is None or "init" in name or name.startswith("call_"):
+                where = scanned.segment.position(pragma.start)
+                raise NotProvedError(f"{where}: the pragma {pragma.text} may change what the text does")
+    for owner in owners:
+        for variables in owner.blocks:
+            for variable in variables.variables:
+                if variable.address is not None or variables.qualifiers - {"CONSTANT"}:
+                    raise NotProvedError(f"{variable.position}: {variable.name} has an address, or survives a restart")
+
+
+def _reached(project: Project, key: str) -> set[str]:
+    """A unit and all that it calls or holds an instance of, by key."""
+    found: set[str] = set()
+    open_ = [key]
+    while open_:
+        unit = project.pous[open_.pop()]
+        if unit.key not in found and not unit.is_native:
+            found.add(unit.key)
+            open_ += [call.callee for call in walk.calls(unit.body)]
+            open_ += [v.type.name.upper() for v in unit.variables if isinstance(v.type, BlockType)]
+    return found
+
+
+def check_interface(model: ModelIR, project: Project, block: str, outputs: tuple[int, ...]) -> None:
+    """Raise NotProvedError where the inputs and outputs of a block are not those of the model, by name and type."""
+    unit = project.pous[block.upper()]
+    names = dict(_wrong_names(model, unit, outputs))
+    for found, wanted in names.items():
+        raise NotProvedError(f"{unit.name}.{found} stands where the model has {wanted}")
+    if unit.section(t.Section.IN_OUT):
+        raise NotProvedError(f"{unit.name} has parameters that it changes")
+
+
+def _wrong_names(model: ModelIR, unit: t.Pou, outputs: tuple[int, ...]) -> Iterator[tuple[str, str]]:
+    for variable, wanted in zip(unit.section(t.Section.INPUT), input_variables(model.features), strict=True):
+        if variable.key != wanted.name.upper() or str(variable.type) != "LREAL":
+            yield f"{variable.name} : {variable.type}", f"{wanted.name} : LREAL"
+    numbers = [variable for variable in unit.section(t.Section.OUTPUT) if str(variable.type) != "BOOL"]
+    alone = outputs == tuple(range(len(model.variables)))
+    for number, name in zip(outputs, model.variables, strict=True):
+        wanted_name = name if alone else f"fOut{number + 1}"
+        kind = "DINT" if model.classes is not None and number == 0 else "LREAL"
+        variable = numbers[number]
+        if variable.key != wanted_name.upper() or str(variable.type) != kind:
+            yield f"{variable.name} : {variable.type}", f"{wanted_name} : {kind}"
