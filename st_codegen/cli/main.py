@@ -5,6 +5,7 @@ This module and what it imports are loaded by every start, `--help` included: no
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import os
 import sys
@@ -97,8 +98,9 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     except click.exceptions.Abort:
         _fail("stopped", _INTERRUPTED)
     except click.ClickException as error:
-        error.show()
-        show_codes(codes_of(error))
+        with contextlib.suppress(OSError):
+            error.show()
+            show_codes(codes_of(error))
         sys.exit(error.exit_code)
     except Exception as error:
         if shows_traceback:
@@ -118,7 +120,10 @@ def main(arguments: list[str] | None = None) -> NoReturn:
 
 def _system_message(error: OSError) -> str:
     names = [str(name) for name in (error.filename, error.filename2) if name is not None]
-    return f"{' -> '.join(names)}: {error.strerror}" if names and error.strerror else error.strerror or str(error)
+    if not names and traceback.extract_tb(error.__traceback__)[-1:][0].name == "echo":  # what prints all results
+        names = ["standard output"]
+    reason = error.strerror or " ".join(map(str, error.args))
+    return f"{' -> '.join(names)}: {reason}" if names else reason or type(error).__name__
 
 
 #: What a user can mend (input, disk, memory), and its message.
@@ -138,8 +143,12 @@ def _expected(error: Exception) -> str | None:
 
 
 def _fail(message: str, code: int, codes: Sequence[str] = ()) -> NoReturn:
-    """One message on standard error, in which nothing of the data acts on the terminal, its codes, and the end."""
+    """One message on standard error, in which nothing of the data acts on the terminal, its codes, and the end.
+
+    The code is the same where the message cannot be written: the log may be on the disk that is full.
+    """
     shown = "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in message)
-    click.echo(f"{click.style('error:', fg='red', bold=True)} {shown}", err=True)
-    show_codes(codes)
+    with contextlib.suppress(OSError):
+        click.echo(f"{click.style('error:', fg='red', bold=True)} {shown}", err=True)
+        show_codes(codes)
     sys.exit(code)

@@ -15,8 +15,8 @@ _TOKEN = re.compile(
     r"\(\*.*?\*\)|'[^']*'|[A-Za-z_]\w*|\d+#\w+|\d+\.\d+(?:[eE][+-]?\d+)?|\d+|\s+|[<>=:*]{1,2}|.", re.DOTALL
 )
 _BLANK = re.compile(r"\s|\(\*")
-#: Functions with several arguments, which SCL wants by name: IN1, IN2, ..
-_NAMED_ARGUMENTS = ("MIN", "MAX")
+#: Functions with several arguments, which SCL wants by name.
+_NAMED_ARGUMENTS = {"MIN": ("IN1", "IN2"), "MAX": ("IN1", "IN2"), "SHR": ("IN", "N")}
 _BRACKETS = re.compile(r"\b((?:END)?)_?(IF|FOR|WHILE|CASE|REPEAT)\b")
 
 
@@ -35,7 +35,7 @@ class Words(Protocol):
         """A real number."""
         ...
 
-    def argument(self, number: int) -> str:
+    def argument(self, name: str) -> str:
         """What stands in front of an argument of a function that takes several."""
         ...
 
@@ -74,13 +74,14 @@ def scl_code(code: str, block: Block, names: Collection[str], words: Words) -> s
         following = tokens[after[number]] if number in after else ""
         if token == "(":
             open_calls.append(_Call(last))
-            written.append(f"({words.argument(1)} " if last in _NAMED_ARGUMENTS else "(")
+            written.append(f"({words.argument(_NAMED_ARGUMENTS[last][0])} " if last in _NAMED_ARGUMENTS else "(")
         elif token == ")":
             open_calls.pop()
             written.append(token)
         elif token == "," and open_calls and open_calls[-1].name in _NAMED_ARGUMENTS:
+            names_of = _NAMED_ARGUMENTS[open_calls[-1].name]
+            written.append(f", {words.argument(names_of[open_calls[-1].arguments])}")
             open_calls[-1].arguments += 1
-            written.append(f", {words.argument(open_calls[-1].arguments)}")
         elif re.fullmatch(r"\d+\.\d.*", token):
             written.append(words.literal(token))
         elif not re.match(r"[A-Za-z_]", token) or last == "." or (open_calls and _names(following)):

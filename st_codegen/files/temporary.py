@@ -6,6 +6,7 @@ folder that can be locked belongs to nobody. Where folders cannot be locked (Win
 
 from __future__ import annotations
 
+import errno
 import importlib
 import os
 import shutil
@@ -19,22 +20,42 @@ _locks = importlib.import_module("fcntl") if os.name == "posix" else None
 
 PREFIX = ".st-codegen-"
 
+#: What a disk says in the middle of a write, when the system names no file. Other languages give no number.
+_DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, None)
+
 #: Folders in which this process has looked for what killed runs left: once each, for some hold thousands of files.
 _swept: set[Path] = set()
 
 
 @contextmanager
-def temporary_folder(parent: Path) -> Iterator[Path]:
-    """A new folder in `parent`, which must exist; it is gone when the block ends. Removes those of killed runs."""
+def temporary_folder(parent: Path, becomes: Path | None = None) -> Iterator[Path]:
+    """A new folder in `parent`, which must exist; it is gone when the block ends. Removes those of killed runs.
+
+    An error of the disk names `becomes`, which is being made there, or `parent`: the new folder tells nobody anything.
+    """
     place = parent.resolve()
-    sweep(place)
-    path, lock = _made(place)
+    with errors_of_disk(becomes or parent):
+        sweep(place)
+        path, lock = _made(place)
     try:
-        yield path
+        with errors_of_disk(becomes or parent, path):
+            yield path
     finally:
         shutil.rmtree(path, ignore_errors=True)
         if lock is not None:
             os.close(lock)
+
+
+@contextmanager
+def errors_of_disk(name: Path, inside: Path | None = None) -> Iterator[None]:
+    """Errors of the disk without a file's name, or with one of a file `inside` a folder, get another name."""
+    try:
+        yield
+    except OSError as error:
+        unnamed = error.filename is None and error.errno in _DISK_ERRORS
+        if unnamed or (inside is not None and Path(str(error.filename)).is_relative_to(inside)):
+            error.filename, error.filename2 = name, None
+        raise
 
 
 def sweep(parent: Path) -> None:

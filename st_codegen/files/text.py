@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from st_codegen.errors import InputError
-from st_codegen.files.temporary import temporary_folder
+from st_codegen.files.temporary import errors_of_disk, temporary_folder
 
 
 def read_text(path: Path) -> str:
@@ -56,10 +56,11 @@ def whole_file(path: Path) -> Iterator[Path]:
         raise InputError(f"{path} is a folder; a file is to be written there")
     path = Path(os.path.realpath(path))
     if path.exists() and not path.is_file():
-        yield path
+        with errors_of_disk(path):
+            yield path
         return
     make_folder(path.parent)
-    with temporary_folder(path.parent) as stage:
+    with temporary_folder(path.parent, becomes=path) as stage:
         partial = stage / path.name
         yield partial
         partial.replace(path)

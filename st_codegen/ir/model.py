@@ -86,10 +86,10 @@ class ModelIR:
     inputs numbered in `must_be_present`; otherwise it refuses the row. `magnitude_limits`: for each feature, the
     magnitude from which on the library refuses an input (infinity: it refuses infinities only; None: it takes
     everything). Empty: it takes everything. `accepted`: for each feature the closed interval of numbers for which there
-    is an answer (None, or empty: no interval), once the feature is limited to its declared range. `ports` are the
-    block's outputs where the user named them. `classes`: the labels of a classifier, whose first output is the number
-    of one of them. `stray`: the block computes in REAL (`passes.real`), and each output may lie so far from the
-    library's; empty: it computes in LREAL.
+    is an answer (None, or empty: no interval), once the feature is limited to its declared range. `ports`: the
+    block's outputs that the user named, the first ones. `classes`: the labels of a classifier, whose first output is
+    the number of one of them. `stray`: the block computes in REAL (`passes.real`), and each output may lie so far from
+    the library's; empty: it computes in LREAL.
     """
 
     name: str
@@ -106,10 +106,7 @@ class ModelIR:
     stray: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.ports and self.classes is not None:
-            raise InputError(f"model '{self.name}': the outputs of a classifier cannot be named")
-        if self.ports and len(self.ports) != len(self.outputs):
-            raise InputError(f"model '{self.name}': {len(self.ports)} outputs described, it has {len(self.outputs)}")
+        self._check_ports()
         if not self.features:
             raise InputError(f"model '{self.name}' has no features")
         if not self.magnitude_limits:
@@ -127,6 +124,26 @@ class ModelIR:
             raise InputError(f"model '{self.name}': {len(self.outputs)} outputs named, {self.ops[-1].width} computed")
         if self.classes is not None and len(self.classes.kinds) != len(self.outputs):
             raise InputError(f"model '{self.name}': {len(self.classes.kinds)} kinds of {len(self.outputs)} outputs")
+
+    def _check_ports(self) -> None:
+        """Raises InputError where what is said of the block's outputs does not fit the model."""
+        if not self.ports:
+            return
+        where, given, there = f"model '{self.name}'", len(self.ports), len(self.outputs)
+        if given > there or (given < there and self.classes is None):
+            kinds = (
+                "" if self.classes is None else f" ({', '.join(self.classes.kinds)}); --outputs or gives adds others"
+            )
+            raise InputError(f"{where}: {given} outputs described, it has {there}{kinds}")
+        if self.classes is not None and any(port.lower is not None for port in self.ports):
+            raise InputError(f"{where}: the outputs of a classifier have no min and max")
+        for number, variable in enumerate(self.variables):
+            letter = "f" if number or self.classes is None else "n"
+            if not variable.startswith(letter):
+                what = "the number of a class" if letter == "n" else "a number"
+                raise InputError(f"{where}: output {variable} is {what}; its name begins with {letter}")
+        if len({variable.lower() for variable in self.variables}) < there:
+            raise InputError(f"{where}: two outputs have the same name; they are {', '.join(self.variables)}")
 
     def takes_nan(self, feature: int) -> bool:
         """Whether NaN in an input is a missing value."""
@@ -164,12 +181,11 @@ class ModelIR:
     def variables(self) -> tuple[str, ...]:
         """The block's output for each output of the model: fOut1, .. where the user gave no name.
 
-        A classifier has nClass in front of them.
+        A classifier has nClass in front of them. Names of whole numbers begin with n, all others with f.
         """
-        if self.ports:
-            return tuple(port.variable for port in self.ports)
         first = 1 if self.classes is None else 0
-        return tuple(f"fOut{first + n}" if first + n else "nClass" for n in range(len(self.outputs)))
+        names = tuple(f"fOut{first + n}" if first + n else "nClass" for n in range(len(self.outputs)))
+        return (*(port.variable for port in self.ports), *names[len(self.ports) :])
 
     @property
     def exact(self) -> bool:

@@ -29,7 +29,8 @@ file = "kühlung.skops"
 name = "Cooling"                     # FB_Cooling
 layout = "table"                     # auto, trees or table
 gives = ["class", "probability"]     # what a classifier gives, in place of --outputs
-outputs = [{name = "fPower_kW", unit = "kW", min = 0.0, max = 11.0}]   # bPlausible is FALSE outside
+outputs = [{name = "fPower_kW", unit = "kW", min = 0.0, max = 11.0}]   # bPlausible is FALSE outside; of a
+                                     # classifier: {name = "nState"}, then names of what it gives beside the class
 training_sha256 = "5f1c.."           # of the training data, for the header of the block
 metrics = {"MAE, kW" = 0.21}         # for the header, too
 
@@ -69,6 +70,10 @@ BUILD_KEYS = (
     *("with_comparison", "with_configuration", "project", "library_version", "company", "namespace", "outputs"),
     *("profile", "cycle_us", "entry", "rows", "self_check", "with_age", "real"),
 )
+
+
+#: Outputs of `--with-age` and of windows.
+_TAKEN = ("nage", "nsamples")
 
 
 class Outside(StrEnum):
@@ -135,7 +140,7 @@ class NamingRules:
     def applied(self, model: ModelIR, features: Sequence[Feature]) -> tuple[tuple[Feature, ...], tuple[Output, ...]]:
         """The features with their variables, and the outputs of a model that are given no name.
 
-        The outputs of classifiers have fixed names. Raises InputError for a feature that makes no name.
+        Those of classifiers keep their names. Raises InputError for a feature that makes no name.
         """
         if self.input:
             words = (capitalised(identifier(f.name, "feature name", "f")) if not f.variable else "" for f in features)
@@ -386,7 +391,9 @@ def _kind(table: TomlTable) -> Callable[[str, Any], OutputKind | None]:
 
 def _output(table: TomlTable) -> Output:
     with table:
-        name, unit = _variable(table, table.text("name")), table.text("unit", "")
+        name, unit = _variable(table, table.text("name"), "fn"), table.text("unit", "")
+        if name.lower() in _TAKEN:
+            table.note(f"name = {shown(name)} is an output that blocks may have for something else")
         limits = _range(table)
         with table.collect():
             unit = unit_text(unit, "unit")
@@ -404,12 +411,13 @@ def _range(table: TomlTable) -> tuple[float, float] | None:
     return low, high
 
 
-def _variable(table: TomlTable, name: str) -> str:
-    """A name for a variable of a block; empty stays empty."""
+def _variable(table: TomlTable, name: str, letters: str = "f") -> str:
+    """A name for a variable of a block, which begins with one of some letters; empty stays empty."""
     if not name:
         return name
-    if not re.fullmatch(r"f[A-Z0-9]\w*", name, re.ASCII) or name.endswith("_") or "__" in name:
-        table.note(f"name = {shown(name)}: f and a capital letter, then letters, digits and single underscores")
+    if not re.fullmatch(rf"[{letters}][A-Z0-9]\w*", name, re.ASCII) or name.endswith("_") or "__" in name:
+        first = "f, for the number of a class n," if "n" in letters else "f"
+        table.note(f"name = {shown(name)}: {first} and a capital letter, then letters, digits and single underscores")
     elif name.upper() in KEYWORDS or is_foreign(name):
         table.note(f"name = {shown(name)} is a reserved word of a compiler")
     elif len(name) > MAX_IDENTIFIER:

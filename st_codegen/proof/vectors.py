@@ -38,7 +38,9 @@ def check_row(models: Sequence[ModelIR], compiled: Compiled, printed: ModelIR) -
     inside = [model for model in models if compiled.locations[model.name].model == printed.name]
     rows = probe_rows(inside[0], 20 * ROWS)[::-1]  # ordinary ones stand last
     with np.errstate(all="ignore"):
-        usable = np.all([_certain(model, rows) for model in inside], axis=0)
+        usable = np.all(
+            [_certain(m, rows) & np.all(reference.limited(m, rows) == rows, axis=1) for m in inside], axis=0
+        )
         x = _chosen(rows, usable)[:1]
         if not len(x) or any(model.features != inside[0].features for model in inside):
             return None
@@ -51,10 +53,9 @@ def check_row(models: Sequence[ModelIR], compiled: Compiled, printed: ModelIR) -
 
 
 def _certain(model: ModelIR, x: FloatArray) -> BoolArray:
-    """The rows within the model's ranges that have a finite answer with a finite bound, and one label alone."""
+    """The rows that have a finite answer with a finite bound, and one label alone."""
     bound = bounds.difference_bound(model, reference.limited(model, x))
     found: BoolArray = np.all(np.isfinite(reference.evaluate(model, x)) & np.isfinite(bound), axis=1)
-    found &= np.all(reference.limited(model, x) == x, axis=1)
     return found if model.classes is None else found & (bound[:, 0] == 0)
 
 
@@ -71,10 +72,7 @@ def _of_model(model: LoadedModel, compiled: Compiled) -> ReferenceVectors:
     ir = model.ir
     x = probe_rows(ir, 20 * ROWS)
     with np.errstate(all="ignore"):
-        usable = np.all(np.isfinite(reference.evaluate(ir, x)), axis=1)
-        if ir.classes is not None:  # a test asserts only labels that are certain
-            usable &= bounds.difference_bound(ir, reference.limited(ir, x))[:, 0] == 0
-        x = _chosen(x, usable)
+        x = _chosen(x, _certain(ir, x))
     location = compiled.locations[ir.name]
     printed, limited = compiled.block_model(ir.name), reference.limited(ir, x)
     return ReferenceVectors(

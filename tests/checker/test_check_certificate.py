@@ -194,9 +194,10 @@ def test_labels_of_classifiers_are_confirmed(layout, tmp_path):
     models.mkdir()
     for name, model in CLASSIFIERS.items():
         skops.io.dump(model, models / f"{name}.skops")
+    (models / "st-codegen.toml").write_text('[[model]]\nfile = "tree.skops"\noutputs = [{name = "nState"}]\n')
     generate(load(models), "iec", tmp_path / "out", options=Options(layout=layout))
     path = written(tmp_path, models, tmp_path / "out")
-    assert {tuple(entry["outputs"]) for entry in json.loads(path.read_text())["proofs"]} == {("nClass",)}
+    assert {tuple(entry["outputs"]) for entry in json.loads(path.read_text())["proofs"]} == {("nClass",), ("nState",)}
     result = check(path, models, tmp_path / "out")
     assert result.returncode == 0, result.stdout
 

@@ -1,9 +1,12 @@
 """Whatever a user brings: one message, exit code 2, nothing written. A defect of ours: exit code 70."""
 
+import importlib
 import json
 import os
 import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -156,7 +159,7 @@ CASES = {
     ),
     "predict into a folder": (lambda p: p.predict(output="models"), "is a directory"),
     "predict below a file": (lambda p: p.predict(output="x.csv/y.csv"), "is a file; a folder is wanted"),
-    "predict onto a full disk": (lambda p: [*p.predict()[:-1], "/dev/full"], "No space left"),
+    "predict onto a full disk": (lambda p: [*p.predict()[:-1], "/dev/full"], "/dev/full: No space left"),
     "predict from Latin-1": (lambda p: p.predict(b"\xe4,f1,f2\n1,2,3\n"), "save it as UTF-8"),
     "predict from UTF-16": (lambda p: p.predict("f0,f1,f2\n1,2,3\n".encode("utf-16")), "is UTF-16"),
     "predict from a long field": (lambda p: p.predict(f"f0,f1,f2\n{LONG},2,3\n"), "field larger than field limit"),
@@ -307,6 +310,7 @@ def test_text_that_is_wrong_is_a_defect_and_leaves_the_earlier_project_whole(pla
         (MemoryError(), 2, "not enough memory"),
         (OSError(28, "No space left on device", "/a[b]"), 2, "/a[b]: No space left on device"),
         (OSError("odd"), 2, "odd"),
+        (OSError("full (os error 28)"), 2, "full (os error 28)"),
         (RecursionError(), 2, "nested too deeply"),
         (InputError("x: [red]wrong[/red]"), 2, "x: [red]wrong[/red]"),
         (KeyboardInterrupt(), 130, "stopped"),
@@ -321,6 +325,44 @@ def test_every_kind_of_failure_has_its_exit_code(place, capsys, monkeypatch, err
     monkeypatch.setattr("st_codegen.proof.predict.write_table", fail)
     assert run(*place.predict()) == code
     assert part in capsys.readouterr().err
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a limit of the size of files stands for a full disk")
+@pytest.mark.parametrize(
+    ("command", "named"),
+    [
+        (lambda p: p.predict("f0,f1,f2\n" + "1,2,3\n" * 2000), "y.csv"),
+        (lambda p: [p.lone, "--target", "iec", "--out", p.out, "-q"], "out"),
+        (lambda p: [*p.campaign()[:-1], p.out / "runs"], "out"),
+    ],
+)
+def test_a_disk_that_fills_is_named_and_nothing_is_left(place, capsys, command, named):
+    """The system names no file in the middle of a write; nor does what writes curves, which is no Python."""
+    limits = importlib.import_module("resource")
+    arguments = command(place)
+    place.out.mkdir()
+    before = snapshot(place.folder)
+    old = limits.getrlimit(limits.RLIMIT_FSIZE)
+    limits.setrlimit(limits.RLIMIT_FSIZE, (2000, old[1]))
+    try:
+        code = run(*arguments)
+    finally:
+        limits.setrlimit(limits.RLIMIT_FSIZE, old)
+    assert code == 2
+    assert f"error: {place.folder / named}: File too large" in capsys.readouterr().err
+    assert snapshot(place.folder) == before
+
+
+def test_a_log_on_a_full_disk_changes_no_exit_code(place):
+    """Standard output or standard error cannot be written: 1 would say that something differs."""
+    with open("/dev/full", "w") as full:  # noqa: PTH123
+        for streams in ({"stdout": full}, {"stderr": full}):
+            command = [sys.executable, "-m", "st_codegen", "explain", "STC1002" if "stdout" in streams else "x"]
+            done = subprocess.run(
+                command, check=False, **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **streams}, text=True
+            )
+            assert done.returncode == 2, streams
+            assert "stderr" in streams or "error: standard output: No space left" in done.stderr
 
 
 def test_results_with_markup_are_shown_as_they_are(place, capsys):

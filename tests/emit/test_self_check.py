@@ -2,6 +2,7 @@
 
 import re
 import struct
+import zlib
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import TargetError
 from st_codegen.passes.choose import Layout, Options
 from st_codegen.project.bundle import load
+from st_codegen.proof.prove.prove import Verdict, prove
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.proof.verify import verify
 from tests.emit.test_golden import GOLDEN
@@ -73,7 +75,7 @@ def test_an_intact_block_stays_valid_and_a_changed_bit_ends_that(name, tmp_path)
     constants, calls = map(int, re.search(r"all (\d+) constants in (\d+) calls", text).groups())
     numbers = numbers_of(text)
     scalars = re.findall(r"^    \w+ : [A-Z]+ := .*;", text[text.index("VAR CONSTANT") :], re.M)
-    assert constants == len(numbers) + len(scalars) - 2  # all but what the sums must be
+    assert constants == len(numbers) + len(scalars) - 1  # all but what the checksum must be
     assert calls == -(-constants // SLICE)
     assert all(answers(generated, block, "bValid", [ROW] * (2 * calls + 1)))
     number = numbers[len(numbers) // 2]
@@ -106,17 +108,47 @@ def test_blocks_of_a_bundle_check_themselves(bundle_folder, tmp_path):
     assert verify(bundle, tmp_path, rows=200).passed
 
 
+@pytest.mark.parametrize("name", ["decision_tree.skops", "lasso.skops"])
+def test_prove_takes_blocks_with_an_age_and_says_why_it_takes_none_that_check_themselves(name, tmp_path):
+    bundle = load(MODELS / name)
+    for folder, wishes in ((tmp_path / "age", {"with_age": True}), (tmp_path / "check", {"self_check": True})):
+        generate(bundle, "iec", folder, **wishes)
+    (aged,), (checked,) = (prove(bundle, tmp_path / folder).results for folder in ("age", "check"))
+    assert aged.verdict is Verdict.PROVED
+    assert checked.verdict is Verdict.NOT_PROVED and "the block checks itself (--self-check)" in checked.reason
+
+
 def test_every_single_bit_of_a_number_changes_the_checksum():
     """All bits of numbers of every size; what becomes no number, or infinite, the text notes by itself."""
     values = np.array([1.0, -0.3, 5e-324, -2.2e-308, 1.7e308, 123456.0, 1e-37, 3.0])
-    known = checksum(values)
+    known = checksum([values])
     for place in range(len(values)):
         for bit in range(64):
             bits = values.view(np.uint64).copy()
             bits[place] ^= np.uint64(1) << np.uint64(bit)
             changed = bits.view(np.float64)
-            assert not np.isfinite(changed[place]) or checksum(changed) != known, (values[place], bit)
-    assert checksum(values[::-1]) != known
+            assert not np.isfinite(changed[place]) or checksum([changed]) != known, (values[place], bit)
+    assert checksum([values[::-1]]) != known
+
+
+@pytest.mark.parametrize("kind", [np.int8, np.int32])
+def test_every_single_bit_of_an_integer_changes_the_checksum(kind):
+    values = np.array([0, 1, -1, 100, -128], kind)
+    known = checksum([values])
+    for place in range(len(values)):
+        for bit in range(8 * values.itemsize):
+            changed = values.copy()
+            changed.view(f"u{values.itemsize}")[place] ^= 1 << bit
+            assert checksum([changed]) != known, (values[place], bit)
+
+
+def test_the_checksum_is_that_of_zlib():
+    numbers = [np.array([1.5, -2.0]), np.array([7, -1], np.int32)]
+    words = [
+        (value >> shift) & 0xFFFF for value in (*numbers[0].view(np.uint64).tolist(),) for shift in (48, 32, 16, 0)
+    ]
+    words += [(value >> shift) & 0xFFFF for value in (7, 2**32 - 1) for shift in (16, 0)]
+    assert checksum(numbers) == zlib.crc32(b"".join(word.to_bytes(2, "little") for word in words))
 
 
 def test_the_text_computes_the_checksum_of_numbers_of_every_size(tmp_path):

@@ -334,3 +334,61 @@ def test_what_cannot_stand_in_a_header_is_refused(line, message, lone_folder):
     (lone_folder / "st-codegen.toml").write_text(f'[[model]]\nfile = "te.txt"\n{line}\n')
     with pytest.raises(InputError, match=re.escape(message)):
         load(lone_folder)
+
+
+NAMED = """
+[[model]]
+file = "log.skops"
+gives = ["class", "probability"]
+outputs = [{name = "nState"}, {name = "fDry", unit = "1"}]
+"""
+
+
+@pytest.fixture
+def classifier(tmp_path):
+    """A classifier called as a function is, whose scores have no finite bound for the largest inputs."""
+    linear, io = pytest.importorskip("sklearn.linear_model"), pytest.importorskip("skops.io")
+    rows = np.random.default_rng(0).random((90, 2))
+    folder = tmp_path / "models"
+    folder.mkdir()
+    io.dump(
+        linear.LogisticRegression().fit(rows, np.array(["dry", "worn"])[(rows[:, 0] * 2).astype(int)]),
+        folder / "log.skops",
+    )
+    (folder / "st-codegen.toml").write_text(NAMED)
+    return folder
+
+
+def test_outputs_of_a_classifier_have_the_names_that_are_given(classifier, tmp_path):
+    bundle, out = load(classifier), tmp_path / "out"
+    generate(bundle, "twincat", out, with_tests=True, with_comparison=True)
+    assert verify(bundle, out, rows=100).passed
+    assert [result.verdict for result in prove(bundle, out).results] == [Verdict.PROVED]
+    texts = {path.name: path.read_text(encoding="utf-8-sig") for path in out.rglob("*.Tc*")}
+    declared = re.findall(
+        r"^    (\w+) : (\w+);", texts["FB_Log.TcPOU"].split("VAR_OUTPUT")[1].split("END_VAR")[0], re.M
+    )
+    assert declared == [("nState", "DINT"), ("fDry", "LREAL"), ("fOut2", "LREAL"), ("bValid", "BOOL")]
+    assert "its output nState." in texts["E_LogClass.TcDUT"]
+    for text in (texts["FB_Log_Test.TcPOU"], texts["PRG_Comparison.TcPOU"]):
+        assert re.search(r"DINT_TO_LREAL\(fbBlock1?\.nState\)", text) and "nClass" not in text
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"nState"', '"fState"', "fState is the number of a class; its name begins with n"),
+        ('"fDry"', '"nDry"', "nDry is a number; its name begins with f"),
+        ('"fDry"', '"fOut2"', "two outputs have the same name; they are nState, fOut2, fOut2"),
+        ('unit = "1"', "min = 0.0, max = 1.0", "the outputs of a classifier have no min and max"),
+        ('["class", "probability"]', '["class"]', r"2 outputs described, it has 1 \(class\); --outputs or gives adds"),
+        ('"nState"', '"nAge"', "name = 'nAge' is an output that blocks may have for something else"),
+        ('"nState"', '"state"', "name = 'state': f, for the number of a class n, and a capital letter"),
+    ],
+)
+def test_wrong_names_of_a_classifiers_outputs_are_refused(classifier, old, new, message):
+    path = classifier / "st-codegen.toml"
+    assert old in NAMED
+    path.write_text(NAMED.replace(old, new))
+    with pytest.raises(InputError, match=message):
+        load(classifier)

@@ -40,11 +40,11 @@ def class_type(model: ModelIR) -> Enumeration | None:
     """E_<Name>Class, the numbers of the classes by name; None for a model that is no classifier."""
     if model.classes is None:
         return None
-    name = capitalised(identifier(model.name, "model name"))
+    name = capitalised(identifier(model.name, "model name", "E_"))
     names = _names(model.classes.labels)
     return Enumeration(
         f"E_{name}Class",
-        (f"Classes of FB_{name}, the values of its output nClass.",),
+        (f"Classes of FB_{name}, the values of its output {model.variables[0]}.",),
         tuple(
             EnumValue(value, number, label_text(label))
             for number, (value, label) in enumerate(zip(names, model.classes.labels, strict=True))

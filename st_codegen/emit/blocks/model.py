@@ -32,8 +32,6 @@ from st_codegen.ir import (
 )
 from st_codegen.ir.missing import Origins, origins_after
 
-CLASS_OUTPUT = "nClass"
-
 
 @dataclass(frozen=True)
 class Limits:
@@ -102,9 +100,9 @@ _AGE = "calls since the outputs were valid, 0: they are; 2147483647: never, or s
 
 def _output(model: ModelIR, number: int) -> BlockVariable:
     name = model.variables[number]
-    if name == CLASS_OUTPUT:
+    if model.classes is not None and number == 0:
         return BlockVariable(name, "DINT", comment="number of the class; its label stands above")
-    unit = f", {model.ports[number].unit}" if model.ports and model.ports[number].unit else ""
+    unit = "".join(f", {port.unit}" for port in model.ports[number : number + 1] if port.unit)
     return BlockVariable(name, "LREAL", comment=f"prediction: {model.outputs[number]}{unit}")
 
 
@@ -121,7 +119,7 @@ def real_lines(model: ModelIR) -> tuple[str, ...]:
 
 
 def model_outputs(model: ModelIR) -> tuple[BlockVariable, ...]:
-    """nClass of a classifier, the numbers, bValid, bInRange and bPlausible where inputs and outputs have ranges."""
+    """The class of a classifier, the numbers, bValid, bInRange and bPlausible where inputs and outputs have ranges."""
     return (
         *(_output(model, number) for number in range(len(model.outputs))),
         BlockVariable("bValid", "BOOL", comment="the outputs belong to the inputs of this call"),
@@ -376,9 +374,9 @@ def _operations(model: ModelIR, listing: Listing, *, aged: bool) -> list[ArrayEl
             {
                 "output": variable,
                 "value": value,
-                "cut": variable == CLASS_OUTPUT and value.name.startswith("aStep"),
+                "cut": model.classes is not None and number == 0 and value.name.startswith("aStep"),
             }
-            for variable, value in zip(model.variables, results, strict=True)
+            for number, (variable, value) in enumerate(zip(model.variables, results, strict=True))
         ],
         ranged=is_ranged(model),
         aged=aged,

@@ -3,26 +3,29 @@
 In each call it adds a few of its constants to a checksum, from the first to the last and again; in its first call it
 also computes a row whose answer is known. Once either fails, `bValid` stays FALSE until the block starts anew.
 
-The checksum is that of Adler (RFC 1950) over four small parts of each number: sign with exponent, and the mantissa's
-halves. They are found by comparing, multiplying and cutting alone, each without rounding, so that every dialect has one
-text; a single bit that changes in a normal number changes exactly one part, which the sums always show.
+The checksum is CRC-32 (ISO-HDLC, that of zlib) over the bits of each number, in parts of 16, the upper ones first. A
+LREAL's bits are found by comparing, multiplying and cutting alone, each without rounding, so that every dialect has one
+text. A bit that changes in one number changes at most 32 bits in a row, which the checksum always shows.
 """
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from st_codegen.emit.blocks.listing import ArrayElement, Listing
+from st_codegen.emit.blocks.listing import ArrayElement, Listing, Table
 from st_codegen.emit.literals import real
-from st_codegen.ir import FloatArray
+from st_codegen.ir import AnyArray, FloatArray
 
-#: Constants that a call looks at: about a thousand instructions.
+#: Constants that a call looks at: some two thousand instructions.
 SLICE = 8
-MODULUS = 65_521
+#: The variable that says that no damage was found.
+INTACT = "bIntact"
+_BITS = "DWORD#16#{:X}"
 #: How a number is brought to 1 .. 2: so many times at most by this power of two.
 _SCALES = ((15, 64), (7, 8), (7, 1))
 
@@ -36,15 +39,23 @@ class CheckRow:
     allowed: FloatArray
 
 
-def checksum(values: FloatArray) -> tuple[int, int]:
-    """The two sums over the parts of all numbers, as the text computes them."""
-    bits = np.ascontiguousarray(values, np.float64).view(np.uint64)
-    field = ((bits >> np.uint64(52)) & np.uint64(0x7FF)).astype(np.int64)
-    mantissa = (bits & np.uint64(2**52 - 1)).astype(np.int64)
-    whole = np.where(field > 0, mantissa + 2**52, 2 * mantissa)
-    parts = np.column_stack([field + 4096 * (values < 0), whole >> 26, whole & (2**26 - 1)]).ravel() % MODULUS
-    first = (1 + np.cumsum(parts)) % MODULUS
-    return int(first[-1]), int(np.sum(first) % MODULUS)
+def checksum(numbers: Sequence[AnyArray]) -> int:
+    """CRC-32 of all numbers, of which integers have 32 bits and all others 64, as the text computes it."""
+    found = 0
+    for values in numbers:
+        whole = np.issubdtype(values.dtype, np.integer)
+        words = values.astype("<i8").astype("<i4") if whole else values.astype("<f8") + 0.0  # no sign of a zero
+        parts = words.view("<u2").reshape(len(values), -1)[:, ::-1]
+        found = zlib.crc32(parts.tobytes(), found)
+    return found
+
+
+def _polynomial() -> list[int]:
+    """What four bits that leave the sum add to it, as DINT has it."""
+    found = np.arange(16, dtype=np.uint32)
+    for _ in range(4):
+        found = np.where(found & 1, found >> 1 ^ 0xEDB88320, found >> 1).astype(np.uint32)
+    return found.view(np.int32).tolist()
 
 
 def add_self_check(listing: Listing, results: Sequence[ArrayElement], row: CheckRow | None) -> str:
@@ -54,7 +65,7 @@ def add_self_check(listing: Listing, results: Sequence[ArrayElement], row: Check
     """
     if row is None and not listing.tables and not listing.constants:
         return "Self-check: the block has no constants, and no row whose answer is certain."
-    listing.local("bIntact", "BOOL", initial="TRUE")
+    listing.local(INTACT, "BOOL", initial="TRUE")
     known = None
     if row is not None:
         listing.local("nPass", "DINT")
@@ -81,27 +92,29 @@ def add_self_check(listing: Listing, results: Sequence[ArrayElement], row: Check
     calls = -(-(values["last"] + 1) // SLICE)
     first = "the first call computes a row whose answer is known, too" if row is not None else "no row is computed"
     return (
-        f"Self-check: all {values['last'] + 1} constants in {calls} calls, {SLICE} in each; {first}. Once it finds "
-        "damage, bValid stays FALSE."
+        f"Self-check: CRC-32 of all {values['last'] + 1} constants in {calls} calls, {SLICE} in each; {first}. "
+        "Once it finds damage, bValid stays FALSE."
     )
 
 
 def _constants(listing: Listing) -> dict[str, Any]:
     """Where each constant of the block stands among all of them, and the checksum of all."""
-    for name in ("nCheck", "nCheckAt", "nField", "nScale", "nUpper", "nLower", "nSecondSum"):
-        listing.local(name, "DINT")
-    listing.local("nFirstSum", "DINT", initial="1")
+    listing.locals("DINT", "nCheck", "nCheckAt", "nField", "nScale", "nPart", "nParts")
+    listing.local("anPart", "DINT", 4)
     listing.local("fCheck", "LREAL")
-    parts, values, at = [], [], 0
-    for table in listing.tables:
-        parts.append({"name": table.name, "type": table.type, "first": at, "last": at + table.last, "array": True})
-        values.append(table.values.astype(np.float64))
-        at += len(table.values)
-    for constant in listing.constants:
-        parts.append({"name": constant.name, "type": constant.type, "first": at, "last": at, "array": False})
-        values.append(np.array([_number(constant.initial)]))
-        at += 1
-    first, second = checksum(np.concatenate(values))
+    table = listing.table("CHECK_BITS", "DINT", _polynomial())
+    parts: list[dict[str, Any]] = []
+    values: list[AnyArray] = []
+    at = 0
+    for part in (*listing.tables, *listing.constants):
+        array = isinstance(part, Table)
+        numbers = part.values if isinstance(part, Table) else np.array([_number(part.initial)])
+        values.append(numbers.astype(np.float64 if part.type == "LREAL" else np.int64))
+        last = at + len(numbers) - 1
+        parts.append({"name": part.name, "type": part.type, "first": at, "last": last, "array": array})
+        at = last + 1
+    whole = _BITS.format(2**32 - 1)
+    listing.local("nSum", "DWORD", initial=whole)
     return {
         "parts": parts,
         "scales": [
@@ -116,12 +129,16 @@ def _constants(listing: Listing) -> dict[str, Any]:
         ],
         "slice": SLICE,
         "last": at - 1,
-        "modulus": MODULUS,
-        "first": listing.number("CHECK_FIRST", "DINT", str(first)),
-        "second": listing.number("CHECK_SECOND", "DINT", str(second)),
+        "table": table,
+        "all": whole,
+        "part_mask": _BITS.format(0xFFFF),
+        "place_mask": _BITS.format(0xF),
+        "checksum": listing.number("CHECK_SUM", "DWORD", _BITS.format(checksum(values))),
     }
 
 
-def _number(initial: str) -> float:
+def _number(initial: str) -> int | float:
     """The value of a constant as it is written."""
-    return float(int(initial.rpartition("#")[2], 16)) if "#" in initial else float(initial)
+    if "#" in initial:
+        return int(initial.rpartition("#")[2], 16)
+    return float(initial) if "." in initial else int(initial)
