@@ -14,6 +14,7 @@ take the options in the `[build]` table of `st-codegen.toml`.
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -46,8 +47,9 @@ def assert_generated_up_to_date(models: Path | str, out: Path | str, *, trust_pi
         more = f"\n.. and {len(lines) - _SHOWN} more lines" if len(lines) > _SHOWN else ""
         shown = "\n".join(lines[:_SHOWN]) + more
         pytest.fail(
-            f"{len(changed)} generated files are not those of {models}; write them with st-codegen {models} --out "
-            f"{out}, or pytest --update-generated:\n{names}\n\n{shown}",
+            f"{len(changed)} generated files are not those of {models}; write them with "
+            f"{shlex.join(['st-codegen', 'generate', str(models), '--out', str(out)])}, or pytest --update-generated:\n"
+            f"{names}\n\n{shown}",
             pytrace=False,
         )
 

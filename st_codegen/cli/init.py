@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import shlex
 from pathlib import Path
 
 import click
@@ -47,4 +48,5 @@ def command(models: Path, training_data: Path | None, force: bool, trust_pickle:
     digest = "" if training_data is None else hashlib.sha256(training_data.read_bytes()).hexdigest()
     write_text(path, initial_configuration(models, table, digest, trust_pickle=trust_pickle))
     if not quiet:
-        console.print(f"{path}: complete names, units and ranges, then st-codegen {models}", soft_wrap=True)
+        following = shlex.join(["st-codegen", "generate", str(models)])
+        console.print(f"{path}: complete names, units and ranges, then {following}", soft_wrap=True)

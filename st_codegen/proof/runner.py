@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -49,7 +50,8 @@ def target_folders(generated: Path) -> list[Path]:
     candidates = [generated, *(generated / name for name in TARGETS)]
     folders = [folder for folder in candidates if folder.name in TARGETS and (folder / MANIFEST).is_file()]
     if not folders:
-        raise GeneratedCodeError(f"{generated}: no generated files; run st-codegen generate MODELS --out {generated}")
+        made = f"st-codegen generate MODELS --out {shlex.quote(str(generated))}"
+        raise GeneratedCodeError(f"{generated}: no generated files; run {made}")
     return folders
 
 

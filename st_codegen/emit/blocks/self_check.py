@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.emit.blocks.listing import ArrayElement, Listing, Table
+from st_codegen.emit.blocks.listing import ArrayElement, BlockVariable, Listing, Table
 from st_codegen.emit.literals import real
 from st_codegen.ir import AnyArray, FloatArray
 
@@ -106,11 +106,11 @@ def _constants(listing: Listing) -> dict[str, Any]:
     parts: list[dict[str, Any]] = []
     values: list[AnyArray] = []
     at = 0
-    for part in (*listing.tables, *listing.constants):
-        array = isinstance(part, Table)
+    every: tuple[Table | BlockVariable, ...] = (*listing.tables, *listing.constants)
+    for part in every:
         numbers = part.values if isinstance(part, Table) else np.array([_number(part.initial)])
         values.append(numbers.astype(np.float64 if part.type == "LREAL" else np.int64))
-        last = at + len(numbers) - 1
+        last, array = at + len(numbers) - 1, isinstance(part, Table)
         parts.append({"name": part.name, "type": part.type, "first": at, "last": last, "array": array})
         at = last + 1
     whole = _BITS.format(2**32 - 1)
