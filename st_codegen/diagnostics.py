@@ -374,6 +374,14 @@ DIAGNOSTICS = (
         places=("reconcile", "cli.reconcile"),
     ),
     Diagnostic(
+        "STC1608",
+        "A fleet cannot be done",
+        "fleet.toml has unknown keys, names that are no folders, or campaigns and rigs that are not there; or the "
+        "folder of results holds something else.",
+        "The message lists every problem. The page on fleets has an example.",
+        places=("fleet",),
+    ),
+    Diagnostic(
         "STC1606",
         "Two revisions cannot be compared",
         "Git is not installed, or does not know the revision or the path.",

@@ -71,6 +71,20 @@ MAY_USE = {
         "campaign",
         "rig",
     },
+    # many axes: each goes through all of the above
+    "fleet": {
+        "threads",
+        "errors",
+        "files",
+        "emit",
+        "project",
+        "proof",
+        "driver",
+        "report",
+        "training",
+        "rig",
+        "reconcile",
+    },
 }
 #: What stands on top and may use every room: the command line and the public functions.
 TOP = {"cli", "testing", "__init__", "__main__"}

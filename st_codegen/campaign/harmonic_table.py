@@ -108,6 +108,10 @@ class HarmonicTable:
         """The rows of a table that were measured in one direction."""
         return self.rows(self.backward == (direction is Direction.BACKWARD))
 
+    def directions(self) -> list[Direction]:
+        """The directions of which there are rows."""
+        return [direction for direction in Direction if len(self.direction(direction))]
+
     def only(self, orders: Sequence[int]) -> HarmonicTable:
         """The same rows with these orders. Raises InputError for an order that is not there."""
         chosen = tuple(sorted(set(orders)))

@@ -34,6 +34,7 @@ _COMMANDS = {
     "latency": Lazy("st_codegen.cli.latency", "Tell the age of an angle when the correction made from it arrives."),
     "simulate": Lazy("st_codegen.cli.simulate", "Simulate the rig: measured campaigns, and motions."),
     "reconcile": Lazy("st_codegen.cli.reconcile", "Name the effects that a rig model lacks, and add them."),
+    "fleet": Lazy("st_codegen.cli.fleet", "Train, compile, prove and reconcile many axes, and compare them."),
     "compare": Lazy("st_codegen.cli.compare", "Compare the models on a running controller with their libraries."),
     "record": Lazy("st_codegen.cli.record", "Measure a campaign on a running controller."),
     "serve": Lazy("st_codegen.cli.serve", "Run generated text as a controller does; answer ADS and OPC UA clients."),

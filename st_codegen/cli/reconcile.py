@@ -155,8 +155,7 @@ def _wish(models: Path | None, update: bool, target: str, profile: str, trust_pi
 def _written(result: Reconciliation, ahead: NextRuns, wish: Wish | None, out: Path, quiet: bool) -> Update | None:
     """Update the models, and write everything at once."""
     from st_codegen.reconcile.models.update import update_models
-    from st_codegen.reconcile.report.output import report_text, rig_diff
-    from st_codegen.reconcile.report.pages import report_page
+    from st_codegen.reconcile.report.pages import report_texts
 
     parent = out if out.is_dir() else out.parent
     make_folder(parent)
@@ -165,16 +164,9 @@ def _written(result: Reconciliation, ahead: NextRuns, wish: Wish | None, out: Pa
         if wish is not None:
             with progress_bar("updating models", quiet=quiet) as progress:
                 changes = update_models(result, wish, temporary, progress)
-        texts = {
-            "rig.toml": result.new_rig.text(),
-            "rig.diff": rig_diff(result),
-            "report.json": report_text(result, changes, ahead),
-            "report.html": report_page(result, changes, ahead),
-            "next_runs.csv": ahead.csv_text(),
-        }
         made = {folder: temporary / folder for folder in (UPDATED_MODELS, UPDATED_CODE)}
         folders = {folder: path for folder, path in made.items() if path.exists()}
-        write_texts(out, texts, folders)
+        write_texts(out, report_texts(result, ahead, changes), folders)
     return changes
 
 

@@ -18,7 +18,6 @@ from st_codegen.files.number_text import parse_whole
 from st_codegen.files.text import write_text
 
 if TYPE_CHECKING:
-    from st_codegen.campaign.harmonic_table import HarmonicTable
     from st_codegen.training.learn import Lesson
     from st_codegen.training.measured import Measured
 
@@ -110,11 +109,10 @@ def command(
     Each direction is split, faulty runs are found in the training part, all families are cross-validated, and for each
     order the best pair of models is chosen whose worst-case cost fits.
     """
-    from st_codegen.campaign.harmonic_table import read_table, write_table
-    from st_codegen.te.harmonics import Direction
+    from st_codegen.campaign.harmonic_table import write_table
     from st_codegen.training.export import check_place, write_bundle
     from st_codegen.training.learn import LearningPlan, bundle_head, learn, only_exportable
-    from st_codegen.training.measured import Measured, measured_table
+    from st_codegen.training.measured import measured_table
     from st_codegen.training.page import training_page
     from st_codegen.training.store import FitStore
 
@@ -125,19 +123,15 @@ def command(
     where = backend_of(backend, scheduler, jobs)
     wanted = _orders(orders)
     with progress_bar("reading", quiet=quiet) as progress:
-        measured = (
-            measured_table(campaign, wanted, most_orders, skip_bad=skip_bad, jobs=jobs, cache=cache, progress=progress)
-            if campaign.is_dir()
-            else Measured(_chosen(read_table(campaign), wanted))
+        measured = measured_table(
+            campaign, wanted, most_orders, skip_bad=skip_bad, jobs=jobs, cache=cache, progress=progress
         )
     _say_bad(measured, quiet)
     if table_out:
         write_table(measured.table, table_out)
     lessons = []
     with FitStore(work) as store:
-        for direction in Direction:
-            if not len(measured.table.direction(direction)):
-                continue
+        for direction in measured.table.directions():
             with progress_bar(f"{direction}: fits", quiet=quiet) as progress:
                 lessons.append(learn(measured.table, direction, plan, store, where, progress))
     head = bundle_head(measured.table, name, reduction_ratio)
@@ -163,10 +157,6 @@ def _orders(text: str) -> tuple[int, ...] | None:
     if min(orders) < 0:
         raise InputError(f"--orders {text}: give whole numbers from 0 with commas between, or auto")
     return orders
-
-
-def _chosen(table: HarmonicTable, orders: tuple[int, ...] | None) -> HarmonicTable:
-    return table if orders is None else table.only(orders)
 
 
 def _say_bad(measured: Measured, quiet: bool) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -28,15 +28,19 @@ _OPTIONS = (
     ),
     click.option("--folds", type=Whole(min=2), default=10, show_default=True, help="Parts of the validation."),
     click.option("--seed", type=int, default=0, show_default=True, help="The same seed gives the same bits."),
+)
+_PLACES = (
     click.option("-j", "--jobs", type=Whole(min=1), default=None, help="Worker processes (default: all cores)."),
     click.option(
         "--backend",
         type=click.Choice(["local", "dask"]),
         default="local",
         show_default=True,
-        help="Where fits run: processes of this machine, or the workers of a Dask cluster.",
+        help="Where work is done: processes of this machine, or the workers of a Dask cluster.",
     ),
     click.option("--scheduler", metavar="ADDRESS", help="Address of the Dask scheduler, as in tcp://host:8786."),
+)
+_KEPT = (
     click.option(
         "--work",
         type=click.Path(path_type=Path, dir_okay=False),
@@ -49,7 +53,16 @@ _OPTIONS = (
 
 def search_options(function: Command) -> Command:
     """The options --families, --folds, --seed, --jobs, --backend, --scheduler and --work."""
-    for option in reversed(_OPTIONS):
+    return _with(function, (*_OPTIONS, *_PLACES, *_KEPT))
+
+
+def place_options(function: Command) -> Command:
+    """The options --jobs, --backend and --scheduler."""
+    return _with(function, _PLACES)
+
+
+def _with(function: Command, options: Sequence[Callable[[Command], Command]]) -> Command:
+    for option in reversed(options):
         function = option(function)
     return function
 

@@ -143,6 +143,14 @@ class TomlTable:
             self.note(f"{key} = {shown(found)} is not a text")
         return default or ""
 
+    def flag(self, key: str, default: bool) -> bool:
+        """A truth value."""
+        found = self._get(key, default, "")
+        if isinstance(found, bool):
+            return found
+        self.note(f"{key} = {shown(found)} is neither true nor false")
+        return default
+
     def choice(self, key: str, kind: type[_E]) -> _E | None:
         """One of the texts of an enumeration; None where it is none of them."""
         found = self._get(key, None, "")

@@ -1,4 +1,4 @@
-"""From a folder of curve files to the harmonic table that models learn from."""
+"""From a campaign, a folder of curve files or a table, to the harmonic table that models learn from."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 from st_codegen.campaign.choice import OrderReason, choose_orders
 from st_codegen.campaign.curves import BadFileError
-from st_codegen.campaign.harmonic_table import HarmonicTable
+from st_codegen.campaign.harmonic_table import HarmonicTable, read_table
 from st_codegen.campaign.orders import BAND
 from st_codegen.campaign.reader import Progress, read_campaign
 
@@ -24,7 +24,7 @@ class Measured:
 
 
 def measured_table(
-    folder: Path,
+    campaign: Path,
     orders: Sequence[int] | None,
     most: int,
     *,
@@ -33,17 +33,23 @@ def measured_table(
     cache: Path | None = None,
     progress: Progress | None = None,
 ) -> Measured:
-    """Read a campaign and fit its orders; None chooses them from the data, `most` at most. Raises InputError."""
+    """Read a folder of curves and fit its orders; None chooses them from the data, `most` at most.
+
+    Of a harmonic table, a file, None takes all orders. Raises InputError.
+    """
+    if not campaign.is_dir():
+        table = read_table(campaign)
+        return Measured(table if orders is None else table.only(tuple(orders)))
     band = max([BAND, *(orders or ())])
-    campaign = read_campaign(folder, skip_bad=skip_bad, band=band, jobs=jobs, cache=cache, progress=progress)
+    read = read_campaign(campaign, skip_bad=skip_bad, band=band, jobs=jobs, cache=cache, progress=progress)
     always = (0,) if orders is None else tuple(orders)
-    reasons = choose_orders(campaign.fits((), progress), most=most, always=always)
+    reasons = choose_orders(read.fits((), progress), most=most, always=always)
     if orders is None:
         chosen = [reason.order for reason in reasons if reason.chosen]
     else:
         chosen, reasons = list(orders), tuple(_asked(reason, orders) for reason in reasons)
-    fits = campaign.fits(chosen, progress)
-    return Measured(campaign.table(fits), reasons, campaign.bad, campaign.samples)
+    fits = read.fits(chosen, progress)
+    return Measured(read.table(fits), reasons, read.bad, read.samples)
 
 
 def _asked(reason: OrderReason, orders: Sequence[int]) -> OrderReason:

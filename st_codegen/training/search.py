@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +30,9 @@ Progress = Callable[[int, int, str], None]
 #: What must be loaded before its threads are limited.
 LEARNERS = ("sklearn.ensemble", "sklearn.svm")
 _LIBRARIES = ("numpy", "scikit-learn", "lightgbm", "xgboost-cpu")
+_K = TypeVar("_K")
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,7 @@ class FitTask:
     @property
     def key(self) -> str:
         """SHA-256 over all that decides the result, the versions of the libraries included."""
-        digest = hashlib.sha256(f"{self.candidate.key}|{self.folds}|{self.seed}|{_versions()}".encode())
+        digest = hashlib.sha256(f"{self.candidate.key}|{self.folds}|{self.seed}|{versions(_LIBRARIES)}".encode())
         for array in (self.x, self.y, self.x_test):
             digest.update(str(array.shape).encode())
             digest.update(np.ascontiguousarray(array, np.float64).tobytes())
@@ -66,10 +69,11 @@ class FitOutcome:
     cost_us: float
 
 
-@lru_cache(maxsize=1)
-def _versions() -> str:
+@lru_cache
+def versions(libraries: tuple[str, ...]) -> str:
+    """The versions of those of some libraries that are installed, as text for a key."""
     found = {}
-    for name in _LIBRARIES:
+    for name in libraries:
         with contextlib.suppress(PackageNotFoundError):
             found[name] = version(name)
     return json.dumps(found)
@@ -115,7 +119,8 @@ class Backend:
         except ImportError:
             raise MissingExtraError("joblib", "train", "training") from None
         if self.scheduler is None:
-            with joblib.parallel_config(n_jobs=self.jobs):
+            # a job alone has no workers: it may run in a worker of another backend
+            with joblib.parallel_config(**({"backend": "sequential"} if self.jobs == 1 else {"n_jobs": self.jobs})):
                 yield
             return
         try:
@@ -144,7 +149,7 @@ def run_tasks(
         else:
             missing.setdefault(key, task)
     done = len(tasks) - len(missing)
-    for key, outcome in _run(missing, backend):
+    for key, outcome in spread(run_task, missing, backend):
         store.put(key, outcome.folds, outcome.test, outcome.cost_us)
         outcomes[key] = outcome
         done += 1
@@ -153,16 +158,18 @@ def run_tasks(
     return tuple(outcomes[key] for key in keys)
 
 
-def _run(tasks: Mapping[str, FitTask], backend: Backend) -> Iterator[tuple[str, FitOutcome]]:
-    """Run tasks and give each outcome with its key as soon as it is there."""
-    if not tasks:
+def spread(
+    work: Callable[[_Item], _Result], items: Mapping[_K, _Item], backend: Backend
+) -> Iterator[tuple[_K, _Result]]:
+    """Do a work on each item where the backend says, and give each result with its key as soon as it is there."""
+    if not items:
         return
     with backend.configured():
         import joblib
 
         parallel: Any = joblib.Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch="4*n_jobs")
-        yield from parallel(joblib.delayed(_keyed)(key, task) for key, task in tasks.items())
+        yield from parallel(joblib.delayed(_keyed)(work, key, item) for key, item in items.items())
 
 
-def _keyed(key: str, task: FitTask) -> tuple[str, FitOutcome]:
-    return key, run_task(task)
+def _keyed(work: Callable[[_Item], _Result], key: _K, item: _Item) -> tuple[_K, _Result]:
+    return key, work(item)

@@ -12,7 +12,7 @@ from st_codegen.reconcile.judge.conclusions import Claim
 from st_codegen.reconcile.judge.spectrum import SpectrumResult, sizes, spectrum_report, spectrum_summary
 from st_codegen.reconcile.report.evidence import evidence_panels, unexplained_panels
 from st_codegen.reconcile.report.findings import Finding, findings, share_text
-from st_codegen.reconcile.report.output import parameters_of, rig_diff
+from st_codegen.reconcile.report.output import parameters_of, report_text, rig_diff
 from st_codegen.reconcile.report.ranking import ranking_section
 from st_codegen.reconcile.report.sentences import VERDICT_TEXT, between_text, floor_text, taken_back_text
 from st_codegen.reconcile.run import OrderGap, Reconciliation
@@ -28,6 +28,17 @@ _MOST_BARS = 24
 _SAMPLES = 720
 #: lines of a diff that are shown without a click
 _SHORT = 80
+
+
+def report_texts(result: Reconciliation, ahead: NextRuns, update: Update | None = None) -> dict[str, str]:
+    """The files of a report, by name. Raises MissingExtraError without Matplotlib."""
+    return {
+        "rig.toml": result.new_rig.text(),
+        "rig.diff": rig_diff(result),
+        "report.json": report_text(result, update, ahead),
+        "report.html": report_page(result, update, ahead),
+        "next_runs.csv": ahead.csv_text(),
+    }
 
 
 def report_page(result: Reconciliation, update: Update | None = None, ahead: NextRuns | None = None) -> str:

@@ -1,0 +1,63 @@
+"""`st-codegen fleet`: many axes trained, compiled, proved and reconciled, and compared with each other."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from st_codegen.cli.console import console, progress_bar, quiet_option
+from st_codegen.cli.training import backend_of, place_options
+
+if TYPE_CHECKING:
+    from st_codegen.fleet.stages import AxisResult
+
+
+@click.command(
+    "fleet",
+    epilog="""\b
+Examples:
+  st-codegen fleet fleet.toml --out fleet
+  st-codegen fleet fleet.toml --out fleet --jobs 2
+  st-codegen fleet fleet.toml --backend dask --scheduler tcp://host:8786""",
+)
+@click.argument("file", metavar="FLEET", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("fleet"),
+    show_default=True,
+    help="Folder of the results: one for each axis, and fleet.html, fleet.csv, effects.csv, fleet.json.",
+)
+@place_options
+@quiet_option
+def command(file: Path, out: Path, jobs: int | None, backend: str, scheduler: str | None, quiet: bool) -> None:
+    """Train, compile, check and reconcile every axis of FLEET, a fleet.toml, and compare them with each other.
+
+    Shows how far the effects of axes of a type spread, who stands out, and what has grown since earlier campaigns. What
+    is done already is not done again; an axis that fails stops no other. Exit code 0 when all axes are done and their
+    text is proved, 1 when not.
+    """
+    from st_codegen.fleet.axes import read_fleet
+    from st_codegen.fleet.output import PAGE, FleetReport
+    from st_codegen.fleet.run import run_fleet
+
+    axes, where = read_fleet(file), backend_of(backend, scheduler, jobs)
+    with progress_bar("axes", quiet=quiet) as bar:
+
+        def progress(done: int, total: int, name: str, result: AxisResult) -> None:
+            bar(done, total, name)
+            if not quiet:
+                console.print(f"{name}: {result.line()}", soft_wrap=True)
+
+        results = run_fleet(axes, out, where, progress)
+    report = FleetReport.of(axes, results)
+    report.write(out)
+    if not quiet:
+        console.print(f"{report.summary()}\n{out / PAGE}", soft_wrap=True)
+    if any(result.defect for result in results.values()):
+        sys.exit(70)
+    sys.exit(0 if report.passed else 1)

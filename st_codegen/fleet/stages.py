@@ -1,0 +1,278 @@
+"""One axis: train, compile, check, reconcile. A stage that is done, with the same input and options, is not done again.
+
+Its folder keeps in `stages.json`, for each finished stage, the SHA-256 of all that decides its result, those of the
+files that it wrote, and what the fleet's page needs of it. A stage is done again where any of these differs, and its
+entry goes before its files change: a kill in between costs that stage alone.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from st_codegen.driver import generate
+from st_codegen.errors import InputError, StCodegenError
+from st_codegen.files.folders import write_texts
+from st_codegen.files.made_by import MADE_BY, VERSION
+from st_codegen.files.text import make_folder, read_text, write_text
+from st_codegen.fleet.axes import FleetAxis, TextCheck
+from st_codegen.fleet.estimates import estimates
+from st_codegen.project.bundle import load
+from st_codegen.proof.prove.certificate import certificate
+from st_codegen.proof.prove.prove import prove
+from st_codegen.proof.verify import verify
+from st_codegen.reconcile.judge.spectrum import is_spectrum
+from st_codegen.reconcile.plan.next_runs import next_runs
+from st_codegen.reconcile.report.pages import report_texts
+from st_codegen.reconcile.run import reconcile_files
+from st_codegen.rig.effects import catalogue
+from st_codegen.rig.model import read_rig
+from st_codegen.threads import one_thread
+from st_codegen.training.export import write_bundle
+from st_codegen.training.learn import LearningPlan, bundle_head, learn
+from st_codegen.training.measured import measured_table
+from st_codegen.training.search import LEARNERS, Backend, versions
+from st_codegen.training.store import FitStore
+
+RECORD = "stages.json"
+TRAIN, COMPILE, CHECK, RECONCILE = "train", "compile", "check", "reconcile"
+EARLIER = "earlier"
+#: What a stage writes, below the folder of the axis.
+PLACES = {TRAIN: "models", COMPILE: "plc", CHECK: "certificate.json", RECONCILE: "reconcile"}
+_LIBRARIES = ("numpy", "scipy", "scikit-learn", "lightgbm", "xgboost-cpu", "skops", "onnx", "skl2onnx", "polars")
+_BLOCK = 1 << 20
+
+
+@dataclass(frozen=True)
+class AxisStage:
+    """A stage of one axis: what decides its result beside the version, what it writes, and what does it."""
+
+    name: str
+    place: str
+    decides: tuple[str, ...]
+    work: Callable[[], dict[str, Any]]
+    needs: str = ""
+
+
+@dataclass(frozen=True)
+class AxisResult:
+    """What came of an axis: facts of each finished stage; for each that failed, why; `defect`: whether it is ours.
+
+    done_now: the stages that were done in this run; the other finished ones were done before.
+    """
+
+    facts: dict[str, dict[str, Any]] = field(default_factory=dict)
+    errors: dict[str, str] = field(default_factory=dict)
+    done_now: tuple[str, ...] = ()
+    defect: bool = False
+
+    def line(self) -> str:
+        """What is said of the axis while others are done."""
+        if self.errors:
+            stage, text = next(iter(self.errors.items()))
+            return f"{stage} failed: {text}"
+        before = "" if self.done_now else " (done before)"
+        return f"{self.facts[CHECK]['how']}, {self.facts[RECONCILE]['verdict']}{before}"
+
+
+def do_axis(job: tuple[FleetAxis, Path]) -> AxisResult:
+    """All stages of an axis, in its folder below the one given. What fails is in the result; nothing is raised."""
+    axis, out = job
+    folder = out / axis.name
+    token = MADE_BY.set(f"st-codegen {VERSION}: axis {axis.name} of a fleet")  # the same wherever it is done
+    try:
+        make_folder(folder)
+        with one_thread(*LEARNERS, "scipy.linalg"):
+            return _done(list(_Stages(axis, folder).all()), folder)
+    except Exception as error:  # one axis stops no other
+        text, defect = _failure(error)
+        return AxisResult(errors={TRAIN: text}, defect=defect)
+    finally:
+        MADE_BY.reset(token)
+
+
+def _done(stages: list[AxisStage], folder: Path) -> AxisResult:
+    """Do the stages that are not done yet, those of which what they need did not fail."""
+    kept, keys, errors = _read_record(folder), dict[str, str](), dict[str, str]()
+    facts: dict[str, dict[str, Any]] = {}
+    done, defect = [], False
+    for stage in stages:
+        if stage.needs in errors:
+            errors[stage.name] = f"not done, since {stage.needs} failed"
+            _forget(kept, stage, folder)
+            continue
+        needed = keys.get(stage.needs, "")
+        key = keys[stage.name] = _sha256_of(VERSION, versions(_LIBRARIES), needed, stage.name, *stage.decides)
+        entry = kept.get(stage.name)
+        if entry is not None and entry["key"] == key and entry["files"] == _hashes(folder, stage.place):
+            facts[stage.name] = entry["facts"]
+            continue
+        _forget(kept, stage, folder)
+        try:
+            found = json.loads(json.dumps(stage.work(), allow_nan=False))  # as it is read when the run goes on
+            kept[stage.name] = {"key": key, "files": _hashes(folder, stage.place), "facts": found}
+            _write_record(folder, kept)
+            facts[stage.name] = found
+            done.append(stage.name)
+        except Exception as error:  # the next stage may not need this one
+            errors[stage.name], is_ours = _failure(error)
+            defect |= is_ours
+            _remove(folder / stage.place)
+    return AxisResult(facts, errors, tuple(done), defect)
+
+
+class _Stages:
+    """The stages of an axis, with what decides each."""
+
+    def __init__(self, axis: FleetAxis, folder: Path) -> None:
+        self.axis, self.folder = axis, folder
+        self.options = axis.options
+
+    def all(self) -> Iterator[AxisStage]:
+        """In the order in which they are done."""
+        options = asdict(self.options)
+        target, check = options.pop("target"), options.pop("check")
+        reads, ratio = _content(self.axis.campaign), repr(self._rig.constants.reduction_ratio)
+        yield AxisStage(
+            TRAIN, PLACES[TRAIN], (reads, ratio, self.axis.name, repr(sorted(options.items()))), self._train
+        )
+        yield AxisStage(COMPILE, PLACES[COMPILE], (target,), self._compile, TRAIN)
+        yield AxisStage(CHECK, PLACES[CHECK], (check,), self._check, COMPILE)
+        rig, skip = self._rig.text(), repr(self.options.skip_bad)
+        for number, path in enumerate((*self.axis.earlier, self.axis.campaign), 1):
+            is_last = path == self.axis.campaign
+            name = RECONCILE if is_last else f"{EARLIER} {number}"
+            place = PLACES[RECONCILE] if is_last else f"{EARLIER}/{number}"
+            reads = _content(path) if path.exists() else ""
+
+            def work(path: Path = path, place: str = place) -> dict[str, Any]:
+                return self._reconcile(path, place)
+
+            yield AxisStage(name, place, (reads, rig, skip), work)
+
+    @cached_property
+    def _rig(self) -> Any:
+        return read_rig(self.axis.rig)
+
+    def _train(self) -> dict[str, Any]:
+        options = self.options
+        plan = LearningPlan(
+            options.settings(), options.test_share, None, options.limit_us, keep_faulty=options.keep_faulty
+        )
+        measured = measured_table(
+            self.axis.campaign, options.orders, options.most_orders, skip_bad=options.skip_bad, jobs=1
+        )
+        table, alone = measured.table, Backend(1)
+        with FitStore(None) as store:
+            lessons = [learn(table, direction, plan, store, alone) for direction in table.directions()]
+        head = bundle_head(table, self.axis.name, self._rig.constants.reduction_ratio)
+        models = [model for lesson in lessons for model in lesson.models]
+        write_bundle(self.folder / PLACES[TRAIN], head, models, options.format)
+        return {
+            "models": len(models),
+            "left_out": [str(error) for error in measured.bad],
+            "test_complex_mae_deg": {
+                f"{lesson.direction} {order}": errors.complex_mae
+                for lesson in lessons
+                for order, errors in lesson.test_errors.items()
+            },
+        }
+
+    def _compile(self) -> dict[str, Any]:
+        # layouts are chosen afresh: the text depends on nothing that stood here before
+        made = generate(self._bundle, self.options.target, self.folder / PLACES[COMPILE], force=True, relayout=True)
+        return {"files": len(made.files), "bytes": sum(made.files.values())}
+
+    def _check(self) -> dict[str, Any]:
+        generated = self.folder / PLACES[COMPILE]
+        if self.options.check is TextCheck.VERIFY:
+            compared = verify(self._bundle, generated, jobs=1)
+            return {"passed": compared.passed, "how": "agree on a sample" if compared.passed else "differ"}
+        report = prove(self._bundle, generated)
+        content = certificate(self._bundle, self.folder / PLACES[TRAIN], generated, report)
+        write_text(self.folder / PLACES[CHECK], json.dumps(content, indent=1, sort_keys=True) + "\n")
+        proved = sum(result.verdict.value == "proved" for result in report.results)
+        return {
+            "passed": report.proved,
+            "how": f"{proved} of {len(report.results)} proved",
+            "not_proved": {r.model: r.reason for r in report.results if r.verdict.value != "proved"},
+        }
+
+    def _reconcile(self, measured: Path, place: str) -> dict[str, Any]:
+        if is_spectrum(measured):
+            raise InputError(f"{measured}: an order spectrum; a fleet wants curves or a harmonic table")
+        result = reconcile_files(self._rig, measured, catalogue(), skip_bad=self.options.skip_bad)
+        write_texts(self.folder / place, report_texts(result, next_runs(result)))
+        return {
+            "verdict": result.verdict,
+            "effects": list(dict.fromkeys(claim.piece.effect.name for claim in result.conclusions.claims)),
+            "gap": asdict(result.held_out),
+            "cannot_show": list(result.cannot_show),
+            "not_looked_at": list(result.data.not_looked_at),
+            "estimates": [asdict(one) for one in estimates(result)],
+        }
+
+    @cached_property
+    def _bundle(self) -> Any:
+        return load(self.folder / PLACES[TRAIN])
+
+
+def _failure(error: Exception) -> tuple[str, bool]:
+    """What went wrong, and whether it is a defect of ours: nothing that a user can mend."""
+    if isinstance(error, StCodegenError | OSError | UnicodeError | MemoryError | RecursionError):
+        return str(error) or type(error).__name__, False
+    return f"a defect of st-codegen: {type(error).__name__}: {error}", True
+
+
+def _sha256_of(*texts: str) -> str:
+    return hashlib.sha256(json.dumps(texts).encode()).hexdigest()
+
+
+def _content(path: Path) -> str:
+    """The SHA-256 of a file, or of all files below a folder and their paths."""
+    return _sha256_of(*(f"{name} {digest}" for name, digest in _hashes(path.parent, path.name).items()))
+
+
+def _hashes(folder: Path, place: str) -> dict[str, str]:
+    """The SHA-256 of a file, or of each below a folder, by its path relative to `folder`; empty where there is none."""
+    root = folder / place
+    files = sorted(root.rglob("*")) if root.is_dir() else [root]
+    found = {}
+    for path in files:
+        if path.is_file():
+            with path.open("rb") as file:
+                found[path.relative_to(root).as_posix()] = hashlib.file_digest(file, "sha256").hexdigest()
+    return found
+
+
+def _read_record(folder: Path) -> dict[str, Any]:
+    """What is known to be done; nothing where the file is missing or not as it was written."""
+    try:
+        found = json.loads(read_text(folder / RECORD))
+        return {name: entry for name, entry in found.items() if {"key", "files", "facts"} <= entry.keys()}
+    except (InputError, ValueError, AttributeError, RecursionError):
+        return {}
+
+
+def _write_record(folder: Path, kept: dict[str, Any]) -> None:
+    write_text(folder / RECORD, json.dumps(kept, indent=1, sort_keys=True, allow_nan=False) + "\n")
+
+
+def _forget(kept: dict[str, Any], stage: AxisStage, folder: Path) -> None:
+    """Say that a stage is not done, and remove what it wrote."""
+    if kept.pop(stage.name, None) is not None:
+        _write_record(folder, kept)
+    _remove(folder / stage.place)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)

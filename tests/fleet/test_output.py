@@ -1,0 +1,88 @@
+"""The page and the tables of a fleet, from made-up results of axes."""
+
+import csv
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from st_codegen.fleet.axes import AxisOptions, FleetAxis
+from st_codegen.fleet.estimates import Estimate
+from st_codegen.fleet.output import FleetReport
+from st_codegen.fleet.stages import CHECK, COMPILE, RECONCILE, TRAIN, AxisResult
+from tests import browser
+
+COUNT = 20
+
+
+def result(number):
+    """An axis with a stiffness, a play and their scatter; the fourth plays much, the sixth has a bad tooth."""
+    random = np.random.default_rng(number)
+    gap = random.normal(0.3, 0.015) + 0.6 * (number == 4)
+    found = [
+        Estimate("backlash", "gap_arcmin", gap, 0.004, "arcmin", 1, False, False),
+        Estimate("torsional_compliance", "stiffness", random.normal(450, 20), 3.0, "Nm/arcmin", -1, False, False),
+    ]
+    if number == 6:
+        found.append(Estimate("cycloid_tooth_error of order 39", "amplitude_deg", 1e-3, 1e-5, "deg", 1, False, True))
+    reconciled = {
+        "verdict": "explained",
+        "effects": ["cycloid_tooth_error"] if number == 6 else [],
+        "gap": {"before": 2e-3, "after": 1e-3, "noise_floor": 1e-3},
+        "not_looked_at": ["orders above 128"],
+        "estimates": [asdict(one) for one in found],
+    }
+    if number == 9:
+        return AxisResult({}, {TRAIN: "<b>bad.csv</b>: 2 problems\n  - one\n  - two"})
+    trained = {"models": 12, "left_out": []}
+    checked = {"passed": number != 8, "how": "11 of 12 proved" if number == 8 else "12 of 12 proved"}
+    return AxisResult({TRAIN: trained, COMPILE: {}, CHECK: checked, RECONCILE: reconciled})
+
+
+@pytest.fixture(scope="module")
+def report():
+    axes = [FleetAxis(f"r{i}", "small", Path("c"), (), Path("rig.toml"), AxisOptions()) for i in range(COUNT)]
+    return FleetReport.of(axes, {axis.name: result(i) for i, axis in enumerate(axes)})
+
+
+def test_in_short(report):
+    assert report.summary() == (
+        "20 axes; 1 (r9) failed; of 1 (r8) the text is not proved. 1 (r4) stand out; 1 (r6) have an effect that fewer "
+        "than half have."
+    )
+    assert not report.passed
+    assert report.not_looked_at[-2:] == (
+        "orders above 128: 19 (r0, r1, r2, r3, r4, r5, r6, r7, and 11 more)",
+        "the newest campaign, which was not reconciled: 1 (r9)",
+    )
+
+
+def test_the_files(report, tmp_path):
+    report.write(tmp_path)
+    facts = json.loads((tmp_path / "fleet.json").read_text())
+    (outlier,) = facts["outliers"]
+    assert (outlier["axis"], outlier["effect"], outlier["parameter"]) == ("r4", "backlash", "gap_arcmin")
+    assert outlier["distance"] > outlier["limit"] > 3
+    assert facts["rare"] == [
+        {"type": "small", "effect": "cycloid_tooth_error of order 39", "axes": ["r6"], "of": COUNT - 1}
+    ]
+    assert facts["passed"] is False
+    axes = list(csv.DictReader((tmp_path / "fleet.csv").read_text().splitlines()))
+    assert len(axes) == COUNT
+    assert axes[9]["error"] == "train: <b>bad.csv</b>: 2 problems - one - two"
+    effects = list(csv.DictReader((tmp_path / "effects.csv").read_text().splitlines()))
+    assert [row["axis"] for row in effects if row["stands_out"] == "True"] == ["r4"]
+    assert len(effects) == 2 * (COUNT - 1) + 1
+
+
+def test_the_page_in_a_browser(report, tmp_path):
+    page = report.html()
+    assert "&lt;b&gt;bad.csv" in page
+    assert "<script" not in page
+    assert "Parameters that stand out: 1" in page
+    assert "at most 5% of all fleets" in page
+    count, found = browser.faults(page, 400, tmp_path)
+    assert count > 5
+    assert found == []
