@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import difflib
 import os
 import sys
 import traceback
@@ -58,8 +59,16 @@ class _Commands(LazyGroup):
         if args[:1] == ["models"] and args[1:] and args[1] not in own:  # the command takes nothing: a folder is meant
             is_command = False
         if args and not is_command and args[0] not in own:
+            self._refuse_misspelt(ctx, args[0])
             args = ["generate", *args]
         return super().parse_args(ctx, args)
+
+    @staticmethod
+    def _refuse_misspelt(ctx: click.Context, word: str) -> None:
+        """Raises UsageError for a word that is nearly a command, and no path."""
+        near = difflib.get_close_matches(word.lower(), _COMMANDS, 1, 0.7)
+        if near and near != [word] and word.isidentifier() and not os.path.lexists(word):
+            ctx.fail(f"No such command, file or folder: '{word}'. Did you mean '{near[0]}'?")
 
 
 @click.group(

@@ -162,7 +162,7 @@ def _loaded(
         return _from_memory(models if isinstance(models, Mapping) else {"model": models}, outputs)
     folder, reading = Path(models), Reading(trust_pickle, progress)
     if not folder.exists():
-        raise InputError(f"{folder}: no such folder")
+        raise InputError(f"{folder}: no such file or folder")
     configuration = read_configuration(folder)
     for name, read in READERS.items():
         if folder.is_dir() and os.path.lexists(folder / name):
@@ -175,7 +175,9 @@ def _loaded(
             return dataclasses.replace(read(folder / name, reading), configuration=configuration)
     known = suffixes()
     files = [folder] if folder.is_file() else sorted(p for p in folder.iterdir() if p.suffix.lower() in known)
-    files = [path for path in files if not configuration.leaves_out(path)]
+    given, files = files, [path for path in files if not configuration.leaves_out(path)]
+    if given and not files:
+        raise InputError(f"{folder}: left out by leave_out in {CONFIGURATION_FILE}")
     if not files:
         raise InputError(f"{folder}: no model files; supported are {known_formats()}")
     configuration = configuration.renamed([path.name for path in files], prefix, block_name)

@@ -64,12 +64,15 @@ from st_codegen.passes.choose import Layout
 
 CONFIGURATION_FILE = "st-codegen.toml"
 
-#: Options of the command line that [build] may give a default.
-BUILD_KEYS = (
-    *("target", "out", "layout", "table_limit", "outputs_per_cycle", "max_array", "max_bytes", "with_tests"),
-    *("with_comparison", "with_configuration", "project", "library_version", "company", "namespace", "outputs"),
-    *("profile", "cycle_us", "entry", "rows", "self_check", "with_age", "real"),
-)
+#: Options of the command line that [build] may give a default, and what each takes; a list is one of texts.
+BUILD_KEYS: Mapping[str, type] = {
+    **dict.fromkeys(("target", "entry"), list),
+    **dict.fromkeys(("out", "layout", "outputs", "profile"), str),
+    **dict.fromkeys(("project", "library_version", "company", "namespace"), str),
+    **dict.fromkeys(("table_limit", "outputs_per_cycle", "max_array", "max_bytes", "rows"), int),
+    **dict.fromkeys(("with_tests", "with_comparison", "with_configuration", "self_check", "with_age", "real"), bool),
+    "cycle_us": float,
+}
 
 
 #: Outputs of `--with-age` and of windows.
@@ -289,17 +292,31 @@ def _configuration(file: TomlTable) -> Configuration:
                 "[build], as --real does"
             )
     names = _rules(file)
-    build = file.table("build")
-    build.declare(*BUILD_KEYS)
-    build.refuse_others()
-    for key in ("target", "entry"):
-        _texts(build, key)
+    with file.table("build") as build:
+        _check_build(build)
     inputs = tuple(filter(None, map(_input, file.tables("input"))))
     models = tuple(filter(None, map(_model, file.tables("model"))))
     files = [model.file for model in models]
     for twice in sorted({name for name in files if files.count(name) > 1}):
         file.note(f"[[model]] file = '{twice}' is there twice")
     return Configuration(name, prefix, leave_out, attributes, inputs, models, names, build.values)
+
+
+def _check_build(build: TomlTable) -> None:
+    """Note the values in [build] that their options do not take; what remains of a text or a number they judge."""
+    build.declare(*BUILD_KEYS)
+    for key in BUILD_KEYS.keys() & build.values.keys():
+        found, kind = build.values[key], BUILD_KEYS[key]
+        if kind is list:
+            _texts(build, key)
+        elif kind is int:
+            build.whole(key, low=1, high=2**63)
+        elif kind is float:
+            build.number(key)
+        elif not isinstance(found, kind):
+            build.note(f"{key} = {shown(found)} is not {'true or false' if kind is bool else 'a text'}")
+        elif isinstance(found, str) and not found.isprintable():
+            build.note(f"{key} = {shown(found)} has characters that cannot be printed")
 
 
 def _rules(file: TomlTable) -> NamingRules:

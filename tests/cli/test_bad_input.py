@@ -126,7 +126,7 @@ RESONANCE = (
 )
 #: name -> (what is given, part of the message)
 CASES = {
-    "no such folder": (lambda p: [p.folder / "none"], "no such folder"),
+    "no such folder": (lambda p: [p.folder / "none"], "no such file or folder"),
     "an unknown target": (lambda p: [p.models, "-t", "s7"], "no target 's7'"),
     "an unknown option": (lambda p: [p.models, "--tarket", "iec"], "No such option"),
     "out is a file": (lambda p: [p.lone, "--out", p.file("out", "")], "is a file"),

@@ -123,4 +123,18 @@ def test_models_is_a_command_and_a_folder_of_that_name_is_compiled(tmp_path, mon
     assert run("models") == 0
     assert capsys.readouterr().out.startswith("| library | gives | models |")
     assert run("models", "--target", "iec") == 2
-    assert "models: no such folder" in capsys.readouterr().err
+    assert "models: no such file or folder" in capsys.readouterr().err
+
+
+def test_a_misspelt_command_is_named_unless_it_is_a_path(lone_folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert run("veryfy", lone_folder) == 2
+    assert "No such command, file or folder: 'veryfy'. Did you mean 'verify'?" in capsys.readouterr().err
+    lone_folder.rename(tmp_path / "veryfy")
+    assert run("veryfy", "-q") == 0
+
+
+def test_a_file_that_the_configuration_leaves_out_is_not_called_unknown(lone_folder, capsys):
+    (lone_folder / "st-codegen.toml").write_text('[project]\nleave_out = ["te.*"]\n')
+    assert run(lone_folder / "te.txt") == 2
+    assert "te.txt: left out by leave_out in st-codegen.toml" in capsys.readouterr().err

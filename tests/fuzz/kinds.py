@@ -12,6 +12,8 @@ from st_codegen.campaign.conditions import OperatingPoint
 from st_codegen.campaign.curves import read_run
 from st_codegen.campaign.harmonic_table import read_table
 from st_codegen.files.toml_tables import parse_toml
+from st_codegen.project import configuration as configurations_of
+from st_codegen.project.configuration import read_configuration
 from st_codegen.proof.predict import read_table as read_inputs
 from st_codegen.rig.model import read_rig
 from st_codegen.st import load_project
@@ -85,6 +87,11 @@ def bundle(path):
     found = read_description(path)
     table = parse_toml(path.read_text(encoding="utf-8-sig"), "bundle")["bundle"]
     return (found.reduction_ratio, list(found.orders)) == (table["reduction_ratio"], table["orders"])
+
+
+def configuration(path):
+    found = read_configuration(path.parent)
+    return found.build == parse_toml(path.read_text(encoding="utf-8-sig"), "configuration").get("build", {})
 
 
 def changed_bytes(data, random):
@@ -231,6 +238,14 @@ def tables():
     return ["\n".join(rows).encode()]
 
 
+def configurations():
+    text = configurations_of.__doc__.partition("\n\n")[2]
+    return [
+        text.replace("5f1c..", "5f1c" * 16).encode(),
+        *examples("examples/user_repository/models/st-codegen.toml")(),
+    ]
+
+
 def vendors():
     from tests.beckhoff_ml.test_reader import FILES
 
@@ -247,6 +262,7 @@ KINDS = {
         Kind("vendor.xml", vendors, model, changed_bytes),
         Kind("sklearn.skops", files("lone/models/*.skops"), model, changed_archive),
         Kind("bundle.toml", examples("golden/bundle/models/bundle.toml"), bundle, changed_bytes),
+        Kind("st-codegen.toml", configurations, configuration, changed_bytes),
         Kind("rig.toml", examples("examples/rv160n/rig.toml"), rig, changed_bytes),
         Kind("curve.csv", curves, curve, changed_bytes),
         Kind("table.csv", tables, twice(lambda path: read_table(path).__dict__), changed_bytes),

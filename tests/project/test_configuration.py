@@ -11,7 +11,7 @@ from st_codegen.driver import generate
 from st_codegen.emit import output
 from st_codegen.errors import InputError
 from st_codegen.project.bundle import load
-from st_codegen.project.configuration import read_configuration
+from st_codegen.project.configuration import BUILD_KEYS, read_configuration
 from st_codegen.project.initial import initial_configuration
 from st_codegen.proof.probes import operating_range
 from st_codegen.proof.prove.prove import Verdict, prove
@@ -142,6 +142,22 @@ def test_build_gives_options_their_defaults(lone_folder, tmp_path, capsys):
     assert "did you mean 'layout'" in capsys.readouterr().err
     (lone_folder / "st-codegen.toml").write_text('[build]\nlayout = "tree"\n')
     assert run(lone_folder, "-q") == 2
+
+
+VALUES = ["5", "-1", "1.5", "true", '"x"', '"\\u0000"', "[]", '["x"]', "[[]]", "{a = 1}", "nan", "1979-05-27", "9" * 30]
+
+
+@pytest.mark.parametrize("key", sorted(BUILD_KEYS))
+def test_a_value_in_build_that_its_option_does_not_take_is_refused(lone_folder, capsys, key):
+    """Whatever type it has: options take texts from a command line, and some fail on anything else."""
+    refused = 0
+    for value in VALUES:
+        (lone_folder / "st-codegen.toml").write_text(f"[build]\n{key} = {value}\n")
+        code = run("prove", lone_folder, *([] if key == "out" else ["-g", lone_folder / "none"]))
+        shown = capsys.readouterr().err
+        assert code == 2 and "defect" not in shown
+        refused += f"[build]: {key}" in shown
+    assert refused >= 9
 
 
 def test_reserved_words_are_refused_only_as_whole_names(lone_folder, tmp_path):

@@ -104,7 +104,7 @@ def test_the_page_in_a_browser(out, tmp_path):
     ("changes", "part"),
     [
         ({"--rig": "none.toml"}, "no such file"),
-        ({"--models": "none"}, "no such folder"),
+        ({"--models": "none"}, "no such file or folder"),
         ({"--profile": "sine"}, "cycloidal, robot"),
         ({"--orders": "0,2"}, "order 2"),
         ({"--lead": "long"}, "microseconds"),

@@ -248,7 +248,7 @@ def test_an_empty_folder_says_what_is_supported(tmp_path):
 
 
 def test_a_missing_folder_is_named(tmp_path):
-    with pytest.raises(InputError, match="no such folder"):
+    with pytest.raises(InputError, match="no such file or folder"):
         load(tmp_path / "nowhere")
 
 
