@@ -19,7 +19,6 @@ from st_codegen.beckhoff_ml.file import ACTIVATIONS, KERNELS, MAX_INPUTS, SHOWN,
 from st_codegen.errors import InputError, UnsupportedModelError, errors_name
 from st_codegen.ir import (
     FLOAT32_OVERFLOW,
-    Activation,
     Comparison,
     Feature,
     FloatArray,
@@ -27,11 +26,8 @@ from st_codegen.ir import (
     IntArray,
     Kernel,
     KernelSum,
-    Linear,
-    Operator,
     Precision,
     Round,
-    Scale,
     Source,
     TreeColumn,
     TreeEnsemble,
@@ -84,8 +80,8 @@ class _Transformation:
 
     def add(self, builder: GraphBuilder, value: int) -> int:
         """Add the transformation to a model as two operations."""
-        value = builder.add(Scale((value,), Operator.MULTIPLY, self.scaling))
-        return builder.add(Scale((value,), Operator.ADD, self.offset))
+        value = builder.scale(value, "*", self.scaling)
+        return builder.scale(value, "+", self.offset)
 
 
 class _File:
@@ -305,8 +301,8 @@ class _Network(_File):
         builder.refuse_magnitude(FLOAT32_OVERFLOW)
         value = builder.add(Round((value,), self.n_inputs))
         for weights, constant, function in self.layers:
-            value = builder.add(Linear((value,), weights, constant, precision=Precision.FLOAT32))
-            value = builder.add(Activation((value,), function, len(weights), precision=Precision.FLOAT32))
+            value = builder.linear(value, weights, constant, precision=Precision.FLOAT32)
+            value = builder.function(value, function, precision=Precision.FLOAT32)
         return value
 
     def evaluate(self, x: FloatArray) -> FloatArray:

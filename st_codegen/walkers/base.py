@@ -3,16 +3,36 @@
 from __future__ import annotations
 
 import importlib
+import math
 import pkgutil
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cache
-from typing import Any
+from functools import cache, wraps
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import Classes, Feature, FloatArray, Label, ModelIR, Operation, OutputKind, Select, Source
+from st_codegen.ir import (
+    Activation,
+    AnyArray,
+    Classes,
+    Combine,
+    Feature,
+    FloatArray,
+    Function,
+    Label,
+    Linear,
+    ModelIR,
+    Operation,
+    Operator,
+    OutputKind,
+    Precision,
+    Scale,
+    Select,
+    Source,
+    SummationOrder,
+)
 from st_codegen.ir.missing import Origins, origins_after
 
 #: Rows (rows, features) -> predictions (rows, outputs), computed by the source library alone. Only rows that the
@@ -71,9 +91,60 @@ class GraphBuilder:
         """Number of columns of a value."""
         return self.n_features if value == 0 else self.ops[value - 1].width
 
+    def scale(
+        self,
+        value: int,
+        operator: str,
+        constant: FloatArray | float,
+        *,
+        precision: Precision = Precision.FLOAT64,
+        reverse: bool = False,
+        doubt: FloatArray | None = None,
+    ) -> int:
+        """`value <operator> constant`, or the constant first (`reverse`); one number is meant for all columns."""
+        each = np.broadcast_to(np.asarray(constant, np.float64), self.width(value))
+        return self.add(Scale((value,), Operator(operator), each, precision, reverse, doubt=doubt))
+
+    def combine(self, one: int, operator: str, other: int, *, precision: Precision = Precision.FLOAT64) -> int:
+        """`one <operator> other`, column by column."""
+        return self.add(Combine((one, other), Operator(operator), self.width(one), precision))
+
+    def function(
+        self, value: int, function: str, parameter: float = 1.0, *, precision: Precision = Precision.FLOAT64
+    ) -> int:
+        """A function of each column, by its name in `ir.Function`."""
+        return self.add(Activation((value,), Function(function), self.width(value), parameter, precision))
+
+    def select(self, columns: AnyArray | Sequence[int], *values: int) -> int:
+        """Columns of values that stand side by side."""
+        return self.add(Select(values, np.asarray(columns, np.int32)))
+
+    def beside(self, *values: int) -> int:
+        """All columns of several values, one value after another."""
+        return self.select(np.arange(sum(map(self.width, values))), *values)
+
+    def linear(
+        self,
+        value: int,
+        weights: FloatArray,
+        bias: FloatArray | float = 0.0,
+        *,
+        order: SummationOrder = SummationOrder.UNSPECIFIED,
+        precision: Precision = Precision.FLOAT64,
+        bias_terms: FloatArray | None = None,
+    ) -> int:
+        """Weighted sums of the columns, weights (outputs, columns); one number is meant as the bias of all."""
+        each = np.broadcast_to(np.asarray(bias, np.float64), len(weights))
+        return self.add(Linear((value,), weights, each, order, precision, bias_terms))
+
     def refuse_nan(self, value: int = 0) -> None:
         """The library raises for a row with NaN in a value: in inputs that reach it without being replaced."""
         self.present.update(origin for origin in self._origins[value] if origin is not None)
+
+    def refuse_special(self, value: int) -> None:
+        """The library raises for NaN in a value, and for infinite inputs (scikit-learn's `check_array`)."""
+        self.refuse_nan(value)
+        self.refuse_magnitude(math.inf)
 
     def refuse_magnitude(self, limit: float, features: Iterable[int] | None = None) -> None:
         """The library raises for numbers of magnitude `limit` and above (infinity: for infinities only) in features."""
@@ -137,39 +208,45 @@ LIBRARIES = {"sklearn": "scikit-learn", "lightgbm": "LightGBM", "xgboost": "XGBo
 #: Adds the operations of a fitted estimator's `transform`.
 TransformWalker = Callable[[Any, GraphBuilder, int], int]
 
+_Walker = TypeVar("_Walker", bound=Callable[..., Any])
+
 _WALKERS: dict[tuple[str, str], EstimatorWalker] = {}
 _TRANSFORMS: dict[tuple[str, str], TransformWalker] = {}
 _TRUSTED: set[str] = set()
 
 
-def walks(*classes: str, trusts: Iterable[str] = ()) -> Callable[[EstimatorWalker], EstimatorWalker]:
-    """Register a function as the walker of classes given as 'package.Class', such as 'sklearn.SVR'.
+def _registers(table: dict[tuple[str, str], Any]) -> Callable[..., Callable[[_Walker], _Walker]]:
+    """A decorator that enters a function into a table as the walker of classes."""
 
-    `trusts` names the types that a file with such an object holds beyond those that skops trusts itself. None of them
-    may run code from the file when it is loaded.
-    """
+    def register_as(*classes: str, trusts: Iterable[str] = (), finite: bool = False) -> Callable[[_Walker], _Walker]:
+        """Enter the walker of classes, such as 'SVR NuSVR' of scikit-learn or 'xgboost.Booster'.
 
-    def register(walker: EstimatorWalker) -> EstimatorWalker:
-        _TRUSTED.update(trusts)
-        for name in classes:
-            package, class_name = name.split(".")
-            _WALKERS[package, class_name] = walker
-        return walker
+        `trusts` names the types that a file with such an object holds beyond those that skops trusts itself; none of
+        them may run code from the file when it is loaded. `finite`: the library raises for NaN and infinities.
+        """
 
-    return register
+        def register(walker: _Walker) -> _Walker:
+            @wraps(walker)
+            def checked(estimator: Any, builder: GraphBuilder, value: int) -> Any:
+                if finite:
+                    builder.refuse_special(value)
+                return walker(estimator, builder, value)
+
+            _TRUSTED.update(trusts)
+            for name in " ".join(classes).split():
+                package, _, class_name = name.rpartition(".")
+                table[package or "sklearn", class_name] = checked
+            return cast(_Walker, checked)
+
+        return register
+
+    return register_as
 
 
-def transforms(*classes: str, trusts: Iterable[str] = ()) -> Callable[[TransformWalker], TransformWalker]:
-    """As `walks`, for what classes compute by `transform`: inside a Pipeline, or alone where they predict nothing."""
-
-    def register(walker: TransformWalker) -> TransformWalker:
-        _TRUSTED.update(trusts)
-        for name in classes:
-            package, class_name = name.split(".")
-            _TRANSFORMS[package, class_name] = walker
-        return walker
-
-    return register
+#: Enters what classes compute by `predict`.
+walks = _registers(_WALKERS)
+#: Enters what classes compute by `transform`: inside a Pipeline, or alone where they predict nothing.
+transforms = _registers(_TRANSFORMS)
 
 
 def trusted_types() -> frozenset[str]:
@@ -189,16 +266,18 @@ def _import_walkers(package: str) -> None:
 
 def known_walkers(package: str) -> dict[str, EstimatorWalker]:
     """The walkers of a library by the names of their classes; none of a package that is no library of ours."""
-    if package in LIBRARIES:
-        _import_walkers(package)
-    return {name: walker for (owner, name), walker in _WALKERS.items() if owner == package}
+    return _known(package, _WALKERS)
 
 
 def known_transforms(package: str) -> dict[str, TransformWalker]:
     """The walkers of a library's `transform` by the names of their classes."""
+    return _known(package, _TRANSFORMS)
+
+
+def _known(package: str, table: dict[tuple[str, str], _Walker]) -> dict[str, _Walker]:
     if package in LIBRARIES:
         _import_walkers(package)
-    return {name: walker for (owner, name), walker in _TRANSFORMS.items() if owner == package}
+    return {name: walker for (owner, name), walker in table.items() if owner == package}
 
 
 def walk_transform(estimator: Any, builder: GraphBuilder, value: int) -> int:

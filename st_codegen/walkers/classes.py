@@ -9,19 +9,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import (
-    ArgMax,
-    Exceeds,
-    FloatArray,
-    IntArray,
-    Label,
-    Linear,
-    Operator,
-    Precision,
-    Scale,
-    Select,
-    Softmax,
-)
+from st_codegen.ir import ArgMax, Exceeds, FloatArray, IntArray, Label, Precision, Softmax
 from st_codegen.ir.base import SummationOrder
 from st_codegen.walkers.base import GraphBuilder
 from st_codegen.walkers.fitted import Fitted
@@ -82,13 +70,13 @@ def above(builder: GraphBuilder, score: int, cut: float = 0.0, *, inclusive: boo
 
 def complement(builder: GraphBuilder, probability: int, precision: Precision = Precision.FLOAT64) -> int:
     """1 - p and p side by side, for the probability p of the second class."""
-    other = builder.add(Scale((probability,), Operator.SUBTRACT, np.ones(1), precision, reverse=True))
-    return builder.add(Select((other, probability), np.arange(2, dtype=np.int32)))
+    other = builder.scale(probability, "-", 1.0, precision=precision, reverse=True)
+    return builder.beside(other, probability)
 
 
 def whole_sums(builder: GraphBuilder, value: int, weights: FloatArray, bias: FloatArray) -> int:
     """Weighted sums of whole numbers with whole weights: exact in any order."""
-    return builder.add(Linear((value,), weights, bias, SummationOrder.SEQUENTIAL))
+    return builder.linear(value, weights, bias, order=SummationOrder.SEQUENTIAL)
 
 
 def pair_members(count: int) -> tuple[FloatArray, FloatArray]:

@@ -19,16 +19,12 @@ import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import (
-    Activation,
     Comparison,
     Feature,
     FloatArray,
-    Function,
     Int32Array,
     Label,
-    Operator,
     Precision,
-    Scale,
     Source,
     TreeColumn,
     TreeEnsemble,
@@ -95,8 +91,8 @@ def _loaded(document: dict[str, Any], name: str, path: Path) -> LoadedModel:
     if scale == 1.0:  # the bias is the last of the numbers that are added
         value = builder.add(dataclasses.replace(ensemble, base=bias, base_last=True))
     else:
-        value = builder.add(Scale((builder.add(ensemble),), Operator.MULTIPLY, np.full(len(bias), scale)))
-        value = builder.add(Scale((value,), Operator.ADD, bias))
+        value = builder.scale(builder.add(ensemble), "*", scale)
+        value = builder.scale(value, "+", bias)
     info = document["model_info"]
     loss = str(info["params"]["loss_function"]["type"])
     result = _result(loss, info, builder, value, len(bias))
@@ -172,7 +168,7 @@ def _result(loss: str, info: dict[str, Any], builder: GraphBuilder, value: int, 
     if loss in _RAW:
         return value
     if loss in _EXPONENT:
-        return builder.add(Activation((value,), Function.EXP, outputs))
+        return builder.function(value, "exp")
     if loss not in _CLASSES:
         raise UnsupportedModelError(f"the loss {loss}: supported are {', '.join(OBJECTIVES)}")
     if "binclass_probability_threshold" in info:
@@ -181,11 +177,11 @@ def _result(loss: str, info: dict[str, Any], builder: GraphBuilder, value: int, 
     if loss == "Logloss":
         if outputs != 1:
             raise InputError(f"Logloss with {outputs} sums; the model file is damaged")
-        chance = complement(builder, builder.add(Activation((value,), Function.LOGISTIC, 1)))
+        chance = complement(builder, builder.function(value, "logistic"))
         return Classified(labels, above(builder, value), chance, value)
     if loss == "MultiClass":
         return Classified(labels, largest(builder, value), softmax(builder, value), value)
-    chances = builder.add(Activation((value,), Function.LOGISTIC, outputs))
+    chances = builder.function(value, "logistic")
     return Classified(labels, largest(builder, value), chances, value)
 
 

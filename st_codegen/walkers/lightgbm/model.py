@@ -21,20 +21,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import InputError, MissingExtraError, UnsupportedModelError, errors_name
-from st_codegen.ir import (
-    Activation,
-    Comparison,
-    Feature,
-    FloatArray,
-    Function,
-    Label,
-    NanRule,
-    Operator,
-    Precision,
-    Scale,
-    Source,
-    TreeColumn,
-)
+from st_codegen.ir import Comparison, Feature, FloatArray, Function, Label, NanRule, Precision, Source, TreeColumn
 from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor, Walked, walks
 from st_codegen.walkers.classes import (
     above,
@@ -328,7 +315,7 @@ def _add(model: TextModel, builder: GraphBuilder, value: int, labels: tuple[Labe
     if is_class:
         return _classified(model, builder, result, labels)
     if link is not Function.IDENTITY:
-        result = builder.add(Activation((result,), link, model.n_outputs))
+        result = builder.function(result, link)
     return result
 
 
@@ -347,8 +334,8 @@ def _classified(model: TextModel, builder: GraphBuilder, raw: int, labels: tuple
     if objective == _SOFTMAX:
         return Classified(labels, most_probable(builder, raw, Precision.FLOAT64), softmax(builder, raw), decision)
     slope = _sigmoid(model)
-    score = builder.add(Scale((raw,), Operator.MULTIPLY, np.full(model.n_outputs, slope))) if slope != 1.0 else raw
-    probability = builder.add(Activation((score,), Function.LOGISTIC, model.n_outputs))
+    score = builder.scale(raw, "*", slope) if slope != 1.0 else raw
+    probability = builder.function(score, "logistic")
     if model.n_outputs > 1:
         return Classified(labels, largest(builder, probability), probability, decision)
 

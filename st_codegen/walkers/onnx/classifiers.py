@@ -254,7 +254,7 @@ def _linear_machine(call: NodeCall, tensor: Tensor, labels: tuple[Label, ...], c
     if count == 2 and not coupled:  # the second label also where any score reaches the cut (`ChooseClass`)
         positive = bool(np.all(weights >= 0))
         reached = above(walk.builder, value, 0.5 if positive else 0.0, inclusive=positive)
-        picked = walk.builder.add(Select((reached, index), np.arange(3, dtype=np.int32)))
+        picked = walk.builder.beside(reached, index)
         index = above(walk.builder, whole_sums(walk.builder, picked, np.ones((1, 3)), np.zeros(1)), 0.5)
     return _choice(labels, index), _transformed(walk, scores, transform)
 
@@ -283,7 +283,7 @@ def _number_of_the(best: Literal["largest", "smallest"], *versions: int) -> None
             flat = with_constant(walk, flat, Operator.MULTIPLY, -1.0)
         index = largest(walk.builder, walk.settle(flat))
         if last:
-            index = walk.builder.add(Scale((index,), Operator.SUBTRACT, np.full(1, count - 1.0), reverse=True))
+            index = walk.builder.scale(index, "-", count - 1.0, reverse=True)
         kept = [1 if number == axis else n for number, n in enumerate(tensor.shape)]
         shape = kept if call.node.integer("keepdims", 1) else kept[:axis] + kept[axis + 1 :]
         return LabelOperand(index, tuple(range(count)), tuple(shape))

@@ -109,7 +109,7 @@ def _padded(walk: GraphWalk, image: Tensor, window: _Window) -> Tensor:
         return image
     check_size([length + sum(more) for length, more in zip(image.shape, around, strict=True)])
     one = walk.settle(replace(image, value=image.value[:1, :1, :1], column=image.column[:1, :1, :1]))
-    zero = walk.builder.add(Scale((one,), Operator.MULTIPLY, np.zeros(1)))
+    zero = walk.builder.scale(one, "*", np.zeros(1))
     return replace(
         image,
         value=np.pad(image.value, around, constant_values=zero),
@@ -258,5 +258,5 @@ def _batch_normalization(call: NodeCall) -> Operand:
             np.broadcast_to(array.reshape(spread), tensor.shape).astype(np.float64).ravel()
             for array in (constant, unit * size[code].astype(np.float64))
         )
-        value = walk.builder.add(Scale((value,), code, numbers, tensor.precision, doubt=doubts))
+        value = walk.builder.scale(value, code, numbers, precision=tensor.precision, doubt=doubts)
     return walk.computed(value, tensor.shape, tensor.dtype, special=False)

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import Combine, Exceeds, Function, Operator, Scale
+from st_codegen.ir import Combine, Exceeds, Function, Operator
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
@@ -44,7 +44,7 @@ def _sign(call: NodeCall) -> Operand:
     value, cut = walk.settle(tensor), np.zeros(tensor.size)
     pair = tuple(walk.builder.add(Exceeds((value,), cut, inclusive)) for inclusive in (False, True))
     both = walk.builder.add(Combine(pair, Operator.ADD, tensor.size))
-    found = walk.builder.add(Scale((both,), Operator.SUBTRACT, np.ones(tensor.size)))
+    found = walk.builder.scale(both, "-", 1.0)
     return walk.computed(found, tensor.shape, tensor.dtype, special=False)
 
 
@@ -138,8 +138,7 @@ def _truths(walk: GraphWalk, value: int, shape: tuple[int, ...]) -> Tensor:
 
 
 def _opposite(walk: GraphWalk, truths: int) -> int:
-    width = walk.builder.width(truths)
-    return walk.builder.add(Scale((truths,), Operator.SUBTRACT, np.ones(width), reverse=True))
+    return walk.builder.scale(truths, "-", 1.0, reverse=True)
 
 
 def _as_number(operand: Operand) -> Operand:
@@ -234,7 +233,7 @@ def _both_or_either(call: NodeCall) -> Operand:
     pair = [_logical(call.required(number)) for number in (0, 1)]
     shape = np.broadcast_shapes(pair[0].shape, pair[1].shape)
     one, other = (call.walk.settle(side.moved(lambda array: np.broadcast_to(array, shape))) for side in pair)
-    return _truths(call.walk, call.walk.builder.add(Combine((one, other), code, math.prod(shape))), shape)
+    return _truths(call.walk, call.walk.builder.combine(one, code, other), shape)
 
 
 operator("And", 7)(_both_or_either)
@@ -256,13 +255,13 @@ def _where(call: NodeCall) -> Operand:
     for side, factor in zip(sides, (truths, _opposite(walk, truths)), strict=True):
         if isinstance(side, ConstantOperand):
             numbers = np.broadcast_to(side.array, shape).astype(np.float64).ravel()
-            parts.append(walk.builder.add(Scale((factor,), Operator.MULTIPLY, numbers)))
+            parts.append(walk.builder.scale(factor, "*", numbers))
             continue
         tensor = require_float(require_tensor(side))
         walk.refuse_special(tensor)
         value = walk.settle(tensor.moved(lambda array: np.broadcast_to(array, shape)))
-        parts.append(walk.builder.add(Combine((value, factor), Operator.MULTIPLY, math.prod(shape))))
-    chosen = walk.builder.add(Combine((parts[0], parts[1]), Operator.ADD, math.prod(shape)))
+        parts.append(walk.builder.combine(value, "*", factor))
+    chosen = walk.builder.combine(parts[0], "+", parts[1])
     return walk.computed(chosen, shape, dtype if dtype in (FLOAT32, FLOAT64) else FLOAT64, special=False)
 
 

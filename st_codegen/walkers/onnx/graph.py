@@ -17,7 +17,7 @@ import numpy as np
 import onnx
 
 from st_codegen.errors import InputError, Problems, UnsupportedModelError
-from st_codegen.ir import FLOAT32_OVERFLOW, AnyArray, IntArray, Label, Operation, Round, Select
+from st_codegen.ir import FLOAT32_OVERFLOW, AnyArray, IntArray, Label, Operation, Round
 from st_codegen.walkers.base import GraphBuilder
 from st_codegen.walkers.onnx.file import GraphNode, domain_of, node_label, printable, read_tensor
 from st_codegen.walkers.onnx.operands import (
@@ -160,7 +160,7 @@ class GraphWalk:
         inputs = np.unique(value)
         start = np.cumsum([0, *(self.builder.width(int(number)) for number in inputs)])
         columns = start[np.searchsorted(inputs, value)] + column
-        return self.builder.add(Select(inputs=tuple(inputs.tolist()), columns=columns.astype(np.int32)))
+        return self.builder.select(columns, *inputs.tolist())
 
     def computed(self, value: int, shape: Sequence[int], dtype: np.dtype[Any], special: bool) -> Tensor:
         """The tensor that a value of the representation holds."""
@@ -179,7 +179,7 @@ class GraphWalk:
         number = self.joined(tensors)
         if number < max(len(self.builder.ops), 1):
             columns = np.arange(self.builder.width(number), dtype=np.int32)
-            self.builder.add(Select(inputs=(number,), columns=columns))
+            self.builder.select(columns, number)
 
     def ends_in(self, kind: type[Operation], tensor: Tensor) -> bool:
         """Whether a tensor of several numbers is all of what an operation of a kind computes."""

@@ -27,7 +27,6 @@ from st_codegen.ir import (
     Operator,
     Piecewise,
     Precision,
-    Select,
 )
 from st_codegen.walkers.onnx.file import GraphNode
 from st_codegen.walkers.onnx.forest import MAX_ID, Forest, NumberType, refuse_post_transform
@@ -252,7 +251,7 @@ def _one_hot_encoder(call: NodeCall) -> Operand:
     high = np.where(categories < 0, np.nextafter(categories, np.inf), categories + 1.0)
     shape = (*tensor.shape, len(categories))
     columns = np.repeat(np.arange(tensor.size), len(categories)).astype(np.int32)
-    number = walk.builder.add(Select((walk.settle(tensor),), columns))
+    number = walk.builder.select(columns, walk.settle(tensor))
     pair = tuple(
         walk.builder.add(Exceeds((number,), np.tile(ends, tensor.size), inclusive=True)) for ends in (low, high)
     )

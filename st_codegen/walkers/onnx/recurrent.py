@@ -12,20 +12,8 @@ from functools import partial
 import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import (
-    Activation,
-    AnyArray,
-    Combine,
-    FloatArray,
-    Function,
-    Linear,
-    Operation,
-    Operator,
-    Precision,
-    Scale,
-    Scan,
-    Select,
-)
+from st_codegen.ir import AnyArray, FloatArray, Function, Precision, Scan
+from st_codegen.walkers.base import GraphBuilder
 from st_codegen.walkers.onnx.file import printable
 from st_codegen.walkers.onnx.graph import NodeCall, Result, operator
 from st_codegen.walkers.onnx.operands import FLOAT32, Tensor, check_size
@@ -35,85 +23,66 @@ _LAYERS = {"RNN": (1, ("Tanh",)), "GRU": (3, ("Sigmoid", "Tanh")), "LSTM": (4, (
 _FUNCTIONS = {"Tanh": Function.TANH, "Sigmoid": Function.LOGISTIC, "Relu": Function.RELU}
 
 
-class _Body:
-    """Collects the operations of a round, which reads its row of the input, then its state; all in float32."""
-
-    def __init__(self) -> None:
-        self.ops: list[Operation] = []
-
-    def add(self, op: Operation) -> int:
-        self.ops.append(op)
-        return len(self.ops)
-
-    def pick(self, *inputs: int, columns: range) -> int:
-        return self.add(Select(inputs, np.array(columns, np.int32)))
-
-    def joined(self, *inputs: int) -> int:
-        width = sum(self.ops[value - 1].width for value in inputs)
-        return self.pick(*inputs, columns=range(width))
-
-    def sums(self, value: int, weights: FloatArray, biases: FloatArray) -> int:
-        """Weighted sums with the sum of two biases, which the library adds when it computes."""
-        terms = np.sum(np.abs(biases), axis=0)
-        return self.add(
-            Linear((value,), weights, np.sum(biases, axis=0), precision=Precision.FLOAT32, bias_terms=terms)
-        )
-
-    def function(self, value: int, function: Function) -> int:
-        width = self.ops[value - 1].width
-        return self.add(Activation((value,), function, width, precision=Precision.FLOAT32))
-
-    def combine(self, one: int, code: Operator, other: int) -> int:
-        return self.add(Combine((one, other), code, self.ops[one - 1].width, Precision.FLOAT32))
+_SINGLE = Precision.FLOAT32
 
 
-def _rnn(w: FloatArray, r: FloatArray, b: FloatArray, _linear_first: bool, function: Function) -> _Body:
+def _sums(body: GraphBuilder, value: int, weights: FloatArray, biases: FloatArray) -> int:
+    """Weighted sums with the sum of two biases, which the library adds when it computes."""
+    terms = np.sum(np.abs(biases), axis=0)
+    return body.linear(value, weights, np.sum(biases, axis=0), precision=_SINGLE, bias_terms=terms)
+
+
+def _rnn(w: FloatArray, r: FloatArray, b: FloatArray, _linear_first: bool, function: Function) -> GraphBuilder:
     """h = f(W x + R h + b)."""
-    body = _Body()
-    body.function(body.sums(0, np.hstack([w[0], r[0]]), b[:, 0]), function)
+    body = GraphBuilder(w.shape[2] + r.shape[1])
+    body.function(_sums(body, 0, np.hstack([w[0], r[0]]), b[:, 0]), function, precision=_SINGLE)
     return body
 
 
-def _lstm(w: FloatArray, r: FloatArray, b: FloatArray, _linear_first: bool, _function: Function) -> _Body:
+def _lstm(w: FloatArray, r: FloatArray, b: FloatArray, _linear_first: bool, _function: Function) -> GraphBuilder:
     """c = f * c + i * g, h = o * tanh(c) with i, o, f by sigmoids and g by tanh; the state is h, then c."""
-    body, size, read = _Body(), r.shape[1], w.shape[2]
-    both = body.pick(0, columns=range(read + size))
-    old = body.pick(0, columns=range(read + size, read + 2 * size))
+    size, read = r.shape[1], w.shape[2]
+    body = GraphBuilder(read + 2 * size)
+    both, old = body.select(range(read + size), 0), body.select(range(read + size, read + 2 * size), 0)
     gates = [
         body.function(
-            body.sums(both, np.hstack([w[gate], r[gate]]), b[:, gate]),
-            Function.TANH if gate == 3 else Function.LOGISTIC,
+            _sums(body, both, np.hstack([w[gate], r[gate]]), b[:, gate]),
+            "tanh" if gate == 3 else "logistic",
+            precision=_SINGLE,
         )
         for gate in range(4)
     ]
-    kept = body.combine(gates[2], Operator.MULTIPLY, old)
-    new = body.combine(kept, Operator.ADD, body.combine(gates[0], Operator.MULTIPLY, gates[3]))
-    hidden = body.combine(gates[1], Operator.MULTIPLY, body.function(new, Function.TANH))
-    body.joined(hidden, new)
+    kept = body.combine(gates[2], "*", old, precision=_SINGLE)
+    given = body.combine(gates[0], "*", gates[3], precision=_SINGLE)
+    new = body.combine(kept, "+", given, precision=_SINGLE)
+    hidden = body.combine(gates[1], "*", body.function(new, "tanh", precision=_SINGLE), precision=_SINGLE)
+    body.beside(hidden, new)
     return body
 
 
-def _gru(w: FloatArray, r: FloatArray, b: FloatArray, linear_first: bool, _function: Function) -> _Body:
+def _gru(w: FloatArray, r: FloatArray, b: FloatArray, linear_first: bool, _function: Function) -> GraphBuilder:
     """h = (1 - z) * g + z * h; g = tanh(W x + r * (R h + b) + b), or with R (r * h) where `linear_first` is FALSE."""
-    body, size, read = _Body(), r.shape[1], w.shape[2]
-    row, old = body.pick(0, columns=range(read)), body.pick(0, columns=range(read, read + size))
+    size, read = r.shape[1], w.shape[2]
+    body = GraphBuilder(read + size)
+    row, old = body.select(range(read), 0), body.select(range(read, read + size), 0)
     update, reset = (
-        body.function(body.sums(0, np.hstack([w[gate], r[gate]]), b[:, gate]), Function.LOGISTIC) for gate in range(2)
+        body.function(_sums(body, 0, np.hstack([w[gate], r[gate]]), b[:, gate]), "logistic", precision=_SINGLE)
+        for gate in range(2)
     )
     if linear_first:
-        inner = body.combine(reset, Operator.MULTIPLY, body.sums(old, r[2], b[1:, 2]))
-        given = body.sums(body.joined(row, inner), np.hstack([w[2], np.eye(size)]), b[:1, 2])
+        inner = body.combine(reset, "*", _sums(body, old, r[2], b[1:, 2]), precision=_SINGLE)
+        given = _sums(body, body.beside(row, inner), np.hstack([w[2], np.eye(size)]), b[:1, 2])
     else:
-        inner = body.combine(reset, Operator.MULTIPLY, old)
-        given = body.sums(body.joined(row, inner), np.hstack([w[2], r[2]]), b[:, 2])
-    new = body.function(given, Function.TANH)
-    rest = body.add(Scale((update,), Operator.SUBTRACT, np.ones(size), Precision.FLOAT32, reverse=True))
-    kept = body.combine(update, Operator.MULTIPLY, old)
-    body.combine(body.combine(rest, Operator.MULTIPLY, new), Operator.ADD, kept)
+        inner = body.combine(reset, "*", old, precision=_SINGLE)
+        given = _sums(body, body.beside(row, inner), np.hstack([w[2], r[2]]), b[:, 2])
+    new = body.function(given, "tanh", precision=_SINGLE)
+    rest = body.scale(update, "-", 1.0, precision=_SINGLE, reverse=True)
+    kept = body.combine(update, "*", old, precision=_SINGLE)
+    body.combine(body.combine(rest, "*", new, precision=_SINGLE), "+", kept, precision=_SINGLE)
     return body
 
 
-_BODIES: dict[str, Callable[[FloatArray, FloatArray, FloatArray, bool, Function], _Body]] = {
+_BODIES: dict[str, Callable[[FloatArray, FloatArray, FloatArray, bool, Function], GraphBuilder]] = {
     "RNN": _rnn,
     "LSTM": _lstm,
     "GRU": _gru,

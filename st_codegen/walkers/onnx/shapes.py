@@ -12,7 +12,7 @@ import numpy as np
 import onnx
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import AnyArray, Clip, Piecewise, Select
+from st_codegen.ir import AnyArray, Clip, Piecewise
 from st_codegen.walkers.onnx.elementwise import is_not_zero
 from st_codegen.walkers.onnx.file import type_name
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, Result, operator
@@ -238,7 +238,7 @@ def _repeated(walk: GraphWalk, constant: Operand, beside: Tensor) -> Tensor:
     assert isinstance(constant, ConstantOperand)
     walk.refuse_special(beside)
     numbers = constant.array.astype(np.float64).ravel()
-    first = walk.builder.add(Select((walk.settle(beside),), np.zeros(len(numbers), np.int32)))
+    first = walk.builder.select(np.zeros(len(numbers), np.int32), walk.settle(beside))
     value = walk.builder.add(Clip((first,), numbers, numbers))
     return walk.computed(value, constant.shape, constant.dtype, special=False)
 

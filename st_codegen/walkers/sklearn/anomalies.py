@@ -8,22 +8,17 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import Activation, Combine, FloatArray, Function, Linear, Operator, Scale, Select, SummationOrder
+from st_codegen.ir import FloatArray, SummationOrder
 from st_codegen.walkers.base import Classified, GraphBuilder, walks
 from st_codegen.walkers.classes import above, largest, last_below, softmax
 from st_codegen.walkers.fitted import Fitted
-from st_codegen.walkers.sklearn.linear import (
-    block_sums,
-    negative_square_distances,
-    refuse_nan_and_infinity,
-    squares,
-)
+from st_codegen.walkers.sklearn.linear import block_sums, negative_square_distances, squares
 from st_codegen.walkers.sklearn.trees import TreeSum, add_float32_trees
 
 _INLIERS = (-1, 1)
 
 
-@walks("sklearn.IsolationForest", trusts=("sklearn.tree._tree.Tree",))
+@walks("IsolationForest", trusts=("sklearn.tree._tree.Tree",))
 def walk_isolation_forest(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """Lengths of paths, added in order; the score is 2 to the minus their mean, in units of what is usual.
 
@@ -52,11 +47,11 @@ def walk_isolation_forest(estimator: Any, builder: GraphBuilder, value: int) -> 
         (-1.0, 2.0 * longest + 1.0),
     )
     # 2 ** x as exp(x * log(2)): |x * log(2)| is below 8, so that the roundings before the exponential are few units
-    share = builder.add(Scale((depth,), Operator.DIVIDE, np.full(1, unit)))
-    exponent = builder.add(Scale((share,), Operator.MULTIPLY, np.full(1, -math.log(2.0))))
-    score = builder.add(Activation((exponent,), Function.EXP, 1))
-    turned = builder.add(Scale((score,), Operator.MULTIPLY, np.full(1, -1.0)))
-    decision = builder.add(Scale((turned,), Operator.SUBTRACT, np.full(1, offset)))
+    share = builder.scale(depth, "/", unit)
+    exponent = builder.scale(share, "*", -math.log(2.0))
+    score = builder.function(exponent, "exp")
+    turned = builder.scale(score, "*", -1.0)
+    decision = builder.scale(turned, "-", offset)
     return Classified(_INLIERS, above(builder, depth, cut), decision=decision)
 
 
@@ -67,37 +62,34 @@ def _usual_length(samples: int) -> float:
     return float(2.0 * (np.log(samples - 1.0) + np.euler_gamma) - 2.0 * (samples - 1.0) / samples)
 
 
-@walks("sklearn.EllipticEnvelope")
+@walks("EllipticEnvelope", finite=True)
 def walk_envelope(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """Minus the square of Mahalanobis' distance against `offset_` (`_elliptic_envelope.py: predict`)."""
     fitted = Fitted(estimator)
-    refuse_nan_and_infinity(builder, value)
     width = builder.width(value)
     precision = fitted.floats("precision_", (width, width))
-    centred = builder.add(Scale((value,), Operator.SUBTRACT, fitted.floats("location_", (width,))))
+    centred = builder.scale(value, "-", fitted.floats("location_", (width,)))
     # x.P.x is the sum over the columns of P of (x.P) * x
-    turned = builder.add(Linear((centred,), precision.T, np.zeros(width)))
-    products = builder.add(Combine((turned, centred), Operator.MULTIPLY, width))
+    turned = builder.linear(centred, precision.T)
+    products = builder.combine(turned, "*", centred)
     distance = block_sums(builder, products, 1, -1.0, np.zeros(1))
-    decision = builder.add(Scale((distance,), Operator.SUBTRACT, np.full(1, fitted.number("offset_"))))
+    decision = builder.scale(distance, "-", fitted.number("offset_"))
     return Classified(_INLIERS, above(builder, decision, inclusive=True), decision=decision)
 
 
-@walks("sklearn.KMeans", "sklearn.MiniBatchKMeans", "sklearn.MeanShift", "sklearn.AffinityPropagation")
+@walks("KMeans MiniBatchKMeans MeanShift AffinityPropagation", finite=True)
 def walk_clusters(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """The nearest centre, the first of equal ones (`cluster/_k_means_lloyd.pyx: lloyd_iter_chunked_dense`)."""
     fitted = Fitted(estimator)
-    refuse_nan_and_infinity(builder, value)
     centres = fitted.floats("cluster_centers_", (None, builder.width(value)))
     near = negative_square_distances(builder, value, centres)
     return Classified(tuple(range(len(centres))), largest(builder, near))
 
 
-@walks("sklearn.GaussianMixture")
+@walks("GaussianMixture", finite=True)
 def walk_mixture(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """The most probable component (`mixture/_gaussian_mixture.py: _estimate_log_gaussian_prob`)."""
     fitted = Fitted(estimator)
-    refuse_nan_and_infinity(builder, value)
     width = builder.width(value)
     means = fitted.floats("means_", (None, width))
     count = len(means)
@@ -106,9 +98,9 @@ def walk_mixture(estimator: Any, builder: GraphBuilder, value: int) -> Classifie
         raise fitted.fail("weights_", "a component without weight")
     full = estimator.covariance_type in ("full", "tied")
     norms, determinants = (_turned if full else _straight)(fitted, builder, value, means)
-    halved = builder.add(Scale((norms,), Operator.MULTIPLY, np.full(count, -0.5)))
-    likely = builder.add(Scale((halved,), Operator.ADD, determinants))
-    scores = builder.add(Scale((likely,), Operator.ADD, np.log(weights)))
+    halved = builder.scale(norms, "*", -0.5)
+    likely = builder.scale(halved, "+", determinants)
+    scores = builder.scale(likely, "+", np.log(weights))
     return Classified(tuple(range(count)), largest(builder, scores), softmax(builder, scores))
 
 
@@ -122,11 +114,11 @@ def _turned(fitted: Fitted, builder: GraphBuilder, value: int, means: FloatArray
     parts = []
     for mean, root in zip(means, roots, strict=True):
         # the mean as a value of its own: the library multiplies it by the root, and errs in proportion to both
-        fixed = builder.add(Linear((value,), np.zeros((width, width)), mean, SummationOrder.SEQUENTIAL))
-        both = builder.add(Select((value, fixed), np.arange(2 * width, dtype=np.int32)))
-        moved = builder.add(Linear((both,), np.hstack([root.T, -root.T]), np.zeros(width)))
+        fixed = builder.linear(value, np.zeros((width, width)), mean, order=SummationOrder.SEQUENTIAL)
+        both = builder.beside(value, fixed)
+        moved = builder.linear(both, np.hstack([root.T, -root.T]))
         parts.append(block_sums(builder, squares(builder, moved), 1, 1.0, np.full(1, width * math.log(2 * math.pi))))
-    norms = builder.add(Select(tuple(parts), np.arange(count, dtype=np.int32)))
+    norms = builder.beside(*parts)
     return norms, np.sum(np.log(np.diagonal(roots, axis1=1, axis2=2)), axis=1)
 
 
@@ -139,7 +131,7 @@ def _straight(fitted: Fitted, builder: GraphBuilder, value: int, means: FloatArr
     if np.any(roots <= 0):
         raise fitted.fail("precisions_cholesky_", "a component without extent")
     precisions = roots**2
-    both = builder.add(Select((squares(builder, value), value), np.arange(2 * width, dtype=np.int32)))
+    both = builder.beside(squares(builder, value), value)
     fixed = np.sum(means**2 * precisions, axis=1) + width * math.log(2 * math.pi)
     weights = np.hstack([precisions, -2.0 * means * precisions])
-    return builder.add(Linear((both,), weights, fixed, bias_terms=fixed)), np.sum(np.log(roots), axis=1)
+    return builder.linear(both, weights, fixed, bias_terms=fixed), np.sum(np.log(roots), axis=1)

@@ -13,23 +13,15 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import Activation, Clip, FloatArray, Function, Int32Array, Operator, Scale, Select
-from st_codegen.walkers.base import (
-    GraphBuilder,
-    Walked,
-    transforms,
-    walk_any,
-    walk_estimator,
-    walk_transform,
-    walks,
-)
+from st_codegen.ir import Clip, FloatArray, Function, Int32Array, Operator
+from st_codegen.walkers.base import GraphBuilder, Walked, transforms, walk_any, walk_estimator, walk_transform, walks
 from st_codegen.walkers.fitted import Fitted
-from st_codegen.walkers.sklearn.transforms import side_by_side, weighted
+from st_codegen.walkers.sklearn.transforms import weighted
 
 Steps = list[tuple[Operator, FloatArray]]
 
 
-@transforms("sklearn.Pipeline")
+@transforms("Pipeline")
 def walk_preparation(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """The steps, one after another; none of them predicts."""
     for _, step in Fitted(estimator).items("steps"):
@@ -37,7 +29,7 @@ def walk_preparation(estimator: Any, builder: GraphBuilder, value: int) -> int:
     return value
 
 
-@walks("sklearn.Pipeline")
+@walks("Pipeline")
 def walk_pipeline(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
     """The steps, one after another; the last one may be a classifier."""
     if not hasattr(estimator, "predict"):
@@ -72,21 +64,21 @@ _SEARCH = tuple(
 )
 
 
-@walks("sklearn.GridSearchCV", "sklearn.RandomizedSearchCV", trusts=_SEARCH)
+@walks("GridSearchCV RandomizedSearchCV", trusts=_SEARCH)
 def walk_search(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
     """The estimator that the search found best and fitted again (`_search.py: BaseSearchCV.predict`)."""
     return walk_any(Fitted(estimator).get("best_estimator_"), builder, value)
 
 
-@walks("sklearn.RFE", "sklearn.RFECV")
+@walks("RFE RFECV")
 def walk_elimination(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
     """The estimator on the features that are left (`feature_selection/_rfe.py: predict`)."""
     fitted = Fitted(estimator)
     left = np.flatnonzero(fitted.flags("support_", (builder.width(value),))).astype(np.int32)
-    return walk_any(fitted.get("estimator_"), builder, builder.add(Select((value,), left)))
+    return walk_any(fitted.get("estimator_"), builder, builder.select(left, value))
 
 
-@transforms("sklearn.ColumnTransformer")
+@transforms("ColumnTransformer")
 def walk_columns(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Each transformer on its own columns; results side by side in the order of `transformers_`."""
     fitted = Fitted(estimator)
@@ -95,11 +87,11 @@ def walk_columns(estimator: Any, builder: GraphBuilder, value: int) -> int:
         columns = selected_columns(fitted, name, given, builder.width(value))
         if len(columns) == 0 or (isinstance(transformer, str) and transformer == "drop"):
             continue
-        part = _walk_or_pass(transformer, builder, builder.add(Select((value,), columns)))
+        part = _walk_or_pass(transformer, builder, builder.select(columns, value))
         parts.append(weighted(builder, part, fitted.get("transformer_weights"), name, fitted))
     if not parts:
         raise UnsupportedModelError("ColumnTransformer drops every column")
-    return side_by_side(builder, parts)
+    return builder.beside(*parts)
 
 
 def selected_columns(fitted: Fitted, name: str, given: Any, width: int) -> Int32Array:
@@ -118,14 +110,7 @@ def selected_columns(fitted: Fitted, name: str, given: Any, width: int) -> Int32
     return columns.astype(np.int32)
 
 
-@walks("sklearn.MultiOutputRegressor")
-def walk_multi_output(estimator: Any, builder: GraphBuilder, value: int) -> int:
-    """One regressor an output, side by side."""
-    parts = tuple(walk_estimator(part, builder, value) for part in Fitted(estimator).items("estimators_"))
-    return builder.add(Select(parts, np.arange(len(parts), dtype=np.int32)))
-
-
-@walks("sklearn.TransformedTargetRegressor")
+@walks("TransformedTargetRegressor")
 def walk_transformed_target(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """The regressor, then the inverse of the target's transformation."""
     fitted = Fitted(estimator)
@@ -150,7 +135,7 @@ def walk_transformed_target(estimator: Any, builder: GraphBuilder, value: int) -
     )
 
 
-@transforms("sklearn.StandardScaler", "sklearn.MinMaxScaler", "sklearn.RobustScaler", "sklearn.MaxAbsScaler")
+@transforms("StandardScaler MinMaxScaler RobustScaler MaxAbsScaler")
 def walk_scaler(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """The forward transformation of a scaler."""
     fitted = Fitted(estimator)
@@ -186,7 +171,7 @@ def _reach(steps: Steps, low: float, high: float, width: int) -> FloatArray:
         reach[short] *= 2.0
 
 
-@transforms("sklearn.FunctionTransformer")
+@transforms("FunctionTransformer")
 def walk_function(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """A NumPy function of each column."""
     if Fitted(estimator).get("kw_args"):
@@ -246,7 +231,7 @@ _COMPUTE = {
 
 def _add_steps(steps: Steps, builder: GraphBuilder, value: int) -> int:
     for operator, constant in steps:
-        value = builder.add(Scale((value,), operator, constant))
+        value = builder.scale(value, operator, constant)
     return value
 
 
@@ -262,4 +247,4 @@ def _add_function(function: Any, role: str, builder: GraphBuilder, value: int) -
             f"{role}={getattr(function, '__name__', function)!s}: a Python function cannot be compiled; "
             f"supported are None (identity), {supported}"
         )
-    return builder.add(Activation((value,), _UFUNCS[function], builder.width(value)))
+    return builder.function(value, _UFUNCS[function])

@@ -12,46 +12,24 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import (
-    Activation,
-    Combine,
-    Exceeds,
-    FloatArray,
-    Function,
-    Label,
-    Linear,
-    Operator,
-    Scale,
-    Select,
-    WeightedMedian,
-)
-from st_codegen.walkers.base import Classified, GraphBuilder, walk_classifier, walk_estimator, walks
+from st_codegen.ir import Exceeds, FloatArray, Label, WeightedMedian
+from st_codegen.walkers.base import Classified, GraphBuilder, walk_any, walk_classifier, walk_estimator, walks
 from st_codegen.walkers.classes import above, complement, labels_of, largest, softmax, whole_sums
 from st_codegen.walkers.fitted import Fitted
-from st_codegen.walkers.sklearn.linear import refuse_nan_and_infinity
 from st_codegen.walkers.sklearn.models import votes_and_confidences
-
-
-def _side_by_side(builder: GraphBuilder, values: Sequence[int]) -> int:
-    total = sum(builder.width(value) for value in values)
-    return builder.add(Select(tuple(values), np.arange(total, dtype=np.int32)))
-
-
-def _column(builder: GraphBuilder, value: int, number: int) -> int:
-    return builder.add(Select((value,), np.array([number], np.int32)))
 
 
 def _mean(builder: GraphBuilder, values: Sequence[int], divisor: float) -> int:
     """The values added one after another, then divided."""
     total = values[0]
     for value in values[1:]:
-        total = builder.add(Combine((total, value), Operator.ADD, builder.width(total)))
-    return builder.add(Scale((total,), Operator.DIVIDE, np.full(builder.width(total), divisor)))
+        total = builder.combine(total, "+", value)
+    return builder.scale(total, "/", divisor)
 
 
 def _one_hot(builder: GraphBuilder, index: int, count: int) -> int:
     """1 in the column of the class, 0 in the others."""
-    repeated = builder.add(Select((index,), np.zeros(count, np.int32)))
+    repeated = builder.select(np.zeros(count, np.int32), index)
     reached = builder.add(Exceeds((repeated,), np.arange(float(count)) - 0.5))
     return whole_sums(builder, reached, np.eye(count) - np.eye(count, k=1), np.zeros(count))
 
@@ -78,7 +56,7 @@ def _response(part: Classified, estimator: Any, builder: GraphBuilder) -> int:
         if part.decision is None or builder.width(part.decision) != 1:
             raise UnsupportedModelError(f"{type(estimator).__name__} gives no single score, which the whole needs")
         return part.decision
-    return _column(builder, _probability(part, estimator), 1)
+    return builder.select([1], _probability(part, estimator))
 
 
 def _weights(fitted: Fitted, count: int) -> FloatArray | None:
@@ -94,7 +72,7 @@ def _weights(fitted: Fitted, count: int) -> FloatArray | None:
 _NAMED = ("sklearn.utils._bunch.Bunch",)
 
 
-@walks("sklearn.VotingClassifier", trusts=_NAMED)
+@walks("VotingClassifier", trusts=_NAMED)
 def walk_voting(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """The first class of most votes, or of the largest mean probability (`ensemble/_voting.py: predict`)."""
     fitted = Fitted(estimator)
@@ -104,21 +82,18 @@ def walk_voting(estimator: Any, builder: GraphBuilder, value: int) -> Classified
     if estimator.voting == "soft":
         shares = [_probability(one, part) for one, part in zip(found, parts, strict=True)]
         if weights is not None:
-            shares = [
-                builder.add(Scale((share,), Operator.MULTIPLY, np.full(len(labels), weight)))
-                for share, weight in zip(shares, weights, strict=True)
-            ]
+            shares = [builder.scale(share, "*", weight) for share, weight in zip(shares, weights, strict=True)]
         mean = _mean(builder, shares, float(len(parts)) if weights is None else float(weights.sum()))
         return Classified(labels, largest(builder, mean), mean)
     votes = [_scattered(fitted, one, _one_hot(builder, one.index, len(one.labels)), numbers, builder) for one in found]
     each = np.ones(len(parts)) if weights is None else weights
     table = np.hstack([weight * np.eye(len(labels)) for weight in each])
     return Classified(
-        labels, largest(builder, whole_sums(builder, _side_by_side(builder, votes), table, np.zeros(len(labels))))
+        labels, largest(builder, whole_sums(builder, builder.beside(*votes), table, np.zeros(len(labels))))
     )
 
 
-@walks("sklearn.VotingRegressor", trusts=_NAMED)
+@walks("VotingRegressor", trusts=_NAMED)
 def walk_voting_regressor(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """The weighted mean of the regressors, which NumPy adds in an order of its own."""
     fitted = Fitted(estimator)
@@ -128,8 +103,8 @@ def walk_voting_regressor(estimator: Any, builder: GraphBuilder, value: int) -> 
         raise UnsupportedModelError("VotingRegressor with several outputs")
     weights = _weights(fitted, len(parts))
     each = np.ones(len(parts)) if weights is None else weights
-    total = builder.add(Linear((_side_by_side(builder, found),), each[None, :], np.zeros(1)))
-    return builder.add(Scale((total,), Operator.DIVIDE, np.full(1, each.sum())))
+    total = builder.linear(builder.beside(*found), each[None, :])
+    return builder.scale(total, "/", each.sum())
 
 
 def _bagged(fitted: Fitted, builder: GraphBuilder, value: int) -> list[tuple[Any, int]]:
@@ -140,11 +115,11 @@ def _bagged(fitted: Fitted, builder: GraphBuilder, value: int) -> list[tuple[Any
     for part, columns in zip(parts, given, strict=True):
         chosen = fitted.integers_of("estimators_features_", columns, (None,), low=0, high=width - 1)
         everything = np.array_equal(chosen, np.arange(width))
-        found.append((part, value if everything else builder.add(Select((value,), chosen.astype(np.int32)))))
+        found.append((part, value if everything else builder.select(chosen, value)))
     return found
 
 
-@walks("sklearn.BaggingClassifier")
+@walks("BaggingClassifier")
 def walk_bagging(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """The mean of probabilities, or of votes (`ensemble/_bagging.py: _parallel_predict_proba` with n_jobs=1)."""
     fitted = Fitted(estimator)
@@ -161,14 +136,14 @@ def walk_bagging(estimator: Any, builder: GraphBuilder, value: int) -> Classifie
     return Classified(labels, largest(builder, mean), mean)
 
 
-@walks("sklearn.BaggingRegressor")
+@walks("BaggingRegressor")
 def walk_bagging_regressor(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """The mean of the regressors, added in order."""
     found = [walk_estimator(part, builder, columns) for part, columns in _bagged(Fitted(estimator), builder, value)]
     return _mean(builder, found, float(len(found)))
 
 
-@walks("sklearn.AdaBoostClassifier")
+@walks("AdaBoostClassifier", finite=True)
 def walk_ada_boost(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """Each estimator adds its weight to its class, and takes a share of it from the others (SAMME)."""
     fitted = Fitted(estimator)
@@ -176,40 +151,38 @@ def walk_ada_boost(estimator: Any, builder: GraphBuilder, value: int) -> Classif
     count = len(labels)
     if count < 2:
         raise UnsupportedModelError("AdaBoostClassifier with one class")
-    refuse_nan_and_infinity(builder, value)
     weights = fitted.floats("estimator_weights_", (None,))[: len(parts)]
     columns, table = [], []
     for part, weight in zip(parts, weights, strict=True):
         one = walk_classifier(part, builder, value)
         chosen = _scattered(fitted, one, _one_hot(builder, one.index, len(one.labels)), labels, builder)
-        other = builder.add(Scale((chosen,), Operator.SUBTRACT, np.ones(count), reverse=True))
+        other = builder.scale(chosen, "-", 1.0, reverse=True)
         columns += [chosen, other]
         table += [weight * np.eye(count), -1 / (count - 1) * weight * np.eye(count)]
     # each sum has one product that is not zero for an estimator, so that nothing is rounded but the sum itself
-    total = whole_sums(builder, _side_by_side(builder, columns), np.hstack(table), np.zeros(count))
-    scores = builder.add(Scale((total,), Operator.DIVIDE, np.full(count, weights.sum())))
+    total = whole_sums(builder, builder.beside(*columns), np.hstack(table), np.zeros(count))
+    scores = builder.scale(total, "/", weights.sum())
     if count > 2:
-        shares = builder.add(Scale((scores,), Operator.DIVIDE, np.full(count, count - 1.0)))
+        shares = builder.scale(scores, "/", count - 1.0)
         return Classified(labels, largest(builder, scores), softmax(builder, shares), scores)
     score = whole_sums(builder, scores, np.array([[-1.0, 1.0]]), np.zeros(1))
     halves = whole_sums(builder, score, np.array([[-0.5], [0.5]]), np.zeros(2))
     return Classified(labels, above(builder, score), softmax(builder, halves), score)
 
 
-@walks("sklearn.AdaBoostRegressor")
+@walks("AdaBoostRegressor", finite=True)
 def walk_ada_boost_regressor(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """The weighted median of the estimators (`ensemble/_weight_boosting.py: _get_median_predict`)."""
     fitted = Fitted(estimator)
     parts = fitted.items("estimators_")
     weights = fitted.floats("estimator_weights_", (None,))[: len(parts)]
-    refuse_nan_and_infinity(builder, value)
     found = [walk_estimator(part, builder, value) for part in parts]
     if len(weights) != len(parts) or any(builder.width(one) != 1 for one in found):
         raise fitted.fail("estimator_weights_", "not one weight an estimator of one output")
-    return builder.add(WeightedMedian((_side_by_side(builder, found),), weights))
+    return builder.add(WeightedMedian((builder.beside(*found),), weights))
 
 
-@walks("sklearn.OneVsRestClassifier", trusts=("sklearn.multiclass._ConstantPredictor",))
+@walks("OneVsRestClassifier", trusts=("sklearn.multiclass._ConstantPredictor",))
 def walk_one_vs_rest(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """The last of the largest scores, one estimator a class; of two classes the second beyond the threshold."""
     fitted = Fitted(estimator)
@@ -222,12 +195,12 @@ def walk_one_vs_rest(estimator: Any, builder: GraphBuilder, value: int) -> Class
     if len(parts) == 1:
         cut = 0.0 if hasattr(parts[0], "decision_function") else 0.5
         return Classified(labels, above(builder, scores[0], cut))
-    turned = largest(builder, _side_by_side(builder, scores[::-1]))
-    last = builder.add(Scale((turned,), Operator.SUBTRACT, np.full(1, len(parts) - 1.0), reverse=True))
+    turned = largest(builder, builder.beside(*scores[::-1]))
+    last = builder.scale(turned, "-", len(parts) - 1.0, reverse=True)
     return Classified(labels, last)
 
 
-@walks("sklearn.OneVsOneClassifier")
+@walks("OneVsOneClassifier")
 def walk_one_vs_one(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """Votes of one estimator a pair of classes; what they leave equal is decided by their scores."""
     fitted = Fitted(estimator)
@@ -236,17 +209,17 @@ def walk_one_vs_one(estimator: Any, builder: GraphBuilder, value: int) -> Classi
         raise UnsupportedModelError("OneVsOneClassifier of a precomputed kernel")
     found = [walk_classifier(part, builder, value) for part in parts]
     scores = [_response(one, part, builder) for one, part in zip(found, parts, strict=True)]
-    seconds = _side_by_side(builder, [one.index for one in found])
-    decision = votes_and_confidences(builder, seconds, _side_by_side(builder, scores), len(labels))
+    seconds = builder.beside(*[one.index for one in found])
+    decision = votes_and_confidences(builder, seconds, builder.beside(*scores), len(labels))
     if len(labels) == 2:
         cut = 0.0 if hasattr(parts[0], "decision_function") else 0.5
-        decision = _column(builder, decision, 1)
+        decision = builder.select([1], decision)
         return Classified(labels, above(builder, decision, cut), decision=decision)
     return Classified(labels, largest(builder, decision), decision=decision)
 
 
 @walks(
-    "sklearn.CalibratedClassifierCV",
+    "CalibratedClassifierCV",
     trusts=("sklearn.calibration._CalibratedClassifier", "sklearn.calibration._SigmoidCalibration"),
 )
 def walk_calibrated(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
@@ -263,10 +236,10 @@ def walk_calibrated(estimator: Any, builder: GraphBuilder, value: int) -> Classi
         inner = calibrated.estimator
         score = _response(walk_classifier(inner, builder, value), inner, builder)
         sigmoid = Fitted(Fitted(calibrated).items("calibrators", 1)[0])
-        argument = builder.add(Scale((score,), Operator.MULTIPLY, np.full(1, sigmoid.number("a_"))))
-        argument = builder.add(Scale((argument,), Operator.ADD, np.full(1, sigmoid.number("b_"))))
-        argument = builder.add(Scale((argument,), Operator.MULTIPLY, np.full(1, -1.0)))
-        shares.append(complement(builder, builder.add(Activation((argument,), Function.LOGISTIC, 1))))
+        argument = builder.scale(score, "*", sigmoid.number("a_"))
+        argument = builder.scale(argument, "+", sigmoid.number("b_"))
+        argument = builder.scale(argument, "*", -1.0)
+        shares.append(complement(builder, builder.function(argument, "logistic")))
     mean = _mean(builder, shares, float(len(shares)))
     return Classified(labels, largest(builder, mean), mean)
 
@@ -284,18 +257,18 @@ def _stacked(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
         if given is None or (method == "predict" and one.labels != tuple(range(len(one.labels)))):
             raise UnsupportedModelError(f"{type(part).__name__} in a stack by its {method}")
         second = method == "predict_proba" and len(one.labels) == 2
-        columns.append(_column(builder, given, 1) if second else given)
-    return _side_by_side(builder, [*columns, value] if fitted.get("passthrough") else columns)
+        columns.append(builder.select([1], given) if second else given)
+    return builder.beside(*columns, *([value] if fitted.get("passthrough") else []))
 
 
-@walks("sklearn.StackingRegressor", trusts=_NAMED)
+@walks("StackingRegressor", trusts=_NAMED)
 def walk_stack(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """The last regressor on what the others give (`ensemble/_stacking.py: _concatenate_predictions`)."""
     fitted = Fitted(estimator)
     return walk_estimator(fitted.get("final_estimator_"), builder, _stacked(fitted, builder, value))
 
 
-@walks("sklearn.StackingClassifier", trusts=_NAMED)
+@walks("StackingClassifier", trusts=_NAMED)
 def walk_stack_of_classes(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """The last classifier on what the others give; it knows the classes by their numbers."""
     fitted = Fitted(estimator)
@@ -306,9 +279,11 @@ def walk_stack_of_classes(estimator: Any, builder: GraphBuilder, value: int) -> 
     return Classified(labels, last.index, last.probability, last.decision)
 
 
-def _label_numbers(part: Any, builder: GraphBuilder, value: int) -> int:
-    """The label of a classifier of which the labels are the numbers 0, 1, .. themselves."""
-    one = walk_classifier(part, builder, value)
+def _one_output(part: Any, builder: GraphBuilder, value: int) -> int:
+    """What an estimator gives; of a classifier the label, where the labels are the numbers 0, 1, .. themselves."""
+    one = walk_any(part, builder, value)
+    if not isinstance(one, Classified):
+        return one
     if tuple(one.labels) != tuple(range(len(one.labels))):
         raise UnsupportedModelError(
             f"{type(part).__name__} with labels {one.labels[:3]}, .. beside other outputs: encode them as 0, 1, .."
@@ -316,36 +291,21 @@ def _label_numbers(part: Any, builder: GraphBuilder, value: int) -> int:
     return one.index
 
 
-@walks("sklearn.MultiOutputClassifier")
-def walk_several_labels(estimator: Any, builder: GraphBuilder, value: int) -> int:
-    """The label of one classifier an output, as a number."""
-    parts = Fitted(estimator).items("estimators_")
-    return _side_by_side(builder, [_label_numbers(part, builder, value) for part in parts])
+@walks("MultiOutputRegressor MultiOutputClassifier")
+def walk_multi_output(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """One estimator an output, side by side."""
+    return builder.beside(*[_one_output(part, builder, value) for part in Fitted(estimator).items("estimators_")])
 
 
-@walks("sklearn.ClassifierChain")
-def walk_label_chain(estimator: Any, builder: GraphBuilder, value: int) -> int:
-    """Each classifier takes the inputs and the labels before it; all labels, as numbers (`multioutput.py`)."""
+@walks("RegressorChain ClassifierChain", finite=True)
+def walk_chain(estimator: Any, builder: GraphBuilder, value: int) -> int:
+    """Each estimator takes the inputs and what those before it gave (`multioutput.py: _get_predictions`)."""
     fitted = Fitted(estimator)
     parts = fitted.items("estimators_")
-    if fitted.get("chain_method_") != "predict":
+    if fitted.kind == "ClassifierChain" and fitted.get("chain_method_") != "predict":
         raise UnsupportedModelError("ClassifierChain with another chain_method than 'predict'")
     order = fitted.integers_of("order_", np.asarray(fitted.get("order_")), (len(parts),), low=0, high=len(parts) - 1)
-    refuse_nan_and_infinity(builder, value)
     given: list[int] = []
     for part in parts:
-        given.append(_label_numbers(part, builder, _side_by_side(builder, [value, *given])))
-    return builder.add(Select((_side_by_side(builder, given),), np.argsort(order).astype(np.int32)))
-
-
-@walks("sklearn.RegressorChain")
-def walk_chain(estimator: Any, builder: GraphBuilder, value: int) -> int:
-    """Each regressor takes the inputs and what those before it gave (`multioutput.py: _BaseChain._get_predictions`)."""
-    fitted = Fitted(estimator)
-    parts = fitted.items("estimators_")
-    order = fitted.integers_of("order_", np.asarray(fitted.get("order_")), (len(parts),), low=0, high=len(parts) - 1)
-    refuse_nan_and_infinity(builder, value)
-    given: list[int] = []
-    for part in parts:
-        given.append(walk_estimator(part, builder, _side_by_side(builder, [value, *given])))
-    return builder.add(Select((_side_by_side(builder, given),), np.argsort(order).astype(np.int32)))
+        given.append(_one_output(part, builder, builder.beside(value, *given)))
+    return builder.select(np.argsort(order), builder.beside(*given))

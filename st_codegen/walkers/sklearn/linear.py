@@ -5,44 +5,34 @@ They add products through BLAS, whose order is not specified: equal within the b
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import Activation, Combine, Exceeds, FloatArray, Function, Linear, Operator, Scale, Select
+from st_codegen.ir import Exceeds, FloatArray
 from st_codegen.walkers.base import Classified, GraphBuilder, walk_estimator, walks
 from st_codegen.walkers.classes import above, complement, labels_of, largest, softmax, whole_sums
 from st_codegen.walkers.fitted import SPARSE, Fitted
-
-
-def refuse_nan_and_infinity(builder: GraphBuilder, value: int) -> None:
-    """scikit-learn's `check_array` raises for both."""
-    builder.refuse_nan(value)
-    builder.refuse_magnitude(math.inf)
 
 
 def _weighted_sum(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
     """`X @ coef_.T + intercept_` (`sklearn/linear_model/_base.py: LinearModel._decision_function`)."""
     width = builder.width(value)
     weights = np.atleast_2d(fitted.floats("coef_", (width,), (None, width)))
-    refuse_nan_and_infinity(builder, value)
+    builder.refuse_special(value)
     intercept = fitted.floats("intercept_", (), (1,), (len(weights),))
-    return builder.add(Linear((value,), weights, np.broadcast_to(intercept, (len(weights),))))
+    return builder.linear(value, weights, np.broadcast_to(intercept, (len(weights),)))
 
 
 @walks(
-    *(
-        f"sklearn.{name}"
-        for name in """
-        ARDRegression BayesianRidge ElasticNet ElasticNetCV HuberRegressor Lars LarsCV Lasso LassoCV LassoLars
-        LassoLarsCV LassoLarsIC LinearRegression LinearSVR MultiTaskElasticNet MultiTaskElasticNetCV MultiTaskLasso
-        MultiTaskLassoCV OrthogonalMatchingPursuit OrthogonalMatchingPursuitCV PassiveAggressiveRegressor
-        QuantileRegressor Ridge RidgeCV SGDRegressor TheilSenRegressor
-        """.split()
-    )
+    """
+    ARDRegression BayesianRidge ElasticNet ElasticNetCV HuberRegressor Lars LarsCV Lasso LassoCV LassoLars
+    LassoLarsCV LassoLarsIC LinearRegression LinearSVR MultiTaskElasticNet MultiTaskElasticNetCV MultiTaskLasso
+    MultiTaskLassoCV OrthogonalMatchingPursuit OrthogonalMatchingPursuitCV PassiveAggressiveRegressor
+    QuantileRegressor Ridge RidgeCV SGDRegressor TheilSenRegressor
+    """
 )
 def walk_linear(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """One weighted sum an output."""
@@ -50,9 +40,7 @@ def walk_linear(estimator: Any, builder: GraphBuilder, value: int) -> int:
 
 
 @walks(
-    "sklearn.PoissonRegressor",
-    "sklearn.GammaRegressor",
-    "sklearn.TweedieRegressor",
+    "PoissonRegressor GammaRegressor TweedieRegressor",
     trusts=("sklearn._loss.loss.HalfTweedieLossIdentity",),
 )
 def walk_generalized(estimator: Any, builder: GraphBuilder, value: int) -> int:
@@ -63,31 +51,28 @@ def walk_generalized(estimator: Any, builder: GraphBuilder, value: int) -> int:
         return total
     if link != "LogLink":
         raise UnsupportedModelError(f"{type(estimator).__name__} with the link {link}")
-    return builder.add(Activation((total,), Function.EXP, 1))
+    return builder.function(total, "exp")
 
 
-@walks("sklearn.PLSRegression", "sklearn.PLSCanonical", "sklearn.CCA")
+@walks("PLSRegression PLSCanonical CCA")
 def walk_partial_leastsquares(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Centred inputs, then a weighted sum an output (`cross_decomposition/_pls.py: predict`)."""
     fitted = Fitted(estimator)
     mean = fitted.floats("_x_mean", (builder.width(value),))
-    return _weighted_sum(fitted, builder, builder.add(Scale((value,), Operator.SUBTRACT, mean)))
+    return _weighted_sum(fitted, builder, builder.scale(value, "-", mean))
 
 
-@walks("sklearn.RANSACRegressor")
+@walks("RANSACRegressor")
 def walk_consensus(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """The regressor that was fitted on the inliers."""
     return walk_estimator(Fitted(estimator).get("estimator_"), builder, value)
 
 
 @walks(
-    *(
-        f"sklearn.{name}"
-        for name in """
-        LinearDiscriminantAnalysis LinearSVC LogisticRegression LogisticRegressionCV PassiveAggressiveClassifier
-        Perceptron RidgeClassifier RidgeClassifierCV SGDClassifier
-        """.split()
-    ),
+    """
+    LinearDiscriminantAnalysis LinearSVC LogisticRegression LogisticRegressionCV PassiveAggressiveClassifier
+    Perceptron RidgeClassifier RidgeClassifierCV SGDClassifier
+    """,
     trusts=SPARSE,
 )
 def walk_linear_classifier(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
@@ -107,7 +92,7 @@ def walk_linear_classifier(estimator: Any, builder: GraphBuilder, value: int) ->
         return Classified(labels, largest(builder, scores), softmax(builder, scores) if logistic else None, scores)
     probability = None
     if logistic or (fitted.kind == "SGDClassifier" and estimator.loss == "log_loss"):
-        probability = complement(builder, builder.add(Activation((scores,), Function.LOGISTIC, 1)))
+        probability = complement(builder, builder.function(scores, "logistic"))
     return Classified(labels, above(builder, scores), probability, scores)
 
 
@@ -121,25 +106,24 @@ def _most_likely(fitted: Fitted, builder: GraphBuilder, scores: int) -> Classifi
 
 def squares(builder: GraphBuilder, value: int) -> int:
     """The square of each column."""
-    return builder.add(Combine((value, value), Operator.MULTIPLY, builder.width(value)))
+    return builder.combine(value, "*", value)
 
 
 def _repeated(builder: GraphBuilder, value: int, times: int) -> int:
     """All columns, so many times one after another."""
-    return builder.add(Select((value,), np.tile(np.arange(builder.width(value), dtype=np.int32), times)))
+    return builder.select(np.tile(np.arange(builder.width(value), dtype=np.int32), times), value)
 
 
 def block_sums(builder: GraphBuilder, value: int, blocks: int, weight: float, bias: FloatArray) -> int:
     """`bias + weight * sum` of each of so many equal blocks of columns."""
     weights = np.kron(np.eye(blocks), np.full(builder.width(value) // blocks, weight))
-    return builder.add(Linear((value,), weights, bias))
+    return builder.linear(value, weights, bias)
 
 
-@walks("sklearn.GaussianNB")
+@walks("GaussianNB", finite=True)
 def walk_gaussian_bayes(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """`naive_bayes.py: GaussianNB._joint_log_likelihood`, its constants computed as there."""
     fitted = Fitted(estimator)
-    refuse_nan_and_infinity(builder, value)
     width = builder.width(value)
     means = fitted.floats("theta_", (None, width))
     variances = fitted.floats("var_", means.shape)
@@ -147,18 +131,17 @@ def walk_gaussian_bayes(estimator: Any, builder: GraphBuilder, value: int) -> Cl
     if np.any(variances <= 0) or np.any(prior < 0):
         raise fitted.fail("var_", "a variance that is not above 0, or a negative prior")
     value = _repeated(builder, value, len(means))
-    value = squares(builder, builder.add(Scale((value,), Operator.SUBTRACT, means.ravel())))
-    value = builder.add(Scale((value,), Operator.DIVIDE, variances.ravel()))
+    value = squares(builder, builder.scale(value, "-", means.ravel()))
+    value = builder.scale(value, "/", variances.ravel())
     constant = np.array([-0.5 * np.sum(np.log(2.0 * np.pi * row)) for row in variances])
     value = block_sums(builder, value, len(means), -0.5, constant)
-    return _most_likely(fitted, builder, builder.add(Scale((value,), Operator.ADD, np.log(prior))))
+    return _most_likely(fitted, builder, builder.scale(value, "+", np.log(prior)))
 
 
-@walks("sklearn.BernoulliNB", "sklearn.MultinomialNB", "sklearn.ComplementNB")
+@walks("BernoulliNB MultinomialNB ComplementNB", finite=True)
 def walk_discrete_bayes(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """`naive_bayes.py: _joint_log_likelihood` of these classes, constants computed as there."""
     fitted = Fitted(estimator)
-    refuse_nan_and_infinity(builder, value)
     width = builder.width(value)
     weights = fitted.floats("feature_log_prob_", (None, width))
     constant = fitted.floats("class_log_prior_", (len(weights),))
@@ -170,15 +153,14 @@ def walk_discrete_bayes(estimator: Any, builder: GraphBuilder, value: int) -> Cl
         constant = constant + absent.sum(axis=1)
     elif fitted.kind == "ComplementNB" and len(weights) > 1:
         constant = np.zeros(len(weights))
-    total = builder.add(Linear((value,), weights, np.zeros(len(weights))))
-    return _most_likely(fitted, builder, builder.add(Scale((total,), Operator.ADD, constant)))
+    total = builder.linear(value, weights)
+    return _most_likely(fitted, builder, builder.scale(total, "+", constant))
 
 
-@walks("sklearn.QuadraticDiscriminantAnalysis")
+@walks("QuadraticDiscriminantAnalysis", finite=True)
 def walk_quadratic(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """`discriminant_analysis.py: QuadraticDiscriminantAnalysis._decision_function`, class by class."""
     fitted = Fitted(estimator)
-    refuse_nan_and_infinity(builder, value)
     width = builder.width(value)
     means = fitted.floats("means_", (None, width))
     count = len(means)
@@ -189,22 +171,22 @@ def walk_quadratic(estimator: Any, builder: GraphBuilder, value: int) -> Classif
         rotation = fitted.floats_of(f"rotations_[{number}]", rotations[number], (width, len(scaling)))
         if np.any(scaling <= 0):
             raise fitted.fail(f"scalings_[{number}]", "a variance that is not above 0")
-        centred = builder.add(Scale((value,), Operator.SUBTRACT, means[number]))
-        turned = builder.add(Linear((centred,), (rotation * scaling**-0.5).T, np.zeros(len(scaling))))
+        centred = builder.scale(value, "-", means[number])
+        turned = builder.linear(centred, (rotation * scaling**-0.5).T)
         logarithms.append(np.sum(np.log(scaling)))
         parts.append(block_sums(builder, squares(builder, turned), 1, 1.0, np.zeros(1)))
-    norms = builder.add(Select(tuple(parts), np.arange(count, dtype=np.int32)))
-    shifted = builder.add(Scale((norms,), Operator.ADD, np.array(logarithms)))
-    halved = builder.add(Scale((shifted,), Operator.MULTIPLY, np.full(count, -0.5)))
+    norms = builder.beside(*parts)
+    shifted = builder.scale(norms, "+", np.array(logarithms))
+    halved = builder.scale(shifted, "*", -0.5)
     prior = np.log(fitted.floats("priors_", (count,)))
-    scores = builder.add(Scale((halved,), Operator.ADD, prior))
+    scores = builder.scale(halved, "+", prior)
     decision = scores
     if count == 2:
         decision = whole_sums(builder, scores, np.array([[-1.0, 1.0]]), np.zeros(1))
     return replace(_most_likely(fitted, builder, scores), decision=decision)
 
 
-@walks("sklearn.NearestCentroid")
+@walks("NearestCentroid", finite=True)
 def walk_nearest_centroid(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """The nearest centre by the Euclidean distance, the first of equal ones (`pairwise_distances_argmin`)."""
     fitted = Fitted(estimator)
@@ -215,7 +197,6 @@ def walk_nearest_centroid(estimator: Any, builder: GraphBuilder, value: int) -> 
             f"NearestCentroid with metric={estimator.metric!r} and priors {prior[:3]}: supported are "
             "metric='euclidean' and equal priors (priors='uniform')"
         )
-    refuse_nan_and_infinity(builder, value)
     centres = fitted.floats("centroids_", (len(labels), builder.width(value)))
     return Classified(labels, largest(builder, negative_square_distances(builder, value, centres)))
 
@@ -223,6 +204,6 @@ def walk_nearest_centroid(estimator: Any, builder: GraphBuilder, value: int) -> 
 def negative_square_distances(builder: GraphBuilder, value: int, centres: FloatArray) -> int:
     """-|x - c|**2 for each centre c, as -x*x + 2*x*c - c*c: the library multiplies matrices so."""
     squared = squares(builder, value)
-    both = builder.add(Select((squared, value), np.arange(2 * builder.width(value), dtype=np.int32)))
+    both = builder.beside(squared, value)
     weights = np.hstack([-np.ones_like(centres), 2.0 * centres])
-    return builder.add(Linear((both,), weights, -np.sum(centres**2, axis=1)))
+    return builder.linear(both, weights, -np.sum(centres**2, axis=1))

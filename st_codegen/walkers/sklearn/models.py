@@ -10,17 +10,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import (
-    Activation,
-    Combine,
-    FloatArray,
-    Function,
-    Kernel,
-    KernelSum,
-    Linear,
-    Operator,
-    Scale,
-)
+from st_codegen.ir import FloatArray, Function, Kernel, KernelSum
 from st_codegen.walkers.base import Classified, GraphBuilder, Walked, walks
 from st_codegen.walkers.classes import (
     above,
@@ -34,7 +24,6 @@ from st_codegen.walkers.classes import (
     whole_sums,
 )
 from st_codegen.walkers.fitted import Fitted
-from st_codegen.walkers.sklearn.linear import refuse_nan_and_infinity
 
 _KERNELS = {
     "linear": Kernel.LINEAR,
@@ -78,9 +67,9 @@ class _Machine:
     def add(self, builder: GraphBuilder, value: int, coefficients: FloatArray) -> int:
         """The sums of kernels with these coefficients (sums, vectors), plus the intercepts."""
         fitted = self.fitted
-        refuse_nan_and_infinity(builder, value)
+        builder.refuse_special(value)
         if not len(self.vectors):  # every target lies within epsilon of the mean: a constant
-            return builder.add(Linear((value,), np.zeros((len(coefficients), builder.width(value))), self.intercept))
+            return builder.linear(value, np.zeros((len(coefficients), builder.width(value))), self.intercept)
         return builder.add(
             KernelSum(
                 inputs=(value,),
@@ -95,14 +84,14 @@ class _Machine:
         )
 
 
-@walks("sklearn.SVR", "sklearn.NuSVR")
+@walks("SVR NuSVR")
 def walk_svr(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Sum of dual coefficient * kernel, plus intercept (`sklearn/svm/src/libsvm/svm.cpp: svm_predict_values`)."""
     machine = _Machine(estimator, builder.width(value), 2)
     return machine.add(builder, value, machine.coefficients)
 
 
-@walks("sklearn.OneClassSVM")
+@walks("OneClassSVM")
 def walk_one_class(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """1 where the sum is above 0, else -1 (`svm.cpp: svm_predict_values`)."""
     machine = _Machine(estimator, builder.width(value), 2)
@@ -110,7 +99,7 @@ def walk_one_class(estimator: Any, builder: GraphBuilder, value: int) -> Classif
     return Classified((-1, 1), above(builder, scores), decision=scores)
 
 
-@walks("sklearn.SVC", "sklearn.NuSVC")
+@walks("SVC NuSVC")
 def walk_svc(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """One machine a pair of classes, of which each has a vote; the first of most votes (`svm_predict_values`).
 
@@ -124,7 +113,7 @@ def walk_svc(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     if np.sum(machine.of_class) != len(machine.vectors):
         raise fitted.fail("_n_support", f"{np.sum(machine.of_class)} vectors in all, expected {len(machine.vectors)}")
     pairs = machine.add(builder, value, pair_coefficients(machine.coefficients, machine.of_class))
-    turned = builder.add(Scale((pairs,), Operator.MULTIPLY, np.full(builder.width(pairs), -1.0)))
+    turned = builder.scale(pairs, "*", -1.0)
     votes = pair_votes(builder, pairs, count)
     if count == 2:
         return Classified(labels, largest(builder, votes), decision=turned)
@@ -141,26 +130,25 @@ def votes_and_confidences(builder: GraphBuilder, seconds: int, scores: int, coun
     """
     first, second = pair_members(count)
     votes = whole_sums(builder, seconds, second - first, first.sum(axis=1))
-    confidence = builder.add(Linear((scores,), second - first, np.zeros(count)))
-    return builder.add(Combine((votes, _squashed(builder, confidence)), Operator.ADD, count))
+    confidence = builder.linear(scores, second - first)
+    return builder.combine(votes, "+", _squashed(builder, confidence))
 
 
 def _squashed(builder: GraphBuilder, value: int) -> int:
     """x / (3 * (|x| + 1)) of each column."""
-    width = builder.width(value)
-    size = builder.add(Activation((value,), Function.LEAKY_RELU, width, -1.0))  # |x|
-    above_one = builder.add(Scale((size,), Operator.ADD, np.ones(width)))
-    tripled = builder.add(Scale((above_one,), Operator.MULTIPLY, np.full(width, 3.0)))
-    return builder.add(Combine((value, tripled), Operator.DIVIDE, width))
+    size = builder.function(value, "leaky_relu", parameter=-1.0)  # |x|
+    above_one = builder.scale(size, "+", 1.0)
+    tripled = builder.scale(above_one, "*", 3.0)
+    return builder.combine(value, "/", tripled)
 
 
 @walks(
-    "sklearn.MLPRegressor",
-    "sklearn.MLPClassifier",
+    "MLPRegressor MLPClassifier",
     trusts=(
         "sklearn.neural_network._stochastic_optimizers.AdamOptimizer",
         "sklearn.neural_network._stochastic_optimizers.SGDOptimizer",
     ),
+    finite=True,
 )
 def walk_mlp(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
     """Add the dense layers of a network, each with its function (`_multilayer_perceptron.py: _forward_pass_fast`).
@@ -172,17 +160,16 @@ def walk_mlp(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
     last = len(layers) - 1
     biases = fitted.items("intercepts_", len(layers))
     fitted.integers("n_layers_", (), low=len(layers) + 1, high=len(layers) + 1)
-    refuse_nan_and_infinity(builder, value)
     for layer, (given, given_bias) in enumerate(zip(layers, biases, strict=True)):
         weights = fitted.floats_of(f"coefs_[{layer}]", given, (builder.width(value), None))
         bias = fitted.floats_of(f"intercepts_[{layer}]", given_bias, (weights.shape[1],))
-        value = builder.add(Linear((value,), weights.T, bias))
+        value = builder.linear(value, weights.T, bias)
         if layer == last and fitted.get("out_activation_") == "softmax":
             value = softmax(builder, value)
             continue
         function = fitted.choice("out_activation_" if layer == last else "activation", _FUNCTIONS)
         if function is not Function.IDENTITY:
-            value = builder.add(Activation((value,), function, builder.width(value)))
+            value = builder.function(value, function)
     if fitted.kind != "MLPClassifier":
         return value
     labels, count = labels_of(fitted), builder.width(value)
@@ -193,7 +180,7 @@ def walk_mlp(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
     return Classified(labels, above(builder, value, 0.5), complement(builder, value))
 
 
-@walks("sklearn.KernelRidge")
+@walks("KernelRidge", finite=True)
 def walk_kernel_ridge(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Sum of dual coefficient * kernel (`kernel_ridge.py: predict`, `metrics/pairwise.py`)."""
     fitted = Fitted(estimator)
@@ -201,7 +188,6 @@ def walk_kernel_ridge(estimator: Any, builder: GraphBuilder, value: int) -> int:
     width = builder.width(value)
     vectors = fitted.floats("X_fit_", (None, width))
     dual = fitted.floats("dual_coef_", (len(vectors),), (len(vectors), None)).reshape(len(vectors), -1)
-    refuse_nan_and_infinity(builder, value)
     return builder.add(
         KernelSum(
             inputs=(value,),

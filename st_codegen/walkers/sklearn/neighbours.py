@@ -12,23 +12,11 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import (
-    Activation,
-    Combine,
-    Distances,
-    Exceeds,
-    FloatArray,
-    Function,
-    Linear,
-    NearestMean,
-    Operator,
-    Scale,
-    Select,
-)
+from st_codegen.ir import Distances, Exceeds, FloatArray, NearestMean
 from st_codegen.walkers.base import Classified, GraphBuilder, walks
 from st_codegen.walkers.classes import above, labels_of, largest
 from st_codegen.walkers.fitted import Fitted
-from st_codegen.walkers.sklearn.linear import refuse_nan_and_infinity, squares
+from st_codegen.walkers.sklearn.linear import squares
 from st_codegen.walkers.sklearn.transforms import euclidean
 
 #: Names of the Manhattan distance.
@@ -37,7 +25,7 @@ _SUMS = ("manhattan", "cityblock", "l1")
 
 def _distances(fitted: Fitted, builder: GraphBuilder, value: int) -> tuple[int, int]:
     """The distance to each training row, and their number."""
-    refuse_nan_and_infinity(builder, value)
+    builder.refuse_special(value)
     metric, method = fitted.get("effective_metric_"), fitted.get("_fit_method")
     rows = fitted.get("_fit_X")
     if metric not in ("euclidean", "l2", *_SUMS) or not isinstance(rows, np.ndarray):
@@ -59,7 +47,7 @@ def _inverse(fitted: Fitted, supported: tuple[str, ...] = ("uniform", "distance"
     return bool(fitted.get("weights") == "distance")
 
 
-@walks("sklearn.KNeighborsRegressor")
+@walks("KNeighborsRegressor")
 def walk_nearest(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """The mean over the nearest training rows (`neighbors/_regression.py: predict`)."""
     fitted = Fitted(estimator)
@@ -69,7 +57,7 @@ def walk_nearest(estimator: Any, builder: GraphBuilder, value: int) -> int:
     return builder.add(NearestMean((distances,), targets.T, nearest, _inverse(fitted)))
 
 
-@walks("sklearn.KNeighborsClassifier")
+@walks("KNeighborsClassifier")
 def walk_nearest_classes(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """The first class of most among the nearest training rows (`neighbors/_classification.py: predict`)."""
     fitted = Fitted(estimator)
@@ -81,7 +69,7 @@ def walk_nearest_classes(estimator: Any, builder: GraphBuilder, value: int) -> C
     return Classified(labels, largest(builder, shares), shares)
 
 
-@walks("sklearn.LocalOutlierFactor")
+@walks("LocalOutlierFactor")
 def walk_local_outliers(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """How dense the nearest training rows lie beside this one (`neighbors/_lof.py: score_samples`); 1 from 0 on."""
     fitted = Fitted(estimator)
@@ -90,18 +78,18 @@ def walk_local_outliers(estimator: Any, builder: GraphBuilder, value: int) -> Cl
     distances, count = _distances(fitted, builder, value)
     nearest = fitted.integer("n_neighbors_", 1, count)
     own = fitted.floats("_distances_fit_X_", (count, nearest))[:, -1]
-    reached = builder.add(Scale((distances,), Operator.MAXIMUM, own))
+    reached = builder.scale(distances, "max", own)
     mean = builder.add(NearestMean((distances, reached), np.ones((1, count)), nearest))
-    shifted = builder.add(Scale((mean,), Operator.ADD, np.full(1, 1e-10)))
-    density = builder.add(Scale((shifted,), Operator.DIVIDE, np.ones(1), reverse=True))
+    shifted = builder.scale(mean, "+", 1e-10)
+    density = builder.scale(shifted, "/", 1.0, reverse=True)
     others = builder.add(NearestMean((distances,), fitted.floats("_lrd", (count,))[None, :], nearest))
-    ratio = builder.add(Combine((others, density), Operator.DIVIDE, 1))
-    turned = builder.add(Scale((ratio,), Operator.MULTIPLY, np.full(1, -1.0)))
-    decision = builder.add(Scale((turned,), Operator.SUBTRACT, np.full(1, fitted.number("offset_"))))
+    ratio = builder.combine(others, "/", density)
+    turned = builder.scale(ratio, "*", -1.0)
+    decision = builder.scale(turned, "-", fitted.number("offset_"))
     return Classified((-1, 1), above(builder, decision, inclusive=True), decision=decision)
 
 
-@walks("sklearn.RadiusNeighborsRegressor")
+@walks("RadiusNeighborsRegressor")
 def walk_radius(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """The mean over all training rows within the radius; without any no answer (`neighbors/_regression.py`)."""
     fitted = Fitted(estimator)
@@ -109,7 +97,7 @@ def walk_radius(estimator: Any, builder: GraphBuilder, value: int) -> int:
     return _within(fitted, builder, distances, fitted.floats("_y", (count,), (count, None)).reshape(count, -1))
 
 
-@walks("sklearn.RadiusNeighborsClassifier")
+@walks("RadiusNeighborsClassifier")
 def walk_radius_classes(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """The first class of most training rows within the radius; without any no answer."""
     fitted = Fitted(estimator)
@@ -126,37 +114,37 @@ def _within(fitted: Fitted, builder: GraphBuilder, distances: int, targets: Floa
     """The means of the targets (rows, outputs) of all rows within the radius."""
     _inverse(fitted, ("uniform",))
     count = len(targets)
-    turned = builder.add(Scale((distances,), Operator.MULTIPLY, np.full(count, -1.0)))
+    turned = builder.scale(distances, "*", -1.0)
     inside = builder.add(Exceeds((turned,), np.full(count, -fitted.number("radius")), inclusive=True))
     outputs = targets.shape[1]
-    sums = builder.add(Linear((inside,), np.vstack([targets.T, np.ones(count)]), np.zeros(outputs + 1)))
-    total = builder.add(Select((sums,), np.arange(outputs, dtype=np.int32)))
-    found = builder.add(Select((sums,), np.full(outputs, outputs, np.int32)))
-    return builder.add(Combine((total, found), Operator.DIVIDE, outputs))
+    sums = builder.linear(inside, np.vstack([targets.T, np.ones(count)]))
+    total = builder.select(range(outputs), sums)
+    found = builder.select(np.full(outputs, outputs, np.int32), sums)
+    return builder.combine(total, "/", found)
 
 
 _KERNELS = ("ConstantKernel", "DotProduct", "Matern", "Product", "RBF", "RationalQuadratic", "Sum", "WhiteKernel")
 
 
 @walks(
-    "sklearn.GaussianProcessRegressor",
+    "GaussianProcessRegressor",
     trusts=tuple(f"sklearn.gaussian_process.kernels.{name}" for name in _KERNELS),
+    finite=True,
 )
 def walk_gaussian_process(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Kernels with the training rows, weighted (`gaussian_process/_gpr.py: predict`): the mean."""
     fitted = Fitted(estimator)
-    refuse_nan_and_infinity(builder, value)
     vectors = fitted.floats("X_train_", (None, builder.width(value)))
     weights = fitted.floats("alpha_", (len(vectors),), (len(vectors), None)).reshape(len(vectors), -1)
     outputs = weights.shape[1]
     kernels = _kernel(fitted.get("kernel_"), builder, value, vectors)
     if isinstance(kernels, float):
         raise UnsupportedModelError("GaussianProcessRegressor with a constant kernel: the model is a constant")
-    mean = builder.add(Linear((kernels,), weights.T, np.zeros(outputs)))
+    mean = builder.linear(kernels, weights.T)
     factor = np.broadcast_to(fitted.floats("_y_train_std", (), (1,), (outputs,)), (outputs,))
     offset = np.broadcast_to(fitted.floats("_y_train_mean", (), (1,), (outputs,)), (outputs,))
-    scaled = builder.add(Scale((mean,), Operator.MULTIPLY, factor))
-    return builder.add(Scale((scaled,), Operator.ADD, offset))
+    scaled = builder.scale(mean, "*", factor)
+    return builder.scale(scaled, "+", offset)
 
 
 def _kernel(kernel: Any, builder: GraphBuilder, value: int, vectors: FloatArray) -> int | float:
@@ -164,13 +152,13 @@ def _kernel(kernel: Any, builder: GraphBuilder, value: int, vectors: FloatArray)
     fitted = Fitted(kernel)
     if fitted.kind in ("Sum", "Product"):
         parts = [_kernel(fitted.get(name), builder, value, vectors) for name in ("k1", "k2")]
-        return _combined(builder, Operator.ADD if fitted.kind == "Sum" else Operator.MULTIPLY, parts, len(vectors))
+        return _combined(builder, "+" if fitted.kind == "Sum" else "*", parts)
     if fitted.kind == "ConstantKernel":
         return fitted.number("constant_value")
     if fitted.kind == "WhiteKernel":  # only a training row with itself has noise in common
         return 0.0
     if fitted.kind == "DotProduct":
-        return builder.add(Linear((value,), vectors, np.full(len(vectors), fitted.number("sigma_0") ** 2)))
+        return builder.linear(value, vectors, np.full(len(vectors), fitted.number("sigma_0") ** 2))
     if fitted.kind not in _KERNELS:
         raise UnsupportedModelError(f"GaussianProcessRegressor with {fitted.kind}: supported are {', '.join(_KERNELS)}")
     return _of_distance(fitted, builder, value, vectors)
@@ -186,42 +174,35 @@ def _of_distance(fitted: Fitted, builder: GraphBuilder, value: int, vectors: Flo
         alpha = fitted.number("alpha")
         squared = builder.add(Distances((value,), vectors))
         scale = 2 * alpha * float(length[0]) ** 2
-        part = builder.add(Scale((squared,), Operator.DIVIDE, np.full(len(vectors), scale)))
-        logarithm = builder.add(Activation((part,), Function.LOG1P, len(vectors)))
-        return _exp(builder, _times(builder, logarithm, -alpha))
-    scaled = builder.add(Scale((value,), Operator.DIVIDE, length))
+        part = builder.scale(squared, "/", scale)
+        logarithm = builder.function(part, "log1p")
+        return builder.function(builder.scale(logarithm, "*", -alpha), "exp")
+    scaled = builder.scale(value, "/", length)
     smoothness = math.inf if fitted.kind == "RBF" else float(fitted.get("nu"))
     if smoothness == math.inf:
-        return _exp(builder, _times(builder, builder.add(Distances((scaled,), vectors / length)), -0.5))
+        squared = builder.add(Distances((scaled,), vectors / length))
+        return builder.function(builder.scale(squared, "*", -0.5), "exp")
     if smoothness not in (0.5, 1.5, 2.5):
         raise UnsupportedModelError(f"Matern with nu={smoothness}: supported are 0.5, 1.5, 2.5 and infinity")
     distance = euclidean(builder, scaled, vectors / length)
-    argument = _times(builder, distance, math.sqrt(2.0 * smoothness)) if smoothness > 1 else distance
-    decay = _exp(builder, _times(builder, argument, -1.0))
+    argument = builder.scale(distance, "*", math.sqrt(2.0 * smoothness)) if smoothness > 1 else distance
+    decay = builder.function(builder.scale(argument, "*", -1.0), "exp")
     if smoothness < 1:
         return decay
-    factor = builder.add(Scale((argument,), Operator.ADD, np.ones(len(vectors))))
+    factor = builder.scale(argument, "+", 1.0)
     if smoothness > 2:
-        third = builder.add(Scale((squares(builder, argument),), Operator.DIVIDE, np.full(len(vectors), 3.0)))
-        factor = builder.add(Combine((factor, third), Operator.ADD, len(vectors)))
-    return builder.add(Combine((factor, decay), Operator.MULTIPLY, len(vectors)))
+        third = builder.scale(squares(builder, argument), "/", 3.0)
+        factor = builder.combine(factor, "+", third)
+    return builder.combine(factor, "*", decay)
 
 
-def _times(builder: GraphBuilder, value: int, factor: float) -> int:
-    return builder.add(Scale((value,), Operator.MULTIPLY, np.full(builder.width(value), factor)))
-
-
-def _exp(builder: GraphBuilder, value: int) -> int:
-    return builder.add(Activation((value,), Function.EXP, builder.width(value)))
-
-
-def _combined(builder: GraphBuilder, operator: Operator, parts: list[int | float], width: int) -> int | float:
+def _combined(builder: GraphBuilder, operator: str, parts: list[int | float]) -> int | float:
     """The sum or the product of two kernels, of which any may be a number."""
     one, other = parts
     if isinstance(one, float) and isinstance(other, float):
-        return one + other if operator is Operator.ADD else one * other
+        return one + other if operator == "+" else one * other
     if isinstance(one, float):
         one, other = other, one
     if isinstance(other, float):
-        return builder.add(Scale((int(one),), operator, np.full(width, other)))
-    return builder.add(Combine((int(one), other), operator, width))
+        return builder.scale(int(one), operator, other)
+    return builder.combine(int(one), operator, other)

@@ -15,20 +15,9 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import (
-    Combine,
-    Exceeds,
-    FillMissing,
-    FloatArray,
-    Operator,
-    Piecewise,
-    Round,
-    Select,
-)
+from st_codegen.ir import Exceeds, FillMissing, FloatArray, Piecewise, Round
 from st_codegen.walkers.base import GraphBuilder, transforms, walks
 from st_codegen.walkers.fitted import Fitted
-from st_codegen.walkers.sklearn.linear import refuse_nan_and_infinity
-from st_codegen.walkers.sklearn.transforms import side_by_side
 
 #: Knots, the values on them, the pieces, and what stands for NaN, of one column.
 Column = tuple[Any, Any, Any, float]
@@ -51,20 +40,15 @@ def add_pieces(builder: GraphBuilder, value: int, columns: Sequence[Column]) -> 
     )
 
 
-def _picked(builder: GraphBuilder, value: int, columns: Any) -> int:
-    return builder.add(Select((value,), np.asarray(columns, np.int32)))
-
-
 def _rising(fitted: Fitted, name: str, values: FloatArray) -> FloatArray:
     if np.any(np.diff(values) <= 0):
         raise fitted.fail(name, "not rising")
     return values
 
 
-@transforms("sklearn.Binarizer")
+@transforms("Binarizer", finite=True)
 def walk_binarizer(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """1 above the threshold, else 0."""
-    refuse_nan_and_infinity(builder, value)
     return builder.add(Exceeds((value,), np.full(builder.width(value), Fitted(estimator).number("threshold"))))
 
 
@@ -82,14 +66,14 @@ def _missing_value(fitted: Fitted, builder: GraphBuilder, value: int) -> float:
 
 def _indicators(builder: GraphBuilder, value: int, missing: float, columns: Any) -> int:
     """1 in columns that are missing, else 0."""
-    picked = _picked(builder, value, columns)
+    picked = builder.select(columns, value)
     here, nowhere = (np.array([missing]), np.zeros(1)) if not np.isnan(missing) else (np.zeros(0), np.zeros(0))
     pieces = np.zeros((len(here) + 1, 1))
     stays = 1.0 if np.isnan(missing) else math.nan
     return add_pieces(builder, picked, [(here, nowhere + 1.0, pieces, stays)] * len(columns))
 
 
-@transforms("sklearn.MissingIndicator")
+@transforms("MissingIndicator")
 def walk_missing(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Which columns are missing (`impute/_base.py: MissingIndicator.transform`)."""
     fitted = Fitted(estimator)
@@ -103,11 +87,11 @@ def walk_missing(estimator: Any, builder: GraphBuilder, value: int) -> int:
         if others:
             if not np.isnan(missing):
                 raise UnsupportedModelError("MissingIndicator with error_on_new and missing_values other than NaN")
-            builder.refuse_nan(_picked(builder, value, others))
+            builder.refuse_nan(builder.select(others, value))
     return _indicators(builder, value, missing, columns)
 
 
-@transforms("sklearn.SimpleImputer", trusts=("numpy.dtype",))
+@transforms("SimpleImputer", trusts=("numpy.dtype",))
 def walk_imputer(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """A number of its own for each column in place of missing values (`impute/_base.py: SimpleImputer.transform`)."""
     fitted = Fitted(estimator)
@@ -124,7 +108,7 @@ def walk_imputer(estimator: Any, builder: GraphBuilder, value: int) -> int:
     if not len(kept):
         raise UnsupportedModelError("SimpleImputer of columns that were all missing in training")
     everything = np.array_equal(kept, np.arange(width))
-    picked = value if everything else _picked(builder, value, kept)
+    picked = value if everything else builder.select(kept, value)
     filled = builder.add(FillMissing((picked,), fill, None if np.isnan(missing) else missing))
     if not fitted.flag("add_indicator"):
         return filled
@@ -132,7 +116,7 @@ def walk_imputer(estimator: Any, builder: GraphBuilder, value: int) -> int:
     columns = inner.integers("features_", (None,), low=0, high=width - 1)
     if not len(columns):
         return filled
-    return side_by_side(builder, [filled, _indicators(builder, value, missing, columns)])
+    return builder.beside(filled, _indicators(builder, value, missing, columns))
 
 
 def _categories(fitted: Fitted, builder: GraphBuilder, value: int) -> list[tuple[FloatArray, bool]]:
@@ -184,7 +168,7 @@ def _encoded(builder: GraphBuilder, value: int, fitted: Fitted, columns: Sequenc
     categories = _categories(fitted, builder, value)
     missing = [column for column, codes in columns if np.isinf(codes[-1])]
     if missing:  # NaN is an unknown category, which is refused
-        builder.refuse_nan(_picked(builder, value, missing))
+        builder.refuse_nan(builder.select(missing, value))
     parts: list[Column] = []
     for column, codes in columns:
         known = categories[column][0]
@@ -192,10 +176,10 @@ def _encoded(builder: GraphBuilder, value: int, fitted: Fitted, columns: Sequenc
             raise UnsupportedModelError(f"{fitted.kind} with NaN for unknown categories: choose a number for them")
         nan = math.nan if np.isinf(codes[-1]) else float(codes[-1])
         parts.append((known, codes[:-2], np.full((len(known) + 1, 1), codes[-2]), nan))
-    return add_pieces(builder, _picked(builder, value, [column for column, _ in columns]), parts)
+    return add_pieces(builder, builder.select([column for column, _ in columns], value), parts)
 
 
-@transforms("sklearn.OrdinalEncoder", "sklearn.TargetEncoder")
+@transforms("OrdinalEncoder TargetEncoder")
 def walk_codes(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """A number for each category (`preprocessing/_encoders.py`, `_target_encoder.py`)."""
     fitted = Fitted(estimator)
@@ -206,7 +190,7 @@ def walk_codes(estimator: Any, builder: GraphBuilder, value: int) -> int:
     return _encoded(builder, value, fitted, columns)
 
 
-@transforms("sklearn.OneHotEncoder")
+@transforms("OneHotEncoder")
 def walk_one_hot(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """1 in the column of the category, 0 in the others (`preprocessing/_encoders.py: OneHotEncoder.transform`)."""
     fitted = Fitted(estimator)
@@ -223,18 +207,17 @@ def walk_one_hot(estimator: Any, builder: GraphBuilder, value: int) -> int:
 
 def _one_hot(builder: GraphBuilder, codes: int, sizes: Sequence[int]) -> int:
     """For each column of codes so many columns, of which that of the code is 1 and the others are 0."""
-    repeated = _picked(builder, codes, np.repeat(np.arange(len(sizes)), sizes))
+    repeated = builder.select(np.repeat(np.arange(len(sizes)), sizes), codes)
     places = np.concatenate([np.arange(float(size)) for size in sizes])
     reached = builder.add(Exceeds((repeated,), places - 0.5))
     passed = builder.add(Exceeds((repeated,), places + 0.5))
-    return builder.add(Combine((reached, passed), Operator.SUBTRACT, len(places)))
+    return builder.combine(reached, "-", passed)
 
 
-@transforms("sklearn.KBinsDiscretizer", trusts=("numpy.dtype",))
+@transforms("KBinsDiscretizer", trusts=("numpy.dtype",), finite=True)
 def walk_bins(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """How many inner edges of bins do not lie above (`preprocessing/_discretization.py: transform`)."""
     fitted = Fitted(estimator)
-    refuse_nan_and_infinity(builder, value)
     columns: list[Column] = []
     for given in fitted.get("bin_edges_"):
         inner = np.asarray(given)[1:-1]
@@ -249,7 +232,7 @@ def walk_bins(estimator: Any, builder: GraphBuilder, value: int) -> int:
     return _one_hot(builder, binned, [len(column[0]) + 1 for column in columns])
 
 
-@transforms("sklearn.QuantileTransformer")
+@transforms("QuantileTransformer")
 def walk_quantiles(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """The share of the training data below, linear between quantiles (`preprocessing/_data.py: _transform_col`).
 
@@ -289,8 +272,8 @@ def _linear(knots: FloatArray, left: FloatArray, right: FloatArray, ends: tuple[
     return pieces
 
 
-@walks("sklearn.IsotonicRegression")
-@transforms("sklearn.IsotonicRegression")
+@walks("IsotonicRegression", finite=True)
+@transforms("IsotonicRegression", finite=True)
 def walk_isotonic(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Linear between thresholds (`isotonic.py: _transform`); beyond them the ends, or no answer."""
     fitted = Fitted(estimator)
@@ -299,7 +282,6 @@ def walk_isotonic(estimator: Any, builder: GraphBuilder, value: int) -> int:
     values = fitted.floats("y_thresholds_", (len(knots),))
     if not len(knots) or builder.width(value) != 1:
         raise fitted.fail("X_thresholds_", "not the thresholds of one column")
-    refuse_nan_and_infinity(builder, value)
     single = given.dtype == np.float32
     if single:
         value = builder.add(Round((value,), 1))
@@ -310,7 +292,7 @@ def walk_isotonic(estimator: Any, builder: GraphBuilder, value: int) -> int:
 
 
 @transforms(
-    "sklearn.SplineTransformer",
+    "SplineTransformer",
     # the second is how scipy makes arrays, of which a spline keeps the name
     trusts=("scipy.interpolate._bsplines.BSpline", "scipy._lib.array_api_compat.numpy._aliases.asarray"),
 )
@@ -329,7 +311,7 @@ def walk_splines(estimator: Any, builder: GraphBuilder, value: int) -> int:
         builder.refuse_magnitude(math.inf)
         missing = 0.0
     else:
-        refuse_nan_and_infinity(builder, value)
+        builder.refuse_special(value)
         missing = math.nan
     columns: list[Column] = []
     repeated: list[int] = []
@@ -345,7 +327,7 @@ def walk_splines(estimator: Any, builder: GraphBuilder, value: int) -> int:
         basis = _basis([Fraction(float(knot)) for knot in knots], degree)
         columns += [_spline(knots[degree : count + 1], basis, place, mode, missing) for place in range(kept)]
         repeated += [number] * kept
-    return add_pieces(builder, _picked(builder, value, repeated), columns)
+    return add_pieces(builder, builder.select(repeated, value), columns)
 
 
 #: Coefficients of rising powers.

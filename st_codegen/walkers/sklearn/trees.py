@@ -19,17 +19,13 @@ import numpy as np
 from st_codegen.errors import UnsupportedModelError
 from st_codegen.ir import (
     FLOAT32_OVERFLOW,
-    Activation,
     AnyArray,
     BoolArray,
     Comparison,
     FloatArray,
-    Function,
     Int32Array,
     IntArray,
-    Operator,
     Precision,
-    Scale,
     TreeColumn,
     TreeEnsemble,
 )
@@ -43,13 +39,13 @@ from st_codegen.walkers.sklearn.compose import selected_columns
 _TREE = ("sklearn.tree._tree.Tree",)
 
 
-@walks("sklearn.DecisionTreeRegressor", "sklearn.ExtraTreeRegressor", trusts=_TREE)
+@walks("DecisionTreeRegressor ExtraTreeRegressor", trusts=_TREE)
 def walk_tree(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """One tree; several outputs are wide leaves."""
     return add_float32_trees(builder, value, [estimator], Fitted(estimator))
 
 
-@walks("sklearn.DecisionTreeClassifier", "sklearn.ExtraTreeClassifier", trusts=_TREE)
+@walks("DecisionTreeClassifier ExtraTreeClassifier", trusts=_TREE)
 def walk_class_tree(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """The fractions of the classes in a leaf, and the first of the largest (`tree/_classes.py: predict`)."""
     fitted = Fitted(estimator)
@@ -57,7 +53,7 @@ def walk_class_tree(estimator: Any, builder: GraphBuilder, value: int) -> Classi
     return Classified(labels_of(fitted), largest(builder, shares), probability=shares)
 
 
-@walks("sklearn.RandomForestClassifier", "sklearn.ExtraTreesClassifier", trusts=_TREE)
+@walks("RandomForestClassifier ExtraTreesClassifier", trusts=_TREE)
 def walk_class_forest(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """The mean of the trees' fractions, and the first of the largest (`ensemble/_forest.py: ForestClassifier`)."""
     fitted = Fitted(estimator)
@@ -66,7 +62,7 @@ def walk_class_forest(estimator: Any, builder: GraphBuilder, value: int) -> Clas
     return Classified(labels_of(fitted), largest(builder, shares), probability=shares)
 
 
-@walks("sklearn.RandomForestRegressor", "sklearn.ExtraTreesRegressor", trusts=_TREE)
+@walks("RandomForestRegressor ExtraTreesRegressor", trusts=_TREE)
 def walk_forest(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Sum of the trees in order, divided by their number (`ForestRegressor.predict` with n_jobs=1)."""
     fitted = Fitted(estimator)
@@ -74,7 +70,7 @@ def walk_forest(estimator: Any, builder: GraphBuilder, value: int) -> int:
     return add_float32_trees(builder, value, trees, fitted, TreeSum(divisor=len(trees)))
 
 
-@walks("sklearn.GradientBoostingRegressor", trusts=_TREE)
+@walks("GradientBoostingRegressor", trusts=_TREE)
 def walk_gradient_boosting(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Initial value plus learning_rate * leaf, tree by tree (`_predict_regression_tree_inplace_fast_dense`)."""
     fitted = Fitted(estimator)
@@ -96,7 +92,7 @@ def walk_gradient_boosting(estimator: Any, builder: GraphBuilder, value: int) ->
     )
 
 
-@walks("sklearn.GradientBoostingClassifier", trusts=_TREE)
+@walks("GradientBoostingClassifier", trusts=_TREE)
 def walk_class_gradient_boosting(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """Scores as `GradientBoostingRegressor` adds them; of two classes the second from 0 on (`_gb.py: predict`)."""
     fitted = Fitted(estimator)
@@ -123,8 +119,8 @@ def walk_class_gradient_boosting(estimator: Any, builder: GraphBuilder, value: i
         return Classified(labels, largest(builder, raw), softmax(builder, raw), raw)
     score = raw
     if type(estimator._loss.link).__name__ == "HalfLogitLink":
-        score = builder.add(Scale((raw,), Operator.MULTIPLY, np.full(1, 2.0)))
-    probability = builder.add(Activation((score,), Function.LOGISTIC, 1))
+        score = builder.scale(raw, "*", 2.0)
+    probability = builder.function(score, "logistic")
     return Classified(labels, above(builder, raw, inclusive=True), complement(builder, probability), raw)
 
 
@@ -208,8 +204,7 @@ def _structure(tree: Fitted, width: int) -> Any:
 
 
 @walks(
-    "sklearn.HistGradientBoostingRegressor",
-    "sklearn.HistGradientBoostingClassifier",
+    "HistGradientBoostingRegressor HistGradientBoostingClassifier",
     trusts=(
         "sklearn.ensemble._hist_gradient_boosting.predictor.TreePredictor",
         # the encoder of categories; a partial can only hold a function that is itself trusted
@@ -267,14 +262,14 @@ def walk_hist_gradient_boosting(estimator: Any, builder: GraphBuilder, value: in
     )
     link = type(estimator._loss.link).__name__
     if link == "LogitLink":
-        probability = builder.add(Activation((raw,), Function.LOGISTIC, 1))
+        probability = builder.function(raw, "logistic")
         return Classified(labels, above(builder, raw), complement(builder, probability), raw)
     if link == "MultinomialLogit":
         return Classified(labels, largest(builder, raw), softmax(builder, raw), raw)
     if link == "IdentityLink":
         return raw
     if link == "LogLink":
-        return builder.add(Activation((raw,), Function.EXP, 1))
+        return builder.function(raw, "exp")
     raise UnsupportedModelError(f"{type(estimator).__name__} with loss={estimator.loss!r}: unknown link {link}")
 
 

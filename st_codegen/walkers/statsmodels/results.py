@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import Activation, Feature, FloatArray, Function, Linear, Source
+from st_codegen.ir import Feature, FloatArray, Function, Source
 from st_codegen.walkers.base import LIBRARIES, GraphBuilder, LoadedModel, walk_any, walks
 
 #: Names of the column of ones.
@@ -74,7 +74,7 @@ def _results(results: Any, builder: GraphBuilder, value: int) -> int:
     bias = np.zeros(1) if constant is None else parameters[[constant]]
     builder.refuse_nan(value)
     builder.refuse_magnitude(math.inf)
-    total = builder.add(Linear((value,), weights[None, :], bias))
+    total = builder.linear(value, weights[None, :], bias)
     return total if kind != "GLM" else _inverse(results.model.family.link, builder, total)
 
 
@@ -83,9 +83,9 @@ def _inverse(link: Any, builder: GraphBuilder, value: int) -> int:
     name = type(link).__name__
     if name in _POWERS:
         power = float(link.power)
-        return value if power == 1 else builder.add(Activation((value,), Function.POWER, 1, 1.0 / power))
+        return value if power == 1 else builder.function(value, "power", parameter=1.0 / power)
     if name not in _INVERSES:
         known = ", ".join((*_INVERSES, *_POWERS))
         raise UnsupportedModelError(f"the link {name}: supported are {known}")
     function = _INVERSES[name]
-    return value if function is None else builder.add(Activation((value,), function, 1))
+    return value if function is None else builder.function(value, function)

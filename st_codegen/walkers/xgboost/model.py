@@ -26,7 +26,6 @@ import numpy as np
 from st_codegen.errors import InputError, MissingExtraError, UnsupportedModelError, errors_name
 from st_codegen.ir import (
     FLOAT32_OVERFLOW,
-    Activation,
     AnyArray,
     Comparison,
     Feature,
@@ -34,7 +33,6 @@ from st_codegen.ir import (
     Float32Array,
     FloatArray,
     Function,
-    Linear,
     Precision,
     Round,
     Source,
@@ -392,7 +390,7 @@ def _add(model: BoosterModel, builder: GraphBuilder, value: int, way: _Path) -> 
     if model.objective in _CLASSES:
         return _classified(model, builder, result, way)
     if link is not Function.IDENTITY:
-        result = builder.add(Activation((result,), link, model.n_outputs, precision=Precision.FLOAT32))
+        result = builder.function(result, link, precision=Precision.FLOAT32)
     return result
 
 
@@ -405,7 +403,7 @@ def _classified(model: BoosterModel, builder: GraphBuilder, raw: int, way: _Path
         )
     labels = tuple(range(2 if binary else model.n_outputs))
     if objective == "binary:logistic":
-        probability = builder.add(Activation((raw,), Function.LOGISTIC, 1, precision=Precision.FLOAT32))
+        probability = builder.function(raw, "logistic", precision=Precision.FLOAT32)
         both = complement(builder, probability, Precision.FLOAT32)
         return Classified(labels, above(builder, raw, last_below(_is_second, np.float32)), both, raw)
     if objective == "binary:logitraw":  # the booster gives the margin, in which its class looks for 0.5
@@ -472,7 +470,7 @@ def _add_linear(weights: FloatArray, builder: GraphBuilder, value: int, base: fl
     rounded = builder.add(Round((value,), width))
     filled = builder.add(FillMissing((rounded,), np.zeros(width), sentinel))
     bias = (weights[-1] + base).astype(np.float32).astype(np.float64)
-    return builder.add(Linear((filled,), weights[:-1].T, bias, SummationOrder.SEQUENTIAL, Precision.FLOAT32))
+    return builder.linear(filled, weights[:-1].T, bias, order=SummationOrder.SEQUENTIAL, precision=Precision.FLOAT32)
 
 
 def _add_trees(model: BoosterModel, builder: GraphBuilder, value: int, base: FloatArray, way: _Path) -> int:
