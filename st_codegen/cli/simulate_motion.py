@@ -56,6 +56,15 @@ Examples:
     help="Take the angle ahead by so many microseconds; auto: by all known delays.",
 )
 @click.option(
+    "--load",
+    "load_source",
+    type=click.Choice(["none", "setpoint", "measured"]),
+    default="none",
+    show_default=True,
+    help="The load with its sign, for bundles with [play]: that of the load side's set point, or as it is.",
+)
+@click.option("--ahead", is_flag=True, help="Give the blocks the set points that the profile has a lead later.")
+@click.option(
     "--set",
     "inputs",
     multiple=True,
@@ -82,6 +91,8 @@ def command(
     law: str,
     tasks: tuple[str, ...],
     lead: str,
+    load_source: str,
+    ahead: bool,
     inputs: tuple[str, ...],
     temperature: float | None,
     drift: float | None,
@@ -102,6 +113,7 @@ def command(
     from st_codegen.rig import motion_files, study
     from st_codegen.rig.effects import catalogue
     from st_codegen.rig.machine import read_machine
+    from st_codegen.rig.motion import LoadSource
     from st_codegen.rig.tasks import TaskForm
 
     _, machine = read_machine(rig, catalogue(effects))
@@ -115,6 +127,8 @@ def command(
         lead=study.parse_lead(lead),
         target=target,
         inputs=study.parse_inputs(inputs),
+        load=LoadSource(load_source),
+        ahead=ahead,
     )
     with progress_bar("moving", quiet=quiet) as progress:
         result = study.simulate(machine, bundle, profile, wish, seed=seed, progress=progress)

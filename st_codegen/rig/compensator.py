@@ -19,6 +19,7 @@ from st_codegen.project.bundle import Bundle
 from st_codegen.rig.tasks import TaskForm, TaskInputs, TaskSettings
 from st_codegen.st import Machine, StError, StRuntimeError, load_project
 from st_codegen.st.tree import Project
+from st_codegen.te.compensation.correction import SIGNED_LOAD
 from st_codegen.te.harmonics import TransmissionError
 from st_codegen.te.purpose import Compensation, transmission_error
 
@@ -86,7 +87,7 @@ def restricted(bundle: Bundle, orders: Sequence[int]) -> Bundle:
     used = {output.model for output in outputs}
     return Bundle(
         tuple(model for model in bundle.models if model.ir.name in used),
-        Compensation(dataclasses.replace(te, orders=chosen, outputs=outputs)),
+        Compensation(dataclasses.replace(te, orders=chosen, outputs=outputs, play=te.play if 0 in chosen else None)),
     )
 
 
@@ -112,22 +113,28 @@ class EmittedCompensator:
         tasks: TaskSettings,
         lead_s: float = 0.0,
         inputs: Mapping[str, float] = MappingProxyType({}),
+        *,
+        load_given: bool = False,
     ) -> RunningCompensator:
         """The blocks of a form, enabled, from their first state; `lead_s`: how far ahead the angle is taken.
 
-        `inputs`: other inputs of the block by name, such as fBlendTime_s.
+        `inputs`: other inputs of the block by name, such as fBlendTime_s; `load_given`: the load's sign is one, too.
 
-        Raises InputError for a lead time or a form that the generated code does not take.
+        Raises InputError for a lead time, a form or a load that the generated code does not take.
         """
         if not 0.0 <= lead_s <= _LONGEST_LEAD_S:
             raise InputError(f"a lead of {lead_s * 1e6:g} us: the compensator takes 0 .. {_LONGEST_LEAD_S * 1e6:g} us")
         settings = {"bEnable": True, "fLead_s": lead_s, **LAWS[law], **self._checked(inputs)}
+        if load_given:
+            if self.te.play is None:
+                raise InputError(f"bundle '{self.te.name}' has no [play], so its blocks take no load with a sign")
+            settings["bLoadGiven"] = True
         if form is not TaskForm.SPLIT:
             block = self._machine.instance(_COMPENSATE)
             for name, value in settings.items():
                 block[name] = value
             block["fCycle_s"] = (tasks.slow_us if form is TaskForm.TWO else tasks.main_us) * 1e-6
-            return RunningCompensator(block, block, None, self.roles)
+            return RunningCompensator(block, block, None, self.roles, load_given)
         if PRG_FAST not in self.project.pous:
             raise InputError("two tasks that share the work exchange global variables: choose the target twincat")
         if tasks.main_us != _FAST_US:
@@ -138,7 +145,7 @@ class EmittedCompensator:
         signals = _Signals(machine)
         for name, value in settings.items():
             signals[name] = value
-        return RunningCompensator(signals, machine.program(PRG_FAST), machine.program(PRG_SLOW), self.roles)
+        return RunningCompensator(signals, machine.program(PRG_FAST), machine.program(PRG_SLOW), self.roles, load_given)
 
     def _checked(self, inputs: Mapping[str, float]) -> Mapping[str, float]:
         own = {"fThetaOut_rad", "fCycle_s", *self._names}
@@ -167,17 +174,20 @@ class RunningCompensator:
     """The generated code in the loop: `correct` each cycle of the task that corrects, `prepare` each cycle of the slow
     one."""
 
-    def __init__(self, ports: Any, fast: Any, slow: Any, roles: Roles) -> None:
+    def __init__(self, ports: Any, fast: Any, slow: Any, roles: Roles, load_given: bool) -> None:
         self._ports = ports
         self._fast = fast
         self._slow = slow
         self._roles = roles
+        self._load_given = load_given
 
     def correct(self, inputs: TaskInputs) -> float:
         """The correction of the motor's reference, deg. Raises GeneratedCodeError where the controller would stop."""
         self._ports["fThetaOut_rad"] = inputs.theta_rad
         self._ports[self._roles.speed] = inputs.speed_rpm
-        if self._slow is None:
+        if self._load_given:
+            self._ports[SIGNED_LOAD.name] = inputs.load_Nm
+        if self._slow is None or self._load_given:
             self._operating_point(inputs)
         _guarded(self._fast)
         return float(self._ports["fCorrection_deg"])

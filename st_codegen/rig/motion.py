@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 import numpy as np
 
@@ -34,8 +35,8 @@ class Rig:
 class MotionPlan:
     """A profile on the PLC's ticks, with the operating points on the way. All arrays (ticks,).
 
-    `torque_Nm` opposes the motion; `wanted_Nm` is the profile's, which the PLC knows; `sensor_C` is what the oil's
-    sensor says.
+    `torque_Nm` opposes the motion; `wanted_Nm` is the profile's, which the PLC knows; `load_Nm` and the load side's
+    `setpoint_Nm` are above 0 against forward motion; `sensor_C` is what the oil's sensor says.
     """
 
     profile: MotionProfile
@@ -44,6 +45,7 @@ class MotionPlan:
     angle_deg: FloatArray
     speed_rpm: FloatArray
     wanted_Nm: FloatArray
+    setpoint_Nm: FloatArray
     torque_Nm: FloatArray
     load_Nm: FloatArray
     temperature_C: FloatArray
@@ -57,6 +59,31 @@ class MotionPlan:
     def time_s(self) -> FloatArray:
         """0 where the profile starts."""
         return (np.arange(len(self.angle_deg), dtype=np.float64) - self.first) * self.cycle_s
+
+
+class LoadSource(StrEnum):
+    """From where the blocks know the load with its sign."""
+
+    NONE = "none"  # they take it to oppose the motion
+    SETPOINT = "setpoint"  # what the load side is told to make
+    MEASURED = "measured"  # what it makes, by a torque meter without faults
+
+
+@dataclass(frozen=True)
+class Told:
+    """What the blocks are told of the profile, each (ticks,)."""
+
+    speed_rpm: FloatArray
+    torque_Nm: FloatArray
+    load_Nm: FloatArray
+
+    @classmethod
+    def of(cls, plan: MotionPlan, load: LoadSource = LoadSource.NONE, ahead_s: float = 0.0) -> Told:
+        """Set points as they will be `ahead_s` later, rounded to cycles; what is measured is of now."""
+        ticks = len(plan.speed_rpm)
+        later = np.minimum(np.arange(ticks) + round(ahead_s / plan.cycle_s), ticks - 1)
+        loads = plan.load_Nm if load is LoadSource.MEASURED else plan.setpoint_Nm[later]
+        return cls(plan.speed_rpm[later], plan.wanted_Nm[later], loads)
 
 
 @dataclass(frozen=True)
@@ -86,7 +113,8 @@ def plan(rig: Rig, profile: MotionProfile, *, seed: int = 0) -> MotionPlan:
     ratio = rig.model.reduction_ratio
     side = held(profile.direction)
     wanted = held(profile.torque_Nm)
-    load = controlled_torque(wanted * side, rig.axis.load, cycle, random)
+    setpoint = wanted * side
+    load = controlled_torque(setpoint, rig.axis.load, cycle, random)
     speed = held(profile.speed_deg_s, 0.0) / 6.0 * ratio
     time = (np.arange(len(speed)) - before) * cycle
     temperature = rig.axis.thermal.start_C + rig.axis.thermal.drift_K_per_min / 60.0 * np.maximum(time, 0.0)
@@ -98,6 +126,7 @@ def plan(rig: Rig, profile: MotionProfile, *, seed: int = 0) -> MotionPlan:
         angle_deg=held(profile.angle_deg),
         speed_rpm=speed,
         wanted_Nm=wanted,
+        setpoint_Nm=setpoint,
         torque_Nm=load * side,
         load_Nm=load,
         temperature_C=temperature,
@@ -123,9 +152,14 @@ def _sensed(temperature_C: FloatArray, thermal: Thermal, cycle_s: float) -> Floa
 
 
 def run(
-    rig: Rig, plan: MotionPlan, form: TaskForm = TaskForm.ONE, running: RunningCompensator | None = None
+    rig: Rig,
+    plan: MotionPlan,
+    form: TaskForm = TaskForm.ONE,
+    running: RunningCompensator | None = None,
+    told: Told | None = None,
 ) -> MotionRecord:
-    """Move once, with the compensator `running` in the loop or without."""
+    """Move once, with the compensator `running` in the loop or without; `told`: what of the profile it is told."""
+    told = told or Told.of(plan)
     ticks = len(plan.angle_deg)
     axis = Axis(rig.axis, rig.model.reduction_ratio, cycle_s=plan.cycle_s)
     axis.set_arrival(rig.tasks.transfer_us * 1e-6)
@@ -144,7 +178,11 @@ def run(
     for n in range(ticks):
         seen_in, seen_out = _latch(axis, plan, n, encoders, ratio)
         sample = TaskInputs(
-            seen_out * radians, float(plan.speed_rpm[n]), float(plan.wanted_Nm[n]), float(plan.sensor_C[n])
+            seen_out * radians,
+            float(told.speed_rpm[n]),
+            float(told.torque_Nm[n]),
+            float(plan.sensor_C[n]),
+            float(told.load_Nm[n]),
         )
         published = plc.tick(n, sample, float(references[n]))
         if published is not None:
@@ -188,13 +226,18 @@ class Size:
 
 @dataclass(frozen=True)
 class CompensationCase:
-    """One way to compensate; `inputs`: other inputs of the block, by name."""
+    """One way to compensate; `inputs`: other inputs of the block, by name.
+
+    `load`: from where the blocks know the load with its sign; `ahead`: they are told the set points of the lead later.
+    """
 
     orders: tuple[int, ...]
     law: str
     form: TaskForm
     lead_s: float = 0.0
     inputs: Mapping[str, float] = field(default_factory=dict)
+    load: LoadSource = LoadSource.NONE
+    ahead: bool = False
 
 
 @dataclass(frozen=True)
@@ -227,8 +270,9 @@ def compare(
     rig: Rig, plan: MotionPlan, before: MotionRecord, compensator: EmittedCompensator, case: CompensationCase
 ) -> MotionOutcome:
     """Move with the compensator and compare with the same motion without it."""
-    running = compensator.start(case.form, case.law, rig.tasks, case.lead_s, case.inputs)
-    after = run(rig, plan, case.form, running)
+    given = case.load is not LoadSource.NONE
+    running = compensator.start(case.form, case.law, rig.tasks, case.lead_s, case.inputs, load_given=given)
+    after = run(rig, plan, case.form, running, Told.of(plan, case.load, case.lead_s if case.ahead else 0.0))
     ratio, moving = rig.model.reduction_ratio, slice(plan.first, None)
     old = (before.seen_out_deg - before.seen_in_deg / ratio)[moving]
     new = (after.seen_out_deg - before.seen_in_deg / ratio)[moving]

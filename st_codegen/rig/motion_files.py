@@ -49,6 +49,8 @@ def row(study: MotionStudy, outcome: MotionOutcome) -> dict[str, Any]:
         "law": case.law,
         "tasks": str(case.form),
         "lead_us": round(case.lead_s * 1e6, 3),
+        "load": str(case.load),
+        "ahead": case.ahead,
         "rms_before": outcome.before.rms,
         "rms_after": outcome.after.rms,
         "max_before": outcome.before.maximum,
@@ -72,7 +74,8 @@ def label(outcome: MotionOutcome) -> str:
     case = outcome.case
     orders = f"{len(case.orders)} orders" if len(case.orders) > 4 else "orders " + " ".join(map(str, case.orders))
     lead = f", lead {case.lead_s * 1e6:.0f} us" if case.lead_s else ""
-    return f"{orders}, {case.law}, {case.form}{lead}"
+    load = "" if case.load == "none" else f", load {case.load}"
+    return f"{orders}, {case.law}, {case.form}{lead}{load}{', ahead' if case.ahead else ''}"
 
 
 def write(study: MotionStudy, out: Path, *, recording: bool = False) -> None:

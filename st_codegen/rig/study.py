@@ -10,7 +10,7 @@ from st_codegen.errors import InputError
 from st_codegen.files.number_text import parse_number, parse_whole
 from st_codegen.project.bundle import Bundle
 from st_codegen.rig.compensator import EmittedCompensator, restricted
-from st_codegen.rig.motion import CompensationCase, Progress, Rig, compare, lead_time_s, plan, run
+from st_codegen.rig.motion import CompensationCase, LoadSource, Progress, Rig, compare, lead_time_s, plan, run
 from st_codegen.rig.motion_files import MotionStudy
 from st_codegen.rig.profiles import MotionProfile, profile_named
 from st_codegen.rig.tasks import TaskForm
@@ -23,7 +23,10 @@ _LONGEST_LEAD_US = 1e6
 
 @dataclass(frozen=True)
 class MotionWish:
-    """What is asked for: sets of orders, laws, forms; `lead_s`, AUTO for all known delays."""
+    """What is asked for: sets of orders, laws, forms; `lead_s`, AUTO for all known delays.
+
+    `load`, `ahead`: as in CompensationCase.
+    """
 
     orders: tuple[tuple[int, ...], ...]
     laws: tuple[str, ...] = ("published", "continuous")
@@ -31,6 +34,8 @@ class MotionWish:
     lead: float = 0.0
     target: str = "twincat"
     inputs: Mapping[str, float] = field(default_factory=dict)
+    load: LoadSource = LoadSource.NONE
+    ahead: bool = False
 
 
 def parse_orders(texts: Sequence[str], bundle: Bundle) -> tuple[tuple[int, ...], ...]:
@@ -120,9 +125,8 @@ def simulate(
             for form in wish.forms:
                 lead = lead_time_s(rig, form) if wish.lead == AUTO else wish.lead
                 next_is(f"{len(orders)} orders, {law}, {form}")
-                outcomes.append(
-                    compare(rig, planned, before, compensator, CompensationCase(orders, law, form, lead, wish.inputs))
-                )
+                case = CompensationCase(orders, law, form, lead, wish.inputs, wish.load, wish.ahead)
+                outcomes.append(compare(rig, planned, before, compensator, case))
                 done += 1
     next_is("")
     return MotionStudy(rig, planned, before, tuple(outcomes))

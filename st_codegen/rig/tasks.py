@@ -62,12 +62,16 @@ def read_tasks(table: TomlTable) -> TaskSettings:
 
 class TaskInputs(NamedTuple):
     """What the blocks are given: angle of the output from its encoder (rad), the rest from the motion profile and the
-    oil's sensor."""
+    oil's sensor.
+
+    `torque_Nm` opposes the motion, `load_Nm`, where the blocks are given it, is above 0 against forward motion.
+    """
 
     theta_rad: float
     speed_rpm: float
     torque_Nm: float
     temperature_C: float
+    load_Nm: float = 0.0
 
 
 class TaskedCompensator(Protocol):

@@ -38,6 +38,7 @@ def read_bundle(path: Path, reading: Reading) -> Bundle:
         directions=description.directions,
         outputs=outputs,
         tasks=description.tasks,
+        play=description.play,
     )
     return Bundle(tuple(models.values()), Compensation(te))
 

@@ -14,6 +14,10 @@ unit = "rpm"
 min = 100.0
 max = 1800.0
 
+[play]                               # optional, with order 0 and both directions: FB_Compensator takes the load's sign
+angle_deg = 0.0084                   # mean backward less mean forward, without load
+torque_feature = "torque_Nm"         # holds the magnitude of the load
+
 [[harmonic]]                         # one for each order and direction
 direction = "forward"
 order = 1
@@ -43,9 +47,11 @@ from st_codegen.emit.literals import identifier
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.toml_tables import TomlTable, read_toml, shown
 from st_codegen.ir import Feature
-from st_codegen.te.harmonics import Direction, Quantity
+from st_codegen.te.harmonics import Direction, Play, Quantity
 
 BUNDLE_FILE = "bundle.toml"
+#: A play beyond this is no play of a gear, deg at the output.
+LARGEST_PLAY = 10.0
 
 
 @dataclass(frozen=True)
@@ -72,6 +78,7 @@ class Description:
     features: tuple[Feature, ...]
     references: tuple[OutputReference, ...]
     tasks: int = 1
+    play: Play | None = None
 
 
 def read_description(path: Path) -> Description:
@@ -106,7 +113,23 @@ def _description(file: TomlTable) -> Description:
     references = _harmonics(file, orders, directions) + _terms(file, orders, directions)
     _check_files(references, file.problems)
     number = named.index(speed) if speed in named else 0
-    return Description(name, ratio, number, directions, orders, features, references, tasks)
+    play = _play(file, named, speed, orders, directions) if "play" in file else None
+    return Description(name, ratio, number, directions, orders, features, references, tasks, play)
+
+
+def _play(
+    file: TomlTable, named: Sequence[str], speed: str, orders: Sequence[int], directions: Sequence[Direction]
+) -> Play | None:
+    """The table [play]; what is wrong with it is noted."""
+    with file.table("play") as table:
+        angle = table.number("angle_deg", low=0.0, high=LARGEST_PLAY, unit="deg")
+        torque = table.text("torque_feature")
+        if table.is_sound and (torque not in named or torque == speed):
+            others = ", ".join(name for name in named if name != speed)
+            table.note(f"torque_feature = '{torque}' is none of the features beside the speed ({others})")
+        if table.is_sound and not (0 in orders and len(directions) == 2):
+            table.note("a play needs the mean, order 0, of both directions")
+    return Play(angle, named.index(torque)) if table.is_sound else None
 
 
 def _features(file: TomlTable) -> tuple[Feature, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,13 +16,14 @@ from st_codegen.emit.output import read_manifest
 from st_codegen.ir import FloatArray, ModelIR, Precision, reference
 from st_codegen.project.purpose import BlockCheck, DifferenceBound, RunsBlocks
 from st_codegen.proof import bounds
+from st_codegen.te.compensation.correction import LEAST_TORQUE, SIGNED_LOAD
 from st_codegen.te.compensation.harmonic_sum import ERROR_PER_ORDER
 from st_codegen.te.compensation.parts import SUFFIX
-from st_codegen.te.harmonics import Direction, Quantity, TransmissionError
+from st_codegen.te.harmonics import Direction, Play, Quantity, TransmissionError
 
 PREDICT, COMPENSATOR = "FB_TEPredict", "FB_Compensator"
 #: Inputs of FB_Compensator beside the operating point.
-_ANGLE, _BLEND = "fThetaOut_rad", "fBlendTime_s"
+_ANGLE, _BLEND, _LOAD_GIVEN = "fThetaOut_rad", "fBlendTime_s", "bLoadGiven"
 #: SQRT, ATAN, COS and the few operations around them: relative error of each result, in units of roundoff.
 _ROUNDINGS = 16
 #: Operating points on which FB_TEPredict and FB_Compensator are tried; their models are verified by themselves.
@@ -191,8 +193,17 @@ def _check_sum(
     signed[backward, te.speed_feature] *= -1.0
     fixed: dict[str, Any] = {"bEnable": np.ones(len(x), np.bool_), _BLEND: np.zeros(len(x))}
     inputs = _feature_inputs(te, signed) | {_ANGLE: theta, **fixed}
+    loads = np.where(backward, -1.0, 1.0)
+    if te.play:
+        # every other pair of rows is given a load that has any sign in either direction
+        given = np.arange(len(x)) % 4 >= 2
+        loads = np.where(given, np.cos(theta), loads)
+        torque = np.maximum(np.abs(x[:, te.play.torque_feature]), LEAST_TORQUE)
+        inputs |= {_LOAD_GIVEN: given, SIGNED_LOAD.name: loads * torque}
     result = code.call(COMPENSATOR, inputs, len(x), calls=calls_of(code.folder))
     expected, bound = np.zeros(len(x)), np.zeros(len(x))
+    if te.play:
+        sets = _with_loads(te, te.play, sets, loads)
     for direction, harmonic in sets.items():
         angle = np.array(te.orders) * theta[:, None] + harmonic.phase
         chosen = backward if direction is Direction.BACKWARD else ~backward
@@ -205,3 +216,22 @@ def _check_sum(
         bound = np.where(chosen, np.sum(own, axis=1), bound)
     got = np.where(result["bValid"], result["fTE_deg"], np.nan)
     return BlockCheck(COMPENSATOR, signed, expected[:, None], got[:, None], bound[:, None])
+
+
+def _with_loads(
+    te: TransmissionError, play: Play, sets: dict[Direction, HarmonicSet], loads: FloatArray
+) -> dict[Direction, HarmonicSet]:
+    """The sets with the means that loads give, -1 .. 1 of the trained torque; 1 is the load of forward motion."""
+    mean = te.orders.index(0)
+    forward, backward = sets[Direction.FORWARD], sets[Direction.BACKWARD]
+    both = forward.amplitude[:, mean] + backward.amplitude[:, mean]
+    of_load = forward.amplitude[:, mean] - backward.amplitude[:, mean] + play.angle_deg
+    size = np.abs(forward.amplitude[:, mean]) + np.abs(backward.amplitude[:, mean]) + play.angle_deg
+    error = forward.amplitude_bound[:, mean] + backward.amplitude_bound[:, mean] + _ROUNDINGS * _UNIT * size
+    found = {}
+    for direction, side in ((Direction.FORWARD, 1.0), (Direction.BACKWARD, -1.0)):
+        amplitude, bound = sets[direction].amplitude.copy(), sets[direction].amplitude_bound.copy()
+        amplitude[:, mean] = 0.5 * (both + of_load * loads - play.angle_deg * side)
+        bound[:, mean] = error
+        found[direction] = dataclasses.replace(sets[direction], amplitude=amplitude, amplitude_bound=bound)
+    return found

@@ -42,6 +42,18 @@ class HarmonicOutput:
 
 
 @dataclass(frozen=True)
+class Play:
+    """What the means of both directions differ by without load, and the feature that holds the load's magnitude.
+
+    `angle_deg`: mean backward less mean forward at the output, from clearance and friction; it is travelled when the
+    motion turns over. What the means differ by beyond it follows the load.
+    """
+
+    angle_deg: float
+    torque_feature: int
+
+
+@dataclass(frozen=True)
 class TransmissionError:
     """What the models of a bundle are for: TE(theta) = sum of A_k * cos(k*theta + phi_k), per direction (Eq. 2).
 
@@ -49,6 +61,7 @@ class TransmissionError:
     theta_in / theta_out. `outputs` has, for every order and direction, amplitude and phase or cosine and sine part
     (order 0: amplitude only). `tasks`: 1, or 2 where the models run in a slow task and the sum in a fast one.
     `cycles`: the models that each of several successive calls computes; empty: every call computes all of them.
+    `play`: None where it is not known; it needs both directions and order 0.
     """
 
     name: str
@@ -60,12 +73,15 @@ class TransmissionError:
     outputs: tuple[HarmonicOutput, ...]
     tasks: int = 1
     cycles: tuple[tuple[str, ...], ...] = ()
+    play: Play | None = None
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.reduction_ratio) and self.reduction_ratio > 0):
             raise InputError(f"reduction ratio {self.reduction_ratio}: give a positive number")
         if not 0 <= self.speed_feature < len(self.features):
             raise InputError(f"speed feature {self.speed_feature}: there are {len(self.features)} features")
+        if self.play and not (0 in self.orders and len(self.directions) == 2):
+            raise InputError("a play needs the mean, order 0, of both directions")
         spread = sorted(name for names in self.cycles for name in names)
         if self.cycles and spread != sorted({output.model for output in self.outputs}):
             raise InputError("the cycles do not have each model once")

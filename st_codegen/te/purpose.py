@@ -60,6 +60,7 @@ class Compensation:
             "directions": [str(direction) for direction in te.directions],
             **({"calls": len(te.cycles)} if te.cycles else {}),
             **({"terms": terms} if terms else {}),
+            **({"play_deg": te.play.angle_deg} if te.play else {}),
         }
 
     def remarks(self) -> tuple[str, ...]:

@@ -42,11 +42,12 @@ class FittedModel:
 
 @dataclass(frozen=True)
 class BundleHead:
-    """The head of a `bundle.toml`: name, reduction ratio, range of each feature (3, 2)."""
+    """The head of a `bundle.toml`: name, reduction ratio, range of each feature (3, 2), play where it is known."""
 
     name: str
     reduction_ratio: float
     ranges: FloatArray
+    play_deg: float | None = None
 
 
 def write_bundle(folder: Path, head: BundleHead, models: Sequence[FittedModel], form: str = "native") -> None:
@@ -93,6 +94,8 @@ def bundle_text(head: BundleHead, models: Sequence[FittedModel], files: Mapping[
     ]
     for (name, unit), (low, high) in zip(FEATURES, head.ranges, strict=True):
         tables.append(table_lines("[[feature]]", {"name": name, "unit": unit, "min": float(low), "max": float(high)}))
+    if head.play_deg is not None and 0 in orders and len(directions) == 2:
+        tables.append(table_lines("[play]", {"angle_deg": head.play_deg, "torque_feature": FEATURES[1][0]}))
     for direction in directions:
         for order in orders:
             own = [model for model in models if (model.direction, model.order) == (direction, order)]

@@ -11,6 +11,7 @@ import numpy as np
 from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.errors import InputError
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
+from st_codegen.te.bundle_file import LARGEST_PLAY
 from st_codegen.te.harmonics import Direction
 from st_codegen.threads import one_thread
 from st_codegen.training.choice import Choice, choose
@@ -25,6 +26,9 @@ from st_codegen.training.targets import combined, mean_direction, values
 
 #: fewer rows in a direction cannot be split, cross-validated and learned from
 LEAST_ROWS = 20
+
+#: Pairs of runs without load, forward and backward, from which a play is read.
+_LEAST_PAIRS = 4
 
 
 @dataclass(frozen=True)
@@ -205,8 +209,35 @@ def interval(errors: Sequence[float]) -> ConfidenceInterval:
 
 
 def bundle_head(table: HarmonicTable, name: str, reduction_ratio: float) -> BundleHead:
-    """Name, ratio, and the ranges of the features in a table."""
-    return BundleHead(name, reduction_ratio, np.stack([table.conditions.min(axis=0), table.conditions.max(axis=0)], 1))
+    """Name, ratio, the ranges of the features in a table, and the play where it shows one."""
+    ranges = np.stack([table.conditions.min(axis=0), table.conditions.max(axis=0)], 1)
+    return BundleHead(name, reduction_ratio, ranges, play_deg(table))
+
+
+def play_deg(table: HarmonicTable) -> float | None:
+    """Mean backward less mean forward of runs without load, at their lowest speed, deg.
+
+    By a straight line over the speed through all pairs of runs. None where there are fewer than four pairs, or where
+    it is less than three of its standard errors.
+    """
+    if 0 not in table.orders:
+        return None
+    means: list[dict[tuple[float, ...], float]] = [{}, {}]
+    for backward, at, mean in zip(
+        table.backward, table.conditions, table.coefficients[:, table.orders.index(0)].real, strict=True
+    ):
+        if at[1] == 0.0:
+            means[int(backward)][tuple(at)] = float(mean)
+    pairs = sorted(means[0].keys() & means[1].keys())
+    if len(pairs) < _LEAST_PAIRS:
+        return None
+    speed = np.array([at[0] for at in pairs])
+    gap = np.array([means[1][at] - means[0][at] for at in pairs])
+    columns = np.stack([np.ones_like(speed), speed - speed.min()], 1)[:, : 1 + bool(np.ptp(speed))]
+    found, *_ = np.linalg.lstsq(columns, gap, rcond=None)
+    scatter = float(((gap - columns @ found) ** 2).sum()) / (len(pairs) - columns.shape[1])
+    error = math.sqrt(scatter * float(np.linalg.inv(columns.T @ columns)[0, 0]))
+    return float(found[0]) if 3.0 * error < found[0] <= LARGEST_PLAY else None
 
 
 def only_exportable(settings: SearchSettings, form: str) -> SearchSettings:

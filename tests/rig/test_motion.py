@@ -8,15 +8,18 @@ import pytest
 pytest.importorskip("numba")
 
 from st_codegen.errors import InputError
+from st_codegen.project.bundle import Bundle
 from st_codegen.rig.compensator import LAWS, EmittedCompensator, restricted, roles_of
 from st_codegen.rig.effects import catalogue
 from st_codegen.rig.machine import another_specimen, machine_of
 from st_codegen.rig.model import parse_rig
-from st_codegen.rig.motion import CompensationCase, compare, lead_time_s, plan, run
+from st_codegen.rig.motion import CompensationCase, LoadSource, Told, compare, lead_time_s, plan, run
 from st_codegen.rig.profiles import MotionProfile
 from st_codegen.rig.study import AUTO, MotionWish, parse_inputs, parse_lead, parse_orders, simulate, with_oil
 from st_codegen.rig.tasks import TaskForm, TaskInputs, TaskSettings
 from st_codegen.st import Machine
+from st_codegen.te.harmonics import Play
+from st_codegen.te.purpose import Compensation
 from tests.rig.conftest import LINEAR_RIG, ORDERS, write_bundle
 
 
@@ -220,9 +223,50 @@ def test_a_study_runs_all_cases(linear_rig, linear_bundle):
     assert all(o.case.lead_s > 1e-3 for o in study.outcomes if o.case.form is TaskForm.TWO)
 
 
+@pytest.fixture(scope="module")
+def playing(linear_bundle):
+    """The same bundle, which knows what 0.25 arcmin of drag make."""
+    te = dataclasses.replace(linear_bundle.purpose.te, play=Play(0.5 / 60, 1))
+    return restricted(Bundle(linear_bundle.models, Compensation(te)), (0, 1))
+
+
+def there_and_back(cycle=250e-6):
+    """Half a turn out and back, with a rest between, and a load that opposes both ways also at rest."""
+    out, rest = turn(cycle, 40.0, 0.4), np.zeros(400)
+    rate = np.concatenate([out.speed_deg_s, rest, -out.speed_deg_s])
+    angle = np.concatenate([out.angle_deg, rest + out.angle_deg[-1], out.angle_deg[::-1]])
+    return MotionProfile("back", np.arange(len(rate)) * cycle, angle, rate, np.full(len(rate), 60.0))
+
+
+@pytest.mark.parametrize("form", [TaskForm.ONE, TaskForm.SPLIT])
+def test_a_load_that_is_known_ahead_helps_at_reversals(linear_rig, playing, form):
+    def largest(load, ahead, **inputs):
+        given = {"fBlendTime_s": 0.005, "fHysteresis_rpm": 0.2, **inputs}
+        wish = MotionWish(((0, 1),), ("full",), (form,), AUTO, inputs=given, load=load, ahead=ahead)
+        (outcome,) = simulate(linear_rig, playing, there_and_back(), wish, compensators=code).outcomes
+        assert (outcome.case.load, outcome.case.ahead) == (load, ahead)
+        return outcome.after.maximum
+
+    code = {}
+    without = largest(LoadSource.NONE, False)
+    ahead = largest(LoadSource.SETPOINT, True, fLoadTime_s=0.0056)
+    assert ahead < 0.75 * without
+
+
+def test_what_the_blocks_are_told_is_that_of_later(linear_rig):
+    planned = plan(linear_rig, there_and_back())
+    ahead = Told.of(planned, LoadSource.SETPOINT, 0.01)
+    assert np.array_equal(ahead.speed_rpm[:-40], planned.speed_rpm[40:])
+    assert np.array_equal(ahead.load_Nm[:-40], planned.setpoint_Nm[40:])
+    assert np.array_equal(ahead.torque_Nm[-41:], np.full(41, planned.wanted_Nm[-1]))
+    assert np.array_equal(Told.of(planned, LoadSource.MEASURED, 0.01).load_Nm, planned.load_Nm)
+    assert set(np.sign(planned.setpoint_Nm)) == {1.0, -1.0}
+
+
 @pytest.mark.parametrize(
     ("call", "part"),
     [
+        (lambda b, c: c.start(TaskForm.ONE, "full", TaskSettings(), load_given=True), r"no \[play\]"),
         (lambda b, c: parse_orders(("0,x",), b), "whole numbers"),
         (lambda b, c: parse_orders(("0,7",), b), "order 7"),
         (lambda b, c: parse_lead("soon"), "microseconds"),

@@ -17,7 +17,7 @@ import numpy as np
 from st_codegen.st import Machine
 from st_codegen.te.compensation.codes import EXPERIMENT_STATE
 from st_codegen.te.harmonics import Direction
-from tests.te.projects import BOTH, ORDERS, RATIO, loaded_with, parts, project, texts
+from tests.te.projects import BOTH, ORDERS, PLAY, RATIO, loaded_with, parts, project, texts
 
 UNIT = 2.0**-53
 LOOPS = 64  # rounds of one loop; the bundle has 3 orders, the model 3 inputs and 10 outputs
@@ -58,9 +58,9 @@ _UNSTATED = {"fCycle_s": (1e-6, 1.0)}
 
 
 @cache
-def declared(block):
+def declared(block, play=None):
     """The LREAL inputs of a block as its text declares them; None for those without a default, which are signals."""
-    (text,) = texts(project(), "iec").values()
+    (text,) = texts(project(play=play), "iec").values()
     section = re.search(rf"^FUNCTION_BLOCK {block}\n.*?^VAR_INPUT\n(.*?)^END_VAR", text, re.DOTALL | re.MULTILINE)[1]
     found = {}
     for above, name, default, behind in _INPUT.findall(section):
@@ -71,16 +71,14 @@ def declared(block):
     return found
 
 
-def parameters_of(block):
-    return {name: item for name, item in declared(block).items() if item is not None}
+def parameters_of(block, play=None):
+    return {name: item for name, item in declared(block, play).items() if item is not None}
 
-
-PARAMETERS = parameters_of("FB_Compensator")
 
 PAIR = """
 FUNCTION_BLOCK FB_Pair
 VAR_INPUT
-    bSlow : BOOL; bEnable : BOOL; bPublishedLaw : BOOL;
+    bSlow : BOOL; bEnable : BOOL; bPublishedLaw : BOOL; bLoadGiven : BOOL;
     {inputs}
 END_VAR
 VAR_OUTPUT
@@ -93,7 +91,7 @@ END_VAR
 IF bSlow THEN
     fbSlow({slow}, stExchange := stExchange);
 END_IF;
-fbFast({fast}, bEnable := bEnable, bPublishedLaw := bPublishedLaw, stExchange := stExchange);
+fbFast({fast}{load}, bEnable := bEnable, bPublishedLaw := bPublishedLaw, stExchange := stExchange);
 fTE_deg := fbFast.fTE_deg;
 fCorrection_deg := fbFast.fCorrection_deg;
 fWeight := fbFast.fWeight;
@@ -108,12 +106,13 @@ END_FUNCTION_BLOCK
 
 
 @cache
-def pair(target):
+def pair(target, play=None):
     """Both blocks of the two-task form around one exchange variable, with all inputs that either declares."""
-    slow, fast = declared("FB_CompensatorSlow"), declared("FB_CompensatorFast")
+    slow, fast = declared("FB_CompensatorSlow", play), declared("FB_CompensatorFast", play)
     inputs = [f"{name} : LREAL{f' := {item.default!r}' if item else ''};" for name, item in (slow | fast).items()]
     passed = (", ".join(f"{name} := {name}" for name in names) for names in (slow, fast))
     words = dict(zip(("slow", "fast"), passed, strict=True))
+    words["load"] = ", bLoadGiven := bLoadGiven" if play else ""
     return PAIR.format(error="E_TEError" if target == "twincat" else "DINT", inputs=" ".join(inputs), **words)
 
 
@@ -155,18 +154,18 @@ class Sequences:
 
     ANYTHING, BAD, GOOD = 40, 40, 20
 
-    def __init__(self, random, rows, backward_only=False, forward_only=False):
-        self.random, self.rows = random, rows
+    def __init__(self, random, rows, parameters, backward_only=False, forward_only=False):
+        self.random, self.rows, self.known = random, rows, parameters
         self.rate = random.choice([0.0, 0.02, 0.3, 1.0], rows)
         self.theta = random.uniform(-10, 10, rows) * 10.0 ** random.integers(0, 8, rows)
         self.speed = random.uniform(-1800, 1800, rows) * random.choice([0.0, 0.01, 1.0], rows)
         self.acceleration = random.normal(0, 300, rows) * random.choice([0.0, 1.0], rows)
-        self.parameters = {name: self._parameter(name) for name in PARAMETERS}
+        self.parameters = {name: self._parameter(name) for name in parameters}
         self.bad = random.integers(0, 4, rows)
         self.sign = -1.0 if backward_only else 1.0 if forward_only else None
 
     def _parameter(self, name):
-        item, random, rows = PARAMETERS[name], self.random, self.rows
+        item, random, rows = self.known[name], self.random, self.rows
         typical = item.default * random.uniform(0.5, 2.0, rows)
         return np.where(random.random(rows) < 0.3, random.uniform(item.lower, item.upper, rows), typical)
 
@@ -183,10 +182,18 @@ class Sequences:
             "fSpeed_rpm": self.speed,
             "fTorque_Nm": random.uniform(-100, 2000, rows),
             "fTemperature_C": random.uniform(20, 40, rows),
+            **self._load(),
         }
 
+    def _load(self):
+        """For blocks that take it: a load of any sign, whatever the motion does."""
+        if "fLoadTime_s" not in self.known:
+            return {}
+        return {"fSignedLoad": self.random.normal(0, 500, self.rows), "bLoadGiven": self.random.random(self.rows) < 0.7}
+
     def anything(self):
-        given = {name: self._mixed(value) for name, value in (self.sensible() | self.parameters).items()}
+        given = self.sensible() | self.parameters
+        given |= {name: self._mixed(value) for name, value in given.items() if name != "bLoadGiven"}
         given["bEnable"] = self.random.random(self.rows) < 0.9
         given["bPublishedLaw"] = self.random.random(self.rows) < 0.3
         return given
@@ -195,7 +202,7 @@ class Sequences:
         """Parameters with which 40 cycles are enough to reach zero: 0.02 s each, 0.4 s of ramp, 0.18 s of slewing."""
         fixed = {"fCycle_s": 0.02, "fCorrectionLimit_deg": 30.0, "fSlewLimit_deg_s": 2000.0, "fRampTime_s": 0.4}
         fixed |= {"fHysteresis_rpm": 2.0, "fBlendTime_s": 0.1, "fLead_s": 0.0}
-        fixed = {name: item.default for name, item in PARAMETERS.items()} | fixed
+        fixed = {name: item.default for name, item in self.known.items()} | fixed
         given = self.sensible() | {name: np.full(self.rows, value) for name, value in fixed.items()}
         return given | {"bEnable": np.ones(self.rows, bool), "bPublishedLaw": np.zeros(self.rows, bool)}
 
@@ -214,15 +221,17 @@ class Sequences:
         return given
 
 
-def run_compensator(target, rows, seed, *, directions=BOTH, two_tasks=False):
+def run_compensator(target, rows, seed, *, directions=BOTH, two_tasks=False, play=None):
     """Sequences through FB_Compensator or the pair of the two-task form; raises AssertionError or StRuntimeError."""
     random = np.random.default_rng(seed)
     one = None if len(directions) == 2 else directions[0]
-    sequences = Sequences(random, rows, one is Direction.BACKWARD, one is Direction.FORWARD)
-    machine = Machine(loaded_with(target, pair(target), directions=directions), rows=rows, loop_limit=LOOPS)
+    parameters = parameters_of("FB_Compensator", play)
+    sequences = Sequences(random, rows, parameters, one is Direction.BACKWARD, one is Direction.FORWARD)
+    project = loaded_with(target, pair(target, play), directions=directions, play=play)
+    machine = Machine(project, rows=rows, loop_limit=LOOPS)
     block = machine.instance("FB_Pair" if two_tasks else "FB_Compensator")
     outputs = [port.name for port in block.outputs]
-    kept, before = Kept(PARAMETERS, rows), np.zeros(rows)
+    kept, before = Kept(parameters, rows), np.zeros(rows)
     age_limit = Kept({"fAgeLimit_s": declared("FB_CompensatorFast")["fAgeLimit_s"]}, rows)
     phases = [sequences.anything] * sequences.ANYTHING + [sequences.faulty] * sequences.BAD
     phases += [sequences.good] * sequences.GOOD
@@ -231,7 +240,7 @@ def run_compensator(target, rows, seed, *, directions=BOTH, two_tasks=False):
         kept.see(given)
         if two_tasks:
             _disturb(block, random, rows, cycle < sequences.ANYTHING)
-        all_inputs(block, given, *(["bSlow", "fAgeLimit_s"] if two_tasks else []))
+        all_inputs(block, given, *(["bSlow", "fAgeLimit_s", "bLoadGiven"] if two_tasks else []))
         block(**given)
         finite(block, outputs)
         correction = block["fCorrection_deg"]
@@ -395,7 +404,7 @@ def run_year(target, rows, seed, cycles):
         calm = np.where(bad, 0, calm + 1)
         for name in ("fThetaOut_rad", "fSpeed_rpm", "fTorque_Nm", "fTemperature_C"):
             given[name] = np.where(bad, hostile(random, rows), given[name])
-        all_inputs(block, given)
+        all_inputs(block, given, "bLoadGiven")
         block(**given)
         finite(block, outputs)
         assert np.all((block["fWeight"] >= 0.0) & (block["fWeight"] <= 1.0)), cycle
@@ -431,6 +440,8 @@ KINDS = {
     "FB_Compensator, forward only": lambda *a: run_compensator(*a, directions=(Direction.FORWARD,)),
     "FB_Compensator, backward only": lambda *a: run_compensator(*a, directions=(Direction.BACKWARD,)),
     "FB_CompensatorSlow and FB_CompensatorFast": lambda *a: run_compensator(*a, two_tasks=True),
+    "FB_Compensator with a play": lambda *a: run_compensator(*a, play=PLAY),
+    "FB_CompensatorSlow and FB_CompensatorFast with a play": lambda *a: run_compensator(*a, two_tasks=True, play=PLAY),
     "FB_LoadTorque": run_load_torque,
     "FB_Experiment": run_experiment,
 }

@@ -12,7 +12,7 @@ from st_codegen.emit.targets import TARGETS
 from st_codegen.ir import Feature, Linear, ModelIR, Source
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.st import load_project
-from st_codegen.te.harmonics import Direction, HarmonicOutput, Quantity, TransmissionError
+from st_codegen.te.harmonics import Direction, HarmonicOutput, Play, Quantity, TransmissionError
 from st_codegen.te.purpose import Compensation
 
 BOTH = (Direction.FORWARD, Direction.BACKWARD)
@@ -23,6 +23,8 @@ FEATURES = (
     Feature("temperature_C", "degC", 25.0, 35.0),
 )
 ORDERS = (0, 1, 39)
+#: A play, with the load's magnitude in the second feature.
+PLAY = Play(0.05, 1)
 PAPER_ORDERS = (0, 1, 3, 39, 40, 78, 81, 156, 162, 240)
 
 
@@ -31,7 +33,7 @@ def coefficient(number):
     return 0.01 * (1.0 + 0.37 * number) * (-1.0) ** number
 
 
-def described(orders=ORDERS, directions=BOTH, slope=1e-6):
+def described(orders=ORDERS, directions=BOTH, slope=1e-6, play=None):
     """One linear model with an output for each quantity, and the harmonics that it predicts."""
     outputs = []
     for direction in directions:
@@ -44,7 +46,7 @@ def described(orders=ORDERS, directions=BOTH, slope=1e-6):
     bias = np.array([coefficient(number) for number in range(n)])
     names = tuple(f"out{i}" for i in range(n))
     model = ModelIR("parts", FEATURES, (Linear((0,), weights, bias),), names, Source("none", "0", "linear"))
-    te = TransmissionError("small", FEATURES, 0, RATIO, tuple(orders), tuple(directions), tuple(outputs))
+    te = TransmissionError("small", FEATURES, 0, RATIO, tuple(orders), tuple(directions), tuple(outputs), play=play)
     return limit_inputs(model), te
 
 
@@ -54,9 +56,9 @@ def contents(model, te):
     return Contents((model,), purpose.application(), purpose.uses())
 
 
-def project(orders=ORDERS, directions=BOTH, slope=1e-6):
+def project(orders=ORDERS, directions=BOTH, slope=1e-6, play=None):
     """A bundle of one linear model with an output for each quantity, and the blocks around it."""
-    return contents(*described(orders, directions, slope))
+    return contents(*described(orders, directions, slope, play))
 
 
 def texts(ir, target):
@@ -65,16 +67,16 @@ def texts(ir, target):
 
 
 @cache
-def loaded(target, orders=ORDERS, directions=BOTH, slope=1e-6):
+def loaded(target, orders=ORDERS, directions=BOTH, slope=1e-6, play=None):
     """The checked text of a small bundle for a target."""
-    return loaded_with(target, "", orders, directions, slope)
+    return loaded_with(target, "", orders, directions, slope, play)
 
 
 @cache
-def loaded_with(target, more, orders=ORDERS, directions=BOTH, slope=1e-6):
+def loaded_with(target, more, orders=ORDERS, directions=BOTH, slope=1e-6, play=None):
     """The same with further text, such as a block that calls the generated ones."""
     with tempfile.TemporaryDirectory() as name:
-        for path, text in {**texts(project(orders, directions, slope), target), "More.st": more}.items():
+        for path, text in {**texts(project(orders, directions, slope, play), target), "More.st": more}.items():
             file = Path(name) / path
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_text(text, encoding="utf-8")

@@ -9,7 +9,7 @@ from st_codegen.st.check.portable import violations
 from st_codegen.st.syntax.source import read_texts
 from st_codegen.te.compensation.programs import SINGLE_TASK, TWO_TASKS
 from st_codegen.te.harmonics import Direction
-from tests.te.projects import BOTH, PAPER_ORDERS, contents, described, loaded, project, texts
+from tests.te.projects import BOTH, PAPER_ORDERS, PLAY, contents, described, loaded, project, texts
 
 SHAPES = [
     ((0,), BOTH),
@@ -25,19 +25,20 @@ def test_the_signals_of_the_machine_can_be_linked():
     inputs = {"fThetaOut_rad", "fSpeed_rpm", "fTorque_Nm", "fTemperature_C", "bEnable"}
     outputs = {"fTE_deg", "fCorrection_deg", "fWeight", "bActive", "bValid", "bInRange"}
     assert linked == dict.fromkeys(inputs, "%I*") | dict.fromkeys(outputs, "%Q*")
+    assert "fSignedLoad AT %I* : LREAL;" in texts(project(play=PLAY), "twincat")["GVLs/GVL_Machine.TcGVL"]
     assert all(" AT %" not in other for other in texts(project(), "iec").values())
 
 
-@pytest.mark.parametrize(("orders", "directions"), SHAPES)
-def test_bundles_of_any_shape_give_text_that_is_checked_portable_and_narrow(orders, directions):
+@pytest.mark.parametrize(("orders", "directions", "play"), [*((*shape, None) for shape in SHAPES), (*SHAPES[0], PLAY)])
+def test_bundles_of_any_shape_give_text_that_is_checked_portable_and_narrow(orders, directions, play):
     for target in ("twincat", "iec"):
-        loaded(target, orders, directions)
-        for path, text in texts(project(orders, directions), target).items():
+        loaded(target, orders, directions, play=play)
+        for path, text in texts(project(orders, directions, play=play), target).items():
             wide = [line for line in text.splitlines() if len(line) > 100 and "<" not in line and path[-4:] != ".sln"]
             assert not wide, path
             assert "RETURN" not in text
             assert not re.search(r"[ \t]$", text, re.M), path
-    (text,) = texts(project(orders, directions), "iec").values()
+    (text,) = texts(project(orders, directions, play=play), "iec").values()
     assert violations(read_texts({"a.st": text})) == ()
 
 

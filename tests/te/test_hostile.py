@@ -6,6 +6,7 @@ import pytest
 from st_codegen.st import StRuntimeError
 from tests.te import hostile
 from tests.te.hostile import KINDS, run_compensator, run_year
+from tests.te.projects import PLAY
 
 
 @pytest.mark.parametrize("target", ["twincat", "iec"])
@@ -41,6 +42,8 @@ def test_every_input_of_a_block_is_among_those_that_are_tried():
         ("fStep := fCycle / MAX(fRamp, fCycle);", "fStep := 4.0 * fCycle / MAX(fRamp, fCycle);"),
         ("fAge_s > fAgeLimit", "FALSE"),
         ("bSound := bSound AND", "bSound := TRUE OR"),
+        ("MAX(ABS(fTorque_Nm), LEAST_TORQUE)", "ABS(fTorque_Nm)"),
+        ("F_IsWithin(fValue := fSignedLoad, fLower := -1000000000.0, fUpper := 1000000000.0)", "TRUE"),
     ],
 )
 def test_the_checks_notice_a_mutation(good, bad, monkeypatch):
@@ -56,7 +59,7 @@ def test_the_checks_notice_a_mutation(good, bad, monkeypatch):
     monkeypatch.setattr(projects, "texts", mutated)
     monkeypatch.setattr(hostile, "loaded_with", projects.loaded_with.__wrapped__)
     with pytest.raises((AssertionError, StRuntimeError)):
-        run_compensator("iec", 300, 7, two_tasks="fAge" in good or "bSound" in good)
+        run_compensator("iec", 300, 7, two_tasks="fAge" in good or "bSound" in good, play=PLAY)
 
 
 def test_hostile_values_hold_what_the_description_says():

@@ -11,14 +11,14 @@ from st_codegen.driver import Evaluator, predict
 from st_codegen.errors import InputError
 from st_codegen.ir.reference import evaluate
 from st_codegen.project.bundle import load
-from st_codegen.te.harmonics import Direction, Quantity
+from st_codegen.te.harmonics import Direction, Play, Quantity
 from st_codegen.training.choice import choose, loss
 from st_codegen.training.errors import errors_of
 from st_codegen.training.export import write_bundle
 from st_codegen.training.families import Learner
 from st_codegen.training.faulty import Faulty, faulty_runs
 from st_codegen.training.faulty_gain import gains, near_to
-from st_codegen.training.learn import LearningPlan, bundle_head, interval, learn, only_exportable, split_rows
+from st_codegen.training.learn import LearningPlan, bundle_head, interval, learn, only_exportable, play_deg, split_rows
 from st_codegen.training.paper import reconstruction
 from st_codegen.training.search import Backend
 from st_codegen.training.store import FitStore
@@ -213,6 +213,46 @@ def test_the_bundle_compiles_and_predicts_the_same(lessons, tmp_path, form):
     predicted = predict(bundle, columns, Evaluator.ST)
     for model in models:
         assert np.allclose(predicted[model.stem], model.estimator.predict(rows), rtol=1e-9, atol=1e-12), model.stem
+
+
+def unloaded(gap, scatter=0.0, torque_Nm=0.0, speeds=(100.0, 900.0, 1800.0)):
+    """Means of runs in both directions that differ by a gap, which grows with speed."""
+    speed, oil = (part.ravel() for part in np.meshgrid(speeds, [25.0, 30.0, 35.0]))
+    random, n = np.random.default_rng(3), len(speed)
+    mean = np.concatenate([np.full(n, -0.02), -0.02 + gap + 1e-7 * (speed - 100.0)])
+    mean = mean + random.normal(0, scatter, 2 * n)
+    backward = np.repeat([False, True], n)
+    both = np.tile(speed, 2), np.full(2 * n, torque_Nm), np.tile(oil, 2)
+    return HarmonicTable(backward, *both, (0,), mean[:, None].astype(complex))
+
+
+@pytest.mark.parametrize(
+    ("rows", "expected"),
+    [
+        (unloaded(0.008), 0.008),
+        (unloaded(0.008, speeds=(700.0, 900.0)), 0.008 + 6e-5),
+        (unloaded(0.008, scatter=1e-3), pytest.approx(0.008, abs=2e-3)),
+        (unloaded(0.001, scatter=1e-2), None),
+        (unloaded(-0.008), None),
+        (unloaded(20.0), None),
+        (unloaded(0.008, torque_Nm=50.0), None),
+        (unloaded(0.008).rows(np.arange(9)), None),
+        (unloaded(0.008).rows([0, 1, 2, 9, 10, 11]), None),
+    ],
+)
+def test_a_campaign_shows_its_play_where_it_is_sure(rows, expected):
+    found = play_deg(rows)
+    assert found is None if expected is None else found == pytest.approx(expected, abs=1e-9) or found == expected
+
+
+def test_the_play_stands_in_the_bundle(lessons, tmp_path):
+    both, learned = lessons
+    models = [model for lesson in learned for model in lesson.models]
+    for known in (None, 0.007):
+        head = replace(bundle_head(both, "small", 81.0), play_deg=known)
+        write_bundle(tmp_path / "models", head, models)
+        te = load(tmp_path / "models").purpose.te
+        assert te.play == (Play(0.007, 1) if known and 0 in te.orders else None)
 
 
 def test_a_bundle_replaces_only_a_bundle(lessons, tmp_path):

@@ -6,7 +6,7 @@ from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection
 from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.literals import real
 from st_codegen.te.compensation.codes import TE_ERROR
-from st_codegen.te.compensation.correction import parameters, results
+from st_codegen.te.compensation.correction import parameters, results, torque_variable
 from st_codegen.te.compensation.parts import (
     LARGEST_INPUT,
     CallArgument,
@@ -27,11 +27,12 @@ def compensator_block(te: TransmissionError) -> Block:
     """FB_TEPredict and FB_Correction, one after the other."""
     features = input_variables(te.features)
     speed = features[te.speed_feature].name
-    given = parameters("0.0005")
+    given, torque = parameters(te, "0.0005"), torque_variable(te)
     correction = [
         *same(["fThetaOut_rad"]),
         CallArgument("fSpeed_rpm", speed),
         *(CallArgument(name, f"fbPredict.{name}") for name, _ in set_parts(te)),
+        *same(variable.name for variable in torque),
         *same(["eSet", *(variable.name for variable in given)]),
     ]
     return block(

@@ -11,7 +11,7 @@ from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.literals import real
 from st_codegen.te.compensation import experiment
 from st_codegen.te.compensation.compensator import ANGLE, IN_RANGE
-from st_codegen.te.compensation.correction import parameters, results
+from st_codegen.te.compensation.correction import SIGNED_LOAD, parameters, results, torque_variable
 from st_codegen.te.compensation.parts import CallArgument, block, lreal
 from st_codegen.te.compensation.two_tasks import AGE_LIMIT, EXCHANGE, fast_results
 from st_codegen.te.harmonics import TransmissionError
@@ -35,7 +35,7 @@ EXPERIMENT_SIGNALS = "GVL_Experiment"
 
 def compensation_inputs(te: TransmissionError) -> tuple[BlockVariable, ...]:
     """What the machine gives to the compensation: angle, operating point, settings."""
-    return (ANGLE, *input_variables(te.features), *_settings())
+    return (ANGLE, *input_variables(te.features), *_settings(te))
 
 
 def compensation_outputs() -> tuple[BlockVariable, ...]:
@@ -43,9 +43,9 @@ def compensation_outputs() -> tuple[BlockVariable, ...]:
     return (*results(), IN_RANGE)
 
 
-def _settings() -> tuple[BlockVariable, ...]:
+def _settings(te: TransmissionError) -> tuple[BlockVariable, ...]:
     """Parameters of the correction without the cycle time, which belongs to the task."""
-    return tuple(variable for variable in parameters("0.0005") if variable.name != "fCycle_s")
+    return tuple(variable for variable in parameters(te, "0.0005") if variable.name != "fCycle_s")
 
 
 def signals(te: TransmissionError) -> GlobalList:
@@ -54,7 +54,7 @@ def signals(te: TransmissionError) -> GlobalList:
     Measured values and commands can be linked to inputs of the controller, results to outputs; settings and what the
     tasks tell each other cannot.
     """
-    measured = {variable.name for variable in (ANGLE, *input_variables(te.features))} | {"bEnable"}
+    measured = {variable.name for variable in (ANGLE, *input_variables(te.features))} | {"bEnable", SIGNED_LOAD.name}
     inputs = (_at("%I*", item) if item.name in measured else item for item in compensation_inputs(te))
     outputs = (_at("%Q*", item) if item.type in ("LREAL", "BOOL") else item for item in compensation_outputs())
     return GlobalList(
@@ -155,7 +155,14 @@ def slow_program(te: TransmissionError) -> Block:
 def fast_program(te: TransmissionError) -> Block:
     """PRG_Fast: sum and correction from the coefficients of PRG_Slow."""
     speed = input_variables(te.features)[te.speed_feature]
-    given = [ANGLE.name, speed.name, *_names(_settings()), AGE_LIMIT.name, EXCHANGE.name]
+    given = [
+        ANGLE.name,
+        speed.name,
+        *_names(torque_variable(te)),
+        *_names(_settings(te)),
+        AGE_LIMIT.name,
+        EXCHANGE.name,
+    ]
     outputs = [*_names(compensation_outputs()), *_names(fast_results())]
     return block(
         "PRG_Fast",

@@ -13,7 +13,7 @@ from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.literals import real
 from st_codegen.te.compensation.codes import TE_ERROR
 from st_codegen.te.compensation.compensator import ANGLE, IN_RANGE, outputs_section, predict_section
-from st_codegen.te.compensation.correction import parameters, results
+from st_codegen.te.compensation.correction import parameters, results, torque_variable
 from st_codegen.te.compensation.parts import (
     CallArgument,
     block,
@@ -113,13 +113,14 @@ def fast_results() -> tuple[BlockVariable, ...]:
 
 def fast_block(te: TransmissionError) -> Block:
     """FB_CompensatorFast: correction from the newest whole set."""
-    given = parameters("0.00025")
+    given, torque = parameters(te, "0.00025"), torque_variable(te)
     names = [name for name, _ in set_parts(te)]
     speed = input_variables(te.features)[te.speed_feature]
     arguments = [
         *same(["fThetaOut_rad"]),
         CallArgument("fSpeed_rpm", speed.name),
         *(CallArgument(name, f"stUsed.{name}") for name in names),
+        *same(variable.name for variable in torque),
         *same(["eSet", *(variable.name for variable in given)]),
     ]
     values = {
@@ -143,6 +144,7 @@ def fast_block(te: TransmissionError) -> Block:
         inputs=(
             ANGLE,
             speed,
+            *torque,
             *given,
             AGE_LIMIT,
         ),
