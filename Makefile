@@ -41,7 +41,7 @@ sizes: $(INSTALLED)  ## files and tables of millions of numbers
 nightly: $(INSTALLED)  ## the property tests with twenty times as many examples, new ones each time
 	HYPOTHESIS_PROFILE=nightly $(TESTS)
 
-fuzz: $(INSTALLED)  ## damaged files of every kind for ten minutes, in processes with limits; build/fuzz/ keeps what fails
+fuzz: $(INSTALLED)  ## damaged files of every kind for ten minutes of all cores, in processes with limits; build/fuzz/ keeps what fails
 	$(BIN)/python -m tests.fuzz --seconds 600
 
 kills: $(INSTALLED)  ## train, tables, simulate and reconcile killed at random moments, and run again; some 10 minutes

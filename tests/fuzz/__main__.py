@@ -23,22 +23,23 @@ from tests.fuzz.runner import run
 def main(arguments):
     """Run the jobs and print a table; exit code 1 where a mutant did what none may do."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=600, help="for all kinds together")
+    parser.add_argument("--seconds", type=float, default=600, help="of each core, for all kinds together")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     parser.add_argument("--seed", type=int, default=random.randrange(10**6))
     parser.add_argument("--most", type=int, default=10**9, help="mutants of each kind")
     parser.add_argument("kinds", nargs="*", default=list(KINDS))
     given = parser.parse_args(arguments)
     share = given.seconds * given.jobs / len(given.kinds)
-    started, total = time.monotonic(), Counter()
+    started, total, spent = time.monotonic(), Counter(), 0.0
     with get_context("spawn").Pool(given.jobs, maxtasksperchild=1) as pool:
         runs = [pool.apply_async(run, (name, given.seed, share, given.most)) for name in given.kinds]
         for job in runs:
-            name, counts = job.get()
+            name, counts, seconds = job.get()
             total += counts
-            print(f"{name:14} {sum(counts.values()):6}  {_classes(counts)}", flush=True)
-    spent = time.monotonic() - started
-    print(f"fuzz: {sum(total.values()):,} mutants, seed {given.seed}, {spent:.0f} s: {_classes(total)}")
+            spent += seconds
+            print(f"{name:15} {sum(counts.values()):6} {seconds:5.0f} s  {_classes(counts)}", flush=True)
+    mutants, passed = f"{sum(total.values()):,} mutants, seed {given.seed}", time.monotonic() - started
+    print(f"fuzz: {mutants}, {passed:.0f} s, {spent:.0f} s of processors: {_classes(total)}")
     return 0 if set(total) <= set(GOOD) else 1
 
 
