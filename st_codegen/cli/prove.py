@@ -111,6 +111,7 @@ def _table(report: ProveReport) -> Table:
         verdict = Text(result.verdict.value, colours[result.verdict])
         counts = [f"{count:,}" if count else "" for count in (result.trees, result.boxes, result.operations)]
         bound = f"{max(result.bound):.2g}" if result.bound else "no range known" if result.operations else ""
+        bound = "none known" if bound == "inf" else bound
         table.add_row(result.model, result.target, verdict, result.method, *counts, bound)
     return table
 

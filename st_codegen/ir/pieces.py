@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -71,6 +71,16 @@ class Piecewise(ColumnFunction):
     def keeps_missing(self) -> list[bool] | None:
         """In columns in which nothing stands for NaN."""
         return None if self.missing is None else [bool(stays) for stays in np.isnan(self.missing)]
+
+    @property
+    def refuses(self) -> bool:
+        """Whether there are numbers without an answer."""
+        return not (np.all(np.isfinite(self.pieces)) and np.all(np.isfinite(self.at)))
+
+    def without_refusals(self) -> Piecewise:
+        """The same with 0.0 where there is no answer."""
+        at, pieces = (np.where(np.isfinite(values), values, 0.0) for values in (self.at, self.pieces))
+        return replace(self, at=at, pieces=pieces)
 
     def _outermost(self) -> IntArray:
         """The rows of the lowest and of the highest piece of each column."""

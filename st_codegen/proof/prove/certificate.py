@@ -6,6 +6,8 @@ import hashlib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from st_codegen.ir import ModelIR
 from st_codegen.project.bundle import Bundle
 from st_codegen.project.configuration import CONFIGURATION_FILE
@@ -82,7 +84,7 @@ def _entry(result: ProofResult, model: ModelIR) -> dict[str, Any]:
     }
     if result.verdict is Verdict.PROVED:
         entry |= {"method": result.method, "trees": result.trees}
-        if result.bound:
+        if result.bound and np.all(np.isfinite(result.bound)):
             entry["bound"] = list(result.bound)
     else:
         entry["reason"] = result.reason

@@ -16,6 +16,7 @@ from st_codegen.ir import (
     Clip,
     ColumnFunction,
     Combine,
+    Distances,
     Exceeds,
     FactoredKernel,
     FillMissing,
@@ -68,11 +69,17 @@ class Demand:
 
     @classmethod
     def of_trees(
-        cls, terms: Terms, model: ModelIR, inputs: InputTerms, sums: Mapping[int, list[Value]], valid: Value
+        cls,
+        terms: Terms,
+        model: ModelIR,
+        inputs: InputTerms,
+        sums: Mapping[int, list[Value]],
+        valid: Value,
+        wanted: tuple[int, ...] = (),
     ) -> Demand:
         """What a model demands behind its trees, of their `sums` by operation and of limited inputs.
 
-        `valid` says whether the inputs are taken.
+        `valid` says whether the inputs are taken; `wanted` are the values that are needed, if not the last one.
         """
         demand = cls(terms, model)
         demand.valid = valid
@@ -81,7 +88,7 @@ class Demand:
             0: list(inputs.missing),
             **{number: [False] * len(columns) for number, columns in sums.items()},
         }
-        needed = {len(model.ops)}
+        needed = set(wanted) or {len(model.ops)}
         for number in range(len(model.ops), 0, -1):
             if number in needed and number not in sums:
                 needed.update(model.ops[number - 1].inputs)
@@ -434,6 +441,20 @@ class Demand:
         return result
 
     @value.register
+    def _(self, op: Distances, given: list[list[Value]]) -> list[Value]:
+        result = []
+        for vector in op.vectors.tolist():
+            total = self._distance(given[0], vector, squared=op.squared)
+            result.append(self.terms.real("sqrt", total) if op.root else total)
+        return result
+
+    def _distance(self, x: list[Value], vector: list[float], *, squared: bool = True) -> Value:
+        """The sum of the squared differences of two vectors, or of their magnitudes."""
+        terms = self.terms
+        deltas = [terms.real("sub", column, number) for column, number in zip(x, vector, strict=True)]
+        return self._sum(0.0, [terms.real("mul", d, d) if squared else terms.real("abs", d) for d in deltas])
+
+    @value.register
     def _(self, op: KernelSum, given: list[list[Value]]) -> list[Value]:
         result: list[Value] = list(op.intercept.tolist())
         for vector, coefficients in zip(op.support_vectors.tolist(), op.coefficients.T.tolist(), strict=True):
@@ -445,9 +466,7 @@ class Demand:
     def _kernel(self, op: KernelSum, x: list[Value], vector: list[float]) -> Value:
         terms = self.terms
         if op.kernel is Kernel.RBF:
-            deltas = [terms.real("sub", column, number) for column, number in zip(x, vector, strict=True)]
-            distance = self._sum(0.0, [terms.real("mul", delta, delta) for delta in deltas])
-            return self._exp(terms.real("mul", -op.gamma, distance))
+            return self._exp(terms.real("mul", -op.gamma, self._distance(x, vector)))
         product = self._sum(0.0, [terms.real("mul", column, number) for column, number in zip(x, vector, strict=True)])
         if op.kernel is Kernel.LINEAR:
             return product

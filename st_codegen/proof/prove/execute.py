@@ -38,6 +38,8 @@ from st_codegen.st import Project
 from st_codegen.st import tree as t
 from st_codegen.st.types import ArrayType, Elementary, StructType
 
+_HISTORY = "{} is read before this call has assigned it: what calls leave to the next is not followed (--self-check)"
+
 
 class Executor(ValueOperations):
     """One call of a function block for all inputs.
@@ -230,7 +232,7 @@ class Executor(ValueOperations):
 
     def touch(self, variable: t.Variable, place: int) -> None:
         if (variable, place) in self.untouched:
-            raise NotProvedError(f"{variable.name} is read before this call has assigned it")
+            raise NotProvedError(_HISTORY.format(variable.name))
 
     def _initial(self, variable: t.Variable, place: int) -> Value:
         """The initial value of something that no call assigns; that this one does not is held to the end."""
@@ -238,7 +240,7 @@ class Executor(ValueOperations):
         initial = variable.initial
         value = initial[place].item() if isinstance(initial, np.ndarray) else initial
         if not is_scalar(value):
-            raise NotProvedError(f"{variable.name} is read before this call has assigned it")
+            raise NotProvedError(_HISTORY.format(variable.name))
         return value
 
     def _position(self, element: t.ElementRef, mask: Value) -> Value:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.ir import (
+    Activation,
     Clip,
     Combine,
     Comparison,
@@ -31,6 +32,8 @@ from st_codegen.ir import (
     reference,
 )
 from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
+from st_codegen.ir.base import Elementwise
+from st_codegen.passes.jumps import largest_jump
 from st_codegen.proof.prove.axis import (
     HIGHEST,
     LOWEST,
@@ -93,13 +96,20 @@ class ModelSide:
     def __init__(self, model: ModelIR) -> None:
         self.model = model
         self.domain = domain_of(model)
-        columns: list[list[Column | None]] = [[Column(f, self._limited(f)) for f in range(len(model.features))]]
+        columns: list[list[Column | str]] = [[Column(f, self._limited(f)) for f in range(len(model.features))]]
         self.ensembles: dict[int, Ensemble] = {}
+        refusals: list[Column] = []
         for number, op in enumerate(model.ops, 1):
             given = [column for value in op.inputs for column in columns[value]]
-            columns.append(_columns_after(op, given, self.domain))
+            columns.append(_columns_after(op, given, self.domain, refusals))
             if isinstance(op, TreeEnsemble):
-                self.ensembles[number] = Ensemble(op, given, self.domain)
+                self.ensembles[number] = Ensemble(op, given, self.domain, largest_jump(model))
+
+        #: Which numbers within the domain are taken, of inputs of which it refuses some: categories that nobody knows.
+        self.accepted = {f: _accepted(f, refusals, nan=self.domain.nan[f]) for f in {c.feature for c in refusals}}
+        # NaN is followed with them: it need not count as 0.0 does
+        nan = tuple(there or feature in self.accepted for feature, there in enumerate(self.domain.nan))
+        self.domain = dataclasses.replace(self.domain, nan=nan)
 
     def _limited(self, feature: int) -> Callable[[FloatArray], FloatArray]:
         declared = self.model.features[feature]
@@ -110,29 +120,56 @@ class ModelSide:
     def cuts(self, feature: int) -> IntArray:
         """All keys of an input behind which a decision of the model may change."""
         found = [ensemble.cuts(feature) for ensemble in self.ensembles.values()]
+        found += [value.axis.ends[:-1] for number, value in self.accepted.items() if number == feature]
         return np.unique(np.concatenate([*found, np.zeros(0, np.int64)]))
 
 
-def _columns_after(op: Operation, given: list[Column | None], domain: InputDomain) -> list[Column | None]:
-    """The columns of a result; None for what depends on several inputs, or is neither monotone nor in steps."""
+def _accepted(feature: int, refusals: list[Column], *, nan: bool) -> AxisValue:
+    axis = InputAxis(feature)
+    own = [column for column in refusals if column.feature == feature]
+    for column in own:
+        assert column.steps is not None
+        axis.cut(column.steps)
+    accepted = ~np.any([column.value(axis.low) > 0 for column in own], axis=0)
+    accepted[-1] &= nan
+    return AxisValue(axis, accepted)
+
+
+def _columns_after(
+    op: Operation, given: list[Column | str], domain: InputDomain, refusals: list[Column]
+) -> list[Column | str]:
+    """The columns of a result; the reason for what depends on several inputs, or is neither monotone nor in steps.
+
+    `refusals` takes those of which some numbers are refused, as whether they are.
+    """
     if isinstance(op, Select):
         return [given[column] for column in op.columns]
     if isinstance(op, Combine):
         half = len(given) // 2
         return [_combined(op, one, other) for one, other in zip(given[:half], given[half:], strict=True)]
-    result: list[Column | None] = []
-    for number in range(op.width):
-        column = given[number] if number < len(given) else None
-        step = None if column is None else _step(op, number, monotone=column.steps is None)
-        if column is None or step is None:
-            result.append(None)
+    kind = f"{type(op).__name__} ({op.function.value})" if isinstance(op, Activation) else type(op).__name__
+    if not isinstance(op, Elementwise):
+        return [f"{kind} computes of several inputs together"] * op.width
+    result: list[Column | str] = []
+    for number, column in enumerate(given):
+        step = None if isinstance(column, str) else _step(op, number, monotone=column.steps is None)
+        if isinstance(column, str) or step is None:
+            reason = f"{kind} makes, which is inexact, or neither monotone nor constant between numbers of an input"
+            result.append(column if isinstance(column, str) else reason)
             continue
         steps = column.steps
         if isinstance(step, Piecewise | Exceeds) and steps is None:
             at = np.repeat(step.knots if isinstance(step, Piecewise) else step.cut, 2)
             steps, _ = changes(column, at, np.arange(len(at)) % 2 == 0, domain)
+        if isinstance(step, Piecewise) and step.refuses:
+            refusals.append(Column(column.feature, _refused(step, column), steps))
+            step = step.without_refusals()
         result.append(Column(column.feature, _after(step, column), steps))
     return result
+
+
+def _refused(step: Operation, column: Column) -> Callable[[FloatArray], FloatArray]:
+    return lambda x: (np.isnan(_after(step, column)(x)) & ~np.isnan(column.value(x))).astype(np.float64)
 
 
 def _step(op: Operation, number: int, *, monotone: bool) -> Operation | None:  # noqa: PLR0911 - one return a kind
@@ -151,10 +188,7 @@ def _step(op: Operation, number: int, *, monotone: bool) -> Operation | None:  #
         first, last = op.start[number : number + 2]
         missing = None if op.missing is None else op.missing[number : number + 1]
         pieces = op.pieces[first + number : last + number + 1]
-        if np.all(np.isfinite(pieces)) and np.all(np.isfinite(op.at[first:last])):
-            return Piecewise(
-                (0,), np.array([0, last - first]), op.knots[first:last], op.at[first:last], pieces, missing
-            )
+        return Piecewise((0,), np.array([0, last - first]), op.knots[first:last], op.at[first:last], pieces, missing)
     return None
 
 
@@ -166,12 +200,13 @@ def _after(step: Operation, *before: Column) -> Callable[[FloatArray], FloatArra
     return value
 
 
-def _combined(op: Combine, one: Column | None, other: Column | None) -> Column | None:
+def _combined(op: Combine, one: Column | str, other: Column | str) -> Column | str:
     """Two columns in steps of the same input."""
-    if one is None or other is None or one.feature != other.feature or one.steps is None or other.steps is None:
-        return None
-    if op.operator not in (Operator.ADD, Operator.SUBTRACT):
-        return None
+    reason = f"Combine ({op.operator.value}) computes of two columns"
+    if isinstance(one, str) or isinstance(other, str) or one.feature != other.feature:
+        return reason
+    if one.steps is None or other.steps is None or op.operator not in (Operator.ADD, Operator.SUBTRACT):
+        return reason
     step = dataclasses.replace(op, inputs=(0, 1), width=1)
     return Column(one.feature, _after(step, one, other), np.union1d(one.steps, other.steps))
 
@@ -201,7 +236,7 @@ def changes(
 class Ensemble:
     """Decisions of an ensemble on its model's inputs: for each node the last key of one side, and what NaN does."""
 
-    def __init__(self, op: TreeEnsemble, given: list[Column | None], domain: InputDomain) -> None:
+    def __init__(self, op: TreeEnsemble, given: list[Column | str], domain: InputDomain, jump: float) -> None:
         self.op = op
         self.domain = domain
         nodes = op.n_nodes
@@ -215,9 +250,11 @@ class Ensemble:
             at = np.flatnonzero(op.split == number)
             if at.size:
                 column = given[op.columns[number].column]
-                if column is None:
-                    behind = "operations on several inputs, or that are not monotone, inexact, or refuse numbers"
-                    raise NotProvedError(f"a tree behind {behind}")
+                if isinstance(column, str):
+                    reason = f"a tree compares what {column}: leaves are not followed there"
+                    if jump:
+                        reason += f"; where rounding takes one past a threshold, a sum differs by up to {jump:.3g}"
+                    raise NotProvedError(reason)
                 self._read(number, column, at)
 
     def _rounded(self, column: Column) -> Column:

@@ -46,7 +46,7 @@ Ends = tuple[FloatArray, FloatArray]
 def range_bound(model: ModelIR) -> tuple[float, ...]:
     """For each output the largest |library - text| on the declared ranges; empty where a feature declares none.
 
-    Raises NotProvedError for operations of which no such bound is known.
+    Infinite where an operation has none that is known.
     """
     if model.exact:
         return (0.0,) * len(model.outputs)
@@ -55,13 +55,16 @@ def range_bound(model: ModelIR) -> tuple[float, ...]:
         return ()
     values = [_boxes(np.array(ends, np.float64))]
     found = [np.zeros_like(values[0][0])]
-    with np.errstate(all="ignore"):
+    try:
         for op in model.ops:
             operands = [values[number] for number in op.inputs]
-            result = _widened(op, interval(op, operands))
-            difference = _difference(op, operands, [found[number] for number in op.inputs], result)
+            with np.errstate(all="ignore"):
+                result = _widened(op, interval(op, operands))
+                difference = _difference(op, operands, [found[number] for number in op.inputs], result)
             values.append(result)
             found.append(np.where(np.isnan(difference), np.inf, difference))
+    except NotProvedError:
+        return (np.inf,) * len(model.outputs)
     return tuple(np.max(found[-1], axis=0).tolist())
 
 

@@ -6,7 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from st_codegen.ir import Aggregate, FloatArray, Precision, TreeEnsemble
+from st_codegen.ir import Aggregate, FloatArray, ModelIR, Precision, TreeEnsemble
+from st_codegen.proof.prove.axis import NotProvedError
+from st_codegen.proof.prove.demand import Demand
 from st_codegen.proof.prove.inputs import InputTerms
 from st_codegen.proof.prove.intervals import LARGEST, Interval, hull
 from st_codegen.proof.prove.terms import Term, Terms, Value
@@ -16,10 +18,11 @@ TreeKey = tuple[int, int, int]
 
 
 class TreeTerms:
-    """The terms of a model's trees. `values` are those of the columns that linear leaves read."""
+    """The terms of a model's trees."""
 
-    def __init__(self, terms: Terms, inputs: InputTerms) -> None:
-        self.terms, self.inputs = terms, inputs
+    def __init__(self, terms: Terms, inputs: InputTerms, model: ModelIR) -> None:
+        self.terms, self.inputs, self.model = terms, inputs, model
+        self._columns: dict[int, tuple[list[Value], list[Value]]] = {}
         self._linear: dict[tuple[int, int], Value] = {}
         self.leaves: dict[TreeKey, Term] = {}
 
@@ -38,36 +41,35 @@ class TreeTerms:
         return term
 
     def linear(self, op: TreeEnsemble, number: int, row: int) -> Value:
-        """The linear model of a leaf: its constant and products, added in order; its plain value where one is missing.
-
-        Reads the inputs of the model themselves.
-        """
+        """The linear model of a leaf: constant and products, added in order; its plain value where one is missing."""
+        if number not in self._columns:
+            demand = Demand.of_trees(self.terms, self.model, self.inputs, {}, True, op.inputs)
+            if demand.valid is not True:
+                raise NotProvedError("linear models in leaves behind operations that refuse numbers are not followed")
+            columns, missing = demand.values, demand.missing
+            self._columns[number] = tuple([c for value in op.inputs for c in of[value]] for of in (columns, missing))  # type: ignore[assignment]
         if (number, row) not in self._linear:
-            self._linear[number, row] = self._sum(op, row, 0, self._start(op, row))
+            assert op.linear is not None
+            self._linear[number, row] = self._sum(op, number, row, 0, float(op.linear.constant[row]))
         return self._linear[number, row]
 
-    def _start(self, op: TreeEnsemble, row: int) -> Value:
-        assert op.linear is not None
-        return float(op.linear.constant[row])
-
-    def _sum(self, op: TreeEnsemble, row: int, term: int, total: Value) -> Value:
-        linear, terms = op.linear, self.terms
+    def _sum(self, op: TreeEnsemble, number: int, row: int, term: int, total: Value) -> Value:
+        linear, terms, (columns, missing) = op.linear, self.terms, self._columns[number]
         assert linear is not None
         entry = int(linear.start[row]) + term
         if entry == linear.start[row + 1]:
             return total
         column = int(linear.column[entry])
-        missing = self.inputs.missing[column]
 
         def goes_on() -> Value:
-            x = self.inputs.numbers[column]
+            x = columns[column]
             if linear.zero_magnitude:
                 small = terms.compare("LE", terms.real("abs", x), linear.zero_magnitude)
-                x = terms.where(small, lambda: 0.0, lambda: self.inputs.numbers[column])
+                x = terms.where(small, lambda: 0.0, lambda: columns[column])
             product = terms.real("mul", float(linear.coefficient[entry]), x)
-            return self._sum(op, row, term + 1, terms.real("add", total, product))
+            return self._sum(op, number, row, term + 1, terms.real("add", total, product))
 
-        return terms.where(missing, lambda: float(op.leaf_value[row, 0]), goes_on)
+        return terms.where(missing[column], lambda: float(op.leaf_value[row, 0]), goes_on)
 
     def sums(self, op: TreeEnsemble, number: int, fixed: Mapping[TreeKey, float]) -> list[Value]:
         """The sums of an ensemble, every addition in the library's order; `fixed` are trees that are constant."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.ir import ModelIR, Scale, Select, reference
-from st_codegen.ir.arrays import FloatArray, IntArray
+from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
 from st_codegen.proof.prove.arithmetic import check_plausible, first_missing, numbers_of, same_number, size_of
 from st_codegen.proof.prove.axis import AxisValue, InputAxis, NotProvedError, from_keys
 from st_codegen.proof.prove.boxes import Lanes, Slots, Space
@@ -76,12 +76,8 @@ class TreeProof:
     ) -> None:
         self.model, self.outputs = model, [numbers_of(code.project, block)[number] for number in outputs]
         self.side = ModelSide(model)
-        if any(
-            ensemble.op.linear is not None and ensemble.op.inputs != (0,) for ensemble in self.side.ensembles.values()
-        ):
-            raise NotProvedError("linear models in leaves that do not read the inputs themselves are not followed")
         inputs = InputTerms(Terms(), model)
-        self.trees = TreeTerms(inputs.terms, inputs)
+        self.trees = TreeTerms(inputs.terms, inputs, model)
         self.fixed: dict[TreeKey, float] = {}
         self.expected = list(self._expected_terms())
         self.open: dict[tuple[int, int], list[TreeKey]] = {}
@@ -156,8 +152,10 @@ class TreeProof:
         space = here.space.copy()
         got = Lanes(space, here.value, here.known)
         leaves = ensemble.leaves(space, tree)
+        taken = self._taken(space)
         self.boxes += space.lanes
         got.lift()
+        leaves.lift()
         if got.known is not None and not np.all(got.known):
             raise NotProvedError("a number is read before it is assigned")
         if isinstance(value, Slots) or ensemble.op.linear is not None:
@@ -165,7 +163,16 @@ class TreeProof:
         else:
             wanted = column_of(ensemble.op, output)[leaves.value]
             wrong = np.flatnonzero(_bits(got.value.astype(np.float64)) != _bits(wanted))
+        wrong = wrong[taken[wrong]]
         return self._spread(space, wrong) if wrong.size else None
+
+    def _taken(self, space: Space) -> BoolArray:
+        """The boxes whose inputs are taken; each is split where that changes."""
+        taken = Lanes(space, np.ones(space.lanes, np.bool_))
+        for accepted in self.side.accepted.values():
+            found, _ = space.resolve(accepted, taken.lift().value)
+            taken = Lanes(space, taken.lift().value & found.astype(np.bool_))
+        return taken.value
 
     def _spread(self, space: Space, lanes: IntArray) -> FloatArray:
         """Rows in some boxes, beside numbers at which other trees decide: what is added to a leaf there differs."""
@@ -352,6 +359,11 @@ class TreeProof:
             axis.cut(np.array([domain.low[feature] - 1, domain.high[feature]]))
             inside = (axis.starts >= domain.low[feature]) & (axis.ends <= domain.high[feature])
             wanted = np.append(inside, domain.nan[feature])
+            accepted = self.side.accepted.get(feature)
+            if accepted is not None:
+                axis.cut(accepted.axis.ends)
+                inside = (axis.starts >= domain.low[feature]) & (axis.ends <= domain.high[feature])
+                wanted = np.append(inside, domain.nan[feature]) & accepted.at(axis.low)
             part = parts.get(feature)
             got = np.ones(axis.lanes, np.bool_) if part is None else part.lift().constant.astype(np.bool_)
             wrong = np.flatnonzero(got != wanted)
@@ -409,6 +421,7 @@ class TreeProof:
             axis = InputAxis(feature)
             axis.cut(self.side.cuts(feature))
             space.resolve(AxisValue(axis, np.arange(axis.lanes)), np.ones(space.lanes, np.bool_))
+        taken = self._taken(space)
         self.boxes += space.lanes
         got.lift()
         if got.known is not None and not np.all(got.known):
@@ -416,7 +429,7 @@ class TreeProof:
         points = space.points(np.arange(space.lanes))
         batches = range(0, len(points), _BATCH)
         wanted = np.concatenate([reference.evaluate(self.model, points[at : at + _BATCH])[:, output] for at in batches])
-        wrong = np.flatnonzero(_bits(got.value.astype(np.float64)) != _bits(wanted))
+        wrong = np.flatnonzero((_bits(got.value.astype(np.float64)) != _bits(wanted)) & taken)
         if wrong.size:
             raise Difference("a cell of the table differs from the model", points[wrong[:1000]], to_the_bit=True)
 

@@ -1,5 +1,6 @@
 """Models without trees: the text computes the model's expression, nothing in it fails, and the bound is one."""
 
+import dataclasses
 import re
 import shutil
 from pathlib import Path
@@ -37,8 +38,6 @@ NOT_FOLLOWED |= {
 NOT_FOLLOWED |= {
     **{name: "the function power is not followed" for name in SMALL_MODELS if name.startswith("power ")},
     **dict.fromkeys(("rounds", "one round"), "the operation Scan is not followed"),
-    "distances": "the operation Distances is not followed",
-    "distances by magnitude": "the operation Distances is not followed",
     "median": "whose place depends on the inputs",
     "median of one": "the operation WeightedMedian is not followed",
     **{name: "whose place depends on the inputs" for name in ARITHMETIC if name.startswith("nearest")},
@@ -59,6 +58,12 @@ def test_each_operation_is_the_expression_that_its_model_demands(name, tmp_path)
     proof = prove_arithmetic(model, code.project, "FB_M", outputs)
     assert (proof.operations, proof.bound == ()) == (proof.operations, not model.exact)
     assert (proof.operations > 0) == (name not in CONSTANT)
+
+
+def test_a_bound_that_nobody_knows_is_infinite():
+    model = SMALL_MODELS["distances"]
+    features = tuple(dataclasses.replace(feature, lower=-1.0, upper=1.0) for feature in model.features)
+    assert set(range_bound(dataclasses.replace(model, features=features))) == {np.inf}
 
 
 CHANGES = {

@@ -8,6 +8,7 @@ import pytest
 pytest.importorskip("sklearn")
 
 from sklearn.compose import ColumnTransformer
+from sklearn.decomposition import PCA
 from sklearn.impute import SimpleImputer
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import Binarizer, KBinsDiscretizer, OneHotEncoder, OrdinalEncoder, StandardScaler
@@ -16,8 +17,10 @@ from sklearn.tree import DecisionTreeRegressor
 from st_codegen.driver import generate
 from st_codegen.passes.choose import Layout, Options
 from st_codegen.passes.domain import limit_inputs
+from st_codegen.passes.jumps import largest_jump
 from st_codegen.project.bundle import Bundle
 from st_codegen.proof.prove.prove import Verdict, prove
+from st_codegen.proof.prove.tree_proof import TAIL
 from st_codegen.walkers.base import LoadedModel
 from tests.classifiers import GAPS, SCORE, X, loaded
 
@@ -33,6 +36,8 @@ STEPS = {
     "flags of missing values": (SimpleImputer(add_indicator=True), GAPS),
     "one column a category": (encoded(OneHotEncoder(handle_unknown="ignore")), KINDS),
     "numbers of categories": (encoded(OrdinalEncoder(handle_unknown="use_encoded_value", unknown_value=-1)), KINDS),
+    "one column a known category": (encoded(OneHotEncoder()), KINDS),
+    "numbers of known categories": (encoded(OrdinalEncoder()), KINDS - [0, 2, 0]),
     "bins": (KBinsDiscretizer(4, encode="ordinal", quantile_method="averaged_inverted_cdf"), X),
     "bins behind a scaler": (
         make_pipeline(StandardScaler(), KBinsDiscretizer(3, encode="ordinal", quantile_method="averaged_inverted_cdf")),
@@ -66,11 +71,37 @@ def ulp(match):
     return match[1] + repr(float(np.nextafter(float(match[2]), np.inf)))
 
 
+def scaled_leaves(folder):
+    lightgbm = pytest.importorskip("lightgbm")
+    leaves = lightgbm.LGBMRegressor(n_estimators=3, num_leaves=4, linear_tree=True, verbose=-1, n_jobs=1)
+    model = loaded(make_pipeline(StandardScaler(), leaves).fit(X, SCORE))
+    model = LoadedModel(limit_inputs(model.ir), model.predict)
+    generate(Bundle((model,)), "iec", folder)
+    return Bundle((model,)), folder / "iec" / "FB_M.st"
+
+
+def test_linear_leaves_behind_a_scaler_are_proved(tmp_path):
+    bundle, path = scaled_leaves(tmp_path)
+    (result,) = prove(bundle, tmp_path).results
+    assert (result.verdict, result.method) == (Verdict.PROVED, TAIL), result
+    for change in ("aInput[LEAF_COLUMN_3", "aStep1[LEAF_COLUMN_3"):
+        original = path.read_text()
+        assert "aStep2[LEAF_COLUMN_3" in original
+        path.write_text(original.replace("aStep2[LEAF_COLUMN_3", change))
+        (result,) = prove(bundle, tmp_path).results
+        assert result.verdict is not Verdict.PROVED
+        path.write_text(original)
+
+
 CHANGES = {
     "an end of a bin": ("bins", r"( KNOT_1 : .*\n\s+(?:\(\*.*\*\)\n\s+)?)(-?[0-9.E-]+)", ulp),
     "a number of a bin": ("bins", r"(PIECE_1 : .*\n\s+)0\.0, 1\.0", r"\g<1>0.0, 2.0"),
     "a number on the end of a bin": ("bins", r"(KNOT_VALUE_1 : .*\n\s+)1\.0", r"\g<1>0.0"),
     "a cut": ("truth values", r"(CUT_1 : .*\n\s+)(0\.5)", ulp),
+    "a category that nobody knows": ("numbers of known categories", r"(PIECE_REFUSED_4 : .*\n\s+1, )1", r"\g<1>0"),
+    "a known category": ("numbers of known categories", r"(KNOT_REFUSED_4 : .*\n\s+0, )0", r"\g<1>1"),
+    "a number of a known category": ("numbers of known categories", r"(KNOT_VALUE_4 : .*\n\s+0\.0, )1", r"\g<1>2"),
+    "no category": ("one column a known category", r"(PIECE_REFUSED_\d+ : .*\n\s+1, 1, )1", r"\g<1>0"),
     "a missing value that counts as there": ("flags of missing values", r"(FILL_[2-9] : .*\n\s+)1\.0", r"\g<1>0.0"),
 }
 
@@ -86,9 +117,11 @@ def test_a_step_that_was_changed_is_refuted(name, tmp_path):
     assert result.verdict is Verdict.REFUTED, result
 
 
-def test_categories_that_are_refused_are_not_followed(tmp_path):
-    model = loaded(make_pipeline(encoded(OrdinalEncoder()), TREE).fit(KINDS, SCORE))
+def test_what_several_inputs_make_is_not_followed_and_the_jump_is_told(tmp_path):
+    model = loaded(make_pipeline(PCA(2), TREE).fit(X, SCORE))
     model = LoadedModel(limit_inputs(model.ir), model.predict)
     generate(Bundle((model,)), "iec", tmp_path)
     (result,) = prove(Bundle((model,)), tmp_path).results
-    assert result.verdict is Verdict.NOT_PROVED and "refuse numbers" in result.reason
+    assert result.verdict is Verdict.NOT_PROVED
+    assert "Linear computes of several inputs" in result.reason
+    assert f"differs by up to {largest_jump(model.ir):.3g}" in result.reason
