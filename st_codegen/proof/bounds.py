@@ -9,7 +9,7 @@ add.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import singledispatch
 from typing import Literal
 
@@ -311,6 +311,24 @@ def _(op: Normalize, operands: list[FloatArray], given: list[FloatArray], result
 @step.register
 def _(op: KernelSum, operands: list[FloatArray], given: list[FloatArray], result: FloatArray) -> FloatArray:
     x, moved = operands[0], given[0]
+
+    def kernel(vector: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        return reference.kernel_value(op, x, vector), np.abs(x), np.abs(x - vector)
+
+    return kernel_difference(op, kernel, moved, result)
+
+
+def kernel_difference(
+    op: KernelSum,
+    kernel: Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]],
+    moved: FloatArray,
+    result: FloatArray,
+) -> FloatArray:
+    """The difference of two evaluations of a sum of kernels whose operands differ by at most `moved`.
+
+    `kernel` gives for a vector the kernel of each row, the magnitudes of its numbers and their distances from the
+    vector, or the largest that these can be.
+    """
     size = np.broadcast_to(np.abs(op.intercept), result.shape).copy()
     difference = np.zeros_like(size)
     # generated code may take an exponential a column and multiply; then products and the sums over the columns of a
@@ -321,40 +339,44 @@ def _(op: KernelSum, operands: list[FloatArray], given: list[FloatArray], result
     if axes is not None:
         terms = max(terms, sum(map(len, axes)) + 2 * factors + 1)
     for vector, coefficients in zip(op.support_vectors, np.abs(op.coefficients.T), strict=True):
-        kernel, change = _kernel_difference(op, x, moved, vector, factors)
-        size += (np.abs(kernel) + change)[:, None] * coefficients
+        value, x, delta = kernel(vector)
+        change = _kernel_change(op, np.abs(value), x, delta, moved, np.abs(vector), factors)
+        size += (np.abs(value) + change)[:, None] * coefficients
         difference += change[:, None] * coefficients
     return difference + sum_rounding(terms, size, result, op.precision)
 
 
-def _kernel_difference(
-    op: KernelSum, x: FloatArray, moved: FloatArray, vector: FloatArray, factors: int
-) -> tuple[FloatArray, FloatArray]:
-    """The kernel of each row with one vector, and the difference of two evaluations of it.
+def _kernel_change(
+    op: KernelSum,
+    kernel: FloatArray,
+    x: FloatArray,
+    delta: FloatArray,
+    moved: FloatArray,
+    vector: FloatArray,
+    factors: int,
+) -> FloatArray:
+    """The difference of two evaluations of a kernel; `x` and `vector` are magnitudes.
 
     One of them may be a product of `factors` exponentials: each has the error of a function, each product one rounding.
     """
     terms = len(vector)
     both = gamma(terms + 4, op.precision) + gamma(terms + 4, Precision.FLOAT64)
     function = FUNCTION_ROUNDINGS * (UNIT[op.precision] + UNIT[Precision.FLOAT64])
-    kernel = reference.kernel_value(op, x, vector)
     if op.kernel is Kernel.RBF:
-        delta = np.abs(x - vector)
-        distance = np.sum(delta**2, axis=1)
-        lost = np.sum(np.square(np.abs(x) + np.abs(vector)), axis=1) if op.expands else distance
+        lost = np.sum(np.square(x + vector) if op.expands else delta**2, axis=1)
         argument = op.gamma * (both * lost + np.sum(2 * delta * moved + moved**2, axis=1))
         function += (factors - 1) * (FUNCTION_ROUNDINGS + 1) * UNIT[Precision.FLOAT64]
-        return kernel, kernel * (np.expm1(argument) + function) + factors * _TINY
-    size = np.sum(np.abs(x * vector), axis=1)
-    change = both * size + np.sum(np.abs(vector) * moved, axis=1)
+        return np.asarray(kernel * (np.expm1(argument) + function) + factors * _TINY)
+    size = np.sum(x * vector, axis=1)
+    change = both * size + np.sum(vector * moved, axis=1)
     if op.kernel is Kernel.LINEAR:
-        return kernel, change
+        return np.asarray(change)
     base = np.abs(op.gamma) * size + abs(op.coef0)
     change = abs(op.gamma) * change + both * base
     if op.kernel is Kernel.SIGMOID:
-        return kernel, change + function * np.abs(kernel)
+        return np.asarray(change + function * kernel)
     larger = (base + change) ** op.degree
-    return kernel, larger - base**op.degree + op.degree * both * larger
+    return np.asarray(larger - base**op.degree + op.degree * both * larger)
 
 
 @step.register

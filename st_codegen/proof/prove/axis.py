@@ -15,16 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from st_codegen.proof.prove.floats import Link, bits, run_chain
 
-#: Comparisons by their names in the typed text.
-COMPARE: dict[str, Callable[..., BoolArray]] = {
-    "LT": np.less,
-    "LE": np.less_equal,
-    "GT": np.greater,
-    "GE": np.greater_equal,
-    "EQ": np.equal,
-    "NE": np.not_equal,
-}
 _SIGN = np.int64(-(2**63))
 
 
@@ -54,35 +46,6 @@ def from_keys(keys: IntArray) -> FloatArray:
 
 LOWEST = int(to_keys(np.array([-np.inf]))[0])
 HIGHEST = int(to_keys(np.array([np.inf]))[0])
-
-#: One step of a chain: the name of an operation and its constant (0.0 where there is none). With an r in front of the
-#: name the constant is the first operand.
-Link = tuple[str, float]
-
-_OPERATIONS: dict[str, Callable[[FloatArray, float], FloatArray]] = {
-    "add": lambda x, c: x + c,
-    "sub": lambda x, c: x - c,
-    "radd": lambda x, c: c + x,
-    "rsub": lambda x, c: c - x,
-    "mul": lambda x, c: x * c,
-    "rmul": lambda x, c: c * x,
-    "div": lambda x, c: x / c,
-    "min": np.minimum,
-    "max": np.maximum,
-    "rmin": lambda x, c: np.minimum(c, x),
-    "rmax": lambda x, c: np.maximum(c, x),
-    "neg": lambda x, _: -x,
-    "abs": lambda x, _: np.abs(x),
-    "single": lambda x, _: x.astype(np.float32).astype(np.float64),
-}
-
-
-def run_chain(chain: tuple[Link, ...], x: FloatArray) -> FloatArray:
-    """The value of a chain for numbers `x` of its input."""
-    with np.errstate(all="ignore"):
-        for name, constant in chain:
-            x = _OPERATIONS[name](x, constant)
-    return x
 
 
 def bisected(decide: Callable[[FloatArray], BoolArray], low: IntArray, high: IntArray) -> IntArray:
@@ -213,7 +176,7 @@ class AxisValue:
         first, last = self.ends()
         zero = np.searchsorted(self.axis.ends, 0)
         for side in (first, last):
-            if np.any(_bits(side[~taken]) != _bits(first[zero : zero + 1])):
+            if np.any(bits(side[~taken]) != bits(first[zero : zero + 1])):
                 raise NotProvedError("an input that the model refuses changes more than bValid")
         self.alike = len(self.axis.parents)
 
@@ -299,11 +262,6 @@ class AxisValue:
                 )
         self.axis.cut(np.concatenate(cuts))
         return True
-
-
-def _bits(values: AnyArray) -> IntArray:
-    is_float = values.dtype == np.float64
-    return np.ascontiguousarray(values).view(np.int64) if is_float else values.astype(np.int64)
 
 
 def input_value(axis: InputAxis) -> AxisValue:

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.errors import GeneratedCodeError
-from st_codegen.ir import FloatArray, IntArray, ModelIR, reference
+from st_codegen.ir import FloatArray, ModelIR, reference
 from st_codegen.proof.bounds import difference_bound
 from st_codegen.proof.prove.axis import HIGHEST, LOWEST, NotProvedError, from_keys
 from st_codegen.proof.prove.disagree import OtherExpressionError, differing_rows, evaluated
+from st_codegen.proof.prove.floats import bits
 from st_codegen.proof.prove.model import domain_of
 from st_codegen.proof.prove.terms import Term
 from st_codegen.proof.runner import GeneratedCode
@@ -61,7 +62,7 @@ def counterexample(
                 return Counterexample(tuple(map(float, row)), None, None, str(error))
         return None
     got = np.where(result.valid[:, None], result.values, np.nan)
-    same = (_bits(expected) == _bits(got)) | (np.isnan(expected) & np.isnan(got))
+    same = (bits(expected) == bits(got)) | (np.isnan(expected) & np.isnan(got))
     allowed = difference_bound(model, points)  # where the library leaves its last digits open
     same |= (allowed > 0) & (np.abs(expected - got) <= allowed) & (not to_the_bit)
     for row in np.flatnonzero(~np.all(same, axis=1))[:1]:
@@ -106,14 +107,10 @@ def of_expressions(
         result = code.run_model(block, rows, chosen)
     except GeneratedCodeError:
         return counterexample(model, code, block, outputs, rows)
-    differs = result.valid & np.any(_bits(numbers) != _bits(result.values), axis=1)
+    differs = result.valid & np.any(bits(numbers) != bits(result.values), axis=1)
     for row in np.flatnonzero(differs)[:1]:
         allowed = difference_bound(model, rows[row : row + 1])[0][list(difference.outputs)]
         found = (rows[row], numbers[row], result.values[row], allowed)
         at, expected, got, bound = (tuple(map(float, number)) for number in found)
         return Counterexample(at, expected, got, by_expression=True, allowed=bound)
     return None
-
-
-def _bits(values: FloatArray) -> IntArray:
-    return np.ascontiguousarray(values, np.float64).view(np.int64)

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.ir import BoolArray, FloatArray, IntArray
-from st_codegen.proof.prove.axis import COMPARE, NotProvedError, from_keys, to_keys
+from st_codegen.proof.prove.axis import NotProvedError, from_keys, to_keys
+from st_codegen.proof.prove.floats import COMPARE, OPERATIONS
 from st_codegen.proof.prove.terms import Term, Value
 
 #: Rows of the first look, numbers of an input that are tried in it, and neighbouring numbers of each input afterwards.
@@ -25,22 +26,8 @@ _CENTRES, _CHANGEOVERS = 6, 64
 #: Numbers that are held at once, and that are computed of one set of rows.
 _MOST_HELD, _MOST_COMPUTED = 2_000_000, 60_000_000
 
+#: What terms stand for beside operations on float64 numbers and comparisons.
 _COMPUTE: dict[str, Callable[..., FloatArray]] = {
-    "add": np.add,
-    "sub": np.subtract,
-    "mul": np.multiply,
-    "div": np.divide,
-    "min": np.minimum,
-    "max": np.maximum,
-    "neg": np.negative,
-    "abs": np.abs,
-    "exp": np.exp,
-    "ln": np.log,
-    "sqrt": np.sqrt,
-    "sin": np.sin,
-    "cos": np.cos,
-    "atan": np.arctan,
-    "single": lambda x: np.asarray(x, np.float32).astype(np.float64),
     "iadd": np.add,
     "isub": np.subtract,
     "imul": np.multiply,
@@ -50,6 +37,8 @@ _COMPUTE: dict[str, Callable[..., FloatArray]] = {
     "and": np.logical_and,
     "number": lambda x: ~np.isnan(x),
     "if": np.where,
+    **COMPARE,
+    **OPERATIONS,
 }
 
 #: The numbers that leaves stand for, on rows of inputs.
@@ -109,7 +98,7 @@ def evaluated(values: Sequence[Value], leaves: Mapping[Term, FloatArray], rows: 
         for term in parts_of(values):
             if term not in known:
                 arguments = [known[a] if isinstance(a, Term) else a for a in term.arguments]
-                function = COMPARE.get(term.operation) or _COMPUTE.get(term.operation)
+                function = _COMPUTE.get(term.operation)
                 if function is None or term.operation == "leaf":
                     raise NotProvedError(f"{term.operation} is not evaluated")
                 known[term] = np.broadcast_to(np.asarray(function(*arguments)), (rows,))

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from st_codegen.ir import Feature, FloatArray, ModelIR
-from st_codegen.proof.prove.axis import AxisValue, Link, NotProvedError, from_keys, run_chain
+from st_codegen.proof.prove.axis import AxisValue, NotProvedError, from_keys
+from st_codegen.proof.prove.floats import Link, bits, run_chain
 from st_codegen.proof.prove.intervals import Interval, hull
 from st_codegen.proof.prove.model import InputDomain, domain_of
 from st_codegen.proof.prove.terms import Term, Terms, Value
@@ -60,8 +61,8 @@ class InputTerms:
         (links,) = found
         first, last = (_limited(self.features[axis.feature], ends) for ends in (axis.low, axis.high))
         varying, fixed = taken & (chain > 0), taken & (chain == 0)
-        whole = (_bits(first) == _bits(axis.low)) & (_bits(last) == _bits(axis.high))
-        same = (_bits(first) == _bits(last)) & (_bits(run_chain(links, first)) == _bits(value.constant))
+        whole = (bits(first) == bits(axis.low)) & (bits(last) == bits(axis.high))
+        same = (bits(first) == bits(last)) & (bits(run_chain(links, first)) == bits(value.constant))
         if not np.all(whole[varying]) or not np.all(same[fixed]):
             raise NotProvedError("a number that is not computed from the limited input")
         return links
@@ -102,7 +103,3 @@ def _limited(feature: Feature, x: FloatArray) -> FloatArray:
     if feature.lower is None or feature.upper is None:
         return x
     return np.where(x < feature.lower, feature.lower, np.where(x > feature.upper, feature.upper, x))
-
-
-def _bits(values: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]]:
-    return np.ascontiguousarray(values, np.float64).view(np.int64)

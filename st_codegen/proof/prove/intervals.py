@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.proof.prove.axis import NotProvedError
+from st_codegen.proof.prove.floats import OPERATIONS
 from st_codegen.st.types import Elementary, Type
 
 #: The largest relative error of EXP, LN, SQRT, SIN, COS and ATAN that is assumed of a controller.
@@ -49,21 +50,10 @@ def rounds(bounds: Sequence[Any], counter: Type) -> range:
 
 def compute(operation: str, *values: float) -> float:
     """One operation on numbers, rounded to nearest. Raises NotProvedError where it would stop a controller."""
+    if operation in FUNCTIONS or operation not in OPERATIONS:
+        raise NotProvedError(f"{operation} of a constant")
     with np.errstate(all="ignore"):
-        x = [np.float64(value) for value in values]
-        if operation in ("add", "sub", "mul", "div"):
-            symbol = {"add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide}[operation]
-            result = float(symbol(x[0], x[1]))
-        elif operation in ("min", "max"):
-            result = float(min(values) if operation == "min" else max(values))
-        elif operation == "neg":
-            result = -values[0]
-        elif operation == "abs":
-            result = abs(values[0])
-        elif operation == "single":
-            result = float(np.float32(values[0]))
-        else:
-            raise NotProvedError(f"{operation} of a constant")
+        result = float(OPERATIONS[operation](*map(np.float64, values)))
     if not math.isfinite(result) and all(map(math.isfinite, values)):
         raise NotProvedError(f"the operation {operation} overflows")
     return result

@@ -13,16 +13,15 @@ import numpy as np
 
 from st_codegen.ir.arrays import AnyArray, BoolArray, FloatArray
 from st_codegen.proof.prove.axis import (
-    COMPARE,
     HIGHEST,
     LOWEST,
     AxisValue,
     InputAxis,
     NotProvedError,
     bisected,
-    run_chain,
 )
 from st_codegen.proof.prove.boxes import Lanes, Slots, Space
+from st_codegen.proof.prove.floats import COMPARE, FLIPPED, INFINITY, MAGNITUDE, OPERATIONS, run_chain
 from st_codegen.proof.prove.inputs import InputTerms
 from st_codegen.proof.prove.intervals import compute
 from st_codegen.proof.prove.joining import Joining
@@ -36,10 +35,7 @@ from st_codegen.proof.prove.values import (
 )
 from st_codegen.st.types import Elementary, Type
 
-_FLIPPED = {"LT": "GT", "LE": "GE", "GT": "LT", "GE": "LE", "EQ": "EQ", "NE": "NE"}
 _FLOAT = {"ADD": "add", "SUB": "sub", "MUL": "mul", "DIV": "div", "MIN": "min", "MAX": "max"}
-_MAGNITUDE = 0x7FFF_FFFF_FFFF_FFFF
-_INFINITY = 0x7FF0_0000_0000_0000
 
 
 #: Names a value that differs from box to box when it enters a sum: a leaf of a tree.
@@ -62,7 +58,7 @@ class ValueOperations(Joining):
             return self._float(_FLOAT[operator], [left, right], mask)
         if isinstance(left, Bits) or isinstance(right, Bits):
             bits, other = (left, right) if isinstance(left, Bits) else (right, left)
-            if operator == "AND" and other == _MAGNITUDE and isinstance(bits, Bits):
+            if operator == "AND" and other == MAGNITUDE and isinstance(bits, Bits):
                 return Bits(bits.value, magnitude=True)
             raise NotProvedError("arithmetic on the bits of a number")
         if isinstance(kind, Elementary) and kind.name == "BOOL":
@@ -131,12 +127,7 @@ class ValueOperations(Joining):
         active = self._active_on_axis(mask, axis)
         numbers = [value.constant.astype(np.float64) for value in on_axis]
         with np.errstate(all="ignore"):
-            if len(numbers) == 1:
-                result = run_chain(((name, 0.0),), numbers[0])
-            else:
-                operation = {"add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide}
-                operation |= {"min": np.minimum, "max": np.maximum}
-                result = operation[name](numbers[0], numbers[1])
+            result = OPERATIONS[name](*numbers)
         still = active.copy()
         for value in moving:
             still &= np.asarray(value.chain) == 0
@@ -187,11 +178,11 @@ class ValueOperations(Joining):
 
     def _compare(self, operator: str, left: Value, right: Value, mask: Value) -> Value:
         if isinstance(left, Bits):
-            if left.magnitude and operator == "GT" and right == _INFINITY:
+            if left.magnitude and operator == "GT" and right == INFINITY:
                 return self._not(self._is_number(left.value))
             raise NotProvedError("a comparison of the bits of a number")
         if isinstance(right, Slots) and not isinstance(left, Slots):
-            left, right, operator = right, left, _FLIPPED[operator]
+            left, right, operator = right, left, FLIPPED[operator]
         if isinstance(right, Slots):
             right = self._settled(right, mask)
         if isinstance(left, Slots):
@@ -220,7 +211,7 @@ class ValueOperations(Joining):
     def _compare_on_axis(self, operator: str, left: Value, right: Value, axis: InputAxis, mask: Value) -> AxisValue:
         one, other = self._on_axis(left, axis), self._on_axis(right, axis)
         if one.chain is None and other.chain is not None:
-            one, other, operator = other, one, _FLIPPED[operator]
+            one, other, operator = other, one, FLIPPED[operator]
         if other.chain is not None:
             active = self._active_on_axis(mask, axis)
             if np.any((other.chain > 0) & active):
@@ -379,7 +370,7 @@ def _changeovers(operator: str, item: AxisValue, thresholds: FloatArray) -> tupl
             return None
         lanes, first, last, falling = order
         sign = -1 if falling else 1
-        name = _FLIPPED[operator] if falling else operator
+        name = FLIPPED[operator] if falling else operator
         side: Literal["left", "right"] = "left" if name in ("LT", "GE") else "right"
         count = np.searchsorted(first, sign * distinct, side=side)  # lanes that begin below the threshold
         lane = np.maximum(count - 1, 0)

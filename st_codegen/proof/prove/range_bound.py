@@ -29,7 +29,6 @@ from st_codegen.ir import (
     Select,
     reference,
 )
-from st_codegen.passes.kernels import grid_of
 from st_codegen.proof import bounds
 from st_codegen.proof.prove.axis import NotProvedError
 
@@ -90,7 +89,12 @@ def magnitude(ends: Ends) -> FloatArray:
 
 def _difference(op: Operation, operands: list[Ends], given: list[FloatArray], result: Ends) -> FloatArray:
     if isinstance(op, KernelSum):
-        return _kernel_difference(op, operands[0], given[0], result)
+
+        def kernel(vector: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+            x = operands[0]
+            return _largest_kernel(op, x, vector), magnitude(x), _distance(x, vector)[1]
+
+        return bounds.kernel_difference(op, kernel, given[0], magnitude(result))
     sizes = [magnitude(operand) for operand in operands]
     if isinstance(op, Activation):
         # the slope is largest at the upper end, for a logarithm at the lower one
@@ -186,45 +190,3 @@ def _distance(x: Ends, vector: FloatArray) -> Ends:
     low, high = x
     nearest = np.maximum(np.maximum(low - vector, vector - high), 0.0)
     return nearest, np.maximum(np.abs(low - vector), np.abs(high - vector))
-
-
-def _kernel_difference(op: KernelSum, x: Ends, moved: FloatArray, result: Ends) -> FloatArray:
-    """As `bounds` does row by row: the kernel at its largest, its argument's error at the largest distance."""
-    axes = grid_of(op)
-    factors = 1 if axes is None else len(axes)
-    terms = len(op.support_vectors) + 1
-    if axes is not None:
-        terms = max(terms, sum(map(len, axes)) + 2 * factors + 1)
-    columns = op.support_vectors.shape[1]
-    both = bounds.gamma(columns + 4, op.precision) + bounds.gamma(columns + 4, Precision.FLOAT64)
-    unit = bounds.UNIT[op.precision] + bounds.UNIT[Precision.FLOAT64]
-    function = bounds.FUNCTION_ROUNDINGS * unit
-    size = np.broadcast_to(np.abs(op.intercept), result[0].shape).copy()
-    difference = np.zeros_like(size)
-    for vector, coefficients in zip(op.support_vectors, np.abs(op.coefficients.T), strict=True):
-        kernel = _largest_kernel(op, x, vector)
-        if op.kernel is Kernel.RBF:
-            delta = _distance(x, vector)[1]
-            argument = op.gamma * (both * np.sum(delta**2, axis=1) + np.sum(2 * delta * moved + moved**2, axis=1))
-            parts = function + (factors - 1) * (bounds.FUNCTION_ROUNDINGS + 1) * bounds.UNIT[Precision.FLOAT64]
-            change = kernel * (np.expm1(argument) + parts) + factors * 1e-307
-        else:
-            change = _product_difference(op, x, moved, vector, both, function)
-        size += (kernel + change)[:, None] * coefficients
-        difference += change[:, None] * coefficients
-    return difference + bounds.sum_rounding(terms, size, magnitude(result), op.precision)
-
-
-def _product_difference(
-    op: KernelSum, x: Ends, moved: FloatArray, vector: FloatArray, both: float, function: float
-) -> FloatArray:
-    size = magnitude(x) @ np.abs(vector)
-    change = both * size + moved @ np.abs(vector)
-    if op.kernel is Kernel.LINEAR:
-        return np.asarray(change)
-    base = abs(op.gamma) * size + abs(op.coef0)
-    change = abs(op.gamma) * change + both * base
-    if op.kernel is Kernel.SIGMOID:
-        return np.asarray(change + function)
-    larger = (base + change) ** op.degree
-    return np.asarray(larger - base**op.degree + op.degree * both * larger)

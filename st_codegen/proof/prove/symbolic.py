@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.proof.prove.axis import NotProvedError
+from st_codegen.proof.prove.floats import INFINITY, MAGNITUDE
 from st_codegen.proof.prove.intervals import WHOLE, Interval, rounds
 from st_codegen.proof.prove.terms import Term, Terms, Value
 from st_codegen.st import Project
@@ -22,8 +23,6 @@ from st_codegen.st.types import ArrayType, BlockType, Elementary, StructType, Ty
 _REAL = {"ADD": "add", "SUB": "sub", "MUL": "mul", "DIV": "div"}
 _INTEGER = {"ADD": "iadd", "SUB": "isub", "MUL": "imul", "MOD": "imod"}
 _FUNCTIONS = {"ABS", "EXP", "LN", "SQRT", "SIN", "COS", "ATAN"}
-_MAGNITUDE = 0x7FFF_FFFF_FFFF_FFFF
-_INFINITY = 0x7FF0_0000_0000_0000
 
 
 @dataclass(frozen=True)
@@ -344,7 +343,7 @@ class Symbolic:
         if all(isinstance(side, t.Compare) and side.is_number_test for side in (left, right)):
             return self.terms.is_number(self._number(path, left.left))  # type: ignore[attr-defined]
         one, other = self._value(path, left), self._value(path, right)
-        if isinstance(one, RawBits) and other == _MAGNITUDE and expression.operator == "AND":
+        if isinstance(one, RawBits) and other == MAGNITUDE and expression.operator == "AND":
             return RawBits(one.value, magnitude=True)
         if not isinstance(one, bool | int | float | Term) or not isinstance(other, bool | int | float | Term):
             raise NotProvedError("arithmetic on what is no number")
@@ -363,7 +362,7 @@ class Symbolic:
 
     def _comparison(self, path: Path, expression: t.Compare) -> Held:
         one, other = self._value(path, expression.left), self._value(path, expression.right)
-        if isinstance(one, RawBits) and one.magnitude and expression.operator == "GT" and other == _INFINITY:
+        if isinstance(one, RawBits) and one.magnitude and expression.operator == "GT" and other == INFINITY:
             return self.terms.negated(self.terms.is_number(one.value))
         for value in (one, other):
             if not isinstance(value, bool | int | float | Term):

@@ -14,14 +14,12 @@ from contextlib import contextmanager
 import numpy as np
 
 from st_codegen.proof.prove.axis import NotProvedError
+from st_codegen.proof.prove.floats import FLIPPED, NEGATED
 from st_codegen.proof.prove.intervals import FUNCTIONS, INTEGER, LARGEST, WHOLE, Interval, compute, cut, ends, hull
 
 #: A number below exp(0.0), as it may err, and rounded to REAL.
 _POWER = 0.999
 _HALF_ULP = 2.0**-53
-
-_FLIPPED = {"LT": "GT", "LE": "GE", "GT": "LT", "GE": "LE", "EQ": "EQ", "NE": "NE"}
-_NEGATED = {"LT": "GE", "LE": "GT", "GT": "LE", "GE": "LT", "EQ": "NE", "NE": "EQ"}
 
 
 class Term:
@@ -250,7 +248,7 @@ class Terms:
 
     def _is_no_larger(self, one: Term | None, other: Term | None) -> bool:
         for name, pair in (("LE", (one, other)), ("LT", (one, other)), ("GE", (other, one)), ("GT", (other, one))):
-            for operator, truth in ((name, True), (_NEGATED[name], False)):
+            for operator, truth in ((name, True), (NEGATED[name], False)):
                 term = self._known.get((operator, "bool", *map(_name, pair)))
                 if term is not None and self.truth(term) is truth:
                     return True
@@ -291,7 +289,7 @@ class Terms:
         if decided is not None:
             return decided
         if not isinstance(one, Term):
-            one, other, operator = other, one, _FLIPPED[operator]
+            one, other, operator = other, one, FLIPPED[operator]
         term = self._term(operator, (one, other), "bool")
         known = self.truth(term)
         return term if known is None else known
@@ -303,7 +301,7 @@ class Terms:
         if operator == "LE":
             return True if b <= c else False if a > d else None
         if operator in ("GT", "GE"):
-            return self._decided(_FLIPPED[operator], other, one)
+            return self._decided(FLIPPED[operator], other, one)
         equal = True if a == b == c == d else False if b < c or d < a else None
         return equal if operator == "EQ" or equal is None else not equal
 
@@ -400,8 +398,8 @@ class Terms:
             if condition is not None:
                 return sides[0] if condition else sides[1]
             return sides[0] if sides[0] is sides[1] else None
-        if value.operation in _NEGATED:
-            negative = self._known.get((_NEGATED[value.operation], "bool", *map(_name, arguments)))
+        if value.operation in NEGATED:
+            negative = self._known.get((NEGATED[value.operation], "bool", *map(_name, arguments)))
             for layer in reversed(self._truths):
                 if negative in layer:
                     return not layer[negative]
@@ -458,13 +456,13 @@ class Terms:
             low, high, _ = self.interval(arguments[0])  # type: ignore[arg-type]
             ends = (low, high, False) if truth else (math.inf, -math.inf, True)
             return self._narrow(arguments[0], ends)  # type: ignore[arg-type]
-        elif value.operation in _NEGATED:
-            return self._assume_order(value.operation if truth else _NEGATED[value.operation], *arguments)  # type: ignore[arg-type]
+        elif value.operation in NEGATED:
+            return self._assume_order(value.operation if truth else NEGATED[value.operation], *arguments)  # type: ignore[arg-type]
         return True
 
     def _assume_order(self, operator: str, one: Value, other: Value) -> bool:
         if operator in ("GT", "GE"):
-            one, other, operator = other, one, _FLIPPED[operator]
+            one, other, operator = other, one, FLIPPED[operator]
         (a, b, _), (c, d, _) = self.interval(one), self.interval(other)
         whole = all(isinstance(v, int) or (isinstance(v, Term) and v.kind == "int") for v in (one, other))
         if operator == "EQ":

@@ -16,6 +16,7 @@ from st_codegen.proof.prove.by_case import converted
 from st_codegen.proof.prove.demand import Demand
 from st_codegen.proof.prove.disagree import OtherExpressionError, SearchedInputs, parts_of
 from st_codegen.proof.prove.execute import Executor
+from st_codegen.proof.prove.floats import bits
 from st_codegen.proof.prove.inputs import InputTerms
 from st_codegen.proof.prove.model import ModelSide
 from st_codegen.proof.prove.range_bound import range_bound
@@ -162,7 +163,7 @@ class TreeProof:
             wrong = self._other_terms(value, got.value, leaves.value, key)
         else:
             wanted = column_of(ensemble.op, output)[leaves.value]
-            wrong = np.flatnonzero(_bits(got.value.astype(np.float64)) != _bits(wanted))
+            wrong = np.flatnonzero(bits(got.value.astype(np.float64)) != bits(wanted))
         wrong = wrong[taken[wrong]]
         return self._spread(space, wrong) if wrong.size else None
 
@@ -193,7 +194,7 @@ class TreeProof:
 
     def _other_terms(self, value: Lanes | Slots, got: FloatArray, rows: IntArray, key: TreeKey) -> IntArray:
         """The lanes in which a number or term is not that of the leaf."""
-        keys = got.astype(np.int64) if isinstance(value, Slots) else _bits(got)
+        keys = got.astype(np.int64) if isinstance(value, Slots) else bits(got)
         pairs, back = np.unique(np.column_stack([keys, rows]), axis=0, return_inverse=True)
         same = []
         for at, row in pairs.tolist():
@@ -429,13 +430,9 @@ class TreeProof:
         points = space.points(np.arange(space.lanes))
         batches = range(0, len(points), _BATCH)
         wanted = np.concatenate([reference.evaluate(self.model, points[at : at + _BATCH])[:, output] for at in batches])
-        wrong = np.flatnonzero((_bits(got.value.astype(np.float64)) != _bits(wanted)) & taken)
+        wrong = np.flatnonzero((bits(got.value.astype(np.float64)) != bits(wanted)) & taken)
         if wrong.size:
             raise Difference("a cell of the table differs from the model", points[wrong[:1000]], to_the_bit=True)
-
-
-def _bits(values: FloatArray) -> IntArray:
-    return np.ascontiguousarray(values, np.float64).view(np.int64)
 
 
 def _condition_parts(value: Value) -> dict[int, AxisValue]:

@@ -110,6 +110,15 @@ def test_the_bound_on_a_range_is_above_that_of_every_row_and_not_far():
         assert np.all(bound < 3 * rows)
 
 
+def test_the_bound_on_a_range_knows_that_expanded_squares_lose_digits():
+    model = SMALL_MODELS["kernel two outputs"]
+    op = dataclasses.replace(model.ops[0], support_vectors=model.ops[0].support_vectors + 1e6, expands=True)
+    features = tuple(dataclasses.replace(f, lower=1e6 - 1, upper=1e6 + 1) for f in model.features)
+    model = dataclasses.replace(model, features=features, ops=(op,))
+    x = np.random.default_rng(0).uniform(1e6 - 1, 1e6 + 1, (500, len(features)))
+    assert np.all(np.array(range_bound(model)) >= difference_bound(model, x).max(axis=0))
+
+
 @pytest.mark.parametrize("seed", range(40))
 def test_intervals_hold_what_a_random_expression_computes(seed):
     random = np.random.default_rng(seed)
