@@ -8,7 +8,7 @@ from __future__ import annotations
 TARGETS = ("iec", "plcopen", "codesys", "scl", "twincat", "beckhoff-ml")
 #: What a development environment is given to open.
 PROJECT_FORMS = ("solution", "plc", "library")
-LAYOUTS = ("auto", "trees", "ranked", "cut", "table")
+LAYOUTS = ("auto", "trees", "ranked", "cut", "ifs", "table")
 TABLE_KILOBYTES = 64
 OUTPUTS = ("class", "probability", "decision")
 EVALUATORS = ("st", "reference", "source")

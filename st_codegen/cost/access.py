@@ -247,7 +247,7 @@ class Accesses:
                 after = after.then(self._costs.of(CostClass.LOAD)).then(self.store(argument.value, state))
         body = self._follow(call, path, state)
         if varies:
-            body = PathCost(body.counts, {key: replace(x, varies=x.varies | varies) for key, x in body.touches.items()})
+            body = replace(body, touches={k: replace(x, varies=x.varies | varies) for k, x in body.touches.items()})
         result = self._costs.of(CostClass.CALL, CostClass.LOAD) if call.has_result else self._costs.of(CostClass.CALL)
         return cost.then(body).then(result).then(after)
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
-from st_codegen.cost.memory import Touches, joined
+from st_codegen.cost.memory import LINE, Touches, joined
 from st_codegen.cost.operations import CostClass, Counts, no_counts, position, weighted
 
 
@@ -19,25 +19,59 @@ class Flow(Enum):
     RETURN = "return"
 
 
+@dataclass(frozen=True)
+class CodeLines:
+    """Lines of one unit's code that a path runs: those that are `known`, a bit each, and at most so many `others`."""
+
+    known: int = 0
+    others: int = 0
+
+    @classmethod
+    def between(cls, start: int, stop: int) -> CodeLines:
+        """The lines of the bytes from `start` to before `stop`, counted from the unit's first."""
+        if stop <= start:
+            return cls()
+        first, last = start // LINE, (stop - 1) // LINE
+        return cls((1 << (last + 1)) - (1 << first))
+
+    @property
+    def number(self) -> int:
+        """How many they are, at most."""
+        return self.known.bit_count() + self.others
+
+    def then(self, other: CodeLines) -> CodeLines:
+        """The lines of a path followed by another one."""
+        return CodeLines(self.known | other.known, self.others + other.others)
+
+    def or_else(self, other: CodeLines) -> CodeLines:
+        """The lines of either of two paths: those that both run, and the most that one has beside them."""
+        both = self.known & other.known
+        return CodeLines(both, max(self.number, other.number) - both.bit_count())
+
+
 @dataclass(frozen=True, eq=False)
 class PathCost:
-    """What one path costs: counts by the unit whose text they stand in, and the memory it touches."""
+    """What one path costs: counts by the unit whose text they stand in, the memory it touches, and the code it runs."""
 
     counts: Mapping[str, Counts] = field(default_factory=dict)
     touches: Touches = field(default_factory=dict)
+    code: Mapping[str, CodeLines] = field(default_factory=dict)
 
     def then(self, other: PathCost) -> PathCost:
         """The cost of this path followed by another one."""
-        if not other.counts and not other.touches:
+        if not other.counts and not other.touches and not other.code:
             return self
         counts = dict(self.counts)
         for unit, more in other.counts.items():
             counts[unit] = counts[unit] + more if unit in counts else more
-        return PathCost(counts, joined(self.touches, other.touches))
+        code = dict(self.code)
+        for unit, lines in other.code.items():
+            code[unit] = code[unit].then(lines) if unit in code else lines
+        return PathCost(counts, joined(self.touches, other.touches), code)
 
     def times(self, rounds: int) -> PathCost:
-        """The counts of the path taken `rounds` times; what it touches stays the same."""
-        return PathCost({unit: counts * rounds for unit, counts in self.counts.items()}, self.touches)
+        """The counts of the path taken `rounds` times; what it touches and runs stays the same."""
+        return replace(self, counts={unit: counts * rounds for unit, counts in self.counts.items()})
 
     @property
     def total(self) -> Counts:
@@ -63,11 +97,16 @@ class Costs:
         return PathCost({self.unit: counts})
 
     def worse(self, first: PathCost | None, second: PathCost | None) -> PathCost | None:
-        """The counts of the slower path, with what either touches; None is no path."""
+        """The counts of the slower path, what either touches, and the most lines that one runs; None is no path."""
         if first is None or second is None:
             return first or second
         slower = first if self._cycles(first) >= self._cycles(second) else second
-        return PathCost(slower.counts, joined(first.touches, second.touches))
+        none = CodeLines()
+        code = {
+            unit: first.code.get(unit, none).or_else(second.code.get(unit, none))
+            for unit in {**first.code, **second.code}
+        }
+        return PathCost(slower.counts, joined(first.touches, second.touches), code)
 
     def _cycles(self, cost: PathCost) -> float:
         return weighted(cost.total, self._weights)

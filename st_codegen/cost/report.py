@@ -6,10 +6,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from st_codegen.cost.memory import LINE, lines_by_region
-from st_codegen.cost.operations import Counts, as_mapping, no_counts, size_of, weighted
+from st_codegen.cost.operations import as_mapping, no_counts, size_of, weighted
+from st_codegen.cost.paths import CodeLines, PathCost
 from st_codegen.cost.profile import Profile
 from st_codegen.cost.units import UnitCost, Units
 from st_codegen.st import tree as t
@@ -20,13 +19,15 @@ from st_codegen.st.tree import PouKind
 class UnitPart:
     """What one unit's own text does on the worst path of a block.
 
-    `lines` of data are touched at most; `code_bytes` is an estimate, `table_bytes` are all its constant arrays. Times
-    in us: `warm_us` with all in the caches that fits, `cold_us` with nothing in them.
+    `lines` of data and `code_lines` of code are touched at most; `code_bytes` is an estimate of all its code,
+    `table_bytes` are all its constant arrays. Times in us: `warm_us` with all in the caches that fits, `cold_us` with
+    nothing in them.
     """
 
     unit: str
     operations: Mapping[str, int]
     lines: int
+    code_lines: int
     table_bytes: int
     code_bytes: int
     warm_us: float
@@ -139,7 +140,7 @@ def project_cost(project: t.Project, profile: Profile, entries: Iterable[str] | 
     nobody calls, those that only libraries call (test suites) left out. Raises KeyError for an entry that the project
     does not have.
     """
-    units = Units(project, profile.weights(is_cold=True))
+    units = Units(project, profile)
     kinds = (PouKind.FUNCTION_BLOCK, PouKind.PROGRAM)
     own = {key: pou for key, pou in project.pous.items() if pou.kind in kinds and not pou.is_native and pou.body}
     costs = {key: units.of(key) for key in own}
@@ -165,9 +166,9 @@ def _block_cost(pou: t.Pou, cost: UnitCost, units: Units, profile: Profile) -> B
     for region, number in lines_by_region(cost.cost.touches).items():
         lines[region.owner] = lines.get(region.owner, 0) + number
     waiting = _warm_wait(sum(lines.values()) * LINE, profile)
-    keys = {pou.key, *cost.cost.counts, *lines}
     parts = [
-        _part(key, cost.cost.counts.get(key, no_counts()), lines.get(key, 0), waiting, units, profile) for key in keys
+        _part(key, cost.cost, lines.get(key, 0), waiting, units, profile)
+        for key in {pou.key, *cost.cost.counts, *lines}
     ]
     return BlockCost(pou.name, tuple(sorted(parts, key=lambda part: (-part.cold_us, part.unit))), cost.unbounded)
 
@@ -179,11 +180,10 @@ def _warm_wait(touched: int, profile: Profile) -> float:
     return profile.machine["l2_cycles" if touched <= profile.machine["l2_bytes"] else "memory_cycles"]
 
 
-def _part(key: str, counts: Counts, lines: int, waiting: float, units: Units, profile: Profile) -> UnitPart:
+def _part(key: str, cost: PathCost, lines: int, waiting: float, units: Units, profile: Profile) -> UnitPart:
     pou = units.project.pous.get(key)  # None: a list of globals
-    static = no_counts() if pou is None else units.of(key).static
-    code = int(np.sum(static)) * profile.machine["code_bytes"]
-    code_lines = -(-int(code) // LINE)
+    counts, code = cost.counts.get(key, no_counts()), 0 if pou is None else units.of(key).code_bytes
+    code_lines = min(cost.code.get(key, CodeLines()).number, -(-code // LINE))
     memory = profile.memory_factor
     warm = weighted(counts, profile.weights(is_cold=False)) + lines * waiting * memory
     cold = weighted(counts, profile.weights(is_cold=True))
@@ -192,8 +192,9 @@ def _part(key: str, counts: Counts, lines: int, waiting: float, units: Units, pr
         key if pou is None else _name(pou),
         as_mapping(counts),
         lines,
+        code_lines,
         0 if pou is None else _table_bytes(pou, units.project),
-        int(code),
+        code,
         profile.microseconds(warm),
         profile.microseconds(cold),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -9,8 +10,9 @@ from functools import partial
 from st_codegen.cost import rounds
 from st_codegen.cost.access import Accesses, PathState
 from st_codegen.cost.memory import Loop, Region, Touch, Touches, new_version
-from st_codegen.cost.operations import CostClass, Counts, no_counts, size_of
-from st_codegen.cost.paths import Costs, Flow, Outcomes, PathCost
+from st_codegen.cost.operations import CostClass, size_of
+from st_codegen.cost.paths import CodeLines, Costs, Flow, Outcomes, PathCost
+from st_codegen.cost.profile import Profile
 from st_codegen.cost.ranges import Interval
 from st_codegen.st import tree as t
 from st_codegen.st import walk
@@ -22,22 +24,23 @@ from st_codegen.st.tree import PouKind
 class UnitCost:
     """The worst call of a unit, with all that it calls.
 
-    `static` are its own operations, each counted once as it stands in the text: its code. `unbounded` says which loops
-    have no known bound, here and in what it calls; those are counted once.
+    `code_bytes` is an estimate of all its code, each operation counted once as it stands in the text. `unbounded` says
+    which loops have no known bound, here and in what it calls; those are counted once.
     """
 
     cost: PathCost
-    static: Counts
+    code_bytes: int
     unbounded: tuple[str, ...]
     called: frozenset[str]
 
 
 class Units:
-    """The costs of a project's units, each computed once. `weights`: cycles by which paths are compared."""
+    """The costs of a project's units, each computed once; paths are compared by their cycles with cold caches."""
 
-    def __init__(self, project: t.Project, weights: Mapping[CostClass, float]) -> None:
+    def __init__(self, project: t.Project, profile: Profile) -> None:
         self.project = project
-        self.weights = weights
+        self.weights = profile.weights(is_cold=True)
+        self.code_bytes = profile.machine["code_bytes"]
         self._done: dict[str, UnitCost] = {}
 
     def of(self, key: str) -> UnitCost:
@@ -49,7 +52,7 @@ class Units:
 
 
 def _native(pou: t.Pou, weights: Mapping[CostClass, float]) -> UnitCost:
-    return UnitCost(Costs(pou.key, weights).of(CostClass.NATIVE), no_counts(), (), frozenset())
+    return UnitCost(Costs(pou.key, weights).of(CostClass.NATIVE), 0, (), frozenset())
 
 
 class _Body:
@@ -59,7 +62,7 @@ class _Body:
         self._units = units
         self._pou = pou
         self._costs = Costs(pou.key, units.weights)
-        self._static = no_counts()
+        self._code = 0.0  # bytes so far, in the order of the text
         self._unbounded: dict[str, None] = {}
         self._called: set[str] = set()
         self._accesses = Accesses(units.project, pou, self._costs, self._call)
@@ -69,7 +72,8 @@ class _Body:
         """The worst case of a call of the unit."""
         outcomes = self._body(self._pou.body)
         worst = self._costs.worse(outcomes.get(Flow.NEXT), outcomes.get(Flow.RETURN)) or PathCost()
-        return UnitCost(self._own_memory().then(worst), self._static, tuple(self._unbounded), frozenset(self._called))
+        cost = self._own_memory().then(worst)
+        return UnitCost(cost, int(self._code), tuple(self._unbounded), frozenset(self._called))
 
     def _own_memory(self) -> PathCost:
         """The memory that the scalars of the instance, or of the call, lie in."""
@@ -111,17 +115,22 @@ class _Body:
                 raise TypeError(statement)
 
     def _count(self, cost: PathCost) -> PathCost:
-        """The cost of a piece of text, which is noted as code of the unit."""
+        """The cost of a piece of text, which is the next piece of the unit's code."""
         own = cost.counts.get(self._pou.key)
-        if own is not None:
-            self._static = self._static + own
-        return cost
+        return cost if own is None else cost.then(self._next_code(int(own.sum()) * self._units.code_bytes))
+
+    def _next_code(self, size: float) -> PathCost:
+        start, self._code = self._code, self._code + size
+        return PathCost(code={self._pou.key: CodeLines.between(int(start), math.ceil(self._code))})
 
     def _one(self, *operations: CostClass) -> PathCost:
         return self._count(self._costs.of(*operations))
 
     def _value(self, node: t.Expression) -> PathCost:
-        return self._count(self._accesses.value(node, self._state))
+        cost = self._count(self._accesses.value(node, self._state))
+        # a number in the text stands beside the code that loads it
+        numbers = sum(isinstance(part, t.Constant) and part.type.is_real for part in walk.expressions(node))
+        return cost.then(self._next_code(8 * numbers)) if numbers else cost
 
     def _test(self, condition: t.Expression) -> PathCost:
         return self._value(condition).then(self._one(CostClass.BRANCH))
@@ -174,7 +183,7 @@ class _Body:
         if not isinstance(statement.step, t.Constant):
             before = before.then(self._value(statement.step))
         counter = statement.variable
-        each = self._one(CostClass.LOOP)
+        begin, each = self._code, self._one(CostClass.LOOP)
         first = new_version()
         self._enter(statement.body, {counter})
         moving = self._state.versions.change(counter)
@@ -183,7 +192,7 @@ class _Body:
         body = self._body(statement.body)
         largest = 1 if step is None else max(abs(step.low), abs(step.high))
         loop = Loop(first, moving, largest, start is not None and start.low == start.high)
-        result = self._loop(statement, count, body, each=each, last=each, loop=loop)
+        result = self._loop(statement, count, body, each=each, last=each, loop=loop, begin=begin)
         self._enter(statement.body, {counter})
         if start is not None and stop is not None and step is not None:
             beyond = Interval(stop.low + min(step.low, 0), stop.high + max(step.high, 0))
@@ -195,7 +204,7 @@ class _Body:
         count = rounds.of_condition(statement.condition, statement.body, self._state.ranges, is_negated=is_repeat)
         if count is not None and is_repeat:
             count = max(count, 1)
-        first = new_version()
+        begin, first = self._code, new_version()
         self._enter(statement.body, set())
         if is_repeat:
             ways, each = self._body(statement.body), PathCost()
@@ -207,7 +216,7 @@ class _Body:
         else:
             each = self._test(statement.condition)
             body = self._body(statement.body)
-        result = self._loop(statement, count, body, each=each, last=each, loop=Loop(first))
+        result = self._loop(statement, count, body, each=each, last=each, loop=Loop(first), begin=begin)
         self._enter(statement.body, set())
         return result
 
@@ -228,8 +237,12 @@ class _Body:
         each: PathCost,
         last: PathCost,
         loop: Loop,
+        begin: float,
     ) -> Outcomes:
-        """Every way out of a loop with all its rounds; a loop without a known bound is noted and counted once."""
+        """Every way out of a loop with all its rounds; a loop without a known bound is noted and counted once.
+
+        `begin`: where its code begins.
+        """
         if count is None:
             kind = type(statement).__name__.upper()
             self._unbounded[f"{self._pou.name}, {statement.position}: no bound known for the rounds of this {kind}"] = (
@@ -239,10 +252,18 @@ class _Body:
 
         def spread(cost: PathCost) -> PathCost:
             touches = {key: touch.repeated(max(number, 1), loop) for key, touch in cost.touches.items()}
-            return PathCost(cost.counts, touches)
+            return PathCost(
+                cost.counts, touches, self._all_code(cost, begin) if count is None or number > 1 else cost.code
+            )
 
         spread_body = {flow: spread(cost) for flow, cost in body.items()}
         return self._costs.loop(number, spread_body, each=spread(each), last=spread(last))
+
+    def _all_code(self, cost: PathCost, begin: float) -> dict[str, CodeLines]:
+        """The code of a loop, whose rounds may go all ways: its own from `begin` on, all of the units that it calls."""
+        keys = cost.code.keys() - {self._pou.key}
+        called = {unit: CodeLines.between(0, self._units.of(unit).code_bytes) for unit in keys}
+        return called | {self._pou.key: CodeLines.between(int(begin), math.ceil(self._code))}
 
     # --- calls ---
 
@@ -257,6 +278,6 @@ class _Body:
             self._unbounded.update(dict.fromkeys(unit.unbounded))
             site = new_version()
             touches: Touches = {(site, name): touch.called(path) for name, touch in unit.cost.touches.items()}
-            worst = self._costs.worse(worst, PathCost(unit.cost.counts, touches))
+            worst = self._costs.worse(worst, PathCost(unit.cost.counts, touches, unit.cost.code))
         state.after_call(call)
         return worst or PathCost()

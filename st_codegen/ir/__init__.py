@@ -58,6 +58,7 @@ from st_codegen.ir.operations import (
 from st_codegen.ir.pieces import Piecewise
 from st_codegen.ir.scan import Scan
 from st_codegen.ir.trees import (
+    BranchedTree,
     CutTrees,
     LinearLeaves,
     RankSlabs,
@@ -74,6 +75,7 @@ __all__ = [
     "AnyArray",
     "ArgMax",
     "BoolArray",
+    "BranchedTree",
     "CellTable",
     "Classes",
     "Clip",

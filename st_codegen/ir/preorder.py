@@ -66,3 +66,13 @@ def preorder(roots: AnyArray, left: AnyArray, right: AnyArray) -> Preorder:
         left=np.where(split, position[left[order]], -1).astype(np.int32),
         right=np.where(split, position[right[order]], -1).astype(np.int32),
     )
+
+
+def larger_first(roots: AnyArray, left: AnyArray, right: AnyArray) -> Preorder:
+    """The same of trees that are laid out already, with the child of the larger subtree next to its parent.
+
+    A path from a root then leaves the neighbourhood at most as often as the number of nodes can be halved.
+    """
+    size = preorder(roots, left, right).size
+    left_larger = size[left] >= size[right]
+    return preorder(roots, np.where(left_larger, left, right), np.where(left_larger, right, left))

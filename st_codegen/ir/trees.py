@@ -212,6 +212,11 @@ class CutTrees(TreeEnsemble):
         return math.prod(axis.count for axis in self.slabs)
 
 
+@dataclass(frozen=True)
+class BranchedTree(TreeEnsemble):
+    """A single tree that compares the inputs themselves, and of which each split is an IF of its own."""
+
+
 def with_nodes(op: TreeEnsemble, layout: Preorder, node: IntArray, tree_output: Int32Array) -> TreeEnsemble:
     """An ensemble of other trees made of its nodes: those numbered `node`, in the order of `layout`."""
     return replace(

@@ -12,8 +12,11 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import singledispatch
 
+import numpy as np
+
 from st_codegen.errors import InputError
 from st_codegen.ir import (
+    BranchedTree,
     CellTable,
     CutTrees,
     FactoredKernel,
@@ -27,6 +30,7 @@ from st_codegen.ir import (
     TreeEnsemble,
     depth_of,
 )
+from st_codegen.ir.preorder import larger_first
 
 
 class Layout(StrEnum):
@@ -36,6 +40,7 @@ class Layout(StrEnum):
     TREES = "trees"  # nodes as they were trained, for people who want to read them
     RANKED = "ranked"  # nodes that compare ranks, wherever there are such
     CUT = "cut"  # the same, cut into the cells of a coarse grid, wherever that saves levels
+    IFS = "ifs"  # nested IFs, where a model is one small tree
     TABLE = "table"  # a table wherever one exists below the limit
 
 
@@ -111,6 +116,12 @@ class PricedLayout:
     cost: CallCost
 
 
+#: Bytes of code: of a step of a search, of a split and of a leaf among nested IFs. More searches share a loop.
+_SEARCH_CODE, _SPLIT_CODE, _LEAF_CODE, _UNROLLED = 28, 32, 6, 8
+#: Lines of code that look up a table, that go down trees as trained, and that go down ranked trees.
+_TABLE_LINES, _WALK_LINES, _RANKED_WALK_LINES = 2, 4, 8
+
+
 def simple_cost(model: ModelIR) -> CallCost:
     """What one call of a model costs, estimated from its operations without printing them."""
     total = CallCost(instructions=8.0 * len(model.features) + 4.0 * len(model.outputs), lines=4.0)
@@ -152,13 +163,14 @@ def _cost(op: Operation) -> CallCost:
 
 @_cost.register
 def _(op: Rank) -> CallCost:
-    total = CallCost()
+    total, steps = CallCost(), [0]
     searched = {(column.column, column.edges.tobytes()): column.highest for column in op.columns}
     for edges in searched.values():
-        steps = edges.bit_length()
+        steps.append(edges.bit_length())
         # the last three steps look at neighbours, which share a cache line
-        total += CallCost(instructions=4.0 + 4.0 * steps, lines=max(steps - 3, 1), table_bytes=8 * edges)
-    return total + CallCost(instructions=2.0 * op.width)
+        total += CallCost(instructions=4.0 + 4.0 * steps[-1], lines=max(steps[-1] - 3, 1), table_bytes=8 * edges)
+    code = sum(steps) if len(searched) <= _UNROLLED else max(steps)  # one loop for all
+    return total + CallCost(instructions=2.0 * op.width, lines=_touched(_SEARCH_CODE * code))
 
 
 @_cost.register
@@ -166,7 +178,7 @@ def _(op: CellTable) -> CallCost:
     lists = sum(axis.stride is None for axis in op.axes)
     return CallCost(
         instructions=3.0 * len(op.axes) + 3.0 * op.width,
-        lines=1.0 + lists + _touched(8.0 * op.values.shape[1]),
+        lines=1.0 + lists + _touched(8.0 * op.values.shape[1]) + _TABLE_LINES,
         table_bytes=op.values.nbytes,
     )
 
@@ -174,14 +186,36 @@ def _(op: CellTable) -> CallCost:
 @_cost.register
 def _(op: TreeEnsemble) -> CallCost:
     visits = op.n_trees * depth_of(op)
-    return CallCost(12.0 * visits + 12.0 * op.n_trees, 2.0 * visits, 16 * op.n_nodes)
+    lines = 2.0 * visits + (_WALK_LINES if visits else 0.0)
+    return CallCost(12.0 * visits + 12.0 * op.n_trees, lines, 16 * op.n_nodes)
+
+
+@_cost.register
+def _(op: BranchedTree) -> CallCost:
+    """The longest path, and the numbers of its leaf."""
+    lines = _path_lines(op) + 1.0 + _touched(8.0 * op.leaf_value.shape[1])
+    return CallCost(4.0 * depth_of(op) + 6.0 * op.width, lines, op.leaf_value.nbytes)
+
+
+def _path_lines(op: TreeEnsemble) -> int:
+    """Cache lines of code on the longest path of a tree, with larger subtrees first."""
+    laid = larger_first(op.roots, op.left, op.right)
+    inner = laid.left >= 0
+    stop = np.cumsum(np.where(inner, _SPLIT_CODE, _LEAF_CODE))
+    first, last = np.append(0, stop[:-1]) // 64, (stop - 1) // 64
+    lines = last - first + 1
+    for node in np.flatnonzero(inner).tolist():  # parents come before their children
+        for child in (laid.left[node], laid.right[node]):
+            lines[child] += lines[node] - (first[child] == last[node])
+    return int(lines.max())
 
 
 def _ranked_cost(op: TreeEnsemble) -> CallCost:
     """Two integers a node, side by side; half of the children lie in the line of their parent."""
     cut, numbers = (op.cut, op.numbers) if isinstance(op, CutTrees) else (op, 2 * op.n_nodes)
     visits = op.n_trees * depth_of(cut)
-    return CallCost(7.0 * visits + 10.0 * op.n_trees, 0.5 * visits + op.n_trees, 4 * numbers + op.leaf_value.nbytes)
+    lines = 0.5 * visits + op.n_trees + _RANKED_WALK_LINES
+    return CallCost(7.0 * visits + 10.0 * op.n_trees, lines, 4 * numbers + op.leaf_value.nbytes)
 
 
 @_cost.register

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 from st_codegen.ir import FactoredKernel, ModelIR, Rank, Source
 from st_codegen.passes import tables
+from st_codegen.passes.branches import as_branches
 from st_codegen.passes.choose import (
     MAY_GROW,
     Choices,
@@ -20,6 +21,7 @@ from st_codegen.passes.choose import (
     Layout,
     Options,
     PricedLayout,
+    cheapest,
     preferred,
     priced,
     simple_cost,
@@ -31,6 +33,7 @@ from st_codegen.passes.slabs import cut_into_cells
 
 #: Layouts of forests, of which the second is the first cut into cells.
 RANKS, CELLS = "ranked trees", "cut trees"
+BRANCHES = "nested IFs"
 
 
 @dataclass(frozen=True)
@@ -113,7 +116,10 @@ def compile_models(
     What was chosen `earlier` is kept unless another choice saves much or it is no longer possible.
     """
     options, earlier = options or Options(), earlier or Choices()
-    decisions = {model.name: _decide(model, options, cost, earlier.layouts.get(model.name)) for model in models}
+    decisions = {
+        model.name: _decide(model, options, cost, earlier.layouts.get(model.name), together=together)
+        for model in models
+    }
     if options.data_bytes is not None:
         _keep_within(decisions, options.data_bytes)
     chosen = {name: decision.candidates[0].model for name, decision in decisions.items()}
@@ -159,7 +165,9 @@ def _on_ranks(model: ModelIR, options: Options) -> ModelIR | None:
     return found if longest <= options.max_array else None
 
 
-def _decide(model: ModelIR, options: Options, cost: CostFunction, earlier: str | None) -> LayoutDecision:
+def _decide(
+    model: ModelIR, options: Options, cost: CostFunction, earlier: str | None, *, together: bool
+) -> LayoutDecision:
     candidates = [priced("as trained", model, cost)]
     on_grid = factored(model)
     if on_grid is not None and _fits(on_grid, options):
@@ -178,9 +186,21 @@ def _decide(model: ModelIR, options: Options, cost: CostFunction, earlier: str |
         if cut is not None:
             cut_trees = priced(CELLS, cut, cost)
             candidates = [cut_trees] if layout is Layout.CUT else [*candidates, cut_trees]
-    best = preferred(candidates, earlier)
+    in_place = earlier
+    nested = None if together and found is not None else _nested(on_ranks, layout, cost, earlier)
+    if nested is not None:
+        in_place = earlier or cheapest(candidates).layout  # a text that grows with its tree must save much, too
+        candidates = [nested] if layout is Layout.IFS else [*candidates, nested]
+    best = preferred(candidates, in_place)
     others = sorted((c for c in candidates if c is not best), key=lambda c: c.cost.nanoseconds)
     return LayoutDecision(model.name, best.layout, (best, *others), earlier)
+
+
+def _nested(on_ranks: ModelIR | None, layout: Layout, cost: CostFunction, earlier: str | None) -> PricedLayout | None:
+    """A tree as nested IFs, where they are asked for, were there before, or nothing was there before."""
+    wanted = layout is Layout.IFS or (layout is Layout.AUTO and earlier in (None, BRANCHES))
+    branched = as_branches(on_ranks, MAY_GROW if earlier == BRANCHES else 1.0) if on_ranks and wanted else None
+    return None if branched is None else priced(BRANCHES, branched, cost)
 
 
 def _keep_within(decisions: dict[str, LayoutDecision], limit: int) -> None:

@@ -35,7 +35,7 @@ VAR CONSTANT
 def unit(body, variables=VARIABLES + CONSTANTS, before="", inputs=""):
     """The cost of FB_T with all variables that the tests use."""
     checked = project(before + block(body, variables, inputs))
-    return Units(checked, PROFILE.weights(is_cold=True)).of("FB_T")
+    return Units(checked, PROFILE).of("FB_T")
 
 
 def counts(body, **more):

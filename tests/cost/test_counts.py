@@ -215,7 +215,7 @@ END_FUNCTION_BLOCK
 )
 def test_a_bound_is_known_only_while_nothing_else_can_assign_it(before, limit, behind, is_bounded):
     checked = project(METHODS.format(before, limit, behind))
-    found = Units(checked, PROFILE.weights(is_cold=True)).of("FB_T")
+    found = Units(checked, PROFILE).of("FB_T")
     assert bool(found.unbounded) is not is_bounded
 
 

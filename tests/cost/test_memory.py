@@ -3,7 +3,7 @@
 import pytest
 
 from st_codegen.cost.memory import lines_by_region
-from tests.cost.helpers import CONSTANTS, VARIABLES, cost, counts, unit
+from tests.cost.helpers import CONSTANTS, VARIABLES, block, cost, counts, unit
 
 LINES = {
     # one element, the same one again, another one; T has 13 lines
@@ -43,6 +43,43 @@ LINES = {
 def test_lines_of_a_table(body, lines):
     regions = lines_by_region(unit(body).cost.touches)
     assert {region.name: number for region, number in regions.items()}["T"] == lines
+
+
+LONG = "x := x + y; " * 32  # four operations of six bytes: 12 lines
+CODE = {
+    LONG: 12,
+    # one of two branches, whichever is the longer, with the line of the test and the one in which the branch ends
+    f"IF b THEN {LONG} ELSE {LONG} END_IF;": 14,
+    f"IF b THEN {LONG} ELSE x := y; END_IF;": 13,
+    f"IF b THEN IF c THEN {LONG} END_IF; ELSE {LONG} END_IF;": 14,
+    f"IF b THEN {LONG} END_IF; IF c THEN {LONG} END_IF;": 25,
+    # one round takes one branch, several rounds take all of them
+    f"FOR i := 1 TO 1 DO IF b THEN {LONG} ELSE {LONG} END_IF; END_FOR;": 14,
+    f"FOR i := 1 TO 2 DO IF b THEN {LONG} ELSE {LONG} END_IF; END_FOR;": 25,
+    f"WHILE b DO IF b THEN {LONG} ELSE {LONG} END_IF; END_WHILE;": 25,
+    # a number in the text takes eight bytes beside the code
+    "x := 1.5; " * 32: 10,
+}
+
+
+@pytest.mark.parametrize(("body", "lines"), CODE.items(), ids=range(len(CODE)))
+def test_lines_of_code_on_the_worst_path(body, lines):
+    (part,) = cost(block(body, VARIABLES + CONSTANTS)).cycle[0].parts
+    assert part.code_lines == lines
+    assert part.code_lines <= -(-part.code_bytes // 64)
+
+
+def test_a_block_that_is_called_again_may_go_another_way():
+    inner = "FUNCTION_BLOCK FB_I VAR_INPUT b : BOOL; END_VAR VAR x : LREAL; y : LREAL; END_VAR\n"
+    inner += f"IF b THEN {LONG} ELSE {LONG} END_IF;\nEND_FUNCTION_BLOCK\n"
+    for body, lines in (
+        ("fb(b := b);", 14),
+        ("fb(b := b); fb(b := c);", 25),
+        ("FOR i := 1 TO 2 DO fb(b := b); END_FOR;", 25),
+    ):
+        text = inner + block(body, VARIABLES + "fb : FB_I;" + CONSTANTS)
+        parts = cost(text, entries=["FB_T"]).cycle[0].parts
+        assert next(part for part in parts if part.unit == "FB_I").code_lines == lines, body
 
 
 def test_the_table_of_a_block_is_shared_by_its_instances_and_its_memory_is_not():

@@ -41,6 +41,7 @@ PLCOPEN_KINDS = {
     "table": "decision_tree",
     "trees": "hist_gradient_boosting_category",
     "ranked_trees": "extra_trees_ranked",
+    "nested_ifs": "extra_tree",
 }
 #: Targets of which files for single models are committed: these models of `PLCOPEN_KINDS`.
 SMALL = {"codesys": ("kernel",), "scl": tuple(PLCOPEN_KINDS)}

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from st_codegen.emit.blocks import cells, scan, trees  # noqa: F401 - these register the code of their operations
+from st_codegen.emit.blocks import branched_tree, cells, scan, trees  # noqa: F401 - these register the code of their operations
 from st_codegen.emit.blocks.classes import class_lines
 from st_codegen.emit.blocks.listing import LINE_LENGTH, ArrayElement, Block, BlockVariable, Cuts, Listing
 from st_codegen.emit.blocks.operations import Step, lay_out, lay_out_layer, layers_of

@@ -21,7 +21,7 @@ from st_codegen.emit.blocks.listing import Group, Listing
 from st_codegen.emit.blocks.operations import Step
 from st_codegen.errors import TargetError
 from st_codegen.ir import Aggregate, CutTrees, FloatArray, Int32Array, IntArray, Precision, TreeEnsemble, depth_of
-from st_codegen.ir.preorder import preorder
+from st_codegen.ir.preorder import larger_first
 from st_codegen.ir.subtrees import distinct_families, subtrees
 
 #: Trees that go down together.
@@ -252,11 +252,7 @@ class _Part:
 
         In the order of a walk that visits the larger subtree first, so that the likely path lies side by side.
         """
-        size = preorder(self.roots, self.left, self.right).size
-        left_larger = size[self.left] >= size[self.right]
-        hot = np.where(left_larger, self.left, self.right)
-        cold = np.where(left_larger, self.right, self.left)
-        order = preorder(self.roots, hot, cold).order
+        order = larger_first(self.roots, self.left, self.right).order
         walk = order[self.split[order] >= 0]
         left, right = self.number[self.left[walk]], self.number[self.right[walk]]
         both = left * (self.number.max(initial=0) + 1) + right

@@ -135,13 +135,13 @@ class Executor(ValueOperations):
             if isinstance(condition, Term):
                 raise self._undecided(branch, statement)
             self._require_known(condition, rest)
-            taken = self._logic("AND", rest, condition)
+            taken = self._inside(rest, condition)
             if self._any(taken):
                 gone = self._block(branch.body, taken)
                 left = gone if left is False else left if gone is False else self._logic("OR", left, gone)
             if isinstance(condition, All):
                 return left
-            rest = self._logic("AND", rest, self._not(condition))
+            rest = self._inside(rest, self._not(condition))
             if not self._any(rest):
                 return left
         gone = self._block(statement.otherwise, rest)

@@ -59,7 +59,9 @@ class Joining:
         if isinstance(mask, All) or isinstance(new, Term | Kept) or isinstance(old, Kept | Term):
             return Conditional(mask, new, old)
         stale = isinstance(old, type(NOTHING) | type(LOST) | Slots | Bits) or (
-            isinstance(old, Lanes) and not any(isinstance(v, Lanes) and v.space is old.space for v in (new, mask))
+            isinstance(old, Lanes)
+            and old.space is not self._open
+            and not any(isinstance(v, Lanes) and v.space is old.space for v in (new, mask))
         )
         if isinstance(new, AxisValue) and new.chain is not None:
             stale = stale or (not (isinstance(old, AxisValue) and old.axis is new.axis) and not is_scalar(old))
@@ -84,6 +86,8 @@ class Joining:
 
     @staticmethod
     def _known_of(value: Value, space: Space) -> BoolArray:
+        if isinstance(value, AxisValue) and value.lift().known is not None:
+            return space.resolve(value, np.ones(space.lanes, np.bool_))[1]
         if isinstance(value, Lanes) and value.space is space and value.lift().known is not None:
             return np.asarray(value.known)
         return np.ones(space.lanes, np.bool_)
@@ -164,6 +168,14 @@ class Joining:
             return a.astype(np.bool_) & b.astype(np.bool_) if operator == "AND" else a.astype(np.bool_) | b
 
         return self._elementwise(combined, [left, right], True, needed=False)
+
+    def _inside(self, mask: Value, condition: Value) -> Value:
+        """Where a condition holds in a branch: in boxes, once two inputs have been decided. Others are not split."""
+        apart = isinstance(mask, AxisValue) and isinstance(condition, AxisValue) and mask.axis is not condition.axis
+        if not apart and not (isinstance(mask, Lanes) and isinstance(condition, AxisValue)):
+            return self._logic("AND", mask, condition)
+        space, (holds,) = self.joined([condition], mask, needed=False)
+        return Lanes(space, self._active(mask, space) & holds.astype(np.bool_))
 
     def _any(self, mask: Value) -> bool:
         if isinstance(mask, bool):
