@@ -67,14 +67,14 @@ def _test(op: BranchedTree, step: Step, node: int, *, is_left: bool, may_miss: b
     """When a row goes to the child behind THEN. A missing input reads as 0.0, which is where it must go or is not."""
     column, threshold = op.columns[op.split[node]].column, float(op.threshold[node])
     missing_left, below_zero = bool(op.missing_left[node]), threshold == BELOW_ZERO
-    flag, joined = None, None
+    flag = None
     if step.missing is not None and may_miss and missing_left != (threshold >= 0.0):
-        flag, joined = step.missing[column], "OR" if missing_left == is_left else "AND NOT"
+        flag = step.missing[column]
     return {
         "kind": "if",
         "column": column,
         "operator": ("<" if is_left else ">=") if below_zero else "<=" if is_left else ">",
         "threshold": real(0.0 if below_zero else threshold) if np.isfinite(threshold) else None,
         "flag": flag,
-        "joined": joined,
+        "takes_missing": missing_left == is_left,
     }
