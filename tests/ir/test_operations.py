@@ -14,7 +14,17 @@ import st_codegen.emit.blocks.model  # noqa: F401 - all code of operations is re
 from st_codegen import ir
 from st_codegen.emit.blocks.operations import lay_out
 from st_codegen.errors import InputError
-from st_codegen.ir import CellTable, ColumnFunction, CutTrees, FactoredKernel, Rank, RankColumn, TreeEnsemble, reference
+from st_codegen.ir import (
+    BranchedTree,
+    CellTable,
+    ColumnFunction,
+    CutTrees,
+    FactoredKernel,
+    Rank,
+    RankColumn,
+    TreeEnsemble,
+    reference,
+)
 from st_codegen.passes import domain
 from st_codegen.proof import bounds
 from tests.models import SMALL_MODELS
@@ -34,7 +44,8 @@ CONCERNS = {
     "its code (emit/blocks)": lay_out,
 }
 #: Operations that tests make at random, beside the small models.
-AT_RANDOM = {CellTable, CutTrees, FactoredKernel, Rank, TreeEnsemble}  # CutTrees: tests/passes/test_slabs.py
+# cut and branched trees: tests/passes/test_slabs.py, test_branches.py
+AT_RANDOM = {BranchedTree, CellTable, CutTrees, FactoredKernel, Rank, TreeEnsemble}
 FUNCTIONS = {type(op): op for model in SMALL_MODELS.values() for op in model.ops if isinstance(op, ColumnFunction)}
 
 
