@@ -258,6 +258,7 @@ _FUNCTIONS: dict[Function, Callable[[FloatArray, float], FloatArray]] = {
     Function.SOFTSIGN: lambda x, _: x / (1.0 + np.abs(x)),
     Function.ERF: lambda x, _: _erf(x),
     Function.GELU: lambda x, _: 0.5 * x * (1.0 + _erf(x * math.sqrt(0.5))),
+    Function.SIN: lambda x, _: np.sin(np.where(np.abs(x) <= COS_REACH, x, np.nan)),
     Function.COS: lambda x, _: np.cos(np.where(np.abs(x) <= COS_REACH, x, np.nan)),
     Function.SIGNED_SQUARE: lambda x, _: np.sign(x) * x * x,
     Function.POWER: _power,

@@ -276,7 +276,7 @@ def _(op: Activation, operands: list[FloatArray]) -> tuple[float, FloatArray]:  
         return float(np.max(x)), np.maximum(np.log1p(x), 745.0 if op.function is Function.LOG else 37.0)
     if op.function in (Function.ERF, Function.GELU, Function.SOFTSIGN):
         return float(np.max(x * x)), x if op.function is Function.GELU else np.ones(op.width)
-    if op.function is Function.COS:
+    if op.function in (Function.SIN, Function.COS):
         return 0.0, np.ones(op.width)
     return _peak((1.0 + abs(op.parameter)) * x + 1.0)
 

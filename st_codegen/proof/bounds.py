@@ -251,7 +251,7 @@ def _(op: Activation, operands: list[FloatArray], given: list[FloatArray], resul
     # libraries lose digits where they take 1 - y or exp(x) - 1 instead of the accurate form (onnxruntime's Sigmoid and
     # Elu), and softplus adds a part of up to log(2): the error is then one of a number of this size
     size = np.abs(result) + moved
-    if op.function in (Function.LOGISTIC, Function.SOFTPLUS, Function.COS):
+    if op.function in (Function.LOGISTIC, Function.SOFTPLUS, Function.SIN, Function.COS):
         size = size + 1.0
     elif op.function is Function.ELU:
         size = size + abs(op.parameter)

@@ -8,6 +8,7 @@ from onnx import TensorProto, helper
 
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import reference
+from st_codegen.ir.base import COS_REACH
 from st_codegen.proof.bounds import difference_bound
 from tests.classifiers import loaded as compiled
 from tests.classifiers import verified
@@ -38,14 +39,16 @@ def rows(rng, columns=3):
     return np.vstack([rng.normal(size=(150, columns)) * 3, build.rows(columns, 5, 100, 2.0), near])
 
 
+_PLAIN = "Abs Sign Sqrt Log Erf Reciprocal Softsign Celu Selu HardSigmoid HardSwish Gelu Sin Cos Mish"
 UNARY = {
-    **{name: {} for name in "Abs Sign Sqrt Log Erf Reciprocal Softsign Celu Selu HardSigmoid HardSwish Gelu".split()},
+    **{name: {} for name in _PLAIN.split()},
+    "Gelu 2": {"approximate": "tanh"},
     "HardSigmoid 2": {"alpha": 0.3, "beta": 0.25},
     "Celu 2": {"alpha": 1.7},
     "Selu 2": {"alpha": 1.5, "gamma": 0.75},
 }
 EXACT = {"Abs", "Sign", "Sqrt", "Reciprocal", "HardSigmoid", "HardSwish"}
-FLOAT_ONLY = {"Erf", "Celu", "Gelu"}
+FLOAT_ONLY = {"Erf", "Celu", "Gelu", "Mish"}
 
 
 @DTYPES
@@ -57,10 +60,12 @@ def test_functions_of_each_number(tmp_path, name, elem_type):
         loaded = build.load(model, tmp_path)
     except InputError as error:
         assert op_type in FLOAT_ONLY | {"Selu", "HardSigmoid", "HardSwish", "Softsign"} and elem_type == DOUBLE
-        assert "onnxruntime refuses the model" in str(error)
+        assert any(text in str(error) for text in ("onnxruntime refuses the model", "cast the input to float"))
         return
     x = rows(np.random.default_rng(1))
     x[::2] = np.abs(x[::2])
+    if op_type in ("Sin", "Cos"):  # beyond it there is no answer
+        x = np.clip(x, -COS_REACH, COS_REACH)
     bound = agree(loaded, x)
     assert loaded.ir.exact == (op_type in EXACT) == (not np.any(bound))
 

@@ -333,7 +333,7 @@ def test_opsets_are_those_of_the_schemas(tmp_path):
     legacy |= {"Cast": 1, "Concat": 1, "Max": 6, "Min": 6, "PRelu": 6}
     names = "Abs And Equal Greater HardSigmoid Less Log Or Pow Reciprocal Selu Split Sqrt LabelEncoder"
     legacy |= dict.fromkeys(names.split(), 1)
-    legacy |= {"TopK": 1, "BatchNormalization": 6, "RNN": 1, "LSTM": 1, "GRU": 3}
+    legacy |= {"Pad": 1, "TopK": 1, "InstanceNormalization": 1, "BatchNormalization": 6, "RNN": 1, "LSTM": 1, "GRU": 3}
     known: dict[tuple[str, str], set[int]] = {}
     for schema in onnx.defs.get_all_schemas_with_history():
         if not schema.deprecated and schema.since_version > legacy.get(schema.name, 0):

@@ -293,7 +293,6 @@ def test_operands_of_the_wrong_kind(tmp_path):
     assert "the result has 98304 numbers for one row" in message("Add", [constant("C", np.zeros((32768, 1)))])
     assert "the result has no elements" in message("Add", [constant("C", np.zeros((0, 1)))])
     assert "multiplies tensors of shapes (1, 3) and (2, 2)" in message("MatMul", [constant("C", np.eye(2))])
-    assert "weights of 3 dimensions" in message("MatMul", [constant("C", np.ones((1, 3, 2)))])
     assert "the weights are float64, the input float32" in message("MatMul", [constant("C", np.eye(3), float)])
     assert "multiplies shapes (1, 3) and (2, 2)" in message("Gemm", [constant("C", np.eye(2))])
     assert "C has shape (2,) for 3 columns" in message("Gemm", [constant("B", np.eye(3)), constant("C", [1.0, 2.0])])
@@ -324,7 +323,7 @@ def test_names_that_are_not_text(tmp_path):
     assert "it has names that are not text" in refused(data, tmp_path)
 
 
-def test_products_of_two_computed_tensors_are_refused(tmp_path):
+def test_products_that_do_not_fit_and_operands_that_have_to_be_constants(tmp_path):
     inputs, outputs = [info("X", (None, 3))], [info("Y", None)]
     for op_type in ("MatMul", "Gemm"):
         node = helper.make_node(op_type, ["X", "X"], ["Y"], name="n")

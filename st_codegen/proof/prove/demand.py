@@ -309,7 +309,7 @@ class Demand:
         if op.function is Function.LOG:
             self._refuse("LE", x, 0.0)
             return self._either("LE", x, 0.0, lambda: 0.0, lambda: terms.real("ln", x))
-        if op.function in (Function.ERF, Function.GELU, Function.COS, Function.POWER):
+        if op.function in (Function.ERF, Function.GELU, Function.SIN, Function.COS, Function.POWER):
             raise NotProvedError(f"the function {op.function.value} is not followed")
         formula = self._expm1 if op.function is Function.EXPM1 else self._exp
         if not math.isfinite(op.limit):

@@ -98,7 +98,7 @@ def _difference(op: Operation, operands: list[Ends], given: list[FloatArray], re
     sizes = [magnitude(operand) for operand in operands]
     if isinstance(op, Activation):
         # the slope is largest at the upper end, for a logarithm at the lower one
-        if op.function in (Function.LOG, Function.SQRT, Function.COS, Function.POWER):
+        if op.function in (Function.LOG, Function.SQRT, Function.SIN, Function.COS, Function.POWER):
             raise NotProvedError(f"no bound on the whole range is known for {op.function}")
         sizes = [operands[0][0] if op.function is Function.LOG1P else operands[0][1]]
         if op.function is Function.SIGNED_SQUARE:

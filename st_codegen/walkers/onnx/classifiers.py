@@ -301,9 +301,10 @@ def _shares(name: str, logarithm: bool) -> None:
         rank = len(tensor.shape)
         axis = axis_of(call.node.integer("axis", -1 if call.node.version >= 13 else 1), rank)
         taken = tensor.shape[axis : axis + 1] if call.node.version >= 13 else tensor.shape[axis:]
-        if math.prod(taken) != tensor.size:
-            raise UnsupportedModelError(f"axis {axis} of shape {tensor.shape} (for one row) does not hold all columns")
-        return apply_softmax(call.walk, tensor, logarithm)
+        rows = tensor.moved(lambda array: np.moveaxis(array, axis, -1)) if len(taken) == 1 else tensor
+        flat = rows.moved(lambda array: array.reshape(-1, math.prod(taken)))
+        found = apply_softmax(call.walk, flat, logarithm).moved(lambda array: array.reshape(rows.shape))
+        return found.moved(lambda array: np.moveaxis(array, -1, axis)) if len(taken) == 1 else found
 
     operator(name, 1, 11, 13)(handler)
 

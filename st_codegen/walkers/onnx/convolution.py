@@ -12,10 +12,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import AnyArray, BoolArray, IntArray, Operator, Scale, SlidingLinear
+from st_codegen.ir import AnyArray, BoolArray, Function, IntArray, Operator, Scale, SlidingLinear
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
-from st_codegen.walkers.onnx.operands import Operand, Tensor, check_size
-from st_codegen.walkers.onnx.operators import extreme_of, total_of
+from st_codegen.walkers.onnx.operands import Operand, Tensor, check_size, require_tensor
+from st_codegen.walkers.onnx.operators import (
+    apply_activation,
+    combined,
+    extreme_of,
+    mean_of,
+    product_of,
+    total_of,
+    with_constant,
+)
 
 #: Operations that one node may become: a convolution in groups is one operation a group.
 _MAX_GROUPS = 64
@@ -108,12 +116,11 @@ def _padded(walk: GraphWalk, image: Tensor, window: _Window) -> Tensor:
     if not np.any(around):
         return image
     check_size([length + sum(more) for length, more in zip(image.shape, around, strict=True)])
-    one = walk.settle(replace(image, value=image.value[:1, :1, :1], column=image.column[:1, :1, :1]))
-    zero = walk.builder.scale(one, "*", np.zeros(1))
+    zero = walk.numbers(np.zeros(1, image.dtype), image)
     return replace(
         image,
-        value=np.pad(image.value, around, constant_values=zero),
-        column=np.pad(image.column, around),
+        value=np.pad(image.value, around, constant_values=zero.value[0]),
+        column=np.pad(image.column, around, constant_values=zero.column[0]),
     )
 
 
@@ -260,3 +267,29 @@ def _batch_normalization(call: NodeCall) -> Operand:
         )
         value = walk.builder.scale(value, code, numbers, precision=tensor.precision, doubt=doubts)
     return walk.computed(value, tensor.shape, tensor.dtype, special=False)
+
+
+@operator("InstanceNormalization", 6, 22)
+def _instance_normalization(call: NodeCall) -> Operand:
+    """x * f + (bias - mean * f) with f = scale / sqrt(variance + epsilon), of each channel
+    (core/providers/cpu/nn/instance_norm.cc).
+    """
+    tensor, walk = call.computed(), call.walk
+    walk.refuse_special(tensor)
+    scale, bias = call.required(1), call.required(2)
+    if len(tensor.shape) < 3 or tensor.shape[0] != 1:
+        raise UnsupportedModelError(f"a tensor of shape {tensor.shape} (for one row); (1, channels, ..) is supported")
+    if any(operand.shape != (tensor.shape[1],) or operand.dtype != tensor.dtype for operand in (scale, bias)):
+        raise InputError(f"scale and bias are not {tensor.shape[1]} numbers of the type of the input each")
+    rows = replace(tensor.moved(lambda array: array.reshape(tensor.shape[1], -1)), special=False)
+    mean = mean_of(walk, rows)
+    centred = combined(walk, Operator.SUBTRACT, rows, mean.moved(lambda array: array[:, None]))
+    variance = mean_of(walk, product_of(walk, require_tensor(centred), require_tensor(centred)))
+    shifted = with_constant(walk, variance, Operator.ADD, call.node.number("epsilon", 1e-5))
+    spread = apply_activation(walk, shifted, Function.SQRT)
+    factor = combined(walk, Operator.MULTIPLY, with_constant(walk, spread, Operator.DIVIDE, 1.0, left=True), scale)
+    shift = combined(walk, Operator.SUBTRACT, bias, combined(walk, Operator.MULTIPLY, mean, factor))
+    found = rows
+    for code, number in ((Operator.MULTIPLY, factor), (Operator.ADD, shift)):
+        found = require_tensor(combined(walk, code, found, number.moved(lambda array: array[:, None])))
+    return found.moved(lambda array: array.reshape(tensor.shape))

@@ -50,9 +50,27 @@ def _sign(call: NodeCall) -> Operand:
 
 @operator("Gelu", 20)
 def _gelu(call: NodeCall) -> Operand:
-    if call.node.text("approximate", "none") != "none":
-        raise UnsupportedModelError("the approximation of Gelu; export the model with approximate='none'")
-    return apply_activation(call.walk, call.computed(), Function.GELU)
+    kind, tensor, walk = call.node.text("approximate", "none"), call.computed(), call.walk
+    if kind == "none":
+        return apply_activation(walk, tensor, Function.GELU)
+    if kind != "tanh":
+        raise InputError(f"approximate {kind} is not known; the model file is damaged")
+    if tensor.dtype == FLOAT64:
+        raise UnsupportedModelError("onnxruntime computes the approximation of Gelu in float; cast the input to float")
+    # core/providers/cpu/tensor/gelu.cc: 0.5 x (tanh(x (0.044715 c x x + c)) + 1) with c = sqrt(2 / pi)
+    square = product_of(walk, with_constant(walk, tensor, Operator.MULTIPLY, 0.035677408136300125), tensor)
+    inner = product_of(walk, tensor, with_constant(walk, square, Operator.ADD, 0.7978845608028654))
+    above = with_constant(walk, apply_activation(walk, inner, Function.TANH), Operator.ADD, 1.0)
+    return product_of(walk, with_constant(walk, tensor, Operator.MULTIPLY, 0.5), above)
+
+
+@operator("Mish", 18, 22)
+def _mish(call: NodeCall) -> Operand:
+    tensor, walk = call.computed(), call.walk
+    if tensor.dtype == FLOAT64:
+        raise UnsupportedModelError("onnxruntime's double version overflows above 709; cast the input to float")
+    soft = apply_activation(walk, tensor, Function.SOFTPLUS)
+    return product_of(walk, tensor, apply_activation(walk, soft, Function.TANH))
 
 
 @operator("Selu", 6, 22)

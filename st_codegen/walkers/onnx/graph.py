@@ -17,7 +17,7 @@ import numpy as np
 import onnx
 
 from st_codegen.errors import InputError, Problems, UnsupportedModelError
-from st_codegen.ir import FLOAT32_OVERFLOW, AnyArray, IntArray, Label, Operation, Round
+from st_codegen.ir import FLOAT32_OVERFLOW, AnyArray, Clip, IntArray, Label, Operation, Round
 from st_codegen.walkers.base import GraphBuilder
 from st_codegen.walkers.onnx.file import GraphNode, domain_of, node_label, printable, read_tensor
 from st_codegen.walkers.onnx.operands import (
@@ -161,6 +161,14 @@ class GraphWalk:
         start = np.cumsum([0, *(self.builder.width(int(number)) for number in inputs)])
         columns = start[np.searchsorted(inputs, value)] + column
         return self.builder.select(columns, *inputs.tolist())
+
+    def numbers(self, array: AnyArray, beside: Tensor) -> Tensor:
+        """Constants as numbers that are computed for each row, of a number that is there."""
+        self.refuse_special(beside)
+        constants = array.astype(np.float64).ravel()
+        first = self.builder.select(np.zeros(len(constants), np.int32), self.settle(beside))
+        value = self.builder.add(Clip((first,), constants, constants))
+        return self.computed(value, array.shape, array.dtype, special=False)
 
     def computed(self, value: int, shape: Sequence[int], dtype: np.dtype[Any], special: bool) -> Tensor:
         """The tensor that a value of the representation holds."""

@@ -25,6 +25,7 @@ from st_codegen.walkers.onnx import (  # noqa: F401  (they register operators)
     operators,
     recurrent,
     shapes,
+    sums,
 )
 from st_codegen.walkers.onnx.file import check_names, domain_of, plain, printable, type_name
 from st_codegen.walkers.onnx.graph import GraphWalk, read_initializers, run_nodes

@@ -45,6 +45,10 @@ from st_codegen.walkers.onnx.operands import (
     require_tensor,
 )
 
+#: Operations that one Softmax of a matrix may become: one a row.
+_MAX_SHARES = 64
+#: Below it a double holds each whole number, and the quotient of two rounds to no other one.
+_WHOLE = 2.0**53
 _SYMBOLS = {"Add": Operator.ADD, "Sub": Operator.SUBTRACT, "Mul": Operator.MULTIPLY, "Div": Operator.DIVIDE}
 
 
@@ -105,10 +109,26 @@ def _spread(tensor: Tensor, shape: tuple[int, ...]) -> Tensor:
 
 
 def _folded(code: Operator, left: AnyArray, right: AnyArray) -> AnyArray:
-    if left.dtype not in (FLOAT32, FLOAT64):
-        raise UnsupportedModelError("computes with integer constants; fold constants when exporting")
-    with np.errstate(all="ignore"):
-        return np.asarray(reference.OPERATORS[code](left, right))
+    if left.dtype in (FLOAT32, FLOAT64):
+        with np.errstate(all="ignore"):
+            return np.asarray(reference.OPERATORS[code](left, right))
+    # lengths are computed in whole numbers; a division rounds towards zero
+    if left.dtype.kind != "i":
+        raise UnsupportedModelError(f"computes with constants of {left.dtype}; fold constants when exporting")
+    if code is Operator.DIVIDE and not np.all(right):
+        raise InputError("divides whole numbers by 0; the model file is damaged")
+    found = np.trunc(reference.OPERATORS[code](left.astype(np.float64), right.astype(np.float64)))
+    if np.any(np.abs(found) >= min(_WHOLE, np.iinfo(left.dtype).max)):
+        raise UnsupportedModelError("computes with constants of more than 53 bits; fold constants when exporting")
+    return found.astype(left.dtype)
+
+
+@operator("Mod", 10, 13)
+def _remainder(call: NodeCall) -> Operand:
+    left, right = call.constant(0, "a remainder"), call.constant(1, "a divisor")
+    if left is None or right is None or left.dtype.kind != "i" or not np.all(right):
+        raise UnsupportedModelError("remainders of whole-number constants by others than 0 are supported")
+    return ConstantOperand(np.asarray((np.fmod if call.node.integer("fmod") else np.mod)(left, right)))
 
 
 @operator("Neg", 6, 13)
@@ -135,24 +155,19 @@ def apply_linear(walk: GraphWalk, tensor: Tensor, weights: AnyArray, bias: AnyAr
 def _matrix(constant: ConstantOperand, tensor: Tensor) -> FloatArray:
     if constant.dtype != tensor.dtype:
         raise InputError(f"the weights are {constant.dtype}, the input {tensor.dtype}; the model file is damaged")
-    if constant.array.ndim > 2:
-        raise UnsupportedModelError(f"weights of {constant.array.ndim} dimensions; at most 2 are supported")
     return constant.array.astype(np.float64)
 
 
 @operator("MatMul", 9, 13)
 def _matmul(call: NodeCall) -> Operand:
     left, right = call.required(), call.required(1)
-    if isinstance(left, ConstantOperand) and isinstance(right, ConstantOperand):
-        if left.dtype == right.dtype and left.array.ndim == right.array.ndim == 2 and left.shape[1] == 1:
-            return combined(call.walk, Operator.MULTIPLY, left, right)  # one product each, rounded once
-    elif isinstance(left, Tensor) and isinstance(right, ConstantOperand):
+    if isinstance(left, Tensor) and isinstance(right, ConstantOperand) and right.array.ndim < 3:
         weights = _matrix(right, require_float(left))
         if right.array.ndim and left.shape[-1:] == weights.shape[:1]:
             shape = (*left.shape[:-1], *weights.shape[1:])
             weights = weights.reshape(len(weights), -1).T
             return apply_linear(call.walk, left, weights, np.zeros(len(weights)), shape)
-    elif isinstance(left, ConstantOperand) and isinstance(right, Tensor):
+    elif isinstance(left, ConstantOperand) and isinstance(right, Tensor) and left.array.ndim < 3:
         weights = _matrix(left, require_float(right))
         matrix = right.moved(lambda array: array.swapaxes(-1, -2) if array.ndim > 1 else array)
         if left.array.ndim and matrix.shape[-1:] == weights.shape[-1:]:
@@ -161,10 +176,39 @@ def _matmul(call: NodeCall) -> Operand:
             found = apply_linear(call.walk, matrix, weights, np.zeros(len(weights)), shape)
             both = right.size > matrix.shape[-1] or len(right.shape) > 1
             return found.moved(lambda array: array.swapaxes(-1, -2)) if both and left.array.ndim > 1 else found
-    raise UnsupportedModelError(
-        f"multiplies tensors of shapes {left.shape} and {right.shape} (for one row); computed numbers times constant "
-        "weights that fit are supported"
-    )
+    return _matrix_product(call.walk, left, right)
+
+
+def _matrix_product(walk: GraphWalk, left: Operand, right: Operand) -> Operand:
+    """The product of any two tensors, as the sums of the products of their numbers."""
+    try:
+        shape = np.matmul(*(np.broadcast_to(np.int8(0), side.shape) for side in (left, right))).shape
+    except ValueError:
+        raise InputError(
+            f"multiplies tensors of shapes {left.shape} and {right.shape} (for one row); export the model with a "
+            "symbolic batch dimension"
+        ) from None
+    if isinstance(left, ConstantOperand) and isinstance(right, ConstantOperand):
+        if left.dtype == right.dtype and left.array.ndim == right.array.ndim == 2 and left.shape[1] == 1:
+            return combined(walk, Operator.MULTIPLY, left, right)  # one product each, rounded once
+        if all(map(np.any, (left.array, right.array))) or not np.all(
+            np.isfinite([left.array.sum(), right.array.sum()])
+        ):
+            raise UnsupportedModelError("multiplies constants, in an order that is open; fold constants when exporting")
+        return ConstantOperand(np.zeros(shape, left.dtype))
+    rows = left.moved(lambda array: np.atleast_2d(array)[..., :, None, :])
+    columns = right.moved(lambda array: (array.swapaxes(-1, -2) if array.ndim > 1 else array)[..., None, :, :])
+    products = require_tensor(combined(walk, Operator.MULTIPLY, rows, columns))
+    return total_of_last(walk, products, 1).moved(lambda array: array.reshape(shape))
+
+
+def total_of_last(walk: GraphWalk, tensor: Tensor, count: int) -> Tensor:
+    """The sums over the last so many axes."""
+    shape = tensor.shape[: len(tensor.shape) - count]
+    if not count:
+        return tensor
+    rows = tensor.moved(lambda array: array.reshape(math.prod(shape), -1))
+    return total_of(walk, rows).moved(lambda array: array.reshape(shape))
 
 
 @operator("Gemm", 7, 9, 11, 13)
@@ -234,10 +278,18 @@ def apply_activation(walk: GraphWalk, tensor: Tensor, function: Function, parame
 
 
 def apply_softmax(walk: GraphWalk, scores: Tensor, logarithm: bool = False) -> Tensor:
-    """The softmax of all numbers of a tensor, or its logarithm."""
+    """The softmax of each row of a matrix, or its logarithm."""
     walk.refuse_special(scores)
-    op = Softmax((walk.settle(scores),), scores.size, scores.precision, logarithm)
-    return walk.computed(walk.builder.add(op), scores.shape, scores.dtype, special=False)
+    count, width = scores.shape
+    if count > _MAX_SHARES:
+        raise UnsupportedModelError(f"shares within each of {count} rows; at most {_MAX_SHARES} are supported")
+    found = []
+    for number in range(count):
+        row = replace(scores, value=scores.value[number], column=scores.column[number])
+        op = Softmax((walk.settle(row),), width, scores.precision, logarithm)
+        found.append(walk.computed(walk.builder.add(op), (1, width), scores.dtype, special=False))
+    value, column = (np.concatenate([getattr(part, name) for part in found]) for name in ("value", "column"))
+    return replace(found[0], value=value, column=column)
 
 
 def with_constant(
@@ -274,6 +326,8 @@ _activation(Function.SOFTSIGN, "Softsign", 1, 22)
 _activation(Function.SQRT, "Sqrt", 6, 13)
 _activation(Function.LOG, "Log", 6, 13)
 _activation(Function.ERF, "Erf", 9, 13)
+_activation(Function.SIN, "Sin", 7, 22)
+_activation(Function.COS, "Cos", 7, 22)
 
 
 @operator("Clip", 6, 11, 12, 13)
@@ -382,13 +436,8 @@ def _halves(half: int) -> tuple[slice, slice]:
 
 def _log_sum_exp(walk: GraphWalk, rows: Tensor) -> Tensor:
     """What a logarithm of a softmax takes from each number: the first one less its own."""
-    found = []
-    for number in range(rows.shape[0]):
-        row = replace(rows, value=rows.value[number], column=rows.column[number])
-        first, share = (part.moved(lambda a: a[:1]) for part in (row, apply_softmax(walk, row, logarithm=True)))
-        found.append(require_tensor(combined(walk, Operator.SUBTRACT, first, share)))
-    value, column = (np.concatenate([getattr(part, name) for part in found]) for name in ("value", "column"))
-    return replace(found[0], value=value, column=column)
+    pair = (part.moved(lambda a: a[:, 0]) for part in (rows, apply_softmax(walk, rows, logarithm=True)))
+    return require_tensor(combined(walk, Operator.SUBTRACT, *pair))
 
 
 _REDUCTIONS: dict[str, Callable[[GraphWalk, Tensor], Tensor]] = {

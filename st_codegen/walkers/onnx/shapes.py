@@ -12,7 +12,7 @@ import numpy as np
 import onnx
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import AnyArray, Clip, Piecewise
+from st_codegen.ir import AnyArray, Piecewise
 from st_codegen.walkers.onnx.elementwise import is_not_zero
 from st_codegen.walkers.onnx.file import type_name
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, Result, operator
@@ -29,6 +29,8 @@ from st_codegen.walkers.onnx.operands import (
     Tensor,
     axis_of,
     check_size,
+    require_float,
+    require_tensor,
 )
 
 _SHAPE_VERSIONS = (13, 21, 23, 24, 25)
@@ -203,13 +205,16 @@ def joined(walk: GraphWalk, parts: Sequence[Operand], axis: int) -> Operand:
     if len({part.dtype for part in parts}) > 1:
         raise InputError("joins tensors of different types; the model file is damaged")
     constants = [part.array for part in parts if isinstance(part, ConstantOperand)]
-    tensors = [part for part in parts if isinstance(part, Tensor)]
+    computed = next((part for part in parts if isinstance(part, Tensor)), None)
     try:
-        if not tensors:
+        if computed is None:
             check_size([sum(constant.size for constant in constants)], MAX_FOLDED)
             return ConstantOperand(np.concatenate(constants, axis))
         check_size([sum(math.prod(part.shape) for part in parts)])
-        tensors = [part if isinstance(part, Tensor) else _repeated(walk, part, tensors[0]) for part in parts]
+        tensors = [
+            walk.numbers(part.array, computed) if isinstance(part, ConstantOperand) else require_tensor(part)
+            for part in parts
+        ]
         if len({tensor.unrounded for tensor in tensors}) > 1:
             tensors = [_rounded(walk, tensor) for tensor in tensors]
         return replace(
@@ -233,18 +238,47 @@ def _numbered(walk: GraphWalk, choice: LabelOperand) -> Tensor:
     return walk.computed(walk.builder.add(numbers), choice.shape, choice.dtype, special=False)
 
 
-def _repeated(walk: GraphWalk, constant: Operand, beside: Tensor) -> Tensor:
-    """A constant as numbers that are computed for each row, of a number that is there."""
-    assert isinstance(constant, ConstantOperand)
-    walk.refuse_special(beside)
-    numbers = constant.array.astype(np.float64).ravel()
-    first = walk.builder.select(np.zeros(len(numbers), np.int32), walk.settle(beside))
-    value = walk.builder.add(Clip((first,), numbers, numbers))
-    return walk.computed(value, constant.shape, constant.dtype, special=False)
-
-
 def _rounded(walk: GraphWalk, tensor: Tensor) -> Tensor:
     return walk.computed(walk.settle(tensor), tensor.shape, tensor.dtype, tensor.special)
+
+
+@operator("Pad", 2, 11, 13, 18, 19, *_SHAPE_VERSIONS[1:])
+def _pad(call: NodeCall) -> Operand:
+    operand, mode, by_input = call.required(), call.node.text("mode", "constant"), call.node.version >= 11
+    filler = call.constant(2, "the number to fill with") if by_input else np.full(1, call.node.number("value", 0.0))
+    pads = (call.integers(1, "pads") if by_input else call.node.integers("pads").tolist()) or []
+    rank = len(operand.shape)
+    axes = call.integers(3, "axes") or list(range(rank))
+    if len(pads) != 2 * len(axes) or (filler is not None and filler.size != 1):
+        raise InputError(f"pads {pads} for {len(axes)} axes, or not one number to fill with; the model file is damaged")
+    around = dict.fromkeys(range(rank), (0, 0))
+    for number, axis in enumerate(axes):
+        around[axis_of(axis, rank)] = pads[number], pads[number + len(axes)]
+    if any(min(pair) < 0 for pair in around.values()):
+        raise UnsupportedModelError(f"pads {pads} cut something off; use Slice for it")
+    width = [around[axis] for axis in range(rank)]
+    shape = [length + sum(pair) for pair, length in zip(width, operand.shape, strict=True)]
+    check_size(shape, MAX_COLUMNS if isinstance(operand, Tensor) else MAX_FOLDED)
+    if mode in ("edge", "wrap", "reflect"):
+        if mode != "edge" and any(max(pair) >= length for pair, length in zip(width, operand.shape, strict=True)):
+            raise UnsupportedModelError(f"pads {pads} in the mode {mode} are longer than the tensor, {operand.shape}")
+        return operand.moved(partial(np.pad, pad_width=width, mode=mode))
+    if mode != "constant":
+        raise InputError(f"mode {mode} is not known; the model file is damaged")
+    fill = np.zeros(1, operand.dtype) if filler is None else filler.ravel().astype(operand.dtype)
+    if isinstance(operand, ConstantOperand):
+        return ConstantOperand(np.pad(operand.array, width, constant_values=fill[0]))
+    if not np.any(width):
+        return operand
+    tensor = require_float(require_tensor(operand))
+    tensor = _rounded(call.walk, tensor) if tensor.unrounded else tensor
+    filled = call.walk.numbers(fill, tensor)
+    return replace(
+        tensor,
+        value=np.pad(tensor.value, width, constant_values=filled.value[0]),
+        column=np.pad(tensor.column, width, constant_values=filled.column[0]),
+        special=False,
+    )
 
 
 @operator("Gather", 1, 11, 13)
@@ -327,7 +361,8 @@ def _slice(call: NodeCall) -> Operand:
         # from the last one down to the first, an end before the first is none
         end = None if step < 0 and ends[number] < -length else ends[number]
         taken[axis_of(axis, len(operand.shape))] = slice(starts[number], end, step)
-        if not len(range(length)[slice(starts[number], end, step)]):
+        # a shape may lose all of its lengths, numbers of a row may not
+        if isinstance(operand, Tensor) and not len(range(length)[slice(starts[number], end, step)]):
             raise UnsupportedModelError(f"takes no columns from {starts[number]} to {ends[number]} of {length}")
     return operand.moved(lambda array: array[tuple(taken)])
 
