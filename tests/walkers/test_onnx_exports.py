@@ -235,11 +235,7 @@ def test_tree_exports_with_double_inputs_are_refused_with_advice(tmp_path):
         build.load(export(model, DoubleTensorType), tmp_path)
 
 
-def test_all_operators_that_are_missing_are_listed_at_once(tmp_path):
+def test_a_weighted_median_is_refused_with_what_it_needs(tmp_path):
     model = seeded(AdaBoostRegressor, n_estimators=3).fit(X, SINGLE)
-    with pytest.raises(UnsupportedModelError) as caught:
+    with pytest.raises(UnsupportedModelError, match=r"TopK, opset 22\): the largest, or without order"):
         build.load(export(model), tmp_path)
-    message = str(caught.value)
-    assert "operator CumSum (opset 22) is not supported: node '" in message
-    assert "(TopK, opset 22): the largest, or without order, or of several rows" in message
-    assert "supported operators: Abs, Add, And, ArgMax, ArgMin, ArrayFeatureExtractor," in message

@@ -141,6 +141,11 @@ def test_a_division_of_whole_numbers_rounds_towards_zero(tmp_path):
     assert np.array_equal(loaded.predict(rows(6)), rows(6)[:, [0, 3]].astype(np.float32))
 
 
+def test_roots_of_constants_are_computed(tmp_path):
+    nodes = [helper.make_node("Sqrt", ["four"], ["two"]), node("Mul", "X", "two")]
+    assert_equal(whole(*nodes, initializers=[constant("four", 4.5)]), tmp_path)
+
+
 def attention():
     """Self-attention over the rows of `X`: products of computed matrices, shares within each row."""
     return [

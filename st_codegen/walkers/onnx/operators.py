@@ -301,10 +301,18 @@ def with_constant(
     return require_tensor(found)
 
 
+#: Functions whose results are the nearest numbers everywhere, so that graphs may compute them of their constants.
+_CORRECT: dict[Function, Callable[[AnyArray], AnyArray]] = {Function.SQRT: np.sqrt, Function.ABS: np.abs}
+
+
 def _activation(function: Function, name: str, *versions: int, alpha: float | None = None) -> None:
     """Register an operator that is one function of each number."""
 
     def handler(call: NodeCall) -> Operand:
+        operand = call.required()
+        if isinstance(operand, ConstantOperand) and operand.dtype in (FLOAT32, FLOAT64) and function in _CORRECT:
+            with np.errstate(invalid="ignore"):
+                return operand.moved(_CORRECT[function])
         tensor = call.computed()
         if function is Function.SOFTPLUS and tensor.dtype == FLOAT64:
             raise UnsupportedModelError("onnxruntime's double version overflows above 709; cast the input to float")
