@@ -32,8 +32,8 @@ FOLDS ?= 3
 tables: $(INSTALLED)  ## tables 2 to 6 of the paper, ours beside theirs; some 25 minutes of two cores, stopped runs go on
 	$(BIN)/st-codegen tables $(DATA) --folds $(FOLDS) --out build/tables --work build/fits.sqlite
 
-train-long: $(INSTALLED)  ## the search on a Dask cluster of which a worker is killed
-	$(BIN)/python -m pytest -q -m slow tests/training
+train-long: $(INSTALLED)  ## the search and a fleet on a Dask cluster of which a worker is killed
+	$(BIN)/python -m pytest -q -m slow tests/training tests/fleet
 
 sizes: $(INSTALLED)  ## files and tables of millions of numbers
 	$(BIN)/python -m pytest -q -m slow tests/walkers tests/st

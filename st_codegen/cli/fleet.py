@@ -39,7 +39,7 @@ def command(file: Path, out: Path, jobs: int | None, backend: str, scheduler: st
 
     Shows how far the effects of axes of a type spread, who stands out, and what has grown since earlier campaigns. What
     is done already is not done again; an axis that fails stops no other. Exit code 0 when all axes are done and their
-    text is proved, 1 when not.
+    text has passed its check, 1 when not.
     """
     from st_codegen.fleet.axes import read_fleet
     from st_codegen.fleet.output import PAGE, FleetReport

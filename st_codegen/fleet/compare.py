@@ -119,7 +119,7 @@ def compare(fleet: Sequence[Campaigns]) -> FleetComparison:
     ]
     rare = [one for kind, axes in types.items() if len(axes) >= LEAST_AXES for one in _rare(kind, axes)]
     growth, limit = _growth(fleet)
-    return FleetComparison(tuple(limited), tuple(rare), growth, limit, tuple(_not_looked_at(types, fleet)))
+    return FleetComparison(tuple(limited), tuple(rare), growth, limit, tuple(_not_looked_at(types, fleet, limited)))
 
 
 def _spreads(kind: str, axes: Sequence[Campaigns]) -> list[Spread]:
@@ -197,13 +197,20 @@ def _growth(fleet: Sequence[Campaigns]) -> tuple[tuple[Growth, ...], float | Non
     return (*(one for one in grown_most if (one.times or 0.0) > limit), *new), limit
 
 
-def _not_looked_at(types: Mapping[str, Sequence[Campaigns]], fleet: Sequence[Campaigns]) -> list[str]:
+def _not_looked_at(
+    types: Mapping[str, Sequence[Campaigns]], fleet: Sequence[Campaigns], spreads: Sequence[Spread]
+) -> list[str]:
     found = [
         f"{kind or 'axes without a type'}: {len(axes)} axes, fewer than {LEAST_AXES}: nothing can be said of who "
         "stands out, nor of effects that few have"
         for kind, axes in types.items()
         if len(axes) < LEAST_AXES
     ]
+    vague = [f"{one.effect} {one.key}" for one in spreads if one.limit is not None and one.stderr >= abs(one.median)]
+    if vague:
+        found.append(
+            f"parameters that the campaigns do not measure (standard error above the value): {', '.join(vague)}"
+        )
     if alone := [axis.axis for axis in fleet if len(axis.estimates) < 2]:
         found.append(f"growth, for want of an earlier campaign: {', '.join(alone)}")
     return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -55,9 +56,10 @@ def estimates(result: Reconciliation) -> list[Estimate]:
             if form is Form.FIXED:
                 continue
             grows = {Form.LINEAR: 1, Form.INVERSE: -1}.get(form, 0)
-            stderr = None if entry["stderr"] is None else float(entry["stderr"])
-            value, unit = float(entry["value"]), entry["unit"]
-            found.append(Estimate(label, key, value, stderr, unit, grows, own in phases, fitted.added))
+            stderr = float(math.inf if entry["stderr"] is None else entry["stderr"])
+            known = stderr if math.isfinite(stderr) else None
+            is_phase = own in phases
+            found.append(Estimate(label, key, entry["value"], known, entry["unit"], grows, is_phase, fitted.added))
     return found
 
 

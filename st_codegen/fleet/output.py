@@ -25,13 +25,14 @@ _LONGEST = 200
 RULE = (
     f"Rule: a parameter is named where it lies farther from the median of its type than the limit, in units of the "
     "root of s^2 + e^2: s is 1.4826 times the median absolute deviation, e the standard error of the axis's own value. "
-    "The limits are such that where no axis is odd, this table names one in at most "
-    f"{FALSE_ALARM:.0%} of all fleets, if the values of sound axes are independent and normally distributed."
+    "The limits are such that where no axis is odd, this table names one in about "
+    f"{FALSE_ALARM:.0%} of all fleets or fewer, if the values of sound axes are independent and normally distributed. "
+    f"Parameters that fewer than {LEAST_AXES} axes of a type have are not judged."
 )
 RULE_OF_GROWTH = (
     "Rule: an effect has grown where its size is larger than in the last campaign before by more than the limit, in "
-    f"standard errors of the difference. Where nothing grew, this names something in at most {FALSE_ALARM:.0%} of all "
-    "fleets, if the standard errors are right and the errors of both campaigns normally distributed. What was not "
+    f"standard errors of the difference. Where nothing grew, this names something in {FALSE_ALARM:.0%} of all fleets "
+    "or fewer, if the standard errors are right and the errors of both campaigns normally distributed. What was not "
     "found before has no such rate: it may have been there, too small to be found."
 )
 
@@ -86,13 +87,15 @@ class FleetReport:
         odd = list(dict.fromkeys(axis for spread in compared.spreads for axis in spread.outliers))
         rare = list(dict.fromkeys(axis for one in compared.rare for axis in one.axes))
         grown = list(dict.fromkeys(one.axis for one in compared.growth))
-        parts = [f"{len(self.axes)} axes; {_named(failed)} failed; of {_named(unproved)} the text is not proved."]
+        parts = [
+            f"{len(self.axes)} axes; failed: {_named(failed)}; text that did not pass its check: {_named(unproved)}."
+        ]
         if any(spread.limit is not None for spread in compared.spreads):
-            parts.append(f"{_named(odd)} stand out; {_named(rare)} have an effect that fewer than half have.")
+            parts.append(f"Stand out: {_named(odd)}; with an effect that fewer than half have: {_named(rare)}.")
         else:
             parts.append(f"With fewer than {LEAST_AXES} axes of a type nothing is said of who stands out.")
         if compared.growth_limit is not None:
-            parts.append(f"Effects of {_named(grown)} have grown.")
+            parts.append(f"With effects that have grown: {_named(grown)}.")
         return " ".join(parts)
 
     def _axes_csv(self) -> str:
@@ -119,31 +122,28 @@ class FleetReport:
         content = {
             "passed": self.passed,
             "axes": [
-                {
-                    "name": axis.name,
-                    "type": axis.type,
-                    "errors": self.results[axis.name].errors,
-                    **self.results[axis.name].facts,
-                }
-                for axis in self.axes
+                {"name": axis.name, "type": axis.type, "errors": result.errors, **result.facts}
+                for axis, result in zip(self.axes, self.results.values(), strict=True)
             ],
             "false_alarm": FALSE_ALARM,
-            "outliers": [
-                {
-                    "axis": axis, "effect": one.effect, "parameter": one.key, "unit": one.unit,
-                    "value": one.values[axis], "median": one.median, "distance": one.distances[axis],
-                    "limit": one.limit,
-                }
-                for one in compared.spreads
-                for axis in one.outliers
-            ],
+            "outliers": self._outliers(),
             "rare": [asdict(one) for one in compared.rare],
             "growth": [asdict(one) for one in compared.growth],
             "growth_limit": compared.growth_limit,
             "spread": [asdict(one) for one in compared.spreads],
             "not_looked_at": list(self.not_looked_at),
-        }  # fmt: skip
+        }
         return json.dumps(content, indent=1, allow_nan=False) + "\n"
+
+    def _outliers(self) -> list[dict[str, Any]]:
+        return [
+            {
+                "axis": axis, "effect": one.effect, "parameter": one.key, "unit": one.unit, "value": one.values[axis],
+                "median": one.median, "distance": one.distances[axis], "limit": one.limit,
+            }
+            for one in self.comparison.spreads
+            for axis in one.outliers
+        ]  # fmt: skip
 
     def html(self) -> str:
         """The page."""
@@ -173,11 +173,7 @@ class FleetReport:
 
     def _findings(self) -> list[PageSection]:
         compared = self.comparison
-        odd = [
-            (axis, one.effect, one.key, one.values[axis], one.unit, one.median, one.distances[axis], one.limit)
-            for one in compared.spreads
-            for axis in one.outliers
-        ]
+        odd = [list(one.values()) for one in self._outliers()]
         rare = [(", ".join(one.axes), one.effect, f"{len(one.axes)} of {one.of}", one.type) for one in compared.rare]
         grown = [
             (
@@ -187,14 +183,14 @@ class FleetReport:
             )
             for one in compared.growth
         ]  # fmt: skip
-        columns = ("axis", "effect", "parameter", "value", "unit", "median", "distance", "limit")
+        columns = ("axis", "effect", "parameter", "unit", "value", "median", "distance", "limit")
         sections = []
         if any(one.limit is not None for one in compared.spreads):
             sections += [
                 _listed("Parameters that stand out", RULE, columns, odd),
                 _listed(
                     "Effects that fewer than half of the axes of a type have",
-                    "Of the rig, or found by reconcile; how often its names are wrong is on its own page.",
+                    "Of the rig, or named by reconcile, whose documentation says how often its names are wrong.",
                     ("axes", "effect", "how many", "type"),
                     rare,
                 ),

@@ -7,6 +7,7 @@ entry goes before its files change: a kill in between costs that stage alone.
 
 from __future__ import annotations
 
+import csv
 import hashlib
 import json
 import shutil
@@ -46,7 +47,6 @@ EARLIER = "earlier"
 #: What a stage writes, below the folder of the axis.
 PLACES = {TRAIN: "models", COMPILE: "plc", CHECK: "certificate.json", RECONCILE: "reconcile"}
 _LIBRARIES = ("numpy", "scipy", "scikit-learn", "lightgbm", "xgboost-cpu", "skops", "onnx", "skl2onnx", "polars")
-_BLOCK = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,8 @@ def _done(stages: list[AxisStage], folder: Path) -> AxisResult:
             continue
         _forget(kept, stage, folder)
         try:
-            found = json.loads(json.dumps(stage.work(), allow_nan=False))  # as it is read when the run goes on
+            # as it is read where the run goes on, the order of keys included
+            found = json.loads(json.dumps(stage.work(), sort_keys=True, allow_nan=False))
             kept[stage.name] = {"key": key, "files": _hashes(folder, stage.place), "facts": found}
             _write_record(folder, kept)
             facts[stage.name] = found
@@ -225,7 +226,7 @@ class _Stages:
 
 def _failure(error: Exception) -> tuple[str, bool]:
     """What went wrong, and whether it is a defect of ours: nothing that a user can mend."""
-    if isinstance(error, StCodegenError | OSError | UnicodeError | MemoryError | RecursionError):
+    if isinstance(error, StCodegenError | OSError | UnicodeError | csv.Error | MemoryError | RecursionError):
         return str(error) or type(error).__name__, False
     return f"a defect of st-codegen: {type(error).__name__}: {error}", True
 

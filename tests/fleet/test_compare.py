@@ -74,6 +74,11 @@ def test_phases_are_not_compared():
     assert compare(fleet(normal(20), is_phase=True)).spreads == ()
 
 
+def test_what_is_not_measured_is_said():
+    found = compare(fleet(normal(20), stderr=2.0))
+    assert "(standard error above the value): backlash gap_arcmin" in found.not_looked_at[0]
+
+
 def test_types_are_compared_by_themselves():
     values = np.linspace(0.9, 1.1, 10)
     small = fleet(values)

@@ -49,8 +49,8 @@ def report():
 
 def test_in_short(report):
     assert report.summary() == (
-        "20 axes; 1 (r9) failed; of 1 (r8) the text is not proved. 1 (r4) stand out; 1 (r6) have an effect that fewer "
-        "than half have."
+        "20 axes; failed: 1 (r9); text that did not pass its check: 1 (r8). Stand out: 1 (r4); with an effect that "
+        "fewer than half have: 1 (r6)."
     )
     assert not report.passed
     assert report.not_looked_at[-2:] == (
@@ -82,7 +82,7 @@ def test_the_page_in_a_browser(report, tmp_path):
     assert "&lt;b&gt;bad.csv" in page
     assert "<script" not in page
     assert "Parameters that stand out: 1" in page
-    assert "at most 5% of all fleets" in page
+    assert "about 5% of all fleets or fewer" in page
     count, found = browser.faults(page, 400, tmp_path)
     assert count > 5
     assert found == []
