@@ -68,18 +68,14 @@ def translated(code):
 
 def read_block(folder, name):
     """Inputs, outputs, constants, initial values and statements of a function block."""
-    path = folder / "POUs" / f"{name}.TcPOU"
-    parts = (
-        [re.findall(r"<!\[CDATA\[(.*?)\]\]>", path.read_text("utf-8-sig"), re.S)]
-        if path.is_file()
-        else [
-            t
-            for p in sorted(folder.glob("*.st"))
-            for t in re.findall(rf"^(FUNCTION_BLOCK {name}$.*?)^END_FUNCTION_BLOCK", p.read_text("utf-8"), re.S | re.M)
-        ]
-    )
+    path, form = folder / "POUs" / f"{name}.TcPOU", rf"^(FUNCTION_BLOCK {name}$.*?)^END_FUNCTION_BLOCK"
+    if path.is_file():
+        parts = ["\n".join(re.findall(r"<!\[CDATA\[(.*?)\]\]>", path.read_text("utf-8-sig"), re.S))]
+    else:
+        files = [p.read_text("utf-8") for p in sorted(folder.iterdir()) if p.suffix.lower() == ".st"]
+        parts = [t for content in files for t in re.findall(form, content, re.S | re.M | re.I)]
     need(len(parts) == 1, f"{len(parts)} blocks {name} in {folder}")
-    text = re.sub(r"\(\*.*?\*\)", " ", "\n".join(parts[0]) if path.is_file() else parts[0], flags=re.S)
+    text = re.sub(r"\(\*.*?\*\)", " ", parts[0], flags=re.S)
     need(not re.search(r"[{'\"$^]|//|\*\)", text), "attributes, strings, pointers, or a comment in a comment")
     text = re.sub(rf"^\s*FUNCTION_BLOCK {name}\s", "", text)
     ports, constants, values, end = {"VAR_INPUT": [], "VAR_OUTPUT": []}, set(), {}, 0
@@ -406,10 +402,8 @@ class Machine:
         a, b = self.wide(a), self.wide(b)
         need(a.src is None or b.src is None, "a comparison of two inputs")
         d = a.d | b.d
-        need(
-            not np.any((np.isnan(a.a) | np.isnan(b.a)) & self.holds(mask) & (d & UNDECIDED == 0)),
-            "a comparison with NaN",
-        )
+        nan = (np.isnan(a.a) | np.isnan(b.a)) & self.holds(mask)
+        need(not np.any(nan & (d & UNDECIDED == 0)), "a comparison with NaN")
         out = how(a.a, b.a)
         differ = out[0] != out[1]
         moving, other = (a, b) if a.src is not None else (b, a)
@@ -439,10 +433,8 @@ class Check:
             need(port not in ports or ports.index(port) == f, "inputs in another order")
             inner = [last[t[0] == f] for t, last in zip(model.trees, model.last)]
             edges = keys([model.lower[f], model.upper[f]])
-            ends = np.concatenate(
-                [*inner, edges - 1, edges, [model.first_key[f] - 1, model.last_key[f], LOW, HIGH - 1]]
-            )
-            self.ends.append(np.unique(np.append(ends, [-2, -1, 0, HIGH])))
+            ends = [model.first_key[f] - 1, model.last_key[f], LOW, HIGH - 1, -2, -1, 0, HIGH]
+            self.ends.append(np.unique(np.concatenate([*inner, edges - 1, edges, ends])))
         machine, boxes = self.alone()
         self.profiles = dict(self.rising(machine))
         self.steps = list(self.changes(machine))
@@ -585,16 +577,9 @@ class Check:
         for step in range(0, len(owner), 100_000):
             part = slice(step, step + 100_000)
             free = (low[part] > high[part]) & ~nan[part]
-            x = np.where(
-                nan[part],
-                np.nan,
-                np.array(
-                    [
-                        numbers(np.where(free, model.first_key, low[part])),
-                        numbers(np.where(free, model.last_key, high[part])),
-                    ]
-                ),
-            )
+            ends = (model.first_key, low), (model.last_key, high)
+            x = np.array([numbers(np.where(free, everything, side[part])) for everything, side in ends])
+            x = np.where(nan[part], np.nan, x)
             x = np.concatenate([x, np.where(free & model.nan, np.nan, x[:1])])
             machine = Machine(self.block, x, self.has_isnan, self.profiles)
             outs = [machine.values[name] for name in entry["outputs"]]
@@ -609,10 +594,8 @@ class Check:
                 mine, term = owner[part] == t, machine.terms[at]
                 at += 1
                 need(not np.any(term.d[mine] & UNDECIDED), f"tree {t}: a comparison that is not decided")
-                want = values[leaf[part][mine]]
-                need(
-                    np.array_equal(bits(term.a[:, mine].astype(float)), bits(np.array([want] * 3))), f"tree {t} differs"
-                )
+                want, got = np.array([values[leaf[part][mine]]] * 3), term.a[:, mine].astype(float)
+                need(np.array_equal(bits(got), bits(want)), f"tree {t} differs")
             need(at == len(machine.terms), "the text has more terms than the model has trees")
         names = {key: ("term", i) for i, key in enumerate(k for k in order if k not in same)}
         wanted = [self.total(output, names, same) for output in range(len(model.base))]
@@ -672,6 +655,7 @@ class Check:
         return start, tuple(chain)
 
 
+PORTS = "VAR_INPUT fValue : LREAL; END_VAR VAR uBits : U_LrealBits; END_VAR VAR CONSTANT"
 ISNAN = "uBits.fValue := fValue; F_IsNan := (uBits.nBits AND {}) > {};"
 
 
@@ -695,7 +679,7 @@ def has_isnan(folder):
         for name in ("POUs/F_IsNan.TcPOU", "DUTs/U_LrealBits.TcDUT")
     )
     names = [re.search(rf"(\w+) : LWORD := 16#{bits_};", body) for bits_ in ("7FFFFFFFFFFFFFFF", "7FF0000000000000")]
-    known = all(names) and ISNAN.format(*(name[1] for name in names)) in body
+    known = all(names) and f"<![CDATA[ {ISNAN.format(*(name[1] for name in names))} ]]>" in body and PORTS in body
     return known and bool(re.search(r"UNION fValue : LREAL; nBits : LWORD; END_UNION", union))
 
 

@@ -151,13 +151,23 @@ def test_a_text_that_means_something_else_is_accepted_by_nobody(trick, made):
     assert tried
 
 
-def test_a_structure_is_no_union(made):
-    bundle, _, out, _ = made["twincat kernel"]
-    path = out / "DUTs" / "U_LrealBits.TcDUT"
+#: Changes of what the test for NaN is made of, in files beside the block's.
+HELPERS = {
+    "a structure is no union": ("DUTs/U_LrealBits.TcDUT", "UNION", "STRUCT"),
+    "a test that finds nothing": ("POUs/F_IsNan.TcPOU", "\n]]></ST>", "\nF_IsNan := FALSE;\n]]></ST>"),
+    "a test of fewer digits": ("POUs/F_IsNan.TcPOU", "fValue : LREAL", "fValue : REAL"),
+}
+
+
+@pytest.mark.parametrize("name", ["twincat", "twincat kernel"])
+@pytest.mark.parametrize("change", HELPERS)
+def test_a_test_for_nan_that_was_changed_is_accepted_by_nobody(change, name, made):
+    file, old, new = HELPERS[change]
+    path = made[name][2] / file
     original = path.read_text("utf-8")
-    path.write_text(original.replace("UNION", "STRUCT"), "utf-8")
+    assert old in original
+    path.write_text(original.replace(old, new), "utf-8")
     try:
-        (result,) = prove(bundle, out).results
-        assert result.verdict is not Verdict.PROVED
+        assert verdicts(*made[name], made[name][-1].read_text("utf-8")) == (False, False)
     finally:
         path.write_text(original, "utf-8")
