@@ -26,20 +26,10 @@ from st_codegen.ir.base import (
     Quotient,
     SummationOrder,
 )
-from st_codegen.ir.cells import (
-    CellTable,
-    Rank,
-    RankColumn,
-    TableAxis,
-)
+from st_codegen.ir.cells import CellTable, Rank, RankColumn, TableAxis
 from st_codegen.ir.decisions import ArgMax, Classes, Exceeds, Label, OutputKind, Softmax
 from st_codegen.ir.digest import digest
-from st_codegen.ir.model import (
-    Feature,
-    ModelIR,
-    Output,
-    Source,
-)
+from st_codegen.ir.model import Feature, ModelIR, Output, Source
 from st_codegen.ir.neighbours import Distances, NearestMean, WeightedMedian
 from st_codegen.ir.operations import (
     Activation,
@@ -57,15 +47,7 @@ from st_codegen.ir.operations import (
 )
 from st_codegen.ir.pieces import Piecewise
 from st_codegen.ir.scan import Scan
-from st_codegen.ir.trees import (
-    BranchedTree,
-    CutTrees,
-    LinearLeaves,
-    RankSlabs,
-    TreeColumn,
-    TreeEnsemble,
-    depth_of,
-)
+from st_codegen.ir.trees import BranchedTree, CutTrees, LinearLeaves, RankSlabs, TreeColumn, TreeEnsemble, depth_of
 
 __all__ = [
     "CEILING",

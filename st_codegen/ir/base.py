@@ -177,6 +177,19 @@ class Elementwise:
         """Accept any inputs: beyond their width nothing is asked of them."""
 
 
+class Whole:
+    """Mixin of operations that read one value as a whole: of `operand_width` columns, and nothing else is asked."""
+
+    def check_operands(self, total: int) -> None:
+        """Accept any input: beyond its width nothing is asked of it."""
+
+
+class Picking:
+    """Mixin of operations that read some columns of values of any width, laid side by side."""
+
+    operand_width: ClassVar[None] = None
+
+
 class ColumnFunction(Elementwise):
     """Base of operations that apply one exact function to each number of a value, known by three facts of it.
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from st_codegen.errors import InputError
 from st_codegen.ir.arrays import FloatArray, Int32Array
-from st_codegen.ir.base import check_columns, freeze, require_finite
+from st_codegen.ir.base import Picking, check_columns, freeze, require_finite
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class RankColumn:
 
 
 @dataclass(frozen=True)
-class Rank:
+class Rank(Picking):
     """Numbers replaced by their ranks among sorted thresholds, so that later steps compare integers.
 
     The ranks are whole numbers; generated code keeps them as integers.
@@ -55,10 +55,6 @@ class Rank:
     @property
     def width(self) -> int:
         return len(self.columns)
-
-    @property
-    def operand_width(self) -> None:
-        return None
 
     def check_operands(self, total: int) -> None:
         check_columns(self, (column.column for column in self.columns), total)
@@ -84,7 +80,7 @@ class TableAxis:
 
 
 @dataclass(frozen=True)
-class CellTable:
+class CellTable(Picking):
     """One row of numbers for each cell of a grid; the row is the sum of what the ranks of the input skip.
 
     `shape` has the number of cells of each axis; `values` (cells, stored numbers) is in row-major order of the axes,
@@ -113,10 +109,6 @@ class CellTable:
     @property
     def width(self) -> int:
         return len(self.stored)
-
-    @property
-    def operand_width(self) -> None:
-        return None
 
     def check_operands(self, total: int) -> None:
         check_columns(self, (axis.column for axis in self.axes), total)

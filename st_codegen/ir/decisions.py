@@ -11,7 +11,7 @@ import numpy as np
 
 from st_codegen.errors import InputError
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.ir.base import ColumnFunction, Precision, freeze, require_finite
+from st_codegen.ir.base import ColumnFunction, Precision, Whole, freeze, require_finite
 
 #: A label as the library has it.
 Label = str | bool | int | float
@@ -42,7 +42,7 @@ class Classes:
 
 
 @dataclass(frozen=True)
-class ArgMax:
+class ArgMax(Whole):
     """The number of the largest column, counted from 0; of equal ones the first.
 
     Libraries that take the largest probability see two as equal whose scores are not: `merged` is the distance below
@@ -63,9 +63,6 @@ class ArgMax:
     @property
     def operand_width(self) -> int:
         return self.n_columns
-
-    def check_operands(self, total: int) -> None:
-        """Accept any input: beyond its width nothing is asked of it."""
 
     @property
     def exact(self) -> bool:
@@ -104,7 +101,7 @@ class Exceeds(ColumnFunction):
 
 
 @dataclass(frozen=True)
-class Softmax:
+class Softmax(Whole):
     """exp(x_i) / (exp(x_1) + exp(x_2) + ..), as libraries compute it: the largest x is taken from all first.
 
     `logarithm`: the logarithm of that, x_i less the logarithm of the sum.
@@ -119,6 +116,3 @@ class Softmax:
     @property
     def operand_width(self) -> int:
         return self.width
-
-    def check_operands(self, total: int) -> None:
-        """Accept any input: beyond its width nothing is asked of it."""

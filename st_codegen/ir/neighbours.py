@@ -9,11 +9,11 @@ import numpy as np
 
 from st_codegen.errors import InputError
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.ir.base import Precision, freeze, require_finite
+from st_codegen.ir.base import Precision, Whole, freeze, require_finite
 
 
 @dataclass(frozen=True)
-class Distances:
+class Distances(Whole):
     """The distance to each of `vectors` (vectors, columns): the sum over the columns of squares, or of magnitudes.
 
     `root`: the square root of the sum. `expands`: the library computes squares as u.u - 2 * u.v + v.v, which loses
@@ -37,16 +37,13 @@ class Distances:
     def operand_width(self) -> int:
         return int(self.vectors.shape[1])
 
-    def check_operands(self, total: int) -> None:
-        """Accept any input: beyond its width nothing is asked of it."""
-
     @property
     def width(self) -> int:
         return len(self.vectors)
 
 
 @dataclass(frozen=True)
-class NearestMean:
+class NearestMean(Whole):
     """The mean of what belongs to the `count` columns with the smallest numbers, of equal ones the first.
 
     `values` (outputs, columns), each times its column of a second input where there is one. `inverse`: weighted with
@@ -72,16 +69,13 @@ class NearestMean:
     def operand_width(self) -> int:
         return int(self.values.shape[1])
 
-    def check_operands(self, total: int) -> None:
-        """Accept any input: beyond its width nothing is asked of it."""
-
     @property
     def width(self) -> int:
         return len(self.values)
 
 
 @dataclass(frozen=True)
-class WeightedMedian:
+class WeightedMedian(Whole):
     """The smallest column up to which, in rising order, half of the `weights` are reached.
 
     The weights are added in that order; of equal columns libraries add in any order.
@@ -101,6 +95,3 @@ class WeightedMedian:
     @property
     def operand_width(self) -> int:
         return len(self.weights)
-
-    def check_operands(self, total: int) -> None:
-        """Accept any input: beyond its width nothing is asked of it."""

@@ -17,9 +17,11 @@ from st_codegen.ir.base import (
     Kernel,
     Norm,
     Operator,
+    Picking,
     Precision,
     Quotient,
     SummationOrder,
+    Whole,
     check_columns,
     freeze,
     require_finite,
@@ -27,7 +29,7 @@ from st_codegen.ir.base import (
 
 
 @dataclass(frozen=True)
-class Select:
+class Select(Picking):
     """Columns picked from one or several values laid end to end (concatenation, reordering, column transformers)."""
 
     inputs: tuple[int, ...]
@@ -40,10 +42,6 @@ class Select:
     @property
     def width(self) -> int:
         return len(self.columns)
-
-    @property
-    def operand_width(self) -> None:
-        return None
 
     def check_operands(self, total: int) -> None:
         check_columns(self, self.columns, total)
@@ -175,7 +173,7 @@ class Clip(ColumnFunction):
 
 
 @dataclass(frozen=True)
-class Linear:
+class Linear(Whole):
     """`weights @ x + bias`; weights has shape (outputs, inputs).
 
     `bias_terms` (outputs): the sum of the magnitudes of the terms (as many as there are inputs) from which the library
@@ -201,9 +199,6 @@ class Linear:
     def operand_width(self) -> int:
         return int(self.weights.shape[1])
 
-    def check_operands(self, total: int) -> None:
-        """Accept any input: beyond its width nothing is asked of it."""
-
     @property
     def width(self) -> int:
         return int(self.weights.shape[0])
@@ -214,7 +209,7 @@ class Linear:
 
 
 @dataclass(frozen=True)
-class SlidingLinear:
+class SlidingLinear(Picking):
     """The same weighted sums at several places of a value: a convolution, a matrix times several rows, a mean of each.
 
     The place that starts at `starts[p]` reads the columns `starts[p] + offsets` and gives `weights @ columns + bias`,
@@ -238,10 +233,6 @@ class SlidingLinear:
         require_finite(self, "weights", "bias")
         if not weights.size or not len(self.starts):
             raise InputError("SlidingLinear: no weights, or no places")
-
-    @property
-    def operand_width(self) -> None:
-        return None
 
     def check_operands(self, total: int) -> None:
         reached = [int(self.starts.min()) + int(self.offsets.min()), int(self.starts.max()) + int(self.offsets.max())]
@@ -308,7 +299,7 @@ class Normalize(Quotient):
 
 
 @dataclass(frozen=True)
-class KernelSum:
+class KernelSum(Whole):
     """Support vector regression: sum of coefficient * kernel(x, support vector), plus intercept.
 
     `support_vectors` (vectors, columns); `coefficients` (outputs, vectors); `intercept` (outputs). `expands`: the
@@ -344,9 +335,6 @@ class KernelSum:
     @property
     def operand_width(self) -> int:
         return int(self.support_vectors.shape[1])
-
-    def check_operands(self, total: int) -> None:
-        """Accept any input: beyond its width nothing is asked of it."""
 
     @property
     def width(self) -> int:

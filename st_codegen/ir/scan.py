@@ -9,11 +9,11 @@ import numpy as np
 
 from st_codegen.errors import InputError
 from st_codegen.ir.arrays import FloatArray, Int32Array
-from st_codegen.ir.base import Operation, check_columns, freeze, require_finite
+from st_codegen.ir.base import Operation, Picking, check_columns, freeze, require_finite
 
 
 @dataclass(frozen=True)
-class Scan:
+class Scan(Picking):
     """A recurrent layer: `body` once for each row of a value, on the row and the state that the round before left.
 
     Round `r` reads the columns `starts[r] .. starts[r] + columns - 1`. Value 0 of the body is that row, then the state;
@@ -40,10 +40,6 @@ class Scan:
             op.check_operands(sum(widths))
         if self.body[-1].width != len(self.initial):
             raise InputError(f"Scan: a state of {len(self.initial)} numbers, a round leaves {self.body[-1].width}")
-
-    @property
-    def operand_width(self) -> None:
-        return None
 
     def check_operands(self, total: int) -> None:
         check_columns(self, (int(self.starts.min()), int(self.starts.max()) + self.columns - 1), total)

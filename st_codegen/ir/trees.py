@@ -10,7 +10,7 @@ import numpy as np
 
 from st_codegen.errors import InputError
 from st_codegen.ir.arrays import BoolArray, FloatArray, Int32Array, IntArray
-from st_codegen.ir.base import Aggregate, Comparison, NanRule, Precision, check_columns, freeze, require_finite
+from st_codegen.ir.base import Aggregate, Comparison, NanRule, Picking, Precision, check_columns, freeze, require_finite
 from st_codegen.ir.preorder import Preorder
 
 
@@ -66,7 +66,7 @@ class LinearLeaves:
 
 
 @dataclass(frozen=True)
-class TreeEnsemble:
+class TreeEnsemble(Picking):
     """Decision trees in flat arrays.
 
     Nodes of tree `t` are `roots[t] .. roots[t+1]-1` (to the end for the last), parents before children. A node with
@@ -158,10 +158,6 @@ class TreeEnsemble:
     @property
     def has_categories(self) -> bool:
         return any(column.categorical for column in self.columns)
-
-    @property
-    def operand_width(self) -> None:
-        return None
 
     def check_operands(self, total: int) -> None:
         check_columns(self, (column.column for column in self.columns), total)

@@ -105,6 +105,12 @@ class GraphBuilder:
         each = np.broadcast_to(np.asarray(constant, np.float64), self.width(value))
         return self.add(Scale((value,), Operator(operator), each, precision, reverse, doubt=doubt))
 
+    def chain(self, value: int, *steps: tuple[str, FloatArray | float]) -> int:
+        """Several steps of `scale`, one after another."""
+        for operator, constant in steps:
+            value = self.scale(value, operator, constant)
+        return value
+
     def combine(self, one: int, operator: str, other: int, *, precision: Precision = Precision.FLOAT64) -> int:
         """`one <operator> other`, column by column."""
         return self.add(Combine((one, other), Operator(operator), self.width(one), precision))

@@ -41,24 +41,17 @@ from st_codegen.walkers.lightgbm.text import READ_CATEGORY, READ_NAN_MISSING, RE
 ZERO_MAGNITUDE = float(np.float32(1e-35))
 
 #: What `ConvertOutput` of an objective does to the sum of the trees.
-_LINKS: dict[str, Function] = {
-    "regression": Function.IDENTITY,
-    "regression_l2": Function.IDENTITY,
-    "regression_l1": Function.IDENTITY,
-    "huber": Function.IDENTITY,
-    "fair": Function.IDENTITY,
-    "quantile": Function.IDENTITY,
-    "mape": Function.IDENTITY,
-    "custom": Function.IDENTITY,
-    "poisson": Function.EXP,
-    "gamma": Function.EXP,
-    "tweedie": Function.EXP,
-    "cross_entropy": Function.LOGISTIC,
-    "xentropy": Function.LOGISTIC,
-    "cross_entropy_lambda": Function.SOFTPLUS,
-    "xentlambda": Function.SOFTPLUS,
-    "lambdarank": Function.IDENTITY,
-    "rank_xendcg": Function.IDENTITY,
+_LINKS = {
+    **dict.fromkeys(
+        (
+            *("regression", "regression_l2", "regression_l1", "huber", "fair", "quantile", "mape", "custom"),
+            *("lambdarank", "rank_xendcg"),
+        ),
+        Function.IDENTITY,
+    ),
+    **dict.fromkeys(("poisson", "gamma", "tweedie"), Function.EXP),
+    **dict.fromkeys(("cross_entropy", "xentropy"), Function.LOGISTIC),
+    **dict.fromkeys(("cross_entropy_lambda", "xentlambda"), Function.SOFTPLUS),
 }
 
 #: Objectives of classes; LGBMClassifier takes cross_entropy as one too.

@@ -47,11 +47,8 @@ def walk_isolation_forest(estimator: Any, builder: GraphBuilder, value: int) -> 
         (-1.0, 2.0 * longest + 1.0),
     )
     # 2 ** x as exp(x * log(2)): |x * log(2)| is below 8, so that the roundings before the exponential are few units
-    share = builder.scale(depth, "/", unit)
-    exponent = builder.scale(share, "*", -math.log(2.0))
-    score = builder.function(exponent, "exp")
-    turned = builder.scale(score, "*", -1.0)
-    decision = builder.scale(turned, "-", offset)
+    score = builder.function(builder.chain(depth, ("/", unit), ("*", -math.log(2.0))), "exp")
+    decision = builder.chain(score, ("*", -1.0), ("-", offset))
     return Classified(_INLIERS, above(builder, depth, cut), decision=decision)
 
 
@@ -98,9 +95,7 @@ def walk_mixture(estimator: Any, builder: GraphBuilder, value: int) -> Classifie
         raise fitted.fail("weights_", "a component without weight")
     full = estimator.covariance_type in ("full", "tied")
     norms, determinants = (_turned if full else _straight)(fitted, builder, value, means)
-    halved = builder.scale(norms, "*", -0.5)
-    likely = builder.scale(halved, "+", determinants)
-    scores = builder.scale(likely, "+", np.log(weights))
+    scores = builder.chain(norms, ("*", -0.5), ("+", determinants), ("+", np.log(weights)))
     return Classified(tuple(range(count)), largest(builder, scores), softmax(builder, scores))
 
 

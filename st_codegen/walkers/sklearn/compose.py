@@ -7,18 +7,17 @@ exact: StandardScaler and RobustScaler subtract, then divide; MinMaxScaler multi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import Clip, FloatArray, Function, Int32Array, Operator
+from st_codegen.ir import Clip, FloatArray, Function, Int32Array, Operator, reference
 from st_codegen.walkers.base import GraphBuilder, Walked, transforms, walk_any, walk_estimator, walk_transform, walks
 from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.sklearn.transforms import weighted
 
-Steps = list[tuple[Operator, FloatArray]]
+Steps = list[tuple[str, FloatArray]]
 
 
 @transforms("Pipeline")
@@ -123,16 +122,8 @@ def walk_transformed_target(estimator: Any, builder: GraphBuilder, value: int) -
         raise UnsupportedModelError(
             f"TransformedTargetRegressor with transformer={name}: supported are {', '.join(_SCALERS)} and functions"
         )
-    inverse = {Operator.ADD: Operator.SUBTRACT, Operator.SUBTRACT: Operator.ADD}
-    inverse |= {Operator.MULTIPLY: Operator.DIVIDE, Operator.DIVIDE: Operator.MULTIPLY}
-    return _add_steps(
-        [
-            (inverse[op], constant)
-            for op, constant in reversed(_SCALERS[name](Fitted(transformer), builder.width(value)))
-        ],
-        builder,
-        value,
-    )
+    steps = _steps(Fitted(transformer), builder.width(value))
+    return builder.chain(value, *((_INVERSE[operator], constant) for operator, constant in reversed(steps)))
 
 
 @transforms("StandardScaler MinMaxScaler RobustScaler MaxAbsScaler")
@@ -141,15 +132,15 @@ def walk_scaler(estimator: Any, builder: GraphBuilder, value: int) -> int:
     fitted = Fitted(estimator)
     builder.refuse_magnitude(math.inf)
     width = builder.width(value)
-    steps = _SCALERS[fitted.kind](fitted, width)
+    steps = _steps(fitted, width)
     if not (hasattr(estimator, "clip") and fitted.flag("clip")):
-        return _add_steps(steps, builder, value)
+        return builder.chain(value, *steps)
     low, high = (-1.0, 1.0) if fitted.kind == "MaxAbsScaler" else fitted.items("feature_range", 2)
     low, high = (float(fitted.floats_of("feature_range", end, ())) for end in (low, high))
     reach = _reach(steps, low, high, width)
     if np.all(np.isfinite(reach)):
         value = builder.add(Clip((value,), -reach, reach))
-    value = _add_steps(steps, builder, value)
+    value = builder.chain(value, *steps)
     return builder.add(Clip((value,), np.full(width, low), np.full(width, high)))
 
 
@@ -164,7 +155,7 @@ def _reach(steps: Steps, low: float, high: float, width: int) -> FloatArray:
         ends = np.array([-reach, reach])
         with np.errstate(all="ignore"):
             for operator, constant in steps:
-                ends = _COMPUTE[operator](ends, constant)
+                ends = reference.OPERATORS[Operator(operator)](ends, constant)
         short = np.isfinite(reach) & ~((ends[0] <= low) & (ends[1] >= high))
         if not np.any(short):
             return reach
@@ -186,53 +177,24 @@ def _walk_or_pass(step: Any, builder: GraphBuilder, value: int) -> int:
     return value if step is None or isinstance(step, str) else walk_transform(step, builder, value)
 
 
-def _standard(scaler: Fitted, width: int) -> Steps:
-    return _steps(scaler, width, (Operator.SUBTRACT, "mean_", "with_mean"), (Operator.DIVIDE, "scale_", "with_std"))
+#: Of each scaler the operators, the arrays, and the parameters that switch a step off, in the library's order.
+_SCALERS: dict[str, tuple[tuple[str, str, str], ...]] = {
+    "StandardScaler": (("-", "mean_", "with_mean"), ("/", "scale_", "with_std")),
+    "MinMaxScaler": (("*", "scale_", ""), ("+", "min_", "")),
+    "RobustScaler": (("-", "center_", "with_centering"), ("/", "scale_", "with_scaling")),
+    "MaxAbsScaler": (("/", "scale_", ""),),
+}
+_INVERSE = {"+": "-", "-": "+", "*": "/", "/": "*"}
 
 
-def _robust(scaler: Fitted, width: int) -> Steps:
-    switches = (Operator.SUBTRACT, "center_", "with_centering"), (Operator.DIVIDE, "scale_", "with_scaling")
-    return _steps(scaler, width, *switches)
-
-
-def _min_max(scaler: Fitted, width: int) -> Steps:
-    return _steps(scaler, width, (Operator.MULTIPLY, "scale_", ""), (Operator.ADD, "min_", ""))
-
-
-def _max_abs(scaler: Fitted, width: int) -> Steps:
-    return _steps(scaler, width, (Operator.DIVIDE, "scale_", ""))
-
-
-def _steps(scaler: Fitted, width: int, *steps: tuple[Operator, str, str]) -> Steps:
+def _steps(scaler: Fitted, width: int) -> Steps:
     """Operators with their constants, but for those that a parameter of the scaler switches off."""
     scaler.get("n_features_in_")  # an array that is switched off is there only after `fit`
     return [
         (operator, scaler.floats(attribute, (width,)))
-        for operator, attribute, switch in steps
+        for operator, attribute, switch in _SCALERS[scaler.kind]
         if not switch or scaler.flag(switch)
     ]
-
-
-_SCALERS: dict[str, Callable[[Fitted, int], Steps]] = {
-    "StandardScaler": _standard,
-    "MinMaxScaler": _min_max,
-    "RobustScaler": _robust,
-    "MaxAbsScaler": _max_abs,
-}
-
-
-_COMPUTE = {
-    Operator.ADD: np.add,
-    Operator.SUBTRACT: np.subtract,
-    Operator.MULTIPLY: np.multiply,
-    Operator.DIVIDE: np.divide,
-}
-
-
-def _add_steps(steps: Steps, builder: GraphBuilder, value: int) -> int:
-    for operator, constant in steps:
-        value = builder.scale(value, operator, constant)
-    return value
 
 
 _UFUNCS = {np.log1p: Function.LOG1P, np.expm1: Function.EXPM1, np.exp: Function.EXP}

@@ -236,9 +236,7 @@ def walk_calibrated(estimator: Any, builder: GraphBuilder, value: int) -> Classi
         inner = calibrated.estimator
         score = _response(walk_classifier(inner, builder, value), inner, builder)
         sigmoid = Fitted(Fitted(calibrated).items("calibrators", 1)[0])
-        argument = builder.scale(score, "*", sigmoid.number("a_"))
-        argument = builder.scale(argument, "+", sigmoid.number("b_"))
-        argument = builder.scale(argument, "*", -1.0)
+        argument = builder.chain(score, ("*", sigmoid.number("a_")), ("+", sigmoid.number("b_")), ("*", -1.0))
         shares.append(complement(builder, builder.function(argument, "logistic")))
     mean = _mean(builder, shares, float(len(shares)))
     return Classified(labels, largest(builder, mean), mean)

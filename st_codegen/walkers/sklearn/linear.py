@@ -109,11 +109,6 @@ def squares(builder: GraphBuilder, value: int) -> int:
     return builder.combine(value, "*", value)
 
 
-def _repeated(builder: GraphBuilder, value: int, times: int) -> int:
-    """All columns, so many times one after another."""
-    return builder.select(np.tile(np.arange(builder.width(value), dtype=np.int32), times), value)
-
-
 def block_sums(builder: GraphBuilder, value: int, blocks: int, weight: float, bias: FloatArray) -> int:
     """`bias + weight * sum` of each of so many equal blocks of columns."""
     weights = np.kron(np.eye(blocks), np.full(builder.width(value) // blocks, weight))
@@ -130,7 +125,7 @@ def walk_gaussian_bayes(estimator: Any, builder: GraphBuilder, value: int) -> Cl
     prior = fitted.floats("class_prior_", (len(means),))
     if np.any(variances <= 0) or np.any(prior < 0):
         raise fitted.fail("var_", "a variance that is not above 0, or a negative prior")
-    value = _repeated(builder, value, len(means))
+    value = builder.select(np.tile(np.arange(width), len(means)), value)
     value = squares(builder, builder.scale(value, "-", means.ravel()))
     value = builder.scale(value, "/", variances.ravel())
     constant = np.array([-0.5 * np.sum(np.log(2.0 * np.pi * row)) for row in variances])
@@ -175,11 +170,8 @@ def walk_quadratic(estimator: Any, builder: GraphBuilder, value: int) -> Classif
         turned = builder.linear(centred, (rotation * scaling**-0.5).T)
         logarithms.append(np.sum(np.log(scaling)))
         parts.append(block_sums(builder, squares(builder, turned), 1, 1.0, np.zeros(1)))
-    norms = builder.beside(*parts)
-    shifted = builder.scale(norms, "+", np.array(logarithms))
-    halved = builder.scale(shifted, "*", -0.5)
     prior = np.log(fitted.floats("priors_", (count,)))
-    scores = builder.scale(halved, "+", prior)
+    scores = builder.chain(builder.beside(*parts), ("+", np.array(logarithms)), ("*", -0.5), ("+", prior))
     decision = scores
     if count == 2:
         decision = whole_sums(builder, scores, np.array([[-1.0, 1.0]]), np.zeros(1))
@@ -203,7 +195,6 @@ def walk_nearest_centroid(estimator: Any, builder: GraphBuilder, value: int) -> 
 
 def negative_square_distances(builder: GraphBuilder, value: int, centres: FloatArray) -> int:
     """-|x - c|**2 for each centre c, as -x*x + 2*x*c - c*c: the library multiplies matrices so."""
-    squared = squares(builder, value)
-    both = builder.beside(squared, value)
+    both = builder.beside(squares(builder, value), value)
     weights = np.hstack([-np.ones_like(centres), 2.0 * centres])
     return builder.linear(both, weights, -np.sum(centres**2, axis=1))

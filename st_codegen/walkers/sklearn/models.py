@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import FloatArray, Function, Kernel, KernelSum
+from st_codegen.ir import FloatArray, Function, KernelSum
 from st_codegen.walkers.base import Classified, GraphBuilder, Walked, walks
 from st_codegen.walkers.classes import (
     above,
@@ -24,20 +24,9 @@ from st_codegen.walkers.classes import (
     whole_sums,
 )
 from st_codegen.walkers.fitted import Fitted
+from st_codegen.walkers.sklearn.transforms import KERNELS, add_kernels
 
-_KERNELS = {
-    "linear": Kernel.LINEAR,
-    "poly": Kernel.POLYNOMIAL,
-    "rbf": Kernel.RBF,
-    "sigmoid": Kernel.SIGMOID,
-}
-_FUNCTIONS = {
-    "identity": Function.IDENTITY,
-    "tanh": Function.TANH,
-    "logistic": Function.LOGISTIC,
-    "relu": Function.RELU,
-    "exp": Function.EXP,
-}
+_FUNCTIONS = {name: Function(name) for name in ("identity", "tanh", "logistic", "relu", "exp")}
 
 
 class _Machine:
@@ -48,7 +37,7 @@ class _Machine:
 
     def __init__(self, estimator: Any, width: int, n_classes: int) -> None:
         self.fitted = fitted = Fitted(estimator)
-        self.kernel = fitted.choice("kernel", _KERNELS)
+        self.kernel = fitted.choice("kernel", KERNELS)
         vectors = fitted.get("support_vectors_")
         if not isinstance(vectors, np.ndarray) or fitted.flag("_sparse"):
             raise UnsupportedModelError(f"{fitted.kind} was fitted on a sparse matrix: fit it on a dense array")
@@ -137,9 +126,7 @@ def votes_and_confidences(builder: GraphBuilder, seconds: int, scores: int, coun
 def _squashed(builder: GraphBuilder, value: int) -> int:
     """x / (3 * (|x| + 1)) of each column."""
     size = builder.function(value, "leaky_relu", parameter=-1.0)  # |x|
-    above_one = builder.scale(size, "+", 1.0)
-    tripled = builder.scale(above_one, "*", 3.0)
-    return builder.combine(value, "/", tripled)
+    return builder.combine(value, "/", builder.chain(size, ("+", 1.0), ("*", 3.0)))
 
 
 @walks(
@@ -184,20 +171,6 @@ def walk_mlp(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
 def walk_kernel_ridge(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Sum of dual coefficient * kernel (`kernel_ridge.py: predict`, `metrics/pairwise.py`)."""
     fitted = Fitted(estimator)
-    kernel = fitted.choice("kernel", _KERNELS)
-    width = builder.width(value)
-    vectors = fitted.floats("X_fit_", (None, width))
+    vectors = fitted.floats("X_fit_", (None, builder.width(value)))
     dual = fitted.floats("dual_coef_", (len(vectors),), (len(vectors), None)).reshape(len(vectors), -1)
-    return builder.add(
-        KernelSum(
-            inputs=(value,),
-            kernel=kernel,
-            support_vectors=vectors,
-            coefficients=dual.T,
-            intercept=np.zeros(dual.shape[1]),
-            gamma=1.0 / width if fitted.get("gamma") is None else fitted.number("gamma"),
-            coef0=fitted.number("coef0"),
-            degree=fitted.integer("degree", 0, 2**31 - 1),
-            expands=True,
-        )
-    )
+    return add_kernels(fitted, builder, value, vectors, dual.T)

@@ -80,12 +80,10 @@ def walk_local_outliers(estimator: Any, builder: GraphBuilder, value: int) -> Cl
     own = fitted.floats("_distances_fit_X_", (count, nearest))[:, -1]
     reached = builder.scale(distances, "max", own)
     mean = builder.add(NearestMean((distances, reached), np.ones((1, count)), nearest))
-    shifted = builder.scale(mean, "+", 1e-10)
-    density = builder.scale(shifted, "/", 1.0, reverse=True)
+    density = builder.scale(builder.scale(mean, "+", 1e-10), "/", 1.0, reverse=True)
     others = builder.add(NearestMean((distances,), fitted.floats("_lrd", (count,))[None, :], nearest))
     ratio = builder.combine(others, "/", density)
-    turned = builder.scale(ratio, "*", -1.0)
-    decision = builder.scale(turned, "-", fitted.number("offset_"))
+    decision = builder.chain(ratio, ("*", -1.0), ("-", fitted.number("offset_")))
     return Classified((-1, 1), above(builder, decision, inclusive=True), decision=decision)
 
 
@@ -141,10 +139,8 @@ def walk_gaussian_process(estimator: Any, builder: GraphBuilder, value: int) -> 
     if isinstance(kernels, float):
         raise UnsupportedModelError("GaussianProcessRegressor with a constant kernel: the model is a constant")
     mean = builder.linear(kernels, weights.T)
-    factor = np.broadcast_to(fitted.floats("_y_train_std", (), (1,), (outputs,)), (outputs,))
-    offset = np.broadcast_to(fitted.floats("_y_train_mean", (), (1,), (outputs,)), (outputs,))
-    scaled = builder.scale(mean, "*", factor)
-    return builder.scale(scaled, "+", offset)
+    factor, offset = (fitted.floats(name, (), (1,), (outputs,)) for name in ("_y_train_std", "_y_train_mean"))
+    return builder.chain(mean, ("*", factor), ("+", offset))
 
 
 def _kernel(kernel: Any, builder: GraphBuilder, value: int, vectors: FloatArray) -> int | float:

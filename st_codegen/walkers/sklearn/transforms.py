@@ -11,17 +11,12 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import Clip, Distances, Exceeds, FloatArray, Kernel, KernelSum, Operator
+from st_codegen.ir import Clip, Distances, Exceeds, FloatArray, Kernel, KernelSum
 from st_codegen.walkers.base import GraphBuilder, transforms, walk_transform
 from st_codegen.walkers.fitted import SPARSE, Fitted
 from st_codegen.walkers.sklearn.linear import squares
 
-KERNELS = {
-    "linear": Kernel.LINEAR,
-    "poly": Kernel.POLYNOMIAL,
-    "rbf": Kernel.RBF,
-    "sigmoid": Kernel.SIGMOID,
-}
+KERNELS = {name: Kernel(name.replace("poly", "polynomial")) for name in ("linear", "poly", "rbf", "sigmoid")}
 
 
 def weighted(builder: GraphBuilder, value: int, weights: Any, name: str, fitted: Fitted) -> int:
@@ -71,36 +66,17 @@ def walk_selection(estimator: Any, builder: GraphBuilder, value: int) -> int:
     return builder.select(np.flatnonzero(kept), value)
 
 
-#: Before the projection: what is done to each column, and the names of the arrays.
-Before = tuple[tuple[Operator, str], ...]
-
-
-def _centred(fitted: Fitted, builder: GraphBuilder, value: int, before: Before) -> int:
-    for operator, name in before:
-        value = builder.scale(value, operator, fitted.floats(name, (builder.width(value),)))
-    return value
-
-
-#: What is done to each column before the weighted sums.
-_PROJECTIONS: dict[str, Before] = {
-    "FastICA": ((Operator.SUBTRACT, "mean_"),),
-    "NeighborhoodComponentsAnalysis": (),
-    "TruncatedSVD": (),
-    "GaussianRandomProjection": (),
-    "SparseRandomProjection": (),
-}
-
-
-@transforms(*_PROJECTIONS, trusts=SPARSE, finite=True)
+@transforms(
+    "FastICA TruncatedSVD NeighborhoodComponentsAnalysis GaussianRandomProjection SparseRandomProjection",
+    trusts=SPARSE,
+    finite=True,
+)
 def walk_projection(estimator: Any, builder: GraphBuilder, value: int) -> int:
-    """Columns centred (or scaled, or as they are), then weighted sums: `transform` of these classes."""
+    """Weighted sums of the columns, which FastICA centres where it whitens: `transform` of these classes."""
     fitted = Fitted(estimator)
-    before = _PROJECTIONS[fitted.kind]
-    fitted.get("components_")
-    if fitted.kind == "FastICA" and fitted.get("whiten") is False:
-        before = ()
-    value = _centred(fitted, builder, value, before)
     weights = fitted.floats("components_", (None, builder.width(value)))
+    if fitted.kind == "FastICA" and fitted.get("whiten") is not False:
+        value = builder.scale(value, "-", fitted.floats("mean_", (builder.width(value),)))
     return builder.linear(value, weights)
 
 
@@ -111,10 +87,9 @@ def walk_discriminant(estimator: Any, builder: GraphBuilder, value: int) -> int:
     if estimator.solver not in ("svd", "eigen"):
         raise UnsupportedModelError(f"LinearDiscriminantAnalysis with solver={estimator.solver!r} has no transform")
     if estimator.solver == "svd":
-        value = _centred(fitted, builder, value, ((Operator.SUBTRACT, "xbar_"),))
+        value = builder.scale(value, "-", fitted.floats("xbar_", (builder.width(value),)))
     count = fitted.integer("_max_components", 1, 2**31 - 1)
-    weights = fitted.floats("scalings_", (builder.width(value), None)).T[:count]
-    return builder.linear(value, weights)
+    return builder.linear(value, fitted.floats("scalings_", (builder.width(value), None)).T[:count])
 
 
 @transforms("PCA IncrementalPCA", finite=True)
@@ -169,7 +144,7 @@ def walk_normalizer(estimator: Any, builder: GraphBuilder, value: int) -> int:
     if estimator.norm not in ("l1", "l2"):
         raise UnsupportedModelError(f"Normalizer with norm={estimator.norm!r}: supported are 'l1' and 'l2'")
     width = builder.width(value)
-    parts = squares(builder, value) if estimator.norm == "l2" else _sizes(builder, value)
+    parts = squares(builder, value) if estimator.norm == "l2" else builder.function(value, "leaky_relu", -1.0)
     norm = builder.linear(parts, np.ones((1, width)))
     if estimator.norm == "l2":
         norm = builder.function(norm, "sqrt")
@@ -179,10 +154,6 @@ def walk_normalizer(estimator: Any, builder: GraphBuilder, value: int) -> int:
     divisor = builder.combine(kept, "+", other)
     repeated = builder.select(np.zeros(width, np.int32), divisor)
     return builder.combine(value, "/", repeated)
-
-
-def _sizes(builder: GraphBuilder, value: int) -> int:
-    return builder.function(value, "leaky_relu", parameter=-1.0)
 
 
 @transforms("PowerTransformer")
@@ -248,27 +219,29 @@ def walk_random_features(estimator: Any, builder: GraphBuilder, value: int) -> i
 def walk_nystroem(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Kernels with the components, then weighted sums of them (`kernel_approximation.py: Nystroem.transform`)."""
     fitted = Fitted(estimator)
-    kernel = fitted.choice("kernel", KERNELS)
     if fitted.get("kernel_params"):
         raise UnsupportedModelError("Nystroem with kernel_params: give gamma, coef0 and degree by their own parameters")
-    width = builder.width(value)
-    vectors = fitted.floats("components_", (None, width))
-    weights = fitted.floats("normalization_", (len(vectors), len(vectors)))
+    vectors = fitted.floats("components_", (None, builder.width(value)))
+    return add_kernels(fitted, builder, value, vectors, fitted.floats("normalization_", (len(vectors), len(vectors))))
+
+
+def add_kernels(fitted: Fitted, builder: GraphBuilder, value: int, vectors: FloatArray, weights: FloatArray) -> int:
+    """Sums of kernels with vectors, weighted (sums, vectors): `pairwise_kernels` by the parameters of an estimator."""
 
     def given(name: str, default: float) -> float:
         return default if fitted.get(name) is None else fitted.number(name)
 
     degree = given("degree", 3.0)
     if degree != int(degree) or degree < 0:
-        raise UnsupportedModelError(f"Nystroem with degree={degree}: supported are whole numbers")
+        raise UnsupportedModelError(f"{fitted.kind} with degree={degree}: supported are whole numbers")
     return builder.add(
         KernelSum(
             inputs=(value,),
-            kernel=kernel,
+            kernel=fitted.choice("kernel", KERNELS),
             support_vectors=vectors,
             coefficients=weights,
-            intercept=np.zeros(len(vectors)),
-            gamma=given("gamma", 1.0 / width),
+            intercept=np.zeros(len(weights)),
+            gamma=given("gamma", 1.0 / builder.width(value)),
             coef0=given("coef0", 1.0),
             degree=int(degree),
             expands=True,

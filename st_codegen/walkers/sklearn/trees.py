@@ -39,87 +39,65 @@ from st_codegen.walkers.sklearn.compose import selected_columns
 _TREE = ("sklearn.tree._tree.Tree",)
 
 
-@walks("DecisionTreeRegressor ExtraTreeRegressor", trusts=_TREE)
-def walk_tree(estimator: Any, builder: GraphBuilder, value: int) -> int:
-    """One tree; several outputs are wide leaves."""
-    return add_float32_trees(builder, value, [estimator], Fitted(estimator))
-
-
-@walks("DecisionTreeClassifier ExtraTreeClassifier", trusts=_TREE)
-def walk_class_tree(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
-    """The fractions of the classes in a leaf, and the first of the largest (`tree/_classes.py: predict`)."""
-    fitted = Fitted(estimator)
-    shares = add_float32_trees(builder, value, [estimator], fitted)
-    return Classified(labels_of(fitted), largest(builder, shares), probability=shares)
-
-
-@walks("RandomForestClassifier ExtraTreesClassifier", trusts=_TREE)
-def walk_class_forest(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
-    """The mean of the trees' fractions, and the first of the largest (`ensemble/_forest.py: ForestClassifier`)."""
-    fitted = Fitted(estimator)
-    trees = fitted.items("estimators_")
-    shares = add_float32_trees(builder, value, trees, fitted, TreeSum(divisor=len(trees)))
-    return Classified(labels_of(fitted), largest(builder, shares), probability=shares)
-
-
-@walks("RandomForestRegressor ExtraTreesRegressor", trusts=_TREE)
-def walk_forest(estimator: Any, builder: GraphBuilder, value: int) -> int:
+@walks("DecisionTreeRegressor ExtraTreeRegressor RandomForestRegressor ExtraTreesRegressor", trusts=_TREE)
+def walk_trees(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Sum of the trees in order, divided by their number (`ForestRegressor.predict` with n_jobs=1)."""
     fitted = Fitted(estimator)
-    trees = fitted.items("estimators_")
+    trees = fitted.items("estimators_") if hasattr(estimator, "estimators_") else [estimator]
     return add_float32_trees(builder, value, trees, fitted, TreeSum(divisor=len(trees)))
+
+
+@walks("DecisionTreeClassifier ExtraTreeClassifier RandomForestClassifier ExtraTreesClassifier", trusts=_TREE)
+def walk_class_trees(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
+    """The mean of the fractions of the classes in the leaves, and the first of the largest (`predict`)."""
+    shares = walk_trees(estimator, builder, value)
+    return Classified(labels_of(Fitted(estimator)), largest(builder, shares), probability=shares)
+
+
+def _boosted(fitted: Fitted, builder: GraphBuilder, value: int, initial: FloatArray) -> int:
+    """Initial value plus learning_rate * leaf, tree by tree (`_predict_regression_tree_inplace_fast_dense`)."""
+    trees = fitted.get("estimators_")
+    # the library adds the trees of a row in native code, which takes as many columns as there are outputs
+    if not isinstance(trees, np.ndarray) or trees.ndim != 2 or trees.shape[1] != len(initial) or not len(trees):
+        raise fitted.fail("estimators_", f"not an array of {len(initial)} trees an iteration")
+    rule = TreeSum(initial, fitted.number("learning_rate"))
+    return add_float32_trees(builder, value, list(trees.ravel()), fitted, rule)
+
+
+def _starts_plainly(fitted: Fitted, usual: str) -> bool:
+    """Whether boosting starts from constants (else from 0). Raises UnsupportedModelError for other models."""
+    init = fitted.get("init_")
+    if isinstance(init, str):  # "zero"
+        return False
+    if type(init).__name__ != usual:
+        raise UnsupportedModelError(
+            f"{fitted.kind} with init={type(init).__name__}: only the default initial value and init='zero' are "
+            "supported; train without `init`, or put that model into a pipeline of its own"
+        )
+    return True
 
 
 @walks("GradientBoostingRegressor", trusts=_TREE)
 def walk_gradient_boosting(estimator: Any, builder: GraphBuilder, value: int) -> int:
-    """Initial value plus learning_rate * leaf, tree by tree (`_predict_regression_tree_inplace_fast_dense`)."""
+    """The sum of the trees."""
     fitted = Fitted(estimator)
-    initial = 0.0
-    init = fitted.get("init_")
-    if not isinstance(init, str):  # the string is "zero"
-        if type(init).__name__ != "DummyRegressor":
-            raise UnsupportedModelError(
-                f"GradientBoostingRegressor with init={type(init).__name__}: only the default initial value "
-                "and init='zero' are supported; train without `init`, or put that model into a pipeline of its own"
-            )
-        initial = float(Fitted(init).floats("constant_", (1, 1)).item())
-    trees = fitted.get("estimators_")
-    # the library adds the trees of a row in native code, which takes as many columns as there are outputs
-    if not isinstance(trees, np.ndarray) or trees.ndim != 2 or trees.shape[1] != 1 or not len(trees):
-        raise fitted.fail("estimators_", "not an array of one tree an iteration")
-    return add_float32_trees(
-        builder, value, list(trees[:, 0]), fitted, TreeSum(initial, fitted.number("learning_rate"))
-    )
+    plain = _starts_plainly(fitted, "DummyRegressor")
+    initial = Fitted(estimator.init_).floats("constant_", (1, 1)).ravel() if plain else np.zeros(1)
+    return _boosted(fitted, builder, value, initial)
 
 
 @walks("GradientBoostingClassifier", trusts=_TREE)
 def walk_class_gradient_boosting(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
-    """Scores as `GradientBoostingRegressor` adds them; of two classes the second from 0 on (`_gb.py: predict`)."""
+    """Scores are sums of trees; of two classes the second from 0 on (`_gb.py: predict`)."""
     fitted = Fitted(estimator)
-    init = fitted.get("init_")
-    if not isinstance(init, str) and type(init).__name__ != "DummyClassifier":
-        raise UnsupportedModelError(
-            f"GradientBoostingClassifier with init={type(init).__name__}: only the default initial value and "
-            "init='zero' are supported; train without `init`"
-        )
+    _starts_plainly(fitted, "DummyClassifier")
     labels = labels_of(fitted)
     count = len(labels) if len(labels) > 2 else 1
-    trees = fitted.get("estimators_")
-    if not isinstance(trees, np.ndarray) or trees.ndim != 2 or trees.shape[1] != count or not len(trees):
-        raise fitted.fail("estimators_", f"not an array of {count} trees an iteration")
     initial = estimator._raw_predict_init(np.zeros((1, builder.width(value))))
-    raw = add_float32_trees(
-        builder,
-        value,
-        list(trees.ravel()),
-        fitted,
-        TreeSum(np.ravel(fitted.floats_of("init_", initial, (1, count))), fitted.number("learning_rate")),
-    )
+    raw = _boosted(fitted, builder, value, fitted.floats_of("init_", initial, (1, count)).ravel())
     if count > 1:
         return Classified(labels, largest(builder, raw), softmax(builder, raw), raw)
-    score = raw
-    if type(estimator._loss.link).__name__ == "HalfLogitLink":
-        score = builder.scale(raw, "*", 2.0)
+    score = builder.scale(raw, "*", 2.0) if type(estimator._loss.link).__name__ == "HalfLogitLink" else raw
     probability = builder.function(score, "logistic")
     return Classified(labels, above(builder, raw, inclusive=True), complement(builder, probability), raw)
 

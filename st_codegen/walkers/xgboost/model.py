@@ -47,31 +47,22 @@ from st_codegen.walkers.xgboost import ubjson
 from st_codegen.walkers.xgboost.document import READ_CATEGORY, BoosterModel, loads
 
 #: What an objective does to the sum of the trees; its inverse was applied to the base score.
-_LINKS: dict[str, Function] = {
-    "reg:squarederror": Function.IDENTITY,
-    "reg:linear": Function.IDENTITY,
-    "reg:squaredlogerror": Function.IDENTITY,
-    "reg:pseudohubererror": Function.IDENTITY,
-    "reg:absoluteerror": Function.IDENTITY,
-    "reg:quantileerror": Function.IDENTITY,
+_LINKS = {
+    **dict.fromkeys(
+        (
+            *("reg:squarederror", "reg:linear", "reg:squaredlogerror", "reg:pseudohubererror", "reg:absoluteerror"),
+            *("reg:quantileerror", "rank:ndcg", "rank:map", "rank:pairwise"),
+        ),
+        Function.IDENTITY,
+    ),
+    **dict.fromkeys(("reg:gamma", "reg:tweedie", "count:poisson", "survival:cox", "survival:aft"), Function.EXP),
     "reg:logistic": Function.LOGISTIC,
-    "reg:gamma": Function.EXP,
-    "reg:tweedie": Function.EXP,
-    "count:poisson": Function.EXP,
-    "rank:ndcg": Function.IDENTITY,
-    "rank:map": Function.IDENTITY,
-    "rank:pairwise": Function.IDENTITY,
-    "survival:cox": Function.EXP,
-    "survival:aft": Function.EXP,
 }
 
 #: Objectives of classes, and what their base score has passed.
-_CLASSES: dict[str, Function] = {
+_CLASSES = {
     "binary:logistic": Function.LOGISTIC,
-    "binary:logitraw": Function.IDENTITY,
-    "binary:hinge": Function.IDENTITY,
-    "multi:softmax": Function.IDENTITY,
-    "multi:softprob": Function.IDENTITY,
+    **dict.fromkeys(("binary:logitraw", "binary:hinge", "multi:softmax", "multi:softprob"), Function.IDENTITY),
 }
 
 #: All objectives.
