@@ -177,14 +177,14 @@ class Elementwise:
         """Accept any inputs: beyond their width nothing is asked of them."""
 
 
-class Whole:
+class ReadsWhole:
     """Mixin of operations that read one value as a whole: of `operand_width` columns, and nothing else is asked."""
 
     def check_operands(self, total: int) -> None:
         """Accept any input: beyond its width nothing is asked of it."""
 
 
-class Picking:
+class ReadsColumns:
     """Mixin of operations that read some columns of values of any width, laid side by side."""
 
     operand_width: ClassVar[None] = None

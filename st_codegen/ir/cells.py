@@ -13,7 +13,7 @@ import numpy as np
 
 from st_codegen.errors import InputError
 from st_codegen.ir.arrays import FloatArray, Int32Array
-from st_codegen.ir.base import Picking, check_columns, freeze, require_finite
+from st_codegen.ir.base import ReadsColumns, check_columns, freeze, require_finite
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class RankColumn:
 
 
 @dataclass(frozen=True)
-class Rank(Picking):
+class Rank(ReadsColumns):
     """Numbers replaced by their ranks among sorted thresholds, so that later steps compare integers.
 
     The ranks are whole numbers; generated code keeps them as integers.
@@ -80,7 +80,7 @@ class TableAxis:
 
 
 @dataclass(frozen=True)
-class CellTable(Picking):
+class CellTable(ReadsColumns):
     """One row of numbers for each cell of a grid; the row is the sum of what the ranks of the input skip.
 
     `shape` has the number of cells of each axis; `values` (cells, stored numbers) is in row-major order of the axes,

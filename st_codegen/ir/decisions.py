@@ -11,7 +11,7 @@ import numpy as np
 
 from st_codegen.errors import InputError
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.ir.base import ColumnFunction, Precision, Whole, freeze, require_finite
+from st_codegen.ir.base import ColumnFunction, Precision, ReadsWhole, freeze, require_finite
 
 #: A label as the library has it.
 Label = str | bool | int | float
@@ -42,7 +42,7 @@ class Classes:
 
 
 @dataclass(frozen=True)
-class ArgMax(Whole):
+class ArgMax(ReadsWhole):
     """The number of the largest column, counted from 0; of equal ones the first.
 
     Libraries that take the largest probability see two as equal whose scores are not: `merged` is the distance below
@@ -101,7 +101,7 @@ class Exceeds(ColumnFunction):
 
 
 @dataclass(frozen=True)
-class Softmax(Whole):
+class Softmax(ReadsWhole):
     """exp(x_i) / (exp(x_1) + exp(x_2) + ..), as libraries compute it: the largest x is taken from all first.
 
     `logarithm`: the logarithm of that, x_i less the logarithm of the sum.

@@ -9,11 +9,11 @@ import numpy as np
 
 from st_codegen.errors import InputError
 from st_codegen.ir.arrays import FloatArray
-from st_codegen.ir.base import Precision, Whole, freeze, require_finite
+from st_codegen.ir.base import Precision, ReadsWhole, freeze, require_finite
 
 
 @dataclass(frozen=True)
-class Distances(Whole):
+class Distances(ReadsWhole):
     """The distance to each of `vectors` (vectors, columns): the sum over the columns of squares, or of magnitudes.
 
     `root`: the square root of the sum. `expands`: the library computes squares as u.u - 2 * u.v + v.v, which loses
@@ -43,7 +43,7 @@ class Distances(Whole):
 
 
 @dataclass(frozen=True)
-class NearestMean(Whole):
+class NearestMean(ReadsWhole):
     """The mean of what belongs to the `count` columns with the smallest numbers, of equal ones the first.
 
     `values` (outputs, columns), each times its column of a second input where there is one. `inverse`: weighted with
@@ -75,7 +75,7 @@ class NearestMean(Whole):
 
 
 @dataclass(frozen=True)
-class WeightedMedian(Whole):
+class WeightedMedian(ReadsWhole):
     """The smallest column up to which, in rising order, half of the `weights` are reached.
 
     The weights are added in that order; of equal columns libraries add in any order.

@@ -17,11 +17,11 @@ from st_codegen.ir.base import (
     Kernel,
     Norm,
     Operator,
-    Picking,
     Precision,
     Quotient,
+    ReadsColumns,
+    ReadsWhole,
     SummationOrder,
-    Whole,
     check_columns,
     freeze,
     require_finite,
@@ -29,7 +29,7 @@ from st_codegen.ir.base import (
 
 
 @dataclass(frozen=True)
-class Select(Picking):
+class Select(ReadsColumns):
     """Columns picked from one or several values laid end to end (concatenation, reordering, column transformers)."""
 
     inputs: tuple[int, ...]
@@ -173,7 +173,7 @@ class Clip(ColumnFunction):
 
 
 @dataclass(frozen=True)
-class Linear(Whole):
+class Linear(ReadsWhole):
     """`weights @ x + bias`; weights has shape (outputs, inputs).
 
     `bias_terms` (outputs): the sum of the magnitudes of the terms (as many as there are inputs) from which the library
@@ -209,7 +209,7 @@ class Linear(Whole):
 
 
 @dataclass(frozen=True)
-class SlidingLinear(Picking):
+class SlidingLinear(ReadsColumns):
     """The same weighted sums at several places of a value: a convolution, a matrix times several rows, a mean of each.
 
     The place that starts at `starts[p]` reads the columns `starts[p] + offsets` and gives `weights @ columns + bias`,
@@ -299,7 +299,7 @@ class Normalize(Quotient):
 
 
 @dataclass(frozen=True)
-class KernelSum(Whole):
+class KernelSum(ReadsWhole):
     """Support vector regression: sum of coefficient * kernel(x, support vector), plus intercept.
 
     `support_vectors` (vectors, columns); `coefficients` (outputs, vectors); `intercept` (outputs). `expands`: the

@@ -9,11 +9,11 @@ import numpy as np
 
 from st_codegen.errors import InputError
 from st_codegen.ir.arrays import FloatArray, Int32Array
-from st_codegen.ir.base import Operation, Picking, check_columns, freeze, require_finite
+from st_codegen.ir.base import Operation, ReadsColumns, check_columns, freeze, require_finite
 
 
 @dataclass(frozen=True)
-class Scan(Picking):
+class Scan(ReadsColumns):
     """A recurrent layer: `body` once for each row of a value, on the row and the state that the round before left.
 
     Round `r` reads the columns `starts[r] .. starts[r] + columns - 1`. Value 0 of the body is that row, then the state;

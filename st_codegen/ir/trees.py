@@ -10,7 +10,16 @@ import numpy as np
 
 from st_codegen.errors import InputError
 from st_codegen.ir.arrays import BoolArray, FloatArray, Int32Array, IntArray
-from st_codegen.ir.base import Aggregate, Comparison, NanRule, Picking, Precision, check_columns, freeze, require_finite
+from st_codegen.ir.base import (
+    Aggregate,
+    Comparison,
+    NanRule,
+    Precision,
+    ReadsColumns,
+    check_columns,
+    freeze,
+    require_finite,
+)
 from st_codegen.ir.preorder import Preorder
 
 
@@ -66,7 +75,7 @@ class LinearLeaves:
 
 
 @dataclass(frozen=True)
-class TreeEnsemble(Picking):
+class TreeEnsemble(ReadsColumns):
     """Decision trees in flat arrays.
 
     Nodes of tree `t` are `roots[t] .. roots[t+1]-1` (to the end for the last), parents before children. A node with

@@ -102,6 +102,17 @@ def test_what_trees_decide_together_is_exact(name):
     assert len(np.unique(library[:, 0])) > 1
 
 
+def test_equal_scores_of_one_against_the_rest_are_decided_as_the_library_decides():
+    """Grown trees give 0 or 1, so that on rows between those of training no class, or several, may have the most."""
+    labels = np.random.default_rng(1).integers(0, 4, len(X))
+    whole = multiclass.OneVsRestClassifier(tree(None)).fit(X, labels)
+    model = loaded(whole)
+    rows = np.vstack([1.3 * X, X + 0.1, X[::-1, ::-1]])
+    scores = np.column_stack([part.predict_proba(rows)[:, 1] for part in whole.estimators_])
+    equal = np.sum(scores == scores.max(axis=1, keepdims=True), axis=1) > 1
+    assert np.sum(equal) > 20 and np.array_equal(model.predict(rows), reference.evaluate(model.ir, rows))
+
+
 @pytest.mark.parametrize("name", WITHIN)
 def test_other_compositions_lie_within_the_bound(name):
     model = loaded(fit(*WITHIN[name]))

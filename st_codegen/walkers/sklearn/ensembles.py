@@ -6,6 +6,7 @@ The order of additions is the library's: NumPy adds whole arrays, estimator by e
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from itertools import combinations
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy as np
 from st_codegen.errors import UnsupportedModelError
 from st_codegen.ir import Exceeds, FloatArray, Label, WeightedMedian
 from st_codegen.walkers.base import Classified, GraphBuilder, walk_any, walk_classifier, walk_estimator, walks
-from st_codegen.walkers.classes import above, complement, labels_of, largest, softmax, whole_sums
+from st_codegen.walkers.classes import above, complement, label_of, labels_of, largest, softmax, whole_sums
 from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.sklearn.models import votes_and_confidences
 
@@ -184,7 +185,7 @@ def walk_ada_boost_regressor(estimator: Any, builder: GraphBuilder, value: int) 
 
 @walks("OneVsRestClassifier", trusts=("sklearn.multiclass._ConstantPredictor",))
 def walk_one_vs_rest(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
-    """The last of the largest scores, one estimator a class; of two classes the second beyond the threshold."""
+    """The first (or last) of the largest scores, one a class; of two classes the second beyond the threshold."""
     fitted = Fitted(estimator)
     parts = fitted.items("estimators_")
     binarizer = Fitted(fitted.get("label_binarizer_"))
@@ -195,9 +196,20 @@ def walk_one_vs_rest(estimator: Any, builder: GraphBuilder, value: int) -> Class
     if len(parts) == 1:
         cut = 0.0 if hasattr(parts[0], "decision_function") else 0.5
         return Classified(labels, above(builder, scores[0], cut))
+    if _chosen_of_equal(estimator, builder.width(value)) == labels[0]:
+        return Classified(labels, largest(builder, builder.beside(*scores)))
     turned = largest(builder, builder.beside(*scores[::-1]))
-    last = builder.scale(turned, "-", len(parts) - 1.0, reverse=True)
-    return Classified(labels, last)
+    return Classified(labels, builder.scale(turned, "-", len(parts) - 1.0, reverse=True))
+
+
+def _chosen_of_equal(estimator: Any, width: int) -> Label:
+    """The label that the library takes where all scores are equal: the first in newer versions, once the last."""
+    from sklearn.multiclass import _ConstantPredictor
+
+    equal = copy(estimator)
+    equal.estimators_ = [_ConstantPredictor().fit(np.zeros((1, width)), np.zeros(1))] * len(estimator.estimators_)
+    label: Label = label_of(equal.predict(np.zeros((1, width)))[0])
+    return label
 
 
 @walks("OneVsOneClassifier")
