@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 RACE := .venv-race
 INSTALLED := $(VENV)/.installed
 
-.PHONY: run test pictures site real blark soak soak-long fuzz sbom audit lint sizes nightly bench clean tables train-long blind blind-form mutate mutants example commissioning race kills peers
+.PHONY: run test pictures site real blark soak soak-long fuzz sbom audit lint sizes nightly bench clean tables train-long blind blind-form mutate mutants example commissioning race bound kills peers
 
 run: $(INSTALLED)  ## compile the example bundle, verify the result
 	$(BIN)/st-codegen examples/rv160n/models/ --target twincat --out build/rv160n
@@ -100,6 +100,9 @@ site: $(INSTALLED)  ## the documentation, build/site/index.html; links are check
 
 commissioning: $(INSTALLED)  ## campaign, training, text, soft PLC, live comparison and a motion over ADS; build/commissioning/
 	$(BIN)/python examples/commissioning/run.py --out build/commissioning
+
+bound: $(INSTALLED)  ## the worst case that is counted against the instructions of golden blocks, by callgrind; some 15 minutes
+	$(BIN)/python -m pytest -q -m slow tests/cost
 
 race: $(RACE)/.installed  ## the emitted text, as C, against what others generate; writes build/race.json
 	@command -v gcc > /dev/null || { echo "the race needs a C compiler: apt-get install gcc libc6-dev"; exit 2; }

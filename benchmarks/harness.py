@@ -38,6 +38,7 @@ class Result:
     exact: bool | None = None
     error: str = ""
     note: str = ""
+    expected_most: int | None = None
 
 
 class Harness:

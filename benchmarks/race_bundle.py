@@ -118,6 +118,8 @@ def _example() -> Path:
 def _bundle(
     name: str, make: Callable[[], tuple[Path, Choice]], harness: Harness, folder: Path, known: list[Result]
 ) -> list[Result]:
+    from benchmarks.bound import expected
+    from benchmarks.st_to_c import ports
     from st_codegen.cost.profile import load_profile
     from st_codegen.cost.report import project_cost
     from st_codegen.driver import generate
@@ -152,6 +154,7 @@ def _bundle(
         round(built.compile_s, 3),
         exact,
         note=note,
+        expected_most=expected(cost.cycle[0].operations, sum(ports(project, "FB_Compensator"))),
     )
     return [ours, *_added_up(name, choice, known), _library(name, bundle, rows, harness, folder)]
 
