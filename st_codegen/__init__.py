@@ -5,6 +5,8 @@
 >>> st_codegen.generate(bundle, "twincat", "generated")
 >>> st_codegen.verify(bundle, "generated").passed
 True
+>>> st_codegen.prove(bundle, "generated").proved
+True
 >>> st_codegen.diff("generated of yesterday", "generated").changed
 True
 >>> st_codegen.simulate(bundle, "rig.toml", "cycloidal").outcomes
@@ -25,13 +27,14 @@ from st_codegen.files.made_by import VERSION
 if TYPE_CHECKING:
     from st_codegen.driver import generate
     from st_codegen.project.bundle import Bundle, load
+    from st_codegen.proof.prove.prove import prove
     from st_codegen.proof.review import diff
     from st_codegen.proof.verify import verify
     from st_codegen.reconcile.run import Reconciliation
     from st_codegen.rig.motion_files import MotionStudy
 
 __version__ = VERSION
-__all__ = ["diff", "generate", "load", "reconcile", "simulate", "verify"]
+__all__ = ["diff", "generate", "load", "prove", "reconcile", "simulate", "verify"]
 
 #: Public functions that are the same in their room, which is imported when they are first used.
 _HOMES = {
@@ -39,6 +42,7 @@ _HOMES = {
     "load": "st_codegen.project.bundle",
     "diff": "st_codegen.proof.review",
     "verify": "st_codegen.proof.verify",
+    "prove": "st_codegen.proof.prove.prove",
 }
 # these bring a purpose, a target and kinds of files
 announce("st_codegen.te.bundle", "st_codegen.beckhoff_ml")

@@ -78,7 +78,8 @@ class _Commands(LazyGroup):
     epilog="""\b
 Examples:
   st-codegen models/ --target twincat              compile a folder of models
-  st-codegen verify models/ --generated generated  prove that the code computes the same numbers
+  st-codegen verify models/ --generated generated  compare its numbers with those of the models' libraries
+  st-codegen prove models/ --generated generated   prove that it computes the same for every input
   st-codegen predict models/ --input X.csv --output Y.csv
   st-codegen diff old/ new/                        what changed, for the reviewer
 

@@ -7,18 +7,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from st_codegen.cli.costs import magnitude_text
+from st_codegen.cli.prove import VERDICT_COLUMNS, sentence, verdict_rows
 from st_codegen.files.text import write_text
 from st_codegen.report import COLOURS, PageSection, PageTable, figures, markdown, page
+from st_codegen.report.picture import panels
 
 if TYPE_CHECKING:
     from st_codegen.cli.costs import Explanation
     from st_codegen.cost.report import ProjectCost
     from st_codegen.project.bundle import Bundle
+    from st_codegen.proof.prove.prove import ProveReport
     from st_codegen.proof.review import ModelChange, Review, Sweep
     from st_codegen.proof.verify import VerifyReport
 
 #: Outputs whose curves a page shows: those that moved most.
 _MOST_DRAWN = 12
+#: Width of a picture of bars: its words can be read on a telephone, too.
+_BARS_CM = 12
 
 
 def write_pages(
@@ -57,7 +62,7 @@ def review_sections(found: Review, lines: list[str], *, draw: bool) -> tuple[str
         ]
         columns = ("output", "largest change", "mean change", "points that moved", "largest at")
         pictures = (
-            tuple(_curves(_label(m, o.output), o.curves) for m, o in moved[:_MOST_DRAWN] if o.curves) if draw else ()
+            tuple(svg for m, o in moved[:_MOST_DRAWN] for svg in _curves(_label(m, o.output), o.curves)) if draw else ()
         )
         sections.append(PageSection("Numbers", _points_text(changed), PageTable(columns, rows), pictures))
     if found.files:
@@ -82,7 +87,7 @@ def _points_text(changed: list[ModelChange]) -> str:
     return text + " Curves go through the point of the largest change."
 
 
-def _curves(title: str, curves: Iterable[Sweep]) -> str:
+def _curves(title: str, curves: Iterable[Sweep]) -> list[str]:
     def draw(curve: Sweep) -> Callable[[Any], None]:
         def panel(axes: Any) -> None:
             axes.plot(curve.x, curve.before, color=COLOURS[0], linewidth=2.2, alpha=0.6, label="old")
@@ -92,25 +97,27 @@ def _curves(title: str, curves: Iterable[Sweep]) -> str:
 
         return panel
 
-    return figures([(title, draw(curve)) for curve in curves], columns=2)
+    return panels([(title, draw(curve)) for curve in curves])
 
 
 # --- verify
 
 
-def verify_sections(report: VerifyReport, bundle: Bundle) -> tuple[str, list[PageSection]]:
-    """The summary of a verification, and its sections: agreement, provenance, cost."""
+def verify_sections(report: VerifyReport, proof: ProveReport, bundle: Bundle) -> tuple[str, list[PageSection]]:
+    """The summary of a verification, and its sections: agreement, proof, provenance, cost."""
     failed = [model.name for model in report.models if not model.passed]
     tried = sum(model.n for model in report.models)
     summary = (
         f"{'FAILED: ' + ', '.join(failed) if failed else 'All agree'}: library, reference and generated text on a "
         f"sample of {tried:,} rows."
     )
+    proved = sum(result.verdict == "proved" for result in proof.results)
+    summary += f"\n\nProved for every input: {proved} of {len(proof.results)} texts."
     rows = [(m.name, m.n, m.max_abs_err, m.bound, m.max_ulp, m.verdict, ", ".join(m.targets)) for m in report.models]
     columns = ("model", "rows", "largest error", "allowed", "ulp", "result", "targets")
     strong = {(row, 5) for row, model in enumerate(report.models) if not model.passed}
     notes = "\n\n".join(f"{target}: {note}" for target, note in report.notes.items())
-    sections = [PageSection("Agreement", notes, PageTable(columns, rows, strong))]
+    sections = [PageSection("Agreement", notes, PageTable(columns, rows, strong)), _proof_section(proof)]
     sources = [
         (ir.name, ir.source.file, f"{ir.source.library} {ir.source.version}", ir.source.model_class, ir.source.digest)
         for ir in bundle.irs
@@ -119,6 +126,18 @@ def verify_sections(report: VerifyReport, bundle: Bundle) -> tuple[str, list[Pag
     served = "\n\n".join(bundle.purpose.served(bundle.irs)) if bundle.purpose else ""
     sections.append(PageSection("Provenance", served, PageTable(head, sources)))
     return summary, sections + [_cost_section(target, cost, report.cycle_us) for target, cost in report.costs.items()]
+
+
+def _proof_section(proof: ProveReport) -> PageSection:
+    """The verdicts on the text for every input, and why some are no proof."""
+    text = (
+        "The text was executed on all inputs at once. Of trees it gives the model's bits; of other models it computes "
+        "the model's expression, which lies within the bound from the library. docs/proof.md says what is assumed."
+    )
+    others = [sentence(result) for result in proof.results if result.verdict != "proved"]
+    strong = {(number, 2) for number, result in enumerate(proof.results) if result.verdict != "proved"}
+    table = PageTable(VERDICT_COLUMNS, list(verdict_rows(proof)), strong)
+    return PageSection("Proof", "\n\n".join([text, *others]), table)
 
 
 def _cost_section(target: str, cost: ProjectCost, cycle_us: float | None) -> PageSection:
@@ -136,7 +155,7 @@ def _cost_section(target: str, cost: ProjectCost, cycle_us: float | None) -> Pag
         axes.barh(names, [part.warm_us for part in parts][::-1], color=COLOURS[1], height=0.4, label="warm caches")
         axes.set(xlabel="us in a cycle")
 
-    picture = figures([("", bars)], columns=1, size_cm=(16, 2.5 + 0.7 * len(parts))) if parts else ""
+    picture = figures([("", bars)], columns=1, size_cm=(_BARS_CM, 2.5 + 0.7 * len(parts))) if parts else ""
     columns = ("block", "operations", "bytes of tables", "warm us", "cold us")
     return PageSection(
         f"Worst case of a cycle, {target}", text, PageTable(columns, rows), (picture,) if picture else ()
@@ -182,7 +201,7 @@ def _layouts_section(entry: Explanation) -> PageSection:
         axes.barh(labels, [p.cost.cold_us for p in shown][::-1], color=colours)
         axes.set(xlabel="us of a call with cold caches; blue: taken")
 
-    picture = figures([("", bars)], columns=1, size_cm=(16, 2.5 + 0.6 * len(shown)))
+    picture = figures([("", bars)], columns=1, size_cm=(_BARS_CM, 2.5 + 0.6 * len(shown)))
     columns = ("model", "layout", "operations", "bytes of tables", "warm us", "cold us")
     text = f"A block alone on {entry.cost.profile.name}; the layout in bold was taken."
     return PageSection(f"Layouts, {entry.target}", text, PageTable(columns, rows, strong), (picture,))

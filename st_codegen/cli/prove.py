@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -93,7 +94,7 @@ def command(
                 )
     for result in report.results:
         if result.verdict is not Verdict.PROVED:
-            console.print(_sentence(result), highlight=False, soft_wrap=True, markup=False)
+            console.print(sentence(result), highlight=False, soft_wrap=True, markup=False)
     verdicts = {result.verdict for result in report.results}
     show_codes(code for verdict, code in _CODES if verdict in verdicts)
     sys.exit(0 if report.proved else 1)
@@ -103,20 +104,29 @@ def _table(report: ProveReport) -> Table:
     from st_codegen.proof.prove.prove import Verdict
 
     table = Table(title="the generated text for all inputs", title_justify="left")
-    numbers = ("trees", "boxes", "operations", "bound")
-    for name in ("model", "target", "verdict", "how", *numbers):
-        table.add_column(name, justify="right" if name in numbers else "left")
+    for name in VERDICT_COLUMNS:
+        table.add_column(name, justify="right" if name in VERDICT_COLUMNS[4:] else "left")
     colours = {Verdict.PROVED: "green", Verdict.REFUTED: "bold red", Verdict.NOT_PROVED: "yellow"}
-    for result in report.results:
-        verdict = Text(result.verdict.value, colours[result.verdict])
-        counts = [f"{count:,}" if count else "" for count in (result.trees, result.boxes, result.operations)]
-        bound = f"{max(result.bound):.2g}" if result.bound else "no range known" if result.operations else ""
-        bound = "none known" if bound == "inf" else bound
-        table.add_row(result.model, result.target, verdict, result.method, *counts, bound)
+    for model, target, verdict, *others in verdict_rows(report):
+        table.add_row(model, target, Text(verdict, colours[Verdict(verdict)]), *others)
     return table
 
 
-def _sentence(result: ProofResult) -> str:
+#: What `verdict_rows` gives of each verdict.
+VERDICT_COLUMNS = ("model", "target", "verdict", "how", "trees", "boxes", "operations", "bound")
+
+
+def verdict_rows(report: ProveReport) -> Iterator[tuple[str, ...]]:
+    """The verdicts in words."""
+    for result in report.results:
+        counts = [f"{count:,}" if count else "" for count in (result.trees, result.boxes, result.operations)]
+        bound = f"{max(result.bound):.2g}" if result.bound else "no range known" if result.operations else ""
+        bound = "none known" if bound == "inf" else bound
+        yield result.model, result.target, result.verdict.value, result.method, *counts, bound
+
+
+def sentence(result: ProofResult) -> str:
+    """Why a model is not proved, and the input that refutes it if there is one."""
     text = f"{result.model}, {result.target}: {result.verdict.value}: {result.reason}"
     found = result.counterexample
     if found is None:

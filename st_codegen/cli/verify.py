@@ -54,7 +54,11 @@ Examples:
 @click.option(
     "--json", "json_file", type=click.Path(path_type=Path, dir_okay=False), help="Write the report to this file."
 )
-@click.option("--html", type=click.Path(path_type=Path, dir_okay=False), help="Write a page to this file.")
+@click.option(
+    "--html",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write a page, with a proof, to this file.",
+)
 @trust_option
 @quiet_option
 def command(
@@ -72,11 +76,12 @@ def command(
     trust_pickle: bool,
     quiet: bool,
 ) -> None:
-    """Prove that the generated text computes the same numbers as MODELS.
+    """Compare the numbers of the generated text with those of MODELS, on a sample of inputs.
 
-    Library, reference and emitted text are compared on the trained range, on thresholds and their neighbours, on NaN,
-    infinities and values outside the range. With --cycle-us the worst case of a cycle, from the emitted text and with
-    cold caches, must fit as well. Exit code 0 when all agree and fit, 1 when not.
+    Library, reference and emitted text are compared in the range of the inputs, on thresholds and their neighbours, on
+    NaN, infinities and values outside the range. With --cycle-us the worst case of a cycle, from the emitted text and
+    with cold caches, must fit as well. Exit code 0 when all agree and fit, 1 when not, or when a proof for the page
+    finds an input that differs.
     """
     from st_codegen.cost.profile import load_profile
     from st_codegen.emit.output import is_real, kinds_of_outputs
@@ -97,8 +102,7 @@ def command(
         report = verify(bundle, generated, rows=rows, seed=seed, budget=budget, progress=progress, jobs=jobs)
     if json_file is not None:
         write_text(json_file, json.dumps(report.as_json(), indent=1) + "\n")
-    if html is not None:
-        _write_page(html, models, report, bundle)
+    refuted = html is not None and _write_page(html, models, generated, report, bundle, quiet=quiet)
     if not quiet:
         console.print(_table(report))
         for target, note in report.notes.items():
@@ -120,8 +124,8 @@ def command(
         for line in _failures(model):
             console.print(Text.assemble((model.name, "red"), f": {line}"), soft_wrap=True)
     _print_times(report, cycle_us, quiet=quiet)
-    show_codes(_codes(report))
-    sys.exit(0 if report.passed else 1)
+    show_codes([*_codes(report), *(["STC2101"] if refuted else [])])
+    sys.exit(0 if report.passed and not refuted else 1)
 
 
 def _codes(report: VerifyReport) -> Iterator[str]:
@@ -164,11 +168,22 @@ def _print_times(report: VerifyReport, cycle_us: float | None, *, quiet: bool) -
                 print_verdict(target, cost, cycle_us)
 
 
-def _write_page(path: Path, models: Path, report: VerifyReport, bundle: Bundle) -> None:
+def _write_page(
+    path: Path, models: Path, generated: Path, report: VerifyReport, bundle: Bundle, *, quiet: bool
+) -> bool:
+    """Write the page, with proofs. Returns whether one of them found an input that refutes it, which is printed."""
     from st_codegen.cli.pages import verify_sections, write_pages
+    from st_codegen.cli.prove import sentence
+    from st_codegen.proof.prove.prove import Verdict, prove
 
-    summary, sections = verify_sections(report, bundle)
+    with progress_bar("proving", quiet=quiet) as progress:
+        proof = prove(bundle, generated, progress=progress)
+    summary, sections = verify_sections(report, proof, bundle)
     write_pages(f"Verification of {models}", sections, summary, path, None)
+    refuted = [result for result in proof.results if result.verdict is Verdict.REFUTED]
+    for result in refuted:
+        console.print(sentence(result), soft_wrap=True)
+    return bool(refuted)
 
 
 def _print_remarks(report: VerifyReport) -> None:

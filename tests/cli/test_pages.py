@@ -33,7 +33,7 @@ def test_a_review_shows_numbers_curves_and_what_stayed(two, tmp_path):
     html, text = tmp_path / "r.html", tmp_path / "r.md"
     assert run("diff", *two, "--html", html, "--markdown", text, "-n", 500, "-q") == 1
     page, marks = html.read_text(encoding="utf-8"), text.read_text(encoding="utf-8")
-    assert page.count("<svg") == 1
+    assert page.count("<svg") == 3  # one an input
     assert all(name in page for name in ("speed_rpm", "torque_Nm", "temperature_C"))
     for shown in (page, marks):
         assert "1 of 2 models changed." in shown
@@ -60,6 +60,24 @@ def test_verification_has_a_page(lone_folder, tmp_path):
     assert "All agree: library, reference and generated text on a sample of" in text
     assert "te.txt" in text
     assert "estimates" in text
+    assert "Proved for every input: 1 of 1 texts." in text
+    assert re.search(r"<td>te</td><td>twincat</td><td>proved</td><td>all cells|sums of trees</td>", text)
+
+
+def test_a_page_says_what_is_not_proved_and_what_refutes(lone_folder, tmp_path, capsys):
+    assert run(lone_folder, "--out", tmp_path, "-q", "--self-check", "--layout", "trees") == 0
+    page, (block,) = tmp_path / "v.html", tmp_path.rglob("FB_Te.TcPOU")
+    command = ("verify", lone_folder, "-g", tmp_path, "-n", 1, "--html", page, "-q")
+    assert run(*command) == 0
+    assert "Proved for every input: 0 of 1 texts." in page.read_text(encoding="utf-8")
+    assert "te, twincat: not proved: the block checks itself (--self-check)" in page.read_text(encoding="utf-8")
+    assert run(lone_folder, "--out", tmp_path, "-q", "--layout", "trees") == 0
+    text = block.read_text(encoding="utf-8-sig")
+    changed = "    fOut1 := aStep1[0] + BOOL_TO_DINT(aInput[0] = 1234567.25);"
+    block.write_text(text.replace("    fOut1 := aStep1[0];", changed, 1), encoding="utf-8")
+    assert run(*command) == 1
+    assert "refuted" in capsys.readouterr().err
+    assert "te, twincat: refuted" in page.read_text(encoding="utf-8")
 
 
 def git(folder, *arguments):
@@ -115,7 +133,7 @@ def test_nothing_of_a_page_is_white_in_the_dark(two, tmp_path):
     page = tmp_path / "r.html"
     assert run("diff", *two, "--html", page, "-n", 200, "-q") == 1
     text = page.read_text("utf-8")
-    assert text.count("<svg") == 1
+    assert text.count("<svg") >= 1
     bright = {}
     for name, scheme in (("light", "(width < 0)"), ("dark", "all")):
         page.write_text(text.replace("(prefers-color-scheme: dark)", scheme), encoding="utf-8")
