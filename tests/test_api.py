@@ -12,6 +12,7 @@ def test_models_are_loaded_compiled_verified_and_compared(lone_folder, tmp_path)
     assert "POUs/FB_Te.TcPOU" in generated.files
     st_codegen.generate(bundle, "twincat", str(tmp_path / "two"))
     assert st_codegen.verify(bundle, str(tmp_path / "one"), rows=100).passed
+    assert st_codegen.prove(bundle, str(tmp_path / "one")).proved
     assert not st_codegen.diff(str(tmp_path / "one"), str(tmp_path / "two"), rows=10).changed
 
 

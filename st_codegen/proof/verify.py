@@ -141,11 +141,13 @@ class VerifyReport:
 
     def __repr__(self) -> str:
         failed = [model.name for model in self.models if not model.passed]
-        return f"VerifyReport({len(self.models)} models, {f'failed: {failed}' if failed else 'all passed'})"
+        late = f"over the budget: {', '.join(self.over_budget)}" if self.over_budget else ""
+        found = "; ".join(filter(None, (f"failed: {', '.join(failed)}" if failed else "", late)))
+        return f"VerifyReport({len(self.models)} models, {found or 'all passed'})"
 
     def _repr_html_(self) -> str:
         return html_table(
-            "library = reference = generated text",
+            repr(self),
             ("model", "rows", "max error", "allowed", "ulp", "result"),
             [
                 (m.name, f"{m.n:,}", f"{m.max_abs_err:.2g}", f"{m.bound:.2g}", f"{m.max_ulp:,}", m.verdict)

@@ -60,19 +60,20 @@ class ProofResult:
 
 @dataclass(frozen=True, repr=False)
 class ProveReport:
-    """All verdicts."""
+    """All verdicts; `proved`: each of them is a proof."""
 
     results: tuple[ProofResult, ...] = field(default=())
 
     def __repr__(self) -> str:
-        proved = sum(result.verdict is Verdict.PROVED for result in self.results)
-        return f"ProveReport({proved} of {len(self.results)} proved)"
+        return f"ProveReport({self._count()} proved)"
+
+    def _count(self) -> str:
+        return f"{sum(result.verdict is Verdict.PROVED for result in self.results)} of {len(self.results)}"
 
     def _repr_html_(self) -> str:
         rows = [(r.model, r.target, r.block, r.verdict.value, r.reason or r.method) for r in self.results]
-        return html_table(
-            "the text equals the model for all inputs", ("model", "target", "block", "verdict", "by"), rows
-        )
+        head = ("model", "target", "block", "verdict", "by")
+        return html_table(f"{self._count()} texts proved to equal their model for all inputs", head, rows)
 
     @property
     def proved(self) -> bool:
@@ -80,7 +81,10 @@ class ProveReport:
 
 
 def prove(bundle: Bundle, generated: Path | str, *, progress: Progress | None = None) -> ProveReport:
-    """Prove every model of a bundle for every generated target below `generated`."""
+    """Prove every model of a bundle for every generated target below `generated`; docs/proof.md says what is assumed.
+
+    Raises GeneratedCodeError for text that is not that of these models, or cannot be read.
+    """
     folders = target_folders(Path(generated))
     results = []
     total = len(bundle.models) * len(folders)
