@@ -136,10 +136,6 @@ class AxisValue:
         self.version = len(self.axis.parents)
         return self
 
-    @property
-    def is_float(self) -> bool:
-        return self.constant.dtype == np.float64
-
     def ends(self) -> tuple[AnyArray, AnyArray]:
         """The values at the first and the last number of each lane (and for NaN)."""
         self.lift()

@@ -278,44 +278,39 @@ class Demand:
     def _(self, op: Activation, given: list[list[Value]]) -> list[Value]:
         return [self._rounded(self._function(op, x), op.precision) for x in given[0]]
 
-    def _function(self, op: Activation, x: Value) -> Value:  # noqa: PLR0911, PLR0912 - one return a function
-        terms = self.terms
-        if op.function is Function.IDENTITY:
-            return x
-        if op.function is Function.RELU:
-            return terms.real("max", x, 0.0)
-        if op.function is Function.LEAKY_RELU:
-            return self._either("LT", x, 0.0, lambda: terms.real("mul", op.parameter, x), lambda: x)
-        if op.function is Function.SIGNED_SQUARE:
-            return terms.real("mul", x, terms.real("abs", x))
-        if op.function is Function.TANH:
-            return self._tanh(x)
-        if op.function is Function.LOGISTIC:
-            return self._logistic(x)
-        if op.function is Function.SOFTPLUS:
-            return self._softplus(x)
-        if op.function is Function.ELU:
-            return self._either("LT", x, 0.0, lambda: terms.real("mul", op.parameter, self._expm1(x)), lambda: x)
-        if op.function is Function.LOG1P:
-            self._refuse("LE", x, -1.0)
-            return self._either("LE", x, -1.0, lambda: 0.0, lambda: self._log1p(x))
-        if op.function is Function.ABS:
-            return terms.real("abs", x)
-        if op.function is Function.SOFTSIGN:
-            return terms.real("div", x, terms.real("add", 1.0, terms.real("abs", x)))
-        if op.function is Function.SQRT:
-            self._refuse("LT", x, 0.0)
-            return self._either("LT", x, 0.0, lambda: 0.0, lambda: terms.real("sqrt", x))
-        if op.function is Function.LOG:
-            self._refuse("LE", x, 0.0)
-            return self._either("LE", x, 0.0, lambda: 0.0, lambda: terms.real("ln", x))
-        if op.function in (Function.ERF, Function.GELU, Function.SIN, Function.COS, Function.POWER):
+    def _function(self, op: Activation, x: Value) -> Value:
+        real = self.terms.real
+        #: Functions with a value for every number, and those that refuse some: which, as a comparison, and how.
+        everywhere: dict[Function, Callable[[], Value]] = {
+            Function.IDENTITY: lambda: x,
+            Function.RELU: lambda: real("max", x, 0.0),
+            Function.LEAKY_RELU: lambda: self._either("LT", x, 0.0, lambda: real("mul", op.parameter, x), lambda: x),
+            Function.SIGNED_SQUARE: lambda: real("mul", x, real("abs", x)),
+            Function.TANH: lambda: self._tanh(x),
+            Function.LOGISTIC: lambda: self._logistic(x),
+            Function.SOFTPLUS: lambda: self._softplus(x),
+            Function.ELU: lambda: self._either(
+                "LT", x, 0.0, lambda: real("mul", op.parameter, self._expm1(x)), lambda: x
+            ),
+            Function.ABS: lambda: real("abs", x),
+            Function.SOFTSIGN: lambda: real("div", x, real("add", 1.0, real("abs", x))),
+        }
+        refusing: dict[Function, tuple[str, float, Callable[[], Value]]] = {
+            Function.LOG1P: ("LE", -1.0, lambda: self._log1p(x)),
+            Function.SQRT: ("LT", 0.0, lambda: real("sqrt", x)),
+            Function.LOG: ("LE", 0.0, lambda: real("ln", x)),
+            Function.EXP: ("GT", op.limit, lambda: self._exp(x)),
+            Function.EXPM1: ("GT", op.limit, lambda: self._expm1(x)),
+        }
+        if op.function in everywhere:
+            return everywhere[op.function]()
+        if op.function not in refusing:
             raise NotProvedError(f"the function {op.function.value} is not followed")
-        formula = self._expm1 if op.function is Function.EXPM1 else self._exp
-        if not math.isfinite(op.limit):
-            return formula(x)
-        self._refuse("GT", x, op.limit)
-        return self._either("GT", x, op.limit, lambda: 0.0, lambda: formula(x))
+        operator, end, formula = refusing[op.function]
+        if not math.isfinite(end):
+            return formula()
+        self._refuse(operator, x, end)
+        return self._either(operator, x, end, lambda: 0.0, formula)
 
     def _exp(self, x: Value, precision: Precision = Precision.FLOAT64) -> Value:
         return self._either("GT", x, -_REACH, lambda: self._rounded(self.terms.real("exp", x), precision), lambda: 0.0)

@@ -31,7 +31,7 @@ NOT_FOLLOWED = {"combine divide": "may overflow"} | {
 }
 NOT_FOLLOWED |= {
     f"function {name}{suffix}": f"the function {name} is not followed"
-    for name in ("erf", "gelu", "cos", "power")
+    for name in ("erf", "gelu", "sin", "cos", "power")
     for suffix in ("", " float32")
 }
 #: Neighbours are sorted by distances, so that the place of an element depends on the inputs.
