@@ -101,7 +101,7 @@ site: $(INSTALLED)  ## the documentation, build/site/index.html; links are check
 commissioning: $(INSTALLED)  ## campaign, training, text, soft PLC, live comparison and a motion over ADS; build/commissioning/
 	$(BIN)/python examples/commissioning/run.py --out build/commissioning
 
-bound: $(INSTALLED)  ## the worst case that is counted against the instructions of golden blocks, by callgrind; some 15 minutes
+bound: $(INSTALLED)  ## the worst case that is counted against the instructions of golden blocks, by callgrind; a minute of a processor
 	$(BIN)/python -m pytest -q -m slow tests/cost
 
 race: $(RACE)/.installed  ## the emitted text, as C, against what others generate; writes build/race.json
