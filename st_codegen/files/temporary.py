@@ -34,7 +34,7 @@ def temporary_folder(parent: Path, becomes: Path | None = None) -> Iterator[Path
     An error of the disk names `becomes`, which is being made there, or `parent`: the new folder tells nobody anything.
     """
     place = parent.resolve()
-    with errors_of_disk(becomes or parent):
+    with errors_of_disk(becomes or parent, place):
         sweep(place)
         path, lock = _made(place)
     try:

@@ -52,7 +52,7 @@ def inputs(path):
     text = path.read_text(encoding="utf-8-sig")
     if '"' in text:
         return True
-    rows = [line.split(separator) for line in re.split(r"\r\n|\r|\n", text) if line.strip(" ,;\t")]
+    rows = [line.split(separator) for line in re.split(r"\r\n|\r|\n", text) if re.sub(r"[\s,;]", "", line)]
     texts = np.array([[cell.strip().replace(",", ".") for cell in row] for row in rows[1:]]).reshape(-1, len(found))
     return all(
         np.array_equal(values, texts[:, number].astype(np.float64), equal_nan=True)
