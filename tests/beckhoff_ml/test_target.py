@@ -346,13 +346,12 @@ def test_predict_and_generate_take_such_a_file(tmp_path):
         assert np.all(np.abs(result.values - bundle.models[0].predict(x)) <= 1e-5)
 
 
-@pytest.mark.parametrize("labels", [TWO, WORDS, MANY], ids=["two", "three", "many"])
-@pytest.mark.parametrize("kernel", ["rbf", "linear"])
+@pytest.mark.parametrize(("labels", "kernel"), [(TWO, "linear"), (WORDS, "rbf"), (MANY % 5, "poly")])
 def test_support_vectors_of_classes(labels, kernel, tmp_path):
     """The runtime's label, as the file says it and as the block gives it, is the library's."""
     machine = make_pipeline(StandardScaler(), SVC(kernel=kernel, decision_function_shape="ovo")).fit(X, labels)
     found = loaded(machine, (OutputKind.CLASS,))
-    assert verified(found, tmp_path, target="beckhoff-ml", rows=100).max_abs_err == 0.0
+    assert verified(found, tmp_path, target="beckhoff-ml", rows=50).max_abs_err == 0.0
     text = only_file(found.ir)
     file = etree.fromstring(text.encode())[0]
     own = machine[-1]

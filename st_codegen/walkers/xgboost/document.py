@@ -83,6 +83,12 @@ def loads(data: bytes, *, binary: bool) -> BoosterModel:
         )
     document = ubjson.loads(data) if binary else _json(data)
     if not isinstance(document, dict) or not isinstance(document.get("learner"), dict):
+        if isinstance(document, dict) and "tree_info" in document:
+            raise UnsupportedModelError("what LightGBM's dump_model gives is for reading: save_model('model.txt')")
+        if isinstance(document, list) and any(isinstance(tree, dict) and "nodeid" in tree for tree in document[:1]):
+            raise UnsupportedModelError(
+                "what XGBoost's dump_model writes lacks the objective and the base score: save_model('model.json')"
+            )
         raise InputError("not an XGBoost model: no object 'learner'")
     root = DocumentPart(document, "")
     learner = root.section("learner")
