@@ -61,6 +61,9 @@ WITHIN = {
     "pairs of two": (multiclass.OneVsOneClassifier(GaussianNB()), TWO),
     "calibrated": (CalibratedClassifierCV(LinearSVC(), cv=2), TWO),
     "calibrated probabilities": (CalibratedClassifierCV(GaussianNB(), cv=2, ensemble=False), TWO),
+    "calibrated, three": (CalibratedClassifierCV(GaussianNB(), cv=2), WORDS),
+    "calibrated in steps": (CalibratedClassifierCV(LinearSVC(), method="isotonic", cv=2), TWO),
+    "calibrated in steps, three": (CalibratedClassifierCV(LogisticRegression(), method="isotonic", cv=2), WORDS),
     "stack": (ensemble.StackingClassifier(NAMED, LogisticRegression(), cv=2), WORDS),
     "stack of two": (ensemble.StackingClassifier([("a", tree(3)), ("b", SVC())], tree(2), cv=2, passthrough=True), TWO),
     "envelope": (covariance.EllipticEnvelope(random_state=0), None),
@@ -135,6 +138,7 @@ def test_other_compositions_lie_within_the_bound(name):
         "isolation",
         "pairs",
         "stack of two",
+        "calibrated in steps, three",
         "mixture",
     ],
 )
@@ -145,8 +149,7 @@ def test_the_text_of_compositions(name, tmp_path):
 @pytest.mark.parametrize(
     ("estimator", "y", "message"),
     [
-        (CalibratedClassifierCV(GaussianNB(), method="isotonic", cv=2), TWO, "supported is method='sigmoid'"),
-        (CalibratedClassifierCV(GaussianNB(), cv=2), WORDS, "and 3 classes"),
+        (CalibratedClassifierCV(GaussianNB(), method="temperature", cv=2), TWO, "supported are 'sigmoid'"),
         (ensemble.IsolationForest(n_estimators=3, max_features=1), None, "max_features below 1"),
         (multiclass.OneVsRestClassifier(tree()), np.column_stack([TWO, ~TWO, TWO]).astype(int), "several labels a row"),
     ],

@@ -235,23 +235,50 @@ def walk_one_vs_one(estimator: Any, builder: GraphBuilder, value: int) -> Classi
     trusts=("sklearn.calibration._CalibratedClassifier", "sklearn.calibration._SigmoidCalibration"),
 )
 def walk_calibrated(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
-    """The mean of sigmoids of the scores of two classes (`calibration.py: _CalibratedClassifier.predict_proba`)."""
+    """The mean of calibrated scores (`calibration.py: _CalibratedClassifier.predict_proba`)."""
     fitted = Fitted(estimator)
     labels = labels_of(fitted)
-    if estimator.method != "sigmoid" or len(labels) != 2:
+    if estimator.method not in ("sigmoid", "isotonic"):
         raise UnsupportedModelError(
-            f"CalibratedClassifierCV with method={estimator.method!r} and {len(labels)} classes: supported is "
-            "method='sigmoid' with two classes"
+            f"CalibratedClassifierCV with method={estimator.method!r}: supported are 'sigmoid' and 'isotonic'"
         )
     shares = []
     for calibrated in fitted.items("calibrated_classifiers_"):
         inner = calibrated.estimator
-        score = _response(walk_classifier(inner, builder, value), inner, builder)
-        sigmoid = Fitted(Fitted(calibrated).items("calibrators", 1)[0])
-        argument = builder.chain(score, ("*", sigmoid.number("a_")), ("+", sigmoid.number("b_")), ("*", -1.0))
-        shares.append(complement(builder, builder.function(argument, "logistic")))
+        one = walk_classifier(inner, builder, value)
+        calibrators = Fitted(calibrated).items("calibrators", len(one.labels) if len(labels) > 2 else 1)
+        if len(labels) == 2:
+            score = _response(one, inner, builder)
+            shares.append(complement(builder, _calibrated_score(calibrators[0], builder, score)))
+            continue
+        whole = one.decision if hasattr(inner, "decision_function") else _probability(one, inner)
+        if whole is None or builder.width(whole) != len(calibrators):
+            raise UnsupportedModelError(f"{type(inner).__name__} gives no score for each class, which the whole needs")
+        found = [_calibrated_score(part, builder, builder.select([n], whole)) for n, part in enumerate(calibrators)]
+        shares.append(_shared(builder, _scattered(fitted, one, builder.beside(*found), labels, builder)))
     mean = _mean(builder, shares, float(len(shares)))
     return Classified(labels, largest(builder, mean), mean)
+
+
+def _calibrated_score(calibrator: Any, builder: GraphBuilder, score: int) -> int:
+    """A sigmoid of a score, or what was fitted to it in steps, which takes it whatever the inputs are."""
+    fitted = Fitted(calibrator)
+    if fitted.kind == "IsotonicRegression":
+        limits = list(builder.magnitude_limits)
+        found = walk_estimator(calibrator, builder, score)
+        builder.magnitude_limits = limits
+        return found
+    argument = builder.chain(score, ("*", fitted.number("a_")), ("+", fitted.number("b_")), ("*", -1.0))
+    return builder.function(argument, "logistic")
+
+
+def _shared(builder: GraphBuilder, value: int) -> int:
+    """Numbers from 0 on by their sum; where all are 0 they are equal shares."""
+    count = builder.width(value)
+    total = builder.select([0] * count, builder.linear(value, np.ones((1, count))))
+    none = builder.scale(above(builder, total), "-", 1.0, reverse=True)
+    divisor = builder.combine(total, "+", builder.scale(none, "*", float(count)))
+    return builder.combine(builder.combine(value, "+", none), "/", divisor)
 
 
 def _stacked(fitted: Fitted, builder: GraphBuilder, value: int) -> int:
