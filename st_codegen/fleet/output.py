@@ -17,7 +17,7 @@ from st_codegen.fleet.compare import FALSE_ALARM, LEAST_AXES, Campaigns, FleetCo
 from st_codegen.fleet.estimates import Estimate
 from st_codegen.fleet.stages import CHECK, EARLIER, RECONCILE, TRAIN, AxisResult
 from st_codegen.report import COLOURS, PageSection, PageTable, page
-from st_codegen.report.picture import Draw, panels
+from st_codegen.report.picture import panels
 
 PAGE, AXES, EFFECTS, FACTS = "fleet.html", "fleet.csv", "effects.csv", "fleet.json"
 _MOST_PANELS = 24
@@ -236,10 +236,12 @@ class FleetReport:
                 groups.setdefault((one.type, one.effect), []).append(one)
         farthest = {key: max(max(map(abs, one.distances.values())) for one in own) for key, own in groups.items()}
         shown = sorted(groups, key=lambda key: -farthest[key])[:_MOST_PANELS]
-        drawn: list[tuple[str, Draw]] = [
-            (f"{effect} ({kind})", partial(_strip, groups[kind, effect])) for kind, effect in shown
-        ]
-        return panels(drawn)
+        drawn: list[str] = []
+        for kind, effect in shown:
+            own = groups[kind, effect]
+            # a line for each parameter needs its height
+            drawn += panels([(f"{effect} ({kind})", partial(_strip, own))], size_cm=(11, 3.0 + 0.6 * len(own)))
+        return drawn
 
     def _unseen(self) -> PageSection:
         rows = [[text] for text in self.not_looked_at]
@@ -277,7 +279,7 @@ def _strip(spreads: Sequence[Spread], axes: Any) -> None:
             )
         limit = one.limit or 0.0
         axes.plot([-limit, limit], [place, place], "|", color="black", markersize=12)
-    axes.set_xscale("symlog", linthresh=5.0)
+    axes.set_xscale("symlog", linthresh=5.0, linscale=3.0)
     axes.set_yticks(range(len(spreads)), [one.key for one in spreads], fontsize=7)
     axes.set_ylim(-0.7, len(spreads) - 0.3)
     axes.set(xlabel="robust distance (bars: limits)")
