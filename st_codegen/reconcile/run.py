@@ -107,12 +107,16 @@ class Reconciliation:
         more_than_noise = self.fitted.after > SETTINGS.clearly_larger * self.fitted.noise_floor
         if self.unexplained or more_than_noise:
             return "partly_explained" if named else "unexplained"
-        return "explained" if named else "nothing_missing"
+        # what a few runs leave may be noise, or what their model lacks between them
+        return "nothing_missing" if not named else "partly_explained" if self.data.few_points else "explained"
 
     @property
     def floor_is_bound(self) -> bool:
-        """Whether the noise floor may be smaller: that of the mean holds what is unexplained there."""
-        return any(signature.at_least for signature in self.unexplained)
+        """Whether the noise floor may be smaller.
+
+        What runs differ by from others holds what is unexplained, or varies between few runs, as well as the noise.
+        """
+        return bool(self.unexplained) or self.data.few_points
 
 
 def reconcile_files(

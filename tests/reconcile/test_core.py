@@ -60,6 +60,30 @@ RIG = RigModel(
 )  # fmt: skip
 
 
+def started(rig, data):
+    """The state of a rig, all of whose effects are free, and what is fitted."""
+    n = data.values.shape
+    target = FitData(data, np.full(n, SIGMA), np.ones(n[0], bool), groups_of(data.at))
+    return target, State(rig, 0.0, tuple(piece_of(one, added=False, origin=one) for one in rig.effects))
+
+
+@pytest.mark.parametrize("size", [2e-4, 5e-5])
+def test_a_mesh_order_and_its_sidebands_are_fitted_together(size):
+    """A step that takes both at once overshoots: sidebands are a ratio times the size of their mesh order."""
+    sides = {"lower_phase_rad": 0.2, "upper_phase_rad": 0.3}
+    true, start = (
+        replace(RIG, effects=(*RIG.effects[:2], RIG.effects[2].with_values(dict(RIG.effects[2].values) | own),
+                effect("carrier_modulation", order=39, lower_ratio=ratio, upper_ratio=ratio, **sides)))
+        for own, ratio in (({}, 1.0), ({"amplitude_deg": size, "backward_amplitude_deg": size}, 0.1))
+    )  # fmt: skip
+    data = observed(true, grid(), orders=(0, 1, 36, 39, 42))
+    found = fit(*started(start, data), steps=50)
+    numbers = len(data) * 9
+    assert found.loss < numbers + 5 * np.sqrt(2 * numbers)
+    # nothing is left that another step would gain
+    assert float(found.open_step @ np.linalg.inv(found.inverse) @ found.open_step) < 0.1
+
+
 def test_noise_is_found_under_what_varies_smoothly():
     data = observed(RIG, grid())
     noise = estimate(data, data.values)

@@ -71,6 +71,31 @@ def test_a_structure_with_two_states_is_two_resonances(two_states):
     assert two_states.held_out.before > 1e-4
 
 
+def test_a_peak_between_few_speeds_has_a_name():
+    """Parameters without a level are those of one linear step: a size times a size that both move would be neither."""
+    at = grid(np.arange(200, 1701, 100.0), [0.0, 1200.0], [25.0])
+    added = {240: 5e-3 * np.exp(1.1j) * by_force(at, 240, 34.9, 0.02)}
+    sides = '[[effect]]\nname = "carrier_modulation"\norder = 240\nlower_ratio = 0.3\nupper_ratio = 0.03\n'
+    rig = wave("pin_error", 240, 2e-4, 2.0) + slope(240, 4e-4) + sides
+    result = reconciled(rig, at, [0, 39, 40, 78, 237, 240, 243], added)
+    (claim,) = result.conclusions.claims
+    assert claim.piece.effect.name == "structural_resonance"
+    assert claim.piece.effect.scalar("frequency_Hz") == pytest.approx(34.9, abs=0.1)
+
+
+@pytest.mark.parametrize("power", [1.0, 2.0 / 3.0])
+def test_a_dozen_runs_name_what_is_large_and_leave_open_what_else_it_may_be(power):
+    """Two levels of torque cannot tell one law from another: a curved spring looks like one and friction."""
+    at = grid([300.0, 900.0, 1600.0], [100.0, 1300.0], [22.0, 38.0])
+    added = {0: -0.06 * at.sign * (at.torque_Nm / 1300.0) ** power}
+    result = reconciled(wave("pin_error", 240, 2e-4, 2.0), at, [0, 1, 39, 40, 78, 240], added)
+    assert "torsional_compliance" in [claim.piece.effect.name for claim in result.conclusions.claims]
+    assert all("something_else" in claim.alternatives for claim in result.conclusions.claims)
+    assert result.verdict == "partly_explained" and result.floor_is_bound
+    said = summary(result)
+    assert "noise floor at most" in said and "-> at least" in said
+
+
 def test_the_report_of_two_states_has_both(two_states):
     (entry,) = report(two_states)["effects"]
     keys = {key for key in entry["parameters"] if key.startswith("frequency_Hz")}

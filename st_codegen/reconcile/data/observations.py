@@ -15,6 +15,7 @@ import numpy as np
 
 from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 
 
@@ -75,6 +76,12 @@ class Observations:
             left_out=None if self.left_out is None else self.left_out[index],
             seen=None if self.seen is None else self.seen[index],
         )
+
+    @cached_property
+    def few_points(self) -> bool:
+        """Whether there are too few operating points to tell noise from what differs between them."""
+        points = np.stack([self.at.speed_rpm, self.at.torque_Nm, self.at.temperature_C])
+        return self.angle_rad is None and np.unique(points, axis=1).shape[1] < SETTINGS.least_contrasts
 
     def both_directions(self) -> bool:
         """Whether there are rows of both directions."""

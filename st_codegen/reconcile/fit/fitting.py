@@ -50,11 +50,21 @@ class Fit:
     centre: FloatArray
 
     @cached_property
+    def _whole(self) -> tuple[FloatArray, FloatArray]:
+        """Normal matrix and right side at the solution, with the prior, (p, p) and (p,)."""
+        weights = self.target.weights(self.residual)
+        matrix, pull = gather(self.target, self.columns, self.residual, weights, by_cell=False).total()
+        return matrix + np.diag(self.prior), pull - self.prior * (self.state.vector() - self.centre)
+
+    @cached_property
     def inverse(self) -> FloatArray:
         """Inverse of the whole normal matrix with the prior, (p, p)."""
-        weights = self.target.weights(self.residual)
-        whole = gather(self.target, self.columns, self.residual, weights, by_cell=False)
-        return inverse(whole.total()[0] + np.diag(self.prior))
+        return inverse(self._whole[0])
+
+    @cached_property
+    def open_step(self) -> FloatArray:
+        """The step that the coordinates would still take, (p,): nothing at a solution."""
+        return self.inverse @ self._whole[1]
 
     @cached_property
     def normal(self) -> Normal:
@@ -173,13 +183,13 @@ def fit(target: FitData, state: State, *, steps: int = 12, tolerance: float = 1e
     state = state.with_vector(vector)
     residual = target.residual(state.model())
     loss = _penalised(target, residual, vector, centre, prior)
-    damping, shape = 1e-6, np.array([c is not None and not c.linear for c in state.coordinates()])
+    damping = 1e-6
     columns: list[Column] = []
     normal = None
     for _ in range(steps):
         if normal is None:
             columns, normal = _linearised(target, state, residual)
-        step = _damped_step(normal, prior, centre, vector, bounds, damping, shape)
+        step = _damped_step(normal, prior, centre, vector, bounds, damping)
         trial = state.with_vector(np.clip(vector + step, *bounds))
         new_vector = trial.vector()
         new_residual = target.residual(trial.model())
@@ -227,13 +237,15 @@ def _damped_step(
     vector: FloatArray,
     bounds: tuple[FloatArray, FloatArray],
     damping: float,
-    shape: BoolArray,
 ) -> FloatArray:
-    """A Gauss-Newton step within bounds, damped in the coordinates in which the model is not linear."""
+    """A Levenberg-Marquardt step within bounds.
+
+    Every coordinate is damped: sizes of a mesh and of its sidebands are products, in which the model is not linear.
+    """
     matrix, gradient = normal.total()
     matrix = matrix + np.diag(prior)
     gradient = gradient - prior * (vector - centre)
-    matrix = matrix + np.diag(damping * np.where(shape, np.maximum(np.diag(matrix), 1e-30), 0.0))
+    matrix = matrix + np.diag(damping * np.maximum(np.diag(matrix), 1e-30))
     return bounded_step(matrix, gradient, vector, bounds)
 
 

@@ -385,7 +385,23 @@ class Scorer:
                 taken[number] = np.clip(vector[place] + x, c.lower, c.upper) - vector[place]
                 vector[place] += taken[number]
         gain = float(2 * taken @ pull - taken @ matrix @ taken)
+        if self.fit.target.data.few_points:
+            gain = self._worth(columns, gain)
         return Candidate(candidate.piece.with_vector(vector), candidate.number, candidate.grown, gain)
+
+    def _worth(self, columns: Sequence[Column], saved: float) -> float:
+        """What loss saved is worth where few runs have told the scatter that it is weighed by.
+
+        Orders are weighed by how far they scatter about a model that lacks what is looked for, so that of few runs
+        nothing could save much. With an unknown scatter likelihoods differ by the logarithm of what is left.
+        """
+        target = self.fit.target
+        places = np.unique(np.concatenate([places for places, _ in columns]))
+        weights, parts = self.weights[:, places], np.where(target.data.orders[places] == 0, 1, 2)
+        whole = float((weights * np.abs(self.fit.residual[:, places]) ** 2).sum())
+        noise = float((weights * parts * target.sigma[:, places] ** 2).sum())
+        left = max(whole - saved, min(whole, noise), 1e-300)
+        return float((target.counts[:, places] * parts).sum() * np.log(max(whole, left) / left))
 
     def step(self, columns: Sequence[Column]) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Linear step of new columns beside all fitted ones, their reduced normal matrix, and right side."""
@@ -402,6 +418,8 @@ class Scorer:
                 fitted, other = self._by_place[place]
                 cross[index[:, None], np.array(fitted)[None, :]] += weighted.T @ other
         reduced = own - cross @ self.fit.inverse @ cross.T
+        # what the fitted coordinates would still gain by themselves is no gain of new ones
+        pull -= cross @ self.fit.open_step
         scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
         seen = np.diag(reduced) > 1e-6 * np.diag(own)
         step = np.zeros(count)

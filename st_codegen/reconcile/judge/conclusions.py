@@ -14,7 +14,7 @@ from st_codegen.reconcile.judge.candidates import STAGES, Candidate, Search
 from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.held_out import unmeasured_states
 from st_codegen.reconcile.judge.peaks import bracket, has_a_frequency, spread
-from st_codegen.reconcile.judge.plausible import bounds_met, explained, followers, is_a_peak, misfit
+from st_codegen.reconcile.judge.plausible import bounds_met, explained, followers, inside_bounds, is_a_peak, misfit
 from st_codegen.reconcile.judge.retuned import changes, with_piece_held
 from st_codegen.reconcile.judge.selection import founded
 from st_codegen.reconcile.settings import SETTINGS
@@ -117,6 +117,9 @@ def _without_misfits(current: Fit) -> Fit:
     """Take back additions at a bound, and those whose orders keep too much: the data want something else there."""
     while True:
         added = [i for i, piece in enumerate(current.state.pieces) if piece.added]
+        for i in added:
+            # a shape that another form of the effect does not need is left out of it
+            current = inside_bounds(current, i) or current
         over = {i: _over_its_limit(current, current.state.pieces[i]) for i in added}
         worst = max(over, key=lambda i: over[i], default=None)
         if worst is None or not over[worst]:
@@ -171,7 +174,8 @@ def _claim(rig: RigModel, joint: Fit, final: Fit, number: int, standing: Standin
         frequency = piece.effect.scalar("frequency_Hz")
         stderr["frequency_Hz"] = float(np.hypot(stderr["frequency_Hz"], spread(frequency, peaks)))
     names = sorted({other.name for other in others} - {piece.effect.name})
-    alone = _by_order_alone(final, number)
+    few = final.target.data.few_points
+    alone = few or _by_order_alone(final, number)
     counted = SETTINGS.names_by_order if alone else SETTINGS.names_by_more
     return Claim(
         piece=piece,
@@ -181,7 +185,12 @@ def _claim(rig: RigModel, joint: Fit, final: Fit, number: int, standing: Standin
         others=others,
         share=_share(rig, final, piece),
         own_gap=_own_gap(rig, final, piece),
-        extrapolates=(*_extrapolates(joint, piece), *_of_its_shape(piece, peaks), *_of_its_order(final, number)),
+        extrapolates=(
+            *_extrapolates(joint, piece),
+            *_of_its_shape(piece, peaks),
+            *_of_its_order(final, number),
+            *((_FEW,) if few else ()),
+        ),
         peaks=peaks,
         counted=counted if joint.target.data.angle_rad is None else None,
     )
@@ -233,7 +242,9 @@ def _of_its_shape(piece: Piece, peaks: tuple[float, float] | None) -> tuple[str,
     )
 
 
-#: the alternative to a name that only an order gives
+#: what is said beside every name that few runs give
+_FEW = "so few runs cannot tell one law of the conditions from another: measure more levels"
+#: the alternative to a name that only an order, or few runs, give
 SOMETHING_ELSE = "something_else"
 
 

@@ -59,13 +59,23 @@ def judge(without: Fit, with_it: Fit, places: list[int], number: int, seed: int 
     return Evidence(
         loss_saved=saved,
         parameters=count,
-        p_chance=chi_square_tail(saved, count),
+        p_chance=_p_of_chance(without, own, places),
         p_clusters=p_of_clusters(own, places, with_it.state.vector()[places]),
         held_out=held,
         votes=votes,
         stability=stability(own, places, seed),
         size_in_noise=size_in_noise(with_it, places, number),
     )
+
+
+def _p_of_chance(without: Fit, with_it: Fit, places: list[int]) -> float:
+    """Chance of what coordinates save by noise that is independent from run to run, of the size that the fit leaves."""
+    target = with_it.target
+    saved = float((target.losses(without.residual) - target.losses(with_it.residual)).sum())
+    touched = np.unique(np.concatenate([with_it.columns[i][0] for i in places]))
+    numbers = (target.counts * np.where(target.data.orders == 0, 1, 2))[:, touched].sum()
+    rest = max(int(numbers) - len(places), 1)
+    return f_tail(saved / len(places), len(places), rest)
 
 
 def size_in_noise(fit: Fit, places: list[int], number: int) -> float:

@@ -18,8 +18,14 @@ from st_codegen.rig.effects import Conditions, Effect
 
 
 def predicted(fit: Fit, fold: Fold) -> ComplexArray:
-    """What the parameters fitted without a fold leave of its own rows, complex128 (rows of the fold, K), deg."""
-    return fit.target.residual(fit.state.with_vector(fold.vector).model(), fold.rows)
+    """What the parameters fitted without a fold leave of its own rows, complex128 (rows of the fold, K), deg.
+
+    Of the model in its linear form, in which they were fitted: a size times a size that both move would be neither.
+    """
+    found = fit.residual[fold.rows].copy()
+    for (places, values), moved in zip(fit.columns, fold.vector - fit.state.vector(), strict=True):
+        found[:, places] -= values[fold.rows] * moved
+    return found
 
 
 def compared(without: Fit, with_it: Fit, axis: str) -> Iterator[tuple[int, float]]:

@@ -131,6 +131,9 @@ def is_no_form_error(without: Fit, with_it: Fit, number: int | None = None) -> b
     effects contribute there: so much of what is left counts for nothing.
     """
     target = with_it.target
+    if target.data.few_points:
+        # weighed by how far they scatter about the model that lacks something, few runs could save too little
+        target = target.about(with_it.residual)
     others = [piece for i, piece in enumerate(with_it.state.pieces) if piece.added and i != number]
     slack = SETTINGS.form * np.abs(sum((explained(with_it, one) for one in others), np.zeros_like(with_it.residual)))
     left = [np.maximum(np.abs(one.residual) - slack, 0.0).astype(np.complex128) for one in (without, with_it)]

@@ -170,7 +170,8 @@ def _how_sure(claim: Claim) -> str:
     others = [name for name in claim.alternatives if name != SOMETHING_ELSE]
     parts = [f"{', '.join(others)} would do as well"] if others else []
     if SOMETHING_ELSE in claim.alternatives:
-        parts.append("named by its order alone: something else may make the same wave")
+        alone = "something else may look the same"
+        parts.append(f"named by {'its order alone' if claim.piece.effect.orders else 'few runs'}: {alone}")
     parts = parts or ["no other effect that was tried does as well"]
     if claim.counted is not None:
         true, of = claim.counted

@@ -44,6 +44,7 @@ def report(result: Reconciliation, update: Update | None = None, ahead: NextRuns
         ],
         "gap": {"fitted": _gap(result.fitted), "held_out": _gap(result.held_out)},
         "noise_floor_at_most": result.floor_is_bound,
+        "held_out_at_least": result.data.few_points,
         "gap_by_order": [asdict(gap) for gap in result.orders],
         "suspect_runs": [f"{result.data.labels[row]}: {times:.1f} times the usual distance from what is expected"
                          for row, times in result.noise.suspects]

@@ -14,7 +14,7 @@ from st_codegen.reconcile.report.evidence import evidence_panels, unexplained_pa
 from st_codegen.reconcile.report.findings import Finding, findings, share_text
 from st_codegen.reconcile.report.output import parameters_of, report_text, rig_diff
 from st_codegen.reconcile.report.ranking import ranking_section
-from st_codegen.reconcile.report.sentences import VERDICT_TEXT, between_text, floor_text, taken_back_text
+from st_codegen.reconcile.report.sentences import VERDICT_TEXT, between_text, floor_text, taken_back_text, verdict_text
 from st_codegen.reconcile.run import OrderGap, Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.report.html import PageSection, PageTable, page
@@ -50,9 +50,7 @@ def report_page(result: Reconciliation, update: Update | None = None, ahead: Nex
     sections += [_curves(result), ranking_section(result), _runs(result), _limits(result), _rig(result)]
     if update is not None:
         sections += [_models(update), _motion(update)]
-    return page(
-        "What the rig model lacks", [s for s in sections if s is not None], summary=VERDICT_TEXT[result.verdict]
-    )
+    return page("What the rig model lacks", [s for s in sections if s is not None], summary=verdict_text(result))
 
 
 def spectrum_page(result: SpectrumResult) -> str:

@@ -21,6 +21,14 @@ VERDICT_TEXT = {
     "unexplained": "Something is missing that no effect of the catalogue explains.",
 }
 
+
+def verdict_text(result: Reconciliation) -> str:
+    """The verdict in words."""
+    if result.verdict == "partly_explained" and result.data.few_points and not result.unexplained:
+        return "What is named was missing; the runs are too few to tell whether what is left of them is noise."
+    return VERDICT_TEXT[result.verdict]
+
+
 #: what a noise floor is made of, by the kind of contrast
 _FLOOR = {
     "plane": "how far runs lie from the plane through their neighbours",
@@ -47,16 +55,18 @@ def floor_text(result: Reconciliation) -> str:
     if "repeats" not in kinds:
         text += ". No run was repeated: what is sharper than the steps of the conditions counts as noise there"
     if result.floor_is_bound:
-        text += ". It may be smaller: what is unexplained of the mean counts as its noise as well"
+        also = "what is unexplained" if result.unexplained else "what differs between so few runs"
+        text += f". It may be smaller: {also} may be in it as well"
     if result.data.spectral_deg is not None:
         text += ". Orders above 5 were also compared with the noise between the orders of their own curves"
     return text + "."
 
 
 def between_text(result: Reconciliation) -> str:
-    """What the held-out gap holds beside what held-out runs leave; empty for most."""
+    """What the held-out gap holds beside what held-out runs leave, or cannot hold; empty for most."""
+    few = "The gap on held-out runs is a least value: so few runs say nothing of what lies between them."
     if not result.between_deg:
-        return ""
+        return few if result.data.few_points else ""
     return (
         f"Between temperatures that were measured, where nobody knows which frequency a resonance has, the rig may be "
         f"off by {result.between_deg:.3g} deg RMS; the gap on held-out runs holds that."

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from st_codegen.campaign.conditions import OperatingPoint
 from st_codegen.reconcile.report.findings import findings, share_text
-from st_codegen.reconcile.report.sentences import VERDICT_TEXT, between_text, floor_text, taken_back_text
+from st_codegen.reconcile.report.sentences import between_text, floor_text, taken_back_text, verdict_text
 from st_codegen.reconcile.run import Reconciliation
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def summary(result: Reconciliation) -> str:
     """The findings as a few lines."""
-    lines = [VERDICT_TEXT[result.verdict]]
+    lines = [verdict_text(result)]
     lines += [f"- the measurement: {mistake.text}" for mistake in result.mistakes]
     lines += [f"- {finding_text(finding, first=number == 0)}" for number, finding in enumerate(findings(result))]
     lines += [f"- unexplained: {signature.text}" for signature in result.unexplained[:8]]
@@ -27,7 +27,8 @@ def summary(result: Reconciliation) -> str:
         lines.append(f"- {taken_back_text(result.taken_back)}")
     gap = result.held_out
     floor = f"{'at most ' if result.floor_is_bound else ''}{gap.noise_floor:.3g} deg"
-    lines.append(f"Gap on held-out runs: {gap.before:.3g} -> {gap.after:.3g} deg RMS, noise floor {floor}")
+    least = "at least " if result.data.few_points else ""
+    lines.append(f"Gap on held-out runs: {gap.before:.3g} -> {least}{gap.after:.3g} deg RMS, noise floor {floor}")
     lines += [text for text in (between_text(result), floor_text(result)) if text]
     lines += [f"Cannot be shown: {text}" for text in result.cannot_show]
     lines += [f"Not looked at: {text}" for text in result.data.not_looked_at]

@@ -291,7 +291,9 @@ def make(case: Case, folder: Path) -> Made:
         spectrum[order] = spectrum.get(order, 0.0) + values
     floor = te_rms({order: wave_noise[place] for place, order in enumerate(orders)}, orders)
     rig = folder / "rig.toml"
-    write.rig(rig, {"rig": known.head}, known.stated)
+    # curves tell the noise within a run, but not how far its mean differs from the next: a rig says that
+    offset = {} if sample_noise is None else {"noise": {"run_offset_deg": sigma[0]}}
+    write.rig(rig, {"rig": known.head, **offset}, known.stated)
     bad = np.array([], dtype=int)
     if sample_noise is None:
         zero = np.zeros((2, len(runs)), dtype=complex)

@@ -73,6 +73,7 @@ class Report:
     about_unseen: str
     whole: str
     floor_is_bound: bool = False
+    held_out_is_bound: bool = False
 
     @property
     def is_rounded(self) -> bool:
@@ -173,6 +174,7 @@ def read_report(report: Mapping[str, Any]) -> Report:
         _about(report, _UNSEEN_KEYS),
         json.dumps(report),
         bool(report.get("noise_floor_at_most", False)),
+        bool(report.get("held_out_at_least", False)),
     )  # fmt: skip
 
 

@@ -124,6 +124,8 @@ def test_a_wrong_floor_and_a_wrong_held_out_gap_are_false():
     assert kinds(judged(truth, report, found=False)) >= {"floor", "held out"}
     gaps = {"gap": {"fitted": gap, "held_out": gap}, "noise_floor_at_most": True}
     assert not kinds(judged(truth, report_of("unexplained", **gaps)))
+    assert kinds(judged(truth, report_of("unexplained", **gaps), found=False)) == {"held out"}
+    assert not kinds(judged(truth, report_of("unexplained", **gaps, held_out_at_least=True), found=False))
     low = {"gap": {"fitted": gap | {"noise_floor": 1e-9}, "held_out": gap}, "noise_floor_at_most": True}
     assert kinds(judged(truth, report_of("unexplained", **low))) == {"floor"}
 
