@@ -46,10 +46,16 @@ def check_text(code: GeneratedCode, block: str) -> None:
                 where = scanned.segment.position(pragma.start)
                 raise NotProvedError(f"{where}: the pragma {pragma.text} may change what the text does")
     for owner in owners:
-        for variables in owner.blocks:
-            for variable in variables.variables:
-                if variable.address is not None or variables.qualifiers - {"CONSTANT"}:
-                    raise NotProvedError(f"{variable.position}: {variable.name} has an address, or survives a restart")
+        for variable in _kept_elsewhere(owner):
+            raise NotProvedError(f"{variable.position}: {variable.name} has an address, or survives a restart")
+
+
+def _kept_elsewhere(owner: d.PouDeclaration | d.GlobalDeclarations) -> Iterator[d.VariableDeclaration]:
+    """Variables with addresses, or that survive a restart. Of globals a proof reads constants only."""
+    for block in owner.blocks:
+        if isinstance(owner, d.PouDeclaration) or "CONSTANT" in block.qualifiers:
+            survives = bool(block.qualifiers - {"CONSTANT"})
+            yield from (variable for variable in block.variables if survives or variable.address is not None)
 
 
 def _reached(project: Project, key: str) -> set[str]:

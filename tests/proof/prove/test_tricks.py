@@ -138,6 +138,19 @@ def test_the_texts_are_proved_as_they_are(name, made):
     assert verdicts(*case, case[-1].read_text("utf-8")) == (True, "kernel" not in name)
 
 
+def test_signals_of_the_machine_have_addresses(made):
+    bundle, _, out, _ = made["twincat"]
+    signals = "VAR_GLOBAL\n    fSpeed AT %I* : LREAL;\nEND_VAR\n"
+    path = out / "GVL_Machine.TcGVL"
+    head = '<TcPlcObject Version="1.1.0.1"><GVL Name="GVL_Machine" Id="{00000000-0000-5000-8000-000000000001}">'
+    tail = "<Declaration><![CDATA[" + signals + "]]></Declaration></GVL></TcPlcObject>"
+    path.write_text('<?xml version="1.0" encoding="utf-8"?>' + head + tail, "utf-8")
+    try:
+        assert prove(bundle, out).proved
+    finally:
+        path.unlink()
+
+
 @pytest.mark.parametrize("trick", TRICKS)
 def test_a_text_that_means_something_else_is_accepted_by_nobody(trick, made):
     tried = 0
