@@ -2,10 +2,17 @@
 
 import importlib.util
 import json
+import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from st_codegen.campaign.harmonic_table import read_table
+from st_codegen.errors import InputError
+from st_codegen.rig.model import read_rig
 
 pytest.importorskip("numba")
 pytest.importorskip("sklearn")
@@ -39,10 +46,11 @@ def example():
 @pytest.fixture(scope="module")
 def out(example, tmp_path_factory):
     folder = tmp_path_factory.mktemp("example") / "out"
-    every = example.limit_jobs
-    example.limit_jobs = lambda scale: every(scale)[::6]
-    example.main(["--quick", "--jobs", "1", "--out", str(folder)])
-    example.limit_jobs = every
+    with pytest.MonkeyPatch.context() as patch:
+        for name, step in (("limit_jobs", 6), ("gain_jobs", 21)):
+            every = getattr(example, name)
+            patch.setattr(example, name, lambda *given, every=every, step=step: every(*given)[::step])
+        example.main(["--quick", "--jobs", "1", "--out", str(folder)])
     return folder
 
 
@@ -82,6 +90,54 @@ def test_what_limits_it_is_written_in_all_forms(out):
     assert len((out / "limits.csv").read_text().splitlines()) == 1 + len(rows)
     assert all(name in (out / "limits.html").read_text() for name in names)
     assert (out / "limits.md").read_text().count("\n") == 2 + len(rows)
+
+
+def test_what_was_found_is_taken_from_the_table(example, out):
+    rig, known = read_rig(example.RIG), read_rig(out / "known.toml")
+    table = read_table(out / "measured.csv")
+    table = replace(table, orders=(156, 162), coefficients=rig.coefficients(table.at, (156, 162)))
+    rest = example.rest_of(table, rig, known)
+    assert np.allclose(rest.coefficients, known.coefficients(table.at, (156, 162)), atol=1e-15)
+    assert np.abs(table.coefficients - rest.coefficients).max() > 1e-3
+
+
+def test_where_nothing_was_found_the_models_stay_and_the_play_is_there(out):
+    plain, new = ((out / name / "bundle.toml").read_text() for name in ("models_rest", "models"))
+    assert plain == new
+    assert "[play]" in new
+    table = (out / "gains.md").read_text()
+    assert "the campaign; the speed decides the direction" in table
+    assert len(json.loads((out / "gains.json").read_text())) == 2
+
+
+def test_the_tables_get_into_the_page(example, out, tmp_path):
+    page = tmp_path / "motion.md"
+    shutil.copy(RUN.parents[2] / "docs" / "motion.md", page)
+    example.into_page(page, out)
+    text = page.read_text()
+    for name in ("limits", "gains"):
+        assert (out / f"{name}.md").read_text().strip() in text
+    assert text.count("| quick | 0, 1 |") == 5
+    example.into_page(page, out)
+    assert page.read_text() == text
+    with pytest.raises(InputError, match="no such file"):
+        example.into_page(page, tmp_path)
+    page.write_text(text.replace("<!-- gains:", ""))
+    with pytest.raises(InputError, match="<!-- gains:"):
+        example.into_page(page, out)
+
+
+def test_the_table_of_gains_has_all_steps_on_all_rigs(example):
+    jobs = example.gain_jobs("robot", (0, 1))
+    assert len({job.name for job in jobs}) == len(jobs) == 6 * 7
+    rows = [
+        {"what": job.name.split("/")[1], "rig": job.name.split("/")[2], "rms_reduction": 0.5, "max_reduction": 0.01 * n}
+        for n, job in enumerate(jobs)
+    ]
+    text = example.gains_table(rows).markdown()
+    assert "50.0 % (50.0 % .. 50.0 %)" in text
+    assert "2.0 % (1.0 % .. 3.0 %)" in text
+    assert text.count("\n") == 2 + 6
 
 
 def test_the_table_of_limits_changes_one_thing_at_a_time(example):
