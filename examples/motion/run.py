@@ -52,6 +52,8 @@ class Scale:
     rounds: int = 1
 
 
+#: The campaign of the paper, and low loads: 18 x 22 x 3 = 1188 runs.
+PAPER = Scale(tuple(range(100, 1801, 100)), (0, 25, 50, 75, *range(100, 1801, 100)), samples=2048, families="SVM,MLP")
 #: Seconds of everything, for a first look and for the tests.
 QUICK = Scale((200, 800, 1400, 1800), (0, 600, 1200, 1800), (25, 35), 512, (0, 1), (0, 1), "SVM", 2, ("quick.csv",), 1)
 QUICK_PROFILE = "t,theta_out,torque_Nm\n0,0,100\n0.1,3,200\n0.2,9,200\n0.3,12,100\n0.35,12,100\n"
@@ -157,7 +159,7 @@ class Example:
         self.known = out / "known.toml"
 
     def campaign(self) -> None:
-        """Curve files of the simulated rig, 10 x 11 x 3 = 330 runs."""
+        """Curve files of the simulated rig, for each speed, load and temperature: 10 x 11 x 3 = 330 runs."""
         scale = self.scale
         grid = (scale.speeds_rpm, scale.torques_Nm, scale.temperatures_C, scale.samples)
 
@@ -333,9 +335,10 @@ def main(arguments: list[str] | None = None) -> None:
         "--jobs", type=int, default=min(os.cpu_count() or 1, 4), help="processes (default: the cores, 4 at most)"
     )
     parser.add_argument("--page", type=Path, help="a page into which the tables are put, as docs/motion.md")
+    parser.add_argument("--paper", action="store_true", help="the paper's grid and low loads: 1188 runs")
     options = parser.parse_args(arguments)
     options.out.mkdir(parents=True, exist_ok=True)
-    example = Example(options.out, QUICK if options.quick else Scale(), options.jobs)
+    example = Example(options.out, QUICK if options.quick else PAPER if options.paper else Scale(), options.jobs)
     for name in options.only or STAGES:
         print(f"--- {name}", flush=True)
         getattr(example, name)()
