@@ -164,14 +164,14 @@ class LiveCode:
         return values.reshape(len(x), -1), valid, times
 
     def _answer(self, rows: int) -> tuple[AnyArray, AnyArray, AnyArray]:
-        """Wait until the rows are done; a controller that takes ten seconds longer than it should does none."""
+        """Wait until the rows are done, for twice their cycles and two answers, or ten seconds, beyond it none are."""
         most = self.project.rows
         signals = [
             *(_number("nRequest"), _number("nAnswer"), Signal(f"{LIST}.fOutputs", length=self.project.lengths[1])),
             *(Signal(f"{LIST}.bValid", "|b1", most), Signal(f"{LIST}.nTime", "<u4", most)),
         ]
         begun = looked = time.monotonic()
-        deadline = begun + 10.0 + rows / self._per_cycle * 0.02
+        deadline = begun + max(10.0, 2 * self.controller.timeout_s) + rows / self._per_cycle * 0.02
         while True:
             request, answer, values, valid, times = self.controller.read_all(signals)
             if request != self._request:

@@ -51,6 +51,8 @@ class Controller(AbstractContextManager["Controller"], Protocol):
 
     #: For messages and records.
     address: str
+    #: Longest that an answer may take, s.
+    timeout_s: float
 
     def state(self) -> str:
         """What it does: RUN, STOP, CONFIG, .."""
@@ -79,7 +81,7 @@ class AdsController(Controller):
         net_id, ams_port, host, tcp_port = found.groups()
         host = host or ".".join(net_id.split(".")[:4])
         self._ams_port = int(ams_port)
-        self._timeout_s = timeout_s
+        self.timeout_s = timeout_s
         self._pyads = _pyads()
         _must_listen(self.address, host, int(tcp_port or _ADS_TCP_PORT), timeout_s)
         self._connection = self._pyads.Connection(net_id, self._ams_port, f"{host}:{tcp_port}" if tcp_port else host)
@@ -168,7 +170,7 @@ class AdsController(Controller):
             kind, reason = NotRunningError, "the PLC is not in RUN"
         elif code == 1861:
             kind = SilentError
-            reason = f"no answer within {self._timeout_s:g} s: the connection is lost, or the controller too busy"
+            reason = f"no answer within {self.timeout_s:g} s: the connection is lost, or the controller too busy"
         else:
             kind, reason = ControllerError, f"{name}: {text}".removeprefix(": ")
         return kind(f"{self.address}: {reason}")
@@ -215,6 +217,7 @@ class OpcUaController(Controller):
         if found is None:
             raise InputError(f"--opcua {url}: give opc.tcp://HOST:PORT/")
         self.address = f"opcua {url}"
+        self.timeout_s = timeout_s
         self._ua = ua
         self._nodes: dict[str, Any] = {}
         _must_listen(self.address, found[1], int(found[2]), timeout_s)

@@ -59,6 +59,10 @@ class Verdict:
         return self.verdict in ("noticed", "too slow", "stuck")
 
 
+def _file_of(test: str) -> str:
+    return test.partition("::")[0]
+
+
 class Executed:
     """Which tests execute a line, from runs below coverage."""
 
@@ -89,8 +93,14 @@ class Executed:
         if not named and found:  # executed by the import: any test that uses the file
             named = {test for (file, _), tests in self._tests.items() if file == mutant.path for test in tests if test}
         own = f"tests/{mutant.path.split('/')[1]}/"
+        ordered = sorted(named, key=lambda test: (not test.startswith(own), self._size[test], test))
+        # what a fixture of several tests executes counts as the first one's, so the others of a file follow
+        beside = collections.defaultdict(list)
+        for test in self._seconds:
+            beside[_file_of(test)].append(test)
+        ordered += [test for file in dict.fromkeys(map(_file_of, ordered)) for test in beside[file]]
         chosen, seconds = [], 0.0
-        for test in sorted(named, key=lambda test: (not test.startswith(own), self._size[test], test))[:_MOST_TESTS]:
+        for test in list(dict.fromkeys(ordered))[:_MOST_TESTS]:
             if not chosen or seconds + self._seconds.get(test, 0.0) <= _MOST_SECONDS:
                 chosen.append(test)
                 seconds += self._seconds.get(test, 0.0)
