@@ -298,7 +298,7 @@ def test_a_second_client(models, lone, lone_plc):
 class Answering:
     """A controller whose rows take 1 us each, but for some calls that another task interrupted."""
 
-    address = "here"
+    address, timeout_s = "here", 5.0
 
     def __init__(self, project, interrupted):
         self.per_cycle, self._rows, self._interrupted = [], project.rows, interrupted

@@ -7,6 +7,7 @@ call, and names that belong to another input are not seen there. They are refuse
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 from st_codegen.emit.blocks.model import input_variables
@@ -21,6 +22,10 @@ from st_codegen.st.types import BlockType
 
 #: Methods that TwinCAT and CODESYS call by themselves, before the first call of a block.
 _UNCALLED = {"FB_INIT", "FB_REINIT", "FB_EXIT"}
+
+
+#: Siemens: where the variables of a block lie in memory, not what is in them.
+_MEMORY = re.compile(r"\{\s*S7_Optimized_Access\s*:=\s*'(?:TRUE|FALSE)'\s*\}")
 
 
 def check_text(code: GeneratedCode, block: str) -> None:
@@ -42,6 +47,8 @@ def check_text(code: GeneratedCode, block: str) -> None:
                 raise NotProvedError(f"{where}: a comment in a comment, which compilers end at different places")
         for pragma in scanned.pragmas:
             name = pragma.attribute
+            if _MEMORY.fullmatch(pragma.text):
+                continue
             if name is None or "init" in name or name.startswith("call_"):
                 where = scanned.segment.position(pragma.start)
                 raise NotProvedError(f"{where}: the pragma {pragma.text} may change what the text does")
