@@ -143,6 +143,11 @@ def command(
     if not quiet:
         for lesson in lessons:
             console.print(_summary(lesson))
+        for feature, value in head.constant().items():
+            console.print(
+                f"{feature} was {value:g} in all runs: the blocks compute with {value:g}, "
+                "and bInRange is FALSE at any other value"
+            )
         console.print(f"{out}: {sum(len(lesson.models) for lesson in lessons)} models")
 
 

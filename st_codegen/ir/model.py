@@ -16,9 +16,9 @@ class Feature:
     """One input of a model.
 
     `lower` and `upper` are the range to which the generated block limits the input, in `unit`; a lone model declares
-    none. `flagged` is a range outside of which bInRange is FALSE and the input stays as it is. `seen` is a range whose
-    ends were in the training data, which may reach further: nothing is limited to it. `variable` is the name of the
-    block's input where it is not made of `name`.
+    none, and where both are the same the model knows that one value. `flagged` is a range outside of which bInRange is
+    FALSE and the input stays as it is. `seen` is a range whose ends were in the training data, which may reach further:
+    nothing is limited to it. `variable` is the name of the block's input where it is not made of `name`.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Feature:
                 raise InputError(f"feature '{self.name}': the range {self.lower} .. {self.upper} is not finite")
         if (self.lower is None) != (self.upper is None):
             raise InputError(f"feature '{self.name}': give both ends of the range, or none")
-        if self.lower is not None and self.upper is not None and not self.lower < self.upper:
+        if self.lower is not None and self.upper is not None and not self.lower <= self.upper:
             raise InputError(f"feature '{self.name}': the range {self.lower} .. {self.upper} is empty")
 
     def is_below(self, magnitude: float) -> bool:

@@ -11,7 +11,7 @@ tasks = 1                            # 2: models in a slow task, harmonic sum an
 [[feature]]                          # in the order in which the models take them
 name = "speed_rpm"
 unit = "rpm"
-min = 100.0
+min = 100.0                          # where max is the same, the models know that one value
 max = 1800.0
 
 [play]                               # optional, with order 0 and both directions: FB_Compensator takes the load's sign

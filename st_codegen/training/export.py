@@ -49,6 +49,10 @@ class BundleHead:
     ranges: FloatArray
     play_deg: float | None = None
 
+    def constant(self) -> dict[str, float]:
+        """The features of which the models know one value, and that value."""
+        return {name: float(low) for (name, _), (low, high) in zip(FEATURES, self.ranges, strict=True) if low == high}
+
 
 def write_bundle(folder: Path, head: BundleHead, models: Sequence[FittedModel], form: str = "native") -> None:
     """Write a bundle; the folder appears complete or not at all, and replaces an earlier bundle as a whole.

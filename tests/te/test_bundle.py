@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+from st_codegen.emit.blocks.model import feature_text
 from st_codegen.errors import InputError, UntrustedFileError
 from st_codegen.project.bundle import load
 from st_codegen.te.harmonics import Direction, Quantity
@@ -45,6 +46,14 @@ def test_a_bundle_has_features_ranges_and_harmonics(bundle_folder):
     ]
     assert set(te.quantities(Direction.BACKWARD, 1)) == {Quantity.COSINE, Quantity.SINE}
     assert set(te.quantities(Direction.FORWARD, 0)) == {Quantity.AMPLITUDE}
+
+
+def test_equal_ends_are_the_one_value_that_a_model_knows(bundle_folder):
+    path = bundle_folder / "bundle.toml"
+    path.write_text(bad(path.read_text(encoding="utf-8"), "min = 25.0", "min = 35.0"), encoding="utf-8")
+    oil = load(bundle_folder).models[0].ir.features[2]
+    assert (oil.lower, oil.upper) == (35.0, 35.0)
+    assert feature_text(oil) == "temperature_C, degC, trained 35.0 only"
 
 
 def test_models_with_the_same_names_in_another_order_are_reordered(bundle_folder):

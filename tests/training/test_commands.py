@@ -11,7 +11,11 @@ from click.testing import CliRunner
 from st_codegen.campaign.harmonic_table import joined, read_table, write_table
 from st_codegen.cli.main import cli, main
 from st_codegen.cli.tables import ERRORS, PREDICTIONS, TABLE
+from st_codegen.emit.blocks.model import input_variables
+from st_codegen.emit.targets import TARGETS
 from st_codegen.project.bundle import load
+from st_codegen.st import Machine, load_project
+from st_codegen.training.export import FEATURES
 from st_codegen.training.tables import COLUMNS
 from tests import browser
 from tests.training.conftest import ORDERS, a_table, write_campaign
@@ -78,6 +82,46 @@ def test_a_campaign_becomes_a_bundle(tmp_path):
         assert count > 20
         assert found == []
     assert load(tmp_path / "m").purpose.te.orders == ORDERS
+
+
+@pytest.mark.parametrize(
+    ("feature", "value", "table"),
+    [
+        ("speed_rpm", 100.0, {"speeds": 1, "torques": 11}),
+        ("torque_Nm", 0.0, {"speeds": 11, "torques": 1}),
+        ("temperature_C", 25.0, {"speeds": 6, "torques": 5}),
+    ],
+)
+def test_a_condition_that_never_varied_is_one_known_value(tmp_path, monkeypatch, feature, value, table):
+    monkeypatch.chdir(tmp_path)
+    column = [name for name, _ in FEATURES].index(feature)
+    known = a_table(**table)
+    write_table(known.rows(np.flatnonzero(known.conditions[:, column] == value)), tmp_path / "t.csv")
+    said = run("train", "t.csv", "--out", "m", "--orders", "0", "--families", "DT", *FAST[2:]).stderr
+    assert f"{feature} was {value:g} in all runs" in " ".join(said.split())
+    assert said.count("in all runs") == 1
+    te = load(tmp_path / "m").purpose.te
+    assert [f.name for f in te.features if f.lower == f.upper] == [feature]
+    if feature == "temperature_C":  # what follows takes longer
+        run("generate", "m", "--target", "iec", "--out", "plc", "--quiet")
+        text = (tmp_path / "plc" / "iec" / "reducer.st").read_text()
+        assert re.search(rf"Input {column + 1}: {feature}, .*trained {value} only", text)
+        run("verify", "m", "--generated", "plc", "--rows", "200", "--quiet")
+        _only_flagged_beside(tmp_path / "plc" / "iec", te, column)
+
+
+def _only_flagged_beside(folder, te, column):
+    """FB_TEPredict gives the same numbers beside a feature's one value, and says that they are of another."""
+    block = Machine(load_project([folder], TARGETS["iec"].dialect)).instance("FB_TEPredict")
+    names = [variable.name for variable in input_variables(te.features)]
+    inside = None
+    for beside in (0.0, -1.0, 1.0):
+        for number, (name, known) in enumerate(zip(names, te.features, strict=True)):
+            block[name] = known.lower + beside * (number == column)
+        block()
+        inside = inside or block["aAmplitudeFw[0]"]
+        assert (block["bValid"], block["bInRange"]) == (True, beside == 0.0)
+        assert block["aAmplitudeFw[0]"] == inside != 0.0
 
 
 def test_the_page_says_which_orders_were_asked_for(tmp_path):

@@ -201,12 +201,17 @@ def feature_text(feature: Feature) -> str:
     if feature.unit:
         text += f", {unit_text(feature.unit, f'unit of feature {feature.name}')}"
     if feature.lower is not None and feature.upper is not None:
-        text += f", trained {real(feature.lower)} .. {real(feature.upper)}"
+        text += f", trained {_range_text((feature.lower, feature.upper))}"
     if feature.flagged is not None:
         text += f", flagged outside {real(feature.flagged[0])} .. {real(feature.flagged[1])}"
     if feature.seen is not None and feature.lower is None:
-        text += f", training data reach {real(feature.seen[0])} .. {real(feature.seen[1])}"
+        text += f", training data reach {_range_text(feature.seen)}"
     return text
+
+
+def _range_text(ends: tuple[float, float]) -> str:
+    low, high = map(real, ends)
+    return f"{low} only" if low == high else f"{low} .. {high}"
 
 
 def limit_text(limit: float | None) -> str:
