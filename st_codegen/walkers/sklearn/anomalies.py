@@ -78,6 +78,8 @@ def walk_envelope(estimator: Any, builder: GraphBuilder, value: int) -> Classifi
 def walk_clusters(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """The nearest centre, the first of equal ones (`cluster/_k_means_lloyd.pyx: lloyd_iter_chunked_dense`)."""
     fitted = Fitted(estimator)
+    if hasattr(estimator, "_n_threads"):  # of the machine that trained it; native code starts as many, however many
+        estimator._n_threads = 1
     centres = fitted.floats("cluster_centers_", (None, builder.width(value)))
     near = negative_square_distances(builder, value, centres)
     return Classified(tuple(range(len(centres))), largest(builder, near))

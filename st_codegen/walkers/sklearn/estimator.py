@@ -14,6 +14,7 @@ from st_codegen.ir import Feature, FloatArray, Source
 from st_codegen.walkers.base import LIBRARIES, Classified, GraphBuilder, LoadedModel, Predictor, Walked, walk_any
 from st_codegen.walkers.classes import numbers_of
 from st_codegen.walkers.limits import MAX_COLUMNS
+from st_codegen.walkers.sklearn.native import check_native
 
 
 def load_object(estimator: Any, name: str) -> LoadedModel:
@@ -22,6 +23,7 @@ def load_object(estimator: Any, name: str) -> LoadedModel:
     What predicts nothing is compiled by its `transform`, with an output for each column. Raises UnsupportedModelError
     for classes without a walker, InputError for an estimator that is not fitted.
     """
+    check_native(estimator)
     features = _features(estimator)
     builder = GraphBuilder(len(features))
     result = walk_any(estimator, builder, 0)

@@ -32,6 +32,11 @@ def _distances(fitted: Fitted, builder: GraphBuilder, value: int) -> tuple[int, 
         raise UnsupportedModelError(
             f"{fitted.kind} with metric={metric!r}: supported are Euclidean and Manhattan distances of dense rows"
         )
+    # native code takes the metric from either name, and numbers beside it that it reads without a look
+    given = fitted.get("metric")
+    meant = {1: "manhattan", 2: "euclidean"}.get(fitted.get("p")) if given == "minkowski" else given
+    if fitted.get("metric_params") or fitted.get("effective_metric_params_") or meant != metric:
+        raise UnsupportedModelError(f"{fitted.kind} with metric_params, or with a metric that is not {metric}")
     vectors = fitted.floats("_fit_X", (None, builder.width(value)))
     if method != "brute" and not np.array_equal(np.asarray(fitted.get("_tree").data), vectors):
         raise fitted.fail("_tree", "does not hold the training rows")

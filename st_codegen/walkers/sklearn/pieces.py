@@ -317,10 +317,12 @@ def walk_splines(estimator: Any, builder: GraphBuilder, value: int) -> int:
     repeated: list[int] = []
     for number, spline in enumerate(fitted.items("bsplines_", width)):
         own = Fitted(spline)
-        knots = _rising(own, "t", own.floats("t", (None,)))
+        # what native code takes; the public ones are what a function in the object makes of these
+        inside = "_" if hasattr(spline, "_t") else ""
+        knots = _rising(own, "t", own.floats(f"{inside}t", (None,)))
         count = len(knots) - degree - 1
         if own.integer("k", degree, degree) != degree or not np.array_equal(
-            own.floats("c", (count, None)), np.eye(count)
+            own.floats(f"{inside}c", (count, None)), np.eye(count)
         ):
             raise own.fail("c", "not the basis")
         kept = count if fitted.flag("include_bias") else count - 1

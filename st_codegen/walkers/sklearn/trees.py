@@ -34,16 +34,18 @@ from st_codegen.walkers.base import Classified, GraphBuilder, Walked, walks
 from st_codegen.walkers.classes import above, complement, labels_of, largest, softmax
 from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.sklearn.compose import selected_columns
+from st_codegen.walkers.sklearn.native import TREE, is_tree
 
-#: Arrays of nodes, checked by scikit-learn when they are loaded.
-_TREE = ("sklearn.tree._tree.Tree",)
+_TREE = (TREE,)
 
 
 @walks("DecisionTreeRegressor ExtraTreeRegressor RandomForestRegressor ExtraTreesRegressor", trusts=_TREE)
 def walk_trees(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Sum of the trees in order, divided by their number (`ForestRegressor.predict` with n_jobs=1)."""
+    from sklearn.ensemble import BaseEnsemble
+
     fitted = Fitted(estimator)
-    trees = fitted.items("estimators_") if hasattr(estimator, "estimators_") else [estimator]
+    trees = fitted.items("estimators_") if isinstance(estimator, BaseEnsemble) else [estimator]
     return add_float32_trees(builder, value, trees, fitted, TreeSum(divisor=len(trees)))
 
 
@@ -54,12 +56,14 @@ def walk_class_trees(estimator: Any, builder: GraphBuilder, value: int) -> Class
     return Classified(labels_of(Fitted(estimator)), largest(builder, shares), probability=shares)
 
 
-def _boosted(fitted: Fitted, builder: GraphBuilder, value: int, initial: FloatArray) -> int:
+def _boosted(fitted: Fitted, builder: GraphBuilder, value: int, count: int) -> int:
     """Initial value plus learning_rate * leaf, tree by tree (`_predict_regression_tree_inplace_fast_dense`)."""
     trees = fitted.get("estimators_")
-    # the library adds the trees of a row in native code, which takes as many columns as there are outputs
-    if not isinstance(trees, np.ndarray) or trees.ndim != 2 or trees.shape[1] != len(initial) or not len(trees):
-        raise fitted.fail("estimators_", f"not an array of {len(initial)} trees an iteration")
+    # native code adds the trees to an array of the initial values, and looks at the shape of neither
+    if not isinstance(trees, np.ndarray) or trees.ndim != 2 or trees.shape[1] != count or not len(trees):
+        raise fitted.fail("estimators_", f"not an array of {count} trees an iteration")
+    given = fitted.estimator._raw_predict_init(np.zeros((2, builder.width(value))))
+    initial = fitted.floats_of("init_", given, (2, count))[0]
     rule = TreeSum(initial, fitted.number("learning_rate"))
     return add_float32_trees(builder, value, list(trees.ravel()), fitted, rule)
 
@@ -82,8 +86,9 @@ def walk_gradient_boosting(estimator: Any, builder: GraphBuilder, value: int) ->
     """The sum of the trees."""
     fitted = Fitted(estimator)
     plain = _starts_plainly(fitted, "DummyRegressor")
-    initial = Fitted(estimator.init_).floats("constant_", (1, 1)).ravel() if plain else np.zeros(1)
-    return _boosted(fitted, builder, value, initial)
+    if plain:
+        Fitted(estimator.init_).floats("constant_", (1, 1))
+    return _boosted(fitted, builder, value, 1)
 
 
 @walks("GradientBoostingClassifier", trusts=_TREE)
@@ -93,8 +98,7 @@ def walk_class_gradient_boosting(estimator: Any, builder: GraphBuilder, value: i
     _starts_plainly(fitted, "DummyClassifier")
     labels = labels_of(fitted)
     count = len(labels) if len(labels) > 2 else 1
-    initial = estimator._raw_predict_init(np.zeros((1, builder.width(value))))
-    raw = _boosted(fitted, builder, value, fitted.floats_of("init_", initial, (1, count)).ravel())
+    raw = _boosted(fitted, builder, value, count)
     if count > 1:
         return Classified(labels, largest(builder, raw), softmax(builder, raw), raw)
     score = builder.scale(raw, "*", 2.0) if type(estimator._loss.link).__name__ == "HalfLogitLink" else raw
@@ -169,15 +173,14 @@ def add_float32_trees(
 
 def _structure(tree: Fitted, width: int) -> Any:
     """The nodes of a tree: arrays of equal length and of fixed types, of which scikit-learn takes no others."""
+    from sklearn.tree import BaseDecisionTree
+
     structure = tree.get("tree_")
-    if f"{type(structure).__module__}.{type(structure).__name__}" not in _TREE:
+    if not is_tree(structure) or not isinstance(tree.estimator, BaseDecisionTree):
         raise tree.fail("tree_", "not a tree of scikit-learn")
-    if structure.node_count < 1:
-        raise tree.fail("tree_", "no nodes")
     tree.integers("n_features_in_", (), low=width, high=width)
-    inner = structure.children_left >= 0
-    if np.any((structure.feature[inner] < 0) | (structure.feature[inner] >= width)):
-        raise tree.fail("tree_", "a split of a feature that does not exist")
+    if structure.n_features != width:
+        raise tree.fail("tree_", f"splits of {structure.n_features} features, expected {width}")
     return structure
 
 
@@ -253,6 +256,8 @@ def walk_hist_gradient_boosting(estimator: Any, builder: GraphBuilder, value: in
 
 def _hist_columns(fitted: Fitted, n_features: int) -> tuple[TreeColumn, ...]:
     """The columns as the nodes number them: with categories, the encoder puts the categorical ones first."""
+    from sklearn.utils.validation import check_array
+
     if fitted.get("_preprocessor") is None:
         if fitted.get("is_categorical_") is not None:
             raise fitted.fail("_preprocessor", "missing, though there are categories")
@@ -261,6 +266,10 @@ def _hist_columns(fitted: Fitted, n_features: int) -> tuple[TreeColumn, ...]:
     categorical, numeric = np.flatnonzero(is_categorical), np.flatnonzero(~is_categorical)
     preprocessor = Fitted(fitted.get("_preprocessor"))
     parts = preprocessor.items("transformers_")
+    # with other ones there may be fewer columns than native code reads
+    function = getattr(parts[1][1], "func", None) if len(parts) > 1 else None
+    if type(parts[0][1]).__name__ != "OrdinalEncoder" or getattr(function, "func", None) is not check_array:
+        raise preprocessor.fail("transformers_", "not an encoder of categories, and a check of the other columns")
     for (name, _, given), meant in zip(parts, (categorical, numeric), strict=False):
         if not np.array_equal(selected_columns(preprocessor, name, given, n_features), meant):
             raise preprocessor.fail("transformers_", "other columns than is_categorical_ names")
@@ -288,6 +297,8 @@ def _hist_nodes(predictor: Fitted, columns: tuple[TreeColumn, ...]) -> AnyArray:
     from sklearn.ensemble._hist_gradient_boosting.common import PREDICTOR_RECORD_DTYPE
 
     nodes = predictor.get("nodes")
+    if predictor.kind != "TreePredictor":
+        raise predictor.fail("nodes", "not those of a tree")
     if not isinstance(nodes, np.ndarray) or nodes.dtype != PREDICTOR_RECORD_DTYPE or nodes.ndim != 1 or not len(nodes):
         raise predictor.fail("nodes", "not a list of nodes of this version of scikit-learn")
     inner = nodes[nodes["is_leaf"] == 0]
@@ -328,7 +339,8 @@ class _HistCategories:
         self.first_bitset = np.concatenate([[0], np.cumsum([len(bits) for bits in self.bitsets])[:-1]])
         self.tree_of_node = np.repeat(np.arange(len(predictors)), sizes)
         has_categories = any(column.categorical for column in columns)
-        self.known = _known_categories(fitted, columns) if has_categories else None
+        known = _known_categories(fitted, columns)  # which native code reads, needed or not
+        self.known = known if has_categories else None
 
     def table(self, nodes: AnyArray, order: IntArray, columns: tuple[TreeColumn, ...]) -> tuple[Int32Array, BoolArray]:
         """`category_row` and `category_left` of the nodes in their new order."""
