@@ -9,16 +9,19 @@ import pytest
 
 pytest.importorskip("sklearn")
 
+from sklearn.cluster import KMeans
 from sklearn.compose import ColumnTransformer, TransformedTargetRegressor
 from sklearn.ensemble import (
     GradientBoostingRegressor,
     HistGradientBoostingRegressor,
     RandomForestRegressor,
 )
+from sklearn.feature_selection import SelectFromModel
 from sklearn.linear_model import LogisticRegression, Perceptron, Ridge, SGDClassifier
+from sklearn.neighbors import KNeighborsRegressor
 from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, StandardScaler
+from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, SplineTransformer, StandardScaler
 from sklearn.svm import SVR, LinearSVC
 from sklearn.tree import DecisionTreeRegressor
 from threadpoolctl import threadpool_limits
@@ -49,12 +52,33 @@ ESTIMATORS = {
 }
 
 
+#: Estimators that are only damaged in one way each, below.
+OTHERS = {
+    "selection of trees": make_pipeline(SelectFromModel(ESTIMATORS["forest"], threshold=-np.inf), Ridge()),
+    "selection of weights": make_pipeline(SelectFromModel(LinearSVC(), threshold=-np.inf), Ridge()),
+    "neighbours": KNeighborsRegressor(3, algorithm="brute"),
+    "splines": make_pipeline(SplineTransformer(), Ridge()),
+    "clusters": KMeans(2, n_init=1, random_state=0),
+}
+
+
+def tree_holder(other):
+    """An estimator of another kind with all that stands in one."""
+    holder = KMeans()
+    names = ("tree_", "n_features_in_", "nodes", "raw_left_cat_bitsets")
+    vars(holder).update({name: getattr(other, name) for name in names if hasattr(other, name)})
+    return holder
+
+
 @pytest.fixture(scope="module")
 def fitted():
     # a child that is forked behind a loop of several threads hangs in its own
     with warnings.catch_warnings(), threadpool_limits(1):
         warnings.simplefilter("ignore")
-        yield {name: estimator.fit(X, Y) for name, estimator in ESTIMATORS.items()}
+        found = {name: estimator.fit(X, Y) for name, estimator in ESTIMATORS.items()}
+        # positive inputs, so that knots are; labels where there have to be some
+        found |= {name: copy.deepcopy(one).fit(X + 10, np.round(Y)) for name, one in OTHERS.items()}
+        yield found
 
 
 def check(estimator, mutants):
@@ -84,8 +108,91 @@ def svr(**changes):
     return lambda m: vars(m).update({key: value(getattr(m, key)) for key, value in changes.items()})
 
 
+def node(field, number, *, leaf=False):
+    """One number of the first split of a tree, or of its first leaf."""
+    return lambda m: getattr(m.tree_, field).__setitem__(
+        np.flatnonzero((m.tree_.children_left == -1) == leaf)[0], number
+    )
+
+
+def tree_of(width):
+    return DecisionTreeRegressor(max_depth=1, random_state=0).fit(RANDOM.normal(size=(20, width)), np.arange(20.0))
+
+
 #: name -> (estimator, what is done to it, part of the message)
 CASES = {
+    "a leaf with a child": ("tree", node("children_left", -5, leaf=True), r"children_left: a child number outside the"),
+    "a leaf with a right child": ("tree", node("children_right", 1, leaf=True), r"children_right: a child number"),
+    "a left child before the root": ("tree", node("children_left", -5), r"Tree.children_left: a child number outside"),
+    "a right child behind the last": ("tree", node("children_right", 10**6), r"Tree.children_right: a child number"),
+    "a feature below the first": ("tree", node("feature", -2), r"Tree.feature: a split of a feature that does not"),
+    "a feature behind the last": ("tree", node("feature", 3), r"Tree.feature: a split of a feature that does not"),
+    "a tree of more features": (
+        "tree",
+        svr(tree_=lambda v: tree_of(9).tree_),
+        r"tree_: splits of 9 features, expected",
+    ),
+    "a tree behind a list of trees": (
+        "tree",
+        lambda m: vars(m).update(estimators_=[copy.deepcopy(m)], tree_=tree_of(9).tree_),
+        r"tree_: splits of 9 features, expected 3",
+    ),
+    "nodes in another estimator": (
+        "forest",
+        lambda m: m.estimators_.__setitem__(0, tree_holder(m.estimators_[0])),
+        r"KMeans.tree_: not a tree of scikit-learn",
+    ),
+    "columns that are not there": (
+        "boosting",
+        lambda m: vars(m).update(init_="zero", n_trees_per_iteration_=0),
+        r"init_: shape \(2, 0\), expected \(2, 1\)",
+    ),
+    "a start without columns": (
+        "boosting",
+        lambda m: svr(n_outputs_=lambda v: 0)(m.init_),
+        r"init_: shape \(2, 0\), expected \(2, 1\)",
+    ),
+    "a category of no feature": (
+        "histogram",
+        lambda m: m._bin_mapper.is_categorical_.__setitem__(0, 1),
+        r"is_categorical_: not the features that have categories",
+    ),
+    "nodes of something else": (
+        "histogram",
+        lambda m: m._predictors.__setitem__(0, [tree_holder(m._predictors[0][0])]),
+        r"KMeans.nodes: not those of a tree",
+    ),
+    "columns that nothing hands on": (
+        "categories",
+        lambda m: svr(transformers_=lambda v: v[:1])(m._preprocessor),
+        r"transformers_: not an encoder of categories",
+    ),
+    "columns that a function makes": (
+        "categories",
+        lambda m: svr(func=lambda v: np.abs)(m._preprocessor.transformers_[1][1]),
+        r"transformers_: not an encoder of categories",
+    ),
+    "a split that no walker reads": (
+        "selection of trees",
+        lambda m: node("feature", 10**12)(m.steps[0][1].estimator_.estimators_[0]),
+        r"Tree.feature: a split of a feature that does not exist",
+    ),
+    "an index that no walker reads": (
+        "selection of weights",
+        lambda m: m.steps[0][1].estimator_.sparsify().coef_.indices.__setitem__(0, 10**9),
+        r"indices",
+    ),
+    "norms of fewer rows": (
+        "neighbours",
+        svr(effective_metric_params_=lambda v: {"Y_norm_squared": np.zeros(1)}),
+        r"KNeighborsRegressor with metric_params",
+    ),
+    "two metrics": ("neighbours", svr(p=lambda v: 1), r"KNeighborsRegressor with metric_params, or with a metric that"),
+    "knots that a function turns": (
+        "splines",
+        lambda m: vars(m.steps[0][1].bsplines_[0]).update(_asarray=np.abs, _t=-m.steps[0][1].bsplines_[0]._t),
+        r"BSpline.t",
+    ),
     "the intercept that predicts is another": ("svr", svr(_intercept_=lambda v: v + 1), r"SVR.intercept_: differs"),
     "an intercept too many": ("svr", svr(_intercept_=lambda v: np.append(v, 0)), r"shape \(2,\), expected \(1,\)"),
     "a coefficient too few": ("svr", svr(_dual_coef_=lambda v: v[:, 1:]), r"SVR._dual_coef_: shape"),
@@ -128,8 +235,15 @@ def test_what_fit_does_not_make_is_named(fitted, name):
     kind, change, message = CASES[name]
     estimator = copy.deepcopy(fitted[kind])
     change(estimator)
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(StCodegenError, match=message):
         from_estimator(estimator, "m")
+
+
+def test_the_threads_of_a_file_are_not_started(fitted):
+    """As many as the machine had that trained it, or as a file says: the answers are the same with one."""
+    estimator = copy.deepcopy(fitted["clusters"])
+    estimator._n_threads = -1
+    assert agrees(from_estimator(estimator, "m"))
 
 
 def test_an_estimator_that_is_not_fitted_says_so():
