@@ -217,6 +217,8 @@ PLACE = "learner.gradient_booster.model."
         (CATEGORY | {"categories_nodes": [1]}, "trees[0].categories_nodes: not the rising list of the category splits"),
         (CATEGORY | {"categories_nodes": []}, "trees[0].categories_nodes: not the rising list of the category splits"),
         (CATEGORY | {"categories": [1, -3]}, "trees[0].categories: number 1 is -3, expected 0 .. 16777215"),
+        ({"categories_nodes": [1]}, "trees[0].categories_segments: 0 numbers, expected 1"),
+        (CATEGORY | {"split_type": [0, 0, 0], "categories": []}, "trees[0].categories_sizes: number 0 is 2, expected"),
         (CATEGORY | {"categories_sizes": [3]}, "trees[0].categories_sizes: number 0 is 3, expected 1 .. 2"),
         (CATEGORY | {"categories_segments": [1]}, "trees[0].categories_sizes: a set that ends behind the 2 categories"),
     ],

@@ -387,8 +387,9 @@ def _vector_leaves(section: DocumentPart, rows: IntArray, width: int) -> FloatAr
 def _category_sets(section: DocumentPart, categorical: BoolArray) -> CategorySets | None:
     """The categories that go right at each category split (`RegTree::LoadCategoricalSplit`)."""
     wanted = np.flatnonzero(categorical)
-    if not len(wanted):
+    if not len(wanted) and "categories_nodes" not in section:
         return None
+    # the library follows these lists where no node splits by categories, too
     nodes = section.indices("categories_nodes", None, 0, len(categorical))
     if np.any(np.diff(nodes) <= 0) or not np.all(np.isin(wanted, nodes)):
         raise section.fail("categories_nodes", "not the rising list of the category splits")
@@ -397,6 +398,8 @@ def _category_sets(section: DocumentPart, categorical: BoolArray) -> CategorySet
     size = section.indices("categories_sizes", len(nodes), 1, len(codes) + 1)
     if np.any(begin + size > len(codes)):
         raise section.fail("categories_sizes", f"a set that ends behind the {len(codes)} categories")
+    if not len(wanted):
+        return None
     used = np.searchsorted(nodes, wanted)
     sets: Sequence[IntArray] = [codes[begin[one] : begin[one] + size[one]] for one in used]
     return CategorySets(nodes=wanted, counts=size[used], codes=np.concatenate(sets))
