@@ -31,7 +31,7 @@ Examples:
 @trust_option
 @quiet_option
 def command(models: Path, training_data: Path | None, force: bool, trust_pickle: bool, quiet: bool) -> None:
-    """Write st-codegen.toml into the folder MODELS: names, units and ranges of its models, to be completed by hand.
+    """Write st-codegen.toml into the folder MODELS: names and units of its models, to be completed by hand.
 
     Files that cannot be read as models are left out, with the reason beside them.
     """

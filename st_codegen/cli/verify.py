@@ -198,7 +198,7 @@ def _print_remarks(report: VerifyReport) -> None:
 
 
 def _table(report: VerifyReport) -> Table:
-    table = Table(title="library = reference = generated text", title_justify="left")
+    table = Table(title="library, reference and generated text compared", title_justify="left")
     for name in ("model", "rows", "max error", "allowed", "ulp", "result"):
         table.add_column(name, justify="left" if name in ("model", "result") else "right")
     for model in report.models:

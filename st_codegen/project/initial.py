@@ -73,25 +73,24 @@ def _project_name(folder: Path) -> str:
 
 
 def _features(models: Mapping[str, ModelIR]) -> list[Feature]:
-    """Each feature of any model once, with the range of the data of all models that know it."""
+    """Each feature of any model once, as the first model has it that knows it."""
     found: dict[str, Feature] = {}
     for feature in (feature for model in models.values() for feature in model.features):
-        known = found.setdefault(feature.name, feature)
-        ends = [end for f in (known, feature) if f.seen is not None for end in f.seen]
-        found[feature.name] = Feature(feature.name, known.unit, seen=(min(ends), max(ends)) if ends else None)
+        found.setdefault(feature.name, feature)
     return list(found.values())
 
 
 def _input(feature: Feature, training_data: Mapping[str, FloatArray] | None) -> list[str]:
     values = {"feature": feature.name, "name": _variable(feature), "unit": feature.unit}
-    seen = feature.seen
-    if training_data is not None:
-        if feature.name not in training_data:
-            raise InputError(f"training data: no column '{feature.name}'; there are {', '.join(training_data)}")
-        column = training_data[feature.name][np.isfinite(training_data[feature.name])]
-        seen = (float(column.min()), float(column.max())) if column.size else None
     lines = table_lines("[[input]]", values)
-    return [*lines, f"trained = {toml_value(seen)}"] if seen is not None else lines
+    if training_data is None:
+        return lines  # a file that knows its range states it anew whenever its model is trained again
+    if feature.name not in training_data:
+        raise InputError(f"training data: no column '{feature.name}'; there are {', '.join(training_data)}")
+    column = training_data[feature.name][np.isfinite(training_data[feature.name])]
+    if column.size:
+        lines.append(f"trained = {toml_value((float(column.min()), float(column.max())))}")
+    return lines
 
 
 def _variable(feature: Feature) -> str:

@@ -213,6 +213,17 @@ def test_init_writes_what_the_files_know_and_the_result_compiles(tmp_path, capsy
     assert "is there already" in capsys.readouterr().err
 
 
+def test_a_range_of_a_file_is_that_of_the_model_trained_last(lone_folder, capsys):
+    assert run("init", lone_folder) == 0
+    assert "trained" not in (lone_folder / "st-codegen.toml").read_text(encoding="utf-8")
+    path = lone_folder / "te.txt"
+    text = path.read_text(encoding="utf-8")
+    again = re.sub(r"feature_infos=\[\S+", "feature_infos=[3:4]", text)
+    assert again != text
+    path.write_text(again, encoding="utf-8")
+    assert load(lone_folder).irs[0].features[0].seen == (3.0, 4.0)
+
+
 def test_init_names_two_files_of_one_stem_apart(lone_folder, tmp_path):
     (lone_folder / "TE.lgb.txt").write_text((lone_folder / "te.txt").read_text())
     (lone_folder / "te-lgb.txt").write_text((lone_folder / "te.txt").read_text())
