@@ -20,8 +20,15 @@ from st_codegen.walkers.limits import DEFAULT_MAX_MODEL_BYTES, set_features, set
 if TYPE_CHECKING:
     from st_codegen.ir import OutputKind
 
+
+class _Console(Console):
+    def on_broken_pipe(self) -> None:
+        """Nobody reads any more: the command line decides what that means, not rich, which would exit with 1."""
+        raise  # noqa: PLE0704  (called where the error is handled)
+
+
 #: Messages and progress; results go to standard output. Text is shown as it is, nothing in it is taken as markup.
-console = Console(stderr=True, width=None if sys.stderr.isatty() else 120, markup=False, emoji=False, highlight=False)
+console = _Console(stderr=True, width=None if sys.stderr.isatty() else 120, markup=False, emoji=False, highlight=False)
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 

@@ -11,7 +11,7 @@ import difflib
 import os
 import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NoReturn
 
 import click
@@ -19,7 +19,7 @@ import click
 from st_codegen import __version__
 from st_codegen.cli.codes import codes_of, show_codes
 from st_codegen.cli.lazy import Lazy, LazyGroup
-from st_codegen.errors import StCodegenError
+from st_codegen.errors import InputError, StCodegenError
 from st_codegen.files.made_by import set_command
 
 _COMMANDS = {
@@ -44,14 +44,37 @@ _COMMANDS = {
     "calibrate": Lazy("st_codegen.cli.calibrate", "Fit a profile to times measured on the controller."),
 }
 #: Exit codes beside 0 (yes) and 1 (the answer is no).
-_WRONG_USE, _DEFECT, _INTERRUPTED = 2, 70, 130
+_WRONG_USE, _DEFECT, _INTERRUPTED, _UNREAD = 2, 70, 130, 141
 _TRACEBACK = "--traceback"
 _DATED = "--dated"
 _TRACEBACK_VARIABLE = "ST_CODEGEN_TRACEBACK"
 
 
+class _UnreadError(Exception):
+    """Who read our output has closed the pipe."""
+
+
+@contextlib.contextmanager
+def _unread_told_apart() -> Iterator[None]:
+    """Of a closed pipe click makes exit code 1, which is an answer here; other connections end with their error."""
+    try:
+        yield
+    except BrokenPipeError as error:
+        if traceback.extract_tb(error.__traceback__)[-1].name in ("echo", "_write_buffer"):  # click's, rich's
+            raise _UnreadError from error
+        raise InputError(_system_message(error)) from error
+
+
 class _Commands(LazyGroup):
     """An argument that names no command is the folder to generate from."""
+
+    def make_context(self, *args: Any, **options: Any) -> click.Context:
+        with _unread_told_apart():
+            return super().make_context(*args, **options)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        with _unread_told_apart():
+            return super().invoke(ctx)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         own = {"--help", "-h", "--version"}
@@ -106,6 +129,11 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     set_command(__version__, rest, dated=_DATED in given)
     try:
         code = cli.main(args=rest, obj=rest, prog_name="st-codegen", standalone_mode=False)
+    except _UnreadError:
+        for stream in (sys.stdout, sys.stderr):  # what they still hold is lost, and said by nobody at the end
+            with contextlib.suppress(OSError, ValueError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        sys.exit(_UNREAD)
     except click.exceptions.Abort:
         _fail("stopped", _INTERRUPTED)
     except click.ClickException as error:

@@ -1,4 +1,5 @@
 import json
+import os
 import re
 import subprocess
 import sys
@@ -140,3 +141,15 @@ def test_a_file_that_the_configuration_leaves_out_is_not_called_unknown(lone_fol
     (lone_folder / "st-codegen.toml").write_text('[project]\nleave_out = ["te.*"]\n')
     assert run(lone_folder / "te.txt") == 2
     assert "te.txt: left out by leave_out in st-codegen.toml" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("arguments", [["models"], ["--help"], ["explain"], ["doctor"]])
+def test_a_closed_pipe_is_no_answer(arguments):
+    """What printed to nobody ends as other programs do, and says nothing of it."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(
+        [sys.executable, "-m", "st_codegen", *arguments], stdout=writing, stderr=subprocess.PIPE, check=False
+    )
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (141, b"")
