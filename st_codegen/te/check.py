@@ -148,7 +148,14 @@ def checked_blocks(te: TransmissionError) -> tuple[CalledBlock, ...]:
     outputs = tuple(f"{name}[{number}]" for name in sets for number in range(len(te.orders)))
     return (
         CalledBlock(PREDICT, inputs, outputs, calls=calls),
-        CalledBlock(COMPENSATOR, (*inputs, _ANGLE), ("fTE_deg",), {"bEnable": "TRUE", _BLEND: "0.0"}, calls),
+        CalledBlock(
+            COMPENSATOR,
+            (*inputs, _ANGLE, *((SIGNED_LOAD.name, _LOAD_GIVEN) if te.play else ())),
+            ("fTE_deg",),
+            {"bEnable": "TRUE", _BLEND: "0.0"},
+            calls,
+            (_LOAD_GIVEN,),
+        ),
     )
 
 

@@ -29,7 +29,8 @@ COMPARISON_TASK = Task("ComparisonTask", 10_000, 31, (PROGRAM,))
 class CalledBlock:
     """A block around the models: the inputs that rows have, those that are the same for all, its outputs that count.
 
-    `calls`: so often it is called for a row, until all of its outputs belong to that row.
+    `calls`: so often it is called for a row, until all of its outputs belong to that row; `truths`: the inputs that are
+    truth values, which travel as 0 and 1.
     """
 
     name: str
@@ -37,6 +38,7 @@ class CalledBlock:
     outputs: tuple[str, ...]
     fixed: Mapping[str, str] = dataclasses.field(default_factory=dict)
     calls: int = 1
+    truths: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
