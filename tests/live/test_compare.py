@@ -127,6 +127,19 @@ def test_the_blocks_around_the_models_are_compared_with_what_the_models_say(arou
     assert "FB_Compensator" in {measured.block for measured in read_measurements(tmp_path / "times.csv")}
 
 
+def test_a_compensator_that_knows_its_play_is_given_the_load_of_each_row(bundle, tmp_path):
+    models = tmp_path / "models"
+    shutil.copytree(bundle[0], models)
+    description = models / "bundle.toml"
+    play = '[play]\nangle_deg = 0.01\ntorque_feature = "torque_Nm"\n\n[[harmonic]]'
+    description.write_text(description.read_text("utf-8").replace("[[harmonic]]", play, 1), "utf-8")
+    made = generate(models, "twincat", tmp_path / "generated", with_comparison=True)
+    with Running(soft_plc(made.folder)) as running:
+        report = compared(load(models), made.folder, running, rows=200, block="fb_compensator")
+    assert report.passed
+    assert report.differs == {}
+
+
 def changed_in(bundle, tmp_path, file, text, other):
     """The comparison of a block with a controller on which a piece of text was changed."""
     there = tmp_path / "twincat"

@@ -73,6 +73,17 @@ def test_a_load_that_turns_over_at_standstill_tells_the_direction():
     assert block["fTE_deg"] == pytest.approx(te(0, 1.0), abs=1e-13)
 
 
+def test_nothing_of_a_load_stays_where_it_has_no_lag():
+    """`compare` calls one instance for all rows and wants the bits of each alone."""
+    random, kept = np.random.default_rng(3), compensator(bLoadGiven=True)
+    for torque, theta in zip(random.uniform(-300, 300, 40), random.uniform(0, 6, 40), strict=True):
+        given = {"fSignedLoad": torque, "fThetaOut_rad": theta}
+        alone = compensator(bLoadGiven=True)
+        kept(**given)
+        alone(**given)
+        assert kept["fTE_deg"] == alone["fTE_deg"]
+
+
 def test_the_share_of_the_load_lags_as_the_load_does():
     block = compensator(bLoadGiven=True, fSignedLoad=300.0, fLoadTime_s=0.02)
     block()
