@@ -15,6 +15,7 @@ import argparse
 import collections
 import json
 import os
+import random
 import resource
 import shutil
 import signal
@@ -192,6 +193,7 @@ def main() -> int:
     measure(lines, options.jobs, options.rooms)
     executed = Executed(lines)
     mutants = sample(ROOT, options.count, options.seed, options.rooms)
+    random.Random(options.seed).shuffle(mutants)  # so that a run that is interrupted has tried a fair sample
     with tempfile.TemporaryDirectory(prefix="st-codegen-mutate-") as name:
         copies = [Path(name) / str(number) / "copy" for number in range(options.jobs)]
         for copy in copies:
