@@ -54,11 +54,6 @@ def load_skops(path: Path, name: str) -> LoadedModel:
                     and kind != _PART
                 ):
                     raise unsupported(package, kind)
-            if any(name.startswith("sklearn.neighbors.") for name in foreign):
-                raise UnsupportedModelError(
-                    "the file holds a search tree of neighbours, which scikit-learn's native code would follow "
-                    "unchecked: fit the estimator with algorithm='brute', or pass a pickle with --trust-pickle"
-                )
             raise UntrustedFileError(
                 "the file names types that no supported model needs, and loading them could run code: "
                 f"{', '.join(foreign)}; save the model without them"

@@ -3,7 +3,8 @@
 A `.skops` file is a zip archive with a tree of nodes in `schema.json` and arrays beside it. Nothing of the file reaches
 skops before its sizes and its nodes are checked, and nothing of it reaches a parser of a library that is not Python:
 boosters of LightGBM and XGBoost hold their model as one text, and are replaced by classes of ours that read that text
-first (`STORED`). skops is given an archive of ours in which each node stands alone, so that its work is linear.
+first (`STORED`); search trees of neighbours are replaced by their rows, and built anew. skops is given an archive of
+ours in which each node stands alone, so that its work is linear.
 """
 
 from __future__ import annotations
@@ -25,10 +26,15 @@ _SCHEMA = "schema.json"
 #: Objects inside objects in the schema; a pipeline of forests needs about 30.
 MAX_DEPTH = 200
 
-#: Classes whose state a native parser would read, and the class of ours that takes the place of each in the file.
+_SEARCH_TREE = ("st_codegen.walkers.sklearn.neighbours", "StoredSearchTree")
+#: Classes whose state native code would read, and the class of ours that takes the place of each in the file;
+#: `*` stands for every class of a module.
 STORED = {
     ("lightgbm.basic", "Booster"): ("st_codegen.walkers.lightgbm.model", "LightgbmBooster"),
     ("xgboost.core", "Booster"): ("st_codegen.walkers.xgboost.model", "XgboostBooster"),
+    ("sklearn.neighbors._kd_tree", "KDTree"): _SEARCH_TREE,
+    ("sklearn.neighbors._ball_tree", "BallTree"): _SEARCH_TREE,
+    ("sklearn.metrics._dist_metrics", "*"): _SEARCH_TREE,
 }
 
 _NPY_HEADERS = {
@@ -129,11 +135,11 @@ def _nodes(schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
 
 
 def _prepare(node: dict[str, Any]) -> None:
-    """Check the words of a node, and put our class in place of a booster."""
+    """Check the words of a node, and put a class of ours in place of one that native code reads."""
     kind, module, loader = node["__class__"], node["__module__"], node["__loader__"]
     if not all(isinstance(word, str) for word in (kind, module, loader)):
         raise InputError(f"{_SCHEMA}: a node whose class, module or loader is no text")
-    stored = STORED.get((module, kind))
+    stored = STORED.get((module, kind)) or STORED.get((module, "*"))
     if stored is None:
         return
     if loader != "ObjectNode":

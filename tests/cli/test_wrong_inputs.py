@@ -142,17 +142,15 @@ def test_folders_and_generated_code(lone_folder, tmp_path, monkeypatch, capsys):
     assert "changed by hand and would be overwritten" in refused(capsys, lone_folder)
 
 
-@pytest.mark.parametrize("name", ["unfitted", "dbscan", "neighbours", "dictionary"])
+@pytest.mark.parametrize("name", ["unfitted", "dbscan", "dictionary"])
 def test_estimators(name, tmp_path, capsys):
     skops, joblib = pytest.importorskip("skops.io"), pytest.importorskip("joblib")
     from sklearn.cluster import DBSCAN
     from sklearn.linear_model import Ridge
-    from sklearn.neighbors import KNeighborsRegressor
 
     made, wanted = {
         "unfitted": (Ridge, "Ridge is not fitted: call fit() before saving it"),
         "dbscan": (lambda: DBSCAN().fit(X), "scikit-learn's DBSCAN is not supported"),
-        "neighbours": (lambda: KNeighborsRegressor().fit(X, X[:, 0]), "fit the estimator with algorithm='brute'"),
         "dictionary": (lambda: {"a": 1}, "this is a builtins.dict, not a model of scikit-learn"),
     }[name]
     if name == "dictionary":

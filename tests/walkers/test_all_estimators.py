@@ -59,8 +59,6 @@ def built(name):
         if key in parameters and (parameters[key].default is inspect.Parameter.empty or key == "estimators")
     }
     given |= {key: value for key, value in SMALLER.items() if key in parameters and "Theil" not in name}
-    if "Neighbors" in name and "algorithm" in parameters:
-        given["algorithm"] = "brute"  # a search tree is not loaded from a file
     return kind(**given)
 
 

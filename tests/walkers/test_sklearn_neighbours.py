@@ -23,7 +23,7 @@ from sklearn.neighbors import (
 from sklearn.preprocessing import PowerTransformer
 from sklearn.tree import DecisionTreeClassifier
 
-from st_codegen.errors import UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import NearestMean, WeightedMedian, reference
 from st_codegen.proof import bounds
 from tests.classifiers import SCORE, THREE, TWO, WORDS, X, loaded, verified
@@ -233,13 +233,55 @@ def test_what_is_refused_says_why(estimator, message):
         loaded(fit(estimator, X[:50], SCORE[:50]))
 
 
-def test_a_search_tree_in_a_file_is_refused_with_what_to_do(tmp_path):
+STORED = {
+    "kd": (KNeighborsRegressor(4, algorithm="kd_tree", leaf_size=3), SCORE),
+    "ball": (KNeighborsRegressor(4, algorithm="ball_tree", weights="distance", p=1), SCORE),
+    "classes": (KNeighborsClassifier(5), WORDS),
+    "radius": (RadiusNeighborsRegressor(3.0), SCORE),
+    "outliers": (LocalOutlierFactor(7, novelty=True), None),
+}
+
+
+@pytest.mark.parametrize("name", STORED)
+def test_a_search_tree_in_a_file_is_built_anew(name, tmp_path):
     skops_io = pytest.importorskip("skops.io")
     from st_codegen.walkers.objects import load_skops
 
-    skops_io.dump(KNeighborsRegressor(algorithm="kd_tree").fit(X, SCORE), tmp_path / "m.skops")
-    with pytest.raises(UnsupportedModelError, match="algorithm='brute'"):
+    estimator, answers = STORED[name]
+    estimator.fit(X, answers) if answers is not None else estimator.fit(X)
+    assert estimator._fit_method != "brute"
+    skops_io.dump(estimator, tmp_path / "m.skops")
+    rows = np.vstack([0.9 * X + 0.01, HALVES])
+    expected = estimator.predict(rows)
+    model = load_skops(tmp_path / "m.skops", "m")
+    found = model.predict(rows)[:, 0]
+    if model.ir.classes is not None:
+        found = np.array(model.ir.classes.labels)[found.astype(int)]
+    np.testing.assert_array_equal(found, expected)
+    agrees(loaded(model), rows)
+
+
+@pytest.mark.parametrize("damage", ["rows", "method", "state"])
+def test_a_damaged_search_tree_is_refused(damage, tmp_path):
+    skops_io = pytest.importorskip("skops.io")
+    from st_codegen.walkers.objects import load_skops
+
+    estimator = KNeighborsRegressor(algorithm="kd_tree").fit(X, SCORE)
+    if damage == "rows":
+        estimator._fit_X = X[::-1].copy()
+    elif damage == "method":
+        estimator._fit_method = "hnsw"
+    else:
+        estimator._tree = X
+    skops_io.dump(estimator, tmp_path / "m.skops")
+    with pytest.raises((InputError, UnsupportedModelError), match=r"_tree|_fit_method|training rows"):
         load_skops(tmp_path / "m.skops", "m")
+
+
+def test_rows_of_neighbours_and_processes_are_loaded_from_files(tmp_path):
+    skops_io = pytest.importorskip("skops.io")
+    from st_codegen.walkers.objects import load_skops
+
     for estimator in (
         KNeighborsRegressor(algorithm="brute"),
         GaussianProcessRegressor(KERNELS["sum"], optimizer=None, alpha=0.1),

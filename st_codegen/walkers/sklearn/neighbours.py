@@ -6,6 +6,7 @@ bound (`proof/bounds.py`) then spans all answers that are possible.
 
 from __future__ import annotations
 
+import importlib
 import math
 from typing import Any
 
@@ -21,6 +22,19 @@ from st_codegen.walkers.sklearn.transforms import euclidean
 
 #: Names of the Manhattan distance.
 _SUMS = ("manhattan", "cityblock", "l1")
+#: Classes of search trees by the method that an estimator names.
+_TREES = {"kd_tree": "KDTree", "ball_tree": "BallTree"}
+
+
+class StoredSearchTree:
+    """A search tree in a `.skops` file, or its metric: numbers that scikit-learn's native code would follow unchecked.
+
+    A tree finds rows faster and changes no distance, so it is built anew of the rows that the file holds.
+    """
+
+    def __setstate__(self, state: Any) -> None:
+        """Keep the rows, which stand first."""
+        self.data = state[0] if isinstance(state, tuple) and state else None
 
 
 def _distances(fitted: Fitted, builder: GraphBuilder, value: int) -> tuple[int, int]:
@@ -38,8 +52,13 @@ def _distances(fitted: Fitted, builder: GraphBuilder, value: int) -> tuple[int, 
     if fitted.get("metric_params") or fitted.get("effective_metric_params_") or meant != metric:
         raise UnsupportedModelError(f"{fitted.kind} with metric_params, or with a metric that is not {metric}")
     vectors = fitted.floats("_fit_X", (None, builder.width(value)))
-    if method != "brute" and not np.array_equal(np.asarray(fitted.get("_tree").data), vectors):
-        raise fitted.fail("_tree", "does not hold the training rows")
+    if method != "brute":
+        kind, tree = fitted.choice("_fit_method", _TREES), fitted.get("_tree")
+        if type(tree).__name__ not in (kind, "StoredSearchTree") or not np.array_equal(np.asarray(tree.data), vectors):
+            raise fitted.fail("_tree", "does not hold the training rows")
+        # as `fit` builds it (`neighbors/_base.py: NeighborsBase._fit`)
+        build = getattr(importlib.import_module("sklearn.neighbors"), kind)
+        fitted.estimator._tree = build(vectors, fitted.integer("leaf_size", 1, 2**31 - 1), metric=metric)
     if metric in _SUMS:
         return builder.add(Distances((value,), vectors, squared=False)), len(vectors)
     return euclidean(builder, value, vectors, expands=method == "brute"), len(vectors)
@@ -52,7 +71,7 @@ def _inverse(fitted: Fitted, supported: tuple[str, ...] = ("uniform", "distance"
     return bool(fitted.get("weights") == "distance")
 
 
-@walks("KNeighborsRegressor")
+@walks("KNeighborsRegressor", trusts=(f"{__name__}.StoredSearchTree",))
 def walk_nearest(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """The mean over the nearest training rows (`neighbors/_regression.py: predict`)."""
     fitted = Fitted(estimator)
