@@ -145,6 +145,10 @@ WORDS += [
     b"../x",
     b"true",
     b"-0.0",
+    b"\t",
+    b"--",
+    b"=",
+    b"\n",
 ]
 _NUMBER = re.compile(rb"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 
@@ -179,6 +183,17 @@ def _change_line(changed, random):
         words[word : word + 1] = words[word : word + 1] * (2 if choice == 4 else 0)
         lines[where] = b"".join(words)
     changed[:] = b"\n".join(lines)
+
+
+def changed_trees(data, random):
+    """LightGBM's text: most changes move what follows, so that `tree_sizes` is made right again, or goes."""
+    changed = changed_bytes(data, random)
+    kind = random.randrange(3)
+    if kind:
+        trees = re.findall(rb"^Tree=.*?(?=^Tree=|^end of trees)", changed, re.DOTALL | re.MULTILINE)
+        sizes = b"tree_sizes=%s\n" % b" ".join(b"%d" % len(tree) for tree in trees)
+        changed = re.sub(rb"^tree_sizes=.*\n", sizes if kind == 1 else b"", changed, count=1, flags=re.MULTILINE)
+    return changed
 
 
 def changed_json(data, random):
@@ -255,7 +270,7 @@ def vendors():
 KINDS = {
     kind.name: kind
     for kind in (
-        Kind("lightgbm.txt", files("lone/models/*.txt"), model, changed_bytes),
+        Kind("lightgbm.txt", files("lone/models/*.txt"), model, changed_trees),
         Kind("xgboost.json", files("lone/models/*.json"), model, changed_json),
         Kind("xgboost.ubj", files("lone/models/*.ubj"), model, changed_bytes),
         Kind("onnx.onnx", files("lone/models/*.onnx"), model, changed_bytes),

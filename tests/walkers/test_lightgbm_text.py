@@ -328,3 +328,27 @@ def test_text_that_the_library_does_not_survive_is_refused(load: Any) -> None:
     tree = STUMP.replace("threshold=", "\nthreshold=")
     with pytest.raises(InputError, match="tree 0: an empty line inside the tree"):
         load(text_of(tree))
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("blank_before_a_field", "tree 0: the field 'num_cat' is missing"),
+        ("blank_in_the_line_that_ends_a_tree", "tree 0: the line '\t' is no field"),
+        ("fields_behind_the_last_that_is_read", "tree 0: 26 lines, expected at most 22 and an empty one"),
+        ("last_tree_without_the_line_that_ends_it", "tree 1: 10 lines, expected at most 22 and an empty one"),
+        ("leaves_beyond_32_bits", "tree 0, num_cat: -4294967295 is beyond 32 bits"),
+        ("line_of_a_blank_in_the_parameters", "parameters: the line ' ' is not [name: value]"),
+        ("linear_leaf_without_splits", "tree 0: the field 'split_feature' is missing"),
+        ("sign_before_a_field_of_the_header", "the header: the line '=average_output' is no field"),
+        ("tab_before_numbers", "tree 0, split_feature: '\\t' in a list of numbers"),
+        ("tab_in_the_line_that_ends_a_tree", "tree 2: the line '\t' is no field"),
+        ("tree_without_the_line_that_ends_it", "tree 0: 10 lines, expected at most 22 and an empty one"),
+        ("two_returns_in_a_tree", "a control character inside a line"),
+        ("two_signs_before_a_number", "tree 0, internal_value: could not convert string to float: b'--5'"),
+    ],
+)
+def test_text_that_the_library_cuts_elsewhere_is_refused(name: str, message: str, load: Any) -> None:
+    corpus = Path(__file__).parents[1] / "fuzz" / "corpus" / "lightgbm.txt"
+    with pytest.raises(InputError, match=r"^bad\.txt: " + re.escape(message)):
+        load((corpus / name).read_bytes())

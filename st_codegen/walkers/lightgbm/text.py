@@ -30,6 +30,12 @@ _ENDS_OF_TREES = (b"end of trees", b"feature_importances:", b"feature importance
 
 _PARAMETER = re.compile(rb"\[(\w+): (.*)\]")
 
+#: What its fast parser stops at: words, which must be nan or inf, and a second sign; all else may be in any order.
+_NOT_FAST = re.compile(rb"[-+][-+]|[^-+.eE0-9 ]")
+
+#: Lines of a tree that `Tree::Tree` reads at most.
+_MAX_FIELDS = 22
+
 #: The fields of a tree that prediction reads.
 _TREE_FIELDS = frozenset(
     b"num_leaves num_cat split_feature threshold decision_type left_child right_child leaf_value cat_boundaries "
@@ -73,7 +79,7 @@ def parse(stream: BinaryIO) -> TextModel:
 
     Raises InputError that names the field and tree where the text is no LightGBM model, cut or inconsistent.
     """
-    if stream.readline(64).rstrip(b"\r\n") != b"tree":
+    if stream.readline(64) not in (b"tree", b"tree\n", b"tree\r\n"):
         raise InputError(
             "not a LightGBM text model: the first line is not 'tree'; if it is no model, name it in leave_out of "
             "st-codegen.toml"
@@ -94,7 +100,7 @@ def parse(stream: BinaryIO) -> TextModel:
         raise InputError("the model has no trees")
     boosting, categories = _read_tail(lines)
     average = "average_output" in header
-    objective = tuple(_text(header, "objective").split()) if "objective" in header else ()
+    objective = tuple(filter(None, _text(header, "objective").split(" "))) if "objective" in header else ()
     if "objective" in header and not objective:  # the library takes the first word without asking for one
         raise InputError("objective: empty; a model with an objective of your own has no such line")
     return TextModel(
@@ -113,9 +119,14 @@ def parse(stream: BinaryIO) -> TextModel:
 def _whole_lines(stream: BinaryIO) -> Iterator[bytes]:
     """Lines that LightGBM, which ends them at CR and strings at NUL, reads as the same lines."""
     for line in stream:
-        if b"\0" in line or b"\r" in line.rstrip(b"\r\n"):
+        if b"\0" in line or b"\r" in _text_of(line):
             raise InputError("a control character inside a line; the file is damaged")
         yield line
+
+
+def _text_of(line: bytes) -> bytes:
+    """A line without its end, and with all else: to LightGBM a line of blanks is not empty, and a tab is no blank."""
+    return line.removesuffix(b"\n").removesuffix(b"\r")
 
 
 def _read_header(lines: Iterator[bytes]) -> tuple[dict[str, bytes], bytes]:
@@ -125,8 +136,9 @@ def _read_header(lines: Iterator[bytes]) -> tuple[dict[str, bytes], bytes]:
         if line.startswith((b"Tree=", *_ENDS_OF_TREES)):
             return header, line
         check_count(len(header), Things.TREES, "or other fields in the header")
-        key, _, value = line.rstrip(b"\r\n").partition(b"=")
-        if not key.isascii() or (b"=" in value and key != b"feature_names"):
+        key, equals, value = _text_of(line).partition(b"=")
+        # LightGBM drops what is empty between two signs: `=average_output` is a field to it
+        if not key.isascii() or (equals and not key) or (b"=" in value and key != b"feature_names"):
             raise InputError(f"the header: the line '{line[:40].decode('utf-8', 'replace').strip()}' is no field")
         header[key.decode()] = value
     raise InputError("the file ends before its trees")
@@ -138,20 +150,23 @@ def _read_tree(
     """The wanted fields of a tree, and the line after it; the length is checked as the library relies on it."""
     fields: dict[str, bytes] = {}
     length = used = len(heading)
-    ended = False
+    ended, n_lines = False, 0
     for line in lines:
         if line.startswith((b"Tree=", *_ENDS_OF_TREES)):
+            if not ended or n_lines > _MAX_FIELDS:  # the library would read on, or look for a tree in what is left
+                raise InputError(f"tree {number}: {n_lines} lines, expected at most {_MAX_FIELDS} and an empty one")
             if sizes is not None:
                 _check_size(number, sizes, used, length)
             return line, fields
         length += len(line)
-        text = line.strip()
+        text = _text_of(line)
         if not text:
             ended = True
             continue
         if ended:  # the library ends the tree at the first empty line, and does not survive that fields are missing
             raise InputError(f"tree {number}: an empty line inside the tree; the file was edited or is damaged")
         used = length
+        n_lines += 1
         key, equals, value = text.partition(b"=")
         if not equals:
             raise InputError(f"tree {number}: the line '{text[:40].decode('utf-8', 'replace')}' is no field")
@@ -181,7 +196,7 @@ def _read_tail(lines: Iterator[bytes]) -> tuple[str, tuple[tuple[object, ...], .
     """Boosting type and category lists from the lines behind the trees."""
     boosting, categories, inside = "", b"null", False
     for line in lines:
-        text = line.strip()
+        text = _text_of(line)
         if text in (b"parameters:", b"end of parameters"):
             inside = text == b"parameters:"
         elif inside and text:
@@ -229,8 +244,13 @@ def _tree(fields: dict[str, bytes], n_features: int, where: str) -> ParsedTree:
     splits = leaves - 1
     n_sets = _integer(fields, "num_cat", where)
     leaf_value = _floats(fields, "leaf_value", leaves, where)
-    if "leaf_weight" in fields:  # not used, but LightGBM stops the process where it is not what it should be
-        _floats(fields, "leaf_weight", leaves if leaves > 1 else 0, where)
+    linear = _leaf_models(fields, leaves, n_features, where)
+    if leaves > 1 or linear is not None:
+        # a linear tree of one leaf is asked for its splits too; the weights are not used, but must be as many as leaves
+        for name in ("split_feature", "threshold", "left_child", "right_child"):
+            _field(fields, name, where)
+        if "leaf_weight" in fields:
+            _floats(fields, "leaf_weight", leaves, where)
     _require_finite(leaf_value, "leaf_value", where)
     feature = _indices(fields, "split_feature", splits, where, 0, n_features)
     threshold = _floats(fields, "threshold", splits, where)
@@ -259,7 +279,7 @@ def _tree(fields: dict[str, bytes], n_features: int, where: str) -> ParsedTree:
         leaf=np.concatenate([np.full(splits, -1, np.int64), np.arange(leaves)]),
         leaf_value=leaf_value[:, None],
         categories=_category_sets(fields, threshold, np.flatnonzero(categorical), n_sets, where),
-        linear=_leaf_models(fields, leaves, n_features, where),
+        linear=linear,
     )
 
 
@@ -319,7 +339,7 @@ def _field(fields: dict[str, bytes], name: str, where: str) -> bytes:
 
 def _text(fields: dict[str, bytes], name: str) -> str:
     try:
-        return _field(fields, name, "the header").decode("utf-8").strip()
+        return _field(fields, name, "the header").decode("utf-8")
     except UnicodeDecodeError:
         raise InputError(f"{name}: not UTF-8 text") from None
 
@@ -338,6 +358,8 @@ def _integer(fields: dict[str, bytes], name: str, where: str) -> int:
     values = _integers(_field(fields, name, where), f"{where}, {name}")
     if len(values) != 1:
         raise InputError(f"{where}, {name}: {len(values)} numbers, expected one")
+    if abs(values[0]) >= 2**31:
+        raise InputError(f"{where}, {name}: {values[0]} is beyond 32 bits")
     return int(values[0])
 
 
@@ -390,15 +412,14 @@ def _pieces(text: bytes) -> Iterator[bytes]:
 
 
 def _check_unused(text: bytes, where: str) -> None:
-    """Digits, signs and points may be in any order for LightGBM's fast parser, but words must be nan or inf."""
-    if text.translate(None, b"0123456789+-.eE "):
+    if _NOT_FAST.search(text):
         for _ in _numbers(float, text, where):
             pass
 
 
 def _check_characters(text: bytes, where: str) -> None:
     """Numbers are divided by blanks only, and Python would read 1_000 as one."""
-    other = text.strip().translate(None, _CHARACTERS_OF_NUMBERS)
+    other = text.translate(None, _CHARACTERS_OF_NUMBERS)
     if other:
         raise InputError(f"{where}: {other[:1].decode('latin-1')!r} in a list of numbers")
 
