@@ -56,17 +56,23 @@ class OrderFit:
     """The coefficients of one curve: TE(theta) = Re(sum of c_k * exp(i*k*theta)), deg.
 
     coefficients: complex128 (orders,); noise_floor: float64 (orders,), the root mean square amplitude in deg that noise
-    alone would have there; residual: float64 (band + 1,), amplitude in deg of what no fitted order explains;
-    fitted: orders fitted together with the wanted ones, since they stand above the noise; residual_rms_deg: what is
-    left of the curve after the wanted orders.
+    alone would have there; waves: complex128 (band + 1,), of orders that stand above the noise their coefficients, of
+    the others what all these leave; spectrum_floor: float64 (band + 1,), as noise_floor for every order;
+    residual_rms_deg: what is left of the curve after the wanted orders.
     """
 
     orders: tuple[int, ...]
     coefficients: ComplexArray
     noise_floor: FloatArray
-    spectrum: FloatArray
+    waves: ComplexArray
     spectrum_floor: FloatArray
     residual_rms_deg: float
+
+    @property
+    def spectrum(self) -> FloatArray:
+        """Amplitudes of all orders, float64 (band + 1,), deg."""
+        found: FloatArray = np.abs(self.waves)
+        return found
 
     @property
     def significant(self) -> BoolArray:
@@ -101,8 +107,8 @@ def fit_orders(curve: Curve | Sums, orders: Sequence[int]) -> OrderFit:
     for _ in range(_ROUNDS):
         coefficients = _solve(sums, fitted)
         residual = _residual(sums, fitted, coefficients)
-        floor = _noise_floor(residual, fitted)
-        new = np.setdiff1d(np.flatnonzero(residual > SIGNIFICANT * floor), fitted)
+        floor = _noise_floor(np.abs(residual), fitted)
+        new = np.setdiff1d(np.flatnonzero(np.abs(residual) > SIGNIFICANT * floor), fitted)
         if not len(new):
             break
         fitted = np.union1d(fitted, new)
@@ -110,13 +116,12 @@ def fit_orders(curve: Curve | Sums, orders: Sequence[int]) -> OrderFit:
         # the last round found orders that are not fitted yet
         coefficients = _solve(sums, fitted)
         residual = _residual(sums, fitted, coefficients)
-        floor = _noise_floor(residual, fitted)
-    spectrum = residual.copy()
-    spectrum[fitted] = np.abs(coefficients)
+        floor = _noise_floor(np.abs(residual), fitted)
+    residual[fitted] = coefficients
     columns = np.searchsorted(fitted, wanted)
     chosen = coefficients[columns]
     left = math.sqrt(square_error(sums, wanted, chosen))
-    return OrderFit(wanted, chosen, floor[list(wanted)], spectrum, floor, left)
+    return OrderFit(wanted, chosen, floor[list(wanted)], residual, floor, left)
 
 
 def square_error(sums: Sums, orders: Sequence[int], coefficients: ComplexArray) -> float:
@@ -155,14 +160,14 @@ def _solve(sums: Sums, orders: npt.NDArray[np.intp]) -> ComplexArray:
     return solution[: len(orders)] + 1j * solution[len(orders) :]
 
 
-def _residual(sums: Sums, orders: npt.NDArray[np.intp], coefficients: ComplexArray) -> FloatArray:
-    """Amplitude of what the coefficients leave, for all orders 0..band, deg."""
+def _residual(sums: Sums, orders: npt.NDArray[np.intp], coefficients: ComplexArray) -> ComplexArray:
+    """What the coefficients leave, as the wave of each order 0..band, complex128 (band + 1,), deg."""
     m = np.arange(sums.band + 1)[:, None]
     half = coefficients / 2.0
     left = sums.te - _angle_sum(sums, m - orders) @ half - _angle_sum(sums, m + orders) @ half.conj()
-    amplitude: FloatArray = np.abs(left) * (2.0 / sums.samples)
-    amplitude[0] /= 2.0
-    return amplitude
+    waves: ComplexArray = left * (2.0 / sums.samples)
+    waves[0] /= 2.0
+    return waves
 
 
 def _noise_floor(residual: FloatArray, fitted: npt.NDArray[np.intp]) -> FloatArray:

@@ -20,6 +20,11 @@ class Settings:
     #: samples of a recording that the common core is given at most: the information of more is in their mean already
     most_samples: int = 6000
     least_samples: int = 200
+    #: waves of noise agree over n runs by 1/n; over both directions by so many times that in one of a thousand orders,
+    #: so that of 400 so many are no chance; a wave that is less than half of what a run shows is below its noise
+    shared_sure: float = 9.0
+    shared_least: float = 0.25
+    shared_orders: int = 8
 
     # --- mistakes of measuring ---
     #: a ramp over the turn must be so many standard deviations of the slopes of single orders
@@ -129,6 +134,18 @@ class Settings:
     #: resampled data sets, and the share of them in which an effect must keep its size
     resamplings: int = 60
     stable: float = 0.9
+
+    # --- what lies around ---
+    #: power of one of many random waves over their mean: exponential, so that one in 8,000 is so large
+    stands_out: float = 9.0
+    #: orders to each side that are alike where structure is broad: a bump of 6 deg fades within ten
+    around_order: int = 20
+    #: orders that hold less of a change than this share of the most do not speak for it
+    part_of_change: float = 0.05
+    #: widths to each side that a bump is seen in; the share of its power by which another bump (a trapezoid)
+    #: differs in form
+    reach_of_place: float = 3.0
+    left_of_place: float = 0.15
 
     # --- conclusions ---
     #: an effect is not named when its orders keep more loss, beyond noise, than this share of what it saves

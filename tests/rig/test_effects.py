@@ -23,7 +23,7 @@ X = np.deg2rad(THETA)
 NAMES = """backlash torsional_compliance hanging_load_compliance friction_windup output_shaft_eccentricity
 output_shaft_ovality crank_misalignment cycloid_tooth_error pin_error input_shaft_misalignment
 carrier_modulation structural_resonance thermal_drift measurement_delay encoder_eccentricity
-load_dependent_mesh wear control_lag coupling_compliance
+load_dependent_mesh wear local_defect local_mesh_defect control_lag coupling_compliance
 empirical"""
 
 
@@ -112,11 +112,25 @@ FORMULAS = {
         {"depth_arcmin": 1.2, "centre_deg": 100, "width_deg": 10},
         lambda s, n, M, T: -s * 0.02 * np.exp((np.cos(X - np.deg2rad(100)) - 1) / np.deg2rad(10) ** 2),
     ),
+    "local_defect": (
+        {"height_deg": 0.02, "turning_deg": 0.01, "slope_deg_per_kNm": 0.004, "turning_slope_deg_per_kNm": 0.002,
+         "centre_deg": 359, "width_deg": 4},
+        lambda s, n, M, T: (0.02 + 0.004 * M / 1000 + s * (0.01 + 0.002 * M / 1000)) * bell(359, 4),
+    ),
+    "local_mesh_defect": (
+        {"order": 195, "amplitude_deg": 0.02, "phase_rad": 1, "centre_deg": 70, "width_deg": 5},
+        lambda s, n, M, T: 0.02 * np.cos(195 * X + 1) * bell(70, 5),
+    ),
     "measurement_delay": (
         {"skew_us": 300, "delay_us": 100},
         lambda s, n, M, T: -np.rad2deg(s * n / 60 / 81 * 2 * np.pi) * 300e-6 + 0 * X,
     ),
 }  # fmt: skip
+
+
+def bell(centre, width):
+    distance = np.angle(np.exp(1j * (X - np.deg2rad(centre))))
+    return np.exp(-0.5 * (distance / np.deg2rad(width)) ** 2)
 
 
 def response(s, n, M):

@@ -43,13 +43,16 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
     bands = np.array([min(curve.sums.band, BAND) for curve in campaign.curves])
     band = int(bands.max())
     first = _fits(campaign, list(rig.orders()), bands, progress)
-    power = np.full((len(first), band + 1), np.nan)
+    waves = np.full((len(first), band + 1), np.nan, np.complex128)
+    floor = np.ones(waves.shape)
     for row, fit in enumerate(first):
-        power[row, : bands[row] + 1] = (fit.spectrum / np.maximum(fit.spectrum_floor, 1e-30))[: bands[row] + 1] ** 2
-    mistaken = _mistaken(campaign, {*rig.orders(), *np.flatnonzero(_loud(power)).tolist()}, band)
-    power[mistaken] = np.nan
+        waves[row, : bands[row] + 1] = fit.waves[: bands[row] + 1]
+        floor[row, : bands[row] + 1] = np.maximum(fit.spectrum_floor[: bands[row] + 1], 1e-30)
+    mistaken = _mistaken(campaign, {*rig.orders(), *np.flatnonzero(_loud(np.abs(waves / floor) ** 2)).tolist()}, band)
+    waves[mistaken] = np.nan
     told = [k for k in rig.orders() if k <= band and not mistaken[:, k].all()]
-    orders = sorted({0, *told, *np.flatnonzero(_loud(power)).tolist()})
+    loud = np.flatnonzero(_loud(np.abs(waves / floor) ** 2)).tolist()
+    orders = sorted({0, *told, *loud, *_shared(waves, campaign.at.sign, {*told, *loud})})
     fits = _fits(campaign, orders, bands, progress)
     values = np.zeros((len(fits), len(orders)), np.complex128)
     # an amplitude has the variance of two components; the floor of the mean is that of one number already
@@ -193,6 +196,26 @@ def _loud(power: FloatArray) -> BoolArray:
     few = (power > 30.0).mean(axis=0) > np.maximum(0.01, 2.5 / runs)
     loud: BoolArray = mean | few
     return loud
+
+
+def _shared(waves: ComplexArray, sign: FloatArray, known: set[int]) -> list[int]:
+    """Orders that are no louder than their neighbours, yet one wave in all curves of a direction, if there are many.
+
+    What happens at one angle of every turn stands in all orders alike: a spectrum alone takes it for noise. waves:
+    (n, K), nan where a curve does not tell; known: orders that are looked at already.
+    """
+    sure, least = np.zeros(waves.shape[1]), np.zeros(waves.shape[1])
+    for direction in np.unique(sign):
+        own = waves[sign == direction]
+        told = np.isfinite(own)
+        count = np.maximum(told.sum(axis=0), 1)
+        own = np.where(told, own, 0.0)
+        # of n waves of noise, n times this is exponential with mean 1
+        alike = np.abs(own.sum(axis=0)) ** 2 / np.maximum(count * (np.abs(own) ** 2).sum(axis=0), 1e-300)
+        sure, least = sure + count * alike, np.maximum(least, alike)
+    found = np.flatnonzero((sure > SETTINGS.shared_sure) & (least > SETTINGS.shared_least))
+    orders = sorted(set(found.tolist()) - known - {0})
+    return orders if len(orders) >= SETTINGS.shared_orders else []
 
 
 def check(data: Observations, rig: RigModel, path: Path, *, units: bool = True) -> None:

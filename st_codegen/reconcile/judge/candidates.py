@@ -25,6 +25,8 @@ from st_codegen.rig.effects.base import BACKWARD
 
 #: gains (of twice the loss) that differ by less are equal
 _TIE = 1e-3
+#: of an effect at one angle of the turn, that angle
+_CENTRE = "centre_deg"
 STAGES = (Stage.ADDITIVE, Stage.MODULATION, Stage.STRUCTURE, Stage.MEASURING)
 
 
@@ -134,7 +136,7 @@ class Search:
     def all(self) -> Iterator[Candidate]:
         """Every candidate at every start."""
         for effect in self.known.values():
-            if effect.stage not in self.stages or not effect.searched:
+            if effect.stage not in self.stages or not effect.searched or self._foreign < effect.least_foreign:
                 continue
             if effect.orders_key == "orders":
                 if any(s.unit == "Hz" for s in effect.scalars):
@@ -149,10 +151,10 @@ class Search:
     def _additions(self, effect: type[Effect]) -> Iterator[Candidate]:
         present = {piece.effect.orders for piece in self.fit.state.pieces if piece.effect.name == effect.name}
         for orders in self._order_choices(effect):
-            if orders in present:
+            if orders in present and not effect.least_foreign:  # a turn may have several places
                 continue
             for variant in variants(effect, self.data.both_directions()):
-                for starts in self._starts(effect, variant):
+                for starts in self._starts(effect, variant, orders):
                     piece = _started(effect, variant, starts, orders, self.constants)
                     if self._is_seen(piece):
                         yield Candidate(piece)
@@ -169,7 +171,7 @@ class Search:
             for group in sorted(groups, key=sorted):
                 if group & have:
                     continue
-                for starts in self._starts(effect, group):
+                for starts in self._starts(effect, group, piece.effect.orders):
                     values = dict(piece.effect.values) | _zeros(effect, group) | starts
                     for key in group:
                         if key.startswith(BACKWARD) and key[len(BACKWARD) :] in have:
@@ -190,10 +192,40 @@ class Search:
         wanted = not len(self.touching) or bool(np.isin(touched, self.touching).any())
         return piece.effect.stage is Stage.MEASURING or (seen and wanted)
 
-    def _starts(self, effect: type[Effect], keys: frozenset[str]) -> Iterator[dict[str, float]]:
+    @cached_property
+    def _foreign(self) -> int:
+        """How many orders were measured that the rig does not make."""
+        return len(set(self.data.model_orders()) - set(self.fit.state.rig.orders()))
+
+    def _starts(
+        self, effect: type[Effect], keys: frozenset[str], orders: tuple[int, ...]
+    ) -> Iterator[dict[str, float]]:
         shapes = [s for s in effect.scalars if s.form is Form.SHAPE and s.key in keys]
+        located = _CENTRE in keys and self.data.angle_rad is None
+        if located:
+            shapes = [s for s in shapes if s.key != _CENTRE]
         for values in itertools.product(*(s.starts or ((s.lower + s.upper) / 2,) for s in shapes)):
-            yield {s.key: float(value) for s, value in zip(shapes, values, strict=True)}
+            start = {s.key: float(value) for s, value in zip(shapes, values, strict=True)}
+            if located:
+                gain, angle = self._loudest_angle(effect, keys, start, orders)
+                start[_CENTRE] = angle
+                if gain < SETTINGS.order_gain:
+                    continue
+            yield start
+
+    def _loudest_angle(
+        self, effect: type[Effect], keys: frozenset[str], start: dict[str, float], orders: tuple[int, ...]
+    ) -> tuple[float, float]:
+        """What an effect of this shape would take off the loss, each of its sizes alone, and at which angle (deg)."""
+        piece = _started(effect, keys, start | {_CENTRE: 0.0}, orders, self.constants)
+        angles, gain = np.arange(0.0, 360.0, 0.25), np.zeros(1440)
+        turn = np.exp(1j * np.outer(np.radians(angles), self.data.orders))
+        for c in piece.coordinates():
+            if c.linear:
+                unit = piece.unit(c).contribution(self.data.at, self.data.orders)
+                pull = (self.scorer.weights * unit.conj() * self.fit.residual).sum(axis=0)
+                gain += (turn @ pull).real ** 2 / max(float((self.scorer.weights * np.abs(unit) ** 2).sum()), 1e-300)
+        return float(gain.max()), float(angles[np.argmax(gain)])
 
     # -- effects on several orders at once
 

@@ -10,6 +10,7 @@ from st_codegen.reconcile.fit.normal import inverse
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.evidence import chi_square_tail, p_of_clusters
 from st_codegen.reconcile.judge.plausible import is_its_own
+from st_codegen.reconcile.judge.surroundings import stands_out
 from st_codegen.reconcile.settings import SETTINGS
 
 
@@ -26,7 +27,7 @@ def changes(joint: Fit) -> tuple[dict[int, float], bool]:
             # where the model is a product (a ratio times a mesh order) standard errors at the solution say too little
             held = with_piece_held(joint, i)
             p = max(p, chi_square_tail(held.loss - joint.loss, len(places)))
-            sure = p < SETTINGS.p_changed and is_its_own(joint, piece, held)
+            sure = p < SETTINGS.p_changed and _stands(joint, piece, held)
         grown = piece.effect.values.keys() != piece.origin.values.keys()
         if sure and (grown or not _lasting_noise(joint, piece)):
             found[i] = p
@@ -34,6 +35,15 @@ def changes(joint: Fit) -> tuple[dict[int, float], bool]:
     sigma = joint.target.sigma[:, joint.target.data.orders == 0]
     large = bool(sigma.size) and abs(float(shift[0])) > SETTINGS.least_constant * float(np.sqrt((sigma**2).mean()))
     return found, large and _p_of(joint, [0], shift) < SETTINGS.p_changed
+
+
+def _stands(joint: Fit, piece: Piece, held: Fit) -> bool:
+    """Whether a change is that of the effect, and not what lies around its orders as well."""
+    assert piece.origin is not None
+    propagation = joint.propagation
+    change = propagation.change(piece.effect) - propagation.change(piece.origin)
+    own = propagation.measured(change, piece.effect.stage)
+    return is_its_own(joint, piece, held) and stands_out(joint, own)
 
 
 def _own_pieces(joint: Fit) -> list[int]:

@@ -17,11 +17,13 @@ from st_codegen.reconcile.judge.peaks import has_a_frequency
 from st_codegen.reconcile.judge.plausible import (
     at_nobodys_expense,
     at_two_frequencies,
+    explained,
     inside_bounds,
     is_no_form_error,
     law_holds,
 )
 from st_codegen.reconcile.judge.states import in_their_forms
+from st_codegen.reconcile.judge.surroundings import is_of_its_place, stands_out
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue
 
@@ -113,6 +115,10 @@ def founded(without: Fit, with_it: Fit, number: int, places: list[int]) -> tuple
     grown = len(without.state.pieces) == len(with_it.state.pieces)
     sound = at_two_frequencies(without, with_it, number) and at_nobodys_expense(without, with_it)
     sound = sound and (grown or is_no_form_error(without, with_it, number))
+    piece = with_it.state.pieces[number]
+    own = explained(with_it, piece) - (explained(with_it, without.state.pieces[number]) if grown else 0.0)
+    at_one_angle = bool(piece.effect.least_foreign)
+    sound = sound and (is_of_its_place(with_it, number) if at_one_angle else stands_out(with_it, own))
     return evidence, evidence.passed and sound and law_holds(with_it, number)
 
 

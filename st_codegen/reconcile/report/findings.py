@@ -197,6 +197,8 @@ _NEXT = {
     "carrier_modulation": "check the bearings of the carrier",
     "load_dependent_mesh": "measure again at other loads; compare with another unit",
     "wear": "look at the sector; measure again after some weeks",
+    "local_defect": "look at pins, teeth and bearings at this angle, and at the encoder's disc",
+    "local_mesh_defect": "look at the teeth and pins that meet at this angle",
     "control_lag": "check gains and feedforward of the drive",
     "coupling_compliance": "check the coupling and its clamping",
     "cycloid_tooth_error": "compare with another unit of the same kind",

@@ -195,6 +195,28 @@ def _worn(effect: Effect, result: Reconciliation) -> str:
     return f"a worn sector around {centre:.0f} deg of the output, {depth:.2g} arcmin ({depth * ARCMIN:.2g} deg) deep"
 
 
+def _defect(effect: Effect, result: Reconciliation) -> str:
+    at = result.data.at
+    width = _value(effect, "width_deg")
+    sizes = []
+    for sign, name in ((1.0, "forward"), (-1.0, "backward")):
+        load = at.torque_Nm[at.sign == sign].mean() / 1000.0 if (at.sign == sign).any() else 0.0
+        height = _value(effect, "height_deg") + _value(effect, "slope_deg_per_kNm") * load
+        turning = _value(effect, "turning_deg") + _value(effect, "turning_slope_deg_per_kNm") * load
+        sizes += [f"{height + sign * turning:.2g} deg {name}"] if (at.sign == sign).any() else []
+    return (
+        f"every turn has a bump at {_value(effect, 'centre_deg') % 360:.1f} deg of the output, about {2 * width:.1f} "
+        f"deg wide, in the mean of the runs {', '.join(sizes)}: no wave of any order"
+    )
+
+
+def _burst(effect: Effect, result: Reconciliation) -> str:
+    return (
+        f"mesh order {effect.orders[0]} is another at {_value(effect, 'centre_deg') % 360:.1f} deg of the output, over "
+        f"about {2 * _value(effect, 'width_deg'):.1f} deg, by {_value_of_phasor(effect):.2g} deg: damaged teeth or pins"
+    )
+
+
 _WORDS: dict[str, Callable[[Effect, Any], str]] = {
     "torsional_compliance": _compliance,
     "backlash": _backlash,
@@ -205,6 +227,8 @@ _WORDS: dict[str, Callable[[Effect, Any], str]] = {
     "measurement_delay": _delay,
     "friction_windup": _friction,
     "wear": _worn,
+    "local_defect": _defect,
+    "local_mesh_defect": _burst,
     "output_shaft_eccentricity": _wave,
     "encoder_eccentricity": _wave,
     "output_shaft_ovality": _wave,

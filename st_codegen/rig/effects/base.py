@@ -135,6 +135,8 @@ class Effect(ABC):
     stage: ClassVar[Stage] = Stage.ADDITIVE
     #: the lowest order that it may name
     least_order: ClassVar[int] = 1
+    #: how many of its orders must be measured that the rig does not make, for it to be told from changes of these
+    least_foreign: ClassVar[int] = 0
     #: whether `reconcile` tries it as a cause
     searched: ClassVar[bool] = True
     #: what tells this effect from its look-alikes where no operating point does

@@ -1,0 +1,73 @@
+"""What an addition or a change must be beside what lies around it: between orders, and between angles of the turn."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from st_codegen.ir.arrays import ComplexArray, FloatArray
+from st_codegen.reconcile.fit.fitting import Fit
+from st_codegen.reconcile.judge.plausible import explained
+from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects import Effect
+
+#: samples of a turn at which a place is looked at
+_ANGLES = np.radians(np.arange(0.0, 360.0, 0.25))
+
+
+def stands_out(current: Fit, own: ComplexArray) -> bool:
+    """Whether a contribution (n, K) is clearly larger on one of its orders than what nobody explains on those around.
+
+    Where all orders hold about as much that no effect makes, one of them says nothing of the effect that it belongs to.
+    """
+    target = current.target
+    orders, rows = target.data.orders, target.good
+    left = np.abs(current.residual[rows]) ** 2 - np.where(orders == 0, 1, 2) * target.sigma[rows] ** 2
+    # an effect of one angle reaches all orders: what is left of them is its form's
+    waves = [piece.effect for piece in current.state.pieces if not piece.effect.least_foreign]
+    made = {order for effect in waves for order in effect.touched_orders()}
+    nobodys = ~np.isin(orders, list(made))
+    size = (np.abs(own[rows]) ** 2).mean(axis=0)
+    for k in np.flatnonzero(size > SETTINGS.part_of_change * size.max(initial=0.0)):
+        around = nobodys & (np.abs(orders - orders[k]) <= SETTINGS.around_order)
+        if around.sum() < SETTINGS.shared_orders or size[k] > SETTINGS.stands_out * left[:, around].mean():
+            return True
+    return False
+
+
+def is_of_its_place(current: Fit, number: int) -> bool:
+    """Whether the curves have the form of an effect of one angle there, and no other one stands beside it.
+
+    Seen are the orders that the rig does not make, within some widths; how large it is in each run may be as it will.
+    """
+    piece, target = current.state.pieces[number], current.target
+    centre, width = _place(piece.effect)
+    for other in current.state.pieces[:number]:
+        if other.effect.least_foreign:
+            beside, its_width = _place(other.effect)
+            if abs(_turned(beside - centre)) < SETTINGS.reach_of_place * (width + its_width):
+                return False
+    foreign = ~np.isin(target.data.orders, current.state.rig.orders())
+    angles = _ANGLES[np.abs(_turned(_ANGLES - centre)) < SETTINGS.reach_of_place * width]
+    turn = np.exp(1j * np.outer(target.data.orders[foreign], angles))
+    left, power = 0.0, 0.0
+    for sign in (1.0, -1.0):
+        rows = target.good & (target.data.at.sign == sign)
+        own = explained(current, piece)[np.ix_(rows, foreign)]
+        form = (own @ turn).real
+        there = ((own + current.residual[np.ix_(rows, foreign)]) @ turn).real
+        if len(form):
+            # the one form that curves share most of, whatever its size in each
+            alike = float(np.linalg.svd(form)[2][0] @ np.linalg.svd(there)[2][0]) ** 2
+            left, power = left + (form**2).sum() * (1.0 - alike), power + (form**2).sum()
+    return bool(left <= SETTINGS.left_of_place * power)
+
+
+def _place(effect: Effect) -> tuple[float, float]:
+    """Centre and width of an effect of one angle, rad."""
+    return np.radians(effect.scalar("centre_deg")), np.radians(effect.scalar("width_deg"))
+
+
+def _turned(angle: FloatArray | float) -> FloatArray:
+    """An angle in -pi .. pi."""
+    found: FloatArray = np.angle(np.exp(1j * np.asarray(angle)))
+    return found
