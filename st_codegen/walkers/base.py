@@ -224,11 +224,14 @@ _TRUSTED: set[str] = set()
 def _registers(table: dict[tuple[str, str], Any]) -> Callable[..., Callable[[_Walker], _Walker]]:
     """A decorator that enters a function into a table as the walker of classes."""
 
-    def register_as(*classes: str, trusts: Iterable[str] = (), finite: bool = False) -> Callable[[_Walker], _Walker]:
+    def register_as(
+        *classes: str, trusts: Iterable[str] = (), finite: bool = False, double: str = ""
+    ) -> Callable[[_Walker], _Walker]:
         """Enter the walker of classes, such as 'SVR NuSVR' of scikit-learn or 'xgboost.Booster'.
 
         `trusts` names the types that a file with such an object holds beyond those that skops trusts itself; none of
         them may run code from the file when it is loaded. `finite`: the library raises for NaN and infinities.
+        `double`: an attribute on which the library computes in float32 where it was fitted on float32, whatever the rows.
         """
 
         def register(walker: _Walker) -> _Walker:
@@ -236,6 +239,14 @@ def _registers(table: dict[tuple[str, str], Any]) -> Callable[..., Callable[[_Wa
             def checked(estimator: Any, builder: GraphBuilder, value: int) -> Any:
                 if finite:
                     builder.refuse_special(value)
+                parts = getattr(estimator, double, None) if double else None
+                if any(
+                    getattr(part, "dtype", None) == np.float32 for part in (parts if type(parts) is list else [parts])
+                ):
+                    raise UnsupportedModelError(
+                        f"{type(estimator).__name__} was fitted on float32, and scikit-learn computes parts of its answers "
+                        "in that: fit it on X.astype('float64') and a y of that kind"
+                    )
                 return walker(estimator, builder, value)
 
             _TRUSTED.update(trusts)

@@ -62,8 +62,8 @@ def built(name):
     return kind(**given)
 
 
-def fitted(estimator, name):
-    """The estimator after `fit` on data that it takes; skips where it takes none of these."""
+def fitted(estimator, name, dtype="float64"):
+    """The estimator after `fit` on data that it takes, of a type; skips where it takes none of these."""
     answers = [
         THREE,
         SCORE,
@@ -76,16 +76,17 @@ def fitted(estimator, name):
     if getattr(estimator, "_estimator_type", None) == "classifier" or hasattr(estimator, "decision_function"):
         answers = [THREE, *answers]
     for y in answers:
-        for x in (X, np.abs(X)):
+        for x in (X.astype(dtype), np.abs(X).astype(dtype)):
             with contextlib.suppress(Exception), contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                return estimator.fit(x, y), x
+                return estimator.fit(x, y.astype(dtype) if y.dtype.kind == "f" else y), x.astype(np.float64)
     pytest.skip("fits none of the data of this test")
 
 
+@pytest.mark.parametrize("dtype", ["float64", pytest.param("float32", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", [name for name in ESTIMATORS if name not in OTHER_DATA])
-def test_an_estimator_is_compiled_or_refused_in_one_line(name, tmp_path):
-    estimator, x = fitted(built(name), name)
+def test_an_estimator_is_compiled_or_refused_in_one_line(name, dtype, tmp_path):
+    estimator, x = fitted(built(name), name, dtype)
     try:
         model = loaded(estimator)
     except InputError as error:
@@ -102,6 +103,17 @@ def test_an_estimator_is_compiled_or_refused_in_one_line(name, tmp_path):
     same = (np.abs(library - found) <= bound) | (np.isnan(library) & np.isnan(found)) | np.isinf(bound)
     assert np.all(same)
     assert np.isfinite(found).all(axis=1).mean() > 0.9
+
+
+@pytest.mark.parametrize(
+    "name",
+    """GaussianMixture GaussianNB KMeans KNeighborsRegressor PCA PowerTransformer
+    QuadraticDiscriminantAnalysis RadiusNeighborsRegressor""".split(),
+)
+def test_what_computes_in_float32_where_it_was_fitted_on_it_is_refused(name):
+    loaded(fitted(built(name), name)[0])
+    with pytest.raises(InputError, match=f"^{name} was fitted on float32, .* fit it on X.astype"):
+        loaded(fitted(built(name), name, "float32")[0])
 
 
 def test_most_estimators_that_predict_are_compiled():

@@ -79,11 +79,13 @@ STEEP = LINEAR.replace("leaf_const=1 2 3", "leaf_const=0 0 0").replace(
     "leaf_coeff=1.5  2 -1", "leaf_coeff=1e30  1e30 1"
 )
 
+ZEROS = LINEAR.replace("leaf_const=1 2 3", "leaf_const=0e-400 -0.0 2.2250738585072014e-308")
+
 
 @pytest.mark.parametrize(
     "tree",
-    [STUMP, CATEGORY, CATEGORY.replace("decision_type=2 1", "decision_type=2 3"), LINEAR, STEEP],
-    ids=["stump", "category", "category-default-left", "linear", "linear-that-shows-tiny-inputs"],
+    [STUMP, CATEGORY, CATEGORY.replace("decision_type=2 1", "decision_type=2 3"), LINEAR, STEEP, ZEROS],
+    ids=["stump", "category", "category-default-left", "linear", "linear-that-shows-tiny-inputs", "linear-zeros"],
 )
 def test_hand_made_models_equal_the_library(tree: str, load: Any, assert_same: Any) -> None:
     pytest.importorskip("lightgbm")
@@ -175,6 +177,8 @@ def edited(tree: str, key: str, value: str | None) -> str:
         (CATEGORY, "threshold", "0.5 0.5", "tree 0, threshold: a split names a category set"),
         (CATEGORY, "threshold", "0.5 nan", "tree 0, threshold: a split names a category set"),
         (LINEAR, "leaf_const", "1 2 inf", "tree 0, leaf_const: number 2 is inf"),
+        (LINEAR, "leaf_const", "1 2 -1e-320", "tree 0, leaf_const: -1e-320 is nearer to 0 than LightGBM reads"),
+        (LINEAR, "leaf_coeff", "1 2 0.001E-400", "tree 0, leaf_coeff: 0.001E-400 is nearer to 0 than LightGBM reads"),
         (LINEAR, "leaf_const", None, "tree 0: the field 'leaf_const' is missing"),
         (LINEAR, "num_features", "0 1 3", "tree 0, num_features: number 2 is 3, expected 0 .. 2"),
         (LINEAR, "num_features", "0 1 1", "tree 0, leaf_coeff: 3 numbers, expected 2"),

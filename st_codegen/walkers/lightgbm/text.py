@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import BinaryIO
 
@@ -311,10 +311,10 @@ def _leaf_models(fields: dict[str, bytes], leaves: int, n_features: int, where: 
     """Linear models of the leaves (linear_tree); None for a plain tree."""
     if "is_linear" not in fields or _integer(fields, "is_linear", where) == 0:
         return None
-    constant = _floats(fields, "leaf_const", leaves, where)
+    constant = _floats(fields, "leaf_const", leaves, where, _stod)
     counts = _indices(fields, "num_features", leaves, where, 0, n_features + 1)
     total = int(counts.sum())
-    coefficient = _floats(fields, "leaf_coeff", total, where)
+    coefficient = _floats(fields, "leaf_coeff", total, where, _stod)
     _require_finite(constant, "leaf_const", where)
     _require_finite(coefficient, "leaf_coeff", where)
     return LeafModels(
@@ -375,13 +375,23 @@ def _indices(fields: dict[str, bytes], name: str, count: int, where: str, low: i
     return values
 
 
-def _floats(fields: dict[str, bytes], name: str, count: int, where: str) -> FloatArray:
+def _floats(
+    fields: dict[str, bytes], name: str, count: int, where: str, number: Callable[[bytes], float] = float
+) -> FloatArray:
     """`count` numbers, each rounded to the nearest float64 as LightGBM's parser rounds them."""
     if count == 0:
         return np.zeros(0)
-    values = np.fromiter(_numbers(float, _field(fields, name, where), f"{where}, {name}"), np.float64)
+    values = np.fromiter(_numbers(number, _field(fields, name, where), f"{where}, {name}"), np.float64)
     _check_count(values, count, f"{where}, {name}")
     return values
+
+
+def _stod(word: bytes) -> float:
+    """A number of a linear leaf: LightGBM reads it by `std::stod`, which stops the process at a subnormal one."""
+    value = float(word)
+    if abs(value) < np.finfo(np.float64).tiny and word.lower().partition(b"e")[0].strip(b"+-0."):
+        raise ValueError(f"{word.decode()} is nearer to 0 than LightGBM reads")
+    return value
 
 
 def _integers(text: bytes, where: str) -> IntArray:
@@ -391,7 +401,7 @@ def _integers(text: bytes, where: str) -> IntArray:
         raise InputError(f"{where}: {error}") from None
 
 
-def _numbers(kind: type[int] | type[float], text: bytes, where: str) -> Iterator[int | float]:
+def _numbers(kind: Callable[[bytes], int | float], text: bytes, where: str) -> Iterator[int | float]:
     _check_characters(text, where)
     check_count(text.count(b" ") + 1, Things.NUMBERS, f"in {where}")
     try:

@@ -74,7 +74,7 @@ def walk_envelope(estimator: Any, builder: GraphBuilder, value: int) -> Classifi
     return Classified(_INLIERS, above(builder, decision, inclusive=True), decision=decision)
 
 
-@walks("KMeans MiniBatchKMeans MeanShift AffinityPropagation", finite=True)
+@walks("KMeans MiniBatchKMeans MeanShift AffinityPropagation", finite=True, double="cluster_centers_")
 def walk_clusters(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """The nearest centre, the first of equal ones (`cluster/_k_means_lloyd.pyx: lloyd_iter_chunked_dense`)."""
     fitted = Fitted(estimator)
@@ -85,7 +85,7 @@ def walk_clusters(estimator: Any, builder: GraphBuilder, value: int) -> Classifi
     return Classified(tuple(range(len(centres))), largest(builder, near))
 
 
-@walks("GaussianMixture", finite=True)
+@walks("GaussianMixture", finite=True, double="precisions_cholesky_")
 def walk_mixture(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """The most probable component (`mixture/_gaussian_mixture.py: _estimate_log_gaussian_prob`)."""
     fitted = Fitted(estimator)

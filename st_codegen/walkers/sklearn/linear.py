@@ -115,7 +115,7 @@ def block_sums(builder: GraphBuilder, value: int, blocks: int, weight: float, bi
     return builder.linear(value, weights, bias)
 
 
-@walks("GaussianNB", finite=True)
+@walks("GaussianNB", finite=True, double="var_")
 def walk_gaussian_bayes(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """`naive_bayes.py: GaussianNB._joint_log_likelihood`, its constants computed as there."""
     fitted = Fitted(estimator)
@@ -152,7 +152,7 @@ def walk_discrete_bayes(estimator: Any, builder: GraphBuilder, value: int) -> Cl
     return _most_likely(fitted, builder, builder.scale(total, "+", constant))
 
 
-@walks("QuadraticDiscriminantAnalysis", finite=True)
+@walks("QuadraticDiscriminantAnalysis", finite=True, double="scalings_")
 def walk_quadratic(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     """`discriminant_analysis.py: QuadraticDiscriminantAnalysis._decision_function`, class by class."""
     fitted = Fitted(estimator)

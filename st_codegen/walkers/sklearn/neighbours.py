@@ -71,7 +71,7 @@ def _inverse(fitted: Fitted, supported: tuple[str, ...] = ("uniform", "distance"
     return bool(fitted.get("weights") == "distance")
 
 
-@walks("KNeighborsRegressor", trusts=(f"{__name__}.StoredSearchTree",))
+@walks("KNeighborsRegressor", trusts=(f"{__name__}.StoredSearchTree",), double="_y")
 def walk_nearest(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """The mean over the nearest training rows (`neighbors/_regression.py: predict`)."""
     fitted = Fitted(estimator)
@@ -111,7 +111,7 @@ def walk_local_outliers(estimator: Any, builder: GraphBuilder, value: int) -> Cl
     return Classified((-1, 1), above(builder, decision, inclusive=True), decision=decision)
 
 
-@walks("RadiusNeighborsRegressor")
+@walks("RadiusNeighborsRegressor", double="_y")
 def walk_radius(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """The mean over all training rows within the radius; without any no answer (`neighbors/_regression.py`)."""
     fitted = Fitted(estimator)

@@ -92,7 +92,7 @@ def walk_discriminant(estimator: Any, builder: GraphBuilder, value: int) -> int:
     return builder.linear(value, fitted.floats("scalings_", (builder.width(value), None)).T[:count])
 
 
-@transforms("PCA IncrementalPCA", finite=True)
+@transforms("PCA IncrementalPCA", finite=True, double="components_")
 def walk_principal_components(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Projected columns, then minus the projected mean: that order (`decomposition/_base.py: _transform`)."""
     fitted = Fitted(estimator)
@@ -156,7 +156,7 @@ def walk_normalizer(estimator: Any, builder: GraphBuilder, value: int) -> int:
     return builder.combine(value, "/", repeated)
 
 
-@transforms("PowerTransformer")
+@transforms("PowerTransformer", double="lambdas_")
 def walk_power(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """Yeo and Johnson's, or Box and Cox's power of each column (`scipy/stats/_morestats.py: yeojohnson`, `boxcox`).
 
