@@ -231,7 +231,7 @@ def _registers(table: dict[tuple[str, str], Any]) -> Callable[..., Callable[[_Wa
 
         `trusts` names the types that a file with such an object holds beyond those that skops trusts itself; none of
         them may run code from the file when it is loaded. `finite`: the library raises for NaN and infinities.
-        `double`: an attribute on which the library computes in float32 where it was fitted on float32, whatever the rows.
+        `double`: an attribute with which the library computes in float32 where it was fitted on float32.
         """
 
         def register(walker: _Walker) -> _Walker:
@@ -239,13 +239,12 @@ def _registers(table: dict[tuple[str, str], Any]) -> Callable[..., Callable[[_Wa
             def checked(estimator: Any, builder: GraphBuilder, value: int) -> Any:
                 if finite:
                     builder.refuse_special(value)
-                parts = getattr(estimator, double, None) if double else None
-                if any(
-                    getattr(part, "dtype", None) == np.float32 for part in (parts if type(parts) is list else [parts])
-                ):
+                found = getattr(estimator, double, None) if double else None
+                arrays = found if isinstance(found, list) else [found]
+                if any(getattr(one, "dtype", None) == np.float32 for one in arrays):
                     raise UnsupportedModelError(
-                        f"{type(estimator).__name__} was fitted on float32, and scikit-learn computes parts of its answers "
-                        "in that: fit it on X.astype('float64') and a y of that kind"
+                        f"{type(estimator).__name__} was fitted on float32, and scikit-learn computes parts of its "
+                        "answers in that: fit it on X.astype('float64') and a y of that kind"
                     )
                 return walker(estimator, builder, value)
 

@@ -14,7 +14,7 @@ from sklearn.naive_bayes import GaussianNB
 from sklearn.svm import SVC, LinearSVC
 from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
 
-from st_codegen.errors import UnsupportedModelError
+from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import reference
 from st_codegen.proof import bounds
 from tests.classifiers import SCORE, THREE, TWO, WORDS, X, loaded, verified
@@ -157,3 +157,11 @@ def test_the_text_of_compositions(name, tmp_path):
 def test_what_is_not_supported_says_so(estimator, y, message):
     with pytest.raises(UnsupportedModelError, match=message):
         loaded(fit(estimator, y))
+
+
+@pytest.mark.parametrize("kind", [ensemble.BaggingClassifier, ensemble.BaggingRegressor])
+def test_a_bag_that_divides_by_another_number_than_it_has_is_refused(kind):
+    bag = kind(n_estimators=5, random_state=0).fit(X, THREE)
+    bag.n_estimators = 4
+    with pytest.raises(InputError, match=rf"^{kind.__name__}\.n_estimators: number 0 is 4, expected 5 .. 5"):
+        loaded(bag)

@@ -112,6 +112,7 @@ def _bagged(fitted: Fitted, builder: GraphBuilder, value: int) -> list[tuple[Any
     """Each estimator of a bag, and the columns that it takes."""
     parts, width = fitted.items("estimators_"), builder.width(value)
     given = fitted.items("estimators_features_", len(parts))
+    fitted.integer("n_estimators", len(parts), len(parts))  # the library divides by it
     found = []
     for part, columns in zip(parts, given, strict=True):
         chosen = fitted.integers_of("estimators_features_", columns, (None,), low=0, high=width - 1)
