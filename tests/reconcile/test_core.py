@@ -118,9 +118,9 @@ def test_coordinates_there_and_back(name):
     values = {
         "stiffness_Nm_per_arcmin": 300.0, "gap_arcmin": 0.4, "seating_torque_Nm": 50.0, "coulomb_arcmin": 0.1,
         "viscous_arcmin_per_krpm": 0.2, "viscosity_decay_per_K": 0.05, "drift_arcmin_per_K": 0.1, "amplitude_deg": 0.01,
-        "phase_rad": 0.4, "slope_deg_per_kNm": 0.02, "depth_arcmin": 0.3, "centre_deg": 100.0, "width_deg": 20.0,
+        "phase_rad": 0.4, "slope_deg_per_kNm": 0.02, "depth_arcmin": 0.3, "centre_deg": 100.0, "width_deg": 5.0,
         "delay_us": 200.0, "skew_us": -30.0, "lower_ratio": 0.3, "lower_phase_rad": 1.0, "stiffness_Nm_per_rad": 9000.0,
-        "lag_ms": 4.0, "frequency_Hz": 54.0, "damping_ratio": 0.02,
+        "height_deg": 0.01, "lag_ms": 4.0, "frequency_Hz": 54.0, "damping_ratio": 0.02,
     }  # fmt: skip
     known = KNOWN[name].known_keys()
     chosen = {key: value for key, value in values.items() if key in known}
