@@ -197,10 +197,10 @@ DIAGNOSTICS = (
     Diagnostic(
         "STC1411",
         "REAL cannot stand for LREAL here",
-        "--real asks for text without LREAL. The target's controllers have LREAL, or the model is one of which no "
+        "--real asks for text without LREAL. The target's controllers have LREAL, or the model has a step of which no "
         "bound in REAL is derived.",
-        "The message has the reason. Only tree ensembles that predict numbers are written so, for iec, plcopen and "
-        "codesys; the page on targets says what is lost.",
+        "The message has the reason. The page on targets lists what is written in REAL, for iec, plcopen and codesys, "
+        "and says what is lost.",
         places=("passes.real", "project.bundle:load", "driver:_check_real"),
     ),
     Diagnostic(

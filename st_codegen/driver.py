@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -34,6 +35,7 @@ from st_codegen.proof import predict as predictions
 from st_codegen.proof.emitted import check_emitted
 from st_codegen.proof.isolated import isolated
 from st_codegen.proof.probes import operating_range, range_source
+from st_codegen.proof.prove.range_bound import largest_loss
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.proof.vectors import check_row, reference_vectors
 
@@ -384,10 +386,12 @@ def _check_real(bundle: Bundle, target: Target, settings: CompileSettings) -> No
     """Raise TargetError where a controller has LREAL, or something is asked for that is not made for REAL."""
     if not target.may_lack_lreal:
         able = ", ".join(name for name, other in TARGETS.items() if other.may_lack_lreal)
-        raise TargetError(f"controllers of the target {target.name} have LREAL; --real goes with {able}")
+        raise TargetError(
+            f"controllers of the target {target.name} have LREAL{target.lreal_note}; --real goes with {able}"
+        )
     layouts = {settings.options.layout, *bundle.configuration.layouts().values()} - {Layout.AUTO, Layout.TREES}
     if layouts:
-        raise TargetError(f"--real prints the nodes as they were trained: leave out the layout {', '.join(layouts)}")
+        raise TargetError(f"--real prints models as they were trained: leave out the layout {', '.join(layouts)}")
     if settings.self_check or bundle.configuration.windows():
         what = "a window of samples" if bundle.configuration.windows() else "--self-check"
         raise TargetError(f"{what} is written in LREAL: leave it out, or --real")
@@ -435,7 +439,8 @@ def _extras(
         remarks = (settings.remark(target, layouts.get(model.name)), *bundle.configuration.remarks(model.source.file))
         row = check_row(bundle.irs, compiled, model) if settings.self_check else None
         own = cuts.get(block_name(model.name), ())
-        found[model.name] = Extras(remarks, settings.self_check, row, settings.with_age, own)
+        lost = largest_loss(model) if model.is_real else ()
+        found[model.name] = Extras(remarks, settings.self_check, row, settings.with_age, own, lost)
     return found
 
 
@@ -529,7 +534,7 @@ def _model_facts(model: ModelIR, compiled: Compiled) -> dict[str, Any]:
         "class": model.source.model_class,
         "digest": model.source.digest,
         "exact": model.exact,
-        **({"real": list(model.stray)} if model.is_real else {}),
+        **({"real": [lost if math.isfinite(lost) else None for lost in largest_loss(model)]} if model.is_real else {}),
         "accepts_nan": model.accepts_nan,
         "features": [
             {

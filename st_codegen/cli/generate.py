@@ -125,8 +125,8 @@ Examples:
 @click.option(
     "--real",
     is_flag=True,
-    help="For iec, plcopen, codesys: REAL instead of LREAL, for controllers that have no LREAL. Trees only; what is "
-    "lost is computed and printed.",
+    help="For iec, plcopen, codesys: REAL instead of LREAL, for controllers that have no LREAL. What is lost is "
+    "computed and printed.",
 )
 @click.option(
     "--project",

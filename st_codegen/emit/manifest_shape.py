@@ -19,6 +19,10 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
+def _is_loss(value: Any) -> bool:
+    return value is None or _is_number(value)
+
+
 def _is_range(value: Any) -> bool:
     return isinstance(value, list) and len(value) == 2 and all(map(_is_number, value)) and value[0] <= value[1]
 
@@ -43,7 +47,7 @@ _MODEL: dict[Any, Any] = {
     **dict.fromkeys(map(_Optional, ("shared", "exact", "accepts_nan")), bool),
     **dict.fromkeys(map(_Optional, ("trees", "nodes", "support_vectors")), _is_count),
     _Optional("kinds"): [str],
-    _Optional("real"): [_is_number],
+    _Optional("real"): [_is_loss],
 }
 _PURPOSE: dict[Any, Any] = {
     _Optional("calls"): _is_count,

@@ -24,11 +24,12 @@ class Precision(StrEnum):
 
     FLOAT32 = "float32"
     FLOAT64 = "float64"
+    REAL = "REAL"  # float32 on the controller alone: coefficients and operations are rounded, in the library less
 
 
 #: Intermediate results of generated code stay below these, so that nothing overflows on the controller. A quotient of
 #: two computed numbers that would be larger has no answer.
-CEILING = {Precision.FLOAT64: 1e300, Precision.FLOAT32: 3e38}
+CEILING = {Precision.FLOAT64: 1e300, Precision.FLOAT32: 3e38, Precision.REAL: 3e38}
 
 
 class Comparison(StrEnum):

@@ -88,8 +88,8 @@ class ModelIR:
     everything). Empty: it takes everything. `accepted`: for each feature the closed interval of numbers for which there
     is an answer (None, or empty: no interval), once the feature is limited to its declared range. `ports`: the
     block's outputs that the user named, the first ones. `classes`: the labels of a classifier, whose first output is
-    the number of one of them. `stray`: the block computes in REAL (`passes.real`), and each output may lie so far from
-    the library's; empty: it computes in LREAL.
+    the number of one of them. `is_real`: its block computes in REAL, with REAL inputs
+    (`passes.real`).
     """
 
     name: str
@@ -103,7 +103,7 @@ class ModelIR:
     accepted: tuple[tuple[float, float] | None, ...] = ()
     classes: Classes | None = None
     ports: tuple[Output, ...] = ()
-    stray: tuple[float, ...] = ()
+    is_real: bool = False
 
     def __post_init__(self) -> None:
         self._check_ports()
@@ -190,9 +190,4 @@ class ModelIR:
     @property
     def exact(self) -> bool:
         """Whether every output equals the source library's bit for bit."""
-        return all(op.exact for op in self.ops) and not any(self.stray)
-
-    @property
-    def is_real(self) -> bool:
-        """Whether its block computes in REAL, with REAL inputs."""
-        return bool(self.stray)
+        return all(op.exact for op in self.ops)

@@ -79,7 +79,7 @@ class Scale(Quotient):
 
     @property
     def exact(self) -> bool:
-        return self.doubt is None
+        return self.doubt is None and self.precision is not Precision.REAL
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,10 @@ class Combine(Quotient):
     width: int
     precision: Precision = Precision.FLOAT64
     limit: float = math.inf
-    exact: ClassVar[bool] = True
+
+    @property
+    def exact(self) -> bool:
+        return self.precision is not Precision.REAL
 
 
 @dataclass(frozen=True)
@@ -205,7 +208,7 @@ class Linear(ReadsWhole):
 
     @property
     def exact(self) -> bool:
-        return self.order is SummationOrder.SEQUENTIAL
+        return self.order is SummationOrder.SEQUENTIAL and self.precision is not Precision.REAL
 
 
 @dataclass(frozen=True)
@@ -273,7 +276,7 @@ class Activation(Elementwise):
 
     @property
     def exact(self) -> bool:
-        return self.function in self._EXACT
+        return self.function in self._EXACT and self.precision is not Precision.REAL
 
     @property
     def furthest(self) -> float:

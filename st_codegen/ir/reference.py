@@ -79,10 +79,12 @@ def _lost(op: Operation, result: FloatArray, operands: list[FloatArray]) -> Bool
 
 
 def limited(model: ModelIR, x: FloatArray) -> FloatArray:
-    """Rows with every feature limited to its declared range, as the generated block limits them; NaN stays NaN."""
+    """Rows as the generated block reads them, every feature limited to its declared range; NaN stays NaN."""
     lower = [-np.inf if feature.lower is None else feature.lower for feature in model.features]
     upper = [np.inf if feature.upper is None else feature.upper for feature in model.features]
-    return np.clip(np.array(x, dtype=np.float64), lower, upper)
+    with np.errstate(over="ignore"):
+        given = rounded(np.array(x, dtype=np.float64), Precision.REAL if model.is_real else Precision.FLOAT64)
+    return np.clip(given, lower, upper)
 
 
 def valid_rows(model: ModelIR, x: FloatArray) -> BoolArray:
@@ -110,6 +112,11 @@ def trace(model: ModelIR, x: FloatArray) -> list[FloatArray]:
 def rounded(value: FloatArray, precision: Precision) -> FloatArray:
     """`value` rounded to `precision`, as float64."""
     return value if precision is Precision.FLOAT64 else value.astype(np.float32).astype(np.float64)
+
+
+def _each_step(op: KernelSum) -> Precision:
+    """To what every operation inside a sum of kernels is rounded; libraries say nothing of it, so it is bounded."""
+    return Precision.REAL if op.precision is Precision.REAL else Precision.FLOAT64
 
 
 #: What each operator does to two numbers.
@@ -289,7 +296,8 @@ def _(op: KernelSum, operands: list[FloatArray]) -> FloatArray:
     x = operands[0]
     total = np.broadcast_to(op.intercept, (len(x), op.width)).copy()
     for vector, coefficients in zip(op.support_vectors, op.coefficients.T, strict=True):
-        total += kernel_value(op, x, vector)[:, None] * coefficients[None, :]
+        term = rounded(kernel_value(op, x, vector)[:, None] * coefficients[None, :], _each_step(op))
+        total = rounded(total + term, _each_step(op))
     return rounded(total, op.precision)
 
 
@@ -339,14 +347,32 @@ def _(op: FactoredKernel, operands: list[FloatArray]) -> FloatArray:
 
 def kernel_value(op: KernelSum, x: FloatArray, vector: FloatArray) -> FloatArray:
     """The kernel between rows of `x` and one support vector, shape (rows,)."""
+    step = _each_step(op)
     if op.kernel is Kernel.RBF:
-        distance: FloatArray = np.sum((x - vector) ** 2, axis=1)
-        return np.exp(-op.gamma * distance)
-    product: FloatArray = np.sum(x * vector, axis=1)
+        distance = _sum(rounded(x - vector, step) ** 2, step)
+        return rounded(np.exp(rounded(-op.gamma * distance, step)), step)
+    product = _sum(x * vector, step)
     if op.kernel is Kernel.LINEAR:
         return product
-    argument = op.gamma * product + op.coef0
-    return np.tanh(argument) if op.kernel is Kernel.SIGMOID else argument**op.degree
+    argument = rounded(rounded(op.gamma * product, step) + op.coef0, step)
+    if op.kernel is Kernel.SIGMOID:
+        return rounded(np.tanh(argument), step)
+    if step is Precision.FLOAT64:
+        return argument**op.degree
+    power = np.ones_like(argument)
+    for _ in range(op.degree):
+        power = rounded(power * argument, step)
+    return power
+
+
+def _sum(terms: FloatArray, step: Precision) -> FloatArray:
+    """The sum of each row, of which every operation is rounded; of float64 in an order that libraries leave open."""
+    if step is Precision.FLOAT64:
+        return np.asarray(np.sum(terms, axis=1))
+    total = np.zeros(len(terms))
+    for column in range(terms.shape[1]):
+        total = rounded(total + rounded(terms[:, column], step), step)
+    return total
 
 
 @apply.register
@@ -438,7 +464,7 @@ class _TreeEvaluator:
     def total(self) -> FloatArray:
         """The ensemble's result, shape (rows, outputs), with every addition rounded as the library rounds it."""
         op = self.op
-        dtype = np.float32 if op.sum_precision is Precision.FLOAT32 else np.float64
+        dtype = np.float64 if op.sum_precision is Precision.FLOAT64 else np.float32
         base = op.base.astype(dtype)
         combine = {Aggregate.SUM: np.add, Aggregate.MINIMUM: np.minimum, Aggregate.MAXIMUM: np.maximum}[op.aggregate]
         neutral = {Aggregate.SUM: 0.0, Aggregate.MINIMUM: np.inf, Aggregate.MAXIMUM: -np.inf}[op.aggregate]

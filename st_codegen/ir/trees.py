@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
 
 import numpy as np
 
@@ -111,7 +110,11 @@ class TreeEnsemble(ReadsColumns):
     category_row: Int32Array = field(default_factory=lambda: np.zeros(0, np.int32))
     category_left: BoolArray = field(default_factory=lambda: np.zeros(0, np.bool_))
     linear: LinearLeaves | None = None
-    exact: ClassVar[bool] = True
+
+    @property
+    def exact(self) -> bool:
+        """Whether the source library's result is reproduced bit for bit."""
+        return self.sum_precision is not Precision.REAL
 
     def __post_init__(self) -> None:
         nodes = len(freeze(self, "split", np.int32, (None,)))
@@ -126,7 +129,7 @@ class TreeEnsemble(ReadsColumns):
         freeze(self, "category_left", np.bool_, (None,))
         freeze(self, "category_row", np.int32, (nodes if self.has_categories else 0,))
         require_finite(self, "leaf_value", "base")
-        if self.sum_precision is Precision.FLOAT32:
+        if self.sum_precision is not Precision.FLOAT64:
             for array in (values, base):
                 with np.errstate(over="ignore"):
                     if not np.array_equal(array.astype(np.float32), array):

@@ -51,16 +51,18 @@ from st_codegen.ir.base import EXPONENTIALS
 
 #: Limits tried for the arguments of exponentials, largest first: e**690 is about 1e299, e**88 about 1.7e38.
 _EXP_LIMITS = {Precision.FLOAT64: (690.0, 345.0, 170.0, 80.0, 40.0), Precision.FLOAT32: (88.0, 44.0, 22.0, 11.0, 5.0)}
+_EXP_LIMITS[Precision.REAL] = _EXP_LIMITS[Precision.FLOAT32]
 
 #: Limits tried at the same time for quotients of computed numbers.
 _QUOTIENT_LIMITS = {
     Precision.FLOAT64: (1e300, 1e150, 1e75, 1e37, 1e18),
     Precision.FLOAT32: (3e38, 1e19, 1e9, 1e5, 1e3),
 }
+_QUOTIENT_LIMITS[Precision.REAL] = _QUOTIENT_LIMITS[Precision.FLOAT32]
 
 #: The largest result of an operation. The sum of ten thousand results, as the blocks around a model may form it, does
 #: not overflow either.
-_LARGEST = {Precision.FLOAT64: 1e305, Precision.FLOAT32: CEILING[Precision.FLOAT32]}
+_LARGEST = {**CEILING, Precision.FLOAT64: 1e305}
 
 #: Limits of inputs that are tried, rising: numbers of one digit, so that a model trained again rarely has another one.
 _LIMITS = tuple(float(f"{digit}e{exponent}") for exponent in range(305) for digit in range(1, 10))

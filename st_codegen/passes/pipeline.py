@@ -169,7 +169,7 @@ def _decide(
     model: ModelIR, options: Options, cost: CostFunction, earlier: str | None, *, together: bool
 ) -> LayoutDecision:
     candidates = [priced("as trained", model, cost)]
-    on_grid = factored(model)
+    on_grid = None if model.is_real else factored(model)
     if on_grid is not None and _fits(on_grid, options):
         candidates.append(priced("factored kernel", on_grid, cost))
     layout = Layout.TREES if model.is_real else options.layouts.get(model.name, options.layout)

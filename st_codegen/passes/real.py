@@ -1,115 +1,201 @@
-"""A model of trees as a controller without LREAL computes it: every number is a REAL.
+"""A model as a controller without LREAL computes it: every number is a REAL.
 
 The inputs are REAL. Of such numbers `x <= t` holds for a float64 threshold `t` exactly where it holds for the largest
 REAL that is not above `t`, and `x < t` where it holds for the smallest one that is not below it: no row takes another
-way through a tree. What is lost are the last digits of the leaves and of their sum, by at most `ModelIR.stray`.
+way through a tree. Coefficients become the nearest REAL, and each operation is rounded (`Precision.REAL`), sums in the
+order of the text; how far that leads from the library `proof.bounds` derives.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
+from functools import singledispatch
 
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
 from st_codegen.ir import (
     FLOAT32_OVERFLOW,
+    Activation,
+    ArgMax,
+    Clip,
+    Combine,
     Comparison,
+    Exceeds,
     Feature,
     FloatArray,
+    Function,
+    KernelSum,
+    Linear,
     ModelIR,
+    Operation,
+    Operator,
     Output,
     Precision,
+    Round,
+    Scale,
+    Select,
+    Softmax,
+    SummationOrder,
     TreeColumn,
     TreeEnsemble,
 )
+from st_codegen.passes.domain import limit_inputs
 
 #: Thresholds, leaves and sums stay below this: numbers above stand for missing and for infinite ones.
 LARGEST = 1e38
-_UNIT = 2.0**-24
-#: Half of the smallest REAL: what a rounded number below the normal ones may be off.
-_TINY = 2.0**-150
+#: Functions that only pick or turn a sign, so that nothing is rounded.
+_PICKS = (Function.IDENTITY, Function.RELU, Function.ABS)
+#: Functions whose formulas keep their digits in REAL.
+_COMPUTED = (
+    *(Function.LEAKY_RELU, Function.TANH, Function.LOGISTIC, Function.EXP, Function.ELU),
+    *(Function.SOFTPLUS, Function.SOFTSIGN),
+)
 
 
 def in_real(model: ModelIR) -> ModelIR:
-    """The model with every number a REAL, and `stray`: how far its outputs may lie from the library's."""
-    op = model.ops[0]
-    reason = _obstacle(model)
-    if reason or not isinstance(op, TreeEnsemble):
-        raise UnsupportedModelError(f"model '{model.name}': --real takes trees alone: {reason}")
-    below = op.comparison is Comparison.LESS_OR_EQUAL
-    threshold = np.where(np.isfinite(op.threshold), _towards(op.threshold, up=not below), op.threshold)
-    leaf_value, base = (_nearest(values) for values in (op.leaf_value, op.base))
-    trees = dataclasses.replace(
-        op,
-        columns=tuple(_column(column) for column in op.columns),
-        threshold=threshold,
-        leaf_value=leaf_value,
-        base=base,
-        input_precision=Precision.FLOAT32,
-        sum_precision=Precision.FLOAT32,
-    )
-    same = op.sum_precision is Precision.FLOAT32  # then leaves and sums are the library's own
-    return dataclasses.replace(
+    """The model with every number a REAL. Raises UnsupportedModelError with the reason where it cannot be one."""
+    try:
+        ops = tuple(_operation(op) for op in model.ops)
+    except UnsupportedModelError as error:
+        raise UnsupportedModelError(f"model '{model.name}': --real: {error}") from None
+    found = dataclasses.replace(
         model,
-        ops=(trees,),
+        ops=ops,
         features=tuple(_feature(feature) for feature in model.features),
         # infinities are refused, and REAL has none between its largest number and these
-        magnitude_limits=tuple(None if limit is None else FLOAT32_OVERFLOW for limit in model.magnitude_limits),
+        magnitude_limits=tuple(map(_limit, model.magnitude_limits)),
+        accepted=tuple(None if ends is None else _inside(*ends) for ends in model.accepted),
         ports=tuple(_port(port) for port in model.ports),
-        stray=(0.0,) * op.width if same else _stray(op),
+        is_real=True,
+    )
+    found = limit_inputs(found)
+    return dataclasses.replace(found, magnitude_limits=tuple(map(_limit, found.magnitude_limits)))
+
+
+def _limit(limit: float | None) -> float | None:
+    """A limit of magnitudes as a REAL that is not above it."""
+    return None if limit is None else FLOAT32_OVERFLOW if limit >= FLOAT32_OVERFLOW else _inside(0.0, limit)[1]
+
+
+@singledispatch
+def _operation(op: Operation) -> Operation:
+    """An operation in REAL. Raises UnsupportedModelError where its loss has no bound that is known."""
+    raise UnsupportedModelError(f"this one has {type(op).__name__}, of which no bound in REAL is derived")
+
+
+@_operation.register
+def _(op: Select) -> Operation:
+    return op
+
+
+@_operation.register
+def _(op: Round) -> Operation:
+    return Select(op.inputs, np.arange(op.width, dtype=np.int32))  # a REAL is rounded already
+
+
+@_operation.register
+def _(op: ArgMax) -> Operation:
+    # distances below a digit of REAL: rows in which the library sees two columns as equal are open
+    return dataclasses.replace(op, merged=0.0, open_below=max(op.merged, op.open_below))
+
+
+@_operation.register
+def _(op: Exceeds) -> Operation:
+    return dataclasses.replace(op, cut=_kept(op.cut))
+
+
+@_operation.register
+def _(op: Clip) -> Operation:
+    return dataclasses.replace(op, lower=_kept(op.lower), upper=_kept(op.upper))
+
+
+@_operation.register
+def _(op: Scale) -> Operation:
+    if op.operator is Operator.DIVIDE and op.reverse:
+        raise UnsupportedModelError("it divides by a computed number")
+    constant = _nearest(op.constant)
+    if op.operator is Operator.DIVIDE and not np.all(constant):
+        raise UnsupportedModelError("it divides by a number that is too small for REAL")
+    doubt = np.abs(op.constant - constant) + (0.0 if op.doubt is None else op.doubt)
+    return dataclasses.replace(op, constant=constant, doubt=doubt, precision=Precision.REAL)
+
+
+@_operation.register
+def _(op: Combine) -> Operation:
+    if op.operator is Operator.DIVIDE:
+        raise UnsupportedModelError("it divides by a computed number")
+    return dataclasses.replace(op, precision=Precision.REAL)
+
+
+@_operation.register
+def _(op: Linear) -> Operation:
+    return dataclasses.replace(
+        op,
+        weights=_nearest(op.weights),
+        bias=_nearest(op.bias),
+        order=SummationOrder.SEQUENTIAL,
+        precision=Precision.REAL,
     )
 
 
-def _obstacle(model: ModelIR) -> str:
-    """Why a model cannot be computed in REAL with a bound that is known; empty where it can."""
-    op = model.ops[0]
-    if model.classes is not None:
-        return "a label or a probability is decided behind the sum, where rounding may turn it"
-    if len(model.ops) > 1 or not isinstance(op, TreeEnsemble):
-        kinds = ", ".join(dict.fromkeys(type(op).__name__ for op in model.ops if not isinstance(op, TreeEnsemble)))
-        return f"this one has {kinds}, of which no bound in REAL is derived"
-    finite = op.threshold[np.isfinite(op.threshold)]
-    largest = float(max(np.max(np.abs(finite), initial=0.0), np.max(_magnitude(op) + np.abs(op.base))))
-    limited = any(limit is not None and limit < FLOAT32_OVERFLOW for limit in model.magnitude_limits)
+@_operation.register
+def _(op: Activation) -> Operation:
+    if op.function in _PICKS:
+        return op
+    if op.function not in _COMPUTED:
+        raise UnsupportedModelError(f"of the function {op.function} no bound in REAL is derived")
+    return dataclasses.replace(op, parameter=float(_nearest(np.array(op.parameter))), precision=Precision.REAL)
+
+
+@_operation.register
+def _(op: Softmax) -> Operation:
+    return dataclasses.replace(op, precision=Precision.REAL)
+
+
+@_operation.register
+def _(op: KernelSum) -> Operation:
+    vectors = _nearest(op.support_vectors)
+    gamma, coef0 = (float(_nearest(np.array(value))) for value in (op.gamma, op.coef0))
+    return dataclasses.replace(
+        op,
+        support_vectors=vectors,
+        coefficients=_nearest(op.coefficients),
+        intercept=_nearest(op.intercept),
+        gamma=gamma,
+        coef0=coef0,
+        precision=Precision.REAL,
+        # what a vector loses is relative to its own numbers, not to its distance from a row
+        expands=op.expands or not np.array_equal(vectors, op.support_vectors),
+    )
+
+
+@_operation.register
+def _(op: TreeEnsemble) -> Operation:
+    largest = float(max(np.max(np.abs(values), initial=0.0) for values in (op.leaf_value, op.base))) * (op.n_trees + 1)
+    largest = max(largest, float(np.max(np.abs(op.threshold[np.isfinite(op.threshold)]), initial=0.0)))
     reasons = {
+        "there are steps in front of its trees, and rounding may turn a split": op.inputs != (0,),
         "the leaves of this one are linear models": op.linear is not None,
         "this one splits by categories, whose codes need not be REAL numbers": op.has_categories,
-        "this one refuses some finite inputs, and rounding may turn which": limited or any(model.accepted),
         f"numbers of {largest:.3g} are too large": largest >= LARGEST,
         f"it divides by {op.divisor!r}, which is no REAL": float(np.float32(op.divisor)) != op.divisor,
     }
-    return next((reason for reason, holds in reasons.items() if holds), "")
-
-
-def _magnitude(op: TreeEnsemble) -> FloatArray:
-    """For each output the sum of the largest magnitudes of its trees' leaves."""
-    found = np.zeros(op.width)
-    stops = np.append(op.roots[1:], op.n_nodes)
-    for tree, (root, stop) in enumerate(zip(op.roots, stops, strict=True)):
-        rows = op.leaf[root:stop][op.split[root:stop] < 0]
-        largest = np.max(np.abs(op.leaf_value[rows]), axis=0)
-        if len(largest) == 1:
-            found[op.tree_output[tree]] += largest[0]
-        else:
-            found += largest
-    return found
-
-
-def _stray(op: TreeEnsemble) -> tuple[float, ...]:
-    """How far the sum in REAL may lie from the library's in LREAL, for each output, whatever the inputs are.
-
-    A leaf passes its own rounding, at most one addition a tree, that of the base and the division, here and in the
-    library: (1 + u)**(trees + 4) - 1 of the magnitudes, u = 2**-24, holds for both together. Numbers below the normal
-    ones are off by an absolute amount, at most once a leaf, once for the base and once in the division.
-    """
-    terms = op.n_trees + 4
-    relative = math.expm1(terms * math.log1p(_UNIT))
-    scale = min(abs(op.divisor), 1.0)  # a base that is added last is not divided
-    sums = _magnitude(op) / abs(op.divisor) + np.abs(op.base) / (1.0 if op.base_last else scale)
-    # the bound itself is computed with a few roundings
-    return tuple(float(value) * (1.0 + 1e-12) for value in sums * relative + (terms / scale + 1.0) * _TINY)
+    for reason, holds in reasons.items():
+        if holds:
+            raise UnsupportedModelError(reason)
+    below = op.comparison is Comparison.LESS_OR_EQUAL
+    threshold = np.where(np.isfinite(op.threshold), _towards(op.threshold, up=not below), op.threshold)
+    same = op.sum_precision is Precision.FLOAT32  # then leaves and sums are the library's own
+    return dataclasses.replace(
+        op,
+        columns=tuple(_column(column) for column in op.columns),
+        threshold=threshold,
+        leaf_value=_nearest(op.leaf_value),
+        base=_nearest(op.base),
+        input_precision=Precision.FLOAT32,
+        sum_precision=Precision.FLOAT32 if same else Precision.REAL,
+    )
 
 
 def _towards(values: FloatArray, *, up: bool) -> FloatArray:
@@ -123,7 +209,19 @@ def _towards(values: FloatArray, *, up: bool) -> FloatArray:
 
 
 def _nearest(values: FloatArray) -> FloatArray:
-    return values.astype(np.float32).astype(np.float64)
+    """The nearest REAL of each coefficient."""
+    with np.errstate(over="ignore"):
+        found: FloatArray = values.astype(np.float32).astype(np.float64)
+    if not np.all(np.abs(found) < LARGEST):
+        raise UnsupportedModelError(f"numbers of {np.max(np.abs(values)):.3g} are too large")
+    return found
+
+
+def _kept(values: FloatArray) -> FloatArray:
+    """Limits that numbers are compared with, which may not move."""
+    if not np.array_equal(_nearest(values), values):
+        raise UnsupportedModelError("a number that it compares with is no REAL")
+    return values
 
 
 def _inside(lower: float, upper: float) -> tuple[float, float]:

@@ -114,7 +114,8 @@ def load(
     `prefix` stands in front of the names of all models, in place of the one in `st-codegen.toml`; `block_name` is the
     name of a single model, in place of its file's. Blocks that a `bundle.toml` asks for have names of their own.
 
-    `real` makes models for controllers without LREAL: everything is a REAL (`passes.real`); trees alone can be.
+    `real` makes models for controllers without LREAL: everything is a REAL (`passes.real`). Models that cannot
+    be are refused with the reason.
 
     Raises one InputError that lists everything that is wrong: files, models, names, and the description of
     what the models are for.

@@ -15,7 +15,7 @@ import numpy as np
 from st_codegen.emit.blocks.comparison import PROGRAM
 from st_codegen.entries import Entries
 from st_codegen.ir import BoolArray, FloatArray, ModelIR
-from st_codegen.proof.bounds import difference_bound
+from st_codegen.proof.bounds import text_bound
 from st_codegen.st import Library
 from st_codegen.st.run.library import TC2_STANDARD, TC2_SYSTEM, TCUNIT
 
@@ -28,12 +28,12 @@ def _answers_all(_: ModelIR, x: FloatArray) -> BoolArray:
 class Arithmetic:
     """How the blocks of a target compute their models.
 
-    `bound` says how far a model's block may lie from the library for rows (rows, features), shape (rows, outputs), and
-    `answers` for which of the rows it gives an answer where the library does, shape (rows,). `note` says what
+    `bound` says how far a model's block may lie from the reference for rows (rows, features), shape (rows, outputs),
+    and `answers` for which of the rows it gives an answer where the library does, shape (rows,). `note` says what
     verification does not show, where that is less than the text that runs on the controller.
     """
 
-    bound: Callable[[ModelIR, FloatArray], FloatArray] = difference_bound
+    bound: Callable[[ModelIR, FloatArray], FloatArray] = text_bound
     answers: Callable[[ModelIR, FloatArray], BoolArray] = _answers_all
     note: str = ""
 

@@ -53,6 +53,8 @@ from st_codegen.passes.kernels import grid_of
 
 #: Unit roundoff of each precision.
 UNIT = {Precision.FLOAT64: 2.0**-53, Precision.FLOAT32: 2.0**-24}
+#: An operation in REAL is rounded, and so was the coefficient that it reads.
+UNIT[Precision.REAL] = (1.0 + UNIT[Precision.FLOAT32]) ** 2 - 1.0
 
 #: Relative error of one transcendental function, in units of roundoff: libraries document up to 4 ulp (8 u) for their
 #: vectorised versions; the generated formulas have at most 8 roundings besides one EXP, LN or quotient of 2 ulp.
@@ -66,6 +68,10 @@ _TINY = 1e-307
 
 #: What two evaluations of a small exponential may differ by beyond their relative error, where it has lost digits.
 _SMALLEST = {Precision.FLOAT64: _TINY, Precision.FLOAT32: 2.0**-148}
+#: In REAL 0 is taken for exponentials below exp(-87).
+_SMALLEST[Precision.REAL] = 2e-38
+#: What an operation in REAL and the coefficient that it reads may lose below the normal numbers.
+_UNDERFLOW = {Precision.FLOAT64: 0.0, Precision.FLOAT32: 0.0, Precision.REAL: 2.0**-148}
 
 
 def difference_bound(model: ModelIR, x: FloatArray) -> FloatArray:
@@ -76,8 +82,40 @@ def difference_bound(model: ModelIR, x: FloatArray) -> FloatArray:
     """
     if model.exact:
         return np.zeros((len(x), len(model.outputs)))
-    found: FloatArray = differences(model, x)[-1] + np.array(model.stray or (0.0,))
-    return found
+    return differences(model, x)[-1]
+
+
+def text_bound(model: ModelIR, x: FloatArray) -> FloatArray:
+    """Bound on |reference - generated code|, for the same rows: what a controller's own EXP and its like may change.
+
+    In LREAL it is that on |library - generated code|. In REAL the reference rounds as the text does, step by step, so
+    that nothing but such functions leaves a difference.
+    """
+    if not model.is_real:
+        return difference_bound(model, x)
+    values = reference.trace(model, x)
+    found = [np.zeros_like(values[0])]
+    with np.errstate(all="ignore"):
+        for op, result in zip(model.ops, values[1:], strict=True):
+            given = [found[value] for value in op.inputs]
+            difference = step(op, [values[value] for value in op.inputs], given, result)
+            if _has_one_result(op):
+                same = ~np.any(np.hstack(given) > 0, axis=1, keepdims=True)
+                difference = np.where(same, 0.0, difference)
+            found.append(np.where(np.isnan(difference), np.inf, difference))
+    return found[-1]
+
+
+def _has_one_result(op: Operation) -> bool:
+    """Whether text of an operation in REAL has one result only: it calls nothing that controllers compute as they like.
+
+    Formulas of several operations in one statement count among what they compute as they like.
+    """
+    if isinstance(op, Activation):
+        return op.function in (Function.IDENTITY, Function.RELU, Function.LEAKY_RELU, Function.ABS)
+    if isinstance(op, KernelSum):
+        return op.kernel in (Kernel.LINEAR, Kernel.POLYNOMIAL)
+    return not isinstance(op, Softmax)
 
 
 def differences(model: ModelIR, x: FloatArray) -> list[FloatArray]:
@@ -105,8 +143,14 @@ def gamma(terms: int, precision: Precision) -> float:
 
 
 def _rounding(op: Operation, result: FloatArray, difference: FloatArray) -> FloatArray:
-    """Rounding after one exact elementwise operation: equal inputs round to equal results, others add an error each."""
-    unit = UNIT[getattr(op, "precision", Precision.FLOAT64)]
+    """Rounding after one exact elementwise operation: equal inputs round to equal results, others add an error each.
+
+    In REAL the library rounds nothing that counts, so that equal inputs have other results, too.
+    """
+    precision = getattr(op, "precision", Precision.FLOAT64)
+    unit = UNIT[precision]
+    if precision is Precision.REAL:
+        return np.asarray(difference * (1 + unit) + unit * (np.abs(result) + difference) + _UNDERFLOW[precision])
     return np.where(difference > 0, difference * (1 + unit) + 2 * unit * (np.abs(result) + difference), 0.0)
 
 
@@ -209,10 +253,12 @@ def _(op: Linear, operands: list[FloatArray], given: list[FloatArray], result: F
     size = np.abs(operands[0]) @ weights.T + np.abs(op.bias)
     if op.exact:
         return np.where(difference > 0, difference + 2 * gamma(2 * op.operand_width + 1, op.precision) * size, 0.0)
+    difference = difference + _UNDERFLOW[op.precision] * (np.sum(np.abs(operands[0]), axis=1, keepdims=True) + 1)
     terms = op.operand_width + 1
     if op.bias_terms is not None:
         terms, size = terms + op.operand_width, size + op.bias_terms
-    return difference + sum_rounding(terms, size + difference, result, op.precision)
+    total: FloatArray = difference + sum_rounding(terms, size + difference, result, op.precision)
+    return total
 
 
 @step.register
@@ -234,11 +280,11 @@ def _(op: Scan, operands: list[FloatArray], given: list[FloatArray], result: Flo
 
 
 def sum_rounding(terms: int, size: FloatArray, result: FloatArray, precision: Precision) -> FloatArray:
-    """The library adds in its precision, the generated code in LREAL with one rounding at the end."""
+    """One adds in a precision, the other in LREAL, with one rounding at the end where it is to equal float32."""
     library = gamma(terms, precision) * size
     generated = gamma(terms, Precision.FLOAT64) * size
     last = UNIT[precision] * np.abs(result) if precision is Precision.FLOAT32 else 0.0
-    return library + generated + last
+    return np.asarray(library + generated + last + 2 * terms * _UNDERFLOW[precision])
 
 
 @step.register
@@ -265,7 +311,7 @@ def _(op: Activation, operands: list[FloatArray], given: list[FloatArray], resul
         lost = np.expm1(8 * UNIT[Precision.FLOAT64] * argument)
         power: FloatArray = moved + (roundings + lost) * size + _SMALLEST[op.precision]
         return power
-    return moved + (roundings + formula) * size + _TINY
+    return moved + (roundings + formula) * size + max(_TINY, _SMALLEST[op.precision] * (op.precision is Precision.REAL))
 
 
 #: The largest slopes of functions that are not as steep as the identity, or steeper.
@@ -366,17 +412,20 @@ def _kernel_change(
         lost = np.sum(np.square(x + vector) if op.expands else delta**2, axis=1)
         argument = op.gamma * (both * lost + np.sum(2 * delta * moved + moved**2, axis=1))
         function += (factors - 1) * (FUNCTION_ROUNDINGS + 1) * UNIT[Precision.FLOAT64]
-        return np.asarray(kernel * (np.expm1(argument) + function) + factors * _TINY)
+        tiny = max(_TINY, _SMALLEST[op.precision] * (op.precision is Precision.REAL))
+        return np.asarray(kernel * (np.expm1(argument) + function) + factors * tiny)
     size = np.sum(x * vector, axis=1)
     change = both * size + np.sum(vector * moved, axis=1)
+    change = change + _UNDERFLOW[op.precision] * (np.sum(x, axis=1) + 2 * terms)
     if op.kernel is Kernel.LINEAR:
         return np.asarray(change)
     base = np.abs(op.gamma) * size + abs(op.coef0)
-    change = abs(op.gamma) * change + both * base
+    change = abs(op.gamma) * change + both * base + _UNDERFLOW[op.precision]
     if op.kernel is Kernel.SIGMOID:
         return np.asarray(change + function * kernel)
     larger = (base + change) ** op.degree
-    return np.asarray(larger - base**op.degree + op.degree * both * larger)
+    underflow = op.degree * _UNDERFLOW[op.precision] * np.maximum(base + change, 1.0) ** op.degree
+    return np.asarray(larger - base**op.degree + op.degree * both * larger + underflow)
 
 
 @step.register
@@ -511,7 +560,28 @@ def _(op: TreeEnsemble, operands: list[FloatArray], given: list[FloatArray], res
     if op.linear is not None:
         unsure |= np.any(given[0] > 0, axis=1)
     spread = _leaf_spread(op)
-    return np.where(unsure[:, None], spread, 0.0)
+    return np.where(unsure[:, None], spread, 0.0) + (_lost(op) if op.sum_precision is Precision.REAL else 0.0)
+
+
+def _lost(op: TreeEnsemble) -> FloatArray:
+    """How far the sum in REAL may lie from the library's in LREAL, for each output, whatever the inputs are.
+
+    A leaf passes its own rounding, at most one addition a tree, that of the base and the division, here and in the
+    library: (1 + u)**(trees + 4) - 1 of the magnitudes, u = 2**-24, holds for both together. Numbers below the normal
+    ones are off by an absolute amount, at most once a leaf, once for the base and once in the division.
+    """
+    terms = op.n_trees + 4
+    relative = np.expm1(terms * np.log1p(UNIT[Precision.FLOAT32]))
+    scale = min(abs(op.divisor), 1.0)  # a base that is added last is not divided
+    leaves = np.zeros(op.width)
+    stops = np.append(op.roots[1:], op.n_nodes)
+    for tree, (root, stop) in enumerate(zip(op.roots, stops, strict=True)):
+        largest = np.max(np.abs(op.leaf_value[op.leaf[root:stop][op.split[root:stop] < 0]]), axis=0)
+        leaves[[op.tree_output[tree]] if len(largest) == 1 else slice(None)] += largest
+    sums = leaves / abs(op.divisor) + np.abs(op.base) / (1.0 if op.base_last else scale)
+    underflow = (terms / scale + 1.0) * 2.0**-150
+    # the bound itself is computed with a few roundings
+    return np.asarray(sums * relative * (1.0 + 1e-12) + underflow)
 
 
 def _crosses(op: TreeEnsemble, number: int, value: FloatArray, difference: FloatArray) -> BoolArray:

@@ -14,6 +14,7 @@ from st_codegen.emit.targets import Target
 from st_codegen.ir import ModelIR
 from st_codegen.passes.choose import CallCost
 from st_codegen.passes.pipeline import Compiled
+from st_codegen.proof.prove.range_bound import largest_loss
 from st_codegen.st import parse_project
 from st_codegen.st.syntax.source import SUFFIXES
 
@@ -70,7 +71,7 @@ class InputLimit:
 
 def real_remarks(models: Sequence[ModelIR]) -> dict[str, str]:
     """What models lose that are computed in REAL, by their names."""
-    return {model.name: " ".join(real_lines(model)) for model in models if model.is_real}
+    return {model.name: " ".join(real_lines(model, largest_loss(model))) for model in models if model.is_real}
 
 
 def input_limits(models: Sequence[ModelIR]) -> list[InputLimit]:

@@ -81,10 +81,10 @@ class ModelReport:
     bit did. `max_abs_err`, `max_ulp` and `worst_input` (the row with the largest error) compare the emitted text with
     the library on the rows inside the trained range, `bound` is the largest error that the derivation allows there: the
     error of a sum at an input of 1E30 says nothing. Units in the last place are those of float32 where the library
-    answers in float32. `unbounded` rows lie so close to a threshold behind an inexact operation that no finite bound
-    holds; they do not count. By `jump` at most the sum of the trees behind such an operation may differ, where the
-    number that a split compares lies within `jump_width` of its threshold (the largest width on these rows, in the
-    trained range).
+    or the text answers in float32. `unbounded` rows lie so close to a threshold behind an inexact operation that no
+    finite bound holds; they do not count. By `jump` at most the sum of the trees behind such an operation may
+    differ, where the number that a split compares lies within `jump_width` of its threshold (the largest width on
+    these rows, in the trained range).
 
     Of a classifier every row must have the library's label, but for the `open_rows`: rows on which the bound leaves
     more than one label possible. The first of them are in `open_examples`.
@@ -371,14 +371,14 @@ def model_report(
         got = np.where(result.valid[:, None], result.values, np.nan)
         arithmetic = arithmetic_of(code.folder.name)
         answered = usable & arithmetic.answers(ir, limited)
-        # in REAL the reference computes as the text does; what is lost lies between it and the library
-        allowed = np.where(answered[:, None] & (not ir.is_real), arithmetic.bound(ir, limited), 0.0)
+        allowed = np.where(answered[:, None], arithmetic.bound(ir, limited), 0.0)
         report.must_be_exact &= not np.any(allowed)
         near = allowed[inside & np.isfinite(allowed).all(axis=1), numbers:]
         report.bound = max(report.bound, float(np.max(near, initial=0.0)))
         _compare(report, f"reference and {name}", x, np.where(answered[:, None], expected, np.nan), got, allowed)
         report.exact &= not np.any(library[answered] != got[answered])
-        _measure(report, x, library[:, numbers:], got[:, numbers:], inside & answered & result.valid)
+        near = inside & answered & result.valid
+        _measure(report, x, library[:, numbers:], got[:, numbers:], near, is_real=ir.is_real)
     return report
 
 
@@ -428,25 +428,28 @@ def _compare(
         )
 
 
-def _measure(report: ModelReport, x: FloatArray, library: FloatArray, got: FloatArray, rows: BoolArray) -> None:
+def _measure(
+    report: ModelReport, x: FloatArray, library: FloatArray, got: FloatArray, rows: BoolArray, *, is_real: bool = False
+) -> None:
     """Largest error of the emitted text against the library on some rows."""
     if not rows.any() or not library.shape[1]:
         return
     error = np.max(np.abs(library[rows] - got[rows]), axis=1)
     worst = int(np.argmax(error))
-    report.max_ulp = max(report.max_ulp, int(np.max(ulps_between(library[rows], got[rows]))))
+    report.max_ulp = max(report.max_ulp, int(np.max(ulps_between(library[rows], got[rows], single=is_real))))
     if report.worst_input is None or error[worst] > report.max_abs_err:
         report.worst_input = [float(value) for value in x[rows][worst]]
     report.max_abs_err = max(report.max_abs_err, float(error[worst]))
 
 
-def ulps_between(a: FloatArray, b: FloatArray) -> IntArray:
+def ulps_between(a: FloatArray, b: FloatArray, *, single: bool = False) -> IntArray:
     """How many representable numbers lie from `a` to `b`; 0 for equal numbers, +0 and -0 included.
 
-    Counts float32 numbers when all of `a` are such, else float64 numbers. Distances from 2**62 on are given as 2**62.
+    Counts float32 numbers when all of `a` are such or `single` says so, else float64 numbers. Distances from 2**62 on
+    are given as 2**62.
     """
     with np.errstate(over="ignore"):
-        single = np.array_equal(a, a.astype(np.float32))
+        single = single or np.array_equal(a, a.astype(np.float32))
     first, second = (_in_order(value.astype(np.float32) if single else value) for value in (a, b))
     near = np.abs(first.astype(np.float64) - second.astype(np.float64)) < 2.0**62
     distance = np.abs(np.where(near, first, 0) - np.where(near, second, 0))

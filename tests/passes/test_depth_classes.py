@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 from st_codegen.emit.blocks import ranked_trees as emitted
 from st_codegen.emit.blocks.depth_classes import Prices, depth_classes
 from st_codegen.emit.blocks.model import Limits
-from st_codegen.ir import Aggregate, Comparison, Precision, Rank, TreeEnsemble, reference
+from st_codegen.ir import Aggregate, Comparison, Rank, TreeEnsemble, reference
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.passes.prune import pruned
 from st_codegen.passes.ranks import ranked
 from st_codegen.proof.probes import probe_rows
 from tests.emit.test_emitted import run
 from tests.examples import examples
-from tests.models import model, random_trees
+from tests.models import PRECISIONS, model, random_trees
 from tests.passes.test_tables import SLOW
 
 
@@ -63,7 +63,7 @@ def test_a_second_loop_is_written_where_it_spares_more_nodes_than_it_costs():
 @examples(12, suppress_health_check=SLOW)
 @given(
     seed=st.integers(0, 2**31),
-    precision=st.sampled_from(Precision),
+    precision=st.sampled_from(PRECISIONS),
     comparison=st.sampled_from(Comparison),
     aggregate=st.sampled_from(Aggregate),
     accepts_nan=st.booleans(),

@@ -18,7 +18,7 @@ from st_codegen.passes.ranks import ranked
 from st_codegen.proof.probes import probe_rows
 from tests.emit.test_emitted import run
 from tests.examples import examples
-from tests.models import SMALL_MODELS, model, random_trees, tree_models
+from tests.models import PRECISIONS, SMALL_MODELS, model, random_trees, tree_models
 from tests.passes.test_tables import SLOW, assert_same_bits, ranged
 
 
@@ -64,7 +64,7 @@ def test_ensembles_have_ranks_unless_something_else_than_a_threshold_decides(mod
 @given(
     seed=st.integers(0, 2**31),
     factor=st.sampled_from([0.3, -2.0, 1e-3, -1 / 3]),
-    precision=st.sampled_from(Precision),
+    precision=st.sampled_from(PRECISIONS),
     comparison=st.sampled_from(Comparison),
     accepts_nan=st.booleans(),
 )

@@ -13,7 +13,6 @@ from st_codegen.ir import (
     Comparison,
     Feature,
     Operator,
-    Precision,
     Rank,
     Scale,
     TreeColumn,
@@ -29,7 +28,7 @@ from st_codegen.te.harmonics import Direction, HarmonicOutput, Quantity, Transmi
 from st_codegen.te.purpose import Compensation
 from tests.emit.test_emitted import run
 from tests.examples import examples
-from tests.models import SMALL_MODELS, model, random_trees, tree_models
+from tests.models import PRECISIONS, SMALL_MODELS, model, random_trees, tree_models
 
 SLOW = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much]
 MOST = 100_000
@@ -80,7 +79,7 @@ def test_the_emitted_table_answers_as_the_trees_do(model, target, seed, tmp_path
 @given(
     seed=st.integers(0, 2**31),
     factor=st.sampled_from([0.3, -2.0, 1e-3, 7.0, -1 / 3]),
-    precision=st.sampled_from(Precision),
+    precision=st.sampled_from(PRECISIONS),
     comparison=st.sampled_from(Comparison),
     accepts_nan=st.booleans(),
 )
@@ -114,7 +113,7 @@ def test_scalers_in_front_of_trees_are_folded_into_exact_thresholds(seed, factor
 @given(
     st.floats(allow_nan=False, allow_infinity=False),
     st.sampled_from(Comparison),
-    st.sampled_from(Precision),
+    st.sampled_from(PRECISIONS),
 )
 def test_the_changeover_is_the_last_number_that_goes_left(threshold, comparison, precision):
     random = np.random.default_rng(0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -56,6 +56,7 @@ class Extras:
 
     `remarks` stand in its header. `self_check` makes it check its own constants, with a `row` whose answer is known
     where there is one; `aged` adds the output nAge. `cuts` are those of the block's arrays in an earlier run.
+    `lost`: of a block in REAL, how far each output may lie from the library's at most, infinite where none is known.
     """
 
     remarks: tuple[str, ...] = ()
@@ -63,6 +64,7 @@ class Extras:
     row: CheckRow | None = None
     aged: bool = False
     cuts: Cuts = ()
+    lost: tuple[float, ...] = ()
 
 
 PLAIN = Extras()
@@ -88,7 +90,7 @@ def _block(model: ModelIR, listing: Listing, extras: Extras) -> Block:
     results = _operations(model, listing, aged=extras.aged)
     if extras.self_check:
         remarks += [add_self_check(listing, results, extras.row)]
-    closing = real_lines(model) if model.is_real else ()
+    closing = real_lines(model, extras.lost) if model.is_real else ()
     block = finished_block(model, inputs, outputs, listing, model_header(model, *closing, remarks=remarks))
     return in_real_types(block) if model.is_real else block
 
@@ -106,16 +108,29 @@ def _output(model: ModelIR, number: int) -> BlockVariable:
     return BlockVariable(name, "LREAL", comment=f"prediction: {model.outputs[number]}{unit}")
 
 
-def real_lines(model: ModelIR) -> tuple[str, ...]:
-    """What is lost where a block computes in REAL."""
-    largest = max(model.stray)
-    return (
-        "Inputs, outputs and all numbers between are REAL (--real), with about 7 digits.",
-        "For inputs that are REAL numbers it equals the library bit for bit."
-        if not largest
-        else "For inputs that are REAL numbers every split decides as in the library, and the outputs lie within "
-        f"{largest:.3g} of its own.",
-    )
+def real_lines(model: ModelIR, lost: Sequence[float]) -> tuple[str, ...]:
+    """What is lost where a block computes in REAL: `lost` by each output at most (see `Extras`)."""
+    numbers = lost if model.classes is None else lost[1:]
+    largest = max(numbers, default=0.0) if len(lost) else np.inf
+    only_trees = all(isinstance(op, TreeEnsemble) for op in model.ops)
+    lines = ["Inputs, outputs and all numbers between are REAL (--real), with about 7 digits."]
+    if not largest and model.classes is None:
+        lines.append("For inputs that are REAL numbers it equals the library bit for bit.")
+    elif only_trees:
+        lines.append(
+            "For inputs that are REAL numbers every split decides as in the library, and the outputs lie within "
+            f"{largest:.3g} of its own."
+        )
+    elif numbers and np.isfinite(largest):
+        lines.append(
+            "For inputs that are REAL numbers in the trained range the outputs lie within "
+            f"{largest:.3g} of the library's."
+        )
+    elif numbers:
+        lines.append("How far the outputs lie from the library's, verify bounds for each row that it tries.")
+    if model.classes is not None:
+        lines.append("Where rounding may turn the class, verify counts the row as open.")
+    return tuple(lines)
 
 
 def model_outputs(model: ModelIR) -> tuple[BlockVariable, ...]:
@@ -298,7 +313,7 @@ def check_inputs(
     if any(value is not None for value in limits):
         # the largest number that is accepted; 0: no limit
         limit = listing.table(
-            "INPUT_LIMIT", "LREAL", [0.0 if v is None else float(np.nextafter(v, 0.0)) for v in limits]
+            "INPUT_LIMIT", "LREAL", [0.0 if v is None else _largest_below(v, model.is_real) for v in limits]
         )
     accepted = [(column, ends) for column, ends in enumerate(model.accepted_numbers) if ends is not None]
     tables = {}
@@ -331,6 +346,13 @@ def check_inputs(
     )
 
 
+def _largest_below(limit: float, is_real: bool) -> float:
+    """The largest number of its type below a limit."""
+    with np.errstate(over="ignore"):
+        ends = (np.float32(limit), np.float32(0.0)) if is_real else (limit, 0.0)
+        return float(np.nextafter(*ends))
+
+
 def _operations(model: ModelIR, listing: Listing, *, aged: bool) -> list[ArrayElement]:
     """The code of all operations and of the outputs; where the outputs' numbers stand."""
     names = ["aInput"]
@@ -357,6 +379,7 @@ def _operations(model: ModelIR, listing: Listing, *, aged: bool) -> list[ArrayEl
                 if model.accepts_nan
                 else None
             ),
+            type="REAL" if model.is_real else "LREAL",
             fits_real=model.is_real
             or (op.inputs == (0,) and all((limit or np.inf) <= FLOAT32_OVERFLOW for limit in model.magnitude_limits)),
         )

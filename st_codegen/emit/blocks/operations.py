@@ -44,6 +44,8 @@ from st_codegen.ir.base import COS_REACH
 
 #: Below minus this argument EXP gives a denormal number or zero; 0.0 is taken instead, at most 3.4E-308 away.
 EXP_REACH = 708.0
+#: Likewise in REAL, at most 1.7E-38 away.
+EXP_REACH_REAL = 87.0
 
 #: Functions whose code keeps an exponential, or one plus a small number, beside the result.
 _WITH_AN_EXPONENTIAL_BESIDE = (
@@ -76,7 +78,7 @@ class Step:
     `missing`: for each column of the operands, the input whose `abMissing` flag says whether it is missing; None in a
     block that takes no missing values. `fits_real`: all operands are inputs known to lie in the range of REAL.
     `ranks`: the operand is a list of ranks, which are integers. `whole`: the result is the number of a class, kept as
-    an integer.
+    an integer. `type` is that of all numbers.
     """
 
     number: int | str
@@ -87,6 +89,12 @@ class Step:
     fits_real: bool = False
     ranks: bool = False
     whole: bool = False
+    type: str = "LREAL"
+
+    @property
+    def exp_reach(self) -> str:
+        """The magnitude of the argument below minus which an exponential is taken for 0.0."""
+        return real(EXP_REACH_REAL if self.type == "REAL" else EXP_REACH)
 
     @property
     def source(self) -> str:
@@ -295,7 +303,7 @@ def _(op: Softmax, step: Step, listing: Listing) -> None:
         step=step,
         last=op.width - 1,
         logarithm=op.logarithm,
-        exp_reach=real(EXP_REACH),
+        exp_reach=step.exp_reach,
         single=op.precision is Precision.FLOAT32,
     )
 
@@ -327,8 +335,8 @@ def _lay_out_sums(op: Linear, step: Step, listing: Listing, title: str, function
     declare_result(op, step, listing)
     listing.local("nBase", "DINT")
     listing.locals("LREAL", "fSum")
-    sequential_single = op.order is SummationOrder.SEQUENTIAL and op.precision is Precision.FLOAT32
-    if sequential_single:
+    stepwise = op.order is SummationOrder.SEQUENTIAL and op.precision is not Precision.FLOAT64
+    if stepwise:
         listing.local("fTerm", "LREAL")
     outputs, columns = op.weights.shape
     bias = listing.table(step.table("BIAS"), "LREAL", op.bias)
@@ -351,7 +359,7 @@ def _lay_out_sums(op: Linear, step: Step, listing: Listing, title: str, function
         last_column=columns - 1,
         bias=bias,
         parts=parts,
-        sequential_single=sequential_single,
+        stepwise=stepwise,
         single=op.precision is Precision.FLOAT32,
         **function,
     )
@@ -424,7 +432,7 @@ def _function_values(op: Activation, step: Step, listing: Listing) -> dict[str, 
         "last_term": len(_LOG_ERFC) - 1,
         "half_root": real(math.sqrt(0.5)),
         "exp_limit": real(op.limit) if math.isfinite(op.limit) else None,
-        "exp_reach": real(EXP_REACH),
+        "exp_reach": step.exp_reach,
         "cos_reach": real(COS_REACH),
         "single": op.precision is Precision.FLOAT32,
     }
@@ -456,7 +464,8 @@ def _(op: KernelSum, step: Step, listing: Listing) -> None:
     listing.loop("nColumn", columns)
     listing.local("nBase", "DINT")
     listing.loop("nRow", op.width)
-    listing.locals("LREAL", "fKernel", "fSum")
+    stepwise = op.precision is Precision.REAL
+    listing.locals("LREAL", "fKernel", "fSum", *(["fTerm"] if stepwise else []))
     if op.kernel is Kernel.RBF:
         listing.locals("LREAL", "fDelta")
     if op.kernel is Kernel.SIGMOID:
@@ -495,7 +504,8 @@ def _(op: KernelSum, step: Step, listing: Listing) -> None:
         degree=op.degree,
         intercept=intercept,
         parts=parts,
-        exp_reach=real(EXP_REACH),
+        stepwise=stepwise,
+        exp_reach=step.exp_reach,
         single=op.precision is Precision.FLOAT32,
     )
 
@@ -608,7 +618,7 @@ def _(op: FactoredKernel, step: Step, listing: Listing) -> None:
         gamma=listing.constant(step.table("GAMMA"), op.gamma),
         intercept=listing.table(step.table("INTERCEPT"), "LREAL", op.intercept),
         last_output=op.width - 1,
-        exp_reach=real(EXP_REACH),
+        exp_reach=step.exp_reach,
         single=op.precision is Precision.FLOAT32,
     )
 

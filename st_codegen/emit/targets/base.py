@@ -22,7 +22,8 @@ class Target(ABC):
     first; a target that hands the models themselves on has False. `has_tests` says whether test suites can be written,
     `has_configuration` whether a CONFIGURATION can, `has_comparison` whether programs for `compare` and `record` can,
     `has_project_forms` whether there is a choice of `ProjectForm`,
-    `may_lack_lreal` whether controllers without LREAL are among those that it is for,
+    `may_lack_lreal` whether controllers without LREAL are among those that it is for, `lreal_note` which of its vendor
+    it is not for,
     `is_portable` whether all of the text is of the subset that strict compilers of other vendors accept.
     """
 
@@ -38,6 +39,7 @@ class Target(ABC):
     has_project_forms: bool = False
     is_portable: bool = False
     may_lack_lreal: bool = False
+    lreal_note: str = ""
 
     def plan(self, contents: Contents, limits: Limits, vectors: Sequence[ReferenceVectors] = ()) -> Iterable[FilePlan]:
         """The files of a project, in a fixed order, with test suites for `vectors`.

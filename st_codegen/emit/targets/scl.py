@@ -25,6 +25,9 @@ class SclTarget(Target):
     summary = "Siemens SCL for S7-1500, external source (.scl)"
     dialect = "scl"
     templates = "iec"
+    lreal_note = (
+        " (S7-1200, S7-1500; S7-300 and S7-400 know no blocks with optimised access, as this target writes them)"
+    )
     #: LREAL's normal numbers; the largest optimised data block of the smallest S7-1500.
     limits = Limits(max_array=65_536, real_range=(2.2250738585072014e-308, 1.7976931348623157e308), data_bytes=2**20)
 

@@ -27,6 +27,7 @@ from st_codegen.ir import (
     Round,
     Scale,
     Select,
+    TreeEnsemble,
     reference,
 )
 from st_codegen.proof import bounds
@@ -37,6 +38,8 @@ _BOXES = 4096
 
 #: What intervals of intermediate numbers are widened by: far more than the roundings that led to them.
 _MARGIN = 1e-9
+#: Likewise where they are rounded to REAL.
+_MARGIN_REAL = 1e-5
 
 #: The ends of intervals: (boxes, width) each.
 Ends = tuple[FloatArray, FloatArray]
@@ -58,13 +61,23 @@ def range_bound(model: ModelIR) -> tuple[float, ...]:
         for op in model.ops:
             operands = [values[number] for number in op.inputs]
             with np.errstate(all="ignore"):
-                result = _widened(op, interval(op, operands))
+                result = _widened(op, interval(op, operands), _MARGIN_REAL if model.is_real else _MARGIN)
                 difference = _difference(op, operands, [found[number] for number in op.inputs], result)
             values.append(result)
             found.append(np.where(np.isnan(difference), np.inf, difference))
     except NotProvedError:
         return (np.inf,) * len(model.outputs)
     return tuple(np.max(found[-1], axis=0).tolist())
+
+
+def largest_loss(model: ModelIR) -> tuple[float, ...]:
+    """For each output of a model in REAL how far it may lie from the library's, infinite where no bound is known.
+
+    Of trees for all inputs, else in the declared ranges.
+    """
+    if all(isinstance(op, TreeEnsemble | Select) for op in model.ops):
+        return tuple(bounds.difference_bound(model, np.zeros((1, len(model.features))))[0].tolist())
+    return range_bound(model) or (np.inf,) * len(model.outputs)
 
 
 def _boxes(ends: FloatArray) -> Ends:
@@ -75,10 +88,10 @@ def _boxes(ends: FloatArray) -> Ends:
     return low, high
 
 
-def _widened(op: Operation, ends: Ends) -> Ends:
+def _widened(op: Operation, ends: Ends, share: float) -> Ends:
     if isinstance(op, Select):
         return ends
-    margin = _MARGIN * np.maximum(np.abs(ends[0]), np.abs(ends[1])) + 1e-300
+    margin = share * np.maximum(np.abs(ends[0]), np.abs(ends[1])) + 1e-300
     return ends[0] - margin, ends[1] + margin
 
 
@@ -146,7 +159,7 @@ def _(op: Linear, operands: list[Ends]) -> Ends:
     (low, high), positive, negative = operands[0], np.maximum(op.weights, 0).T, np.minimum(op.weights, 0).T
     # without a small number more a sum that cancels would be narrower than its roundings
     room = 1e-12 * (magnitude(operands[0]) @ np.abs(op.weights).T + np.abs(op.bias))
-    if op.precision is Precision.FLOAT32:
+    if op.precision is not Precision.FLOAT64:
         room *= 1e9
     return low @ positive + high @ negative + op.bias - room, high @ positive + low @ negative + op.bias + room
 

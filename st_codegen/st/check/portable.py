@@ -18,7 +18,7 @@ from st_codegen.st.errors import Problem
 from st_codegen.st.syntax import declarations as d
 from st_codegen.st.syntax.scan import Scanned
 from st_codegen.st.syntax.source import ParsedFiles
-from st_codegen.st.types import REAL, ArrayType, Elementary, EnumType, StructType, Type
+from st_codegen.st.types import LREAL, REAL, ArrayType, Elementary, EnumType, StructType, Type
 
 SMALLEST_REAL, LARGEST_REAL = 1e-37, 1e37
 #: Functions of REAL that round nothing.
@@ -221,18 +221,27 @@ def arithmetic(text: Text) -> Iterator[Problem]:
     """Refuses integers narrower than DINT in arithmetic, and REAL where a compiler may compute with more digits.
 
     One operation of REAL numbers that is stored at once gives the same in whatever precision between: LREAL has more
-    than twice the digits, so that rounding twice is rounding once. A sign, ABS, MIN and MAX round nothing.
+    than twice the digits, so that rounding twice is rounding once. A sign, ABS, MIN and MAX round nothing. Text for
+    controllers without LREAL, in which nothing is one, has no other way to compute.
     """
+    has_lreal = any(
+        LREAL in (variable.type, getattr(variable.type, "element", None))
+        for pou in text.project.pous.values()
+        for variable in pou.variables
+    )
     stored = {id(expression) for expression in _stored_operations(text)}
     for expression in text.expressions:
         if isinstance(expression, t.Unary | t.Binary) and expression.operator not in ("NOT", "AND", "OR", "XOR"):
-            exact = expression.type == REAL and (isinstance(expression, t.Unary) or id(expression) in stored)
+            exact = expression.type == REAL and (
+                not has_lreal or isinstance(expression, t.Unary) or id(expression) in stored
+            )
             problem = None if exact else _narrow(expression.type)
             if problem:
                 yield Problem(expression.position, problem)
         if (
             isinstance(expression, t.StandardCall)
             and expression.type == REAL
+            and has_lreal
             and expression.function not in _EXACT_FUNCTIONS
         ):
             yield Problem(expression.position, f"{expression.function} of REAL: compute in LREAL and convert")
