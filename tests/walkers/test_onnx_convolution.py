@@ -64,6 +64,45 @@ def test_convolutions(tmp_path, name):
     assert sum(isinstance(op, SlidingLinear) for op in loaded.ir.ops) == attributes.get("group", 1)
 
 
+TRANSPOSED = {
+    "one dimension": ((None, 2, 5), kernel(2, 3, 3), {}),
+    "strides and padding": ((None, 2, 5), kernel(2, 3, 4), {"strides": [2], "pads": [1, 2], "bias": True}),
+    "numbers added behind": ((None, 2, 5), kernel(2, 1, 3), {"strides": [3], "output_padding": [2]}),
+    "dilations": ((None, 1, 4), kernel(1, 2, 3), {"dilations": [2], "strides": [3]}),
+    "groups": ((None, 4, 5), kernel(4, 2, 2), {"group": 2, "bias": True, "strides": [2]}),
+    "two dimensions": ((1, 2, 3, 4), kernel(2, 3, 3, 2), {"strides": [2, 3], "pads": [1, 0, 0, 1]}),
+    "valid": ((None, 1, 4), kernel(1, 2, 3), {"auto_pad": "VALID", "strides": [2]}),
+}
+
+
+@pytest.mark.parametrize("name", TRANSPOSED)
+def test_transposed_convolutions(tmp_path, name):
+    shape, weights, attributes = TRANSPOSED[name]
+    attributes = dict(attributes)
+    outputs = weights.dims[1] * attributes.get("group", 1)
+    more = [constant("B", np.arange(outputs) - 1.5)] if attributes.pop("bias", False) else []
+    loaded = build.load(one("ConvTranspose", shape, [weights, *more], **attributes), tmp_path)
+    assert np.all(np.isfinite(agree(loaded, rows(len(loaded.ir.features)))))
+
+
+@pytest.mark.parametrize(
+    ("attributes", "message"),
+    [
+        ({"auto_pad": "SAME_UPPER", "strides": [2]}, "auto_pad, output_shape, or pads beyond the kernel"),
+        ({"output_shape": [7]}, "auto_pad, output_shape, or pads beyond the kernel"),
+        ({"pads": [3, 0]}, "auto_pad, output_shape, or pads beyond the kernel"),
+        ({"group": 3}, r"a kernel of shape \(2, 3, 3\) in 3 groups for 2 channels"),
+        ({"kernel_shape": [2]}, "kernel_shape"),
+        ({"output_padding": [0, 1]}, "output_padding"),
+        ({"output_padding": [-1]}, "output_padding"),
+        ({"output_padding": [2**40]}, "output_padding"),
+    ],
+)
+def test_transposed_convolutions_that_are_refused(tmp_path, attributes, message):
+    with pytest.raises(InputError, match=message):
+        build.load(one("ConvTranspose", (None, 2, 5), [kernel(2, 3, 3)], **attributes), tmp_path)
+
+
 POOLINGS = {
     "MaxPool": {},
     "MaxPool strides": {"strides": [2, 1]},

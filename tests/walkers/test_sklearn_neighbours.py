@@ -53,6 +53,7 @@ KERNELS = {
     "Matern 5/2": gp.ConstantKernel(0.5) + gp.Matern([1.0, 4.0, 0.3], nu=2.5) + gp.WhiteKernel(0.1),
     "Matern without end": gp.Matern(nu=np.inf) + gp.WhiteKernel(0.1),
     "rational": gp.RationalQuadratic(1.2, 0.7) + gp.WhiteKernel(0.1),
+    "periodic": gp.ExpSineSquared(0.8, 2.5) * gp.RBF(3.0) + gp.WhiteKernel(60.0),
 }
 
 
@@ -224,7 +225,7 @@ def test_box_and_cox(tmp_path):
         (KNeighborsRegressor(metric="chebyshev"), "metric='chebyshev'"),
         (KNeighborsRegressor(weights=lambda d: d), "weights=a function"),
         (RadiusNeighborsRegressor(weights="distance"), "supported are uniform"),
-        (GaussianProcessRegressor(gp.ExpSineSquared(), optimizer=None, alpha=50.0), "ExpSineSquared"),
+        (GaussianProcessRegressor(gp.Exponentiation(gp.RBF(), 2), optimizer=None, alpha=1.0), "Exponentiation"),
         (GaussianProcessRegressor(gp.Matern(nu=1.0), optimizer=None, alpha=1.0), "nu=1.0"),
     ],
 )

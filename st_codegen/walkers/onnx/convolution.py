@@ -13,6 +13,7 @@ import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import AnyArray, BoolArray, Function, IntArray, Operator, Scale, SlidingLinear
+from st_codegen.walkers.onnx.file import GraphNode
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
 from st_codegen.walkers.onnx.operands import Operand, Tensor, check_size, require_tensor
 from st_codegen.walkers.onnx.operators import (
@@ -49,20 +50,28 @@ class _Window:
         return starts[:, None] + np.arange(self.kernel[axis]) * self.dilations[axis]
 
 
-def _window(call: NodeCall, lengths: Sequence[int], kernel: Sequence[int]) -> _Window:
-    """The attributes of a node for an input of spatial lengths."""
-    node, rank = call.node, len(lengths)
+def _steps(node: GraphNode, rank: int, kernel: Sequence[int]) -> tuple[list[int], list[int], list[int], list[int]]:
+    """Kernel, strides, dilations and pads that a node names, or what stands for those that it does not name."""
     if rank not in (1, 2):
         raise UnsupportedModelError(f"slides over {rank} dimensions; 1 and 2 are supported")
     given = node.integers("kernel_shape").tolist() or list(kernel)
     strides, dilations = (node.integers(name).tolist() or [1] * rank for name in ("strides", "dilations"))
     pads = node.integers("pads").tolist() or [0] * (2 * rank)
+    if node.text("auto_pad", "NOTSET") == "VALID":
+        pads = [0] * (2 * rank)
     whole = [*given, *strides, *dilations]
     if len(whole) != 3 * rank or len(pads) != 2 * rank or min(whole) < 1 or min(pads) < 0 or max(whole + pads) > 2**16:
         raise InputError(
             f"kernel_shape {given}, strides {strides}, dilations {dilations}, pads {pads} for {rank} dimensions; "
             "the model file is damaged"
         )
+    return given, strides, dilations, pads
+
+
+def _window(call: NodeCall, lengths: Sequence[int], kernel: Sequence[int]) -> _Window:
+    """The attributes of a node for an input of spatial lengths."""
+    node, rank = call.node, len(lengths)
+    given, strides, dilations, pads = _steps(node, rank, kernel)
     reach = [(length - 1) * step + 1 for length, step in zip(given, dilations, strict=True)]
     kind = node.text("auto_pad", "NOTSET")
     if kind in ("SAME_UPPER", "SAME_LOWER"):
@@ -74,8 +83,6 @@ def _window(call: NodeCall, lengths: Sequence[int], kernel: Sequence[int]) -> _W
         pads += [n - first for n, first in zip(needed, pads, strict=True)]
     elif kind not in ("NOTSET", "VALID"):
         raise InputError(f"auto_pad {kind} is not known; the model file is damaged")
-    elif kind == "VALID":
-        pads = [0] * (2 * rank)
     left = [length + pads[axis] + pads[rank + axis] - reach[axis] for axis, length in enumerate(lengths)]
     if min(left) < 0:
         raise InputError(f"a kernel of {given} does not fit into {list(lengths)} columns; the model file is damaged")
@@ -109,27 +116,79 @@ def _image(call: NodeCall) -> Tensor:
     return replace(tensor.moved(lambda array: array.reshape(array.shape[1], -1, array.shape[-1])), special=False)
 
 
-def _padded(walk: GraphWalk, image: Tensor, window: _Window) -> Tensor:
-    """The image with zeros around it."""
-    around = [(0, 0), *zip(window.before, window.behind, strict=True)]
-    around.insert(1, (0, 0)) if len(around) == 2 else None
-    if not np.any(around):
-        return image
-    check_size([length + sum(more) for length, more in zip(image.shape, around, strict=True)])
-    zero = walk.numbers(np.zeros(1, image.dtype), image)
-    return replace(
-        image,
-        value=np.pad(image.value, around, constant_values=zero.value[0]),
-        column=np.pad(image.column, around, constant_values=zero.column[0]),
+def _padded(walk: GraphWalk, image: Tensor, window: _Window, apart: Sequence[int] = (1, 1)) -> Tensor:
+    """The image with zeros around it, and with its rows and columns so far apart, zeros between them."""
+    before, behind, apart = (
+        (other, *given)[-2:] for other, given in ((0, window.before), (0, window.behind), (1, apart))
     )
+    lengths = [(length - 1) * step + 1 for length, step in zip(image.shape[1:], apart, strict=True)]
+    shape = [image.shape[0], *(sum(parts) for parts in zip(before, lengths, behind, strict=True))]
+    if shape == list(image.shape):
+        return image
+    check_size(shape)
+    zero = walk.numbers(np.zeros(1, image.dtype), image)
+    inside = [slice(first, first + n, step) for first, n, step in zip(before, lengths, apart, strict=True)]
+
+    def spread(array: AnyArray, other: AnyArray) -> AnyArray:
+        result = np.full(shape, other[0], array.dtype)
+        result[:, *inside] = array
+        return result
+
+    return replace(image, value=spread(image.value, zero.value), column=spread(image.column, zero.column))
+
+
+def _kernel(call: NodeCall, image: Tensor) -> tuple[AnyArray, AnyArray | None, int]:
+    """The kernel, the bias and the number of groups of a convolution."""
+    kernel, bias = call.constant(1, "the kernel"), call.constant(2, "the bias")
+    if kernel is None or kernel.dtype != image.dtype or kernel.ndim != len(call.computed().shape):
+        raise InputError("the kernel is missing, or not of the type and the dimensions of the input")
+    return kernel, bias, call.node.integer("group", 1)
 
 
 @operator("Conv", 1, 11, 22)
 def _convolution(call: NodeCall) -> Operand:
-    kernel, bias = call.constant(1, "the kernel"), call.constant(2, "the bias")
-    image, groups, walk = _image(call), call.node.integer("group", 1), call.walk
-    if kernel is None or kernel.dtype != image.dtype or kernel.ndim != len(call.computed().shape):
-        raise InputError("the kernel is missing, or not of the type and the dimensions of the input")
+    image = _image(call)
+    kernel, bias, groups = _kernel(call, image)
+    window = _window(call, call.computed().shape[2:], kernel.shape[2:])
+    return _convolved(call.walk, _padded(call.walk, image, window), kernel, bias, groups, window)
+
+
+@operator("ConvTranspose", 1, 11, 22)
+def _transposed_convolution(call: NodeCall) -> Operand:
+    """A convolution by the turned kernel of the image with zeros between its numbers, as many as the strides say."""
+    image, node, rank = _image(call), call.node, len(call.computed().shape) - 2
+    kernel, bias, groups = _kernel(call, image)
+    given, strides, dilations, pads = _steps(node, rank, kernel.shape[2:])
+    extra = node.integers("output_padding").tolist() or [0] * rank
+    if len(extra) != rank or not all(
+        0 <= more < max(steps) for more, *steps in zip(extra, strides, dilations, strict=True)
+    ):
+        raise InputError(f"output_padding {extra} for strides {strides} and dilations {dilations}")
+    reach = [(length - 1) * step + 1 for length, step in zip(kernel.shape[2:], dilations, strict=True)]
+    before = tuple(n - 1 - less for n, less in zip(reach, pads[:rank], strict=True))
+    behind = tuple(n - 1 - less + more for n, less, more in zip(reach, pads[rank:], extra, strict=True))
+    if (
+        node.text("auto_pad", "NOTSET").startswith("SAME")
+        or len(node.integers("output_shape"))
+        or min(*before, *behind) < 0
+    ):
+        raise UnsupportedModelError(
+            "auto_pad, output_shape, or pads beyond the kernel; export the model with other pads"
+        )
+    if groups < 1 or kernel.shape[0] % groups or kernel.shape[0] != image.shape[0]:
+        raise InputError(f"a kernel of shape {kernel.shape} in {groups} groups for {image.shape[0]} channels")
+    lengths = [(n - 1) * step + 1 for n, step in zip(call.computed().shape[2:], strides, strict=True)]
+    places = tuple(sum(parts) - n + 1 for *parts, n in zip(before, lengths, behind, reach, strict=True))
+    window = _Window(tuple(given), (1,) * rank, tuple(dilations), before, behind, places)
+    turned = np.flip(kernel, tuple(range(2, 2 + rank))).reshape(groups, -1, *kernel.shape[1:]).swapaxes(1, 2)
+    turned = turned.reshape(-1, *turned.shape[2:])
+    return _convolved(call.walk, _padded(call.walk, image, window, strides), turned, bias, groups, window)
+
+
+def _convolved(
+    walk: GraphWalk, image: Tensor, kernel: AnyArray, bias: AnyArray | None, groups: int, window: _Window
+) -> Tensor:
+    """Sums of products of a padded image and a kernel (outputs, channels of a group, spatial)."""
     outputs, depth = kernel.shape[:2]
     if groups < 1 or outputs % groups or depth * groups != image.shape[0] or not kernel.size:
         raise InputError(f"a kernel of shape {kernel.shape} in {groups} groups for {image.shape[0]} channels")
@@ -137,10 +196,8 @@ def _convolution(call: NodeCall) -> Operand:
         raise UnsupportedModelError(f"a convolution in {groups} groups; at most {_MAX_GROUPS} are supported")
     if bias is not None and bias.shape != (outputs,):
         raise InputError(f"a bias of shape {bias.shape} for {outputs} outputs; the model file is damaged")
-    window = _window(call, call.computed().shape[2:], kernel.shape[2:])
     if kernel.shape[2:] != window.kernel:
         raise InputError(f"kernel_shape {list(window.kernel)} of a kernel of shape {kernel.shape}")
-    image = _padded(walk, image, window)
     check_size([outputs, *window.places])
     walk.charge(kernel.size)
     rows, columns = _grid(window)

@@ -145,7 +145,9 @@ def _within(fitted: Fitted, builder: GraphBuilder, distances: int, targets: Floa
     return builder.combine(total, "/", found)
 
 
-_KERNELS = ("ConstantKernel", "DotProduct", "Matern", "Product", "RBF", "RationalQuadratic", "Sum", "WhiteKernel")
+_KERNELS = tuple(
+    "ConstantKernel DotProduct ExpSineSquared Matern Product RBF RationalQuadratic Sum WhiteKernel".split()
+)
 
 
 @walks(
@@ -197,6 +199,14 @@ def _of_distance(fitted: Fitted, builder: GraphBuilder, value: int, vectors: Flo
         part = builder.scale(squared, "/", scale)
         logarithm = builder.function(part, "log1p")
         return builder.function(builder.scale(logarithm, "*", -alpha), "exp")
+    if fitted.kind == "ExpSineSquared":
+        distance = euclidean(builder, value, vectors)
+        period = fitted.number("periodicity")
+        if period <= 0:
+            raise fitted.fail("periodicity", "not above 0")
+        angle = builder.chain(distance, ("*", math.pi), ("/", period))
+        sine = builder.scale(builder.function(angle, "sin"), "/", float(length[0]))
+        return builder.function(builder.scale(squares(builder, sine), "*", -2.0), "exp")
     scaled = builder.scale(value, "/", length)
     smoothness = math.inf if fitted.kind == "RBF" else float(fitted.get("nu"))
     if smoothness == math.inf:
