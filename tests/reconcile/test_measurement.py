@@ -93,6 +93,17 @@ def test_two_mistakes_at_once_are_two_questions():
         assert all(word in str(asked.value) for word in words)
 
 
+def test_a_ramp_is_told_by_the_orders_that_stand_above_the_noise():
+    """In noise only the lowest orders show it; a missing wave beside it has another phase."""
+    sigma = 3e-4
+    data = replace(measured(sigma), spectral_deg=np.full((2 * RUNS, len(ORDERS)), sigma))
+    missing = replace(data, values=data.values + np.where(ORDERS == 39, 2e-3, 0.0))
+    examine(missing, RIG, PATH)
+    with pytest.raises(InputError, match="--accept ratio") as asked:
+        examine(ramp(missing, 81.005), RIG, PATH)
+    assert "rises by 0.0222 deg" in str(asked.value)
+
+
 @pytest.mark.parametrize(("name", "sigma"), [("home_offset", 1e-3), ("direction", 1e-3), ("column_scale", 2e-4)])
 def test_orders_that_are_noise_have_no_vote(name, sigma):
     """In loud noise the largest orders alone tell a mistake: the others do not outvote them."""

@@ -82,6 +82,8 @@ def _ratio(data: Observations, rig: RigModel) -> list[Mistake]:
     size, scatter = ramp_deg(data.orders, data.values)
     # single waves have any phase: only a ramp has one slope at all orders
     if (data.orders > 0).sum() < SETTINGS.least_votes or abs(size) < SETTINGS.ramp * scatter:
+        size = _ramp_of_gap(data, rig)
+    if not size:
         return []
     ratio = rig.constants.reduction_ratio
     used = ratio / (1 - size / 360.0)
@@ -96,6 +98,21 @@ def _ratio(data: Observations, rig: RigModel) -> list[Mistake]:
         f"{used:.5g} instead of {ratio:g}: give --accept ratio to take the ramp out"
     )
     return [Mistake("ratio", text, corrected)]
+
+
+def _ramp_of_gap(data: Observations, rig: RigModel) -> float:
+    """The ramp over a turn (deg) that the mean gaps of the orders share, 0 where they do not.
+
+    Of a ramp s an order k has i s / (pi k): in noise only the lowest show it, beside the machine's own waves.
+    """
+    told = data.orders > 0
+    orders, rows = data.orders[told], len(data)
+    gap = (data.values - rig.coefficients(data.at, data.orders.tolist()))[:, told].mean(axis=0)
+    least = SETTINGS.told * _noise_power(data)[:, told].mean(axis=0) / rows
+    slopes, sure = np.pi * orders * gap.imag, 1.0 / (orders * np.sqrt(np.maximum(least, 1e-300)))
+    size = float(np.quantile(slopes, 0.5, method="inverted_cdf", weights=sure))
+    left, right = (np.abs(part) ** 2 + least for part in (gap, gap - 1j * size / (np.pi * orders)))
+    return size if _better(left[None], right[None], least[None]) else 0.0
 
 
 # --- what all runs have in common
