@@ -2,7 +2,7 @@
 
 Of 160 million samples (11 GB of text) only the sums of `orders.Sums` stay, some 30 KB a curve: all that fitting any
 set of orders needs. They are kept in a Parquet file; a file whose size and time of change are the same is not read
-again. Memory is a worker's one file and the sums.
+again. Memory is a worker's one file and the sums. Workers may be those of a cluster that sees the same paths.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ from st_codegen.te.harmonics import Direction
 Progress = Callable[[int, int, str], None]
 #: workers by default: each takes some 150 MB, and a disk does not feed more
 MOST_JOBS = 4
+#: in place of a number: wherever the work of joblib is done around the call (`joblib.parallel_config`)
+AROUND = -1
 #: seconds between two writes of what is read so far
 _KEEP_EVERY = 30.0
 
@@ -93,10 +95,10 @@ def read_campaign(
 ) -> Campaign:
     """Read all curve files below a folder.
 
-    band: highest order; jobs: worker processes (default: the cores, at most MOST_JOBS); cache: Parquet file with what
-    was read before (made where it is missing; None: none). Bad files are all reported in one InputError with file,
-    line and reason, or left out with `skip_bad` (then `Campaign.bad` lists them). Raises InputError also where nothing
-    good is left.
+    band: highest order; jobs: worker processes (default: the cores, at most MOST_JOBS; AROUND); cache: Parquet file
+    with what was read before (made where it is missing; None: none). Bad files are all reported in one InputError
+    with file, line and reason, or left out with `skip_bad` (then `Campaign.bad` lists them). Raises InputError also
+    where nothing good is left.
     """
     files, bad = scan(folder)
     kept = SumsFile.read(cache, folder, band) if cache else SumsFile(folder, band)
@@ -138,14 +140,15 @@ def _read_all(
 ) -> Iterator[tuple[RunFile, dict[Direction, Sums] | BadFileError]]:
     """Results in order of the files, as they come in."""
     workers = min(jobs or min(os.cpu_count() or 1, MOST_JOBS), len(files))
-    if workers <= 1:
+    if workers <= 1 and (jobs != AROUND or not files):
         yield from ((file, _reduced(file, band)) for file in files)
         return
     try:
         import joblib
     except ImportError:
         raise MissingExtraError("joblib", "train", "reading curve files in parallel") from None
-    parallel = joblib.Parallel(n_jobs=workers, return_as="generator", batch_size=1, pre_dispatch="2*n_jobs")
+    count = {} if jobs == AROUND else {"n_jobs": workers}
+    parallel = joblib.Parallel(**count, return_as="generator", batch_size=1, pre_dispatch="2*n_jobs")
     yield from zip(files, parallel(joblib.delayed(_reduced)(file, band) for file in files), strict=True)
 
 

@@ -124,7 +124,7 @@ def command(
     wanted = _orders(orders)
     with progress_bar("reading", quiet=quiet) as progress:
         measured = measured_table(
-            campaign, wanted, most_orders, skip_bad=skip_bad, jobs=jobs, cache=cache, progress=progress
+            campaign, wanted, most_orders, skip_bad=skip_bad, where=where, cache=cache, progress=progress
         )
     _say_bad(measured, quiet)
     if table_out:

@@ -166,10 +166,11 @@ class _Stages:
         plan = LearningPlan(
             options.settings(), options.test_share, None, options.limit_us, keep_faulty=options.keep_faulty
         )
+        alone = Backend(1)
         measured = measured_table(
-            self.axis.campaign, options.orders, options.most_orders, skip_bad=options.skip_bad, jobs=1
+            self.axis.campaign, options.orders, options.most_orders, skip_bad=options.skip_bad, where=alone
         )
-        table, alone = measured.table, Backend(1)
+        table = measured.table
         with FitStore(None) as store:
             lessons = [learn(table, direction, plan, store, alone) for direction in table.directions()]
         head = bundle_head(table, self.axis.name, self._rig.constants.reduction_ratio)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,7 +11,8 @@ from st_codegen.campaign.choice import OrderReason, choose_orders
 from st_codegen.campaign.curves import BadFileError
 from st_codegen.campaign.harmonic_table import HarmonicTable, read_table
 from st_codegen.campaign.orders import BAND
-from st_codegen.campaign.reader import Progress, read_campaign
+from st_codegen.campaign.reader import AROUND, Progress, read_campaign
+from st_codegen.training.search import Backend
 
 
 @dataclass(frozen=True)
@@ -29,19 +31,26 @@ def measured_table(
     most: int,
     *,
     skip_bad: bool = False,
-    jobs: int | None = None,
+    where: Backend | None = None,
     cache: Path | None = None,
     progress: Progress | None = None,
 ) -> Measured:
     """Read a folder of curves and fit its orders; None chooses them from the data, `most` at most.
 
-    Of a harmonic table, a file, None takes all orders. Raises InputError.
+    Of a harmonic table, a file, None takes all orders. The files of a folder are read by processes here (None: as
+    many as `read_campaign` takes), or by the workers of a scheduler, which see them under the same paths. Raises
+    InputError.
     """
     if not campaign.is_dir():
         table = read_table(campaign)
         return Measured(table if orders is None else table.only(tuple(orders)))
     band = max([BAND, *(orders or ())])
-    read = read_campaign(campaign, skip_bad=skip_bad, band=band, jobs=jobs, cache=cache, progress=progress)
+    jobs = where.jobs if where is not None and where.jobs > 0 else None
+    with contextlib.ExitStack() as stack:
+        if where is not None and where.scheduler is not None:
+            campaign, jobs = campaign.resolve(), AROUND  # a worker stands in a folder of its own
+            stack.enter_context(where.configured())
+        read = read_campaign(campaign, skip_bad=skip_bad, band=band, jobs=jobs, cache=cache, progress=progress)
     always = (0,) if orders is None else tuple(orders)
     reasons = choose_orders(read.fits((), progress), most=most, always=always)
     if orders is None:

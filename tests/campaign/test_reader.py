@@ -1,6 +1,8 @@
 """A whole campaign: parallel and alone, with and without what was read before, and bad files all at once."""
 
 import os
+import signal
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,9 +13,11 @@ pytest.importorskip("joblib")
 from st_codegen.campaign import reader
 from st_codegen.campaign.conditions import OperatingPoint
 from st_codegen.campaign.curves import Curve, Run, write_run
-from st_codegen.campaign.reader import read_campaign
+from st_codegen.campaign.reader import AROUND, read_campaign
 from st_codegen.errors import InputError
 from st_codegen.te.harmonics import Direction
+from st_codegen.training.measured import measured_table
+from st_codegen.training.search import Backend
 
 ORDERS = (0, 1, 39)
 VALUES = np.array([-0.03, 0.0172 * np.exp(0.3j), 1e-3 * np.exp(2j)])
@@ -48,6 +52,38 @@ def test_the_table_of_a_campaign(folder):
     factor = table.speed_rpm / 100.0
     # noise of 1e-6 on 2000 samples, six standard deviations, and nine decimals
     assert np.abs(table.coefficients - factor[:, None] * VALUES).max() < 6 * 1e-6 * np.sqrt(4 / 2000) + 1e-9
+
+
+def test_the_files_are_read_wherever_the_work_is_done_around(folder, tmp_path):
+    joblib = pytest.importorskip("joblib")
+    alone, seen = coefficients(read_campaign(folder, jobs=1)), []
+    with joblib.parallel_config(backend="threading", n_jobs=2):
+        together = read_campaign(folder, jobs=AROUND, progress=lambda done, total, name: seen.append(name))
+    assert np.array_equal(alone.coefficients, coefficients(together).coefficients)
+    assert seen == [path.name for path in sorted(folder.rglob("*.csv"))]
+
+
+@pytest.mark.slow
+def test_one_campaign_is_read_by_the_workers_of_a_cluster(folder, tmp_path, monkeypatch):
+    """Two worker processes, one of which is killed while it reads: nothing is lost, and nothing is read here."""
+    distributed = pytest.importorskip("distributed")
+    alone = measured_table(folder, ORDERS, 3, where=Backend(1)).table
+    killed = []
+    monkeypatch.setattr(reader, "read_run", lambda path, conditions: pytest.fail(f"{path} was read here"))
+    monkeypatch.chdir(tmp_path)
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, memory_limit=0
+    ) as cluster:
+
+        def kill(*_):
+            if not killed:
+                killed.append(next(iter(cluster.workers.values())).pid)
+                os.kill(killed[0], signal.SIGKILL)
+
+        backend = Backend(1, cluster.scheduler_address)
+        spread = measured_table(Path(folder.name), ORDERS, 3, where=backend, progress=kill).table
+    assert killed
+    assert np.array_equal(alone.coefficients, spread.coefficients)
 
 
 def test_processes_and_cache_give_the_same_bits(folder, tmp_path, monkeypatch):
