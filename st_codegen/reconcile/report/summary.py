@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from st_codegen.campaign.conditions import OperatingPoint
@@ -21,8 +22,10 @@ def summary(result: Reconciliation) -> str:
     lines += [f"- the measurement: {mistake.text}" for mistake in result.mistakes]
     lines += [f"- {finding_text(finding, first=number == 0)}" for number, finding in enumerate(findings(result))]
     lines += [f"- unexplained: {signature.text}" for signature in result.unexplained[:8]]
-    if len(result.unexplained) > 8:
-        lines.append(f"- and {len(result.unexplained) - 8} more unexplained orders")
+    if more := result.unexplained[8:]:
+        orders, together = [one.order for one in more], math.hypot(*(one.rms_deg for one in more))
+        which = f"from {min(orders)} to {max(orders)}, together {together:.2g} deg RMS"
+        lines.append(f"- and {len(more)} more unexplained orders {which}")
     if result.taken_back is not None:
         lines.append(f"- {taken_back_text(result.taken_back)}")
     gap = result.held_out
