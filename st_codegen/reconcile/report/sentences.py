@@ -211,10 +211,10 @@ def _defect(effect: Effect, result: Reconciliation) -> str:
 
 
 def _burst(effect: Effect, result: Reconciliation) -> str:
-    return (
-        f"mesh order {effect.orders[0]} is another at {_value(effect, 'centre_deg') % 360:.1f} deg of the output, over "
-        f"about {2 * _value(effect, 'width_deg'):.1f} deg, by {_value_of_phasor(effect):.2g} deg: damaged teeth or pins"
-    )
+    centre, width = _value(effect, "centre_deg") % 360, 2 * _value(effect, "width_deg")
+    where = f"at {centre:.1f} deg of the output, over about {width:.1f} deg"
+    size = f"{_value_of_phasor(effect):.2g} deg"
+    return f"mesh order {effect.orders[0]} is another {where}, by {size}, as damaged teeth or pins make it"
 
 
 _WORDS: dict[str, Callable[[Effect, Any], str]] = {
