@@ -20,8 +20,10 @@ from st_codegen.ir import (
     ColumnFunction,
     CutTrees,
     FactoredKernel,
+    Piecewise,
     Rank,
     RankColumn,
+    SlidingLinear,
     TreeEnsemble,
     reference,
 )
@@ -79,3 +81,20 @@ def test_slope_and_magnitude_of_a_function_hold(op, data):
 def test_edges_of_ranks_are_numbers(edge):
     with pytest.raises(InputError, match=r"RankColumn\.edges: 1 coefficients are not finite"):
         RankColumn(0, np.array([0.0, edge]))
+
+
+def test_no_two_points_of_a_piecewise_cubic_are_steeper_than_its_slope():
+    op = Piecewise((0,), [0, 2], [0.0, 1.0], [1.0, -3.0], [[0.5, 0, 0, 0], [0, 0, 0, 2.0], [2.5, 0, 0, 0]])
+    x, y = (grid.reshape(-1, 1) for grid in np.meshgrid(np.linspace(-0.5, 1.5, 41), np.linspace(-0.5, 1.5, 41)))
+    difference = np.abs(x - y)
+    slope = op.slope(x, difference)
+    assert np.all(np.abs(op.value(x) - op.value(y)) <= slope * difference + 1e-15)
+    inside = (x > 0.2) & (x < 0.8) & (difference > 0.0) & (difference < 0.19)
+    assert np.all(slope[inside] == 6.0)  # of 2 * x ** 3 at its end, and no jump
+
+
+@pytest.mark.parametrize(("starts", "offsets"), [([0, 2], [0, 1]), ([1, 0], [-1, 0])])
+def test_sums_at_places_stay_inside_their_operand(starts, offsets):
+    op = SlidingLinear((0,), [[1.0, 2.0]], [0.0], starts, offsets)
+    with pytest.raises(InputError, match="SlidingLinear"):
+        op.check_operands(3)
