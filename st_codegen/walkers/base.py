@@ -12,7 +12,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from st_codegen.errors import UnsupportedModelError
+from st_codegen.errors import MissingExtraError, UnsupportedModelError
 from st_codegen.ir import (
     Activation,
     AnyArray,
@@ -270,6 +270,14 @@ def trusted_types() -> frozenset[str]:
     for package in LIBRARIES:
         _import_walkers(package)
     return frozenset(_TRUSTED)
+
+
+def library(package: str, extra: str, purpose: str) -> Any:
+    """A package that is needed for a purpose. Raises MissingExtraError where it is not installed."""
+    try:
+        return importlib.import_module(package)
+    except ImportError:
+        raise MissingExtraError(package.partition(".")[0], extra, purpose) from None
 
 
 @cache

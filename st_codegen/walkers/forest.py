@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import (
     BoolArray,
-    Comparison,
     FloatArray,
     Int32Array,
     IntArray,
     LinearLeaves,
-    Precision,
     TreeColumn,
     TreeEnsemble,
 )
@@ -67,70 +66,24 @@ class ParsedTree:
     linear: LeafModels | None = None
 
 
-@dataclass(frozen=True)
-class FlatForest:
-    """The arrays of `ir.TreeEnsemble` that say which leaf a row reaches."""
-
-    columns: tuple[TreeColumn, ...]
-    roots: Int32Array
-    split: Int32Array
-    threshold: FloatArray
-    left: Int32Array
-    right: Int32Array
-    missing_left: BoolArray
-    leaf: Int32Array
-    leaf_value: FloatArray
-    category_row: Int32Array
-    category_left: BoolArray
-    linear: LinearLeaves | None
-
-    def ensemble(
-        self,
-        inputs: tuple[int, ...],
-        *,
-        base: FloatArray,
-        tree_output: Int32Array,
-        comparison: Comparison,
-        precision: Precision,
-        sum_precision: Precision | None = None,
-        divisor: float = 1.0,
-    ) -> TreeEnsemble:
-        """The operation that reads `inputs` and sums the leaves by the library's rule.
-
-        `precision` is that of the inputs, and of the sum unless that has another one.
-        """
-        return TreeEnsemble(
-            inputs=inputs,
-            columns=self.columns,
-            roots=self.roots,
-            split=self.split,
-            threshold=self.threshold,
-            left=self.left,
-            right=self.right,
-            missing_left=self.missing_left,
-            leaf=self.leaf,
-            leaf_value=self.leaf_value,
-            tree_output=tree_output,
-            base=base,
-            comparison=comparison,
-            input_precision=precision,
-            sum_precision=sum_precision or precision,
-            divisor=divisor,
-            category_row=self.category_row,
-            category_left=self.category_left,
-            linear=self.linear,
-        )
-
-
 #: Makes the column of a feature read in a numbered way, with that many category codes (0: numbers).
 ColumnMaker = Callable[[int, int, int], TreeColumn]
 
 
-def flatten(trees: Sequence[ParsedTree], make_column: ColumnMaker, *, members_left: bool, zero: float) -> FlatForest:
+def flatten(
+    trees: Sequence[ParsedTree],
+    value: int,
+    make_column: ColumnMaker,
+    *,
+    members_left: bool = False,
+    zero: float = 0.0,
+    **rule: Any,
+) -> TreeEnsemble:
     """Lay trees out parent first, left child next, and number leaves, columns and category tables accordingly.
 
-    `members_left`: the categories of a set go left and all others right, or the reverse. `zero`: magnitude up to which
-    linear leaves read an input as 0. Linear in nodes. Raises InputError where the nodes do not form trees.
+    The operation reads `value`; `rule` are the other fields of `TreeEnsemble`. `members_left`: the categories of a set
+    go left and all others right, or the reverse. `zero`: magnitude up to which linear leaves read an input as 0. Linear
+    in nodes. Raises InputError where the nodes do not form trees.
     """
     sizes = np.array([len(tree.left) for tree in trees], np.int64)
     first = np.cumsum(sizes) - sizes
@@ -155,7 +108,8 @@ def flatten(trees: Sequence[ParsedTree], make_column: ColumnMaker, *, members_le
     widths, row, table = _category_tables(
         _joined_categories(trees, first, new_position), column_of, missing_left, members_left
     )
-    return FlatForest(
+    return TreeEnsemble(
+        inputs=(value,),
         columns=tuple(
             make_column(int(k) // _READINGS, int(k) % _READINGS, widths.get(number, 0)) for number, k in enumerate(keys)
         ),
@@ -170,6 +124,7 @@ def flatten(trees: Sequence[ParsedTree], make_column: ColumnMaker, *, members_le
         category_row=row,
         category_left=table,
         linear=_linear_leaves(trees, leaf_rows, zero),
+        **rule,
     )
 
 

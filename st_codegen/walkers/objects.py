@@ -8,13 +8,12 @@ from typing import Any
 
 from st_codegen.errors import (
     InputError,
-    MissingExtraError,
     StCodegenError,
     UnsupportedModelError,
     UntrustedFileError,
     with_subject,
 )
-from st_codegen.walkers.base import LIBRARIES, LoadedModel, is_known, trusted_types, unsupported
+from st_codegen.walkers.base import LIBRARIES, LoadedModel, is_known, library, trusted_types, unsupported
 from st_codegen.walkers.skops_file import checked_archive, classes_in
 
 #: For each library, the module whose `load_object` makes a model of an object of that library.
@@ -37,13 +36,10 @@ _NOT_AS_MADE = (ArithmeticError, AttributeError, LookupError, RecursionError, Ty
 
 def load_skops(path: Path, name: str) -> LoadedModel:
     """Load a `.skops` file. Raises UntrustedFileError where it names a type that is not known to be harmless."""
-    try:
-        import skops.io
-    except ImportError:
-        raise MissingExtraError("skops", "sklearn", f"{path.name}: reading .skops files") from None
+    skops = library("skops.io", "sklearn", f"{path.name}: reading .skops files")
     try:
         data = checked_archive(path)
-        unknown = skops.io.get_untrusted_types(data=data)
+        unknown = skops.get_untrusted_types(data=data)
         foreign = sorted(set(unknown) - trusted_types())
         if foreign:
             for package, kind in classes_in(data):
@@ -58,7 +54,7 @@ def load_skops(path: Path, name: str) -> LoadedModel:
                 "the file names types that no supported model needs, and loading them could run code: "
                 f"{', '.join(foreign)}; save the model without them"
             )
-        estimator = skops.io.loads(data, trusted=unknown)
+        estimator = skops.loads(data, trusted=unknown)
     except InputError as error:
         raise with_subject(error, path.name) from None
     except Exception as error:  # skops raises whatever zip, json or the classes raise
@@ -73,10 +69,7 @@ def load_pickle(path: Path, name: str, *, trusted: bool) -> LoadedModel:
             f"{path.name}: loading a pickle can run any code that its author put into it. Save the model as .skops "
             "(skops.io.dump) or .onnx instead, or pass --trust-pickle if you made this file yourself"
         )
-    try:
-        import joblib
-    except ImportError:
-        raise MissingExtraError("joblib", "sklearn", f"{path.name}: reading pickles") from None
+    joblib = library("joblib", "sklearn", f"{path.name}: reading pickles")
     try:
         estimator = joblib.load(path)
     except ImportError as error:

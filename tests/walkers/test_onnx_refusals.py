@@ -250,21 +250,29 @@ def test_division_by_zero(tmp_path):
 
 
 LISTS = {
-    "offset has 2 entries for 3 features": ("Scaler", {"offset": [0.0, 1.0], "scale": [1.0]}),
-    "offset and scale have different lengths": ("Scaler", {"offset": [0.0], "scale": [1.0] * 3}),
+    "offset has 2 entries, expected 1 or 3": ("Scaler", {"offset": [0.0, 1.0], "scale": [1.0]}),
+    "scale has 3 entries, expected 1": ("Scaler", {"offset": [0.0], "scale": [1.0] * 3}),
     "norm L7: known are MAX, L1, L2": ("Normalizer", {"norm": "L7"}),
-    "4 coefficients for 1 targets and 3 features": ("LinearRegressor", {"coefficients": [1.0] * 4}),
-    "2 intercepts for 1 targets": ("LinearRegressor", {"coefficients": [1.0] * 3, "intercepts": [0.0, 1.0]}),
+    "coefficients has 4 entries, expected 3": ("LinearRegressor", {"coefficients": [1.0] * 4}),
+    "intercepts has 2 entries, expected 0 or 1": (
+        "LinearRegressor",
+        {"coefficients": [1.0] * 3, "intercepts": [0.0, 1.0]},
+    ),
     "post_transform LOGISTIC: only NONE": ("LinearRegressor", {"post_transform": "LOGISTIC"}),
     "one_class: a detector of outliers": ("SVMRegressor", {"one_class": 1}),
     "rho has 2 entries": ("SVMRegressor", {"rho": [0.0, 1.0]}),
-    "2 coefficients for 3 features": ("SVMRegressor", {"rho": [0.0], "coefficients": [1.0, 2.0]}),
-    "n_supports is 2, with 1 coefficients and 3 numbers": (
+    "coefficients has 2 entries, expected 3": ("SVMRegressor", {"rho": [0.0], "coefficients": [1.0, 2.0]}),
+    "coefficients has 1 entries, expected 2": (
         "SVMRegressor",
         {"rho": [0.0], "coefficients": [1.0], "n_supports": 2, "support_vectors": [0.0] * 3},
     ),
+    "support_vectors has 4 entries, expected 3": (
+        "SVMRegressor",
+        {"rho": [0.0], "coefficients": [1.0], "n_supports": 1, "support_vectors": [0.0] * 4},
+    ),
+    "0 targets, expected 1 or more": ("LinearRegressor", {"targets": 0, "coefficients": [1.0]}),
     "kernel_type CUBIC: known are LINEAR, POLY, RBF, SIGMOID": ("SVMRegressor", {"kernel_type": "CUBIC"}),
-    "kernel_params has 2 entries, expected 3": ("SVMRegressor", {"kernel_params": [0.0, 1.0]}),
+    "kernel_params has 2 entries, expected 0 or 3": ("SVMRegressor", {"kernel_params": [0.0, 1.0]}),
     "degree 2.5 of the polynomial kernel": (
         "SVMRegressor",
         {"kernel_type": "POLY", "kernel_params": [1.0, 0.0, 2.5]},

@@ -22,7 +22,6 @@ from st_codegen.ir import (
     Comparison,
     Feature,
     FloatArray,
-    Int32Array,
     Label,
     Precision,
     Source,
@@ -118,20 +117,14 @@ def _features(listed: list[dict[str, Any]]) -> tuple[Feature, ...]:
 def _ensemble(trees: list[dict[str, Any]], features: list[dict[str, Any]], outputs: int) -> TreeEnsemble:
     """The sum of the leaves in the order of the trees."""
     missing = [_MISSING_LEFT[feature["nan_value_treatment"]] for feature in features]
-    parsed = [_tree(tree, missing, outputs) for tree in trees]
-
-    def column(feature: int, _reading: int, _categories: int) -> TreeColumn:
-        return TreeColumn(feature)
-
-    flat = flatten(parsed, column, members_left=False, zero=0.0)
-    whole: Int32Array = np.zeros(len(parsed), np.int32)
-    return flat.ensemble(
-        (0,),
+    return flatten(
+        [_tree(tree, missing, outputs) for tree in trees],
+        0,
+        lambda feature, _reading, _categories: TreeColumn(feature),
         base=np.zeros(outputs),
-        tree_output=whole,
+        tree_output=np.zeros(len(trees), np.int32),
         comparison=Comparison.LESS_OR_EQUAL,
-        precision=Precision.FLOAT32,
-        sum_precision=Precision.FLOAT64,
+        input_precision=Precision.FLOAT32,
     )
 
 

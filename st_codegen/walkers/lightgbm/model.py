@@ -20,9 +20,20 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.errors import InputError, MissingExtraError, UnsupportedModelError, errors_name
-from st_codegen.ir import Comparison, Feature, FloatArray, Function, Label, NanRule, Precision, Source, TreeColumn
-from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor, Walked, walks
+from st_codegen.errors import InputError, UnsupportedModelError, errors_name
+from st_codegen.ir import (
+    Comparison,
+    Feature,
+    FloatArray,
+    Function,
+    Label,
+    NanRule,
+    Precision,
+    Source,
+    TreeColumn,
+    TreeEnsemble,
+)
+from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor, Walked, library, walks
 from st_codegen.walkers.classes import (
     above,
     complement,
@@ -34,7 +45,7 @@ from st_codegen.walkers.classes import (
     softmax,
 )
 from st_codegen.walkers.fitted import Fitted
-from st_codegen.walkers.forest import FlatForest, category_note, flatten
+from st_codegen.walkers.forest import category_note, flatten
 from st_codegen.walkers.lightgbm.text import READ_CATEGORY, READ_NAN_MISSING, READ_ZERO_MISSING, TextModel, parse
 
 #: `kZeroThreshold`: 1e-35 rounded to float32.
@@ -124,7 +135,7 @@ class LightgbmBooster:
             best = state.get("best_iteration", -1)
             if type(best) is not int or not -1 <= best <= len(model.trees) // model.n_outputs:
                 raise InputError(f"best_iteration: {str(best)[:40]}, expected a number of iterations of the model")
-            lightgbm = _library("a model of LightGBM in a .skops file")
+            lightgbm = library("lightgbm", "lightgbm", "a model of LightGBM in a .skops file")
             self.__class__ = lightgbm.Booster
             _load(lambda: lightgbm.Booster.__init__(self, model_str=text))
         self.__dict__["best_iteration"] = best
@@ -184,17 +195,9 @@ def _seen(info: str) -> tuple[float, float] | None:
 
 
 def _load_booster(path: Path) -> Any:
-    lightgbm = _library(f"the prediction of {path.name} by LightGBM")
+    lightgbm = library("lightgbm", "lightgbm", f"the prediction of {path.name} by LightGBM")
     with errors_name(path.name):
         return _load(lambda: lightgbm.Booster(model_file=str(path)))
-
-
-def _library(purpose: str) -> Any:
-    try:
-        import lightgbm
-    except ImportError:
-        raise MissingExtraError("lightgbm", "lightgbm", purpose) from None
-    return lightgbm
 
 
 def _load(make: Callable[[], Any]) -> Any:
@@ -293,18 +296,19 @@ def _add(model: TextModel, builder: GraphBuilder, value: int, labels: tuple[Labe
     objective, *_ = model.objective or ("custom",)
     is_class = objective in (_BINARY, _SOFTMAX, _ONE_AGAINST_REST) or (labels and objective != "custom")
     link = Function.IDENTITY if is_class else _link(model)
-    flat = flatten(model.trees, _column, members_left=True, zero=ZERO_MAGNITUDE)
     iterations = len(model.trees) // model.n_outputs
-    result = builder.add(
-        _with_zero_band(flat).ensemble(
-            (value,),
-            base=np.zeros(model.n_outputs),
-            tree_output=np.tile(np.arange(model.n_outputs, dtype=np.int32), iterations),
-            comparison=Comparison.LESS_OR_EQUAL,
-            precision=Precision.FLOAT64,
-            divisor=float(iterations) if model.average_output else 1.0,
-        )
+    ensemble = flatten(
+        model.trees,
+        value,
+        _column,
+        members_left=True,
+        zero=ZERO_MAGNITUDE,
+        base=np.zeros(model.n_outputs),
+        tree_output=np.tile(np.arange(model.n_outputs, dtype=np.int32), iterations),
+        comparison=Comparison.LESS_OR_EQUAL,
+        divisor=float(iterations) if model.average_output else 1.0,
     )
+    result = builder.add(_with_zero_band(ensemble))
     if is_class:
         return _classified(model, builder, result, labels)
     if link is not Function.IDENTITY:
@@ -375,7 +379,7 @@ def _column(feature: int, reading: int, n_categories: int) -> TreeColumn:
     return TreeColumn(feature, nan=NanRule.ZERO, missing_interval=missing)
 
 
-def _with_zero_band(flat: FlatForest) -> FlatForest:
+def _with_zero_band(flat: TreeEnsemble) -> TreeEnsemble:
     """Thresholds that do to x what the file's do to x with the band of zero taken out.
 
     For |x| <= z the library compares 0 <= t. With t in [-z, 0) that is false, so t moves just below -z; with t in

@@ -194,12 +194,8 @@ def _float32_row(call: NodeCall) -> Tensor:
 def _linear_classifier(call: NodeCall) -> Result:
     tensor, walk = _float32_row(call), call.walk
     labels, transform = _labels(call.node, "classlabels_ints"), _post_transform(call.node)
-    weights, bias = call.node.floats("coefficients"), call.node.floats("intercepts")
-    if not len(bias) or len(weights) != len(bias) * tensor.size or len(bias) not in (1, len(labels)):
-        raise InputError(
-            f"{len(weights)} coefficients and {len(bias)} intercepts for {tensor.size} features and {len(labels)} "
-            "labels; the model file is damaged"
-        )
+    bias = call.node.floats("intercepts", 1, len(labels))
+    weights = call.node.floats("coefficients", len(bias) * tensor.size)
     scores = apply_linear(walk, tensor, weights.reshape(len(bias), -1), bias, (1, len(bias)))
     if len(bias) > 1:
         return _choice(labels, largest(walk.builder, walk.settle(scores))), _transformed(walk, scores, transform)
@@ -213,22 +209,18 @@ def _linear_classifier(call: NodeCall) -> Result:
 def _svm_classifier(call: NodeCall) -> Result:
     tensor, walk, node = _float32_row(call), call.walk, call.node
     labels, transform = _labels(node, "classlabels_ints"), _post_transform(node)
-    per_class, rho, weights = node.integers("vectors_per_class"), node.floats("rho"), node.floats("coefficients")
     count, coupled = len(labels), len(node.floats("prob_a")) > 0
+    per_class = node.integers("vectors_per_class", 0, count)
     if not np.sum(per_class):
         return _linear_machine(call, tensor, labels, coupled, transform)
-    vectors, pairs = node.floats("support_vectors"), count * (count - 1) // 2
-    total = int(np.sum(per_class))
-    expected = (count, (count - 1) * total, pairs, total * tensor.size)
-    if (len(per_class), len(weights), len(rho), len(vectors)) != expected or np.any(per_class < 0):
-        raise InputError(
-            f"vectors_per_class, coefficients, rho and support_vectors have {len(per_class)}, {len(weights)}, "
-            f"{len(rho)} and {len(vectors)} entries for {count} labels, {total} vectors and {tensor.size} features; "
-            "the model file is damaged"
-        )
+    if np.any(per_class < 0):
+        raise InputError("vectors_per_class has a number below 0; the model file is damaged")
+    total, pairs = int(np.sum(per_class)), count * (count - 1) // 2
+    weights, rho = node.floats("coefficients", (count - 1) * total), node.floats("rho", pairs)
+    vectors = node.floats("support_vectors", total * tensor.size).reshape(total, tensor.size)
     walk.refuse_special(tensor)
     coefficients = pair_coefficients(weights.reshape(count - 1, total), per_class)
-    op = kernel_sum(node, walk.settle(tensor), vectors.reshape(total, tensor.size), coefficients, rho)
+    op = kernel_sum(node, walk.settle(tensor), vectors, coefficients, rho)
     scores = walk.computed(walk.builder.add(op), (1, pairs), FLOAT32, special=False)
     choice = _choice(labels, largest(walk.builder, pair_votes(walk.builder, walk.settle(scores), count)))
     if coupled:
@@ -242,12 +234,9 @@ def _svm_classifier(call: NodeCall) -> Result:
 def _linear_machine(call: NodeCall, tensor: Tensor, labels: tuple[Label, ...], coupled: bool, transform: str) -> Result:
     """A machine without support vectors: weights for each label, and one number added to all."""
     node, walk, count = call.node, call.walk, len(labels)
-    weights, rho = node.floats("coefficients"), node.floats("rho")
-    if len(weights) != count * tensor.size or not len(rho):
-        raise InputError(
-            f"{len(weights)} coefficients and {len(rho)} rho for {count} labels and {tensor.size} features; "
-            "the model file is damaged"
-        )
+    weights, rho = node.floats("coefficients", count * tensor.size), node.floats("rho")
+    if not len(rho):
+        raise InputError("rho is empty; the model file is damaged")
     scores = apply_linear(walk, tensor, weights.reshape(count, -1), np.full(count, rho[0]), (1, count))
     value = walk.settle(scores)
     index = largest(walk.builder, value)

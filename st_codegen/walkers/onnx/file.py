@@ -187,15 +187,15 @@ class GraphNode:
         """An attribute of type STRING."""
         return _decoded(name, self.attributes[name].s) if name in self.attributes else default
 
-    def integers(self, name: str) -> IntArray:
-        """An attribute of type INTS."""
+    def integers(self, name: str, *counts: int) -> IntArray:
+        """An attribute of type INTS; where counts are given, it has one of these lengths."""
         listed = self.attributes[name].ints if name in self.attributes else ()
-        return np.fromiter(listed, np.int64, len(listed))
+        return np.fromiter(listed, np.int64, _counted(name, len(listed), counts))
 
-    def floats(self, name: str) -> FloatArray:
-        """An attribute of type FLOATS, which are float32 numbers, as float64."""
+    def floats(self, name: str, *counts: int) -> FloatArray:
+        """An attribute of type FLOATS, which are float32 numbers, as float64; of one of the lengths that are given."""
         listed = self.attributes[name].floats if name in self.attributes else ()
-        return np.fromiter(listed, np.float64, len(listed))
+        return np.fromiter(listed, np.float64, _counted(name, len(listed), counts))
 
     def texts(self, name: str) -> list[str]:
         """An attribute of type STRINGS."""
@@ -210,6 +210,13 @@ class GraphNode:
             return read_tensor(self.attributes[name].t)
         except InputError as error:
             raise type(error)(f"attribute '{name}': {error}") from None
+
+
+def _counted(name: str, length: int, counts: tuple[int, ...]) -> int:
+    if counts and length not in counts:
+        expected = " or ".join(map(str, sorted(set(counts))))
+        raise InputError(f"{name} has {length} entries, expected {expected}; the model file is damaged")
+    return length
 
 
 def _decoded(name: str, text: bytes) -> str:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 
-from st_codegen.errors import MissingExtraError
-from st_codegen.walkers.base import LoadedModel
+from st_codegen.walkers.base import LoadedModel, library
 
 
 def load_file(path: Path, name: str) -> LoadedModel:
@@ -21,10 +19,7 @@ def load_file(path: Path, name: str) -> LoadedModel:
     operators, versions and types that cannot be compiled, MissingExtraError without the packages onnx and onnxruntime.
     """
     for package in ("onnx", "onnxruntime"):
-        try:
-            importlib.import_module(package)
-        except ImportError as error:
-            raise MissingExtraError(package, "onnx", f"{path.name}: loading ONNX files") from error
+        library(package, "onnx", f"{path.name}: loading ONNX files")
     from st_codegen.walkers.onnx.model import load
 
     return load(path, name)

@@ -56,13 +56,9 @@ _KERNELS = {"LINEAR": Kernel.LINEAR, "POLY": Kernel.POLYNOMIAL, "RBF": Kernel.RB
 def _scaler(call: NodeCall) -> Operand:
     tensor = one_row(call.computed())
     result: Operand = tensor
-    for name, code in (("offset", Operator.SUBTRACT), ("scale", Operator.MULTIPLY)):
-        numbers = call.node.floats(name)
-        if len(numbers) not in (1, tensor.size):
-            raise InputError(f"{name} has {len(numbers)} entries for {tensor.size} features; the model file is damaged")
+    offset = call.node.floats("offset", 1, tensor.size)
+    for numbers, code in ((offset, Operator.SUBTRACT), (call.node.floats("scale", len(offset)), Operator.MULTIPLY)):
         result = combined(call.walk, code, result, ConstantOperand(numbers.astype(tensor.dtype)))
-    if len(call.node.floats("offset")) != len(call.node.floats("scale")):
-        raise InputError("offset and scale have different lengths; the model file is damaged")
     return call.walk.as_type(require_tensor(result), FLOAT32)
 
 
@@ -92,19 +88,11 @@ def _float32_row(call: NodeCall) -> Tensor:
 def _linear_regressor(call: NodeCall) -> Operand:
     tensor = _float32_row(call)
     refuse_post_transform(call.node.text("post_transform", "NONE"))
-    targets, coefficients, bias = (
-        call.node.integer("targets", 1),
-        call.node.floats("coefficients"),
-        call.node.floats("intercepts"),
-    )
-    if targets < 1 or len(coefficients) != targets * tensor.size:
-        raise InputError(
-            f"{len(coefficients)} coefficients for {targets} targets and {tensor.size} features; "
-            "the model file is damaged"
-        )
-    if len(bias) not in (0, targets):
-        raise InputError(f"{len(bias)} intercepts for {targets} targets; the model file is damaged")
-    weights = coefficients.reshape(targets, tensor.size)
+    targets = call.node.integer("targets", 1)
+    if targets < 1:
+        raise InputError(f"{targets} targets, expected 1 or more; the model file is damaged")
+    weights = call.node.floats("coefficients", targets * tensor.size).reshape(targets, tensor.size)
+    bias = call.node.floats("intercepts", 0, targets)
     return apply_linear(call.walk, tensor, weights, bias if len(bias) else np.zeros(targets), (1, targets))
 
 
@@ -114,21 +102,12 @@ def _svm_regressor(call: NodeCall) -> Operand:
     refuse_post_transform(call.node.text("post_transform", "NONE"))
     if call.node.integer("one_class"):
         raise UnsupportedModelError("one_class: a detector of outliers, not a regression")
-    coefficients, rho = call.node.floats("coefficients"), call.node.floats("rho")
-    n_vectors, vectors = call.node.integer("n_supports"), call.node.floats("support_vectors")
-    if len(rho) != 1:
-        raise InputError(f"rho has {len(rho)} entries, expected 1; the model file is damaged")
+    n_vectors, rho = call.node.integer("n_supports"), call.node.floats("rho", 1)
+    coefficients = call.node.floats("coefficients", n_vectors or tensor.size)[None, :]
     if n_vectors == 0:
-        if len(coefficients) != tensor.size:
-            raise InputError(f"{len(coefficients)} coefficients for {tensor.size} features; the model file is damaged")
-        return apply_linear(call.walk, tensor, coefficients[None, :], rho, (1, 1))
-    if n_vectors != len(coefficients) or len(vectors) != n_vectors * tensor.size:
-        raise InputError(
-            f"n_supports is {n_vectors}, with {len(coefficients)} coefficients and {len(vectors)} numbers in "
-            f"support_vectors for {tensor.size} features; the model file is damaged"
-        )
+        return apply_linear(call.walk, tensor, coefficients, rho, (1, 1))
+    vectors = call.node.floats("support_vectors", n_vectors * tensor.size).reshape(n_vectors, tensor.size)
     call.walk.refuse_special(tensor)
-    vectors, coefficients = vectors.reshape(n_vectors, tensor.size), coefficients[None, :]
     op = kernel_sum(call.node, call.walk.settle(tensor), vectors, coefficients, rho)
     return call.walk.computed(call.walk.builder.add(op), (1, 1), FLOAT32, special=False)
 
@@ -137,11 +116,9 @@ def kernel_sum(
     node: GraphNode, value: int, vectors: FloatArray, coefficients: FloatArray, rho: FloatArray
 ) -> KernelSum:
     """The sums of kernels with coefficients (sums, vectors), by the kernel that the attributes of a node name."""
-    name, parameters = node.text("kernel_type", "LINEAR"), node.floats("kernel_params")
+    name, parameters = node.text("kernel_type", "LINEAR"), node.floats("kernel_params", 0, 3)
     if name not in _KERNELS:
         raise UnsupportedModelError(f"kernel_type {name}: known are {', '.join(_KERNELS)}")
-    if len(parameters) not in (0, 3):
-        raise InputError(f"kernel_params has {len(parameters)} entries, expected 3; the model file is damaged")
     gamma, coef0, degree = parameters if len(parameters) else (0.0, 0.0, 0.0)
     kernel = _KERNELS[name]
     if kernel is Kernel.POLYNOMIAL and not (0 <= degree <= 64 and degree == int(degree)):

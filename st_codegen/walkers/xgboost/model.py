@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from st_codegen.errors import InputError, MissingExtraError, UnsupportedModelError, errors_name
+from st_codegen.errors import InputError, UnsupportedModelError, errors_name
 from st_codegen.ir import (
     FLOAT32_OVERFLOW,
     AnyArray,
@@ -39,7 +39,7 @@ from st_codegen.ir import (
     SummationOrder,
     TreeColumn,
 )
-from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor, Walked, walks
+from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor, Walked, library, walks
 from st_codegen.walkers.catboost import model as catboost
 from st_codegen.walkers.classes import above, complement, largest, last_below, most_probable, numbers_of, softmax
 from st_codegen.walkers.forest import ParsedTree, category_note, flatten
@@ -153,7 +153,7 @@ class XgboostBooster:
                 raise InputError("no model; it was saved before training, or is damaged")
             model = ubjson.entry(bytes(data), "Model")
             loads(model, binary=True)
-            xgboost = _library("a model of XGBoost in a .skops file")
+            xgboost = library("xgboost", "xgboost", "a model of XGBoost in a .skops file")
             self.__class__ = xgboost.Booster
             _load(lambda: xgboost.Booster.__init__(self, model_file=bytearray(model)))
 
@@ -212,21 +212,13 @@ def _loaded(
 
 
 def _load_booster(path: Path) -> Any:
-    xgboost = _library(f"the prediction of {path.name} by XGBoost")
+    xgboost = library("xgboost", "xgboost", f"the prediction of {path.name} by XGBoost")
     with errors_name(path.name):
         booster = xgboost.Booster()
         _load(lambda: booster.load_model(str(path)))
         # on a busy machine, threads that wait for each other cost more than they save
         booster.set_param("nthread", "1")
     return booster
-
-
-def _library(purpose: str) -> Any:
-    try:
-        import xgboost
-    except ImportError:
-        raise MissingExtraError("xgboost", "xgboost", purpose) from None
-    return xgboost
 
 
 def _load(read: Callable[[], Any]) -> None:
@@ -489,15 +481,10 @@ def _add_trees(model: BoosterModel, builder: GraphBuilder, value: int, base: Flo
             n_categories=n_categories if reading == READ_CATEGORY else 0,
         )
 
-    flat = flatten(trees, column, members_left=False, zero=0.0)
+    single: dict[str, Any] = {"input_precision": Precision.FLOAT32, "sum_precision": Precision.FLOAT32}
+    outputs = model.tree_output[:end]
     return builder.add(
-        flat.ensemble(
-            (value,),
-            base=base,
-            tree_output=model.tree_output[:end],
-            comparison=Comparison.LESS,
-            precision=Precision.FLOAT32,
-        )
+        flatten(trees, value, column, base=base, tree_output=outputs, comparison=Comparison.LESS, **single)
     )
 
 
