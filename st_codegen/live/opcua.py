@@ -1,11 +1,13 @@
 """OPC UA for the soft PLC, by asyncua: an object for each list of globals and each program, a node for each variable.
 
-Values are read where they are when a client asks. Structures are data types of the server with a field for each member;
-they can be read, not written. Subscriptions are not offered: nobody tells asyncua when a variable changes.
+Values are read where they are when a client asks, and ten times a second where one has subscribed. Structures are data
+types of the server with a field for each member; they can be read, not written.
 """
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import logging
 from functools import partial
 from typing import Any
@@ -30,6 +32,8 @@ except ImportError as missing:
 
 NAMESPACE = "urn:st-codegen:plc"
 STATE = "PLC.State"
+#: Seconds between two looks at what clients have subscribed to.
+_LOOK_EVERY = 0.1
 
 
 class _Everybody(UserManager):  # type: ignore[misc]
@@ -47,6 +51,8 @@ class OpcUaServer:
         self.host, self.port = host, port
         self.log = log
         self._server = Server(user_manager=_Everybody())
+        self._told: dict[Any, str] = {}
+        self._telling: asyncio.Task[None] | None = None
 
     @property
     def url(self) -> str:
@@ -81,10 +87,29 @@ class OpcUaServer:
         state = await plc.add_variable(ua.NodeId(STATE, space), "State", "")
         self._answer(state, lambda *_: ua.DataValue(ua.Variant(self.plc.state.value, ua.VariantType.String)))
         await server.start()
+        self._telling = asyncio.create_task(self._tell())
 
     async def stop(self) -> None:
         """Close all connections."""
+        if self._telling is not None:
+            self._telling.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._telling
         await self._server.stop()
+
+    async def _tell(self) -> None:
+        """Tell clients what has changed of the variables that they subscribed to: asyncua sees its own writes only."""
+        aspace, attribute = self._server.iserver.aspace, ua.AttributeIds.Value
+        while True:
+            await asyncio.sleep(_LOOK_EVERY)
+            for node in self._told:
+                callbacks = dict(aspace[node].attributes[attribute].datachange_callbacks)
+                value = aspace.read_attribute_value(node, attribute) if callbacks else None
+                shown = "" if value is None else repr(value.Value)  # NaN is no other value than NaN
+                if shown not in ("", self._told[node]):
+                    for handle, callback in callbacks.items():
+                        await callback(handle, value)
+                self._told[node] = shown
 
     async def _add(self, parent: Any, space: int, symbol: WireVariable, kind: ua.VariantType) -> None:
         short = symbol.name.split(".", 1)[1]
@@ -122,6 +147,7 @@ class OpcUaServer:
 
     def _answer(self, node: Any, callback: Any) -> None:
         self._server.iserver.aspace.set_attribute_value_callback(node.nodeid, ua.AttributeIds.Value, callback)
+        self._told[node.nodeid] = ""
 
     def _value(self, symbol: WireVariable, kind: ua.VariantType) -> ua.DataValue:
         values = _numbers(symbol)

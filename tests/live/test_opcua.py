@@ -1,6 +1,8 @@
 """OPC UA: an unmodified client, and the comparison over it."""
 
+import itertools
 import socket
+import threading
 
 import pytest
 
@@ -42,6 +44,32 @@ def test_an_unmodified_client_reads_and_writes_inputs_only(server):
         assert node("PLC.State").read_value() == "RUN"
         names = {child.read_browse_name().Name for child in client.nodes.objects.get_children()}
         assert {"GVL_Experiment", "GVL_Record", "PRG_Record"} <= names
+
+
+def test_a_client_is_told_of_changes_that_others_made(server):
+    """A number, NaN once, and the state; nothing is told of what stays as it is."""
+    values, told, changed = server.plc.machine.globals, [], threading.Event()
+
+    class Told:
+        def datachange_notification(self, node, value, data):
+            told.append(value)
+            changed.set()
+
+    def given(value):
+        changed.clear()
+        server.do(lambda: values.__setitem__("GVL_Experiment.fSpeed_rpm", value))
+        assert changed.wait(20)
+
+    with sync.Client(server.addresses["opcua"], timeout=600) as client:
+        space = client.get_namespace_index("urn:st-codegen:plc")
+        subscription = client.create_subscription(20, Told())
+        subscription.subscribe_data_change(client.get_node(f"ns={space};s=GVL_Experiment.fSpeed_rpm"))
+        assert changed.wait(20)
+        for value in (431.0, float("nan"), 433.0):
+            given(value)
+        subscription.delete()
+    assert [shown for shown, _ in itertools.groupby(map(repr, told))][-3:] == ["431.0", "nan", "433.0"]
+    assert len(told) <= 6
 
 
 def test_structures_have_their_fields(bundle, server):

@@ -235,6 +235,7 @@ def test_forms_from_the_command_line(lone_folder, tmp_path):
         (["--company", "Plant"], "--company: libraries have these; give --project library"),
         (["--project", "library", "--library-version", "one"], "version 'one': two to four numbers"),
         (["--project", "library", "--namespace", "1x"], "namespace '1x': letters, digits"),
+        (["--project", "library", "--namespace", "If"], "namespace 'If': a reserved word"),
         (["--project", "library", "--with-tests"], "leave out --with-tests or --project library"),
         (["--project", "library", "--with-comparison"], "leave out --with-comparison or"),
         (["--project", "plc", "--target", "iec"], "the target iec has no forms of a project; --project goes with"),
