@@ -219,23 +219,29 @@ def _reconcile(rig: RigModel, known: Catalogue, progress: Progress | None, exami
     # which effects there may be is decided; whether they stand, and how large they are, all runs say
     last = fit(with_noise_of(replace(last, target=replace(target, data=data)))[0], last.state)
     conclusions = conclude(rig, last, known)
-    result = _result(rig, data, conclusions, tuple(judged), examined.mistakes, apart)
+    result = _result(rig, data, conclusions, tuple(judged), examined, apart)
     worse = result.held_out.after > SETTINGS.worse * result.held_out.before
     result = _with_between_states(result)
     if worse and result.new_rig is not rig:
         nothing = replace(conclusions, final=unchanged(last), claims=(), retuned=(), offset_changed=False)
         names = tuple(dict.fromkeys(claim.piece.effect.name for claim in conclusions.claims))
         gap = (result.held_out.before, result.held_out.after)
-        result = _result(rig, data, nothing, tuple(judged), examined.mistakes, apart)
+        result = _result(rig, data, nothing, tuple(judged), examined, apart)
         result = replace(result, taken_back=TakenBack(names, *gap))
     return result
 
 
 def _with_between_states(result: Reconciliation) -> Reconciliation:
-    """The held-out gap with what a resonance may be off by where no temperature was measured, no more than before."""
+    """The held-out gap with what a resonance may be off by where no temperature was measured, no more than before.
+
+    What was kept from the search may hold little of a peak: before, all runs say what the rig leaves.
+    """
     gap, between = result.held_out, float(between_states(result.conclusions.final).sum())
-    after = min(math.sqrt(gap.after**2 + between), max(gap.before, gap.after))
-    return replace(result, held_out=replace(gap, after=after), between_deg=math.sqrt(between))
+    if not between:
+        return result
+    before = max(gap.before, result.fitted.before)
+    after = min(math.sqrt(gap.after**2 + between), max(before, gap.after))
+    return replace(result, held_out=replace(gap, before=before, after=after), between_deg=math.sqrt(between))
 
 
 def _apart(data: Observations) -> BoolArray:
@@ -255,7 +261,7 @@ def _result(
     data: Observations,
     conclusions: Conclusions,
     judged: tuple[tuple[Candidate, Evidence], ...],
-    mistakes: tuple[Mistake, ...],
+    examined: Examined,
     apart: BoolArray,
 ) -> Reconciliation:
     """Gaps, and what is left, of a fit."""
@@ -303,8 +309,8 @@ def _result(
         fitted=Gap(rms_deg(before[good], data.orders), rms_deg(after[good], data.orders), floor),
         held_out=Gap(first, float(np.sqrt((held_out**2).sum())), floor),
         orders=per_order,
-        mistakes=mistakes,
-        cannot_show=(*cannot_show(data), *scatter_of_encoder(target, after)),
+        mistakes=examined.mistakes,
+        cannot_show=(*cannot_show(data), *examined.untold, *scatter_of_encoder(target, after)),
         unseen_curves=unseen_curves,
     )
 

@@ -13,7 +13,7 @@ from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.candidates import Search, variants
 from st_codegen.reconcile.judge.conclusions import conclude, settled
 from st_codegen.reconcile.judge.peaks import bracket, spread
-from st_codegen.reconcile.judge.plausible import is_no_form_error
+from st_codegen.reconcile.judge.plausible import is_no_form_error, law_holds
 from st_codegen.reconcile.judge.retuned import changes
 from st_codegen.reconcile.report.findings import Finding, share_text
 from st_codegen.reconcile.settings import SETTINGS
@@ -162,6 +162,44 @@ def test_what_a_form_may_lack_is_no_effect(gap):
     both = with_added(data, spring, effect("backlash", gap_arcmin=0.5, seating_torque_Nm=50.0))
     assert without.loss - both.loss > SETTINGS.order_gain
     assert is_no_form_error(without, both, len(both.state.pieces) - 1) is bool(gap)
+
+
+def test_a_constant_wave_is_no_resonance():
+    """A broad peak saves most of what a constant wave of one order would, and less; where there is a peak, more."""
+    at = grid(18, 3, 2)
+    hertz = np.linspace(0, 1, 18)[5]
+    frequency = 78 * (100 + 1700 * hertz) / 60 / 81
+    peak = {"frequency_Hz": frequency, "damping_ratio": 0.1, "orders": [78]}
+    start = effect("structural_resonance", **peak, amplitude_deg=[3e-5], phase_rad=[0.0],
+                   backward_amplitude_deg=[3e-5], backward_phase_rad=[0.0])  # fmt: skip
+    for wave, holds in ((4e-5, False), (start.contribution(at, np.array([78]))[:, 0], True)):
+        data = observed(RIG, at)
+        data = replace(data, values=data.values + np.where(data.orders == 78, 1.0, 0.0) * np.reshape(wave, (-1, 1)))
+        without, both = with_added(data), with_added(data, start)
+        assert without.loss - both.loss > SETTINGS.order_gain
+        assert law_holds(without, both, len(both.state.pieces) - 1) is holds
+
+
+@pytest.mark.parametrize(("mesh", "holds"), [(81, False), (39, True)])
+def test_an_order_that_the_mesh_makes_is_no_sideband_without_its_twin(mesh, holds):
+    """Order 78 is one of the teeth; 36 is none, and follows order 39 as its lower sideband does."""
+    teeth = {"backward_amplitude_deg": 1e-3, "backward_phase_rad": 0.0, "phase_rad": 1.0, "amplitude_deg": 1e-3}
+    carrier = effect("cycloid_tooth_error" if mesh == 39 else "input_shaft_misalignment", order=mesh, **teeth)
+    side = effect("carrier_modulation", order=mesh, lower_ratio=0.5, lower_phase_rad=0.2)
+    data = observed(RigModel(effects=(*RIG.effects[:2], carrier, side)), grid(), orders=(0, 1, mesh - 3, mesh))
+    rig = RigModel(effects=(*RIG.effects[:2], carrier))
+    without = fitted(rig, data)
+    both = fit(without.target, without.state.with_piece(piece_of(side, added=True)))
+    assert law_holds(without, both, len(both.state.pieces) - 1) is holds
+
+
+def test_what_others_lose_elsewhere_is_no_sign_of_a_change():
+    """A change of order 39 that saves nothing there, whatever the fits leave of other orders."""
+    data = observed(RIG, grid())
+    fits = [fitted(rig, data) for rig in (RIG, with_values(RIG, 1, amplitude_deg=0.0172))]
+    worse = replace(fits[0], residual=fits[0].residual + 20 * SIGMA * (data.orders == 1))
+    assert is_no_form_error(worse, fits[1])
+    assert not is_no_form_error(worse, fits[1], shows=data.orders == 39)
 
 
 def test_an_addition_that_the_whole_data_refuse_is_taken_back():

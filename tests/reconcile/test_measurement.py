@@ -104,14 +104,25 @@ def test_a_ramp_is_told_by_the_orders_that_stand_above_the_noise():
     assert "rises by 0.0222 deg" in str(asked.value)
 
 
-@pytest.mark.parametrize(("name", "sigma"), [("home_offset", 1e-3), ("direction", 1e-3), ("column_scale", 2e-4)])
+LOUD = [("home_offset", 1e-3), ("direction", 1e-3), ("column_scale", 2e-4), ("home_offset", 5e-3), ("direction", 5e-3)]
+LOUD += [("column_scale", 2e-3)]
+
+
+@pytest.mark.parametrize(("name", "sigma"), LOUD)
 def test_orders_that_are_noise_have_no_vote(name, sigma):
-    """In loud noise the largest orders alone tell a mistake: the others do not outvote them."""
+    """In loud noise the largest orders tell a mistake, and in the loudest all together: no order outvotes another."""
     data = measured(sigma)
     data = replace(data, spectral_deg=np.full(data.values.shape, sigma))
     with pytest.raises(InputError, match=f"--accept {name}") as asked:
         examine(MADE[name](data), RIG, PATH)
     assert "problems" not in str(asked.value), "one mistake is one question"
+
+
+def test_where_few_orders_tell_mistakes_are_said_not_to_be_told():
+    data = measured()
+    assert examine(data, RIG, PATH).untold == ()
+    (said,) = examine(replace(data, orders=ORDERS[:2], values=data.values[:, :2]), RIG, PATH).untold
+    assert "exchanged directions" in said and "a factor on one column" in said
 
 
 def test_wrong_labels_are_left_out_and_named():
@@ -140,7 +151,7 @@ def test_a_block_of_runs_with_a_factor_is_left_out():
 
 
 @pytest.mark.parametrize("gone", sorted({effect.name for effect in RIG.effects}))
-@pytest.mark.parametrize("sigma", [3e-5, 3e-4])
+@pytest.mark.parametrize("sigma", [3e-5, 3e-4, 5e-3])
 def test_a_missing_effect_is_no_mistake_of_measuring(gone, sigma):
     rig = RIG.with_effects(effect for effect in RIG.effects if effect.name != gone)
     assert examine(measured(sigma), rig, PATH).mistakes == ()

@@ -62,6 +62,14 @@ def test_what_is_off_only_where_the_model_lacks_something_is_no_bad_run():
     assert [row for row, _ in kept.suspects] == [99]
 
 
+def test_one_order_beside_those_that_the_model_lacks_is_no_bad_run():
+    """One direction of a run near a peak: what the model lacks there does not count among the orders that are off."""
+    data = residual(0, heavy=False)
+    data.values[60, [3, 4, 5]] += 3e-4
+    assert set(found(data)) == {60}
+    assert not found(data, structured=[40, 78])
+
+
 def test_one_direction_alone_needs_several_orders():
     data = residual(0, heavy=True, directions=(1.0,))
     data.values[10, 0] += 0.02

@@ -108,6 +108,18 @@ def test_more_than_the_noise_of_the_curves_is_said_even_without_a_pattern():
     assert one.rms_deg == pytest.approx(10 * SIGMA / np.sqrt(2), rel=0.05)
 
 
+def test_what_both_directions_of_a_run_have_is_no_noise():
+    """A body that follows the oil late: no pattern over the conditions, and a floor 20 times the noise hid it."""
+    at = grid()
+    pairs = np.unique(np.stack([at.speed_rpm, at.torque_Nm, at.temperature_C]), axis=1, return_inverse=True)[1].ravel()
+    runs = 20 * SIGMA * np.random.default_rng(7).standard_normal(pairs.max() + 1)
+    (one,) = found(at, {0: runs[pairs]}).values()
+    assert one.order == 0 and "what both directions of a run differ by" in one.text and "no pattern" in one.text
+    assert one.rms_deg == pytest.approx(runs.std(), rel=0.05)
+    alone = 20 * SIGMA * np.random.default_rng(7).standard_normal(len(at))
+    assert found(at, {0: alone}) == {}
+
+
 def curves(values, spectral, samples=0):
     """Signatures and floors of curves with this noise within each of them."""
     at = grid()

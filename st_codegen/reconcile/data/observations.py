@@ -83,6 +83,20 @@ class Observations:
         points = np.stack([self.at.speed_rpm, self.at.torque_Nm, self.at.temperature_C])
         return self.angle_rad is None and np.unique(points, axis=1).shape[1] < SETTINGS.least_contrasts
 
+    @cached_property
+    def runs(self) -> tuple[IntArray, ...]:
+        """The rows of each run, one or both directions of it: of one file, or of one place among those of a table."""
+        at = self.at
+        points = np.stack([at.speed_rpm, at.torque_Nm, at.temperature_C])
+        point = np.unique(points, axis=1, return_inverse=True)[1].ravel()
+        side = 2 * point + (at.sign > 0)
+        order = np.argsort(side, kind="stable")
+        place = np.empty(len(at), np.int64)
+        place[order] = np.arange(len(at)) - np.searchsorted(side[order], side[order])
+        kinds = (point, place) if self.run is None else (self.run, point)
+        number = np.unique(np.stack(kinds), axis=1, return_inverse=True)[1].ravel()
+        return tuple(np.flatnonzero(number == n) for n in range(number.max(initial=-1) + 1))
+
     def both_directions(self) -> bool:
         """Whether there are rows of both directions."""
         return bool((self.at.sign > 0).any() and (self.at.sign < 0).any())

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -39,11 +40,15 @@ class Mistake:
 
 @dataclass(frozen=True)
 class Examined:
-    """Data as they are compared with the rig: corrected, with the mistakes found, and rows that are left out."""
+    """Data as they are compared with the rig: corrected, with the mistakes found, and rows that are left out.
+
+    untold: what was not asked since noise hides the answer.
+    """
 
     data: Observations
     mistakes: tuple[Mistake, ...] = ()
     left_out: tuple[int, ...] = ()
+    untold: tuple[str, ...] = ()
 
 
 def examine(
@@ -62,7 +67,8 @@ def examine(
             found.append(mistake)
         if mistake.name == "unit" or (mistake.name not in accept and "all" not in accept):
             problems.add(mistake.text)
-    if scale is None and not _can_vote(data, _loud(data, rig)):
+    can_vote = _can_vote(data, _loud(data, rig))
+    if scale is None and not can_vote:
         with problems.collect():
             check_units(data, rig, path)
     runs = _of_runs(data, rig)
@@ -72,7 +78,8 @@ def examine(
             problems.add(f"{mistake.text} (they will be left out)")
     problems.raise_if_any()
     left_out = tuple(sorted({row for mistake in runs for row in mistake.rows}))
-    return Examined(data, (*found, *runs), left_out)
+    untold = (_UNTOLD,) if data.both_directions() and not can_vote else ()
+    return Examined(data, (*found, *runs), left_out, untold)
 
 
 # --- another ratio
@@ -122,7 +129,7 @@ def _ramp_of_gap(data: Observations, rig: RigModel) -> float:
 class _Sums:
     """Mean powers by direction and order: of what is measured, of the model, and their product; noise power.
 
-    least: the power of a gap that the mean of the runs tells.
+    least: the power of a gap that the mean of the runs tells; rows: how many there are of a direction, (2, 1).
     """
 
     measured: FloatArray
@@ -130,11 +137,19 @@ class _Sums:
     product: ComplexArray
     noise: FloatArray
     least: FloatArray
+    rows: FloatArray
     orders: IntArray
 
+    @property
+    def worth(self) -> FloatArray:
+        """What each order tells of a factor, (2, K): by its error, as long as that is larger than what is sought."""
+        error = self.noise / np.maximum(2 * self.rows * self.model, 1e-300)
+        found: FloatArray = 1 / (error + np.log(SETTINGS.column_factor) ** 2)
+        return found
+
     def gap(self, scale: FloatArray, turn: ComplexArray) -> FloatArray:
-        """What is left beyond noise with a factor a direction and a turn an order, (2, K)."""
-        return self.beyond_noise(self.measured + scale**2 * self.model - 2 * scale * (self.product * turn.conj()).real)
+        """The power that is left with a factor a direction and a turn an order, noise and all, (2, K)."""
+        return self.measured + scale**2 * self.model - 2 * scale * (self.product * turn.conj()).real
 
     def beyond_noise(self, left: FloatArray) -> FloatArray:
         """What of a power is more than noise; never less than the mean of many runs can tell."""
@@ -188,9 +203,9 @@ def _sums(data: Observations, rig: RigModel, loud: BoolArray, swapped: bool) -> 
     for _, sign in _ROWS:
         m, s, n = (part[at.sign == sign][:, loud] for part in (data.values, model, noise))
         powers = ((np.abs(m) ** 2).mean(axis=0), (np.abs(s) ** 2).mean(axis=0))
-        tables.append((*powers, (m * s.conj()).mean(axis=0), n.mean(axis=0), _least(n)))
-    measured, power, product, noise_power, least = (np.array(column) for column in zip(*tables, strict=True))
-    return _Sums(measured, power, product, noise_power, least, data.orders[loud])
+        tables.append((*powers, (m * s.conj()).mean(axis=0), n.mean(axis=0), _least(n), [len(n)]))
+    measured, power, product, noise_power, least, rows = (np.array(column) for column in zip(*tables, strict=True))
+    return _Sums(measured, power, product, noise_power, least, rows, data.orders[loud])
 
 
 @dataclass(frozen=True)
@@ -214,10 +229,7 @@ class _Common:
 
 def _best(sums: _Sums) -> _Common:
     """Sign, angle and factors that leave least, one vote an order however large it is."""
-    ratio = np.abs(sums.product) / np.maximum(sums.model, 1e-300)
-    factors = np.exp(np.median(np.log(np.maximum(ratio, 1e-12)), axis=1))[:, None]
-    # a factor so near to one may be the rig's own
-    factors = np.where(np.abs(np.log(factors)) < np.log(SETTINGS.column_factor), 1.0, factors)
+    factors = _factors(sums, np.abs(sums.product))
     grid = np.arange(0.0, 2 * np.pi, 2 * np.pi / (8 * max(int(sums.orders.max()), 1)))
     turns = np.exp(-1j * np.outer(grid, sums.orders))
     trials = []
@@ -230,7 +242,18 @@ def _best(sums: _Sums) -> _Common:
         place = 0 if scores[0] < scores[place] + 1e-6 else place
         trials.append((float(scores[place]), sign, float(grid[place])))
     _, sign, angle = min(trials, key=lambda trial: trial[0] + 1e-6 * (trial[1] < 0))
-    return _Common(sums, sign, angle, factors)
+    along = sign * (sums.product * np.exp(1j * angle * sums.orders)).real
+    return _Common(sums, sign, angle, _factors(sums, along))
+
+
+def _factors(sums: _Sums, product: FloatArray) -> FloatArray:
+    """The factor of each direction, (2, 1), of which a noisy order tells less."""
+    ratio = np.maximum(product / np.maximum(sums.model, 1e-300), 1e-12)
+    middle = partial(np.quantile, q=0.5, method="inverted_cdf")
+    factors = np.array([[middle(side, weights=worth)] for side, worth in zip(ratio, sums.worth, strict=True)])
+    # a factor so near to one may be the rig's own
+    found: FloatArray = np.where(np.abs(np.log(factors)) < np.log(SETTINGS.column_factor), 1.0, factors)
+    return found
 
 
 def _common(data: Observations, rig: RigModel, scale: float | None) -> list[Mistake]:
@@ -239,21 +262,23 @@ def _common(data: Observations, rig: RigModel, scale: float | None) -> list[Mist
     if not _can_vote(data, loud):
         return []
     same, other = (_best(_sums(data, rig, loud, swapped)) for swapped in (False, True))
-    least = same.sums.least
-    swapped = _better(same.gap, other.gap, least)
+    swapped = _wins(same.gap, other.gap, same.sums)
     found = other if swapped else same
     ones = np.ones((2, 1))
-    is_all = _better(same.left(ones, 0.0), found.gap, least)
+    is_all = _wins(same.left(ones, 0.0), found.gap, same.sums)
     mistakes = [Mistake("direction", _DIRECTION, _swapped)] if swapped and is_all else []
     offset = float(np.rad2deg(np.angle(np.exp(1j * found.angle))))
     turned = is_all and abs(offset) > SETTINGS.least_home_deg
-    if turned and _better(found.left(found.sign * found.factors, 0.0), found.gap, least):
+    if turned and _wins(found.left(found.sign * found.factors, 0.0), found.gap, found.sums):
         mistakes.append(Mistake("home_offset", _HOME.format(offset), _turned(found.angle)))
-    if is_all and found.sign < 0 and _better(found.left(found.factors, found.angle), found.gap, least):
+    if is_all and found.sign < 0 and _wins(found.left(found.factors, found.angle), found.gap, found.sums):
         mistakes.append(Mistake("sign", _SIGN, _times(-1.0, -1.0)))
     forward, backward = (float(x) for x in found.factors[:, 0])
     both = float(np.sqrt(forward * backward))
-    if abs(np.log(forward / backward)) > np.log(SETTINGS.column_factor) and _agree(found.sums):
+    alike = found.left(np.full((2, 1), found.sign * both), found.angle)
+    # two orders have the same factor by a mistake, hardly by two effects
+    differ = _agree(found.sums) or _wins(alike, found.gap, found.sums, effects=1)
+    if abs(np.log(forward / backward)) > np.log(SETTINGS.column_factor) and differ:
         louder = abs(np.log(forward)) > abs(np.log(backward))
         which, factor, both = ("forward", forward / backward, backward) if louder else (
             "backward", backward / forward, forward)  # fmt: skip
@@ -288,6 +313,23 @@ def _better(left: FloatArray, right: FloatArray, least: FloatArray) -> bool:
     return bool(enough and votes.max() > SETTINGS.vote and votes.min() > -SETTINGS.vote)
 
 
+def _wins(left: FloatArray, right: FloatArray, sums: _Sums, effects: int = 2) -> bool:
+    """Whether gaps with all noise in them are better on the right.
+
+    Where noise hides most orders they are asked together, but for the `effects` that gain most: so many may be missing.
+    """
+    before, after = sums.beyond_noise(left), sums.beyond_noise(right)
+    told = np.maximum(before, after) > 2.0 * sums.least
+    if 2 * told.sum() >= told.size:
+        return _better(before, after, sums.least)
+    saved = np.sort((sums.rows * (left - right) / sums.noise).sum(axis=0))
+    return bool(saved[:-effects].sum() > SETTINGS.order_gain)
+
+
+_UNTOLD = (
+    f"fewer than {SETTINGS.least_votes} orders of the rig stand above the noise in both directions: exchanged "
+    "directions, another sign, another zero of the angle, or a factor on one column cannot be told from an effect"
+)
 _DIRECTION = (
     "forward and backward seem to be exchanged: each direction of the data agrees with the other one of the rig; give "
     "--accept direction to swap them back"
@@ -341,28 +383,9 @@ def _of_runs(data: Observations, rig: RigModel) -> list[Mistake]:
     return [*blocks, *_labels(data, values, known, weight, rest)]
 
 
-def _runs(data: Observations) -> list[IntArray]:
-    """The rows of each run: both directions of one file, or of one row number in a table."""
-    number = data.run if data.run is not None else _by_point(data)
-    return [np.flatnonzero(number == n) for n in np.unique(number)]
-
-
-def _by_point(data: Observations) -> IntArray:
-    """Runs by their place among the rows of each direction, as tables and campaigns list them."""
-    at = data.at
-    found = np.zeros(len(at), np.int64)
-    points = np.stack([at.speed_rpm, at.torque_Nm, at.temperature_C])
-    _, group = np.unique(points, axis=1, return_inverse=True)
-    seen: dict[tuple[int, float], int] = {}
-    for row, (point, sign) in enumerate(zip(group.ravel().tolist(), at.sign.tolist(), strict=True)):
-        count = seen[point, sign] = seen.get((point, sign), -1) + 1
-        found[row] = point * len(at) + count
-    return found
-
-
 def _block(data: Observations, values: ComplexArray, known: ComplexArray, weight: FloatArray) -> list[Mistake]:
     factor = []
-    runs = _runs(data)
+    runs = data.runs
     for rows in runs:
         products = (values[rows] * known[rows].conj()).real / np.maximum(np.abs(known[rows]) ** 2, 1e-300)
         worth = weight[rows] * np.abs(known[rows]) ** 2
@@ -398,7 +421,7 @@ def _labels(
     limit = SETTINGS.label_loss * max(usual, 2.0 * values.shape[1])
     wrong: list[int] = []
     texts = []
-    runs = _runs(data)
+    runs = data.runs
     for rows in runs:
         if not rest[rows].all() or loss[rows].min() < limit:
             continue

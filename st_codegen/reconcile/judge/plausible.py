@@ -7,7 +7,7 @@ import itertools
 
 import numpy as np
 
-from st_codegen.ir.arrays import ComplexArray
+from st_codegen.ir.arrays import BoolArray, ComplexArray
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.judge.peaks import has_a_frequency
@@ -86,8 +86,9 @@ def is_its_own(current: Fit, piece: Piece, held: Fit) -> bool:
     assert piece.origin is not None
     propagation = current.propagation
     change = propagation.change(piece.effect) - propagation.change(piece.origin)
-    left = _left_of(current, propagation.measured(change, piece.effect.stage), 0.0)
-    return left <= SETTINGS.misfit and is_no_form_error(held, current)
+    seen = propagation.measured(change, piece.effect.stage)
+    shows = np.abs(seen).max(axis=0) > 0.0
+    return _left_of(current, seen, 0.0) <= SETTINGS.misfit and is_no_form_error(held, current, shows=shows)
 
 
 def _left_of(current: Fit, own: ComplexArray, least: float) -> float:
@@ -108,12 +109,16 @@ def followers(piece: Piece) -> list[str]:
     return [key for key, x in piece.effect.values.items() if key.endswith("_ratio") and x]
 
 
-def law_holds(fitted: Fit, number: int) -> bool:
+def law_holds(without: Fit, fitted: Fit, number: int) -> bool:
     """Whether a name that rests on its law alone leaves nothing beyond the noise; true for all others.
 
-    A wave beside a mesh order, without its twin on the other side, is a sideband only as far as it follows the mesh.
+    A wave beside a mesh order, without its twin on the other side, is a sideband only as far as it follows the mesh,
+    and where the mesh does not make that order itself. A resonance is one only where it explains more than a constant
+    wave of each of its orders and directions would.
     """
     piece, target = fitted.state.pieces[number], fitted.target
+    if has_a_frequency(piece.effect):
+        return _beats_constants(without, fitted, piece)
     if piece.effect.stage is not Stage.MODULATION:
         return True
     size = np.sqrt((np.abs(explained(fitted, piece)[target.good] / target.sigma[target.good]) ** 2).mean(axis=0))
@@ -121,13 +126,26 @@ def law_holds(fitted: Fit, number: int) -> bool:
     if own.sum() != 1:
         return bool(own.any())
     follows = not any(piece.effect.constant(order) for order in piece.effect.touched_orders())
-    return follows and not (own & is_lacking(target, fitted.residual)).any()
+    foreign = not np.isin(target.data.orders[own], piece.effect.constants.mesh_orders()).any()
+    return follows and foreign and not (own & is_lacking(target, fitted.residual)).any()
 
 
-def is_no_form_error(without: Fit, with_it: Fit, number: int | None = None) -> bool:
+def _beats_constants(without: Fit, fitted: Fit, piece: Piece) -> bool:
+    """Whether a resonance saves clearly more than constant waves of its orders do."""
+    target, own = fitted.target, np.isin(fitted.target.data.orders, piece.effect.orders)
+    constant, weights = without.residual.copy(), target.weights(without.residual)
+    for sign in np.unique(target.data.at.sign):
+        rows = target.data.at.sign == sign
+        total = np.maximum(weights[rows].sum(axis=0), 1e-300)
+        constant[rows] -= (weights[rows] * without.residual[rows]).sum(axis=0) / total
+    return bool((target.losses(constant) - target.losses(fitted.residual))[:, own].sum() > SETTINGS.order_gain)
+
+
+def is_no_form_error(without: Fit, with_it: Fit, number: int | None = None, shows: BoolArray | None = None) -> bool:
     """Whether a change of the fit saves loss beyond what the forms of other added effects may lack.
 
-    number: the addition that is judged, if it is one. In each run a form may be off by a share of what the other added
+    number: the addition that is judged, if it is one; shows: the orders that a change shows on, bool (K,): what others
+    lose elsewhere for want of it is theirs. In each run a form may be off by a share of what the other added
     effects contribute there: so much of what is left counts for nothing.
     """
     target = with_it.target
@@ -137,8 +155,8 @@ def is_no_form_error(without: Fit, with_it: Fit, number: int | None = None) -> b
     others = [piece for i, piece in enumerate(with_it.state.pieces) if piece.added and i != number]
     slack = SETTINGS.form * np.abs(sum((explained(with_it, one) for one in others), np.zeros_like(with_it.residual)))
     left = [np.maximum(np.abs(one.residual) - slack, 0.0).astype(np.complex128) for one in (without, with_it)]
-    saved = float((target.losses(left[0]) - target.losses(left[1])).sum())
-    return saved > SETTINGS.order_gain
+    saved = (target.losses(left[0]) - target.losses(left[1])).sum(axis=0)
+    return float(saved.sum(where=True if shows is None else shows)) > SETTINGS.order_gain
 
 
 def at_nobodys_expense(without: Fit, with_it: Fit) -> bool:

@@ -119,7 +119,7 @@ def founded(without: Fit, with_it: Fit, number: int, places: list[int]) -> tuple
     own = explained(with_it, piece) - (explained(with_it, without.state.pieces[number]) if grown else 0.0)
     at_one_angle = bool(piece.effect.least_foreign)
     sound = sound and (is_of_its_place(with_it, number) if at_one_angle else stands_out(with_it, own))
-    return evidence, evidence.passed and sound and law_holds(with_it, number)
+    return evidence, evidence.passed and sound and law_holds(without, with_it, number)
 
 
 def _tried(current: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:

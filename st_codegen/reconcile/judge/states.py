@@ -74,8 +74,8 @@ def _split(current: Fit, number: int) -> Fit | None:
     edge = best.piece.effect.scalar(side)
     rest = piece.effect.with_values(dict(piece.effect.values) | {_SIDES[side == _SIDES[0]]: edge})
     state = current.state.replaced(number, replace(piece, effect=rest)).with_piece(best.piece)
-    found = fit(current.target, state, steps=SETTINGS.long_steps)
     new = len(state.pieces) - 1
+    found = _at_its_edge(fit(current.target, state, steps=SETTINGS.long_steps), (number, new))
     if _moving(current, number, found, (number, new)).loss < found.loss + SETTINGS.as_good:
         return None
     place = found.state.slices()[new]
@@ -83,6 +83,22 @@ def _split(current: Fit, number: int) -> Fit | None:
     both = [found.state.pieces[i] for i in (number, new)]
     sound = all(is_a_peak(one) and not bounds_met(one) for one in both) and at_nobodys_expense(current, found)
     return found if evidence.passed and sound else None
+
+
+def _at_its_edge(split: Fit, two: tuple[int, int]) -> Fit:
+    """The fit of two states with the temperature between them moved to where both leave least."""
+    target = split.target
+    trials = [split]
+    for edge in _edges(target.data.at.temperature_C[target.good]):
+        state = split.state
+        for i in two:
+            effect = state.pieces[i].effect
+            values = dict(effect.values) | {key: edge for key in _SIDES if key in effect.values}
+            state = state.replaced(i, replace(state.pieces[i], effect=effect.with_values(values)))
+        residual = target.residual(state.model())
+        trials.append(replace(split, state=state, residual=residual, loss=float(target.losses(residual).sum())))
+    best = min(trials, key=lambda trial: trial.loss)
+    return split if best is split else _at_its_edge(fit(target, best.state, steps=SETTINGS.long_steps), two)
 
 
 def _moving(current: Fit, number: int, split: Fit, two: tuple[int, int]) -> Fit:

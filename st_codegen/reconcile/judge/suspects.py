@@ -30,7 +30,7 @@ def bad_runs(data: Observations, residual: ComplexArray, sigma: FloatArray, stru
     size = np.where(_like_neighbours(data, residual), 0.0, size)
     deviation = residual / sigma
     found: dict[int, float] = {}
-    for rows in _runs(data):
+    for rows in data.runs:
         off = {row: _told(size[row], structured) for row in rows}
         pair = size[rows].min(axis=0)
         is_pair = len({data.at.sign[row] for row in rows}) == 2
@@ -38,10 +38,10 @@ def bad_runs(data: Observations, residual: ComplexArray, sigma: FloatArray, stru
         again = [row for row in rows if repeats(data.at, deviation, row)]
         if both > SETTINGS.off:
             # the run is bad as a whole, unless each direction shows what others show as well
-            found |= dict.fromkeys(rows if len(again) < len(rows) else [], both)
+            found |= dict.fromkeys(map(int, rows) if len(again) < len(rows) else [], both)
         else:
             # one direction by itself must be off in several orders
-            found |= {row: score for row, score in off.items() if score > SETTINGS.off and row not in again}
+            found |= {int(row): score for row, score in off.items() if score > SETTINGS.off and row not in again}
     return found if len(found) <= SETTINGS.most_suspects * len(data) else {}
 
 
@@ -52,9 +52,9 @@ def _alone(size: FloatArray) -> float:
 
 
 def _told(size: FloatArray, structured: BoolArray) -> float:
-    """How far off several orders of a row are; 0 where these are but the few in which the model lacks something."""
+    """How far off several orders of a row are, not counting the few in which the model lacks something."""
     few = 2 * structured.sum() < len(structured)
-    return 0.0 if few and _largest(size, structured) <= SETTINGS.off else _alone(size)
+    return _alone(size[~structured] if few else size)
 
 
 def _largest(size: FloatArray, structured: BoolArray) -> float:
@@ -76,19 +76,6 @@ def without_structure(data: Observations, residual: ComplexArray, noise: Noise, 
     good = noise.good.copy()
     good[right] = True
     return replace(noise, good=good, suspects=tuple(entry for entry in noise.suspects if entry[0] not in right))
-
-
-def _runs(data: Observations) -> list[list[int]]:
-    """Rows of the same operating point: a run's two directions."""
-    at = data.at
-    groups: dict[tuple[float, ...], list[int]] = {}
-    for row, point in enumerate(zip(at.speed_rpm, at.torque_Nm, at.temperature_C, strict=True)):
-        groups.setdefault(tuple(map(float, point)), []).append(row)
-    found = []
-    for rows in groups.values():
-        # a point that was measured twice is no pair of directions
-        found += [rows] if len(rows) == len({at.sign[row] for row in rows}) else [[row] for row in rows]
-    return found
 
 
 def _scaled(data: Observations, residual: ComplexArray, sigma: FloatArray) -> FloatArray:

@@ -187,7 +187,7 @@ def floors(target: FitData, residual: ComplexArray, of_contrasts: FloatArray) ->
         walking = own * _wandering(target, _times_spectral(target, residual))
         return np.where(lasts | (of_an_encoder(data) > 0), found, np.where(data.orders > 0, walking, own))
     left = is_lacking(target, residual)
-    return np.where(left, np.minimum(found, own), found)
+    return np.where(left, np.minimum(np.minimum(found, own), _by_directions(target, residual)[1]), found)
 
 
 def _within(target: FitData) -> FloatArray:
@@ -208,11 +208,38 @@ def _within(target: FitData) -> FloatArray:
 
 
 def scatter(target: FitData, residual: ComplexArray) -> IntArray:
-    """Columns of orders whose residual is larger than the noise can be, whatever its pattern."""
+    """Columns of orders whose residual is larger than the noise can be, or alike in both directions of the runs."""
     if not target.good.any():
         return np.zeros(0, np.int64)
-    found: IntArray = np.flatnonzero(_times_spectral(target, residual) > _beyond(target, residual))
+    loud = _times_spectral(target, residual) > _beyond(target, residual)
+    found: IntArray = np.flatnonzero(loud | _by_directions(target, residual)[0])
     return found
+
+
+def _by_directions(target: FitData, residual: ComplexArray) -> tuple[BoolArray, FloatArray]:
+    """Whether both directions of runs are more alike than noise makes them, and the noise by what they differ, (K,).
+
+    What a run has in both directions is no noise of the measurement, whatever its pattern over the conditions.
+    """
+    data, good = target.data, target.good
+    pairs = np.array([rows for rows in data.runs if len(rows) == 2 and good[rows].all()], np.int64).reshape(-1, 2)
+    if data.angle_rad is not None or len(pairs) < SETTINGS.least_contrasts:
+        return np.zeros(len(data.orders), bool), np.full(len(data.orders), np.inf)
+    parts = np.where(data.orders == 0, 1, 2)
+    r = np.where(data.orders == 0, residual.real, residual)
+    differ = np.sqrt((np.abs(r[pairs[:, 0]] - r[pairs[:, 1]]) ** 2).mean(axis=0) / (2 * parts))
+    # the mean differs from run to run as the rig says
+    known = np.where(data.orders == 0, target.run_offset_deg, 0.0) / target.sigma
+    z = r / target.sigma
+    z *= np.minimum(1.0, SETTINGS.cut / np.maximum(np.abs(z), 1e-300))
+    first, second = z[pairs[:, 0]], z[pairs[:, 1]]
+    alike = (first * second.conj()).real - known[pairs[:, 0]] * known[pairs[:, 1]]
+    sizes = np.sqrt((np.abs(first) ** 2).mean(axis=0) * (np.abs(second) ** 2).mean(axis=0))
+    # Fisher's transform of a correlation is normal
+    correlation = np.clip(alike.mean(axis=0) / np.maximum(sizes, 1e-300), 1e-9 - 1.0, 1.0 - 1e-9)
+    p = normal_tail(np.arctanh(correlation) * np.sqrt(parts * len(pairs)))
+    large = alike.mean(axis=0) > SETTINGS.least_excess * parts
+    return false_discoveries(p, SETTINGS.discovery_rate) & large, differ
 
 
 def _times_spectral(target: FitData, residual: ComplexArray) -> FloatArray:
@@ -289,8 +316,10 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
     order = int(target.data.orders[k])
     # RMS over the angle: of a wave half the square of its amplitude, of the mean its square
     power = float((np.abs(residual[target.good, k]) ** 2).mean()) / (2 if order else 1)
-    own = float(_within(target)[k] ** 2)
+    own, differ = float(_within(target)[k] ** 2), float(_by_directions(target, residual)[1][k] ** 2)
     what = "what orders beside it differ by" if target.data.spectral_deg is None else "the noise within the curves"
+    if differ < own:
+        own, what = differ, "what both directions of a run differ by"
     text = (
         f"{f'order {order}' if order else 'the mean'}: {np.sqrt(power):.2g} deg RMS, {np.sqrt(power / own):.1f} times "
         f"{what}, with no pattern over the conditions: runs differ, or the structure is sharp; repeat some runs"
