@@ -44,13 +44,17 @@ MODELS += (
     "xgboost_gbtree.json",
     "xgboost_missing.ubj",
 )
-#: The ways in which the texts are laid out, and the target of each.
+#: Models of one small tree, which may be nested IFs.
+SMALL = ("decision_tree.skops", "extra_tree.skops")
+#: The ways in which the texts are laid out, the target of each, and the models that have no other way there.
 LAYOUTS = {
-    "table": ("iec", Options()),
-    "ranks": ("iec", Options(layout=Layout.RANKED)),
-    "trees": ("iec", Options(layout=Layout.TREES)),
-    "table in a project": ("twincat", Options()),
-    "trees in a project": ("twincat", Options(layout=Layout.TREES)),
+    "table": ("iec", Options(), MODELS),
+    "ranks": ("iec", Options(layout=Layout.RANKED), MODELS),
+    "trees": ("iec", Options(layout=Layout.TREES), MODELS),
+    "nested IFs": ("iec", Options(layout=Layout.IFS), SMALL),
+    "table in a project": ("twincat", Options(), MODELS),
+    "trees in a project": ("twincat", Options(layout=Layout.TREES), MODELS),
+    "nested IFs in a project": ("twincat", Options(layout=Layout.IFS), SMALL),
 }
 
 
@@ -80,10 +84,14 @@ def _table(names, change):
     return _one(rf"((?:{names})\w* : ARRAY[^=]*:= \[)([^\]]*)", mutate)
 
 
+def _moved(number, chance):
+    """The text of a number beside another."""
+    return repr(float(np.nextafter(float(number), chance.choice([-np.inf, np.inf])))).replace("e", "E")
+
+
 def _ulp(text, numbers, chance):
     number = chance.choice(numbers)
-    moved = float(np.nextafter(float(number[0]), chance.choice([-np.inf, np.inf])))
-    return text[: number.start()] + repr(moved).replace("e", "E") + text[number.end() :]
+    return text[: number.start()] + _moved(number[0], chance) + text[number.end() :]
 
 
 def _swapped(text, numbers, chance):
@@ -111,13 +119,23 @@ def _by_one(match, chance):
     return f"{match[1]}{int(match[2]) + chance.choice([-1, 1])}{match[3]}"
 
 
-_OTHER = {"<=": "<", "<": "<=", ">": ">="}
+_OTHER = {"<=": "<", "<": "<=", ">": ">=", "AND NOT": "OR", "OR": "AND NOT"}
+#: The comparison of an input with a number at the head of an IF.
+_TEST = r"(IF aInput\[\d+\] )([<>]=? )"
 
 MUTATIONS = {
     "threshold by one ulp": _table("EDGE|THRESHOLD|VALUE", _ulp),
+    "number in an IF by one ulp": _one(_TEST + r"(-?\d[\d.E+-]*)", lambda m, c: m[1] + m[2] + _moved(m[3], c)),
+    "< for <= in an IF": _one(_TEST + r"(-?\d)", lambda m, c: m[1] + _OTHER[m[2].strip()] + " " + m[3]),
+    "another input in an IF": _one(r"(IF aInput\[)(\d+)(\] [<>])", _by_one),
+    "another leaf of an IF": _one(r"(nLeaf := )(\d+)(;)", _by_one),
+    "exchanged branches": _one(r"(nLeaf := )(\d+)(;\s*ELSE\s*nLeaf := )(\d+)", lambda m, c: m[1] + m[4] + m[3] + m[2]),
+    "other flag of NaN in an IF": _one(r"(AND NOT|OR)( abMissing)", lambda m, c: _OTHER[m[1]] + m[2]),
+    "no flag of NaN in an IF": _one(r" (?:AND NOT|OR) abMissing\[\d+\]", lambda m, c: ""),
+    "missing branch": _one(r"\n *nLeaf := \d+;", lambda m, c: ""),
     "leaf by one ulp": _table("LEAF|CELL", _ulp),
     "< for <=": _one(r"(IF \S+ |\] )(<=|<|>)( [A-Z]\w*\[| nKey)", lambda m, c: m[1] + _OTHER[m[2]] + m[3]),
-    "swapped leaves": _table("LEAF_2 |LEAF_1 |CELL", _swapped),
+    "swapped leaves": _table("LEAF|CELL", _swapped),
     "exchanged children": _table("NODE|RIGHT|JUMP|SPLIT", _swapped),
     "missing tree": _one(r"\n[^\n]*:= [^\n]*aStep\d\[0\] \+ fX[^\n]*;", lambda m, c: ""),
     "missing last tree": _one(r"(FOR nTree := \d+ TO )(\d+)( )", lambda m, c: f"{m[1]}{int(m[2]) - 1}{m[3]}"),
@@ -141,11 +159,13 @@ def mutated(text, chance):
             return name, changed
 
 
-def prepared(folder, names=MODELS, layouts=tuple(LAYOUTS)):
+def prepared(folder, names, layouts=tuple(LAYOUTS)):
     """Generated texts of all models in all layouts: (model, folder of the model, folder of the target, text)."""
     cases = []
     for layout, name in product(layouts, names):
-        target, options = LAYOUTS[layout]
+        target, options, taken = LAYOUTS[layout]
+        if name not in taken:
+            continue
         models = folder / "models" / Path(name).stem
         models.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / "golden" / "lone" / "models" / name, models)
@@ -213,7 +233,7 @@ def shown(done, total, what, start):
         print(f"{what}: {done:,} of {total:,}, {time.monotonic() - start:.0f} s", file=sys.stderr, flush=True)
 
 
-def texts(count, seed=0, names=MODELS, layouts=tuple(LAYOUTS)):
+def texts(count, seed=0, names=(*MODELS, SMALL[1]), layouts=tuple(LAYOUTS)):
     """Change texts; the number of each kind and verdict, and what was accepted wrongly."""
     chance, counts, wrong, start = random.Random(seed), Counter(), [], time.monotonic()
     with tempfile.TemporaryDirectory() as folder:

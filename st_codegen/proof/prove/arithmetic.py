@@ -9,7 +9,7 @@ that the model refuses.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -159,15 +159,43 @@ def _executed(terms: Terms, project: Project, block: str, intervals: list[Interv
     inputs = unit.section(t.Section.INPUT)
     if len(inputs) != len(intervals):
         raise NotProvedError("the block has another number of inputs than the model has features")
+    run, given = _run(terms, project, block, intervals, set())
+    outputs = [run.held[_PATH, variable] for variable in _outputs(project, block)]
+    read = {term.arguments[0] for term in parts_of(outputs) if term.operation == "leaf"}  # type: ignore[arg-type]
+    if not read.isdisjoint(_unchanged(run)):
+        # only what no call changes, with whatever inputs, is as it was initially
+        everything, _ = _run(Terms(), project, block, [WHOLE] * len(inputs), set())
+        run, given = _run(terms, project, block, intervals, set(_unchanged(everything)))
+    return run, given
+
+
+def _run(
+    terms: Terms, project: Project, block: str, intervals: list[Interval], initial: set[object]
+) -> tuple[Symbolic, list[Term]]:
+    """Execute a block; the variables (and places in arrays) named in `initial` have their initial values."""
+
+    def before(path: Path, variable: t.Variable, place: int) -> Interval:
+        given = variable.initial[place] if isinstance(variable.initial, np.ndarray) else variable.initial
+        if (*path, variable.key, place) in initial and isinstance(given, bool | int | float | np.generic):
+            return float(given), float(given), math.isnan(given)
+        return _before(path, variable, place)
+
+    inputs = project.pous[block.upper()].section(t.Section.INPUT)
     run = Symbolic(project, terms)
-    run.declare(_PATH, block, _before)
-    given = []
-    for variable, interval in zip(inputs, intervals, strict=True):
-        leaf = terms.leaf(("input", variable.key), "real", interval)
-        run.held[_PATH, variable] = leaf
-        given.append(leaf)
+    run.declare(_PATH, block, before)
+    given = [terms.leaf(("input", v.key), "real", ends) for v, ends in zip(inputs, intervals, strict=True)]
+    run.held |= {(_PATH, variable): leaf for variable, leaf in zip(inputs, given, strict=True)}
     run.run(_PATH, block)
     return run, given
+
+
+def _unchanged(run: Symbolic) -> Iterator[object]:
+    """The names of local variables, and places in arrays, that the call left as they were, whatever they were."""
+    for (path, variable), value in run.held.items():
+        if variable.section is t.Section.VAR:
+            for place, item in enumerate(value if isinstance(value, tuple) else (value,)):
+                if isinstance(item, Term) and item.arguments == ((*path, variable.key, place),):
+                    yield item.arguments[0]
 
 
 def _before(path: Path, variable: t.Variable, place: int) -> Interval:

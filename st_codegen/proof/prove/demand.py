@@ -7,8 +7,11 @@ far each may lie from the function. Sums are added in the order of the model's n
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from functools import singledispatchmethod
+
+import numpy as np
 
 from st_codegen.ir import (
     Activation,
@@ -20,6 +23,7 @@ from st_codegen.ir import (
     Exceeds,
     FactoredKernel,
     FillMissing,
+    FloatArray,
     Function,
     Kernel,
     KernelSum,
@@ -29,15 +33,17 @@ from st_codegen.ir import (
     Normalize,
     Operation,
     Operator,
+    Piecewise,
     Precision,
     Round,
     Scale,
+    Scan,
     Select,
     SlidingLinear,
     Softmax,
     SummationOrder,
 )
-from st_codegen.ir.base import Elementwise
+from st_codegen.ir.base import COS_REACH, Elementwise
 from st_codegen.proof.prove.axis import NotProvedError
 from st_codegen.proof.prove.inputs import InputTerms
 from st_codegen.proof.prove.terms import Term, Terms, Value
@@ -249,6 +255,69 @@ class Demand:
         return result
 
     @value.register
+    def _(self, op: Piecewise, given: list[list[Value]]) -> list[Value]:
+        result = []
+        for column, x in enumerate(given[0]):
+            missing = self.missing[op.inputs[0]][column] if op.missing is not None else False
+
+            def below(piece: int, column: int = column, x: Value = x, missing: Value = missing) -> Value:
+                fill = 0.0 if op.missing is None else float(np.nan_to_num(op.missing[column]))
+                return self.terms.where(missing, lambda: fill, lambda: self._piece(op, column, piece, x))
+
+            first, last = op.start[column : column + 2].tolist()
+            result.append(self._among(op.knots, first, last, x, below))
+            if op.refuses:
+
+                def taken(piece: int, column: int = column, x: Value = x, missing: Value = missing) -> Value:
+                    return self.terms.where(missing, lambda: self.valid, lambda: self._answers(op, column, piece, x))
+
+                self.valid = self._among(op.knots, first, last, x, taken)
+        return result
+
+    def _among(self, knots: FloatArray, low: int, high: int, x: Value, then: Callable[[int], Value]) -> Value:
+        """What `then` gives for the first of rising knots `low` .. `high` - 1 that does not lie below x."""
+        if low == high:
+            return then(low)
+        middle = (low + high) // 2
+        return self._either(
+            "LT",
+            float(knots[middle]),
+            x,
+            lambda: self._among(knots, middle + 1, high, x, then),
+            lambda: self._among(knots, low, middle, x, then),
+        )
+
+    def _on(self, op: Piecewise, column: int, knot: int, x: Value) -> Value:
+        """Whether x is a knot of a column, where that is the first one that does not lie below x."""
+        return knot < op.start[column + 1] and self.terms.compare("LE", float(op.knots[knot]), x)
+
+    def _answers(self, op: Piecewise, column: int, knot: int, x: Value) -> Value:
+        sides = [
+            (lambda: self.valid) if math.isfinite(number) else (lambda: False)
+            for number in (np.append(op.at, 0.0)[knot], op.pieces[knot + column, 0])
+        ]
+        return self.terms.where(self._on(op, column, knot, x), *sides)
+
+    def _piece(self, op: Piecewise, column: int, knot: int, x: Value) -> Value:
+        """The number of a knot where x is that, else the polynomial of the piece below it."""
+        real = self.terms.real
+        first, last = op.start[column : column + 2].tolist()
+        pieces = op.without_refusals().pieces[knot + column, ::-1].tolist()
+
+        def polynomial() -> Value:
+            if op.degree == 0:
+                return float(pieces[0])
+            inside = real("min", real("max", x, float(op.knots[first])), float(op.knots[last - 1]))
+            apart = real("sub", inside, float(op.knots[max(knot - 1, first)]))
+            total: Value = pieces[0]
+            for coefficient in pieces[1:]:
+                total = real("add", real("mul", total, apart), coefficient)
+            return total
+
+        number = float(np.append(op.without_refusals().at, 0.0)[knot])
+        return self.terms.where(self._on(op, column, knot, x), lambda: number, polynomial)
+
+    @value.register
     def _(self, op: Linear, given: list[list[Value]]) -> list[Value]:
         single = op.order is SummationOrder.SEQUENTIAL and op.precision is Precision.FLOAT32
         result = []
@@ -260,6 +329,21 @@ class Demand:
                 total = self.terms.real("add", total, product)
                 total = self.terms.real("single", total) if single else total
             result.append(total if single else self._rounded(total, op.precision))
+        return result
+
+    @value.register
+    def _(self, op: Scan, given: list[list[Value]]) -> list[Value]:
+        columns = [column for value in given for column in value]
+        state: list[Value] = list(op.initial.tolist())
+        result: list[Value] = []
+        for start in op.starts.tolist():
+            values = [columns[start : start + op.columns] + state]
+            for step in op.body:
+                if isinstance(step, FillMissing | Piecewise):  # these read flags, which a round has none of
+                    raise NotProvedError(f"{type(step).__name__} in a recurrent layer is not followed")
+                values.append(self.value(step, [values[value] for value in step.inputs]))
+            state = values[-1]
+            result += state
         return result
 
     @value.register
@@ -295,22 +379,44 @@ class Demand:
             Function.ABS: lambda: real("abs", x),
             Function.SOFTSIGN: lambda: real("div", x, real("add", 1.0, real("abs", x))),
         }
-        refusing: dict[Function, tuple[str, float, Callable[[], Value]]] = {
-            Function.LOG1P: ("LE", -1.0, lambda: self._log1p(x)),
-            Function.SQRT: ("LT", 0.0, lambda: real("sqrt", x)),
-            Function.LOG: ("LE", 0.0, lambda: real("ln", x)),
-            Function.EXP: ("GT", op.limit, lambda: self._exp(x)),
-            Function.EXPM1: ("GT", op.limit, lambda: self._expm1(x)),
+        size = real("abs", x)
+        refusing: dict[Function, tuple[str, Value, float, Callable[[], Value]]] = {
+            Function.LOG1P: ("LE", x, -1.0, lambda: self._log1p(x)),
+            Function.SQRT: ("LT", x, 0.0, lambda: real("sqrt", x)),
+            Function.LOG: ("LE", x, 0.0, lambda: real("ln", x)),
+            Function.EXP: ("GT", x, op.limit, lambda: self._exp(x)),
+            Function.EXPM1: ("GT", x, op.limit, lambda: self._expm1(x)),
+            Function.SIN: ("GT", size, COS_REACH, lambda: real("sin", x)),
+            Function.COS: ("GT", size, COS_REACH, lambda: real("cos", x)),
         }
+        if op.function is Function.POWER:
+            return self._power(op, x)
         if op.function in everywhere:
             return everywhere[op.function]()
         if op.function not in refusing:
             raise NotProvedError(f"the function {op.function.value} is not followed")
-        operator, end, formula = refusing[op.function]
+        operator, number, end, formula = refusing[op.function]
         if not math.isfinite(end):
             return formula()
-        self._refuse(operator, x, end)
-        return self._either(operator, x, end, lambda: 0.0, formula)
+        refused = self.terms.compare(operator, number, end)
+        self.valid = self.terms.choice(refused, False, self.valid)
+        return self.terms.where(refused, lambda: 0.0, formula)
+
+    def _power(self, op: Activation, x: Value) -> Value:
+        """exp(exponent * log(|x|)) with the sign of x where the exponent is odd; 0.0 of 0.0."""
+        terms, size = self.terms, self.terms.real("abs", x)
+        refused = terms.compare("GT" if op.parameter > 0 else "LT", size, min(op.furthest, sys.float_info.max))
+        if op.parameter % 1:
+            refused = terms.either(terms.compare("LT", x, 0.0), refused)
+
+        def power() -> Value:
+            y = self._exp(terms.real("mul", op.parameter, terms.real("ln", size)))
+            if op.parameter % 2 != 1:
+                return y
+            return self._either("LT", x, 0.0, lambda: terms.real("neg", y), lambda: y)
+
+        self.valid = terms.choice(refused, False, self.valid)
+        return terms.where(refused, lambda: 0.0, lambda: self._either("GT", size, 0.0, power, lambda: 0.0))
 
     def _exp(self, x: Value, precision: Precision = Precision.FLOAT64) -> Value:
         return self._either("GT", x, -_REACH, lambda: self._rounded(self.terms.real("exp", x), precision), lambda: 0.0)

@@ -41,6 +41,17 @@ Key = tuple[Path, t.Variable]
 #: Gives the outputs of a block that is not executed, for the instance at a path.
 Summary = Callable[["Symbolic", Path], None]
 
+#: More cases of one statement than this, and more conditions of one case, are given up.
+_MOST_CASES, _MOST_SPLITS = 10_000, 64
+
+
+class OpenCaseError(Exception):
+    """A statement needs an integer that is one number where a condition holds and another one where it does not."""
+
+    def __init__(self, condition: Value) -> None:
+        super().__init__("an integer that differs by a condition")
+        self.condition = condition
+
 
 class Symbolic:
     """The variables of an instance and of all in it, before, during and after a call."""
@@ -49,7 +60,7 @@ class Symbolic:
         self.project, self.terms = project, terms
         self.summaries = summaries or {}
         self.held: dict[Key, Held] = {}
-        self.calls = 0
+        self.calls = self.cases = self.splits = 0
 
     # --- instances --------------------------------------------------------------------------------------------------
 
@@ -97,12 +108,26 @@ class Symbolic:
         self.block(path, self.project.pous[block.upper()].body)
 
     def block(self, path: Path, statements: Sequence[t.Statement]) -> None:
-        """Execute statements."""
+        """Execute statements; one that needs an integer which differs by a condition, once for each case of that."""
         for statement in statements:
+            before = dict(self.held)
             try:
                 self._statement(path, statement)
+            except OpenCaseError as case:
+                self.held = before
+                self._by_case(path, statement, case.condition)
             except NotProvedError as error:
                 raise error.at(statement.position) from None
+
+    def _by_case(self, path: Path, statement: t.Statement, condition: Value) -> None:
+        """Execute a statement where a condition holds and where it does not; it is split again where it needs that."""
+        self.cases = self.cases + 1 if self.splits else 1
+        if self.cases > _MOST_CASES or self.splits > _MOST_SPLITS:
+            raise NotProvedError("an integer that differs in too many cases").at(statement.position)
+        self.splits += 1
+        sides = [lambda: self.block(path, (statement,))] * 2
+        self._branch(condition, *sides)
+        self.splits -= 1
 
     def _statement(self, path: Path, statement: t.Statement) -> None:
         if isinstance(statement, t.Assign):
@@ -277,7 +302,7 @@ class Symbolic:
 
     def _place(self, path: Path, element: t.ElementRef) -> int:
         kind = element.base.type
-        index = self._number(path, element.indices[0])
+        index = self._settled(self._number(path, element.indices[0]), needed=True)
         if not isinstance(kind, ArrayType) or len(element.indices) != 1 or not isinstance(index, int):
             raise NotProvedError("an element whose place depends on the inputs")
         return index - kind.bounds[0][0]
@@ -355,7 +380,27 @@ class Symbolic:
             return self.terms.both(one, other) if expression.operator == "AND" else self.terms.either(one, other)
         return self._whole(expression.operator, one, other, expression.type)
 
+    def _settled(self, value: Value, *, needed: bool = False) -> Value:
+        """An integer as what is known here makes it; OpenCaseError where it is `needed` and differs by a condition."""
+        if not isinstance(value, Term) or value.kind != "int":
+            return value
+        if value.operation == "if":
+            truth = self.terms.truth(value.arguments[0])  # type: ignore[arg-type]
+            if truth is not None:
+                return self._settled(value.arguments[1 if truth else 2], needed=needed)  # type: ignore[arg-type]
+            if needed and _between_numbers(value.arguments[0]):
+                raise NotProvedError("an element whose place is a choice between computed numbers")
+            if needed:
+                raise OpenCaseError(value.arguments[0])  # type: ignore[arg-type]
+        elif needed:
+            for argument in value.arguments:
+                self._settled(argument, needed=True)  # type: ignore[arg-type]
+        return value
+
     def _whole(self, operator: str, one: Value, other: Value, kind: Type) -> Value:
+        one, other = (self._settled(side, needed=operator == "DIV") for side in (one, other))
+        if operator == "DIV" and isinstance(one, int) and isinstance(other, int) and one >= 0 and other > 0:
+            return one // other
         if operator not in _INTEGER or not isinstance(kind, Elementary):
             raise NotProvedError(f"{operator} of integers")
         return self.terms.integer(_INTEGER[operator], one, other, low=kind.lower, high=kind.upper)
@@ -367,7 +412,10 @@ class Symbolic:
         for value in (one, other):
             if not isinstance(value, bool | int | float | Term):
                 raise NotProvedError("a comparison of what is no number")
-        return self.terms.compare(expression.operator, one, other)  # type: ignore[arg-type]
+        one, other = self._settled(one), self._settled(other)  # type: ignore[arg-type]
+        for side in (one, other) if _is_choice(one) and _is_choice(other) else ():
+            self._settled(side, needed=True)
+        return self.terms.compare(expression.operator, one, other)
 
     def _converted(self, path: Path, expression: t.Conversion) -> Held:
         value, source, target = self._value(path, expression.operand), expression.operand.type, expression.type
@@ -443,6 +491,19 @@ def _leaves(statements: Sequence[t.Statement]) -> bool:
         )
         for statement in statements
     )
+
+
+def _between_numbers(condition: object) -> bool:
+    """Whether a condition compares two computed numbers: the cases of several such conditions are too many."""
+    if not isinstance(condition, Term) or condition.kind != "bool":
+        return False
+    operands = [isinstance(argument, Term) and argument.kind == "real" for argument in condition.arguments]
+    return operands == [True, True] or any(map(_between_numbers, condition.arguments))
+
+
+def _is_choice(value: Value) -> bool:
+    """Whether an integer differs by a condition."""
+    return isinstance(value, Term) and value.kind == "int" and value.operation == "if"
 
 
 def _read(value: Held) -> Held:
