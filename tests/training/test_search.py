@@ -4,6 +4,9 @@ import os
 import signal
 import subprocess
 import sys
+import time
+from collections import deque
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +14,7 @@ import pytest
 from st_codegen.errors import InputError
 from st_codegen.training.cost import worst_case_us
 from st_codegen.training.families import FAMILIES, Learner, candidates, family_named
-from st_codegen.training.search import Backend, FitTask, fold_numbers, run_task, run_tasks
+from st_codegen.training.search import Backend, FitTask, fold_numbers, run_task, run_tasks, spread
 from st_codegen.training.store import FitStore
 from st_codegen.walkers.objects import from_estimator
 from tests.training.conftest import a_table
@@ -194,3 +197,30 @@ def test_a_dask_worker_is_killed_and_nothing_is_lost():
             spread = run_tasks(tasks, store, Backend(1, cluster.scheduler_address), kill)
     assert killed
     assert same(alone, spread)
+
+
+def test_a_worker_keeps_no_samples_of_what_is_done(monkeypatch):
+    """Dask's workers keep the call stacks of an hour, which grow with the axes of a fleet."""
+    distributed = pytest.importorskip("distributed")
+    worker = SimpleNamespace(
+        profile_history=deque([(0.0, {})]),
+        profile_keys_history=deque([(0.0, {})]),
+        loop=SimpleNamespace(add_callback=lambda call: call()),
+    )
+    monkeypatch.setattr(distributed, "get_worker", lambda: worker)
+    assert dict(spread(len, {"a": "xyz"}, Backend(1))) == {"a": 3}
+    assert not worker.profile_history and not worker.profile_keys_history
+
+
+@pytest.mark.slow
+def test_a_real_worker_has_what_is_emptied():
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        found = dict(spread(_kept_after, dict.fromkeys(range(8), 1.2), Backend(1, cluster.scheduler_address)))
+        with distributed.Client(cluster) as client:
+            kept = client.run(lambda dask_worker: len(dask_worker.profile_history))
+    assert len(found) == 8 and max(kept.values()) <= 2
+
+
+def _kept_after(seconds):
+    time.sleep(seconds)
