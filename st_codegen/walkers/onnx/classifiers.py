@@ -110,9 +110,7 @@ def _tree_classifier(call: NodeCall) -> Result:
     forest = found[0]
     if len(call.node.integers("class_ids")) > len(forest.weight):
         raise UnsupportedModelError("weights at nodes that are no leaves; export the model again without them")
-    base = numbers(call.node, "base_values", forest.number_type)
-    if len(base) not in {0, count, 1 if count == 2 else count}:
-        raise InputError(f"base_values has {len(base)} entries for {count} labels; the model file is damaged")
+    base = numbers(call.node, "base_values", forest.number_type, 0, count, 1 if count == 2 else count)
     if count == 2:
         return _two_classes(walk, labels, scores, base, forest, transform)
     always, _ = _given(forest)

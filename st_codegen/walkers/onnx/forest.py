@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import Aggregate, AnyArray, BoolArray, FloatArray, IntArray
+from st_codegen.ir import Aggregate, BoolArray, FloatArray, IntArray
+from st_codegen.walkers.onnx.file import GraphNode
 
 NumberType = type[np.float32] | type[np.float64]
 
@@ -35,26 +35,15 @@ class Mode(IntEnum):
     MEMBER_INTEGER = 8  # the integer part of x is a member
 
 
-#: (aggregate, whether the sum is divided by the number of trees)
-_AGGREGATES: Mapping[str | int, tuple[Aggregate, bool]] = {
+#: (aggregate, whether the sum is divided by the number of trees); TreeEnsemble numbers the names, as it does those of
+#: what follows the sum.
+_AGGREGATES = {
     "AVERAGE": (Aggregate.SUM, True),
     "SUM": (Aggregate.SUM, False),
     "MIN": (Aggregate.MINIMUM, False),
     "MAX": (Aggregate.MAXIMUM, False),
 }
-_AGGREGATE_NAMES = ("AVERAGE", "SUM", "MIN", "MAX")
 _POST_TRANSFORMS = ("NONE", "SOFTMAX", "LOGISTIC", "SOFTMAX_ZERO", "PROBIT")
-
-
-class Attributes(Protocol):
-    """The attributes of a node; absent ones are empty or the given default."""
-
-    def integer(self, name: str, default: int = 0) -> int: ...
-    def integers(self, name: str) -> IntArray: ...
-    def floats(self, name: str) -> FloatArray: ...
-    def text(self, name: str, default: str = "") -> str: ...
-    def texts(self, name: str) -> list[str]: ...
-    def tensor(self, name: str) -> AnyArray | None: ...
 
 
 @dataclass(frozen=True)
@@ -103,35 +92,31 @@ class Forest:
 
 def refuse_post_transform(given: str | int) -> None:
     """Raise UnsupportedModelError unless nothing follows the sum of the trees."""
-    if given in (0, "NONE"):
-        return
-    name = given if isinstance(given, str) else dict(enumerate(_POST_TRANSFORMS)).get(given, str(given))
-    raise UnsupportedModelError(f"post_transform {name}: only NONE is supported; export the model as a plain regressor")
+    name = _named(given, _POST_TRANSFORMS)
+    if name != "NONE":
+        raise UnsupportedModelError(
+            f"post_transform {name}: only NONE is supported; export the model as a plain regressor"
+        )
+
+
+def _named(given: str | int, names: Iterable[str]) -> str:
+    return dict(enumerate(names)).get(given, str(given)) if isinstance(given, int) else given
 
 
 def read_aggregate(given: str | int) -> tuple[Aggregate, bool]:
     """How leaf values become one number, and whether the sum is divided by the number of trees."""
-    name = given if isinstance(given, str) else dict(enumerate(_AGGREGATE_NAMES)).get(given, str(given))
+    name = _named(given, _AGGREGATES)
     if name not in _AGGREGATES:
-        raise UnsupportedModelError(f"aggregate_function {name}: known are {', '.join(_AGGREGATE_NAMES)}")
+        raise UnsupportedModelError(f"aggregate_function {name}: known are {', '.join(_AGGREGATES)}")
     return _AGGREGATES[name]
 
 
-def target_count(attributes: Attributes) -> int:
+def target_count(attributes: GraphNode) -> int:
     """The number of outputs; raises InputError where the file gives none."""
     n_targets = attributes.integer("n_targets", 0)
     if not 1 <= n_targets <= MAX_TARGETS:
         raise InputError(f"n_targets is {n_targets}, expected 1 to {MAX_TARGETS}")
     return n_targets
-
-
-def of_length(name: str, array: AnyArray, total: int, optional: bool = False) -> AnyArray:
-    """`array` with one entry a node; an optional one may be empty and then holds zeros. Raises InputError."""
-    if optional and len(array) == 0:
-        return np.zeros(total, array.dtype)
-    if len(array) != total:
-        raise InputError(f"{name} has {len(array)} entries for {total} nodes; the model file is damaged")
-    return array
 
 
 def check_range(name: str, array: IntArray, end: int) -> None:

@@ -18,8 +18,6 @@ from st_codegen.walkers.onnx.file import printable
 from st_codegen.walkers.onnx.graph import NodeCall, Result, operator
 from st_codegen.walkers.onnx.operands import FLOAT32, Tensor, check_size
 
-#: Gates of each kind of layer, and the functions that its nodes have unless they say otherwise.
-_LAYERS = {"RNN": (1, ("Tanh",)), "GRU": (3, ("Sigmoid", "Tanh")), "LSTM": (4, ("Sigmoid", "Tanh", "Tanh"))}
 _FUNCTIONS = {"Tanh": Function.TANH, "Sigmoid": Function.LOGISTIC, "Relu": Function.RELU}
 
 
@@ -82,10 +80,12 @@ def _gru(w: FloatArray, r: FloatArray, b: FloatArray, linear_first: bool, _funct
     return body
 
 
-_BODIES: dict[str, Callable[[FloatArray, FloatArray, FloatArray, bool, Function], GraphBuilder]] = {
-    "RNN": _rnn,
-    "LSTM": _lstm,
-    "GRU": _gru,
+_Body = Callable[[FloatArray, FloatArray, FloatArray, bool, Function], GraphBuilder]
+#: Gates of each kind of layer, the functions that its nodes have unless they say otherwise, and one round of it.
+_LAYERS: dict[str, tuple[int, tuple[str, ...], _Body]] = {
+    "RNN": (1, ("Tanh",), _rnn),
+    "GRU": (3, ("Sigmoid", "Tanh"), _gru),
+    "LSTM": (4, ("Sigmoid", "Tanh", "Tanh"), _lstm),
 }
 
 
@@ -130,7 +130,7 @@ def _recurrent(call: NodeCall) -> Result:
     tensor, walk, node = call.computed(), call.walk, call.node
     if tensor.dtype != FLOAT32:
         raise UnsupportedModelError("reads double numbers; export the layer with float inputs")
-    name, (gates, _) = node.op_type, _LAYERS[node.op_type]
+    name, (gates, _, round_of) = node.op_type, _LAYERS[node.op_type]
     direction = node.text("direction", "forward")
     directions = 2 if direction == "bidirectional" else 1
     function, steps = _check(call, directions), _steps(call, tensor)
@@ -150,7 +150,7 @@ def _recurrent(call: NodeCall) -> Result:
     order, results = np.arange(steps) * read, []
     for side in range(directions):
         backwards = direction == "reverse" or side == 1
-        body = _BODIES[name](w[side], r[side], b[side], bool(node.integer("linear_before_reset")), function)
+        body = round_of(w[side], r[side], b[side], bool(node.integer("linear_before_reset")), function)
         initial = np.concatenate([state[side] for state in (states if name == "LSTM" else states[:1])])
         starts = (order[::-1] if backwards else order).astype(np.int32)
         made = walk.builder.add(Scan((value,), tuple(body.ops), starts, read, initial))
@@ -181,6 +181,5 @@ def _columns(array: AnyArray, part: slice) -> AnyArray:
     return array[:, part]
 
 
-operator("RNN", 7, 14, 22)(_recurrent)
-operator("GRU", 7, 14, 22)(_recurrent)
-operator("LSTM", 7, 14, 22)(_recurrent)
+for _name in _LAYERS:
+    operator(_name, 7, 14, 22)(_recurrent)

@@ -12,21 +12,20 @@ import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import AnyArray, BoolArray, FloatArray, IntArray
+from st_codegen.walkers.onnx.file import GraphNode, counted
 from st_codegen.walkers.onnx.forest import (
     MAX_ID,
-    Attributes,
     Forest,
     Mode,
     NumberType,
     check_range,
-    of_length,
     read_aggregate,
     refuse_post_transform,
     target_count,
 )
 
 
-def read_ensemble(attributes: Attributes, number_type: NumberType) -> Forest:
+def read_ensemble(attributes: GraphNode, number_type: NumberType) -> Forest:
     """TreeEnsemble (ai.onnx.ml 5) for inputs of a type. Leaves become nodes of their own, one for each edge to them.
 
     Raises InputError for damaged attributes, UnsupportedModelError for what has no exact counterpart.
@@ -44,8 +43,7 @@ def read_ensemble(attributes: Attributes, number_type: NumberType) -> Forest:
         raise UnsupportedModelError(f"nodes_modes: {mode.max()} is not a known mode (0 to {int(Mode.MEMBER)})")
     value = _required_tensor(attributes, "nodes_splits", np.dtype(number_type), total)
     weight = _required_tensor(attributes, "leaf_weights", np.dtype(number_type), len(target))
-    missing = attributes.integers("nodes_missing_value_tracks_true")
-    missing = of_length("nodes_missing_value_tracks_true", missing, total, optional=True)
+    missing = np.resize(attributes.integers("nodes_missing_value_tracks_true", 0, total), total)  # of none zeros
     member_start, member, cuts = _member_sets(attributes, mode, number_type)
     extra = len(edges.leaf)
     mode = np.where(cuts, Mode.MEMBER_INTEGER, mode)
@@ -83,7 +81,7 @@ class _Edges:
     A root whose two edges go to one leaf is that leaf (`lone`: such nodes, `lone_leaf`: their leaves).
     """
 
-    def __init__(self, attributes: Attributes, total: int, n_leaves: int) -> None:
+    def __init__(self, attributes: GraphNode, total: int, n_leaves: int) -> None:
         self.roots = attributes.integers("tree_roots")
         if total == 0 or n_leaves == 0 or len(self.roots) == 0:
             raise InputError("nodes_featureids, leaf_targetids or tree_roots is empty: there are no trees")
@@ -103,27 +101,27 @@ class _Edges:
         self.true, self.false = true, false
 
     @staticmethod
-    def _side(attributes: Attributes, side: str, total: int, n_leaves: int) -> tuple[IntArray, BoolArray]:
+    def _side(attributes: GraphNode, side: str, total: int, n_leaves: int) -> tuple[IntArray, BoolArray]:
         """(child, whether it is a leaf) of each node on one side."""
         name, flag = f"nodes_{side}nodeids", f"nodes_{side}leafs"
-        child = of_length(name, attributes.integers(name), total).copy()
-        is_leaf = of_length(flag, attributes.integers(flag), total) != 0
+        child, is_leaf = attributes.integers(name, total), attributes.integers(flag, total) != 0
         check_range(name, np.where(is_leaf, 0, child), total)
         check_range(name, np.where(is_leaf, child, 0), n_leaves)
         return child, is_leaf
 
 
-def _required_tensor(attributes: Attributes, name: str, dtype: np.dtype[Any], total: int) -> AnyArray:
+def _required_tensor(attributes: GraphNode, name: str, dtype: np.dtype[Any], total: int) -> AnyArray:
     tensor = attributes.tensor(name)
     if tensor is None:
         raise InputError(f"{name} is missing; the model file is damaged")
     if tensor.dtype != dtype:
         raise UnsupportedModelError(f"{name} is {tensor.dtype}, expected {dtype}, the type that goes with the input")
-    return of_length(name, np.ravel(tensor), total)
+    counted(name, tensor.size, total)
+    return np.ravel(tensor)
 
 
 def _member_sets(
-    attributes: Attributes, mode: AnyArray, number_type: NumberType
+    attributes: GraphNode, mode: AnyArray, number_type: NumberType
 ) -> tuple[IntArray, FloatArray, BoolArray]:
     """(start, values, whether onnxruntime cuts x to an integer first) of the sets of MEMBER nodes.
 

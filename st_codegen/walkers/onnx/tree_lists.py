@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import Aggregate, BoolArray, FloatArray, IntArray
+from st_codegen.walkers.onnx.file import GraphNode, counted
 from st_codegen.walkers.onnx.forest import (
     MAX_ID,
-    Attributes,
     Forest,
     Mode,
     NumberType,
     check_range,
-    of_length,
     read_aggregate,
     refuse_post_transform,
     target_count,
@@ -30,7 +29,7 @@ from st_codegen.walkers.onnx.forest import (
 _MODES_BY_NAME = {f"BRANCH_{mode.name}": mode for mode in list(Mode)[:6]} | {"LEAF": Mode.LEAF}
 
 
-def read_regressor(attributes: Attributes, number_type: NumberType) -> Forest:
+def read_regressor(attributes: GraphNode, number_type: NumberType) -> Forest:
     """TreeEnsembleRegressor (ai.onnx.ml 1 to 4) for inputs of a type.
 
     Raises InputError for damaged attributes, UnsupportedModelError for what has no exact counterpart.
@@ -38,41 +37,38 @@ def read_regressor(attributes: Attributes, number_type: NumberType) -> Forest:
     refuse_post_transform(attributes.text("post_transform", "NONE"))
     aggregate, average = read_aggregate(attributes.text("aggregate_function", "SUM"))
     n_targets = target_count(attributes)
-    base = numbers(attributes, "base_values", number_type)
-    if len(base) not in (0, n_targets):
-        raise InputError(f"base_values has {len(base)} entries for {n_targets} targets; the model file is damaged")
+    base = numbers(attributes, "base_values", number_type, 0, n_targets)
     forest = read_lists(attributes, number_type, "target", n_targets)
     return replace(forest, base=base if len(base) else forest.base, aggregate=aggregate, average=average)
 
 
-def read_lists(attributes: Attributes, number_type: NumberType, what: str, n_targets: int) -> Forest:
+def read_lists(attributes: GraphNode, number_type: NumberType, what: str, n_targets: int) -> Forest:
     """The nodes, and the weights of leaves for each "target" or "class", which are added; errors as above."""
-    tree_id, node_id = attributes.integers("nodes_treeids"), attributes.integers("nodes_nodeids")
+    tree_id = attributes.integers("nodes_treeids")
     total = len(tree_id)
     if total == 0:
         raise InputError("nodes_treeids is empty: there are no trees")
-    columns = {
-        name: of_length(name, attributes.integers(name), total)
-        for name in ("nodes_nodeids", "nodes_featureids", "nodes_truenodeids", "nodes_falsenodeids")
-    }
-    mode = _modes(attributes.texts("nodes_modes"), total)
+    node_id, feature, true, false = (
+        attributes.integers(f"nodes_{name}ids", total) for name in ("node", "feature", "truenode", "falsenode")
+    )
+    mode = _modes(attributes.texts("nodes_modes", total))
     split = mode != Mode.LEAF
     tree, run_ids = _runs(tree_id)
     key = _NodeIndex(tree, tree_id, node_id)
     leaf = np.full(total, -1, np.int64)
     leaf[~split] = np.arange(total - int(split.sum()))
     weights = _weights(attributes, what, key, run_ids, leaf, n_targets, number_type)
-    missing = attributes.integers("nodes_missing_value_tracks_true")
+    missing = attributes.integers("nodes_missing_value_tracks_true", 0, total)
     return Forest(
         roots=np.flatnonzero(np.diff(tree, prepend=-1)),  # the first node of each tree
         tree_id=tree_id,
         node_id=node_id,
         mode=mode,
-        feature=np.where(split, columns["nodes_featureids"], 0),
-        value=of_length("nodes_values", numbers(attributes, "nodes_values", number_type), total),
-        true=key.children("nodes_truenodeids", columns["nodes_truenodeids"], split),
-        false=key.children("nodes_falsenodeids", columns["nodes_falsenodeids"], split),
-        missing_true=of_length("nodes_missing_value_tracks_true", missing, total, optional=True) == 1,
+        feature=np.where(split, feature, 0),
+        value=numbers(attributes, "nodes_values", number_type, total),
+        true=key.children("nodes_truenodeids", true, split),
+        false=key.children("nodes_falsenodeids", false, split),
+        missing_true=np.resize(missing, total) == 1,  # of an empty list zeros
         leaf=leaf,
         member_start=np.zeros(total + 1, np.int64),
         member=np.zeros(0),
@@ -88,21 +84,19 @@ def read_lists(attributes: Attributes, number_type: NumberType, what: str, n_tar
     )
 
 
-def _modes(names: list[str], total: int) -> NDArray[np.int8]:
-    if len(names) != total:
-        raise InputError(f"nodes_modes has {len(names)} entries for {total} nodes; the model file is damaged")
+def _modes(names: list[str]) -> NDArray[np.int8]:
     unknown = sorted(set(names) - set(_MODES_BY_NAME))
     if unknown:
         raise UnsupportedModelError(f"nodes_modes: {unknown[0]!r} is not known; known are {', '.join(_MODES_BY_NAME)}")
     return np.array([_MODES_BY_NAME[name] for name in names], np.int8)
 
 
-def numbers(attributes: Attributes, name: str, number_type: NumberType) -> FloatArray:
-    """A list of floats, or the tensor that replaces it, which must have the type of the input."""
-    listed = attributes.floats(name)
+def numbers(attributes: GraphNode, name: str, number_type: NumberType, *counts: int) -> FloatArray:
+    """A list of floats, or the tensor that replaces it, which must have the type of the input; of one of the counts."""
     tensor = attributes.tensor(f"{name}_as_tensor")
     if tensor is None:
-        return listed
+        return attributes.floats(name, *counts)
+    listed = attributes.floats(name)
     if len(listed):
         raise InputError(f"both {name} and {name}_as_tensor are given; keep one of them")
     if tensor.dtype != number_type or tensor.ndim != 1:
@@ -110,6 +104,7 @@ def numbers(attributes: Attributes, name: str, number_type: NumberType) -> Float
             f"{name}_as_tensor is {tensor.dtype} of {tensor.ndim} dimensions for {np.dtype(number_type)} inputs; "
             "onnxruntime takes a vector of the type of the input only"
         )
+    counted(name, len(tensor), *counts)
     return tensor.astype(np.float64)
 
 
@@ -169,7 +164,7 @@ class _NodeIndex:
 
 
 def _weights(
-    attributes: Attributes,
+    attributes: GraphNode,
     what: str,
     index: _NodeIndex,
     run_ids: IntArray,

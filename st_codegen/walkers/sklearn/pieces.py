@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import Exceeds, FillMissing, FloatArray, Piecewise, Round
+from st_codegen.ir import AnyArray, Exceeds, FillMissing, FloatArray, Piecewise, Round
 from st_codegen.walkers.base import GraphBuilder, transforms, walks
 from st_codegen.walkers.fitted import Fitted
 
@@ -332,8 +332,8 @@ def walk_splines(estimator: Any, builder: GraphBuilder, value: int) -> int:
     return add_pieces(builder, builder.select(repeated, value), columns)
 
 
-#: Coefficients of rising powers.
-_Polynomial = list[Fraction]
+#: Coefficients of rising powers, an array of fractions.
+_Polynomial = AnyArray
 
 
 def _basis(knots: list[Fraction], degree: int) -> list[list[_Polynomial]]:
@@ -345,31 +345,25 @@ def _basis(knots: list[Fraction], degree: int) -> list[list[_Polynomial]]:
     found = []
     for interval in range(degree, count):
         origin = knots[interval]
-        row: list[_Polynomial] = [[Fraction(int(place == interval))] for place in range(len(knots) - 1)]
+        row: list[_Polynomial] = [np.array([Fraction(int(place == interval))]) for place in range(len(knots) - 1)]
         for power in range(1, degree + 1):
-            row = [
-                _sum_of(
-                    _times(row[place], origin - knots[place], 1, knots[place + power] - knots[place]),
-                    _times(
-                        row[place + 1],
-                        knots[place + power + 1] - origin,
-                        -1,
-                        knots[place + power + 1] - knots[place + 1],
-                    ),
-                )
-                for place in range(len(row) - 1)
+            # each rises from 0 at its own first knot, and falls to 0 at its last
+            rising = [
+                _times(row[place], origin - knots[place], 1) / (knots[place + power] - knots[place])
+                for place in range(len(row))
             ]
+            falling = [
+                _times(row[place], knots[place + power] - origin, -1) / (knots[place + power] - knots[place])
+                for place in range(len(row))
+            ]
+            row = [one + other for one, other in zip(rising[:-1], falling[1:], strict=True)]
         found.append(row)
     return found
 
 
-def _times(polynomial: _Polynomial, constant: Fraction, slope: int, divisor: Fraction) -> _Polynomial:
-    lower, higher = [constant * c for c in polynomial] + [Fraction(0)], [Fraction(0)] + [slope * c for c in polynomial]
-    return [(a + b) / divisor for a, b in zip(lower, higher, strict=True)]
-
-
-def _sum_of(one: _Polynomial, other: _Polynomial) -> _Polynomial:
-    return [a + b for a, b in zip(one, other, strict=True)]
+def _times(polynomial: _Polynomial, constant: Fraction, slope: int) -> _Polynomial:
+    none = np.array([Fraction(0)])
+    return np.asarray(np.concatenate([constant * polynomial, none]) + np.concatenate([none, slope * polynomial]))
 
 
 def _spline(knots: FloatArray, basis: list[list[_Polynomial]], place: int, mode: str, missing: float) -> Column:
@@ -378,8 +372,7 @@ def _spline(knots: FloatArray, basis: list[list[_Polynomial]], place: int, mode:
     length = Fraction(float(knots[-1])) - Fraction(float(knots[-2]))
     end = sum((c * length**power for power, c in enumerate(inner[-1])), Fraction(0))
     zero = [Fraction(0)] * (len(inner[0]) - 1)
-    below, above = [inner[0][0], *zero], [end, *zero]
-    pieces = np.array([[float(c) for c in polynomial] for polynomial in (below, *inner, above)])
+    pieces = np.array([[inner[0][0], *zero], *inner, [end, *zero]]).astype(np.float64)
     if mode == "error":
         pieces[[0, -1]] = 0.0
         pieces[[0, -1], 0] = math.inf
