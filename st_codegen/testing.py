@@ -21,7 +21,7 @@ from typing import Any
 
 import pytest
 
-from st_codegen.emit.output import FileChange, is_real
+from st_codegen.emit.output import FileChange, is_real, kinds_of_outputs
 
 #: Lines of a difference that a failed test shows.
 _SHOWN = 60
@@ -62,7 +62,9 @@ def assert_equals_library(
     from st_codegen.project.bundle import load
     from st_codegen.proof.verify import verify
 
-    report = verify(load(models, trust_pickle=trust_pickle, real=is_real(Path(out))), out, rows=rows, seed=seed, jobs=1)
+    kinds, real = kinds_of_outputs(Path(out)), is_real(Path(out))
+    bundle = load(models, trust_pickle=trust_pickle, outputs=kinds, real=real)
+    report = verify(bundle, out, rows=rows, seed=seed, jobs=1)
     if not report.passed:
         failed = [
             f"  {model.name}: {failure.between} differ at {list(failure.input)}: {list(failure.expected)} and "

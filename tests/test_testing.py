@@ -8,9 +8,11 @@ import sys
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from st_codegen.driver import generate
+from st_codegen.ir import OutputKind
 from st_codegen.project.bundle import load
 from st_codegen.testing import assert_equals_library, assert_generated_up_to_date
 
@@ -23,6 +25,7 @@ EXAMPLE = ROOT / "examples" / "user_repository"
 #: Runs pytest several times in one process: importing the libraries takes longer than the tests.
 RUNS = """
 from pathlib import Path
+import numpy as np
 import pytest
 
 def run(*more):
@@ -66,6 +69,21 @@ def test_a_changed_number_in_the_text_is_found(lone_folder, tmp_path):
         assert_generated_up_to_date(lone_folder, tmp_path)
     with pytest.raises(pytest.fail.Exception, match="failed"):
         assert_equals_library(lone_folder, tmp_path, rows=100)
+
+
+def test_text_with_other_outputs_than_by_default_is_compared_in_all_of_them(tmp_path):
+    linear = pytest.importorskip("sklearn.linear_model")
+    skops = pytest.importorskip("skops.io")
+    x = np.random.default_rng(0).normal(size=(40, 2))
+    (tmp_path / "models").mkdir()
+    skops.dump(linear.LogisticRegression().fit(x, x[:, 0] > 0), tmp_path / "models" / "state.skops")
+    kinds = (OutputKind.CLASS, OutputKind.PROBABILITY)
+    folder = generate(load(tmp_path / "models", outputs=kinds), "iec", tmp_path / "out").folder
+    assert_equals_library(tmp_path / "models", tmp_path / "out", rows=100)
+    block = folder / "FB_State.st"
+    block.write_text(re.sub(r"fOut1 := [^;]+;", "fOut1 := 2.0;", block.read_text()))
+    with pytest.raises(pytest.fail.Exception, match="failed"):
+        assert_equals_library(tmp_path / "models", tmp_path / "out", rows=100)
 
 
 def test_the_plugin_is_announced_by_the_name_of_its_module():

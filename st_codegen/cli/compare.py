@@ -18,7 +18,9 @@ from st_codegen.cli.console import (
     console,
     controller_options,
     generated_option,
+    load_generated,
     models_argument,
+    names_options,
     progress_bar,
     quiet_option,
     trust_option,
@@ -43,6 +45,7 @@ Examples:
   st-codegen verify models/ --cycle-us 250 --profile mine.toml""",
 )
 @models_argument
+@names_options
 @generated_option("Folder that `generate --with-comparison` wrote, and that the controller runs.")
 @controller_options
 @click.option("--block", metavar="FB_X", help="Only this block. Default: the blocks of all models.")
@@ -71,6 +74,7 @@ Examples:
 @quiet_option
 def command(
     models: Path,
+    names: dict[str, str | None],
     generated: Path,
     ads: str | None,
     opcua: str | None,
@@ -94,18 +98,15 @@ def command(
     agree, 1 when not, 2 where the controller cannot be reached, is not in RUN or runs another project.
     """
     from st_codegen.cost.profile import load_profile
-    from st_codegen.emit.output import kinds_of_outputs
     from st_codegen.live.compare import compare, generated_folder
     from st_codegen.live.controller import connected
     from st_codegen.live.record_page import record_of, record_sections, times_csv
-    from st_codegen.project.bundle import load
 
     base = load_profile(profile)
     if calibrated is not None:
         must_be_a_profile(calibrated)
     folder = generated_folder(generated)
-    with progress_bar("loading", quiet=quiet) as progress:
-        bundle = load(models, trust_pickle=trust_pickle, outputs=kinds_of_outputs(generated), progress=progress)
+    bundle = load_generated(models, generated, names, trust_pickle=trust_pickle, quiet=quiet)
     with progress_bar("comparing", quiet=quiet) as progress:
         report = compare(
             bundle,

@@ -19,6 +19,7 @@ from st_codegen.walkers.limits import DEFAULT_MAX_MODEL_BYTES, set_features, set
 
 if TYPE_CHECKING:
     from st_codegen.ir import OutputKind
+    from st_codegen.project.bundle import Bundle
 
 
 class _Console(Console):
@@ -123,6 +124,18 @@ def names_options(function: Command) -> Command:
     )
     name = click.option("--block-name", metavar="NAME", help="Of a single model: FB_NAME instead of its file's name.")
     return cast(Command, prefix(name(with_names)))
+
+
+def load_generated(
+    models: Path, generated: Path, names: dict[str, str | None], *, trust_pickle: bool, quiet: bool
+) -> Bundle:
+    """The models with the outputs and the numbers (LREAL, REAL) that text was generated with."""
+    from st_codegen.emit.output import is_real, kinds_of_outputs
+    from st_codegen.project.bundle import load
+
+    kinds, real = kinds_of_outputs(generated), is_real(generated)
+    with progress_bar("loading", quiet=quiet) as progress:
+        return load(models, trust_pickle=trust_pickle, outputs=kinds, progress=progress, real=real, **names)
 
 
 def outputs_option(function: Command) -> Command:

@@ -16,6 +16,7 @@ from st_codegen.cli.codes import show_codes
 from st_codegen.cli.console import (
     console,
     generated_option,
+    load_generated,
     models_argument,
     names_options,
     progress_bar,
@@ -66,20 +67,10 @@ def command(
     most, anywhere in the declared ranges. docs/proof.md says what is assumed and what is not covered. Exit code 0 when
     every model is proved, 1 when one is refuted (an input is named for which the executed text differs) or not covered.
     """
-    from st_codegen.emit.output import is_real, kinds_of_outputs
-    from st_codegen.project.bundle import load
     from st_codegen.proof.prove.certificate import certificate
     from st_codegen.proof.prove.prove import Verdict, prove
 
-    with progress_bar("loading", quiet=quiet) as progress:
-        bundle = load(
-            models,
-            trust_pickle=trust_pickle,
-            outputs=kinds_of_outputs(generated),
-            progress=progress,
-            real=is_real(generated),
-            **names,
-        )
+    bundle = load_generated(models, generated, names, trust_pickle=trust_pickle, quiet=quiet)
     with progress_bar("proving", quiet=quiet) as progress:
         report = prove(bundle, generated, progress=progress)
     if certificate_file is not None:

@@ -17,6 +17,7 @@ from st_codegen.cli.console import (
     Whole,
     console,
     generated_option,
+    load_generated,
     models_argument,
     names_options,
     progress_bar,
@@ -84,20 +85,10 @@ def command(
     finds an input that differs.
     """
     from st_codegen.cost.profile import load_profile
-    from st_codegen.emit.output import is_real, kinds_of_outputs
-    from st_codegen.project.bundle import load
     from st_codegen.proof.verify import Budget, verify
 
     budget = Budget(load_profile(profile), cycle_us, entries)
-    with progress_bar("loading", quiet=quiet) as progress:
-        bundle = load(
-            models,
-            trust_pickle=trust_pickle,
-            outputs=kinds_of_outputs(generated),
-            progress=progress,
-            real=is_real(generated),
-            **names,
-        )
+    bundle = load_generated(models, generated, names, trust_pickle=trust_pickle, quiet=quiet)
     with progress_bar("verifying", quiet=quiet) as progress:
         report = verify(bundle, generated, rows=rows, seed=seed, budget=budget, progress=progress, jobs=jobs)
     if json_file is not None:

@@ -8,10 +8,11 @@ import sys
 
 import pytest
 
+from st_codegen import generate, load
 from st_codegen.cost.calibrate import read_measurements
 from st_codegen.cost.profile import load_profile
 from tests.cli.helpers import run
-from tests.live.conftest import NET_IDS
+from tests.live.conftest import NET_IDS, Running, soft_plc
 
 pytest.importorskip("pyads")
 
@@ -59,6 +60,14 @@ def test_compare_against_serve_and_serve_stops_cleanly(lone, process, tmp_path, 
     assert "task ComparisonTask: 10000 us, PRG_Comparison" in text
     assert "state RUN -> STOP" in text
     assert "Traceback" not in text
+
+
+def test_compare_takes_the_names_that_the_project_was_generated_with(lone, tmp_path, capsys):
+    folder = generate(load(lone[0], prefix="P1_"), "twincat", tmp_path, with_comparison=True).folder
+    with Running(soft_plc(folder)) as running:
+        wanted = ("compare", lone[0], "--generated", folder, "--ads", running.ads, "-n", 20, "--timeout", 600, "-q")
+        assert run(*wanted, "--prefix", "P1_") == 0, capsys.readouterr().err
+        assert run(*wanted) == 2
 
 
 def test_one_message_and_exit_code_2_where_nobody_listens(lone, tmp_path, capsys):
