@@ -19,7 +19,6 @@ from st_codegen.beckhoff_ml.file import ACTIVATIONS, KERNELS, MAX_INPUTS, SHOWN,
 from st_codegen.errors import InputError, UnsupportedModelError, errors_name
 from st_codegen.ir import (
     FLOAT32_OVERFLOW,
-    Comparison,
     Feature,
     FloatArray,
     Function,
@@ -30,11 +29,11 @@ from st_codegen.ir import (
     Round,
     Source,
     TreeColumn,
-    TreeEnsemble,
 )
 from st_codegen.ir.preorder import preorder
 from st_codegen.walkers.base import Classified, GraphBuilder, LoadedModel, Predictor
 from st_codegen.walkers.classes import largest, pair_coefficients, pair_votes
+from st_codegen.walkers.forest import laid_out
 from st_codegen.walkers.limits import check_size
 
 _FUNCTIONS: dict[Function, Callable[[Any], Any]] = {
@@ -233,22 +232,19 @@ class _Trees(_File):
             raise found.error(f"{len(weights)} leaf values differ from the {len(leaves)} that the trees have")
 
     def add(self, builder: GraphBuilder, value: int) -> int:
-        order, inner = self.layout.order, self.layout.left >= 0
+        layout = self.layout
+        values = self.values[layout.order]
         return builder.add(
-            TreeEnsemble(
-                inputs=(value,),
+            laid_out(
+                value,
+                layout,
                 columns=tuple(TreeColumn(column) for column in range(self.n_inputs)),
-                roots=self.layout.roots,
-                split=np.where(inner, self.variables[order], -1),
-                threshold=np.where(inner, self.values[order], 0.0),
-                left=self.layout.left,
-                right=self.layout.right,
-                missing_left=np.zeros(len(order), np.bool_),
-                leaf=np.where(inner, -1, np.cumsum(~inner) - 1),
-                leaf_value=self.values[order][~inner][:, None],
+                split=self.variables[layout.order],
+                threshold=values,
+                missing_left=np.zeros(len(values), np.bool_),
+                leaf_value=values[layout.left < 0][:, None],
                 tree_output=np.zeros(len(self.roots), np.int32),
                 base=np.array([self.base]),
-                comparison=Comparison.LESS_OR_EQUAL,
             )
         )
 

@@ -10,7 +10,9 @@ import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import (
+    AnyArray,
     BoolArray,
+    Comparison,
     FloatArray,
     Int32Array,
     IntArray,
@@ -18,7 +20,7 @@ from st_codegen.ir import (
     TreeColumn,
     TreeEnsemble,
 )
-from st_codegen.ir.preorder import preorder
+from st_codegen.ir.preorder import Preorder, preorder
 
 #: Answers of all category splits together; more would not fit a controller by orders of magnitude.
 MAX_CATEGORY_ANSWERS = 50_000_000
@@ -81,7 +83,7 @@ def flatten(
 ) -> TreeEnsemble:
     """Lay trees out parent first, left child next, and number leaves, columns and category tables accordingly.
 
-    The operation reads `value`; `rule` are the other fields of `TreeEnsemble`. `members_left`: the categories of a set
+    The operation reads `value`; `rule` is that of `laid_out`. `members_left`: the categories of a set
     go left and all others right, or the reverse. `zero`: magnitude up to which linear leaves read an input as 0. Linear
     in nodes. Raises InputError where the nodes do not form trees.
     """
@@ -97,8 +99,6 @@ def flatten(
     leaf_counts = np.array([len(tree.leaf_value) for tree in trees], np.int64)
     first_leaf = np.repeat(np.cumsum(leaf_counts) - leaf_counts, sizes)
     leaf_rows = (np.concatenate([tree.leaf for tree in trees]) + first_leaf)[order][~is_split]
-    leaf = np.full(len(order), -1, np.int32)
-    leaf[~is_split] = np.arange(len(leaf_rows))
 
     key = np.concatenate([tree.feature * _READINGS + tree.reading for tree in trees])[order]
     keys, split = np.unique(key[is_split], return_inverse=True)
@@ -108,23 +108,48 @@ def flatten(
     widths, row, table = _category_tables(
         _joined_categories(trees, first, new_position), column_of, missing_left, members_left
     )
-    return TreeEnsemble(
-        inputs=(value,),
-        columns=tuple(
-            make_column(int(k) // _READINGS, int(k) % _READINGS, widths.get(number, 0)) for number, k in enumerate(keys)
-        ),
-        roots=layout.roots,
+    columns = (make_column(int(k) // _READINGS, int(k) % _READINGS, widths.get(n, 0)) for n, k in enumerate(keys))
+    return laid_out(
+        value,
+        layout,
+        columns=tuple(columns),
         split=column_of,
-        threshold=np.where(is_split, np.concatenate([tree.threshold for tree in trees])[order], 0.0),
-        left=layout.left,
-        right=layout.right,
-        missing_left=missing_left & is_split,
-        leaf=leaf,
+        threshold=np.concatenate([tree.threshold for tree in trees])[order],
+        missing_left=missing_left,
         leaf_value=np.concatenate([tree.leaf_value for tree in trees])[leaf_rows],
         category_row=row,
         category_left=table,
         linear=_linear_leaves(trees, leaf_rows, zero),
         **rule,
+    )
+
+
+def side_by_side(sizes: IntArray, left: AnyArray, right: AnyArray) -> Preorder:
+    """The layout of trees of these sizes; children are numbered within their tree, and negative at leaves."""
+    first = np.cumsum(sizes) - sizes
+    shift = np.repeat(first, sizes)
+    return preorder(first, *(np.where(child < 0, -1, child + shift) for child in (left, right)))
+
+
+def laid_out(
+    value: int, layout: Preorder, *, split: AnyArray, threshold: AnyArray, missing_left: AnyArray, **fields: Any
+) -> TreeEnsemble:
+    """The operation that reads `value` by trees in a layout, by `<=` unless `fields`, its other fields, say otherwise.
+
+    The arrays have an entry a node in the order of the layout, of which those of leaves do not count; `leaf_value` has
+    a row a leaf.
+    """
+    inner = layout.left >= 0
+    return TreeEnsemble(
+        inputs=(value,),
+        roots=layout.roots,
+        split=np.where(inner, split, -1).astype(np.int32),
+        threshold=np.where(inner, threshold, 0.0),
+        left=layout.left,
+        right=layout.right,
+        missing_left=inner & missing_left,
+        leaf=np.where(inner, -1, np.cumsum(~inner) - 1).astype(np.int32),
+        **{"comparison": Comparison.LESS_OR_EQUAL} | fields,
     )
 
 

@@ -19,7 +19,6 @@ import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import (
-    Comparison,
     Feature,
     FloatArray,
     Label,
@@ -123,7 +122,6 @@ def _ensemble(trees: list[dict[str, Any]], features: list[dict[str, Any]], outpu
         lambda feature, _reading, _categories: TreeColumn(feature),
         base=np.zeros(outputs),
         tree_output=np.zeros(len(trees), np.int32),
-        comparison=Comparison.LESS_OR_EQUAL,
         input_precision=Precision.FLOAT32,
     )
 

@@ -22,7 +22,6 @@ import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError, errors_name
 from st_codegen.ir import (
-    Comparison,
     Feature,
     FloatArray,
     Function,
@@ -305,7 +304,6 @@ def _add(model: TextModel, builder: GraphBuilder, value: int, labels: tuple[Labe
         zero=ZERO_MAGNITUDE,
         base=np.zeros(model.n_outputs),
         tree_output=np.tile(np.arange(model.n_outputs, dtype=np.int32), iterations),
-        comparison=Comparison.LESS_OR_EQUAL,
         divisor=float(iterations) if model.average_output else 1.0,
     )
     result = builder.add(_with_zero_band(ensemble))

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import Combine, Exceeds, Function, Operator
+from st_codegen.ir import Exceeds, Function, Operator
 from st_codegen.walkers.onnx.graph import GraphWalk, NodeCall, operator
 from st_codegen.walkers.onnx.operands import (
     FLOAT32,
@@ -42,9 +42,8 @@ def _sign(call: NodeCall) -> Operand:
     tensor, walk = call.computed(), call.walk
     walk.refuse_special(tensor)
     value, cut = walk.settle(tensor), np.zeros(tensor.size)
-    pair = tuple(walk.builder.add(Exceeds((value,), cut, inclusive)) for inclusive in (False, True))
-    both = walk.builder.add(Combine(pair, Operator.ADD, tensor.size))
-    found = walk.builder.scale(both, "-", 1.0)
+    passed, reached = (walk.builder.add(Exceeds((value,), cut, inclusive)) for inclusive in (False, True))
+    found = walk.builder.scale(walk.builder.combine(passed, "+", reached), "-", 1.0)
     return walk.computed(found, tensor.shape, tensor.dtype, special=False)
 
 
@@ -187,6 +186,13 @@ _COMPARED: dict[str, np.ufunc] = {
 }
 
 
+def _spread(walk: GraphWalk, operand: Operand, shape: tuple[int, ...]) -> int:
+    """Computed numbers in a shape, as a value."""
+    tensor = require_float(require_tensor(operand))
+    walk.refuse_special(tensor)
+    return walk.settle(tensor.moved(lambda array: np.broadcast_to(array, shape)))
+
+
 def _comparison(call: NodeCall) -> Operand:
     left, right, walk = _as_number(call.required()), _as_number(call.required(1)), call.walk
     if isinstance(left, ConstantOperand) and isinstance(right, ConstantOperand):
@@ -196,24 +202,18 @@ def _comparison(call: NodeCall) -> Operand:
     if isinstance(left, ConstantOperand):  # c < x is -x < -c
         turned = ConstantOperand(-left.array)
         left, right = with_constant(walk, require_tensor(right), Operator.MULTIPLY, -1.0), turned
-    tensor = require_float(require_tensor(left))
-    walk.refuse_special(tensor)
-    cut = np.zeros(math.prod(shape))
-    value = walk.settle(tensor.moved(lambda array: np.broadcast_to(array, shape)))
+    cut, value = np.zeros(math.prod(shape)), _spread(walk, left, shape)
     if isinstance(right, ConstantOperand):
         cut = np.broadcast_to(right.array, shape).astype(np.float64).ravel()
     else:  # the difference of two numbers is 0 where they are equal only
-        other = require_float(require_tensor(right))
-        walk.refuse_special(other)
-        pair = (value, walk.settle(other.moved(lambda array: np.broadcast_to(array, shape))))
-        value = walk.builder.add(Combine(pair, Operator.SUBTRACT, len(cut)))
+        value = walk.builder.combine(value, "-", _spread(walk, right, shape))
     return _truths(walk, _compared(walk, call.node.op_type, value, cut), shape)
 
 
 def _compared(walk: GraphWalk, name: str, value: int, cut: np.ndarray) -> int:
     if name == "Equal":
-        pair = tuple(walk.builder.add(Exceeds((value,), cut, inclusive)) for inclusive in (True, False))
-        return walk.builder.add(Combine(pair, Operator.SUBTRACT, len(cut)))
+        reached, passed = (walk.builder.add(Exceeds((value,), cut, inclusive)) for inclusive in (True, False))
+        return walk.builder.combine(reached, "-", passed)
     inclusive, turned = _COMPARISONS[name]
     found = walk.builder.add(Exceeds((value,), cut, inclusive))
     return _opposite(walk, found) if turned else found
@@ -274,11 +274,8 @@ def _where(call: NodeCall) -> Operand:
         if isinstance(side, ConstantOperand):
             numbers = np.broadcast_to(side.array, shape).astype(np.float64).ravel()
             parts.append(walk.builder.scale(factor, "*", numbers))
-            continue
-        tensor = require_float(require_tensor(side))
-        walk.refuse_special(tensor)
-        value = walk.settle(tensor.moved(lambda array: np.broadcast_to(array, shape)))
-        parts.append(walk.builder.combine(value, "*", factor))
+        else:
+            parts.append(walk.builder.combine(_spread(walk, side, shape), "*", factor))
     chosen = walk.builder.combine(parts[0], "+", parts[1])
     return walk.computed(chosen, shape, dtype if dtype in (FLOAT32, FLOAT64) else FLOAT64, special=False)
 

@@ -15,7 +15,6 @@ import numpy as np
 from st_codegen.errors import InputError, UnsupportedModelError
 from st_codegen.ir import (
     FLOAT32_OVERFLOW,
-    Combine,
     Exceeds,
     FillMissing,
     FloatArray,
@@ -229,10 +228,10 @@ def _one_hot_encoder(call: NodeCall) -> Operand:
     shape = (*tensor.shape, len(categories))
     columns = np.repeat(np.arange(tensor.size), len(categories)).astype(np.int32)
     number = walk.builder.select(columns, walk.settle(tensor))
-    pair = tuple(
+    reached, passed = (
         walk.builder.add(Exceeds((number,), np.tile(ends, tensor.size), inclusive=True)) for ends in (low, high)
     )
-    value = walk.builder.add(Combine(pair, Operator.SUBTRACT, len(columns)))
+    value = walk.builder.combine(reached, "-", passed)
     return walk.computed(value, shape, FLOAT32, special=False)
 
 

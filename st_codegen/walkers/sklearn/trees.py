@@ -21,18 +21,16 @@ from st_codegen.ir import (
     FLOAT32_OVERFLOW,
     AnyArray,
     BoolArray,
-    Comparison,
     FloatArray,
     Int32Array,
     IntArray,
     Precision,
     TreeColumn,
-    TreeEnsemble,
 )
-from st_codegen.ir.preorder import preorder
 from st_codegen.walkers.base import Classified, GraphBuilder, Walked, walks
 from st_codegen.walkers.classes import above, complement, labels_of, largest, softmax
 from st_codegen.walkers.fitted import Fitted
+from st_codegen.walkers.forest import laid_out, side_by_side
 from st_codegen.walkers.sklearn.compose import selected_columns
 from st_codegen.walkers.sklearn.native import TREE, is_tree
 
@@ -135,36 +133,27 @@ def add_float32_trees(
     if not fitted.estimator.__sklearn_tags__().input_tags.allow_nan:
         builder.refuse_nan(value)
     builder.refuse_magnitude(FLOAT32_OVERFLOW)
-    sizes = np.array([tree.node_count for tree in structures])
-    offset = np.concatenate([[0], np.cumsum(sizes)[:-1]])
 
     def joined(attribute: str) -> AnyArray:
         return np.concatenate([getattr(tree, attribute) for tree in structures])
 
-    shift = np.repeat(offset, sizes)
-    left, right = joined("children_left"), joined("children_right")
-    layout = preorder(offset, np.where(left < 0, -1, left + shift), np.where(right < 0, -1, right + shift))
-    order = layout.order
-    inner = layout.left >= 0
+    sizes = np.array([tree.node_count for tree in structures])
     # (nodes, outputs, classes), of which one is 1
     numbers = joined("value") if rule.leaves is None else np.concatenate(rule.leaves)
-    leaf_values: FloatArray = rule.leaf_scale * numbers.reshape(len(order), -1)[order[~inner]]
-    n_outputs = max(leaf_values.shape[1], np.size(rule.base))
+    layout = side_by_side(sizes, joined("children_left"), joined("children_right"))
+    order = layout.order
+    leaves = rule.leaf_scale * numbers.reshape(len(numbers), -1)[order[layout.left < 0]]
     return builder.add(
-        TreeEnsemble(
-            inputs=(value,),
+        laid_out(
+            value,
+            layout,
             columns=tuple(TreeColumn(column) for column in range(builder.width(value))),
-            roots=layout.roots,
-            split=np.where(inner, joined("feature")[order], -1),
-            threshold=np.where(inner, joined("threshold")[order], 0.0),
-            left=layout.left,
-            right=layout.right,
-            missing_left=inner & joined("missing_go_to_left")[order].astype(np.bool_),
-            leaf=np.where(inner, -1, np.cumsum(~inner) - 1),
-            leaf_value=leaf_values,
+            split=joined("feature")[order],
+            threshold=joined("threshold")[order],
+            missing_left=joined("missing_go_to_left")[order].astype(np.bool_),
+            leaf_value=leaves,
             tree_output=(np.arange(len(structures)) % np.size(rule.base)).astype(np.int32),
-            base=np.broadcast_to(rule.base, n_outputs),
-            comparison=Comparison.LESS_OR_EQUAL,
+            base=np.broadcast_to(rule.base, max(leaves.shape[1], np.size(rule.base))),
             input_precision=Precision.FLOAT32,
             divisor=float(rule.divisor),
         )
@@ -208,35 +197,24 @@ def walk_hist_gradient_boosting(estimator: Any, builder: GraphBuilder, value: in
     predictors = [predictor for iteration in iterations for predictor in iteration]
     nodes = np.concatenate([_hist_nodes(Fitted(predictor), columns) for predictor in predictors])
     sizes = np.array([len(predictor.nodes) for predictor in predictors])
-    offset = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-    shift = np.repeat(offset, sizes)
-    is_leaf = nodes["is_leaf"].astype(np.bool_)
-    layout = preorder(
-        offset,
-        np.where(is_leaf, -1, nodes["left"].astype(np.int64) + shift),
-        np.where(is_leaf, -1, nodes["right"].astype(np.int64) + shift),
-    )
+    left, right = (np.where(nodes["is_leaf"], -1, nodes[side].astype(np.int64)) for side in ("left", "right"))
+    layout = side_by_side(sizes, left, right)
     nodes = nodes[layout.order]
-    inner = layout.left >= 0
     if value == 0:  # the encoder of categories refuses infinities
         builder.refuse_magnitude(np.inf, [column.column for column in columns if column.categorical])
     categories = _HistCategories(predictors, sizes, fitted, columns)
     category_row, category_left = categories.table(nodes, layout.order, columns)
     raw = builder.add(
-        TreeEnsemble(
-            inputs=(value,),
+        laid_out(
+            value,
+            layout,
             columns=columns,
-            roots=layout.roots,
-            split=np.where(inner, nodes["feature_idx"].astype(np.int64), -1),
-            threshold=np.where(inner & (nodes["is_categorical"] == 0), nodes["num_threshold"], 0.0),
-            left=layout.left,
-            right=layout.right,
-            missing_left=inner & (nodes["missing_go_to_left"] != 0),
-            leaf=np.where(inner, -1, np.cumsum(~inner) - 1),
-            leaf_value=nodes["value"][~inner][:, None].astype(np.float64),
+            split=nodes["feature_idx"].astype(np.int64),
+            threshold=np.where(nodes["is_categorical"] == 0, nodes["num_threshold"], 0.0),
+            missing_left=nodes["missing_go_to_left"] != 0,
+            leaf_value=nodes["value"][layout.left < 0][:, None].astype(np.float64),
             tree_output=(np.arange(len(predictors)) % count).astype(np.int32),
             base=np.ravel(fitted.floats("_baseline_prediction", (1, count))),
-            comparison=Comparison.LESS_OR_EQUAL,
             category_row=category_row,
             category_left=category_left,
         )
