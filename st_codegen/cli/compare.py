@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from rich.table import Table
 from rich.text import Text
 
 from st_codegen.cli.calibrate import must_be_a_profile, write_profile
@@ -26,6 +25,7 @@ from st_codegen.cli.console import (
     trust_option,
 )
 from st_codegen.cli.costs import profile_option
+from st_codegen.cli.verify import agreement_table
 from st_codegen.files.text import write_text
 
 if TYPE_CHECKING:
@@ -153,12 +153,6 @@ def _calibrate(report: LiveReport, folder: Path, base: Profile, out: Path, *, qu
 
 
 def _print(report: LiveReport) -> None:
-    table = Table(title=f"library = controller, {report.address}", title_justify="left")
-    for name in ("model", "rows", "max error", "allowed", "ulp", "result"):
-        table.add_column(name, justify="left" if name in ("model", "result") else "right")
-    for model in report.models:
-        numbers = (f"{model.n:,}", f"{model.max_abs_err:.2g}", f"{model.bound:.2g}", f"{model.max_ulp:,}")
-        table.add_row(model.name, *numbers, model.verdict)
-    console.print(table)
+    console.print(agreement_table(f"library = controller, {report.address}", report.models))
     for line in report.remarks():
         console.print(line, soft_wrap=True)

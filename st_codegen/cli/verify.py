@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -95,7 +95,7 @@ def command(
         write_text(json_file, json.dumps(report.as_json(), indent=1) + "\n")
     refuted = html is not None and _write_page(html, models, generated, report, bundle, quiet=quiet)
     if not quiet:
-        console.print(_table(report))
+        console.print(agreement_table("library, reference and generated text compared", report.models))
         for target, note in report.notes.items():
             console.print(f"{target}: {note}", soft_wrap=True)
         _print_remarks(report)
@@ -188,18 +188,12 @@ def _print_remarks(report: VerifyReport) -> None:
         )
 
 
-def _table(report: VerifyReport) -> Table:
-    table = Table(title="library, reference and generated text compared", title_justify="left")
+def agreement_table(title: str, models: Iterable[ModelReport]) -> Table:
+    """How far the answers for each model lie apart."""
+    table = Table(title=title, title_justify="left")
     for name in ("model", "rows", "max error", "allowed", "ulp", "result"):
         table.add_column(name, justify="left" if name in ("model", "result") else "right")
-    for model in report.models:
+    for model in models:
         verdict = Text("exact" if model.exact and model.must_be_exact else "within bound", "green")
-        table.add_row(
-            model.name,
-            f"{model.n:,}",
-            f"{model.max_abs_err:.2g}",
-            f"{model.bound:.2g}",
-            f"{model.max_ulp:,}",
-            verdict if model.passed else Text("FAILED", "bold red"),
-        )
+        table.add_row(*model.cells, verdict if model.passed else Text("FAILED", "bold red"))
     return table

@@ -115,6 +115,11 @@ class ModelReport:
         return self.refusal is None and not self.failures and (self.exact or not self.must_be_exact)
 
     @property
+    def cells(self) -> tuple[str, ...]:
+        """Name, rows, error, bound and units in the last place, for a table."""
+        return self.name, f"{self.n:,}", f"{self.max_abs_err:.2g}", f"{self.bound:.2g}", f"{self.max_ulp:,}"
+
+    @property
     def verdict(self) -> str:
         """In a word or two."""
         return ("exact" if self.exact else "within bound") if self.passed else "FAILED"
@@ -149,10 +154,7 @@ class VerifyReport:
         return html_table(
             repr(self),
             ("model", "rows", "max error", "allowed", "ulp", "result"),
-            [
-                (m.name, f"{m.n:,}", f"{m.max_abs_err:.2g}", f"{m.bound:.2g}", f"{m.max_ulp:,}", m.verdict)
-                for m in self.models
-            ],
+            [(*model.cells, model.verdict) for model in self.models],
         )
 
     @property
