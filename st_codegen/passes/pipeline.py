@@ -116,10 +116,11 @@ def compile_models(
     What was chosen `earlier` is kept unless another choice saves much or it is no longer possible.
     """
     options, earlier = options or Options(), earlier or Choices()
-    decisions = {
-        model.name: _decide(model, options, cost, earlier.layouts.get(model.name), together=together)
-        for model in models
-    }
+    decisions, grids = {}, {}
+    for model in models:
+        decisions[model.name], grids[model.name] = _decide(
+            model, options, cost, earlier.layouts.get(model.name), together=together
+        )
     if options.data_bytes is not None:
         _keep_within(decisions, options.data_bytes)
     chosen = {name: decision.candidates[0].model for name, decision in decisions.items()}
@@ -127,12 +128,7 @@ def compile_models(
     printed = list(chosen.values())
     shared: dict[str, list[list[str]]] = {}
     if together:
-        cells = {
-            model.name: found
-            for model in models
-            if decisions[model.name].chosen == "table"
-            and (found := _cells(model, options, earlier.layouts.get(model.name))) is not None
-        }
+        cells = {name: found for name, found in grids.items() if found and decisions[name].chosen == "table"}
         together_of = _shared(models, cells, options, earlier)
         printed, locations = _merged(together_of, chosen, cells, locations)
         shared = {name: [[model.name for model in group] for group in groups] for name, groups in together_of.items()}
@@ -167,7 +163,8 @@ def _on_ranks(model: ModelIR, options: Options) -> ModelIR | None:
 
 def _decide(
     model: ModelIR, options: Options, cost: CostFunction, earlier: str | None, *, together: bool
-) -> LayoutDecision:
+) -> tuple[LayoutDecision, tables.Cells | None]:
+    """The layout of a model, and its table where it may have one, which takes longest to compute."""
     candidates = [priced("as trained", model, cost)]
     on_grid = None if model.is_real else factored(model)
     if on_grid is not None and _fits(on_grid, options):
@@ -193,7 +190,7 @@ def _decide(
         candidates = [nested] if layout is Layout.IFS else [*candidates, nested]
     best = preferred(candidates, in_place)
     others = sorted((c for c in candidates if c is not best), key=lambda c: c.cost.nanoseconds)
-    return LayoutDecision(model.name, best.layout, (best, *others), earlier)
+    return LayoutDecision(model.name, best.layout, (best, *others), earlier), found
 
 
 def _nested(on_ranks: ModelIR | None, layout: Layout, cost: CostFunction, earlier: str | None) -> PricedLayout | None:
