@@ -22,7 +22,7 @@ from st_codegen.emit.blocks.model import Extras, Limits, block_name
 from st_codegen.emit.contents import Contents
 from st_codegen.emit.render import print_plans
 from st_codegen.emit.targets import TARGETS, FilePlan, Target, target_named
-from st_codegen.errors import TargetError
+from st_codegen.errors import InputError, TargetError
 from st_codegen.files.html_text import html_table
 from st_codegen.files.made_by import VERSION
 from st_codegen.files.temporary import temporary_folder
@@ -94,6 +94,43 @@ class Wishes(TypedDict, total=False):
     with_age: bool
     cost: CostFunction
     relayout: bool
+
+
+def wishes_of(given: Mapping[str, Any], targets: Sequence[Target]) -> dict[str, Wishes]:
+    """What is wished for each of several targets, by its name, from options by their names on the command line.
+
+    Options that are missing have their defaults. Raises InputError for what only libraries have.
+    """
+    known = Options()
+    options = Options(
+        Layout(given.get("layout", known.layout)),
+        table_bytes=1024 * given["table_limit"] if "table_limit" in given else known.table_bytes,
+        outputs_per_cycle=given.get("outputs_per_cycle"),
+        data_bytes=given.get("max_bytes"),
+    )
+    packaging = _packaging(given)
+    able = any(target.has_project_forms for target in targets)
+    flags = ("with_tests", "with_configuration", "with_comparison", "self_check", "with_age", "relayout")
+    return {
+        target.name: Wishes(
+            max_array=given.get("max_array"),
+            options=options,
+            packaging=packaging if target.has_project_forms or not able else None,
+            **{flag: given.get(flag, False) for flag in flags},  # type: ignore[typeddict-item]
+        )
+        for target in targets
+    }
+
+
+def _packaging(given: Mapping[str, Any]) -> Packaging:
+    """The form of the project. Raises InputError for what only libraries have."""
+    form = ProjectForm(given.get("project", AS_SOLUTION.form))
+    version, company, namespace = (given.get(key) for key in ("library_version", "company", "namespace"))
+    named = {"--library-version": version, "--company": company, "--namespace": namespace}
+    wrong = [option for option, value in named.items() if value]
+    if wrong and form is not ProjectForm.LIBRARY:
+        raise InputError(f"{', '.join(wrong)}: libraries have these; give --project library, or leave them out")
+    return Packaging(form, version or Packaging.version, company or "", namespace or "")
 
 
 def generate(

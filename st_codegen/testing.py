@@ -14,14 +14,19 @@ take the options in the `[build]` table of `st-codegen.toml`.
 
 from __future__ import annotations
 
+import contextlib
 import shlex
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from st_codegen.emit.output import FileChange, is_real, kinds_of_outputs
+from st_codegen.errors import GeneratedCodeError
+
+if TYPE_CHECKING:
+    from st_codegen.project.bundle import Bundle
 
 #: Lines of a difference that a failed test shows.
 _SHOWN = 60
@@ -30,17 +35,15 @@ _SHOWN = 60
 def assert_generated_up_to_date(models: Path | str, out: Path | str, *, trust_pickle: bool = False) -> None:
     """Fail where the files of a target below `out` are not those that `generate` would write of `models` now.
 
-    Every target that has a folder below `out` is compared, and those that the configuration asks for.
+    Every target that has a folder below `out` is compared, and those that [build] asks for, each as [build] wants it.
     """
     __tracebackhide__ = True
     from st_codegen.driver import differences
-    from st_codegen.project.bundle import load
 
-    bundle = load(models, trust_pickle=trust_pickle, real=is_real(Path(out)))
-    settings, targets = _settings(bundle.configuration.build)
+    bundle = _bundle(models, Path(out), trust_pickle)
     changed: list[FileChange] = []
-    for target in targets or _targets_in(Path(out)):
-        changed += differences(bundle, target, out, **settings)
+    for target, wishes in _wishes(bundle, Path(out)).items():
+        changed += differences(bundle, target, out, **wishes)
     if changed:
         names = "\n".join(f"  {change.path}" for change in changed)
         lines = [line.rstrip("\n") for change in changed for line in change.lines()]
@@ -59,11 +62,9 @@ def assert_equals_library(
 ) -> None:
     """Fail where the generated text below `out` computes other numbers than the libraries of `models` (`verify`)."""
     __tracebackhide__ = True
-    from st_codegen.project.bundle import load
     from st_codegen.proof.verify import verify
 
-    kinds, real = kinds_of_outputs(Path(out)), is_real(Path(out))
-    bundle = load(models, trust_pickle=trust_pickle, outputs=kinds, real=real)
+    bundle = _bundle(models, Path(out), trust_pickle)
     report = verify(bundle, out, rows=rows, seed=seed, jobs=1)
     if not report.passed:
         failed = [
@@ -75,26 +76,49 @@ def assert_equals_library(
         pytest.fail("\n".join([repr(report), *failed]), pytrace=False)
 
 
-def _settings(build: dict[str, Any] | Any) -> tuple[dict[str, Any], list[str]]:
-    """The arguments of `generate` that a [build] table gives, and its targets."""
-    from st_codegen.passes.choose import Layout, Options
+def _bundle(models: Path | str, out: Path, trust_pickle: bool) -> Bundle:
+    """The models as [build] wants them; where it says nothing, with the outputs and numbers that stand below `out`.
 
-    known = Options()
-    options = Options(
-        Layout(build.get("layout", known.layout)),
-        table_bytes=1024 * build["table_limit"] if "table_limit" in build else known.table_bytes,
-        outputs_per_cycle=build.get("outputs_per_cycle"),
-        data_bytes=build.get("max_bytes"),
-    )
-    settings = {"options": options, "max_array": build.get("max_array"), "with_tests": build.get("with_tests", False)}
-    settings["with_comparison"] = build.get("with_comparison", False)
-    return settings, list(build.get("target", ()))
+    What stands there counts only where [build] is silent: a class that is asked for and missing is a difference.
+    """
+    from st_codegen.ir import OutputKind
+    from st_codegen.project.bundle import load
+    from st_codegen.project.configuration import read_configuration
+    from st_codegen.walkers.limits import set_features
+
+    build = read_configuration(Path(models)).build
+    words = [OutputKind(word.strip()) for word in build["outputs"].split(",")] if "outputs" in build else None
+    kinds = kinds_of_outputs(out) if words is None else words
+    set_features(build.get("features"))
+    try:
+        return load(models, trust_pickle=trust_pickle, outputs=kinds, real=build.get("real", False) or is_real(out))
+    finally:
+        set_features(None)
+
+
+def _wishes(bundle: Bundle, out: Path) -> dict[str, Any]:
+    """What [build] wants, by the names of its targets and of those that stand below `out`."""
+    from st_codegen.cost.profile import load_profile
+    from st_codegen.driver import limits_for, wishes_of
+    from st_codegen.emit.targets import target_named
+    from st_codegen.proof.explain import Pricing
+
+    build = bundle.configuration.build
+    names = dict.fromkeys([*build.get("target", ()), *_targets_in(out)]) or ("twincat",)
+    chosen = [target_named(name) for name in names]
+    found: dict[str, Any] = {**wishes_of(build, chosen)}
+    for target in chosen if "profile" in build else ():
+        limits = limits_for(target, build.get("max_array"))
+        found[target.name]["cost"] = Pricing(target, limits, load_profile(build["profile"]))
+    return found
 
 
 def _targets_in(out: Path) -> list[str]:
     from st_codegen.proof.runner import target_folders
 
-    return [folder.name for folder in target_folders(out)]
+    with contextlib.suppress(GeneratedCodeError):  # nothing is there yet
+        return [folder.name for folder in target_folders(out)]
+    return []
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -112,14 +136,10 @@ def generated_golden(request: pytest.FixtureRequest) -> Callable[..., None]:
         __tracebackhide__ = True
         if request.config.getoption("--update-generated"):
             from st_codegen.driver import generate
-            from st_codegen.project.bundle import load
 
-            bundle = load(models, trust_pickle=trust_pickle)
-            if bundle.configuration.build.get("real"):
-                bundle = load(models, trust_pickle=trust_pickle, real=True)
-            settings, targets = _settings(bundle.configuration.build)
-            for target in targets or ["twincat"]:
-                generate(bundle, target, out, **settings)
+            bundle = _bundle(models, Path(out), trust_pickle)
+            for target, wishes in _wishes(bundle, Path(out)).items():
+                generate(bundle, target, out, **wishes)
         assert_generated_up_to_date(models, out, trust_pickle=trust_pickle)
 
     return compare

@@ -15,6 +15,7 @@ from st_codegen.driver import generate
 from st_codegen.ir import OutputKind
 from st_codegen.project.bundle import load
 from st_codegen.testing import assert_equals_library, assert_generated_up_to_date
+from tests.cli.helpers import run
 
 pytest.importorskip("lightgbm")
 
@@ -84,6 +85,21 @@ def test_text_with_other_outputs_than_by_default_is_compared_in_all_of_them(tmp_
     block.write_text(re.sub(r"fOut1 := [^;]+;", "fOut1 := 2.0;", block.read_text()))
     with pytest.raises(pytest.fail.Exception, match="failed"):
         assert_equals_library(tmp_path / "models", tmp_path / "out", rows=100)
+
+
+def test_all_options_of_the_build_table_count(lone_folder, tmp_path):
+    """What the command writes of a folder is what the plugin wants."""
+    out = tmp_path / "plc"
+    (lone_folder / "st-codegen.toml").write_text(
+        f'[build]\ntarget = ["twincat", "iec"]\nout = "{out}"\nproject = "library"\ncompany = "Plant"\n'
+        'library_version = "1.2.0.0"\nnamespace = "Pumps"\nwith_age = true\nprofile = "cx5140"\nlayout = "trees"\n'
+    )
+    assert run(lone_folder, "-q") == 0
+    assert "<Company>Plant</Company>" in (out / "twincat" / "Models.plcproj").read_text(encoding="utf-8-sig")
+    assert_generated_up_to_date(lone_folder, out)
+    (lone_folder / "st-codegen.toml").write_text(f'[build]\ntarget = ["twincat"]\nout = "{out}"\n')
+    with pytest.raises(pytest.fail.Exception, match="generated files are not those of"):
+        assert_generated_up_to_date(lone_folder, out)
 
 
 def test_the_plugin_is_announced_by_the_name_of_its_module():

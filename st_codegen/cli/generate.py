@@ -30,7 +30,6 @@ from st_codegen.cli.costs import Explanation, print_explanation
 if TYPE_CHECKING:
     from st_codegen.cost.profile import Profile
     from st_codegen.driver import Generated, Wishes
-    from st_codegen.emit.blocks.application import Packaging
     from st_codegen.emit.output import FileChange
     from st_codegen.emit.targets import Target
     from st_codegen.ir import OutputKind
@@ -187,7 +186,7 @@ def command(
     """
     from st_codegen.cost.profile import load_profile
     from st_codegen.cost.profile_files import DEFAULT
-    from st_codegen.driver import generate, limits_for
+    from st_codegen.driver import generate, limits_for, wishes_of
     from st_codegen.emit.targets import target_named
     from st_codegen.project.bundle import load
     from st_codegen.proof.explain import Pricing, real_remarks
@@ -196,7 +195,7 @@ def command(
         raise click.UsageError("--html is a page of what --explain says: give --explain, without --check.")
     machine = load_profile(profile or DEFAULT)
     chosen = [target_named(name) for name in targets or ("twincat",)]
-    wishes = _wishes(wished, chosen)
+    wishes = wishes_of(wished, chosen)
     with progress_bar("loading", quiet=quiet) as progress:
         bundle = load(models, trust_pickle=trust_pickle, outputs=outputs, progress=progress, real=real, **names)
     for name, text in real_remarks(bundle.irs).items():
@@ -220,35 +219,6 @@ def command(
 
         summary, sections = explain_sections(explained)
         write_pages(f"Layouts and times of {models}", sections, summary, html, None)
-
-
-def _wishes(given: Mapping[str, Any], chosen: Sequence[Target]) -> dict[str, Wishes]:
-    """What is wished for each target, from the options of the command line."""
-    from st_codegen.driver import Wishes
-    from st_codegen.passes.choose import Layout, Options
-
-    options = Options(
-        Layout(given["layout"]),
-        table_bytes=given["table_limit"] * 1024,
-        outputs_per_cycle=given["outputs_per_cycle"],
-        data_bytes=given["max_bytes"],
-    )
-    packaging = _packaging(*(given[key] for key in ("project", "library_version", "company", "namespace")))
-    able = any(target.has_project_forms for target in chosen)
-    return {
-        target.name: Wishes(
-            max_array=given["max_array"],
-            options=options,
-            with_tests=given["with_tests"],
-            with_configuration=given["with_configuration"],
-            with_comparison=given["with_comparison"],
-            packaging=packaging if target.has_project_forms or not able else None,
-            self_check=given["self_check"],
-            with_age=given["with_age"],
-            relayout=given["relayout"],
-        )
-        for target in chosen
-    }
 
 
 def _check(
@@ -302,19 +272,6 @@ def _explanation(
         tuple(prices(generated.compiled, pricing)),
         cycle_cost(GeneratedCode(generated.folder, target.dialect), machine),
     )
-
-
-def _packaging(project: str, version: str | None, company: str | None, namespace: str | None) -> Packaging:
-    """The form of the project. Raises InputError for what only libraries have."""
-    from st_codegen.emit.blocks.application import Packaging, ProjectForm
-    from st_codegen.errors import InputError
-
-    form = ProjectForm(project)
-    given = {"--library-version": version, "--company": company, "--namespace": namespace}
-    wrong = [option for option, value in given.items() if value]
-    if wrong and form is not ProjectForm.LIBRARY:
-        raise InputError(f"{', '.join(wrong)}: libraries have these; give --project library, or leave them out")
-    return Packaging(form, version or Packaging.version, company or "", namespace or "")
 
 
 def _show(found: Iterable[FileChange], limit: int, *, stat: bool) -> bool:

@@ -69,7 +69,7 @@ BUILD_KEYS: Mapping[str, type] = {
     **dict.fromkeys(("target", "entry"), list),
     **dict.fromkeys(("out", "layout", "outputs", "profile"), str),
     **dict.fromkeys(("project", "library_version", "company", "namespace"), str),
-    **dict.fromkeys(("table_limit", "outputs_per_cycle", "max_array", "max_bytes", "rows"), int),
+    **dict.fromkeys(("table_limit", "outputs_per_cycle", "max_array", "max_bytes", "rows", "features"), int),
     **dict.fromkeys(("with_tests", "with_comparison", "with_configuration", "self_check", "with_age", "real"), bool),
     "cycle_us": float,
 }

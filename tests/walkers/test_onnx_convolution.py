@@ -12,6 +12,7 @@ from st_codegen.proof.bounds import difference_bound
 from st_codegen.walkers.limits import set_features
 from tests.classifiers import loaded as compiled
 from tests.classifiers import verified
+from tests.cli.helpers import run
 from tests.walkers import onnx_builders as build
 from tests.walkers.onnx_builders import constant, graph_model, info
 from tests.walkers.test_onnx_elementwise import agree
@@ -233,6 +234,19 @@ def test_an_open_number_of_columns_is_stated(tmp_path):
         set_features(11)
         with pytest.raises(InputError, match="takes a multiple of 2"):
             build.load(model, tmp_path)
+    finally:
+        set_features(None)
+
+
+def test_the_build_table_states_an_open_number_of_columns(tmp_path):
+    (tmp_path / "m").mkdir()
+    (tmp_path / "m" / "c.onnx").write_bytes(one("Conv", (None, 2, None), [kernel(1, 2, 3)]).SerializeToString())
+    wanted = (tmp_path / "m", "--target", "iec", "-q", "--out", tmp_path / "out")
+    try:
+        assert run(*wanted) == 2
+        (tmp_path / "m" / "st-codegen.toml").write_text("[build]\nfeatures = 12\n")
+        assert run(*wanted) == 0
+        assert run("verify", tmp_path / "m", "-g", tmp_path / "out", "-n", 50, "-q") == 0
     finally:
         set_features(None)
 
