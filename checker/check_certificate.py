@@ -9,10 +9,12 @@ Needs NumPy and the standard library. docs/proof.md explains why what is done he
 import ast
 import hashlib
 import json
+import keyword
 import re
 import sys
 import tomllib
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 from model_files import HIGH, LOW, Reject, bits, keys, need, numbers, read_model, single
@@ -33,6 +35,7 @@ WORDS = {
     "FALSE": "False",
     "EXIT": "break",
 }
+KNOWN = {*"+-*/()[],<>", "<=", ">="}
 TOKEN = re.compile(r"\s*((?:\w+#)?16#[0-9A-Fa-f_]+|\d+\.\d+(?:E[-+]?\d+)?|\d+|[A-Za-z_]\w*|:=|<=|>=|<>|\S)")
 
 
@@ -59,6 +62,8 @@ def translated(code):
         elif token == "FOR":
             loop = True
         else:
+            plain = token[0].isalnum() and not keyword.iskeyword(token)
+            need(plain or token in WORDS or token in KNOWN, f"'{token}', which is a word of Python or not known")
             words.append(
                 str(int(token.split("16#")[1].replace("_", ""), 16)) if "16#" in token else WORDS.get(token, token)
             )
@@ -66,18 +71,32 @@ def translated(code):
     return ast.parse("\n".join(lines)).body
 
 
+def codes(folder):
+    """The Structured Text of all files of a target, without comments. Their names mean what the standard says."""
+    found = []
+    for path in sorted(path for path in folder.rglob("*") if path.suffix.lower() in (".st", ".tcpou", ".tcdut")):
+        text = path.read_text("utf-8-sig")
+        if path.suffix.lower() != ".st":
+            parts = [e for e in ElementTree.fromstring(text.encode()).iter() if e.tag in ("Declaration", "ST")]
+            need(len(parts) < 3, f"{path.name}: methods, or several units")
+            text = "\n".join(e.text for e in parts)
+        found.append(re.sub(r"\(\*.*?\*\)", " ", text, flags=re.S))
+    every = "\n".join(found)
+    names = [name.upper() for name in re.findall(r"\b(?:FUNCTION|FUNCTION_BLOCK)\s+(\w+)", every, re.I)]
+    names += [name.upper() for name in re.findall(r"\b(\w+)\s*:\s*(?:STRUCT|UNION)\b", every, re.I)]
+    other = rf"(?i)\b(?:{'|'.join(STANDARD)})\s*:(?!=)|\bFUNCTION\s+(?:{'|'.join(STANDARD)})\b"
+    need(len(set(names)) == len(names) and not re.search(other, every), "a name of two meanings")
+    return found
+
+
 def read_block(folder, name):
     """Inputs, outputs, constants, initial values and statements of a function block."""
-    path, form = folder / "POUs" / f"{name}.TcPOU", rf"^(FUNCTION_BLOCK {name}$.*?)^END_FUNCTION_BLOCK"
-    if path.is_file():
-        parts = ["\n".join(re.findall(r"<!\[CDATA\[(.*?)\]\]>", path.read_text("utf-8-sig"), re.S))]
-    else:
-        files = [p.read_text("utf-8") for p in sorted(folder.iterdir()) if p.suffix.lower() == ".st"]
-        parts = [t for content in files for t in re.findall(form, content, re.S | re.M | re.I)]
+    form = rf"^FUNCTION_BLOCK {name}$(.*?)(?:^END_FUNCTION_BLOCK|\Z)"
+    parts = [(text, part) for text in codes(folder) for part in re.findall(form, text, re.S | re.M | re.I)]
     need(len(parts) == 1, f"{len(parts)} blocks {name} in {folder}")
-    text = re.sub(r"\(\*.*?\*\)", " ", parts[0], flags=re.S)
-    need(not re.search(r"[{'\"$^]|//|\*\)", text), "attributes, strings, pointers, or a comment in a comment")
-    text = re.sub(rf"^\s*FUNCTION_BLOCK {name}\s", "", text)
+    known = parts[0][0].isascii() and not re.search(r"[{'\"$^]|//|\*\)", parts[0][0])
+    need(known, "attributes, strings, pointers, or a comment in a comment")
+    text = parts[0][1]
     ports, constants, values, end = {"VAR_INPUT": [], "VAR_OUTPUT": []}, set(), {}, 0
     for section in re.finditer(r"\s*(VAR\w*)( CONSTANT)?\s(.*?)END_VAR", text, re.S):
         need(section.start() == end and section[1] in ("VAR", *ports), "text between declarations, or another section")
@@ -144,6 +163,9 @@ NUMERIC = {
 
 CONVERSIONS = {"DINT_TO_LREAL": np.float64, "REAL_TO_LREAL": np.float64, "BOOL_TO_DINT": np.int64, "TRUNC": np.int64}
 CONVERSIONS |= {"SINT_TO_DINT": np.int64, "INT_TO_DINT": np.int64}
+#: Types and functions that no text may define anew.
+STANDARD = {"LREAL", "REAL", "DINT", "INT", "SINT", "BOOL", "DWORD", "LWORD", "DINT_TO_DWORD", "DWORD_TO_DINT"}
+STANDARD |= NUMERIC.keys() - set("+-*/") | CONVERSIONS.keys()
 
 
 class Machine:
@@ -203,6 +225,8 @@ class Machine:
                 names = [n for part in s.body for n in ast.walk(part) if isinstance(n, ast.Name)]
                 stores = {n.id for n in names if isinstance(n.ctx, ast.Store)}
                 need(s.target.id not in stores, "a counter that its loop assigns")
+                read = {n.id for part in s.iter.args for n in ast.walk(part) if isinstance(n, ast.Name)}
+                need(not read & {s.target.id, *stores}, "a loop whose bounds change in it")
                 inside = mask
                 for counter in range(bounds[0], bounds[1] + 1, bounds[2]):
                     self.assign(s.target, counter, True)
@@ -225,6 +249,7 @@ class Machine:
         name = target.id if isinstance(target, ast.Name) else target.value.id
         place = 0 if isinstance(target, ast.Name) else self.value(target.slice, mask)
         need(name in self.values and name not in self.constants and name not in self.inputs, f"{name} is assigned")
+        need(name not in self.outputs or (name, place) not in self.assigned, f"{name} is assigned twice")
         array = isinstance(target, ast.Subscript)
         need(type(place) is int and (not array or 0 <= place < len(self.values[name])), f"{name}: an index")
         old = self.values[name][place] if array else self.values[name]
@@ -655,8 +680,10 @@ class Check:
         return start, tuple(chain)
 
 
-PORTS = "VAR_INPUT fValue : LREAL; END_VAR VAR uBits : U_LrealBits; END_VAR VAR CONSTANT"
-ISNAN = "uBits.fValue := fValue; F_IsNan := (uBits.nBits AND {}) > {};"
+ISNAN = r"""FUNCTION F_IsNan : BOOL VAR_INPUT fValue : LREAL; END_VAR VAR uBits : U_LrealBits; END_VAR VAR CONSTANT
+(\w+) : LWORD := 16#7FFFFFFFFFFFFFFF; (\w+) : LWORD := 16#7FF0000000000000; END_VAR
+uBits\.fValue := fValue; F_IsNan := \(uBits\.nBits AND \1\) > \2;"""
+UNION = "TYPE U_LrealBits : UNION fValue : LREAL; nBits : LWORD; END_UNION END_TYPE"
 
 
 def tested(e):
@@ -672,15 +699,8 @@ def tested(e):
 
 def has_isnan(folder):
     """Whether the text tests NaN by the bits, in the one way that is known."""
-    if not (folder / "POUs" / "F_IsNan.TcPOU").is_file():
-        return False
-    body, union = (
-        re.sub(r"\s+", " ", re.sub(r"\(\*.*?\*\)", " ", (folder / name).read_text("utf-8-sig"), flags=re.S))
-        for name in ("POUs/F_IsNan.TcPOU", "DUTs/U_LrealBits.TcDUT")
-    )
-    names = [re.search(rf"(\w+) : LWORD := 16#{bits_};", body) for bits_ in ("7FFFFFFFFFFFFFFF", "7FF0000000000000")]
-    known = all(names) and f"<![CDATA[ {ISNAN.format(*(name[1] for name in names))} ]]>" in body and PORTS in body
-    return known and bool(re.search(r"UNION fValue : LREAL; nBits : LWORD; END_UNION", union))
+    texts = [" ".join(text.split()) for text in codes(folder)]
+    return all(any(re.fullmatch(form.replace("\n", " "), text) for text in texts) for form in (ISNAN, UNION))
 
 
 STATEMENT = (

@@ -239,7 +239,7 @@ class Executor(ValueOperations):
         self.untouched.add((variable, place))
         initial = variable.initial
         value = initial[place].item() if isinstance(initial, np.ndarray) else initial
-        if not is_scalar(value):
+        if not is_scalar(value) or variable.section is t.Section.TEMP:  # some controllers leave these as they find them
             raise NotProvedError(_HISTORY.format(variable.name))
         return value
 

@@ -27,13 +27,17 @@ _UNCALLED = {"FB_INIT", "FB_REINIT", "FB_EXIT"}
 #: Siemens: where the variables of a block lie in memory, not what is in them.
 _MEMORY = re.compile(r"\{\s*S7_Optimized_Access\s*:=\s*'(?:TRUE|FALSE)'\s*\}")
 
+#: Conversions of real numbers to integers; TRUNC cuts, and is the same everywhere.
+_ROUNDED = re.compile(r"\bL?REAL_TO_U?(?:L|D|S)?INT\b|\bL?REAL_TO_L?D?WORD\b|\bTO_U?(?:L|D|S)?INT\b", re.IGNORECASE)
+
 
 def check_text(code: GeneratedCode, block: str) -> None:
     """Raise NotProvedError for what gives a block, or what it calls, another meaning than its statements say."""
     units = [code.project.pous[key] for key in _reached(code.project, block.upper())]
     for unit in units:
-        if unit.base is not None or _UNCALLED & set(unit.methods):
+        if unit.base is not None or unit.modifiers or _UNCALLED & set(unit.methods):
             raise NotProvedError(f"{unit.position}: {unit.name} extends a block or has a method that nobody calls")
+        _check_statements(unit)
     keys = {unit.key for unit in units}
     declared = [item for item in code.source.declarations if isinstance(item, d.PouDeclaration | d.GlobalDeclarations)]
     owners = [item for item in declared if isinstance(item, d.GlobalDeclarations) or item.name.upper() in keys]
@@ -41,6 +45,10 @@ def check_text(code: GeneratedCode, block: str) -> None:
     for scanned in code.source.scans:
         if scanned.segment.file not in files:
             continue
+        rounded = _ROUNDED.search(scanned.segment.text)
+        if rounded is not None:
+            where = scanned.segment.position(rounded.start())
+            raise NotProvedError(f"{where}: {rounded[0]}: compilers round halves differently")
         for comment in scanned.comments:
             if comment.kind is CommentKind.NESTED:
                 where = scanned.segment.position(comment.start)
@@ -55,6 +63,20 @@ def check_text(code: GeneratedCode, block: str) -> None:
     for owner in owners:
         for variable in _kept_elsewhere(owner):
             raise NotProvedError(f"{variable.position}: {variable.name} has an address, or survives a restart")
+
+
+def _check_statements(unit: t.Pou) -> None:
+    """Raise NotProvedError for a loop that changes its own bounds, and for a block that changes its inputs."""
+    for statement in walk.statements(unit.body):
+        if isinstance(statement, t.For):
+            changed = {statement.variable} | walk.assigned_variables(statement.body)
+            if changed & set().union(*map(walk.variables, (statement.start, statement.stop, statement.step))):
+                raise NotProvedError(
+                    f"{statement.position}: a loop whose bounds change in it, which some compilers see"
+                )
+    for variable in walk.assigned_variables(unit.body):
+        if variable.section is t.Section.INPUT and variable.storage is t.Storage.INSTANCE:
+            raise NotProvedError(f"{unit.position}: {unit.name} assigns its input {variable.name}")
 
 
 def _kept_elsewhere(owner: d.PouDeclaration | d.GlobalDeclarations) -> Iterator[d.VariableDeclaration]:

@@ -33,6 +33,60 @@ def declared(line, *changes):
 
 #: What is changed in each text: pairs of a pattern and what stands in its place.
 TRICKS = {
+    "an assignment before the result": ((FIRST, r"\1fOut1 := 9.0;\n"),),
+    "a loop whose end it assigns": declared(
+        "nEnd : DINT;", (LOOP, "nEnd := 2;\nFOR nColumn := 0 TO nEnd DO\n    nEnd := 1;\n")
+    ),
+    "a loop whose step it assigns": declared(
+        "nEnd : DINT;", (LOOP, "nEnd := 1;\nFOR nColumn := 0 TO 2 BY nEnd DO\n    nEnd := 2;\n")
+    ),
+    "a loop that ends at its counter": ((LOOP, "nColumn := 2;\nFOR nColumn := 0 TO nColumn DO\n"),),
+    "an input that is assigned": ((LAST, r"\1fF0 := 0.0;\n"),),
+    "halves that compilers round differently": declared(
+        "nHalf : DINT;", (FIRST, "nHalf := LREAL_TO_DINT(2.5);\nbUsable := nHalf = 2;\n")
+    ),
+    "a temporary number that is read first": (
+        (r"(\nVAR\n)", "\nVAR_TEMP\n    nOld : DINT;\nEND_VAR\nVAR\n"),
+        (FIRST, r"\1IF nOld > 0 THEN bUsable := FALSE; END_IF;\n"),
+    ),
+    "a number that all instances share": (
+        (r"(\nVAR\n)", "\nVAR_STAT\n    nCalls : DINT;\nEND_VAR\nVAR\n"),
+        (FIRST, r"\1IF nCalls > 0 THEN bUsable := FALSE; END_IF;\nnCalls := nCalls + 1;\n"),
+    ),
+    "what Python takes for a comment": ((FIRST, "bUsable := TRUE # AND FALSE;\n"),),
+    "a division of integers": ((FIRST, "IF 3 / 2 > 1 THEN bUsable := TRUE; ELSE bUsable := FALSE; END_IF;\n"),),
+    "a remainder of a negative number": declared(
+        "nHalf : DINT;", (FIRST, "nHalf := -3;\nbUsable := nHalf MOD 2 = 1;\n")
+    ),
+    "truncation of a negative number": declared(
+        "nHalf : DINT;", (FIRST, "nHalf := TRUNC(-2.5);\nbUsable := nHalf = -3;\n")
+    ),
+    "powers from the left": ((FIRST, "bUsable := 2.0 ** 3.0 ** 2.0 > 100.0;\n"),),
+    "a difference from the right": ((FIRST, "bUsable := 5.0 - 3.0 - 1.0 > 2.0;\n"),),
+    "NOT before a comparison": ((LAST, r"bUsable := NOT bUsable = FALSE AND bUsable = FALSE;\n\1"),),
+    "an exclusive OR": ((LAST, r"bUsable := bUsable XOR TRUE;\n\1"),),
+    "a case that another one hides": (
+        (LAST, r"CASE 3 OF 0..5: bUsable := FALSE; 3: bUsable := bUsable; END_CASE;\n\1"),
+    ),
+    "a range of cases from above": (
+        (r"(anRank1\[0\] := nRank;)", r"\1\nCASE nRank OF 3..0: ; ELSE anRank1[0] := 2; END_CASE;"),
+    ),
+    "a number of fewer digits on the way": ((r"\b(fX|fSum) : LREAL", r"\1 : REAL"),),
+    "inputs of fewer digits on the way": ((r"(aInput : ARRAY\[0\.\.2\] OF )LREAL", r"\1REAL"),),
+    "constants of fewer digits": ((r"((?:CELL_2|VECTOR_3) : ARRAY\[0\.\.\d+\] OF )LREAL", r"\1REAL"),),
+    "a table that is counted from 1": (
+        (r"(CELL_2|VECTOR_3) : ARRAY\[0\.\.(\d+)\]", lambda m: f"{m[1]} : ARRAY[1..{int(m[2]) + 1}]"),
+    ),
+    "a type that is too narrow": ((r"nRank : DINT", "nRank : DINT(0..1)"),),
+    "a pointer to the result": declared("pOut : POINTER TO LREAL;", (LAST, r"\1pOut := ADR(fOut1);\npOut^ := 0.0;\n")),
+    "a reference to the result": declared("rOut : REFERENCE TO LREAL;", (LAST, r"\1rOut REF= fOut1;\nrOut := 0.0;\n")),
+    "a jump": ((LAST, r"JMP over;\nbUsable := TRUE;\nover:\n\1"),),
+    "a limit of another magnitude": ((r"(INPUT_LIMIT[^;]*?)(3\.40282356|9\.99999999)\d*E", r"\g<1>\g<2>7E"),),
+    "a limit that no number is": ((r"(INPUT_LIMIT[^;]*?)\d\.\d+E\d+", r"\g<1>1.0E400"),),
+    "a letter of another alphabet": (
+        (r"(\n    bUsable : BOOL;)", r"\1\n    bUsаble : BOOL := TRUE;"),  # noqa: RUF001
+        (LAST, "bValid := bUsаble;\n"),  # noqa: RUF001
+    ),
     "an assignment behind the result": ((LAST, r"\1fOut1 := 0.0;\n"),),
     "an assignment in other letters": ((LAST, r"\1FOUT1 := 0.0;\n"),),
     "bValid is set again": ((LAST, r"\1bValid := TRUE;\n"),),
@@ -170,6 +224,64 @@ HELPERS = {
     "a test that finds nothing": ("POUs/F_IsNan.TcPOU", "\n]]></ST>", "\nF_IsNan := FALSE;\n]]></ST>"),
     "a test of fewer digits": ("POUs/F_IsNan.TcPOU", "fValue : LREAL", "fValue : REAL"),
 }
+
+
+def _unit(kind, name, declaration, body):
+    head = f'<TcPlcObject Version="1.1.0.1"><{kind} Name="{name}" Id="{{00000000-0000-5000-8000-000000000009}}">'
+    text = f"<Declaration><![CDATA[{declaration}]]></Declaration>"
+    text += f"<Implementation><ST><![CDATA[{body}]]></ST></Implementation>" if body else ""
+    return f'<?xml version="1.0" encoding="utf-8"?>{head}{text}</{kind}></TcPlcObject>'
+
+
+NAN = "FUNCTION F_IsNan : BOOL\nVAR_INPUT\n    fValue : LREAL;\nEND_VAR\n"
+SIZE = "FUNCTION ABS : LREAL\nVAR_INPUT\n    fX : LREAL;\nEND_VAR\n"
+EMPTY = "FUNCTION_BLOCK FB_Random_forest\nVAR_INPUT\n    fF0 : LREAL;\nEND_VAR\n"
+#: Files beside the block's that give its names another meaning.
+BESIDE = {
+    "a type that is defined anew": ("iec", "Z.st", "TYPE LREAL : REAL; END_TYPE\n"),
+    "a function that is defined anew": ("iec", "Z.st", SIZE + "ABS := 0.0;\nEND_FUNCTION\n"),
+    "a second block": ("iec", "Z.ST", EMPTY + "END_FUNCTION_BLOCK\n"),
+    "another test for NaN": ("twincat", "POUs/F_Other.TcPOU", _unit("POU", "F_IsNan", NAN, "F_IsNan := FALSE;")),
+    "another union": (
+        "twincat",
+        "DUTs/U_Other.TcDUT",
+        _unit("DUT", "U_LrealBits", "TYPE U_LrealBits : STRUCT\nfValue : LREAL;\nEND_STRUCT\nEND_TYPE", ""),
+    ),
+    "a block in another file": ("twincat", "POUs/A.TcPOU", _unit("POU", "FB_Random_forest", EMPTY, "bValid := TRUE;")),
+    "another ABS": ("twincat", "POUs/ABS.TcPOU", _unit("POU", "ABS", SIZE, "ABS := 0.0;")),
+}
+
+
+@pytest.mark.parametrize("name", BESIDE)
+def test_a_name_of_two_meanings_is_accepted_by_nobody(name, made):
+    target, file, text = BESIDE[name]
+    path = made[target][2] / file
+    path.write_text(text, "utf-8")
+    try:
+        assert verdicts(*made[target], made[target][-1].read_text("utf-8")) == (False, False)
+    finally:
+        path.unlink()
+
+
+METHOD = '<Method Name="fX" Id="{00000000-0000-5000-8000-000000000009}"><Declaration>METHOD fX : LREAL</Declaration>'
+#: What stands in the XML file of a block beside its text.
+AROUND = {
+    "a statement in front of the text": ("<ST>", "<ST>fOut1 := 9.0; "),
+    "a statement behind the text": ("</ST>", "fOut1 := 1.0;</ST>"),
+    "a second text": ("</Implementation>", "</Implementation><Implementation><ST>fOut1 := 1.0;</ST></Implementation>"),
+    "a method named as a variable": (
+        "</POU>",
+        f"{METHOD}<Implementation><ST>fX := 1.0;</ST></Implementation></Method></POU>",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", AROUND)
+def test_what_stands_around_a_text_is_read(name, made):
+    text = made["twincat"][-1].read_text("utf-8")
+    old, new = AROUND[name]
+    assert old in text
+    assert verdicts(*made["twincat"], text.replace(old, new, 1)) == (False, False)
 
 
 @pytest.mark.parametrize("name", ["twincat", "twincat kernel"])
