@@ -196,6 +196,16 @@ def test_shared_tables_keep_their_block_their_groups_and_their_places(bundle_fol
     assert after.locations["b"] == Location("mine", (0,))
 
 
+def test_only_a_loop_of_several_rounds_has_a_variable():
+    """A loop of one round is written without it, and compilers warn of variables that nothing uses."""
+    listing = Listing(10)
+    listing.loop("nRow")
+    listing.loop("nRow", 0, 1)
+    assert not listing.variables
+    listing.loop("nRow", 1, 2)
+    assert [(variable.name, variable.type) for variable in listing.variables.values()] == [("nRow", "DINT")]
+
+
 def test_arrays_are_cut_where_an_earlier_run_cut_them():
     """The tree that no longer fits moves on; arrays behind it begin where they began."""
     before, sizes = Listing(10), [4, 4, 4, 4, 4, 4]

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from st_codegen.campaign import reader
 from st_codegen.campaign.conditions import OperatingPoint
 from st_codegen.campaign.curves import Curve, Run, write_run
 from st_codegen.campaign.reader import AROUND, read_campaign
-from st_codegen.errors import InputError
+from st_codegen.errors import InputError, MissingExtraError
 from st_codegen.te.harmonics import Direction
 from st_codegen.training.measured import measured_table
 from st_codegen.training.search import Backend
@@ -61,6 +62,24 @@ def test_the_files_are_read_wherever_the_work_is_done_around(folder, tmp_path):
         together = read_campaign(folder, jobs=AROUND, progress=lambda done, total, name: seen.append(name))
     assert np.array_equal(alone.coefficients, coefficients(together).coefficients)
     assert seen == [path.name for path in sorted(folder.rglob("*.csv"))]
+
+
+def test_as_many_workers_read_as_are_asked_for_but_no_more_than_files(folder, monkeypatch):
+    """What is read around has as many as the caller has chosen."""
+    joblib = pytest.importorskip("joblib")
+    asked, parallel = [], joblib.Parallel
+    monkeypatch.setattr(joblib, "Parallel", lambda **given: asked.append(given.get("n_jobs")) or parallel(**given))
+    with joblib.parallel_config(backend="threading", n_jobs=1):
+        for jobs in (2, 64, AROUND, 1):
+            assert len(read_campaign(folder, jobs=jobs).curves) == 12
+    assert asked == [2, 6, None]
+
+
+def test_without_the_extra_one_worker_reads_and_several_are_refused(folder, monkeypatch):
+    monkeypatch.setitem(sys.modules, "joblib", None)
+    assert len(read_campaign(folder, jobs=1).curves) == 12
+    with pytest.raises(MissingExtraError, match=r"st-codegen\[train\]"):
+        read_campaign(folder, jobs=2)
 
 
 @pytest.mark.slow

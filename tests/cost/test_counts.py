@@ -167,6 +167,14 @@ BOUNDED = {
     "FOR i := 1 TO SEL(b, K[n], 7) DO x := SQRT(x); END_FOR;": 7,
     "FOR i := SEL(b, K[n] + 2, 3) TO 7 DO x := SQRT(x); END_FOR;": 5,
     "FOR i := 1 TO ABS(K[n] - 6) DO x := SQRT(x); END_FOR;": 5,
+    "FOR i := 1 TO MUX(K[n], 9, 9, 9, 9, 9) DO x := SQRT(x); END_FOR;": None,
+    "FOR i := 0 TO 9 BY K[n] DO x := SQRT(x); END_FOR;": 10,
+    "FOR i := 9 TO 0 BY -K[n] DO x := SQRT(x); END_FOR;": 10,
+    # a step that may be zero, or anything, or from anywhere
+    "FOR i := 0 TO 9 BY K[n] - 1 DO x := SQRT(x); END_FOR;": None,
+    "FOR i := 9 TO 0 BY 1 - K[n] DO x := SQRT(x); END_FOR;": None,
+    "FOR i := 0 TO 9 BY n DO x := SQRT(x); END_FOR;": None,
+    "FOR i := n TO 9 DO x := SQRT(x); END_FOR;": None,
     "i := 0; n := 99; WHILE i < n DO m := (i + n) / 2; IF T[m] < x THEN i := m + 1; ELSE n := m; END_IF;"
     " x := SQRT(x); END_WHILE;": None,
     "i := 0; WHILE b AND i <= 7 DO x := SQRT(x); i := i + 2; END_WHILE;": 4,

@@ -209,8 +209,11 @@ def test_init_writes_what_the_files_know_and_the_result_compiles(tmp_path, capsy
     assert verify(bundle, tmp_path / "out", rows=300).passed
     low, high = operating_range(bundle.models[0].ir)
     assert np.array_equal([low, high], [x.min(axis=0), x.max(axis=0)])
+    (folder / "st-codegen.toml").write_text("# ours\n")
     assert run("init", folder) == 2
     assert "is there already" in capsys.readouterr().err
+    assert run("init", folder, "--force", "--trust-pickle") == 0
+    assert "# ours" not in (folder / "st-codegen.toml").read_text(encoding="utf-8")
 
 
 def test_a_range_of_a_file_is_that_of_the_model_trained_last(lone_folder, capsys):
