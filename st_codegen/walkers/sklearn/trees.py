@@ -202,8 +202,8 @@ def walk_hist_gradient_boosting(estimator: Any, builder: GraphBuilder, value: in
     nodes = nodes[layout.order]
     if value == 0:  # the encoder of categories refuses infinities
         builder.refuse_magnitude(np.inf, [column.column for column in columns if column.categorical])
-    categories = _HistCategories(predictors, sizes, fitted, columns)
-    category_row, category_left = categories.table(nodes, layout.order, columns)
+    tree = np.repeat(np.arange(len(predictors)), sizes)[layout.order]
+    category_row, category_left = _category_table(predictors, fitted, columns, nodes, tree)
     raw = builder.add(
         laid_out(
             value,
@@ -307,38 +307,30 @@ def _known_categories(fitted: Fitted, columns: tuple[TreeColumn, ...]) -> BoolAr
     return known
 
 
-class _HistCategories:
-    """The bitsets of categorical splits as one table of booleans (see `TreeEnsemble.category_left`)."""
-
-    def __init__(
-        self, predictors: Sequence[Any], sizes: AnyArray, fitted: Fitted, columns: tuple[TreeColumn, ...]
-    ) -> None:
-        self.bitsets = [np.asarray(predictor.raw_left_cat_bitsets) for predictor in predictors]
-        self.first_bitset = np.concatenate([[0], np.cumsum([len(bits) for bits in self.bitsets])[:-1]])
-        self.tree_of_node = np.repeat(np.arange(len(predictors)), sizes)
-        has_categories = any(column.categorical for column in columns)
-        known = _known_categories(fitted, columns)  # which native code reads, needed or not
-        self.known = known if has_categories else None
-
-    def table(self, nodes: AnyArray, order: IntArray, columns: tuple[TreeColumn, ...]) -> tuple[Int32Array, BoolArray]:
-        """`category_row` and `category_left` of the nodes in their new order."""
-        if self.known is None:
-            return np.zeros(0, np.int32), np.zeros(0, np.bool_)
-        bits = _unpacked(np.concatenate([b for b in self.bitsets if len(b)] or [np.zeros((0, 8), np.uint32)]))
-        row = np.zeros(len(nodes), np.int32)
-        pieces: list[BoolArray] = []
-        length = 0
-        for node in np.flatnonzero((nodes["is_categorical"] != 0) & (nodes["is_leaf"] == 0)):
-            column = int(nodes["feature_idx"][node])
-            n = columns[column].n_categories
-            in_left = bits[self.first_bitset[self.tree_of_node[order[node]]] + nodes["bitset_idx"][node]][:n]
-            missing = bool(nodes["missing_go_to_left"][node])
-            # a category of the left side goes there, known or not (`_predictor.pyx: _predict_one_from_raw_data`)
-            answer = np.where(self.known[column][:n] | in_left, in_left, missing)
-            pieces.append(np.append(answer, [missing, missing]).astype(np.bool_))
-            row[node] = length
-            length += n + 2
-        return row, np.concatenate(pieces) if pieces else np.zeros(0, np.bool_)
+def _category_table(
+    predictors: Sequence[Any], fitted: Fitted, columns: tuple[TreeColumn, ...], nodes: AnyArray, tree: IntArray
+) -> tuple[Int32Array, BoolArray]:
+    """`category_row` and `category_left` (see `TreeEnsemble`) of nodes, of which `tree` is the number of the tree."""
+    known = _known_categories(fitted, columns)  # which native code reads, needed or not
+    row = np.zeros(len(nodes), np.int32)
+    if not any(column.categorical for column in columns):
+        return row[:0], np.zeros(0, np.bool_)
+    bitsets = [np.asarray(predictor.raw_left_cat_bitsets) for predictor in predictors]
+    first = np.concatenate([[0], np.cumsum([len(bits) for bits in bitsets])[:-1]])
+    bits = _unpacked(np.concatenate([b for b in bitsets if len(b)] or [np.zeros((0, 8), np.uint32)]))
+    pieces: list[BoolArray] = []
+    length = 0
+    for node in np.flatnonzero((nodes["is_categorical"] != 0) & (nodes["is_leaf"] == 0)):
+        column = int(nodes["feature_idx"][node])
+        n = columns[column].n_categories
+        in_left = bits[first[tree[node]] + nodes["bitset_idx"][node]][:n]
+        missing = bool(nodes["missing_go_to_left"][node])
+        # a category of the left side goes there, known or not (`_predictor.pyx: _predict_one_from_raw_data`)
+        answer = np.where(known[column][:n] | in_left, in_left, missing)
+        pieces.append(np.append(answer, [missing, missing]).astype(np.bool_))
+        row[node] = length
+        length += n + 2
+    return row, np.concatenate(pieces) if pieces else np.zeros(0, np.bool_)
 
 
 def _unpacked(bitsets: AnyArray) -> BoolArray:
