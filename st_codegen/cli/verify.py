@@ -132,11 +132,7 @@ def _codes(report: VerifyReport) -> Iterator[str]:
 def _failures(model: ModelReport) -> list[str]:
     """Why the library has no answer, or the first rows that differ."""
     refusal = [] if model.refusal is None else [model.refusal]
-    return refusal + [
-        f"{failure.between} differ at {list(failure.input)}: "
-        f"{list(failure.expected)} and {list(failure.got)}, allowed {failure.bound:g}"
-        for failure in model.failures[:3]
-    ]
+    return refusal + [str(failure) for failure in model.failures[:3]]
 
 
 def _open_rows(model: ModelReport) -> str:

@@ -79,14 +79,8 @@ class LiveReport:
             if model.refusal is not None:
                 found.append((model.name, model.refusal))
             numbers = self.failed_rows.get(model.name, [])
-            for failure, number in zip(model.failures, numbers, strict=True):
-                found.append(
-                    (
-                        model.name,
-                        f"row {number}: {failure.between} differ at {list(failure.input)}: {list(failure.expected)} "
-                        f"and {list(failure.got)}, allowed {failure.bound:g}",
-                    )
-                )
+            rows = zip(model.failures, numbers, strict=True)
+            found += [(model.name, f"row {number}: {failure}") for failure, number in rows]
         return found
 
     def remarks(self) -> list[str]:

@@ -62,6 +62,12 @@ class Disagreement:
     got: tuple[float, ...]
     bound: float
 
+    def __str__(self) -> str:
+        return (
+            f"{self.between} differ at {list(self.input)}: {list(self.expected)} and {list(self.got)}, "
+            f"allowed {self.bound:g}"
+        )
+
 
 @dataclass(frozen=True)
 class OpenRow:
