@@ -110,12 +110,14 @@ def _ratio(data: Observations, rig: RigModel) -> list[Mistake]:
 def _ramp_of_gap(data: Observations, rig: RigModel) -> float:
     """The ramp over a turn (deg) that the mean gaps of the orders share, 0 where they do not.
 
-    Of a ramp s an order k has i s / (pi k): in noise only the lowest show it, beside the machine's own waves.
+    Of a ramp s an order k has i s / (pi k): in noise only the lowest show it, beside the machine's own waves. What the
+    mean of the runs tells of them is said by how far they scatter: where TE wanders within a turn, that is far.
     """
     told = data.orders > 0
     orders, rows = data.orders[told], len(data)
-    gap = (data.values - rig.coefficients(data.at, data.orders.tolist()))[:, told].mean(axis=0)
-    least = SETTINGS.told * _noise_power(data)[:, told].mean(axis=0) / rows
+    gaps = (data.values - rig.coefficients(data.at, data.orders.tolist()))[:, told]
+    gap = gaps.mean(axis=0)
+    least = SETTINGS.told * (np.abs(gaps - gap) ** 2).mean(axis=0) / rows
     slopes, sure = np.pi * orders * gap.imag, 1.0 / (orders * np.sqrt(np.maximum(least, 1e-300)))
     size = float(np.quantile(slopes, 0.5, method="inverted_cdf", weights=sure))
     left, right = (np.abs(part) ** 2 + least for part in (gap, gap - 1j * size / (np.pi * orders)))
