@@ -118,6 +118,15 @@ def test_orders_that_are_noise_have_no_vote(name, sigma):
     assert "problems" not in str(asked.value), "one mistake is one question"
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_ramps_that_differ_from_run_to_run_are_no_other_ratio(seed):
+    """TE that wanders within the turn: the mean of the runs is off by more than the noise between orders."""
+    data = replace(measured(3e-4), spectral_deg=np.full((2 * RUNS, len(ORDERS)), 3e-4))
+    slope = 0.3 * np.random.default_rng(seed).standard_normal((2 * RUNS, 1))
+    wander = np.where(ORDERS > 0, 1j * slope / (np.pi * np.maximum(ORDERS, 1)), 0.0)
+    assert examine(replace(data, values=data.values + wander), RIG, PATH).mistakes == ()
+
+
 def test_where_few_orders_tell_mistakes_are_said_not_to_be_told():
     data = measured()
     assert examine(data, RIG, PATH).untold == ()

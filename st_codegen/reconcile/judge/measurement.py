@@ -110,8 +110,8 @@ def _ratio(data: Observations, rig: RigModel) -> list[Mistake]:
 def _ramp_of_gap(data: Observations, rig: RigModel) -> float:
     """The ramp over a turn (deg) that the mean gaps of the orders share, 0 where they do not.
 
-    Of a ramp s an order k has i s / (pi k): in noise only the lowest show it, beside the machine's own waves. What the
-    mean of the runs tells of them is said by how far they scatter: where TE wanders within a turn, that is far.
+    Of a ramp s an order k has i s / (pi k): in noise only the lowest show it, beside the machine's own waves. Where TE
+    wanders within a turn each run has a ramp of its own: that of all is told by how far those of the runs scatter.
     """
     told = data.orders > 0
     orders, rows = data.orders[told], len(data)
@@ -121,6 +121,9 @@ def _ramp_of_gap(data: Observations, rig: RigModel) -> float:
     slopes, sure = np.pi * orders * gap.imag, 1.0 / (orders * np.sqrt(np.maximum(least, 1e-300)))
     size = float(np.quantile(slopes, 0.5, method="inverted_cdf", weights=sure))
     left, right = (np.abs(part) ** 2 + least for part in (gap, gap - 1j * size / (np.pi * orders)))
+    each = np.pi * (gaps.imag * orders) @ sure**2 / (sure**2).sum()
+    if abs(size) < SETTINGS.ramp * float(each.std()) / np.sqrt(rows):
+        return 0.0
     return size if _better(left[None], right[None], least[None]) else 0.0
 
 
