@@ -156,7 +156,8 @@ def is_no_form_error(without: Fit, with_it: Fit, number: int | None = None, show
     slack = SETTINGS.form * np.abs(sum((explained(with_it, one) for one in others), np.zeros_like(with_it.residual)))
     left = [np.maximum(np.abs(one.residual) - slack, 0.0).astype(np.complex128) for one in (without, with_it)]
     saved = (target.losses(left[0]) - target.losses(left[1])).sum(axis=0)
-    return float(saved.sum(where=True if shows is None else shows)) > SETTINGS.order_gain
+    there = saved if shows is None else saved[shows]
+    return bool(min(saved.sum(), there.sum()) > SETTINGS.order_gain)
 
 
 def at_nobodys_expense(without: Fit, with_it: Fit) -> bool:

@@ -13,7 +13,6 @@ from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.candidates import Candidate, Search
 from st_codegen.reconcile.judge.evidence import Evidence, judge
-from st_codegen.reconcile.judge.peaks import has_a_frequency
 from st_codegen.reconcile.judge.plausible import (
     at_nobodys_expense,
     at_two_frequencies,
@@ -81,7 +80,8 @@ def _first_that_passes(
 ) -> Fit | None:
     # a clear first needs no comparison with others
     likely = [c for c in ranked[: SETTINGS.tries] if finder.net(c) > SETTINGS.clear * finder.net(ranked[0])]
-    tried = [_tried(current, c) for c in likely]
+    steps, tolerance = SETTINGS.quick_steps, SETTINGS.quick_tolerance
+    tried = [(fit(current.target, c.put_into(current.state), steps=steps, tolerance=tolerance), c) for c in likely]
     # weighed by how far coefficients scatter about the model as it is, a poor candidate loses little to a good one:
     # they are compared by how far they scatter about the best
     spreads = [current.target.about(fitted.residual).spread for fitted, _ in tried]
@@ -120,37 +120,6 @@ def founded(without: Fit, with_it: Fit, number: int, places: list[int]) -> tuple
     at_one_angle = bool(piece.effect.least_foreign)
     sound = sound and (is_of_its_place(with_it, number) if at_one_angle else stands_out(with_it, own))
     return evidence, evidence.passed and sound and law_holds(without, with_it, number)
-
-
-def _tried(current: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:
-    """The fit with a candidate; of a resonance only the orders stay that reach its frequency."""
-    fitted = fit(
-        current.target,
-        candidate.put_into(current.state),
-        steps=SETTINGS.quick_steps,
-        tolerance=SETTINGS.quick_tolerance,
-    )
-    if fitted.loss > current.loss:
-        # the linear step led astray: from where nothing of it is there yet
-        nothing = candidate.piece.with_vector(
-            np.array([0.0 if c.linear and not candidate.grown else x for c, x in
-                      zip(candidate.piece.coordinates(), candidate.piece.vector(), strict=True)]))  # fmt: skip
-        fitted = fit(current.target, replace(candidate, piece=nothing).put_into(current.state))
-    piece = fitted.state.pieces[candidate.place(fitted.state)]
-    effect = piece.effect
-    if not has_a_frequency(effect):
-        return fitted, candidate
-    turn = current.target.data.at.speed_rpm / (60 * effect.constants.reduction_ratio)
-    frequency = effect.scalar("frequency_Hz")
-    reaching = [i for i, k in enumerate(effect.orders) if 0.98 * k * turn.min() < frequency < 1.02 * k * turn.max()]
-    if len(reaching) in (0, len(effect.orders)):
-        return fitted, candidate
-    values = {
-        key: tuple(value[i] for i in reaching) if isinstance(value, tuple) else value
-        for key, value in effect.values.items()
-    }
-    smaller = replace(candidate, piece=replace(piece, effect=effect.with_values(values)))
-    return fit(current.target, smaller.put_into(current.state)), smaller
 
 
 def with_noise_of(current: Fit) -> tuple[FitData, Noise]:
