@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import singledispatch
+from functools import singledispatch, wraps
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from st_codegen.ir import (
     Exceeds,
     FactoredKernel,
     FillMissing,
+    FloatArray,
     Function,
     Kernel,
     KernelSum,
@@ -41,6 +43,8 @@ from st_codegen.ir import (
     WeightedMedian,
 )
 from st_codegen.ir.base import COS_REACH
+
+_AnyOperation = TypeVar("_AnyOperation", bound=Operation)
 
 #: Below minus this argument EXP gives a denormal number or zero; 0.0 is taken instead, at most 3.4E-308 away.
 EXP_REACH = 708.0
@@ -112,6 +116,29 @@ def lay_out(op: Operation, step: Step, listing: Listing) -> None:
     raise NotImplementedError(type(op).__name__)
 
 
+Section = tuple[str, str, dict[str, object]]
+
+
+def _column_by_column(
+    section: Callable[[_AnyOperation, Step, Listing], Section],
+) -> Callable[[_AnyOperation, Step, Listing], None]:
+    """Lays out an operation whose code is one loop over the columns of its result.
+
+    `section` gives the title, the template and what only this operation prints by it.
+    """
+
+    @wraps(section)
+    def laid_out(op: _AnyOperation, step: Step, listing: Listing) -> None:
+        declare_result(op, step, listing)
+        listing.loop("nColumn", op.width)
+        title, template, own = section(op, step, listing)
+        single = getattr(op, "precision", None) is Precision.FLOAT32
+        listing.section(title, template, **{"step": step, "last": op.width - 1, "single": single, **own})
+
+    laid_out.__annotations__ = {**section.__annotations__, "return": None}
+    return lay_out.register(laid_out)
+
+
 @lay_out.register
 def _(op: Select, step: Step, listing: Listing) -> None:
     declare_result(op, step, listing)
@@ -137,43 +164,24 @@ def _(op: Select, step: Step, listing: Listing) -> None:
     listing.section("pick columns", "select_many", step=step, parts=parts)
 
 
-@lay_out.register
-def _(op: Scale, step: Step, listing: Listing) -> None:
-    declare_result(op, step, listing)
-    listing.loop("nColumn", op.width)
+@_column_by_column
+def _(op: Scale, step: Step, listing: Listing) -> Section:
     constant = listing.table(step.table("OPERAND"), "LREAL", op.constant)
     least = None
     if op.reverse and op.operator is Operator.DIVIDE:
         least = listing.table(step.table("LEAST"), "LREAL", np.abs(op.constant) * (1.0 / op.ceiling))
-    listing.section(
-        f"each column: {'constant ' + op.operator + ' x' if op.reverse else 'x ' + op.operator + ' constant'}",
-        "scale",
-        step=step,
-        last=op.width - 1,
-        constant=constant,
-        reverse=op.reverse,
-        operator=op.operator.value,
-        least=least,
-        single=op.precision is Precision.FLOAT32,
-    )
+    title = f"each column: {'constant ' + op.operator + ' x' if op.reverse else 'x ' + op.operator + ' constant'}"
+    own = {"constant": constant, "reverse": op.reverse, "operator": op.operator.value, "least": least}
+    return title, "scale", own
 
 
-@lay_out.register
-def _(op: Combine, step: Step, listing: Listing) -> None:
-    declare_result(op, step, listing)
-    listing.loop("nColumn", op.width)
+@_column_by_column
+def _(op: Combine, step: Step, listing: Listing) -> Section:
     least = None
     if op.operator is Operator.DIVIDE:
         least = listing.table(step.table("LEAST"), "LREAL", [1.0 / op.ceiling])
-    listing.section(
-        f"column by column: a {op.operator.value} b",
-        "combine",
-        step=step,
-        last=op.width - 1,
-        operator=op.operator.value,
-        least=least,
-        single=op.precision is Precision.FLOAT32,
-    )
+    operator = op.operator.value
+    return f"column by column: a {operator} b", "combine", {"operator": operator, "least": least}
 
 
 @lay_out.register
@@ -183,56 +191,39 @@ def _(op: Round, step: Step, listing: Listing) -> None:
     listing.section("rounded to REAL, as the library computes", "round", step=step, last=op.width - 1)
 
 
-@lay_out.register
-def _(op: FillMissing, step: Step, listing: Listing) -> None:
-    declare_result(op, step, listing)
-    listing.loop("nColumn", op.width)
+def _flags(step: Step, listing: Listing) -> str | None:
+    """The table of the inputs that say whether a column is missing; None where none can be."""
+    return None if step.missing is None else listing.table(step.table("FLAG_INPUT"), "DINT", step.missing)
+
+
+@_column_by_column
+def _(op: FillMissing, step: Step, listing: Listing) -> Section:
     listing.locals("LREAL", "fX")
     same = bool(np.all(op.fill == op.fill[0]))
-    listing.section(
-        "missing values filled in",
-        "fill_missing",
-        step=step,
-        last=op.width - 1,
-        fill=listing.constant(step.table("FILL"), float(op.fill[0])) if same else None,
-        fills=None if same else listing.table(step.table("FILL"), "LREAL", op.fill),
-        sentinel=None if op.sentinel is None else listing.constant(step.table("SENTINEL"), op.sentinel),
-        flags=None if step.missing is None else listing.table(step.table("FLAG_INPUT"), "DINT", step.missing),
-    )
+    own: dict[str, object] = {
+        "fill": listing.constant(step.table("FILL"), float(op.fill[0])) if same else None,
+        "fills": None if same else listing.table(step.table("FILL"), "LREAL", op.fill),
+        "sentinel": None if op.sentinel is None else listing.constant(step.table("SENTINEL"), op.sentinel),
+        "flags": _flags(step, listing),
+    }
+    return "missing values filled in", "fill_missing", own
 
 
-@lay_out.register
-def _(op: Clip, step: Step, listing: Listing) -> None:
-    declare_result(op, step, listing)
-    listing.loop("nColumn", op.width)
-    listing.section(
-        "limited",
-        "clip",
-        step=step,
-        last=op.width - 1,
-        lower=listing.table(step.table("LOWER"), "LREAL", op.lower),
-        upper=listing.table(step.table("UPPER"), "LREAL", op.upper),
-    )
+@_column_by_column
+def _(op: Clip, step: Step, listing: Listing) -> Section:
+    limits = {"lower": op.lower, "upper": op.upper}
+    return "limited", "clip", {n: listing.table(step.table(n.upper()), "LREAL", v) for n, v in limits.items()}
 
 
-@lay_out.register
-def _(op: Exceeds, step: Step, listing: Listing) -> None:
-    declare_result(op, step, listing)
-    listing.loop("nColumn", op.width)
-    listing.section(
-        f"1.0 where {'the cut is reached' if op.inclusive else 'above the cut'}, else 0.0",
-        "exceeds",
-        step=step,
-        last=op.width - 1,
-        cut=listing.table(step.table("CUT"), "LREAL", op.cut),
-        comparison=">=" if op.inclusive else ">",
-    )
+@_column_by_column
+def _(op: Exceeds, step: Step, listing: Listing) -> Section:
+    title = f"1.0 where {'the cut is reached' if op.inclusive else 'above the cut'}, else 0.0"
+    cut = listing.table(step.table("CUT"), "LREAL", op.cut)
+    return title, "exceeds", {"cut": cut, "comparison": ">=" if op.inclusive else ">"}
 
 
-@lay_out.register
-def _(op: Piecewise, step: Step, listing: Listing) -> None:
-    declare_result(op, step, listing)
-    listing.loop("nColumn", op.width)
+@_column_by_column
+def _(op: Piecewise, step: Step, listing: Listing) -> Section:
     listing.locals("LREAL", "fX", "fY")
     listing.locals("DINT", "nKnot", "nHigh")
     counts = np.diff(op.start)
@@ -248,36 +239,28 @@ def _(op: Piecewise, step: Step, listing: Listing) -> None:
     knots = np.append(op.knots, np.finfo(np.float64).max)
     refused = [np.isinf(op.pieces[:, 0]), np.append(np.isinf(op.at), [False])]
     stays = np.full(op.width, np.nan) if op.missing is None else op.missing
-    listing.section(
-        f"pieces between {len(op.knots):,} knots",
-        "piecewise",
-        step=step,
-        last=op.width - 1,
-        levels=levels,
-        degree=op.degree,
-        terms=op.degree + 1,
-        start=listing.table(step.table("KNOT_START"), "DINT", op.start),
-        knots=listing.table(step.table("KNOT"), "LREAL", knots, [*groups, Group("", len(op.knots), len(knots))]),
-        at=listing.table(step.table("KNOT_VALUE"), "LREAL", np.append(np.where(refused[1][:-1], 0.0, op.at), [0.0])),
-        pieces=listing.table(
+    tables: dict[str, object] = {
+        "start": listing.table(step.table("KNOT_START"), "DINT", op.start),
+        "knots": listing.table(step.table("KNOT"), "LREAL", knots, [*groups, Group("", len(op.knots), len(knots))]),
+        "at": listing.table(step.table("KNOT_VALUE"), "LREAL", np.append(np.where(refused[1][:-1], 0.0, op.at), [0.0])),
+        "pieces": listing.table(
             step.table("PIECE"),
             "LREAL",
             np.where(np.isinf(op.pieces), 0.0, op.pieces)[:, ::-1].ravel(),
             per_line=op.degree + 1 if op.degree else None,
         ),
-        refused=(
-            [
-                listing.table(step.table(f"{what}_REFUSED"), "SINT", flags.astype(int))
-                for what, flags in zip(("PIECE", "KNOT"), refused, strict=True)
-            ]
-            if np.any(np.concatenate(refused))
-            else None
-        ),
-        flags=None if step.missing is None else listing.table(step.table("FLAG_INPUT"), "DINT", step.missing),
-        missing=(
-            None if step.missing is None else listing.table(step.table("FILL"), "LREAL", np.nan_to_num(stays, nan=0.0))
-        ),
-    )
+        "refused": None,
+    }
+    if np.any(np.concatenate(refused)):
+        tables["refused"] = [
+            listing.table(step.table(f"{what}_REFUSED"), "SINT", flags.astype(int))
+            for what, flags in zip(("PIECE", "KNOT"), refused, strict=True)
+        ]
+    flags, missing = _flags(step, listing), None
+    if flags is not None:
+        missing = listing.table(step.table("FILL"), "LREAL", np.nan_to_num(stays, nan=0.0))
+    own = {"levels": levels, "degree": op.degree, "terms": op.degree + 1, "flags": flags, "missing": missing, **tables}
+    return f"pieces between {len(op.knots):,} knots", "piecewise", own
 
 
 @lay_out.register
@@ -292,20 +275,11 @@ def _(op: ArgMax, step: Step, listing: Listing) -> None:
     listing.section(f"the largest of {op.n_columns}, of equal ones the first", "argmax", step=step, **values)
 
 
-@lay_out.register
-def _(op: Softmax, step: Step, listing: Listing) -> None:
-    declare_result(op, step, listing)
-    listing.loop("nColumn", op.width)
+@_column_by_column
+def _(op: Softmax, step: Step, listing: Listing) -> Section:
     listing.locals("LREAL", "fLargest", "fX", "fY", "fSum")
-    listing.section(
-        "less the logarithm of the sum of exponentials" if op.logarithm else "exponentials, divided by their sum",
-        "softmax",
-        step=step,
-        last=op.width - 1,
-        logarithm=op.logarithm,
-        exp_reach=step.exp_reach,
-        single=op.precision is Precision.FLOAT32,
-    )
+    title = "less the logarithm of the sum of exponentials" if op.logarithm else "exponentials, divided by their sum"
+    return title, "softmax", {"logarithm": op.logarithm, "exp_reach": step.exp_reach}
 
 
 @lay_out.register
@@ -392,12 +366,9 @@ def _(op: SlidingLinear, step: Step, listing: Listing) -> None:
     )
 
 
-@lay_out.register
-def _(op: Activation, step: Step, listing: Listing) -> None:
-    declare_result(op, step, listing)
-    listing.loop("nColumn", op.width)
-    values = _function_values(op, step, listing)
-    listing.section(f"{op.function.value} of each column", "activation", step=step, last=op.width - 1, **values)
+@_column_by_column
+def _(op: Activation, step: Step, listing: Listing) -> Section:
+    return f"{op.function.value} of each column", "activation", _function_values(op, step, listing)
 
 
 def _function_values(op: Activation, step: Step, listing: Listing) -> dict[str, object]:
@@ -438,21 +409,18 @@ def _function_values(op: Activation, step: Step, listing: Listing) -> dict[str, 
     }
 
 
-@lay_out.register
-def _(op: Normalize, step: Step, listing: Listing) -> None:
-    declare_result(op, step, listing)
-    listing.loop("nColumn", op.width)
+@_column_by_column
+def _(op: Normalize, step: Step, listing: Listing) -> Section:
     listing.locals("LREAL", "fX", "fY", "fSum")
     least = listing.table(step.table("LEAST"), "LREAL", [1.0 / op.ceiling]) if op.norm is Norm.MAX else None
-    listing.section(
-        f"divided by the {op.norm.value} norm",
-        "normalize",
-        step=step,
-        last=op.width - 1,
-        norm=op.norm.value,
-        least=least,
-        single=op.precision is Precision.FLOAT32,
-    )
+    return f"divided by the {op.norm.value} norm", "normalize", {"norm": op.norm.value, "least": least}
+
+
+def _vectors(vectors: FloatArray, name: str, listing: Listing) -> str:
+    """The table of vectors, each of which begins a line."""
+    rows, columns = vectors.shape
+    groups = [Group("", row * columns, (row + 1) * columns) for row in range(rows)]
+    return listing.table(name, "LREAL", np.ravel(vectors), groups, per_line=columns)
 
 
 @lay_out.register
@@ -481,15 +449,11 @@ def _(op: KernelSum, step: Step, listing: Listing) -> None:
     parts = []
     for number, (first, stop) in enumerate(runs):
         suffix = "" if len(runs) == 1 else f"_{number}"
-        rows = stop - first
-        groups = [Group("", row * columns, (row + 1) * columns) for row in range(rows)]
-        vector = listing.table(
-            step.table(f"VECTOR{suffix}"), "LREAL", np.ravel(op.support_vectors[first:stop]), groups, per_line=columns
-        )
+        vector = _vectors(op.support_vectors[first:stop], step.table(f"VECTOR{suffix}"), listing)
         coefficient = listing.table(
             step.table(f"COEFFICIENT{suffix}"), "LREAL", np.ravel(op.coefficients[:, first:stop].T)
         )
-        parts.append({"vector": vector, "coefficient": coefficient, "last": rows - 1})
+        parts.append({"vector": vector, "coefficient": coefficient, "last": stop - first - 1})
     listing.section(
         f"{vectors} support vectors, {op.kernel.value} kernel",
         "kernel_sum",
@@ -522,10 +486,7 @@ def _(op: Distances, step: Step, listing: Listing) -> None:
     parts = []
     for number, (first, stop) in enumerate(runs):
         suffix = "" if len(runs) == 1 else f"_{number}"
-        groups = [Group("", row * columns, (row + 1) * columns) for row in range(stop - first)]
-        vector = listing.table(
-            step.table(f"TRAINING_ROW{suffix}"), "LREAL", np.ravel(op.vectors[first:stop]), groups, per_line=columns
-        )
+        vector = _vectors(op.vectors[first:stop], step.table(f"TRAINING_ROW{suffix}"), listing)
         parts.append({"vector": vector, "first": first, "last": stop - first - 1})
     listing.section(
         f"distances to {vectors} training rows",
