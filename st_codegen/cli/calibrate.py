@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from rich.table import Table
 
-from st_codegen.cli.console import console, quiet_option
+from st_codegen.cli.console import console, quiet_option, table_of
 from st_codegen.cli.costs import profile_option
 from st_codegen.errors import InputError
 from st_codegen.files.text import write_text
@@ -76,11 +75,8 @@ def write_profile(
     write_text(out, with_factors(base, fit, out.stem))
     if quiet:
         return
-    table = Table(title=f"{out}: compute x {fit.compute:.3g}, memory x {fit.memory:.3g}", title_justify="left")
-    table.add_column("block")
-    table.add_column("caches")
-    for name in ("measured us", "model us", "error"):
-        table.add_column(name, justify="right")
+    title = f"{out}: compute x {fit.compute:.3g}, memory x {fit.memory:.3g}"
+    table = table_of(title, "block", "caches", ">measured us", ">model us", ">error")
     for measurement, modelled in zip(measurements, fit.modelled, strict=True):
         error = f"{modelled / measurement.microseconds - 1.0:+.1%}"
         caches = "cold" if measurement.is_cold else "warm"

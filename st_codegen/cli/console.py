@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
 
 from st_codegen.cli.choices import LAYOUTS, OUTPUTS, TABLE_KILOBYTES
 from st_codegen.files.number_text import parse_number, parse_whole
@@ -211,6 +212,14 @@ def layout_options(function: Command) -> Command:
         help="Spread the models of a bundle over several calls, at most so many outputs in each. Default: all in each.",
     )
     return layout(limit(spread(function)))
+
+
+def table_of(title: str | None, *columns: str) -> Table:
+    """A table without rows; a column of numbers, which are aligned to the right, has a > in front of its name."""
+    table = Table(title=title, title_justify="left")
+    for column in columns:
+        table.add_column(column.removeprefix(">"), justify="right" if column.startswith(">") else "left")
+    return table
 
 
 @contextmanager

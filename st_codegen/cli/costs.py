@@ -11,7 +11,7 @@ import click
 from rich.table import Table
 from rich.text import Text
 
-from st_codegen.cli.console import Command, Number, console
+from st_codegen.cli.console import Command, Number, console, table_of
 from st_codegen.cost.profile_files import DEFAULT, profile_names
 
 if TYPE_CHECKING:
@@ -96,10 +96,8 @@ def print_verdict(target: str, cost: ProjectCost, cycle_us: float | None) -> Non
 def cost_table(title: str, blocks: Iterable[BlockCost]) -> Table:
     """A row for each unit whose text a cycle runs, the slowest first; times are its own, without what it calls."""
     blocks = tuple(blocks)
-    table = Table(title=title, title_justify="left")
-    table.add_column("block")
-    for name in ("operations", "tables B", "touched B", "code B", "warm us", "cold us", "share"):
-        table.add_column(name, justify="right")
+    numbers = (">operations", ">tables B", ">touched B", ">code B", ">warm us", ">cold us", ">share")
+    table = table_of(title, "block", *numbers)
     parts = sorted((part for block in blocks for part in block.parts), key=lambda part: -part.cold_us)
     total = sum(part.cold_us for part in parts) or 1.0
     large = [part for part in parts if part.cold_us >= _SMALL * total]
@@ -115,11 +113,8 @@ def cost_table(title: str, blocks: Iterable[BlockCost]) -> Table:
 
 def price_table(target: str, profile: str, priced: Iterable[Price]) -> Table:
     """A row for each layout that a model could have; the first one was taken."""
-    table = Table(title=f"{target}: layouts, a block alone on {profile}", title_justify="left")
-    for name in ("model", "layout"):
-        table.add_column(name)
-    for name in ("operations", "tables B", "code B", "touched lines", "warm us", "cold us"):
-        table.add_column(name, justify="right")
+    numbers = (">operations", ">tables B", ">code B", ">touched lines", ">warm us", ">cold us")
+    table = table_of(f"{target}: layouts, a block alone on {profile}", "model", "layout", *numbers)
     for price in priced:
         cost = price.cost
         table.add_row(
@@ -137,9 +132,8 @@ def price_table(target: str, profile: str, priced: Iterable[Price]) -> Table:
 
 def limits_table(limits: Iterable[InputLimit]) -> Table | str:
     """A row for each input that a block refuses beyond a magnitude, or a sentence where there is none."""
-    table = Table(title="inputs that are refused: bValid is FALSE from this magnitude on", title_justify="left")
-    for name in ("model", "input", "magnitude"):
-        table.add_column(name)
+    title = "inputs that are refused: bValid is FALSE from this magnitude on"
+    table = table_of(title, "model", "input", "magnitude")
     for limit in limits:
         table.add_row(limit.model, limit.feature, magnitude_text(limit))
     return table if table.row_count else "no input is refused for its magnitude"

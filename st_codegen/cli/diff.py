@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.table import Table
 
-from st_codegen.cli.console import Whole, console, progress_bar, quiet_option, trust_option
+from st_codegen.cli.console import Whole, console, progress_bar, quiet_option, table_of, trust_option
 from st_codegen.cli.costs import profile_option
 from st_codegen.files.text import write_text
 
@@ -137,9 +137,8 @@ def _feature(feature: dict[str, Any]) -> str:
 
 
 def _table(models: list[ModelChange]) -> Table:
-    table = Table(title="change of the outputs over the operating range", title_justify="left")
-    for name in ("output", "largest", "mean", "points that moved", "largest at"):
-        table.add_column(name)
+    title = "change of the outputs over the operating range"
+    table = table_of(title, "output", "largest", "mean", "points that moved", "largest at")
     for model in models:
         for output in model.outputs:
             name = model.name if len(model.outputs) == 1 else f"{model.name}[{output.output}]"

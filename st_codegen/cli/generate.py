@@ -23,6 +23,7 @@ from st_codegen.cli.console import (
     outputs_option,
     progress_bar,
     quiet_option,
+    table_of,
     trust_option,
 )
 from st_codegen.cli.costs import Explanation, print_explanation
@@ -293,9 +294,7 @@ def _show(found: Iterable[FileChange], limit: int, *, stat: bool) -> bool:
 
 
 def _files_table(generated: Generated) -> Table:
-    table = Table()
-    table.add_column("file")
-    table.add_column("bytes", justify="right")
+    table = table_of(None, "file", ">bytes")
     for name, size in generated.files.items():
         table.add_row(name, f"{size:,}")
     return table
@@ -303,9 +302,7 @@ def _files_table(generated: Generated) -> Table:
 
 def _models_table(generated: Generated) -> Table:
     """Where each model went, and what its block's tables take in the controller's memory."""
-    table = Table()
-    for name in ("model", "layout", "block", "bytes of tables"):
-        table.add_column(name, justify="right" if name.startswith("bytes") else "left")
+    table = table_of(None, "model", "layout", "block", ">bytes of tables")
     for row in generated.models():
         table.add_row(*row)
     return table

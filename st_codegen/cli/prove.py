@@ -21,6 +21,7 @@ from st_codegen.cli.console import (
     names_options,
     progress_bar,
     quiet_option,
+    table_of,
     trust_option,
 )
 from st_codegen.files.text import write_text
@@ -94,9 +95,8 @@ def command(
 def _table(report: ProveReport) -> Table:
     from st_codegen.proof.prove.prove import Verdict
 
-    table = Table(title="the generated text for all inputs", title_justify="left")
-    for name in VERDICT_COLUMNS:
-        table.add_column(name, justify="right" if name in VERDICT_COLUMNS[4:] else "left")
+    numbers = (f">{name}" for name in VERDICT_COLUMNS[4:])
+    table = table_of("the generated text for all inputs", *VERDICT_COLUMNS[:4], *numbers)
     colours = {Verdict.PROVED: "green", Verdict.REFUTED: "bold red", Verdict.NOT_PROVED: "yellow"}
     for model, target, verdict, *others in verdict_rows(report):
         table.add_row(model, target, Text(verdict, colours[Verdict(verdict)]), *others)

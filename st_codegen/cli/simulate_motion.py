@@ -6,10 +6,9 @@ import json
 from pathlib import Path
 
 import click
-from rich.table import Table
 
 from st_codegen.cli.choices import TASK_FORMS
-from st_codegen.cli.console import Number, Whole, console, progress_bar, quiet_option, trust_option
+from st_codegen.cli.console import Number, Whole, console, progress_bar, quiet_option, table_of, trust_option
 
 
 @click.command(
@@ -137,9 +136,8 @@ def command(
     if as_json:
         click.echo(json.dumps(rows, indent=1))
     if not quiet:
-        table = Table(title=f"{out}/report.html", title_justify="left")
-        for name in ("case", "RMS before", "after", "gone", "max before", "after", "gone", "latency"):
-            table.add_column(name, justify="left" if name == "case" else "right")
+        numbers = (">RMS before", ">after", ">gone", ">max before", ">after", ">gone", ">latency")
+        table = table_of(f"{out}/report.html", "case", *numbers)
         for entry, outcome in zip(rows, result.outcomes, strict=True):
             table.add_row(
                 motion_files.label(outcome),

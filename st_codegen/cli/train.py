@@ -11,7 +11,7 @@ import click
 from rich.table import Table
 
 from st_codegen.cli.choices import MODEL_FORMS
-from st_codegen.cli.console import Number, Whole, console, progress_bar, quiet_option
+from st_codegen.cli.console import Number, Whole, console, progress_bar, quiet_option, table_of
 from st_codegen.cli.training import backend_of, search_options, settings_of
 from st_codegen.errors import InputError
 from st_codegen.files.number_text import parse_whole
@@ -194,13 +194,11 @@ def _facts(lesson: Lesson) -> dict[str, Any]:
 
 
 def _summary(lesson: Lesson) -> Table:
-    table = Table(
-        title=f"{lesson.direction}: worst case {lesson.choice.cost_us:.0f} us (estimate), "
-        f"{int(lesson.faulty.rows.sum())} faulty runs left out",
-        title_justify="left",
+    title = (
+        f"{lesson.direction}: worst case {lesson.choice.cost_us:.0f} us (estimate), "
+        f"{int(lesson.faulty.rows.sum())} faulty runs left out"
     )
-    for column in ("order", "models", "amplitude MAE, deg", "phase MAE, rad", "complex MAE, deg"):
-        table.add_column(column, justify="left" if column == "models" else "right")
+    table = table_of(title, ">order", "models", ">amplitude MAE, deg", ">phase MAE, rad", ">complex MAE, deg")
     for solution in lesson.choice.solutions:
         errors = lesson.test_errors[solution.order]
         numbers = (errors.amplitude_mae, errors.phase_mae, errors.complex_mae)

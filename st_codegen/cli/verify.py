@@ -22,6 +22,7 @@ from st_codegen.cli.console import (
     names_options,
     progress_bar,
     quiet_option,
+    table_of,
     trust_option,
 )
 from st_codegen.cli.costs import cycle_option, entry_option, print_budget, print_verdict, profile_option
@@ -186,9 +187,7 @@ def _print_remarks(report: VerifyReport) -> None:
 
 def agreement_table(title: str, models: Iterable[ModelReport]) -> Table:
     """How far the answers for each model lie apart."""
-    table = Table(title=title, title_justify="left")
-    for name in ("model", "rows", "max error", "allowed", "ulp", "result"):
-        table.add_column(name, justify="left" if name in ("model", "result") else "right")
+    table = table_of(title, "model", ">rows", ">max error", ">allowed", ">ulp", "result")
     for model in models:
         verdict = Text("exact" if model.exact and model.must_be_exact else "within bound", "green")
         table.add_row(*model.cells, verdict if model.passed else Text("FAILED", "bold red"))
