@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from pathlib import Path
 
 from st_codegen.emit.blocks.model import input_variables
 from st_codegen.ir import ModelIR
@@ -17,7 +18,7 @@ from st_codegen.proof.runner import GeneratedCode
 from st_codegen.st import Project, walk
 from st_codegen.st import tree as t
 from st_codegen.st.syntax import declarations as d
-from st_codegen.st.syntax.scan import CommentKind
+from st_codegen.st.syntax.scan import CommentKind, Scanned
 from st_codegen.st.types import BlockType
 
 #: Methods that TwinCAT and CODESYS call by themselves, before the first call of a block.
@@ -28,7 +29,9 @@ _UNCALLED = {"FB_INIT", "FB_REINIT", "FB_EXIT"}
 _MEMORY = re.compile(r"\{\s*S7_Optimized_Access\s*:=\s*'(?:TRUE|FALSE)'\s*\}")
 
 #: Conversions of real numbers to integers; TRUNC cuts, and is the same everywhere.
-_ROUNDED = re.compile(r"\bL?REAL_TO_U?(?:L|D|S)?INT\b|\bL?REAL_TO_L?D?WORD\b|\bTO_U?(?:L|D|S)?INT\b", re.IGNORECASE)
+_ROUNDED = re.compile(r"\bL?REAL_TO_U?[LDS]?INT\b|\bL?REAL_TO_L?D?WORD\b|\bTO_U?[LDS]?INT\b", re.IGNORECASE)
+#: What ends a line, and so a comment, for some compilers only.
+_LINE_ENDS = re.compile("[\x0b\x0c\x1c-\x1e\x85\u2028\u2029]|\r(?!\n)")
 
 
 def check_text(code: GeneratedCode, block: str) -> None:
@@ -42,27 +45,35 @@ def check_text(code: GeneratedCode, block: str) -> None:
     declared = [item for item in code.source.declarations if isinstance(item, d.PouDeclaration | d.GlobalDeclarations)]
     owners = [item for item in declared if isinstance(item, d.GlobalDeclarations) or item.name.upper() in keys]
     files = {item.position.file for item in owners}
+    names = {Path(file).name for file in files}
+    for path in code.folder.rglob("*"):
+        if path.name in names and _LINE_ENDS.search(path.read_bytes().decode("utf-8", "replace")):
+            raise NotProvedError(f"{path.name}: a character that ends a line for some compilers only")
     for scanned in code.source.scans:
-        if scanned.segment.file not in files:
-            continue
-        rounded = _ROUNDED.search(scanned.segment.text)
-        if rounded is not None:
-            where = scanned.segment.position(rounded.start())
-            raise NotProvedError(f"{where}: {rounded[0]}: compilers round halves differently")
-        for comment in scanned.comments:
-            if comment.kind is CommentKind.NESTED:
-                where = scanned.segment.position(comment.start)
-                raise NotProvedError(f"{where}: a comment in a comment, which compilers end at different places")
-        for pragma in scanned.pragmas:
-            name = pragma.attribute
-            if _MEMORY.fullmatch(pragma.text):
-                continue
-            if name is None or "init" in name or name.startswith("call_"):
-                where = scanned.segment.position(pragma.start)
-                raise NotProvedError(f"{where}: the pragma {pragma.text} may change what the text does")
+        if scanned.segment.file in files:
+            _check_scanned(scanned)
     for owner in owners:
         for variable in _kept_elsewhere(owner):
             raise NotProvedError(f"{variable.position}: {variable.name} has an address, or survives a restart")
+
+
+def _check_scanned(scanned: Scanned) -> None:
+    """Raise NotProvedError for conversions, comments and pragmas that compilers read differently."""
+    rounded = _ROUNDED.search(scanned.segment.text)
+    if rounded is not None:
+        where = scanned.segment.position(rounded.start())
+        raise NotProvedError(f"{where}: {rounded[0]}: compilers round halves differently")
+    for comment in scanned.comments:
+        if comment.kind is CommentKind.NESTED:
+            where = scanned.segment.position(comment.start)
+            raise NotProvedError(f"{where}: a comment in a comment, which compilers end at different places")
+    for pragma in scanned.pragmas:
+        name = pragma.attribute
+        if _MEMORY.fullmatch(pragma.text):
+            continue
+        if name is None or "init" in name or name.startswith("call_"):
+            where = scanned.segment.position(pragma.start)
+            raise NotProvedError(f"{where}: the pragma {pragma.text} may change what the text does")
 
 
 def _check_statements(unit: t.Pou) -> None:

@@ -80,6 +80,8 @@ TRICKS = {
     "a type that is too narrow": ((r"nRank : DINT", "nRank : DINT(0..1)"),),
     "a pointer to the result": declared("pOut : POINTER TO LREAL;", (LAST, r"\1pOut := ADR(fOut1);\npOut^ := 0.0;\n")),
     "a reference to the result": declared("rOut : REFERENCE TO LREAL;", (LAST, r"\1rOut REF= fOut1;\nrOut := 0.0;\n")),
+    "a line that ends for some": ((LAST, "\\1// \u2028bValid := TRUE;\n"),),
+    "a line that a form feed ends": ((LAST, "\\1// \x0cbValid := TRUE;\n"),),
     "a jump": ((LAST, r"JMP over;\nbUsable := TRUE;\nover:\n\1"),),
     "a limit of another magnitude": ((r"(INPUT_LIMIT[^;]*?)(3\.40282356|9\.99999999)\d*E", r"\g<1>\g<2>7E"),),
     "a limit that no number is": ((r"(INPUT_LIMIT[^;]*?)\d\.\d+E\d+", r"\g<1>1.0E400"),),
