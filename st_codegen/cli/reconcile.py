@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from st_codegen.reconcile.models.update import Update, Wish
     from st_codegen.reconcile.plan.next_runs import NextRuns
     from st_codegen.reconcile.run import Reconciliation
+    from st_codegen.rig.model import RigModel
 
 
 @click.command(
@@ -29,14 +30,17 @@ Examples:
   st-codegen reconcile --rig rig.toml --measured campaign/ --out found
   st-codegen reconcile --rig rig.toml --measured harmonics.csv --out found --effects my_effects.py
   st-codegen reconcile --rig rig.toml --measured harmonics.csv --out found --scale 57.29578   measured in rad
-  st-codegen reconcile --rig rig.toml --measured campaign/ --out found --models models/ --update-models""",
+  st-codegen reconcile --rig rig.toml --measured campaign/ --out found --models models/ --update-models
+  st-codegen reconcile --measured joint.csv --out found                   a robot's joint: t,q,dq,tau""",
 )
-@click.option("--rig", type=click.Path(path_type=Path), required=True, help="Rig model, rig.toml.")
+@click.option(
+    "--rig", type=click.Path(path_type=Path), help="Rig model, rig.toml; recordings of joints do without one."
+)
 @click.option(
     "--measured",
     type=click.Path(path_type=Path),
     required=True,
-    help="Campaign folder, harmonic table, order spectrum, or recording over time.",
+    help="Campaign folder, harmonic table, order spectrum, recording over time, or recordings of a joint (t,q,dq,tau).",
 )
 @click.option(
     "--out",
@@ -45,7 +49,9 @@ Examples:
     help="Folder for rig.toml, report.json, report.html, next_runs.csv.",
 )
 @click.option("--effects", type=click.Path(path_type=Path), multiple=True, help="Python file with effects of your own.")
-@click.option("--scale", type=Number(), help="Factor on the measured TE; 1 to accept it as it is.")
+@click.option(
+    "--scale", type=Number(), help="Factor on the measured TE, or on a joint's torque; 1 to accept it as it is."
+)
 @click.option(
     "--accept",
     multiple=True,
@@ -73,7 +79,7 @@ Examples:
 @trust_option
 @quiet_option
 def command(
-    rig: Path,
+    rig: Path | None,
     measured: Path,
     out: Path,
     effects: tuple[Path, ...],
@@ -90,6 +96,7 @@ def command(
     quiet: bool,
 ) -> None:
     """Find what the rig model lacks: compare it with measured data, name the missing effects, and add them."""
+    from st_codegen.reconcile.joint.reading import joint_files
     from st_codegen.reconcile.judge.spectrum import (
         is_spectrum,
         read_spectrum,
@@ -103,16 +110,23 @@ def command(
     from st_codegen.reconcile.report.summary import next_runs_summary, summary, update_summary
     from st_codegen.reconcile.run import reconcile_files, with_empirical
     from st_codegen.rig.effects import catalogue
-    from st_codegen.rig.model import read_rig
+    from st_codegen.rig.model import RigModel, read_rig
 
     known = catalogue(effects)
-    model = read_rig(rig, known)
+    joints = joint_files(measured)
+    if rig is None and not joints:
+        raise click.UsageError("Missing option '--rig': only recordings of joints (t,q,dq,tau) do without one.")
+    model = RigModel() if rig is None else read_rig(rig, known)
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file; the report needs a folder")
     wish = _wish(models, update, target, profile, trust_pickle, out)
     if wish is not None:
         check_models(model, wish)
-    if is_spectrum(measured):
+    if joints:
+        if wish is not None:
+            raise InputError(f"{measured}: recordings of joints say nothing of a bundle's transmission error")
+        content, text = _joints(joints, None if rig is None else model, out, scale, accept)
+    elif is_spectrum(measured):
         if wish is not None:
             raise InputError(f"{measured}: a spectrum has no phases, so that no model can be made from it")
         found = reconcile_spectrum(model, read_spectrum(measured), scale)
@@ -168,6 +182,21 @@ def _written(result: Reconciliation, ahead: NextRuns, wish: Wish | None, out: Pa
         folders = {folder: path for folder, path in made.items() if path.exists()}
         write_texts(out, report_texts(result, ahead, changes), folders)
     return changes
+
+
+def _joints(
+    files: list[Path], rig: RigModel | None, out: Path, scale: float | None, accept: tuple[str, ...]
+) -> tuple[dict[str, Any], str]:
+    """Reconcile recordings of joints and write the report: what report.json holds, and the text."""
+    from st_codegen.reconcile.joint.findings import joint_report
+    from st_codegen.reconcile.joint.page import joint_summary, joint_texts
+    from st_codegen.reconcile.joint.reading import read_joints
+    from st_codegen.reconcile.joint.run import reconcile_joints
+
+    results = reconcile_joints(read_joints(files), scale, accept)
+    content = joint_report(results, None if rig is None else rig.constants)
+    write_texts(out, joint_texts(results, content))
+    return content, joint_summary(content)
 
 
 def _spectrum_texts(found: SpectrumResult) -> dict[str, str]:

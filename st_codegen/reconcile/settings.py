@@ -276,5 +276,56 @@ class Settings:
     #: share of the whole gap from which on it says more than the gap of an effect's own orders
     much: float = 0.05
 
+    # --- recordings of joints ---
+    #: samples of a file at least; how far one may be off even steps (steps); turns of a joint from which on an angle
+    #: without a unit in its name is asked about; how well a given speed must agree with that of the angle
+    joint_samples: int = 500
+    joint_jitter: float = 0.5
+    joint_turns: float = 5.0
+    joint_alike: float = 0.9
+    joint_factor: float = 0.1
+    #: noise of the angle may make this share of the power of the acceleration at most: it would make the inertia
+    #: smaller by as much; the kernel that smooths it has so many samples at least and at most (standard deviations)
+    joint_dilution: float = 1e-3
+    joint_kernel: tuple[int, int] = (2, 64)
+    #: share of the largest speed below which a joint counts as standing
+    joint_standing: float = 0.005
+    #: ratio of fast to slow speeds (a tenth lies beyond each) below which dry and viscous friction are one number
+    joint_speeds: float = 1.5
+    #: stretches of time that are left out in turn; fewer have no scatter to judge by
+    joint_blocks: int = 12
+    #: a part must predict left-out stretches better by so many standard errors (another one in its place that is worse
+    #: by less could be the cause as well), in this share of them; its size must be so many errors (Student's t with 11
+    #: degrees: beyond 6 once in 10,000), and it must explain this share of what the others leave, so that no form error
+    #: of a large part counts
+    joint_better: float = 3.0
+    joint_most: float = 0.7
+    joint_errors: float = 6.0
+    joint_share: float = 0.01
+    #: a part whose column is told by the others to all but this share cannot be told from them
+    joint_told: float = 0.01
+    #: what is left is noise up to so many times the noise of the torque at its highest frequencies
+    joint_noise: float = 1.25
+    #: waves over the angle that are looked for; how far their order may differ between two halves (resolutions); waves
+    #: that the angle must hold at least to be told from a slow bend; how far they stand above their surroundings
+    joint_waves: int = 6
+    joint_agree: float = 1.0
+    joint_least_waves: float = 3.0
+    joint_stands_out: float = 9.0
+    #: torque of the inertia at a frequency, over that of a wave there, from which on the wave is the motion's own; a
+    #: weaker wave so near (share of the order) to a louder one is a part of it: its size or phase changes
+    joint_own: float = 3.0
+    joint_beside: float = 0.15
+    #: share of the torque's power that the motion must explain at a frequency (coherence), and frequencies that do
+    joint_coherence: float = 0.8
+    joint_frequencies: int = 12
+    #: a mode broader than this is a filter, or none; the share of the misfit that it must take off held-out stretches
+    joint_broadest: float = 0.3
+    #: width of the kernel under which a mode is no part of what friction is read from (radians at its frequency)
+    joint_below_mode: float = 3.0
+    #: share by which the inertia may change when the kernel is twice as wide: a rigid joint's is the same
+    joint_one_inertia: float = 0.03
+    joint_mode: float = 0.5
+
 
 SETTINGS = Settings()

@@ -1,0 +1,373 @@
+"""What is said of a joint: findings in words with their numbers, alternatives, and what the data cannot show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from st_codegen.reconcile.joint.parts import KINDS, OTHERS, RIGID
+from st_codegen.reconcile.joint.run import JointResult
+from st_codegen.reconcile.joint.waves import ANGLE, TorqueWave
+from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects import Constants
+
+Value = tuple[float, float | None, str]
+
+
+@dataclass(frozen=True)
+class JointFinding:
+    """A named part: key, sentence, parameters (value, standard error, unit), what else could do it, evidence."""
+
+    name: str
+    text: str
+    parameters: dict[str, Value]
+    alternatives: tuple[str, ...] = ()
+    remark: str = ""
+    share: float | None = None
+
+
+def findings(result: JointResult, constants: Constants | None) -> list[JointFinding]:
+    """The findings of one joint, the largest first, the elasticity last."""
+    chosen = result.chosen
+    parts = [
+        _part(result, name) for name in chosen.names() if name not in (RIGID, OTHERS) and not name.startswith("wave_")
+    ]
+    found = [one for one in parts if one is not None]
+    found += [_ripple(result, wave, constants) for wave in _ripples(result)]
+    found.sort(key=lambda one: -(one.share or 0.0))
+    return found + ([_elasticity(result)] if result.mode is not None else [])
+
+
+def signatures(result: JointResult) -> list[str]:
+    """What stands out and has no name."""
+    found = []
+    for wave in result.waves:
+        if wave.over != ANGLE:
+            found.append(
+                f"a wave of {wave.number:.4g} Hz over time, {_amplitude(result, wave):.2g} N m: not one of the angle"
+            )
+    for name in result.chosen.names():
+        if name not in (RIGID, OTHERS) and not name.startswith("wave_") and _part(result, name) is None:
+            found.append(_unnamed(result, name))
+    if result.unseen_mode:
+        found.append("an inertia that depends on the frequency: an elasticity, or a filter, that was not resolved")
+    _, after, floor = result.gap
+    if after > SETTINGS.joint_noise * floor:
+        found.append(
+            f"{np.sqrt(after**2 - floor**2):.2g} N m RMS on left-out stretches beyond the noise that can be told"
+        )
+    return found
+
+
+def verdict(result: JointResult, found: Sequence[JointFinding]) -> str:
+    """One of the verdicts of report.json."""
+    if signatures(result):
+        return "partly_explained" if found else "unexplained"
+    return "explained" if found else "nothing_missing"
+
+
+_WORDS = {
+    "dry_friction": "dry (Coulomb) friction of {0}",
+    "viscous_friction": "friction that rises with speed (viscous): {0}",
+    "direction_dependent_friction": "friction that rises more in the positive direction, by twice {0}",
+    "load_dependent_friction": "friction that grows with the load: {0} of the torque through the joint",
+    "dry_friction_drift": "dry friction that changes over the recording, by {0} from its start to its end",
+    "viscous_friction_drift": "viscous friction that changes over the recording, by {0} from its start to its end",
+    "torque_zero_drift": "a zero of the torque that drifts, by {0} from the start to the end",
+}
+_UNITS = {
+    "dry_friction": "Nm",
+    "viscous_friction": "Nm_s",
+    "direction_dependent_friction": "Nm_s",
+    "load_dependent_friction": "",
+    "dry_friction_drift": "Nm",
+    "viscous_friction_drift": "Nm_s",
+    "torque_zero_drift": "Nm",
+}
+_INSTEAD = {
+    "curved_friction": "friction curved over speed",
+    "reversal_travel": "a friction that builds up over a travel after each reversal",
+    "reversal_time": "something that fades with time after each reversal (a filter)",
+    **{name: name.replace("_", " ") for name in _UNITS},
+}
+#: what explains such a change as well, whatever the data
+_ALWAYS = {
+    "dry_friction_drift": ("warming or running in: no temperature is measured",),
+    "viscous_friction_drift": ("warming or running in: no temperature is measured",),
+    "torque_zero_drift": ("a load that changes",),
+    "direction_dependent_friction": (
+        "any torque that grows with speed and keeps its sign, such as that of a cable or fan",
+    ),
+    "load_dependent_friction": ("friction that depends on the angle, where the load does",),
+}
+
+
+def number(value: float, error: float | None, unit: str) -> str:
+    """A value with its error and unit in words."""
+    words = {"Nm": "N m", "Nm_s": "N m per rad/s", "": ""}.get(unit, unit)
+    return f"{value:.3g}" + (f" +- {error:.1g}" if error is not None else "") + (f" {words}" if words else "")
+
+
+def _share(result: JointResult, name: str) -> float:
+    return float(result.chosen.own(name).var() / result.rows.torque.var())
+
+
+def _part(result: JointResult, name: str) -> JointFinding | None:
+    """One part of friction; None where it has a sign that friction does not have, or no name."""
+    chosen = result.chosen
+    value, error = chosen.value(name)
+    if name == "curved_friction":
+        return _stribeck(result)
+    if name in ("reversal_travel", "reversal_time"):
+        return _reversal(result, name)
+    if value < 0 and name in ("dry_friction", "viscous_friction", "load_dependent_friction"):
+        return None
+    remark = ""
+    slow, fast = np.quantile(np.abs(result.rows.speed), (0.1, 0.9))
+    if name in ("dry_friction", "viscous_friction") and fast < SETTINGS.joint_speeds * slow:
+        rate = 1.0 if name == "dry_friction" else fast
+        text = f"friction of {number(rate * value, rate * error, 'Nm')} near {fast:.2g} rad/s"
+        how = "the speed hardly varied: how much of it is dry and how much rises with speed is not told"
+        parameters: dict[str, Value] = {"friction_Nm": (rate * value, rate * error, "Nm")}
+        return JointFinding("friction", text, parameters, (), how, _share(result, name))
+    if name == "dry_friction":
+        slowest, fastest = np.quantile(np.abs(result.rows.speed), (0.02, 0.98))
+        remark = f"read between {slowest:.2g} and {fastest:.2g} rad/s; at standstill it is not seen"
+    alternatives = (*(_INSTEAD[one] for one in chosen.alternatives.get(name, ())), *_ALWAYS.get(name, ()))
+    text = _WORDS[name].format(number(value, error, _UNITS[name]))
+    key = name if not _UNITS[name] else f"{name}_{_UNITS[name]}"
+    return JointFinding(name, text, {key: (value, error, _UNITS[name])}, alternatives, remark, _share(result, name))
+
+
+def friction_curve(result: JointResult, speed: np.ndarray) -> np.ndarray:
+    """Friction (N m) at speeds, the mean of both directions: what the parts over speed make together."""
+    found = np.zeros(len(speed))
+    for part in result.chosen.parts:
+        if part.name == "dry_friction":
+            found += result.chosen.value(part.name)[0]
+        elif part.name == "viscous_friction":
+            found += result.chosen.value(part.name)[0] * speed
+        elif part.name == "curved_friction":
+            over = speed / part.shape
+            found += result.chosen.value(part.name)[0] * (np.exp(-over), np.exp(-(over**2)), 1 / (1 + over))[part.law]
+    return found
+
+
+def _stribeck(result: JointResult) -> JointFinding | None:
+    """Friction that falls with speed; None where the curve is bent another way."""
+    slowest, fastest = np.quantile(np.abs(result.rows.speed), (0.01, 0.98))
+    speed = np.linspace(slowest, fastest, 400)
+    curve = friction_curve(result, speed)
+    least = int(curve.argmin())
+    value, error = result.chosen.value("curved_friction", law=False)
+    if value <= 0 or least < 8 or curve[0] - curve[least] < SETTINGS.joint_better * error or curve[least] < 0:
+        return None
+    text = (
+        f"friction that falls with speed (Stribeck): {curve[0]:.3g} N m at {slowest:.2g} rad/s, least at about "
+        f"{speed[least]:.2g} rad/s with {curve[least]:.3g} N m"
+    )
+    alternatives = tuple(_INSTEAD[one] for one in result.chosen.alternatives.get("curved_friction", ()))
+    parameters: dict[str, Value] = {
+        "fall_Nm": (float(curve[0] - curve[least]), error, "Nm"),
+        "least_at_rad_s": (float(speed[least]), None, "rad/s"),
+    }
+    remark = "which law it follows is not known: the split into dry and viscous friction depends on it"
+    return JointFinding("stribeck", text, parameters, alternatives, remark, _share(result, "curved_friction"))
+
+
+def _reversal(result: JointResult, name: str) -> JointFinding | None:
+    value, error = result.chosen.value(name)
+    shape = next(part.shape for part in result.chosen.parts if part.name == name)
+    if value >= 0 or shape <= 1.001 * float(KINDS[name].shapes(result.rows)[0]):
+        return None
+    over, unit, key = ("travel", "rad", "travel_rad") if name == "reversal_travel" else ("time", "s", "time_s")
+    text = (
+        f"after a reversal the torque is short of {number(-value, error, 'Nm')}, which comes back over a {over} of "
+        f"about {shape:.2g} {unit}"
+    )
+    causes = (
+        ["play", "bristles or a spring before the sliding part"]
+        if over == "travel"
+        else ["a filter or delay of a signal"]
+    )
+    alternatives = (*causes, *(_INSTEAD[one] for one in result.chosen.alternatives.get(name, ())))
+    parameters: dict[str, Value] = {"short_Nm": (-value, error, "Nm"), key: (shape, None, unit)}
+    return JointFinding("reversal_hysteresis", text, parameters, alternatives, "", _share(result, name))
+
+
+def _unnamed(result: JointResult, name: str) -> str:
+    value = number(*result.chosen.value(name), _UNITS.get(name, "Nm"))
+    if name in ("dry_friction", "viscous_friction", "load_dependent_friction"):
+        return (
+            f"a part with the form of {name.replace('_', ' ')} and the wrong sign ({value}): no friction drives a joint"
+        )
+    if name == "curved_friction":
+        return f"friction over speed is bent ({value}), not as by Stribeck's effect"
+    return f"a torque that fades after each reversal, of no known cause or too fast to be measured ({value})"
+
+
+def _amplitude(result: JointResult, wave: TorqueWave) -> float:
+    place = 0
+    for part in result.chosen.parts:
+        if part.name == wave.gain.part.name:
+            return float(np.hypot(*result.chosen.fit.values[place : place + 2]))
+        place += part.columns.shape[1]
+    return 0.0
+
+
+def _ripples(result: JointResult) -> list[TorqueWave]:
+    """Waves over the angle, without those beside a louder one."""
+    kept: list[TorqueWave] = []
+    for wave in sorted(result.waves, key=lambda wave: -_amplitude(result, wave)):
+        if wave.over == ANGLE and not any(_is_beside(wave, loud) for loud in kept):
+            kept.append(wave)
+    return kept
+
+
+def _is_beside(wave: TorqueWave, loud: TorqueWave) -> bool:
+    near = max(SETTINGS.joint_beside * loud.number, 3 * loud.resolution)
+    return wave is not loud and abs(wave.number - loud.number) < near
+
+
+def _ripple(result: JointResult, wave: TorqueWave, constants: Constants | None) -> JointFinding:
+    half = wave.resolution / 2
+    text = (
+        f"torque ripple: a wave of {wave.number:.4g} +- {half:.2g} per revolution of the joint, amplitude "
+        f"{_amplitude(result, wave):.2g} N m in the mean"
+    )
+    named = _kinematics(wave, constants)
+    remark = f"of the machine's parts {', '.join(named)} would make it, by its order alone" if named else ""
+    beside = [f"{one.number:.3g}" for one in result.waves if one.over == ANGLE and _is_beside(one, wave)]
+    if beside:
+        how = f"weaker waves beside it ({', '.join(beside)}): its size or phase changes, or there are more waves"
+        remark = f"{remark}; {how}" if remark else how
+    alternatives = []
+    speed = np.abs(result.rows.speed)
+    if wave.rival is not None and not wave.rival.is_worse_than(wave.gain):
+        alternatives.append(f"a wave of {wave.rival.part.shape:.4g} Hz over time")
+    elif speed.std() < 0.05 * speed.mean():
+        alternatives.append("a wave over time: the speed hardly varied")
+    if wave.number < 6:
+        alternatives.append("a bend of gravity or of another torque over the angle")
+    errors: dict[str, Value] = {
+        "order_per_revolution": (wave.number, half, ""),
+        "amplitude_Nm": (_amplitude(result, wave), None, "Nm"),
+    }
+    share = _share(result, wave.gain.part.name)
+    return JointFinding("torque_ripple", text, errors, tuple(alternatives), remark, share)
+
+
+def _kinematics(wave: TorqueWave, constants: Constants | None) -> list[str]:
+    """Parts of the machine whose order lies within what the data tell; none without a rig."""
+    if constants is None:
+        return []
+    known: dict[str, list[float]] = {
+        "the input shaft": [constants.reduction_ratio * m for m in (1, 2, 3, 4)],
+        "the cycloid's teeth": list(constants.tooth_orders()[:4]),
+        "the pins": list(constants.pin_orders()[:4]),
+        "the cranks": [constants.cranks],
+    }
+    reach = wave.resolution / 2
+    return [
+        f"{name} ({order:g})" for name, orders in known.items() for order in orders if abs(order - wave.number) < reach
+    ]
+
+
+def _elasticity(result: JointResult) -> JointFinding:
+    mode = result.mode
+    assert mode is not None
+    lower = f", and an antiresonance at {mode.antiresonance_Hz:.3g} Hz below it" if mode.antiresonance_Hz else ""
+    text = (
+        f"elasticity: torque per acceleration has a resonance at {mode.resonance_Hz:.3g} +- {mode.resonance_error:.1g} "
+        f"Hz with a damping ratio of {mode.damping:.2g} +- {mode.damping_error:.1g}{lower}"
+    )
+    parameters: dict[str, Value] = {
+        "resonance_Hz": (mode.resonance_Hz, mode.resonance_error, "Hz"),
+        "damping_ratio": (mode.damping, mode.damping_error, ""),
+    }
+    if mode.antiresonance_Hz:
+        parameters["antiresonance_Hz"] = (mode.antiresonance_Hz, None, "Hz")
+    alternatives = ("a filter of the drive, where disturbances and not the drive moved the joint",)
+    remark = "one encoder does not tell where it is: gear, link, or what the joint stands on"
+    return JointFinding("elasticity", text, parameters, alternatives, remark)
+
+
+def measurement(result: JointResult) -> list[str]:
+    """What is said of the measurement."""
+    found = list(result.notes)
+    if result.late_s:
+        way = "later" if result.late_s > 0 else "earlier"
+        found.append(
+            f"tau{result.joint} is as if {abs(result.late_s) * 1e3:.3g} ms {way} than the motion, and is shifted by as "
+            "much: a delay, a filter, or an elasticity between encoder and drive"
+        )
+    if result.outliers:
+        found.append(f"{result.outliers} single samples of torque far off all others are left out")
+    if OTHERS in result.chosen.names():
+        found.append(
+            "a part of the torque follows the motion of other joints; it is taken off by their rates, not modelled"
+        )
+    return found
+
+
+def cannot_show(result: JointResult) -> list[str]:
+    """What these data do not show, with the reason."""
+    rows, names = result.rows, result.chosen.names()
+    found = []
+    if not rows.reversals:
+        found.append(
+            "dry friction, its load, and what happens at reversals: the joint never reverses, so that a constant is "
+            "told from nothing"
+        )
+    hidden = [_INSTEAD[name] for name in result.chosen.not_told if name not in names]
+    if hidden and rows.reversals:
+        found.append(f"{', '.join(hidden)}: the motion does not tell them from other parts")
+    found.append("friction that differs by direction at all speeds alike: a zero of the torque looks the same")
+    if result.told_to_Hz is None:
+        found.append("an elasticity: no band of frequencies in which the motion explains the torque")
+    elif result.mode is None:
+        found.append(f"an elasticity above {result.told_to_Hz:.3g} Hz: the motion explains the torque below")
+    if not result.waves:
+        found.append(
+            f"waves of fewer than {SETTINGS.joint_least_waves * 2 * np.pi / np.ptp(rows.angle):.2g} per revolution"
+        )
+    found.append(f"what changes faster than about {0.2 / rows.kernel_s:.2g} Hz, other than an elasticity")
+    found.append("standstill, and speeds below " + f"{float(np.abs(rows.speed).min()):.2g} rad/s")
+    return found
+
+
+def joint_report(results: Sequence[JointResult], constants: Constants | None) -> dict[str, Any]:
+    """The content of report.json."""
+    joints: list[dict[str, Any]] = []
+    for result in results:
+        found = findings(result, constants)
+        gap = dict(zip(("before", "after", "noise_floor"), result.gap, strict=True))
+        joints.append(
+            {
+                "joint": result.joint or "1",
+                "verdict": verdict(result, found),
+                "effects": [
+                    {
+                        "name": one.name,
+                        "text": one.text,
+                        "parameters": {
+                            key: {"value": value, "stderr": error, "unit": unit}
+                            for key, (value, error, unit) in one.parameters.items()
+                        },
+                        "share_of_torque": one.share,
+                        "alternatives": list(one.alternatives),
+                        "remarks": [one.remark] if one.remark else [],
+                    }
+                    for one in found
+                ],
+                "unexplained": signatures(result),
+                "gap": {"held_out": gap, "unit": "Nm"},
+                "measurement": measurement(result),
+                "cannot_show": cannot_show(result),
+            }
+        )
+    worst = ("unexplained", "partly_explained", "explained", "nothing_missing")
+    return {"kind": "joints", "verdict": min((one["verdict"] for one in joints), key=worst.index), "joints": joints}

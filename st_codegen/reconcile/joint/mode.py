@@ -1,0 +1,168 @@
+"""Elasticity: torque per acceleration over frequency, as the quotient of quadratics that a mode makes of an inertia."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from st_codegen.ir.arrays import ComplexArray, FloatArray
+from st_codegen.reconcile.settings import SETTINGS
+
+#: Torque per acceleration from parameters at angular frequencies.
+Form = Callable[[FloatArray, FloatArray], ComplexArray]
+
+
+@dataclass(frozen=True)
+class JointResponse:
+    """Torque per acceleration (kg m^2) at frequencies (Hz) where the motion explains the torque; errors; two halves."""
+
+    frequency: FloatArray
+    value: ComplexArray
+    error: FloatArray
+    halves: tuple[ComplexArray, ComplexArray]
+    half_error: FloatArray
+
+
+@dataclass(frozen=True)
+class JointMode:
+    """A resonance (the torque needed is least), the antiresonance below it where seen: Hz, damping ratio, errors."""
+
+    resonance_Hz: float
+    damping: float
+    resonance_error: float
+    damping_error: float
+    antiresonance_Hz: float | None
+    misfit: tuple[float, float]
+    response: JointResponse
+    fitted: ComplexArray
+
+
+def response(pieces: Sequence[tuple[FloatArray, FloatArray]], step_s: float) -> JointResponse | None:
+    """From pieces of even samples of (angle, torque less what is no inertia); None where too little is coherent."""
+    length = min(4096, max(len(angle) for angle, _ in pieces) // 8)
+    length = 1 << max(int(np.log2(max(length, 1))), 0)
+    if length < 128:
+        return None
+    window = np.hanning(length)
+    sums = []
+    for angle, torque in pieces:
+        acceleration = np.gradient(np.gradient(angle, step_s), step_s)
+        for start in range(2, len(angle) - length - 1, length // 2):
+            own = slice(start, start + length)
+            a, m = (np.fft.rfft(window * (x[own] - x[own].mean())) for x in (acceleration, torque))
+            sums.append((np.abs(a) ** 2, m * a.conj(), np.abs(m) ** 2))
+    if len(sums) < 6:
+        return None
+    frequency = np.fft.rfftfreq(length, step_s)
+    # the double central difference is this part of the second derivative
+    turn = 2 * np.pi * frequency * step_s
+    part = np.where(turn > 0, (np.sin(turn) / np.where(turn > 0, turn, 1.0)) ** 2, 1.0)
+    aa, ma, mm = (np.array(column) for column in zip(*sums, strict=True))
+    coherence = np.abs(ma.sum(axis=0)) ** 2 / np.maximum(aa.sum(axis=0) * mm.sum(axis=0), 1e-300)
+    told = (coherence > SETTINGS.joint_coherence) & (np.arange(len(frequency)) > 1) & (turn < 0.6 * np.pi)
+    if told.sum() < SETTINGS.joint_frequencies:
+        return None
+    # half of the pieces overlap, so that two count as little more than one
+    count = len(sums) / 1.5
+    value, *halves = (
+        (ma[own].sum(axis=0) / np.maximum(aa[own].sum(axis=0), 1e-300) * part)[told]
+        for own in (slice(None), slice(0, len(sums) // 2), slice(len(sums) // 2, None))
+    )
+    error = np.abs(value) * np.sqrt((1 - coherence[told]) / coherence[told] / (2 * count) + 1e-6)
+    return JointResponse(frequency[told], value, error, (halves[0], halves[1]), np.sqrt(2) * error)
+
+
+def _plain(p: FloatArray, w: FloatArray) -> ComplexArray:
+    """Inertia, damping, stiffness, late by a time: all that a rigid joint under control shows."""
+    found: ComplexArray = (p[0] + p[1] / (1j * w) - p[2] / w**2) * np.exp(-1j * w * p[3])
+    return found
+
+
+def _upper(p: FloatArray, w: FloatArray) -> ComplexArray:
+    """A resonance alone: an encoder behind the spring."""
+    found: ComplexArray = _plain(p, w) * (p[4] ** 2 - w**2 + 2j * p[5] * p[4] * w) / p[4] ** 2
+    return found
+
+
+def _both(p: FloatArray, w: FloatArray) -> ComplexArray:
+    """Antiresonance and resonance: an encoder before the spring."""
+    found: ComplexArray = _upper(p, w) * p[6] ** 2 / (p[6] ** 2 - w**2 + 2j * p[7] * p[6] * w)
+    return found
+
+
+def find_mode(found: JointResponse) -> JointMode | None:
+    """The mode that a response shows; None where a rigid joint does as well, or the mode is not inside what is told."""
+    w = 2 * np.pi * found.frequency
+    inertia = max(float(np.median(np.abs(found.value[: max(3, len(w) // 6)]))), 1e-12)
+    error = np.maximum(found.error, 0.01 * np.abs(found.value))
+    rigid, p0 = _fit(_plain, np.array([inertia, 0.0, 0.0, 0.0]), found.value, error, w)
+    if rigid.cost < 1.5 * len(w):  # a rigid joint within its errors: half of a chi-square of two numbers each
+        return None
+    best = None
+    for place in np.geomspace(1.3 * w[0], 0.95 * w[-1], 5):
+        forms: list[tuple[Form, list[float]]] = [(_upper, [place, 0.05])]
+        forms.append((_both, [1.15 * place, 0.05, place / 1.15, 0.05]))
+        for model, tail in forms:
+            done, p = _fit(model, np.concatenate([p0, tail]), found.value, error, w)
+            cost = done.cost + 3.0 * len(p)
+            inside = w[1] < abs(p[4]) < w[-2]
+            if inside and (best is None or cost < best[0]):
+                best = cost, done, p, model
+    if best is None:
+        return None
+    _, done, p, model = best
+    wide = abs(p[5]) > SETTINGS.joint_broadest or (model is _both and abs(p[7]) > SETTINGS.joint_broadest)
+    negative = p[5] <= 0 or p[0] <= 0 or (model is _both and not (0 < p[6] < p[4] and p[7] > 0))
+    near = np.abs(w / p[4] - 1) < 3 * max(p[5], 0.05)
+    if wide or negative or near.sum() < 4 or not ((w[near] < p[4]).any() and (w[near] > p[4]).any()):
+        return None
+    before, after, apart = _held_out(model, p, p0, found, w)
+    if after > (1 - SETTINGS.joint_mode) * before:
+        return None
+    try:
+        spread = np.sqrt(np.diag(np.linalg.inv(done.jac.T @ done.jac)) * max(2 * done.cost / (2 * len(w)), 1.0))
+    except np.linalg.LinAlgError:
+        return None
+    lower = float(p[6] / (2 * np.pi)) if model is _both else None
+    to_hertz = 1 / (2 * np.pi)
+    # what no mode explains may move its peak by as much of its width
+    spread[4] = np.sqrt(spread[4] ** 2 + apart[0] ** 2 + (after * p[5] * p[4]) ** 2)
+    spread[5] = np.sqrt(spread[5] ** 2 + apart[1] ** 2 + (after * p[5]) ** 2)
+    return JointMode(
+        float(p[4] * to_hertz), float(p[5]), float(spread[4] * to_hertz), float(spread[5]), lower, (before, after),
+        found, model(p, w),
+    )  # fmt: skip
+
+
+def _fit(
+    model: Form, start: FloatArray, value: ComplexArray, error: FloatArray, w: FloatArray
+) -> tuple[Any, FloatArray]:
+    """A robust fit: what the optimiser says, and the parameters."""
+    inertia = max(abs(float(start[0])), 1e-12)
+    unit = np.array([inertia, inertia * w[0], inertia * w[0] ** 2, 1e-3, *np.ones(len(start) - 4)])
+
+    def off(p: FloatArray) -> FloatArray:
+        left = (model(p * unit, w) - value) / error
+        return np.concatenate([left.real, left.imag])
+
+    done = least_squares(off, start / unit, loss="soft_l1", x_scale="jac", max_nfev=40)
+    return done, done.x * unit
+
+
+def _held_out(
+    model: Form, p: FloatArray, p0: FloatArray, found: JointResponse, w: FloatArray
+) -> tuple[float, float, FloatArray]:
+    """Relative misfit (RMS) of each half by the other, without and with the mode; how far the halves' modes differ."""
+    sums, modes = np.zeros(2), []
+    for own, other in (found.halves, found.halves[::-1]):
+        error = np.maximum(found.half_error, 0.01 * np.abs(own))
+        for place, (form, start) in enumerate([(_plain, p0), (model, p)]):
+            _, fitted = _fit(form, start, own, error, w)
+            off = np.abs((form(fitted, w) - other) / np.maximum(np.abs(other), found.half_error))
+            sums[place] += float(np.minimum(off, 3.0) @ np.minimum(off, 3.0)) / (2 * len(w))
+        modes.append(fitted[4:6])
+    return float(np.sqrt(sums[0])), float(np.sqrt(sums[1])), np.abs(modes[0] - modes[1]) / 2

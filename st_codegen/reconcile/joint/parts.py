@@ -1,0 +1,379 @@
+"""Parts of a joint's torque: which of them predict stretches of time that they were not fitted to.
+
+torque = I ddq + a cos q + b sin q + c + the parts; a part is a few columns, with one number that shapes them.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from st_codegen.ir.arrays import FloatArray
+from st_codegen.reconcile.joint.rows import JointRows
+from st_codegen.reconcile.settings import SETTINGS
+
+#: parts that are no claim of a cause: the rigid joint, and what the motion of others explains
+RIGID, OTHERS = "rigid", "other_joints"
+
+
+@dataclass(frozen=True)
+class TorquePart:
+    """A part of the torque: a name, the number that shapes it (0: none), columns (n, p), which of its laws it is."""
+
+    name: str
+    shape: float
+    columns: FloatArray
+    law: int = 0
+
+
+@dataclass(frozen=True)
+class Crossed:
+    """A model: left-out loss and that of the rest by block, coefficients, standard errors by leaving blocks out."""
+
+    held: FloatArray
+    trained: FloatArray
+    values: FloatArray
+    errors: FloatArray
+
+
+@dataclass(frozen=True)
+class PartGain:
+    """What a part adds: share of the left-out loss, in standard errors, share of blocks; its best variant, its loss."""
+
+    share: float
+    sure: float
+    blocks: float
+    part: TorquePart
+    held: FloatArray
+
+    def is_worse_than(self, other: PartGain) -> bool:
+        """Whether left-out stretches tell the two apart."""
+        more = self.held - other.held
+        return bool(more.mean() > SETTINGS.joint_better * more.std(ddof=1) / np.sqrt(len(more)))
+
+    @property
+    def passed(self) -> bool:
+        """Whether the part predicts what it was not fitted to."""
+        sure = self.sure > SETTINGS.joint_better and self.blocks >= SETTINGS.joint_most
+        return sure and self.share > SETTINGS.joint_share
+
+
+def crossed(columns: FloatArray, rows: JointRows) -> Crossed:
+    """Least squares with each block left out in turn."""
+    scale = np.sqrt((columns**2).mean(axis=0))
+    x = columns / np.where(scale > 0, scale, 1.0)
+    y = rows.torque
+    count = SETTINGS.joint_blocks
+    edges = np.searchsorted(rows.block, np.arange(count + 1))
+    cut = [slice(*pair) for pair in itertools.pairwise(edges.tolist())]
+    grams = np.array([x[own].T @ x[own] for own in cut])
+    pulls = np.array([x[own].T @ y[own] for own in cut])
+    power = np.array([y[own] @ y[own] for own in cut])
+    small = 1e-10 * np.eye(x.shape[1]) * len(y)
+    whole = np.linalg.solve(grams.sum(axis=0) + small, pulls.sum(axis=0))
+    gram, pull = grams.sum(axis=0) - grams, pulls.sum(axis=0) - pulls
+    without = np.linalg.solve(gram + small, pull[..., None])[..., 0]
+    held, trained = (
+        total - 2 * (without * h).sum(axis=1) + np.einsum("bi,bij,bj->b", without, g, without)
+        for total, h, g in ((power, pulls, grams), (power.sum() - power, pull, gram))
+    )
+    errors = np.sqrt((count - 1) / count * ((without - without.mean(axis=0)) ** 2).sum(axis=0))
+    divisor = np.where(scale > 0, scale, 1.0)
+    return Crossed(held, trained, whole / divisor, errors / divisor)
+
+
+def gain_of(variants: Sequence[TorquePart], chosen: Sequence[TorquePart], rows: JointRows, before: Crossed) -> PartGain:
+    """What one of the variants adds to the chosen parts; each block is predicted by the variant best for the others."""
+    base = stacked(chosen)
+    fits = [crossed(np.hstack([base, part.columns]), rows) for part in variants]
+    trained = np.array([fit.trained for fit in fits])
+    held = np.array([fit.held for fit in fits])[trained.argmin(axis=0), np.arange(SETTINGS.joint_blocks)]
+    saved = before.held - held
+    error = float(saved.std(ddof=1) / np.sqrt(len(saved)))
+    best = variants[int(trained.sum(axis=1).argmin())]
+    share = float(saved.sum() / before.held.sum())
+    return PartGain(share, float(saved.mean() / max(error, 1e-300)), float((saved > 0).mean()), best, held)
+
+
+def stacked(parts: Sequence[TorquePart]) -> FloatArray:
+    """The columns of parts side by side."""
+    return np.hstack([part.columns for part in parts])
+
+
+def told(part: TorquePart, basis: FloatArray) -> float:
+    """Share of a part's power that other parts do not make; basis: orthonormal columns that span those."""
+    left = part.columns - basis @ (basis.T @ part.columns)
+    return float((left**2).sum() / max(float((part.columns**2).sum()), 1e-300))
+
+
+def rigid(rows: JointRows) -> TorquePart:
+    """Inertia, gravity, a constant."""
+    columns = [rows.acceleration, np.cos(rows.angle), np.sin(rows.angle), np.ones(len(rows.time))]
+    return TorquePart(RIGID, 0.0, np.stack(columns, axis=1))
+
+
+def others(rows: JointRows) -> TorquePart | None:
+    """What the motion of other joints may add, as far as it was varied; None for a joint alone."""
+    known = rows.others
+    if not known.shape[1]:
+        return None
+    # as few columns as hold what there is: of two joints that move alike one is enough
+    whitened = known - known.mean(axis=0)
+    u, size, _ = np.linalg.svd(whitened / np.maximum(whitened.std(axis=0), 1e-12), full_matrices=False)
+    return TorquePart(OTHERS, 0.0, u[:, size > 1e-2 * size[0]] * np.sqrt(len(u)))
+
+
+def base_of(rows: JointRows) -> list[TorquePart]:
+    """The rigid joint, and what the motion of others may add."""
+    group = others(rows)
+    return [rigid(rows), *([] if group is None else [group])]
+
+
+Columns = Callable[[JointRows, float, FloatArray], FloatArray]
+
+
+@dataclass(frozen=True)
+class PartKind:
+    """A kind of part: its column from rows, shape and the load, by each of its laws; shapes that are tried."""
+
+    laws: tuple[Columns, ...]
+    shapes: Callable[[JointRows], FloatArray] = lambda _: np.zeros(1)
+
+    def variants(self, name: str, rows: JointRows, load: FloatArray) -> list[TorquePart]:
+        """The part with each law and shape."""
+        return [
+            TorquePart(name, float(s), column(rows, float(s), load)[:, None], law)
+            for law, column in enumerate(self.laws)
+            for s in self.shapes(rows)
+        ]
+
+
+def _between(low: float, high: float) -> FloatArray:
+    return np.geomspace(low, max(high, 1.01 * low), 8)
+
+
+def _speeds(rows: JointRows) -> FloatArray:
+    size = np.abs(rows.speed)
+    return _between(float(np.quantile(size, 0.05)), 0.25 * float(size.max()))
+
+
+def _travels(rows: JointRows) -> FloatArray:
+    known = rows.travel[np.isfinite(rows.travel)]
+    return (
+        _between(max(float(np.quantile(known, 0.02)), 1e-9), float(np.quantile(known, 0.5)))
+        if len(known)
+        else np.ones(1)
+    )
+
+
+def _times(rows: JointRows) -> FloatArray:
+    known = rows.since[np.isfinite(rows.since)]
+    return _between(float(np.quantile(known, 0.02)), float(np.quantile(known, 0.5))) if len(known) else np.ones(1)
+
+
+def _clock(rows: JointRows) -> FloatArray:
+    found: FloatArray = (rows.time - rows.time.mean()) / np.ptp(rows.time)
+    return found
+
+
+KINDS: Mapping[str, PartKind] = {
+    "dry_friction": PartKind((lambda r, _s, _: r.sign,)),
+    "viscous_friction": PartKind((lambda r, _s, _: r.speed,)),
+    "curved_friction": PartKind(
+        (
+            lambda r, s, _: r.sign * np.exp(-np.abs(r.speed) / s),
+            lambda r, s, _: r.sign * np.exp(-((r.speed / s) ** 2)),
+            lambda r, s, _: r.sign / (1 + np.abs(r.speed) / s),
+        ),
+        _speeds,
+    ),
+    "direction_dependent_friction": PartKind((lambda r, _s, _: np.abs(r.speed),)),
+    "load_dependent_friction": PartKind(
+        (lambda r, _, load: r.sign * np.abs(load[:, 0]), lambda r, _, load: r.sign * np.abs(load[:, 1]))
+    ),
+    "dry_friction_drift": PartKind((lambda r, _s, _: r.sign * _clock(r),)),
+    "viscous_friction_drift": PartKind((lambda r, _s, _: r.speed * _clock(r),)),
+    "torque_zero_drift": PartKind((lambda r, _s, _: _clock(r),)),
+    "reversal_travel": PartKind((lambda r, s, _: r.sign * np.exp(-r.travel / s),), _travels),
+    "reversal_time": PartKind((lambda r, s, _: r.sign * np.exp(-r.since / s),), _times),
+}
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """Parts that were taken, their fit, what each adds beside the others, and what could stand in its place.
+
+    by_law: by how much coefficients move when a part follows another law of its kind.
+    """
+
+    parts: tuple[TorquePart, ...]
+    fit: Crossed
+    gains: Mapping[str, PartGain]
+    alternatives: Mapping[str, tuple[str, ...]]
+    not_told: tuple[str, ...]
+    by_law: FloatArray | None = None
+
+    def value(self, name: str, *, law: bool = True) -> tuple[float, float]:
+        """Coefficient of the part with one column, and its standard error; law: as if its law were not known."""
+        place = 0
+        for part in self.parts:
+            if part.name == name:
+                spread = self.by_law[place] if law and self.by_law is not None else 0.0
+                return float(self.fit.values[place]), float(np.hypot(self.fit.errors[place], spread))
+            place += part.columns.shape[1]
+        raise KeyError(name)
+
+    def own(self, name: str) -> FloatArray:
+        """What a part contributes, N m."""
+        return self.of({name})
+
+    def of(self, names: set[str]) -> FloatArray:
+        """What parts contribute together, N m."""
+        found = np.zeros(len(self.parts[0].columns))
+        place = 0
+        for part in self.parts:
+            width = part.columns.shape[1]
+            if part.name in names:
+                found = found + part.columns @ self.fit.values[place : place + width]
+            place += width
+        return found
+
+    def names(self) -> list[str]:
+        """The names of the parts."""
+        return [part.name for part in self.parts]
+
+
+def load_of(chosen: Chosen) -> FloatArray:
+    """The torque through the joint, without its friction: all of it, and what does not accelerate it, N m (n, 2)."""
+    whole = chosen.of({RIGID, OTHERS})
+    return np.stack([whole, whole - chosen.fit.values[0] * chosen.parts[0].columns[:, 0]], axis=1)
+
+
+def floor_of(chosen: Chosen, rows: JointRows) -> float:
+    """RMS of the noise of torque and angle in what is left, N m."""
+    torque, acceleration = rows.noise
+    return float(np.hypot(torque, chosen.fit.values[0] * acceleration))
+
+
+def choose(rows: JointRows, beside: Sequence[TorquePart] = ()) -> Chosen:
+    """Take parts one by one, the one that predicts best first, and test each beside all others in the end.
+
+    beside: parts that are taken already (waves).
+    """
+    base: list[TorquePart] = [rigid(rows)]
+    fit = crossed(stacked(base), rows)
+    group = others(rows)
+    friction = [
+        kind.variants(name, rows, np.zeros((len(rows.time), 2)))[0]
+        for name, kind in KINDS.items()
+        if "friction" in name
+    ][:2]
+    if group is not None:
+        rich = [*base, *friction]
+        if gain_of([group], rich, rows, crossed(stacked(rich), rows)).passed:
+            base.append(group)
+    parts, not_told = [*base, *beside], set[str]()
+    while True:
+        fit = crossed(stacked(parts), rows)
+        gains = _gains(rows, parts, fit, not_told)
+        passed = [gain for gain in gains.values() if gain.passed]
+        if passed:
+            # what has no shape to bend goes first
+            parts.append(min(passed, key=lambda gain: (gain.part.shape != 0, -gain.share)).part)
+        elif both := _both(rows, parts, fit, gains):
+            parts += both
+        else:
+            break
+    return _judged(rows, parts, not_told)
+
+
+def _gains(rows: JointRows, parts: Sequence[TorquePart], fit: Crossed, not_told: set[str]) -> dict[str, PartGain]:
+    now = Chosen(tuple(parts), fit, {}, {}, ())
+    load, there = load_of(now), set(now.names())
+    basis = np.linalg.qr(stacked(parts))[0]
+    gains = {}
+    for name, kind in KINDS.items():
+        if name in there:
+            continue
+        variants = [v for v in kind.variants(name, rows, load) if told(v, basis) > SETTINGS.joint_told]
+        (not_told.discard if variants else not_told.add)(name)
+        if variants:
+            gains[name] = gain_of(variants, parts, rows, fit)
+    return gains
+
+
+def _both(
+    rows: JointRows, parts: Sequence[TorquePart], fit: Crossed, gains: Mapping[str, PartGain]
+) -> list[TorquePart]:
+    """Friction that falls and rises again with speed: each part alone may explain nothing."""
+    pair = ("viscous_friction", "curved_friction")
+    if not set(pair) <= set(gains):
+        return []
+    load = np.zeros((len(rows.time), 2))
+    (rise,), falls = (KINDS[name].variants(name, rows, load) for name in pair)
+    joined = [
+        TorquePart("both", fall.shape, np.hstack([rise.columns, fall.columns]), n) for n, fall in enumerate(falls)
+    ]
+    gain = gain_of(joined, parts, rows, fit)
+    return [rise, falls[gain.part.law]] if gain.passed else []
+
+
+def _judged(rows: JointRows, parts: list[TorquePart], not_told: set[str]) -> Chosen:
+    """Drop what no longer helps beside the others; list what would do in place of each that stays."""
+    while True:
+        fit = crossed(stacked(parts), rows)
+        gains, alternatives = {}, {}
+        now = Chosen(tuple(parts), fit, {}, {}, ())
+        for part in parts:
+            if part.name in (RIGID, OTHERS):
+                continue
+            rest = [p for p in parts if p is not part]
+            before = crossed(stacked(rest), rows)
+            gains[part.name] = gain_of([part], rest, rows, before)
+            if part.name in KINDS:
+                instead = _gains(rows, rest, before, set())
+                alike = [n for n, g in instead.items() if n != part.name and not g.is_worse_than(gains[part.name])]
+                alternatives[part.name] = tuple(alike)
+        weak = [name for name, gain in gains.items() if not gain.passed or not _is_sure(now, name)]
+        if not weak:
+            # what is left beyond the noise may be of any form: as much of it may belong to each part
+            left = max(float(fit.held.mean()) * len(fit.held) / len(rows.time) - floor_of(now, rows) ** 2, 0.0)
+            size = np.sqrt((stacked(parts) ** 2).mean(axis=0))
+            by_law = np.hypot(_of_laws(rows, parts, now), np.sqrt(left) / np.maximum(size, 1e-300))
+            return Chosen(tuple(parts), fit, gains, alternatives, tuple(sorted(not_told)), by_law)
+        worst = min(weak, key=lambda name: gains[name].share)
+        parts = [p for p in parts if p.name != worst]
+
+
+def _of_laws(rows: JointRows, parts: list[TorquePart], now: Chosen) -> FloatArray:
+    """By how much coefficients move when a part follows another law of its kind: none of them need be the true one."""
+    found = np.zeros(len(now.fit.values))
+    for place, part in enumerate(parts):
+        if part.name not in KINDS or len(KINDS[part.name].laws) == 1:
+            continue
+        for law in set(range(len(KINDS[part.name].laws))) - {part.law}:
+            variants = [v for v in KINDS[part.name].variants(part.name, rows, load_of(now)) if v.law == law]
+            fits = [crossed(stacked([*parts[:place], v, *parts[place + 1 :]]), rows) for v in variants]
+            other = min(fits, key=lambda fit: float(fit.held.sum()))
+            found = np.maximum(found, np.abs(other.values - now.fit.values))
+    return found
+
+
+def _is_sure(now: Chosen, name: str) -> bool:
+    part = next(p for p in now.parts if p.name == name)
+    if part.columns.shape[1] > 1:
+        return True
+    value, error = now.value(name)
+    return abs(value) > SETTINGS.joint_errors * error
+
+
+def without_outliers(rows: JointRows) -> tuple[JointRows, int]:
+    """Rows without single ones far off a rich model, where they are few."""
+    names = ("dry_friction", "viscous_friction", "direction_dependent_friction")
+    parts = [*base_of(rows), *(KINDS[name].variants(name, rows, np.zeros((len(rows.time), 2)))[0] for name in names)]
+    left = rows.torque - stacked(parts) @ crossed(stacked(parts), rows).values
+    far = np.abs(left - np.median(left)) > 12 * 1.4826 * np.median(np.abs(left - np.median(left)))
+    return (rows.where(~far), int(far.sum())) if 0 < far.mean() < 0.01 else (rows, 0)

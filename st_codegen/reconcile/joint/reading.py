@@ -1,0 +1,153 @@
+"""Recordings of a robot's joints: CSV with the columns `t,q,dq,tau`, or `t,q1,dq1,tau1,q2,..` for several joints."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from st_codegen.errors import InputError, Problems
+from st_codegen.files.csv_tables import header_of, read_csv
+from st_codegen.ir.arrays import FloatArray
+from st_codegen.reconcile.settings import SETTINGS
+
+#: units that a name may end in, as factors to rad, rad/s and N m; without one the column is in these
+UNITS = {
+    "q": {"": 1.0, "rad": 1.0, "deg": np.pi / 180},
+    "dq": {"": 1.0, "rad_s": 1.0, "deg_s": np.pi / 180, "rpm": np.pi / 30},
+    "tau": {"": 1.0, "Nm": 1.0},
+}
+_NAME = re.compile(r"(q|dq|tau)(\d*)(?:_(\w+))?")
+_TIME = ("t", "t_s")
+
+
+@dataclass(frozen=True)
+class JointRecording:
+    """One file: a step in s, and angle (rad), speed as given (rad/s; None) and torque (N m) of each joint, (n,)."""
+
+    name: str
+    step_s: float
+    angle: Mapping[str, FloatArray]
+    speed: Mapping[str, FloatArray | None]
+    torque: Mapping[str, FloatArray]
+    notes: tuple[str, ...] = ()
+
+
+def joint_files(path: Path) -> list[Path]:
+    """The recordings of joints that a path names: the file itself, or those of a folder; none for anything else."""
+    files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
+    return [file for file in files if file.is_file() and _is_joint(header_of(file))]
+
+
+def _is_joint(names: Sequence[str]) -> bool:
+    kinds = {match[1] for name in names if (match := _NAME.fullmatch(name))}
+    return bool(set(_TIME) & set(names)) and {"q", "tau"} <= kinds
+
+
+def read_joints(paths: Sequence[Path]) -> tuple[JointRecording, ...]:
+    """Read recordings of the same joints. Raises one InputError that lists what is wrong with all of them."""
+    problems, found = Problems("recordings of joints"), []
+    for path in paths:
+        with problems.collect():
+            found.append(_read(path))
+    if len({tuple(sorted(one.angle)) for one in found}) > 1:
+        problems.add("the files have different joints; give those of the same joints together")
+    problems.raise_if_any()
+    return tuple(found)
+
+
+def _read(path: Path) -> JointRecording:
+    table, problems = read_csv(path), Problems(str(path))
+    columns: dict[tuple[str, str], tuple[str, float]] = {}
+    for name in table.names:
+        match = _NAME.fullmatch(name)
+        if match is None:
+            continue
+        kind, joint, unit = match[1], match[2], match[3] or ""
+        if unit not in UNITS[kind]:
+            known = ", ".join(f"{kind}{joint}_{one}" for one in UNITS[kind] if one)
+            problems.add(f"the unit of the column '{name}' is not known; there are {known}")
+        elif (kind, joint) in columns:
+            problems.add(f"the columns {columns[kind, joint][0]} and {name} are the same quantity")
+        else:
+            columns[kind, joint] = name, UNITS[kind][unit]
+    joints = sorted({joint for _, joint in columns}, key=lambda joint: int(joint or 0))
+    for joint in joints:
+        for kind in ("q", "tau"):
+            if (kind, joint) not in columns:
+                problems.add(f"the column '{kind}{joint}' is missing: a joint needs q and tau")
+    problems.raise_if_any()
+    time = next(name for name in _TIME if name in table.names)
+    names = [time, *(name for name, _ in columns.values())]
+    values = dict(zip(names, table.numbers(names, problems, is_finite=False).T, strict=True))
+    if bad := [name for name in names if not np.isfinite(values[name]).all()]:
+        problems.add(f"values of {', '.join(bad)} are not finite; cut these rows off, or record them again")
+    if len(table.rows) < SETTINGS.joint_samples:
+        problems.add(f"{len(table.rows)} samples are too few: {SETTINGS.joint_samples} at least")
+    problems.raise_if_any()
+    step, notes = _step(values[time], path)
+    si = {key: values[name] * factor for key, (name, factor) in columns.items()}
+    angle = {joint: si["q", joint] for joint in joints}
+    speed = {joint: si.get(("dq", joint)) for joint in joints}
+    for joint in joints:
+        with problems.collect():
+            notes += _check(joint, columns["q", joint][0], angle[joint], speed[joint], step)
+    problems.raise_if_any()
+    torque = {joint: si["tau", joint] for joint in joints}
+    return JointRecording(path.name, step, angle, speed, torque, tuple(f"{path.name}: {note}" for note in notes))
+
+
+def _step(time: FloatArray, path: Path) -> tuple[float, list[str]]:
+    """The step of even samples. Raises InputError for time that repeats, falls, or has gaps."""
+    steps = np.diff(time)
+    if (steps <= 0).any():
+        row = int(np.argmax(steps <= 0))
+        raise InputError(f"{path}: the time does not rise from row {row + 2} to the next ({time[row]:g} s)")
+    step = float((time[-1] - time[0]) / len(steps))
+    off = np.abs(time - time[0] - step * np.arange(len(time))) / step
+    if off.max() > SETTINGS.joint_jitter or steps.max() > 1.5 * float(np.median(steps)):
+        row = int(np.argmax(steps))
+        raise InputError(
+            f"{path}: the samples are not evenly spaced; the widest step, {steps[row]:g} s, is from row {row + 2} to "
+            f"the next, the usual one {np.median(steps):g} s. Put a file on each side of a gap"
+        )
+    uneven = [f"the time is off even steps by up to {off.max():.2g} of one; even steps are taken"]
+    return step, uneven if off.max() > SETTINGS.joint_jitter / 5 else []
+
+
+def _check(joint: str, name: str, angle: FloatArray, speed: FloatArray | None, step: float) -> list[str]:
+    """What a given speed says of units and time. Raises InputError where it is not that of the angle."""
+    turns = float(np.ptp(angle)) / (2 * np.pi)
+    if name == f"q{joint}" and turns > SETTINGS.joint_turns:
+        raise InputError(
+            f"{name} covers {turns:.0f} turns if it is in rad: is it in degrees? Name the column q{joint}_deg or "
+            f"q{joint}_rad"
+        )
+    if speed is None:
+        return [f"dq{joint} is not there: speeds are derived from {name}"]
+    # both in the mean over a few samples, so that the noise of the angle does not decide
+    width = max(5, len(angle) // 400)
+    derived = (angle[width:] - angle[:-width]) / (width * step)
+    sums = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2)])
+    given = (sums[width:] - sums[:-width]) / width
+    power = float(derived @ derived)
+    if power <= 0 or not given.any():
+        return []
+    factor = float(given @ derived) / power
+    alike = abs(factor) * np.sqrt(power / float(given @ given))
+    if alike < SETTINGS.joint_alike:
+        raise InputError(
+            f"dq{joint} is not the speed of {name}: they agree to {alike:.2f} only (correlation), 1 is expected"
+        )
+    if abs(factor - 1) > SETTINGS.joint_factor:
+        known = {180 / np.pi: "dq in deg/s, or q in rad while named deg", np.pi / 180: "q in degrees, dq in rad/s",
+                 30 / np.pi: "dq in rpm", -1.0: "dq with the opposite sign"}  # fmt: skip
+        why = [text for value, text in known.items() if abs(factor / value - 1) < SETTINGS.joint_factor]
+        raise InputError(
+            f"dq{joint} is {factor:.4g} times the rate of {name}: {why[0] if why else 'another side of a gear?'}. "
+            f"Units may stand in the names: q{joint}_deg, dq{joint}_deg_s, dq{joint}_rpm"
+        )
+    return [f"dq{joint} is {factor:.3f} times the rate of {name}; the rate is taken"] if abs(factor - 1) > 0.02 else []

@@ -1,0 +1,225 @@
+"""Recordings of joints in, what their torque is made of out."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from st_codegen.errors import InputError, Problems
+from st_codegen.ir.arrays import FloatArray
+from st_codegen.reconcile.joint.mode import JointMode, find_mode, response
+from st_codegen.reconcile.joint.parts import (
+    KINDS,
+    OTHERS,
+    RIGID,
+    Chosen,
+    TorquePart,
+    base_of,
+    choose,
+    crossed,
+    floor_of,
+    stacked,
+    without_outliers,
+)
+from st_codegen.reconcile.joint.reading import JointRecording
+from st_codegen.reconcile.joint.rows import JointRows, rows_of
+from st_codegen.reconcile.joint.waves import TorqueWave, columns, find_wave
+from st_codegen.reconcile.settings import SETTINGS
+
+#: shifts of the torque that are tried, s
+_MOST_SHIFT_S = 0.03
+
+
+@dataclass(frozen=True)
+class JointResult:
+    """What one joint's torque is made of; without its name where it is the only one.
+
+    late_s: how much later than the motion the torque is, as far as a shift tells; outliers: rows left out; told_to_Hz:
+    up to where the motion explains the torque; unseen_mode: the inertia is not one at all frequencies.
+    """
+
+    joint: str
+    rows: JointRows
+    chosen: Chosen
+    waves: tuple[TorqueWave, ...]
+    mode: JointMode | None
+    late_s: float
+    outliers: int
+    told_to_Hz: float | None
+    unseen_mode: bool
+    notes: tuple[str, ...]
+
+    @property
+    def gap(self) -> tuple[float, float, float]:
+        """RMS (N m) on left-out stretches of the rigid joint alone and with all parts; noise floor."""
+        rigid = [part for part in self.chosen.parts if part.name in (RIGID, OTHERS)]
+        before = crossed(stacked(rigid), self.rows).held.sum()
+        count = len(self.rows.time)
+        return (
+            float(np.sqrt(before / count)),
+            float(np.sqrt(self.chosen.fit.held.sum() / count)),
+            floor_of(self.chosen, self.rows),
+        )
+
+    @property
+    def left(self) -> FloatArray:
+        """What the parts leave, N m."""
+        found: FloatArray = self.rows.torque - self.chosen.of(set(self.chosen.names()))
+        return found
+
+
+def reconcile_joints(
+    recordings: Sequence[JointRecording], scale: float | None = None, accept: Collection[str] = ()
+) -> tuple[JointResult, ...]:
+    """What is in the torque of each joint. Raises InputError where no joint moves, or a torque has the wrong sign.
+
+    scale: factor on the torque; accept: `sign` turns a torque whose sign is opposite.
+    """
+    problems, found = Problems("recordings of joints"), []
+    factor = 1.0 if scale is None else scale
+    for joint in recordings[0].angle:
+        with problems.collect():
+            found.append(_joint(_scaled(recordings, joint, factor), joint, accept))
+    problems.raise_if_any()
+    if all(one is None for one in found):
+        raise InputError("no joint moves for long enough: nothing can be told of friction, ripple or elasticity")
+    return tuple(one for one in found if one is not None)
+
+
+def _scaled(recordings: Sequence[JointRecording], joint: str, factor: float) -> list[JointRecording]:
+    return [
+        JointRecording(r.name, r.step_s, r.angle, r.speed, {**r.torque, joint: factor * r.torque[joint]}, r.notes)
+        for r in recordings
+    ]
+
+
+def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]) -> JointResult | None:
+    rows = rows_of(recordings, joint)
+    if rows is None:
+        return None
+    if not np.ptp(rows.torque):
+        raise InputError(f"tau{joint} never changes: it is no torque of a joint that moves")
+    notes = [note for one in recordings for note in one.notes if _speaks_of(note, joint)]
+    if is_opposite(rows):
+        if not {"sign", "all"} & set(accept):
+            raise InputError(
+                f"tau{joint} has the opposite sign: with it inertia and friction are negative, and friction drives the "
+                "joint. tau is the torque on the joint in the direction of rising q. --accept sign turns it"
+            )
+        recordings = _scaled(recordings, joint, -1.0)
+        notes.append(f"the sign of tau{joint} was turned, as accepted")
+    kernel, unseen = _below_mode(recordings, joint, rows)
+    shift = _shift(recordings, joint, kernel)
+    rows = rows_of(recordings, joint, shift, kernel) or rows
+    rows, outliers = without_outliers(rows)
+    chosen, waves = choose(rows), list[TorqueWave]()
+    while len(waves) < SETTINGS.joint_waves:
+        wave = find_wave(rows, chosen)
+        if wave is None or any(abs(wave.number - w.number) < wave.resolution and w.over == wave.over for w in waves):
+            break
+        waves.append(wave)
+        chosen = choose(rows, [one.gain.part for one in waves])
+    kept = tuple(wave for wave in waves if wave.gain.part.name in chosen.names())
+    rest = chosen.of(set(chosen.names())) - chosen.fit.values[0] * rows.acceleration
+    mode, most = _mode(recordings, joint, rows, rest, shift)
+    late = shift * recordings[0].step_s
+    return JointResult(joint, rows, chosen, kept, mode, late, outliers, most, unseen and mode is None, tuple(notes))
+
+
+def _speaks_of(note: str, joint: str) -> bool:
+    return f"dq{joint} " in note or "dq" not in note
+
+
+def _rich(rows: JointRows, seen: Sequence[tuple[str, float]] = ()) -> list[TorquePart]:
+    """All that friction may be, and waves that were seen: what a shift of the torque and a mode are judged beside."""
+    names = ("dry_friction", "viscous_friction", "curved_friction")
+    parts = [KINDS[name].variants(name, rows, np.zeros((len(rows.time), 2)))[0] for name in names]
+    waves = [TorquePart(f"{over}:{number:.6g}", number, columns(rows, over, number)) for over, number in seen]
+    return [*base_of(rows), *parts, *waves]
+
+
+def _seen(rows: JointRows) -> list[tuple[str, float]]:
+    """The loudest waves: the drive answers them, so that they would look like a shift of the torque."""
+    seen: list[tuple[str, float]] = []
+    while len(seen) < SETTINGS.joint_waves:
+        parts = _rich(rows, seen)
+        wave = find_wave(rows, Chosen(tuple(parts), crossed(stacked(parts), rows), {}, {}, ()))
+        if wave is None or (wave.over, wave.number) in seen:
+            break
+        seen.append((wave.over, wave.number))
+    return seen
+
+
+def is_opposite(rows: JointRows) -> bool:
+    """Whether inertia and friction are negative beyond their errors."""
+    base = stacked(base_of(rows))
+    fit = crossed(np.hstack([base, rows.sign[:, None]]), rows)
+    sure = -SETTINGS.joint_errors
+    return bool(fit.values[0] < sure * fit.errors[0] and fit.values[-1] < sure * fit.errors[-1])
+
+
+def _below_mode(recordings: list[JointRecording], joint: str, rows: JointRows) -> tuple[float, bool]:
+    """The kernel (s) that leaves modes out: below them a joint is rigid. Whether there is one that was not seen."""
+    known = stacked(_rich(rows))
+    values = crossed(known, rows).values
+    mode, _ = _mode(recordings, joint, rows, known[:, 1:] @ values[1:], 0)
+    kernel = rows.kernel_s
+    if mode is not None:
+        lowest = mode.antiresonance_Hz or mode.resonance_Hz
+        kernel = max(kernel, SETTINGS.joint_below_mode / (2 * np.pi * lowest))
+    unseen = False
+    # a rigid joint has one inertia at all frequencies: what a wider kernel sees otherwise is an unseen mode
+    while (inertia := _inertia(recordings, joint, kernel)) is not None:
+        wider = _inertia(recordings, joint, 2 * kernel)
+        if wider is None or abs(inertia - wider) <= SETTINGS.joint_one_inertia * abs(wider):
+            break
+        kernel, unseen = 2 * kernel, True
+    return kernel, unseen
+
+
+def _inertia(recordings: list[JointRecording], joint: str, kernel_s: float) -> float | None:
+    rows = rows_of(recordings, joint, 0, kernel_s)
+    return None if rows is None else float(crossed(stacked(_rich(rows)), rows).values[0])
+
+
+def _shift(recordings: list[JointRecording], joint: str, kernel_s: float) -> int:
+    """Samples by which the torque is late: the shift whose model predicts best, if it surely does so better."""
+    most = int(min(_MOST_SHIFT_S / recordings[0].step_s, 30))
+    fits = {}
+    base = rows_of(recordings, joint, 0, kernel_s)
+    seen = [] if base is None else _seen(base)
+    for shift in {*range(-most, most + 1, max(1, most // 8)), 0}:
+        rows = rows_of(recordings, joint, shift, kernel_s)
+        if rows is not None and base is not None and len(rows.time) > 0.9 * len(base.time):
+            fits[shift] = crossed(stacked(_rich(rows, seen)), rows).held / len(rows.time)
+    if not fits:
+        return 0
+    best = min(fits, key=lambda s: fits[s].sum())
+    for shift in range(best - max(1, most // 8) + 1, best + max(1, most // 8)):
+        rows = rows_of(recordings, joint, shift, kernel_s)
+        if shift not in fits and rows is not None:
+            fits[shift] = crossed(stacked(_rich(rows, seen)), rows).held / len(rows.time)
+    best = min(fits, key=lambda s: fits[s].sum())
+    saved = fits[0] - fits[best]
+    error = float(saved.std(ddof=1)) / np.sqrt(len(saved))
+    sure = float(saved.mean()) > SETTINGS.joint_better * error and (saved > 0).mean() >= SETTINGS.joint_most
+    return best if sure and saved.sum() > SETTINGS.joint_share * fits[0].sum() else 0
+
+
+def _mode(
+    recordings: list[JointRecording], joint: str, rows: JointRows, rest: FloatArray, shift: int
+) -> tuple[JointMode | None, float | None]:
+    """The mode, and up to which frequency the motion tells the torque; rest: the torque that is no inertia's."""
+    start, pieces = 0.0, []
+    for one in recordings:
+        time = start + one.step_s * np.arange(len(one.angle[joint]))
+        torque = np.roll(one.torque[joint], -shift) - np.interp(time, rows.time, rest)
+        cut = abs(shift) + 1
+        pieces.append((one.angle[joint][cut:-cut], torque[cut:-cut]))
+        start += one.step_s * (len(time) + 1)
+    found = response(pieces, recordings[0].step_s)
+    if found is None:
+        return None, None
+    return find_mode(found), float(found.frequency[-1])

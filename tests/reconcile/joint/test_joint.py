@@ -1,0 +1,171 @@
+"""Recordings of joints: what is read, refused, named, and what is not claimed."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from st_codegen.errors import InputError
+from st_codegen.reconcile.joint.findings import joint_report
+from st_codegen.reconcile.joint.reading import joint_files, read_joints
+from st_codegen.reconcile.joint.run import reconcile_joints
+from st_codegen.rig.effects import Constants
+from tests.cli.helpers import run
+
+from .machine import Joint, Measured, simulate, write
+from .run import KINDS, NOISES, run_case
+
+COUNT, STEP = 4000, 0.005
+
+
+def plain(friction=1.0, viscous=0.5, count=COUNT, torque=0.02, ripple=0.0):
+    """A rigid joint by formula: fast to make, for what is not about physics."""
+    rng = np.random.default_rng(1)
+    t = np.arange(count) * STEP
+    waves = [(0.13, 0.8, 0.1), (0.29, 0.4, 1.2), (0.53, 0.15, 2.0)]
+    q, dq, ddq = (
+        sum(a * (2 * np.pi * f) ** d * np.sin(2 * np.pi * f * t + p + d * np.pi / 2) for f, a, p in waves)
+        for d in range(3)
+    )
+    tau = 2.0 * ddq + 4.0 * np.cos(q) + friction * np.sign(dq) + viscous * dq + 0.3 + ripple * np.cos(40.0 * q)
+    return {"t": t, "q": q, "dq": dq, "tau": tau + torque * rng.standard_normal(count)}
+
+
+def report(columns, folder, constants=None, **options):
+    found = reconcile_joints(read_joints([write(columns, folder / "joint.csv")]), **options)
+    return joint_report(found, constants)["joints"]
+
+
+def named(joint):
+    return {effect["name"]: effect for effect in joint["effects"]}
+
+
+def test_friction_and_ripple_with_their_sizes(tmp_path):
+    (joint,) = report(plain(ripple=0.1), tmp_path, Constants())
+    found = named(joint)
+    assert set(found) == {"dry_friction", "viscous_friction", "torque_ripple"}
+    for name, key, truth in (
+        ("dry_friction", "dry_friction_Nm", 1.0),
+        ("viscous_friction", "viscous_friction_Nm_s", 0.5),
+        ("torque_ripple", "amplitude_Nm", 0.1),
+        ("torque_ripple", "order_per_revolution", 40.0),
+    ):
+        assert found[name]["parameters"][key]["value"] == pytest.approx(truth, rel=0.03)
+    # which part of a machine makes it is said only where there is a machine, and by its order alone
+    assert "the pins (40)" in found["torque_ripple"]["remarks"][0]
+    assert joint["verdict"] == "explained"
+    assert joint["gap"]["held_out"]["after"] < 1.25 * joint["gap"]["held_out"]["noise_floor"]
+
+
+def test_nothing_but_a_rigid_joint(tmp_path):
+    (joint,) = report(plain(friction=0.0, viscous=0.0), tmp_path)
+    assert joint["effects"] == []
+    assert joint["verdict"] == "nothing_missing"
+
+
+def test_a_hum_is_no_ripple(tmp_path):
+    columns = plain()
+    columns["tau"] += 0.2 * np.sin(2 * np.pi * 7.3 * columns["t"])
+    (joint,) = report(columns, tmp_path)
+    assert "torque_ripple" not in named(joint)
+    assert any("7.3 Hz over time" in text for text in joint["unexplained"])
+    assert joint["verdict"] == "partly_explained"
+
+
+def test_what_one_direction_cannot_show(tmp_path):
+    columns = plain()
+    back = columns["dq"] < 0
+    columns["q"] = columns["q"] + 4.0 * columns["t"]
+    columns["dq"] = columns["dq"] + 4.0
+    columns["tau"] = columns["tau"] + 2.0 * back + 2.0 + 4 * np.cos(columns["q"])
+    path = write(columns, tmp_path / "joint.csv", {"q": "q_rad"})
+    (joint,) = joint_report(reconcile_joints(read_joints([path])), None)["joints"]
+    assert "dry_friction" not in named(joint)
+    assert any("never reverses" in text for text in joint["cannot_show"])
+
+
+def test_units_in_names_are_the_same_data(tmp_path):
+    columns = plain()
+    degrees = {"t": columns["t"], "q_deg": np.rad2deg(columns["q"]), "dq_rpm": columns["dq"] * 30 / np.pi}
+    degrees["tau_Nm"] = columns["tau"]
+    one, other = (read_joints([write(c, tmp_path / name)])[0] for c, name in ((columns, "a.csv"), (degrees, "b.csv")))
+    np.testing.assert_allclose(other.angle[""], one.angle[""], rtol=1e-7)
+    np.testing.assert_allclose(other.speed[""], one.speed[""], rtol=1e-7, atol=1e-9)
+
+
+def changed(**values):
+    columns = plain(count=800)
+    return columns | {key: change(columns) for key, change in values.items()}
+
+
+def with_value(column, row, value):
+    found = column.copy()
+    found[row] = value
+    return found
+
+
+BAD = {
+    "nan": (changed(tau=lambda c: with_value(c["tau"], 7, np.nan)), "values of tau are not finite"),
+    "repeats": (changed(t=lambda c: with_value(c["t"], 7, c["t"][6])), "does not rise from row 8"),
+    "gap": (changed(t=lambda c: c["t"] + 1.0 * (c["t"] > 2.0)), "not evenly spaced"),
+    "deg": (changed(dq=lambda c: np.rad2deg(c["dq"])), "57.3 times the rate of q: dq in deg/s"),
+    "degrees": ({key: 57.3 ** (key == "q") * plain()[key] for key in ("t", "q", "tau")}, "is it in degrees"),
+    "other speed": (changed(dq=lambda c: c["dq"][::-1].copy()), "not the speed of q"),
+    "short": ({key: value[:100] for key, value in plain().items()}, "100 samples are too few"),
+    "still": (changed(q=lambda c: 0 * c["q"], dq=lambda c: 0 * c["q"]), "no joint moves"),
+    "no torque": (changed(tau=lambda c: 0 * c["q"]), "never changes"),
+    "sign": (plain() | {"tau": -plain()["tau"]}, "--accept sign turns it"),
+    "unit": ({("q_mm" if key == "q" else key): value for key, value in plain(count=800).items()}, "unit of the column"),
+    "missing": ({"t": plain()["t"], "q1": plain()["q"], "tau2": plain()["tau"]}, "column 'tau1' is missing"),
+}
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_bad_input_is_refused_with_its_reason(tmp_path, kind):
+    columns, words = BAD[kind]
+    path = write(columns, tmp_path / "joint.csv")
+    assert joint_files(path) == [path]
+    with pytest.raises(InputError, match=words):
+        reconcile_joints(read_joints([path]))
+
+
+def test_an_accepted_sign_is_turned(tmp_path):
+    columns = plain()
+    (joint,) = report(columns | {"tau": -columns["tau"]}, tmp_path, accept=("sign",))
+    assert {"dry_friction", "viscous_friction"} <= set(named(joint))
+    assert any("was turned" in text for text in joint["measurement"])
+
+
+def test_the_command_writes_a_page_without_a_rig(tmp_path, capsys):
+    path = write(plain(count=2000), tmp_path / "joint.csv")
+    assert run("reconcile", "--measured", path, "--out", tmp_path / "out") == 0
+    content = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert content["kind"] == "joints"
+    page = (tmp_path / "out" / "report.html").read_text()
+    for effect in content["joints"][0]["effects"]:
+        assert effect["text"].split(" of ")[0] in page
+    assert page.count("<svg") >= 1
+    (tmp_path / "table.csv").write_text("order,median_deg\n")
+    capsys.readouterr()
+    assert run("reconcile", "--measured", tmp_path / "table.csv", "--out", tmp_path / "out") == 2
+    assert "--rig" in capsys.readouterr().err
+
+
+def test_a_spring_between_motor_and_load(tmp_path):
+    joint = Joint(dry=1.0, viscous=0.8, spring_Hz=30.0)
+    (found,) = report(simulate(joint, Measured(seed=4, shake=3.0, seconds=20.0)), tmp_path)
+    mode = named(found)["elasticity"]["parameters"]
+    assert mode["resonance_Hz"]["value"] == pytest.approx(30.0 * 2**0.5, rel=0.02)
+    assert mode["antiresonance_Hz"]["value"] == pytest.approx(30.0, rel=0.02)
+    assert named(found)["dry_friction"]["parameters"]["dry_friction_Nm"]["value"] == pytest.approx(1.0, rel=0.03)
+    # shaken alike, a stiff joint shows none
+    (stiff,) = report(simulate(replace(joint, spring_Hz=0.0), Measured(seed=4, shake=3.0, seconds=20.0)), tmp_path)
+    assert "elasticity" not in named(stiff)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_nothing_false_of_other_physics(tmp_path, kind):
+    for noise in range(len(NOISES)):
+        assert run_case(kind, noise, 200 + noise, tmp_path)["false"] == []
