@@ -144,7 +144,14 @@ def _over_its_limit(current: Fit, piece: Piece) -> float:
 def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
     """Claims with evidence, changed parameters, alternatives."""
     joint, standing = settled(joint)
-    changed, offset_changed = changes(joint)
+    free, changed, offset_changed = _told_apart(joint)
+    if free is not joint:
+        again, kept = settled(free)
+        # a form in which an effect does not stand is none that does as well
+        if len(kept) == len(standing):
+            joint, standing = again, kept
+        else:
+            changed, offset_changed = changes(joint)
     final = fit(joint.target, _held(joint, changed, offset_changed))
     outside = [i for i in standing if bounds_met(final.state.pieces[i]) or not is_a_peak(final.state.pieces[i])]
     if outside:
@@ -192,6 +199,32 @@ def _claim(rig: RigModel, joint: Fit, final: Fit, number: int, standing: Standin
         peaks=peaks,
         counted=counted if joint.target.data.angle_rad is None else None,
     )
+
+
+def _told_apart(joint: Fit) -> tuple[Fit, dict[int, float], bool]:
+    """The fit, and what the data refuse of the rig, where no form of an added resonance does as well.
+
+    One excited by a force differs from one excited by a motion by a constant on each of its orders, which the rig's own
+    waves would take up.
+    """
+    changed, offset_changed = changes(joint)
+    found = [i for i, piece in enumerate(joint.state.pieces) if piece.added and has_a_frequency(piece.effect)]
+    orders = {order for i in found for order in joint.state.pieces[i].effect.orders}
+    beside = [i for i in changed if orders & set(joint.state.pieces[i].effect.touched_orders())]
+    if not beside:
+        return joint, changed, offset_changed
+    state = joint.state
+    for i in beside:
+        state = state.replaced(i, state.pieces[i].held())
+    for i in found:
+        piece = state.pieces[i]
+        forced = piece.effect.with_values(dict(piece.effect.values) | {"static_share": 1.0})
+        state = state.replaced(i, replace(piece, effect=forced))
+    held = fit(joint.target, state)
+    good, at = joint.target.good, np.isin(joint.target.data.orders, sorted(orders))
+    power = sum(float((np.abs(explained(held, held.state.pieces[i])[good][:, at]) ** 2).sum()) for i in found)
+    lost = float((np.abs(held.residual[good][:, at]) ** 2 - np.abs(joint.residual[good][:, at]) ** 2).sum())
+    return (held, *changes(held)) if lost < SETTINGS.form**2 * power else (joint, changed, offset_changed)
 
 
 def _peaks(final: Fit, piece: Piece) -> tuple[float, float] | None:
