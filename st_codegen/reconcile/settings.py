@@ -34,6 +34,10 @@ class Settings:
     #: a coefficient of a run tells a factor where its power is so many times the noise's; fewer orders say nothing
     loud_order: float = 4.0
     least_votes: int = 4
+    #: share of the orders of single runs that must gain; as few orders as this can be turned alike by chance, since as
+    #: many angles are tried as there are eighths of the highest order's wave
+    most_orders: float = 0.75
+    least_orders_of_zero: int = 8
     #: noise is at most this share of what is measured, where too few runs tell it
     most_noise: float = 0.02
     #: the mean power of n runs of noise scatters by 1/sqrt(n): a gap below so many of these is not told

@@ -76,6 +76,43 @@ def test_a_mistake_is_asked_about_and_corrected(name):
     assert left.sum() < 0.3 * wrong.sum()
 
 
+def of_curves(sigma=3e-5):
+    """A campaign of curves, each of which tells its noise."""
+    data = measured(sigma)
+    return replace(data, spectral_deg=np.full(data.values.shape, sigma))
+
+
+def of_runs(numbers):
+    """A number for each run, for both of its rows."""
+    return np.tile(numbers, 2)[:, None]
+
+
+@pytest.mark.parametrize("some", [True, False])
+def test_runs_with_a_zero_of_their_own_are_turned_back(some):
+    random, data = np.random.default_rng(0), of_curves()
+    angle = np.where(np.arange(RUNS) > 150, 25.0, 0.0) if some else random.uniform(1, 359, RUNS)
+    made = replace(data, values=data.values * np.exp(-1j * np.radians(of_runs(angle)) * ORDERS))
+    with pytest.raises(InputError, match="--accept home_offset") as asked:
+        examine(made, RIG, PATH)
+    assert f"{59 if some else RUNS} of {RUNS} runs" in str(asked.value)
+    back = examine(made, RIG, PATH, accept=["home_offset"]).data
+    # beside 0.003 deg of turn, order 240 of 2e-3 deg moves by 3e-5: one noise
+    assert np.abs(back.values - data.values).max() < 1e-4
+
+
+def test_a_drift_within_the_turn_is_taken_out_and_the_mean_is_not_looked_at():
+    data = of_curves()
+    drift = of_runs(np.linspace(0.0, 0.1, RUNS))
+    made = replace(data, values=data.values + np.where(ORDERS == 0, 0, 1j * drift / (np.pi * np.maximum(ORDERS, 1))))
+    with pytest.raises(InputError, match="--accept drift") as asked:
+        examine(made, RIG, PATH)
+    assert "by up to 0.1 deg" in str(asked.value)
+    examined = examine(made, RIG, PATH, accept=["drift"]).data
+    assert examined.orders.tolist() == ORDERS[1:].tolist()
+    assert "the mean" in examined.not_looked_at[-1]
+    assert np.abs(examined.values - data.values[:, 1:]).max() < 3e-4
+
+
 @pytest.mark.parametrize(("factor", "word"), [(60.0, "arcmin"), (3600.0, "arcsec"), (np.pi / 180, "in rad")])
 def test_units_are_asked_about_with_the_factor_that_undoes_them(factor, word):
     with pytest.raises(InputError, match=word) as asked:
@@ -124,7 +161,9 @@ def test_ramps_that_differ_from_run_to_run_are_no_other_ratio(seed):
     data = replace(measured(3e-4), spectral_deg=np.full((2 * RUNS, len(ORDERS)), 3e-4))
     slope = 0.3 * np.random.default_rng(seed).standard_normal((2 * RUNS, 1))
     wander = np.where(ORDERS > 0, 1j * slope / (np.pi * np.maximum(ORDERS, 1)), 0.0)
-    assert examine(replace(data, values=data.values + wander), RIG, PATH).mistakes == ()
+    with pytest.raises(InputError, match="--accept drift") as asked:
+        examine(replace(data, values=data.values + wander), RIG, PATH)
+    assert "ratio" not in str(asked.value)
 
 
 def test_where_few_orders_tell_mistakes_are_said_not_to_be_told():

@@ -19,12 +19,13 @@ from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.noise import MEDIAN_1, estimate
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.reading import check_units, ramp_deg, unit_choices
+from st_codegen.reconcile.judge.each_run import ramps, zeros
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
 
 #: what `--accept` takes
-NAMES = ("sign", "direction", "home_offset", "column_scale", "ratio", "block", "labels")
+NAMES = ("sign", "direction", "home_offset", "column_scale", "ratio", "drift", "block", "labels")
 _ROWS = (("forward", 1.0), ("backward", -1.0))
 
 
@@ -61,12 +62,13 @@ def examine(
     if data.angle_rad is not None or not np.isfinite(data.values).all():
         return Examined(data)
     problems, found = Problems(str(path)), []
-    for mistake in (*_ratio(data, rig), *_common(data, rig, scale)):
-        if mistake.corrected is not None:
-            data = mistake.corrected(data)
-            found.append(mistake)
-        if mistake.name == "unit" or (mistake.name not in accept and "all" not in accept):
-            problems.add(mistake.text)
+    for look in (_drift, _ratio, partial(_common, scale=scale), _zeros):
+        for mistake in look(data, rig):
+            if mistake.corrected is not None:
+                data = mistake.corrected(data)
+                found.append(mistake)
+            if mistake.name == "unit" or (mistake.name not in accept and "all" not in accept):
+                problems.add(mistake.text)
     can_vote = _can_vote(data, _loud(data, rig))
     if scale is None and not can_vote:
         with problems.collect():
@@ -347,6 +349,34 @@ _SIGN = "TE has the opposite sign of the rig's in all orders; give --accept sign
 _COLUMN = "the {} column is {:.3g} times what the other one lets expect, in all orders; give --accept column_scale"
 
 
+_ZEROS = (
+    "{} of {} runs have a zero of the angle (home) of their own, by up to {:.2f} deg: every order k is turned by k "
+    "times that in such a run, which no effect does; give --accept home_offset to turn them back"
+)
+_DRIFT = (
+    "TE does not come back to where the turn began, by up to {:.2g} deg, by another amount in each run: something "
+    "drifts while a turn is measured; give --accept drift to take the ramp of each run out"
+)
+
+
+def _without_drift(drift: FloatArray) -> Callable[[Observations], Observations]:
+    """Data without the ramp of each row, and without their mean: when within the turn the drift began nobody knows."""
+
+    def corrected(data: Observations) -> Observations:
+        waves = data.orders > 0
+        ramp = 1j * drift[:, None] / (np.pi * data.orders[waves])
+        return replace(
+            data,
+            orders=data.orders[waves],
+            values=data.values[:, waves] - ramp,
+            spectral_deg=None if data.spectral_deg is None else data.spectral_deg[:, waves],
+            seen=None if data.seen is None else data.seen[:, waves],
+            not_looked_at=(*data.not_looked_at, "the mean: the drift within the turn moves it by an unknown part"),
+        )
+
+    return corrected
+
+
 def _swapped(data: Observations) -> Observations:
     at = data.at
     return replace(data, at=Conditions(-at.sign, at.speed_rpm, at.torque_Nm, at.temperature_C))
@@ -368,6 +398,31 @@ def _times(forward: float, backward: float) -> Callable[[Observations], Observat
 
 
 # --- single runs
+
+
+def _zeros(data: Observations, rig: RigModel) -> list[Mistake]:
+    """A zero of the angle of its own in some runs."""
+    number = np.empty(len(data), np.int64)
+    for place, rows in enumerate(data.runs):
+        number[rows] = place
+    model = rig.coefficients(data.at, data.orders.tolist())
+    angle = zeros(data.values, model, _noise_power(data), data.orders, number)
+    if not angle.any():
+        return []
+    turned = np.exp(1j * angle[:, None] * data.orders)
+    text = _ZEROS.format(len(np.unique(number[angle != 0])), number.max() + 1, np.degrees(np.abs(angle)).max())
+    return [Mistake("home_offset", text, lambda given: replace(given, values=given.values * turned))]
+
+
+def _drift(data: Observations, rig: RigModel) -> list[Mistake]:
+    """A drift within the turn that differs from run to run; one that all have is another ratio."""
+    noise = _noise_power(data)
+    gap = data.values - rig.coefficients(data.at, data.orders.tolist())
+    found = ramps(gap, noise, data.orders)
+    common = 1j * np.median(found) / (np.pi * np.maximum(data.orders, 1))
+    if not found.any() or not ramps(gap - common, noise, data.orders).any():
+        return []
+    return [Mistake("drift", _DRIFT.format(np.abs(found).max()), _without_drift(found))]
 
 
 def _of_runs(data: Observations, rig: RigModel) -> list[Mistake]:

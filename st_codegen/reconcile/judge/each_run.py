@@ -1,0 +1,74 @@
+"""Mistakes of measuring that differ from run to run: a zero of the angle of its own, a drift within the turn.
+
+Each is one number a run for all of its orders, so that the orders can be asked: no effect turns every order k by k
+times one angle in some runs and not in others, and none gives every order k a part in proportion to 1/k.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.reconcile.settings import SETTINGS
+
+
+def ramps(gap: ComplexArray, noise: FloatArray, orders: IntArray) -> FloatArray:
+    """The ramp over a turn (deg) of each row that all its orders share, (n,); 0 in all rows where the orders disagree.
+
+    gap, noise: what the rig leaves of coefficients, and the power of their noise, (n, K); of a ramp s an order k has
+    i s / (pi k), so that only the lowest show it above the noise.
+    """
+    waves = orders > 0
+    k, own, power = orders[waves], gap[:, waves], noise[:, waves]
+    slopes, sure = np.pi * k * own.imag, 1.0 / (k * np.sqrt(np.maximum(power, 1e-300)))
+    found = np.array(
+        [np.quantile(row, 0.5, method="inverted_cdf", weights=weight) for row, weight in zip(slopes, sure, strict=True)]
+    )
+    left = own - 1j * found[:, None] / (np.pi * k)
+    # of a random walk within the turn a ramp is half the power of each order
+    return found if _most_gain(own, left, power, 2 * SETTINGS.vote) else np.zeros(len(gap))
+
+
+def zeros(values: ComplexArray, model: ComplexArray, noise: FloatArray, orders: IntArray, run: IntArray) -> FloatArray:
+    """The angle (rad) by which the zero of each row's run differs from the rig's, (n,); 0 where the orders disagree.
+
+    All 0 as well where the runs do not differ: then it is no matter of single runs. values, model, noise: measured
+    coefficients, the rig's, and the power of their noise, (n, K); run: the number of each row's run, (n,).
+    """
+    told = (orders > 0) & ((np.abs(model) ** 2).mean(axis=0) > SETTINGS.told * noise.mean(axis=0))
+    found, sure, likely = np.zeros(len(values)), np.zeros(len(values), np.bool_), np.zeros(len(values), np.bool_)
+    if told.sum() < SETTINGS.least_orders_of_zero:
+        return found
+    k, v, m, power = orders[told], values[:, told], model[:, told], np.maximum(noise[:, told], 1e-300)
+    grid = np.arange(0.0, 2 * np.pi, 2 * np.pi / (8 * int(k.max())))
+    turns = np.exp(1j * np.outer(k, grid))
+    for number in np.unique(run):
+        rows = run == number
+        # what each order leaves at each angle, (rows, K, angles): one vote an order, however large it is
+        whole = np.abs(v[rows]) ** 2 + np.abs(m[rows]) ** 2 + power[rows]
+        left = whole[..., None] - 2 * ((v[rows] * m[rows].conj())[..., None] * turns).real
+        angle = float(grid[np.argmin(np.log(np.maximum(left, power[rows][..., None])).sum(axis=(0, 1)))])
+        for _ in range(3):  # between the angles of the grid
+            turned = m[rows] * np.exp(-1j * k * angle)
+            pull = (k * (turned.conj() * v[rows]).imag / power[rows]).sum()
+            angle -= float(pull / (k**2 * np.abs(turned) ** 2 / power[rows]).sum())
+        before, after = v[rows] - m[rows], v[rows] - m[rows] * np.exp(-1j * k * angle)
+        found[rows] = np.angle(np.exp(1j * angle))
+        sure[rows] = _most_gain(before, after, power[rows], SETTINGS.vote)
+        likely[rows] = (np.abs(after) ** 2 / power[rows]).sum() < 0.5 * (np.abs(before) ** 2 / power[rows]).sum()
+    least = np.radians(SETTINGS.least_home_deg)
+    kinds = [float((found * sure)[run == number][0]) for number in np.unique(run)]
+    off = sum(abs(angle) > least for angle in kinds)
+    apart = sum(abs(angle - float(np.median(kinds))) > least for angle in kinds)
+    # where several runs have it for sure, it is the likely cause in others too
+    turned_rows = (sure | likely) & (np.abs(found) > least)
+    return found * turned_rows if min(off, apart) >= SETTINGS.least_block else np.zeros(len(values))
+
+
+def _most_gain(before: ComplexArray, after: ComplexArray, noise: FloatArray, vote: float) -> bool:
+    """Whether the gap of most orders that show one falls by a factor of exp(vote) in power, over all rows."""
+    left, right = ((np.abs(part) ** 2).mean(axis=0) for part in (before, after))
+    least = noise.mean(axis=0)
+    told: BoolArray = left > SETTINGS.told * least
+    gain = np.log(np.maximum(left, 1e-300) / np.maximum(right, np.maximum(least, 1e-300)))
+    return bool(told.sum() >= SETTINGS.least_votes and (gain[told] > vote).mean() > SETTINGS.most_orders)
