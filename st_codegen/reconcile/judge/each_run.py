@@ -12,18 +12,23 @@ from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.settings import SETTINGS
 
 
+def ramp(gap: ComplexArray, noise: FloatArray, orders: IntArray) -> float:
+    """The ramp over a turn (deg) that most orders of a gap (K,) agree on, weighed by the power of their noise (K,).
+
+    Of a ramp s an order k above 0 has i s / (pi k), so that only the lowest show it above the noise.
+    """
+    sure = 1.0 / (orders * np.sqrt(np.maximum(noise, 1e-300)))
+    return float(np.quantile(np.pi * orders * gap.imag, 0.5, method="inverted_cdf", weights=sure))
+
+
 def ramps(gap: ComplexArray, noise: FloatArray, orders: IntArray) -> FloatArray:
     """The ramp over a turn (deg) of each row that all its orders share, (n,); 0 in all rows where the orders disagree.
 
-    gap, noise: what the rig leaves of coefficients, and the power of their noise, (n, K); of a ramp s an order k has
-    i s / (pi k), so that only the lowest show it above the noise.
+    gap, noise: what the rig leaves of coefficients, and the power of their noise, (n, K).
     """
     waves = orders > 0
     k, own, power = orders[waves], gap[:, waves], noise[:, waves]
-    slopes, sure = np.pi * k * own.imag, 1.0 / (k * np.sqrt(np.maximum(power, 1e-300)))
-    found = np.array(
-        [np.quantile(row, 0.5, method="inverted_cdf", weights=weight) for row, weight in zip(slopes, sure, strict=True)]
-    )
+    found = np.array([ramp(*row, k) for row in zip(own, power, strict=True)])
     left = own - 1j * found[:, None] / (np.pi * k)
     # of a random walk within the turn a ramp is half the power of each order
     return found if _most_gain(own, left, power, 2 * SETTINGS.vote) else np.zeros(len(gap))

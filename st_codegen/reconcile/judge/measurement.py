@@ -19,7 +19,7 @@ from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.noise import MEDIAN_1, estimate
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.reading import check_units, ramp_deg, unit_choices
-from st_codegen.reconcile.judge.each_run import ramps, zeros
+from st_codegen.reconcile.judge.each_run import ramp, ramps, zeros
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
@@ -31,12 +31,21 @@ _ROWS = (("forward", 1.0), ("backward", -1.0))
 
 @dataclass(frozen=True)
 class Mistake:
-    """A mistake of measuring: its name for `--accept`, a sentence, what corrects the data, and rows to leave out."""
+    """A mistake of measuring: its name for `--accept`, a sentence, what corrects the data, and rows to leave out.
+
+    remedy: what is done where it is accepted, to stand behind "to".
+    """
 
     name: str
     text: str
     corrected: Callable[[Observations], Observations] | None = None
     rows: tuple[int, ...] = ()
+    remedy: str = ""
+
+    @property
+    def question(self) -> str:
+        """The sentence with what to do."""
+        return f"{self.text}; give --accept {self.name} to {self.remedy}" if self.remedy else self.text
 
 
 @dataclass(frozen=True)
@@ -66,9 +75,9 @@ def examine(
         for mistake in look(data, rig):
             if mistake.corrected is not None:
                 data = mistake.corrected(data)
-                found.append(mistake)
+                found.append(replace(mistake, text=f"{mistake.text} (corrected)"))
             if mistake.name == "unit" or (mistake.name not in accept and "all" not in accept):
-                problems.add(mistake.text)
+                problems.add(mistake.question)
     can_vote = _can_vote(data, _loud(data, rig))
     if scale is None and not can_vote:
         with problems.collect():
@@ -99,31 +108,31 @@ def _ratio(data: Observations, rig: RigModel) -> list[Mistake]:
 
     def corrected(given: Observations) -> Observations:
         order = given.orders
-        ramp = np.where(order == 0, size / 2, 1j * size / (np.pi * np.maximum(order, 1)))
-        return replace(given, values=given.values - ramp)
+        waves = np.where(order == 0, size / 2, 1j * size / (np.pi * np.maximum(order, 1)))
+        return replace(given, values=given.values - waves)
 
     text = (
         f"TE rises by {size:.3g} deg over a turn at every run, as if it had been computed with a reduction ratio of "
-        f"{used:.5g} instead of {ratio:g}: give --accept ratio to take the ramp out"
+        f"{used:.5g} instead of {ratio:g}"
     )
-    return [Mistake("ratio", text, corrected)]
+    return [Mistake("ratio", text, corrected, remedy="take the ramp out")]
 
 
 def _ramp_of_gap(data: Observations, rig: RigModel) -> float:
     """The ramp over a turn (deg) that the mean gaps of the orders share, 0 where they do not.
 
-    Of a ramp s an order k has i s / (pi k): in noise only the lowest show it, beside the machine's own waves. Where TE
-    wanders within a turn each run has a ramp of its own: that of all is told by how far those of the runs scatter.
+    Where TE wanders within a turn each run has a ramp of its own: that of all is told by how far those of the runs
+    scatter.
     """
     told = data.orders > 0
     orders, rows = data.orders[told], len(data)
     gaps = (data.values - rig.coefficients(data.at, data.orders.tolist()))[:, told]
     gap = gaps.mean(axis=0)
     least = SETTINGS.told * (np.abs(gaps - gap) ** 2).mean(axis=0) / rows
-    slopes, sure = np.pi * orders * gap.imag, 1.0 / (orders * np.sqrt(np.maximum(least, 1e-300)))
-    size = float(np.quantile(slopes, 0.5, method="inverted_cdf", weights=sure))
+    size = ramp(gap, least, orders)
     left, right = (np.abs(part) ** 2 + least for part in (gap, gap - 1j * size / (np.pi * orders)))
-    each = np.pi * (gaps.imag * orders) @ sure**2 / (sure**2).sum()
+    sure = 1.0 / (orders**2 * np.maximum(least, 1e-300))
+    each = np.pi * (gaps.imag * orders) @ sure / sure.sum()
     if abs(size) < SETTINGS.ramp * float(each.std()) / np.sqrt(rows):
         return 0.0
     return size if _better(left[None], right[None], least[None]) else 0.0
@@ -273,13 +282,13 @@ def _common(data: Observations, rig: RigModel, scale: float | None) -> list[Mist
     found = other if swapped else same
     ones = np.ones((2, 1))
     is_all = _wins(same.left(ones, 0.0), found.gap, same.sums)
-    mistakes = [Mistake("direction", _DIRECTION, _swapped)] if swapped and is_all else []
+    mistakes = [Mistake("direction", _DIRECTION, _swapped, remedy="swap them back")] if swapped and is_all else []
     offset = float(np.rad2deg(np.angle(np.exp(1j * found.angle))))
     turned = is_all and abs(offset) > SETTINGS.least_home_deg
     if turned and _wins(found.left(found.sign * found.factors, 0.0), found.gap, found.sums):
-        mistakes.append(Mistake("home_offset", _HOME.format(offset), _turned(found.angle)))
+        mistakes.append(Mistake("home_offset", _HOME.format(offset), _turned(found.angle), remedy=_TURN))
     if is_all and found.sign < 0 and _wins(found.left(found.factors, found.angle), found.gap, found.sums):
-        mistakes.append(Mistake("sign", _SIGN, _times(-1.0, -1.0)))
+        mistakes.append(Mistake("sign", _SIGN, _times(-1.0, -1.0), remedy="turn it"))
     forward, backward = (float(x) for x in found.factors[:, 0])
     both = float(np.sqrt(forward * backward))
     alike = found.left(np.full((2, 1), found.sign * both), found.angle)
@@ -290,7 +299,7 @@ def _common(data: Observations, rig: RigModel, scale: float | None) -> list[Mist
         which, factor, both = ("forward", forward / backward, backward) if louder else (
             "backward", backward / forward, forward)  # fmt: skip
         wrong = (factor, 1.0) if which == "forward" else (1.0, factor)
-        mistakes.append(Mistake("column_scale", _COLUMN.format(which, factor), _times(*wrong)))
+        mistakes.append(Mistake("column_scale", _COLUMN.format(which, factor), _times(*wrong), remedy="divide by it"))
     if not is_all:
         return mistakes
     choices = unit_choices(both, rig.constants.reduction_ratio) if scale is None else ""
@@ -338,24 +347,23 @@ _UNTOLD = (
     "directions, another sign, another zero of the angle, or a factor on one column cannot be told from an effect"
 )
 _DIRECTION = (
-    "forward and backward seem to be exchanged: each direction of the data agrees with the other one of the rig; give "
-    "--accept direction to swap them back"
+    "forward and backward seem to be exchanged: each direction of the data agrees with the other one of the rig"
 )
 _HOME = (
     "the zero of the angle (home) seems to be another: every order k is turned by k times {:.2f} deg, which no effect "
-    "does; give --accept home_offset to turn all orders back"
+    "does"
 )
-_SIGN = "TE has the opposite sign of the rig's in all orders; give --accept sign to turn it"
-_COLUMN = "the {} column is {:.3g} times what the other one lets expect, in all orders; give --accept column_scale"
-
+_TURN = "turn all orders back"
+_SIGN = "TE has the opposite sign of the rig's in all orders"
+_COLUMN = "the {} column is {:.3g} times what the other one lets expect, in all orders"
 
 _ZEROS = (
     "{} of {} runs have a zero of the angle (home) of their own, by up to {:.2f} deg: every order k is turned by k "
-    "times that in such a run, which no effect does; give --accept home_offset to turn them back"
+    "times that in such a run, which no effect does"
 )
 _DRIFT = (
     "TE does not come back to where the turn began, by up to {:.2g} deg, by another amount in each run: something "
-    "drifts while a turn is measured; give --accept drift to take the ramp of each run out"
+    "drifts while a turn is measured"
 )
 
 
@@ -364,11 +372,11 @@ def _without_drift(drift: FloatArray) -> Callable[[Observations], Observations]:
 
     def corrected(data: Observations) -> Observations:
         waves = data.orders > 0
-        ramp = 1j * drift[:, None] / (np.pi * data.orders[waves])
+        drifted = 1j * drift[:, None] / (np.pi * data.orders[waves])
         return replace(
             data,
             orders=data.orders[waves],
-            values=data.values[:, waves] - ramp,
+            values=data.values[:, waves] - drifted,
             spectral_deg=None if data.spectral_deg is None else data.spectral_deg[:, waves],
             seen=None if data.seen is None else data.seen[:, waves],
             not_looked_at=(*data.not_looked_at, "the mean: the drift within the turn moves it by an unknown part"),
@@ -411,7 +419,7 @@ def _zeros(data: Observations, rig: RigModel) -> list[Mistake]:
         return []
     turned = np.exp(1j * angle[:, None] * data.orders)
     text = _ZEROS.format(len(np.unique(number[angle != 0])), number.max() + 1, np.degrees(np.abs(angle)).max())
-    return [Mistake("home_offset", text, lambda given: replace(given, values=given.values * turned))]
+    return [Mistake("home_offset", text, lambda given: replace(given, values=given.values * turned), remedy=_TURN)]
 
 
 def _drift(data: Observations, rig: RigModel) -> list[Mistake]:
@@ -422,7 +430,7 @@ def _drift(data: Observations, rig: RigModel) -> list[Mistake]:
     common = 1j * np.median(found) / (np.pi * np.maximum(data.orders, 1))
     if not found.any() or not ramps(gap - common, noise, data.orders).any():
         return []
-    return [Mistake("drift", _DRIFT.format(np.abs(found).max()), _without_drift(found))]
+    return [Mistake("drift", _DRIFT.format(np.abs(found).max()), _without_drift(found), remedy="take it out")]
 
 
 def _of_runs(data: Observations, rig: RigModel) -> list[Mistake]:

@@ -74,7 +74,8 @@ def findings(result: Reconciliation, ahead: NextRuns | None = None) -> list[Find
     if found.offset_changed:
         old, new = result.rig.zero_offset_deg, result.new_rig.zero_offset_deg
         finding = Finding(
-            "the encoders' common zero has moved", None, None, (f"zero_offset_deg {old:.4g} -> {new:.4g} deg",), (), "",
+            "the mean is off by a constant, as when the encoders' common zero moves", None, None,
+            (f"zero_offset_deg {old:.4g} -> {new:.4g} deg",), (), "",
             "set the zero anew, or take the new offset", None, None,
         )  # fmt: skip
         entries.append((finding, _moved(new)))

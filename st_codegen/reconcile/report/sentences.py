@@ -205,8 +205,8 @@ def _defect(effect: Effect, result: Reconciliation) -> str:
         turning = _value(effect, "turning_deg") + _value(effect, "turning_slope_deg_per_kNm") * load
         sizes += [f"{height + sign * turning:.2g} deg {name}"] if (at.sign == sign).any() else []
     return (
-        f"every turn has a bump at {_value(effect, 'centre_deg') % 360:.1f} deg of the output, about {2 * width:.1f} "
-        f"deg wide, in the mean of the runs {', '.join(sizes)}: no wave of any order"
+        f"a bump at {_value(effect, 'centre_deg') % 360:.1f} deg of the output, about {2 * width:.1f} deg wide and in "
+        f"the mean of the runs {', '.join(sizes)} high: no wave of any order"
     )
 
 
