@@ -19,8 +19,8 @@ TESTS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 -
 test: $(INSTALLED)  ## the whole test suite
 	$(TESTS)
 
-real: $(INSTALLED)  ## the models of the real rig on 100,000 inputs each, reconcile on its table; needs the measured data
-	$(BIN)/python -m pytest -q -m slow tests/proof/test_real_rig.py tests/reconcile/test_real_data.py
+real: $(INSTALLED)  ## the models of the real rig on 100,000 inputs each, reconcile on its table, motions with it; needs the measured data
+	$(BIN)/python -m pytest -q -m slow tests/proof/test_real_rig.py tests/reconcile/test_real_data.py tests/rig/test_example.py
 
 blark: $(INSTALLED)  ## every generated TwinCAT file through an independent parser
 	$(BIN)/python -m pytest -q -m slow tests/emit/targets/test_blark.py

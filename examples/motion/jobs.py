@@ -26,16 +26,17 @@ RIG = Path(__file__).resolve().parent.parent / "rv160n" / "rig.toml"
 
 @dataclass(frozen=True)
 class Machine:
-    """A rig beside the trained one: `spread` of its sizes, oil that warms up, other values by their path."""
+    """A rig: its file, a random `spread` of its sizes, oil that warms up, other values by their path."""
 
     spread: float = 0.0
     specimen: int = 11
     drift_K_per_min: float = 0.0
     values: Mapping[str, float] = field(default_factory=dict)
+    rig: Path = RIG
 
     def build(self) -> Rig:
         """The rig in time."""
-        model = read_rig(RIG)
+        model = read_rig(self.rig)
         if self.spread:
             model = another_specimen(model, catalogue(()), self.spread, self.specimen)
         rig = with_oil(machine_of(model), 29.0, self.drift_K_per_min)

@@ -20,7 +20,8 @@ from typing import Any
 
 from gains import gain_jobs
 from jobs import AHEAD, ANOTHER, RIG, TUNED, Job, Machine, digest, run_job, write
-from tables import gains_table, into_page, limits_table
+from real import CASES, real_jobs, write_rigs
+from tables import gains_table, into_page, limits_table, motion_table
 
 from st_codegen.campaign.harmonic_table import HarmonicTable, read_table, write_table
 from st_codegen.cli.main import main as st_codegen
@@ -237,6 +238,7 @@ class Example:
         """Motions on a rig that differs from the trained one; motion.json has a row for each."""
         rows = self._moved(motion_jobs(self.scale))
         write(self.out / "motion.json", json.dumps([row for _, row in rows], indent=1) + "\n")
+        write(self.out / "motion.md", motion_table([row for _, row in rows]).markdown())
         for _, row in rows:
             lead = f", lead {row['lead_us']:.0f} us" if row["lead_us"] else ""
             case = f"{row['profile']}, {len(row['orders'])} orders, {row['law']} law, tasks {row['tasks']}{lead}"
@@ -265,6 +267,27 @@ class Example:
         ]  # fmt: skip
         self._tell("gains", rows, gains_table(rows), "What each step brings")
 
+    def real(self, table: Path) -> None:
+        """A rig whose transmission error is a measured table, in place of effects; not part of the example."""
+        write_rigs(table, self.out / "real")
+        for case in CASES:
+            learned, models = self.out / "real" / case / "learned.csv", self.out / f"models_real_{case}"
+            search = ["--families", self.scale.families, "--folds", self.scale.folds]
+
+            def make(learned: Path = learned, models: Path = models, search: list[object] = search) -> None:
+                command(
+                    "train", learned, "--out", models, *search, "--jobs", self.jobs, "--work", self.out / "fits.sqlite"
+                )
+
+            self._once(models.name, models, (learned.read_bytes(), search), make)
+        keys = ("rms_before", "rms_after", "rms_reduction", "max_before", "max_after", "max_reduction")
+        rows = [
+            {"profile": row["profile"], "what": f"{job.name.split('/')[2]}; {CASES[job.name.split('/')[1]][0]}",
+             **{key: row[key] for key in keys}}
+            for job, row in self._moved(real_jobs(self.out, self.scale.profiles))
+        ]  # fmt: skip
+        self._tell("real", rows, limits_table(rows), "A measured table as the rig")
+
     def _tell(self, name: str, rows: list[dict[str, Any]], table: PageTable, title: str) -> None:
         cells = [",".join(f'"{v}"' if isinstance(v, str) else f"{v:.6g}" for v in row.values()) for row in rows]
         write(self.out / f"{name}.json", json.dumps(rows, indent=1) + "\n")
@@ -291,6 +314,7 @@ class Example:
 
     def _learned(self) -> str:
         folders = [path for path in sorted(self.out.glob("models*")) if path.is_dir()]
+        folders += sorted((self.out / "real").glob("*"))
         return digest(RIG.read_bytes(), *(path.read_bytes() for folder in folders for path in sorted(folder.iterdir())))
 
     def _once(self, name: str, made: Path, of: Any, make: Callable[[], None]) -> None:
@@ -326,6 +350,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("build/example"))
     parser.add_argument("--only", choices=(*STAGES, "tune"), action="append", help="stages to run (default: all)")
+    parser.add_argument("--real", type=Path, metavar="TABLE", help="motions of a measured harmonic table, and no stage")
     parser.add_argument(
         "--quick", action="store_true", help="a small campaign, three orders, a third of a second of motion"
     )
@@ -336,11 +361,13 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     options.out.mkdir(parents=True, exist_ok=True)
     example = Example(options.out, QUICK if options.quick else Scale(), options.jobs)
-    for name in options.only or STAGES:
+    if options.real:
+        example.real(options.real)
+    for name in [] if options.real else options.only or STAGES:
         print(f"--- {name}", flush=True)
         getattr(example, name)()
     if options.page:
-        into_page(options.page, options.out)
+        into_page(options.page, options.out, ["real"] if options.real else ["motion", "limits", "gains"])
 
 
 if __name__ == "__main__":

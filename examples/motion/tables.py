@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import re
 import statistics
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -71,14 +71,11 @@ def motion_table(rows: list[dict[str, Any]]) -> PageTable:
     return PageTable(head, [cells(row) for row in rows])
 
 
-def into_page(page: Path, out: Path) -> None:
-    """Put the tables of a folder between the marks of a page. Raises InputError where a mark or a table is missing."""
-    tables = {
-        "motion": motion_table(json.loads(_read(out / "motion.json"))).markdown(),
-        **{name: _read(out / f"{name}.md") for name in ("limits", "gains")},
-    }
+def into_page(page: Path, out: Path, names: Iterable[str]) -> None:
+    """Put tables of a folder between the marks of a page. Raises InputError where a mark or a table is missing."""
     text = _read(page)
-    for name, table in tables.items():
+    for name in names:
+        table = _read(out / f"{name}.md")
         between = re.compile(rf"(<!-- {name}: .*? -->\n\n).*?(\n<!-- end -->)", re.DOTALL)
         if len(between.findall(text)) != 1:
             raise InputError(

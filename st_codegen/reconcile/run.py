@@ -130,6 +130,7 @@ def reconcile_files(
     progress: Progress | None = None,
 ) -> Reconciliation:
     """Read measured data and reconcile. Raises InputError for data that cannot be compared with the rig."""
+    rig = rig.of_effects()
     files = recordings_in(measured)
     if files:
         return reconcile_recordings(rig, read_recordings(files), known, progress)

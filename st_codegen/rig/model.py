@@ -6,6 +6,7 @@ docs/effects.md. Order of composition: additive effects, carrier modulation, str
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -14,13 +15,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from st_codegen.errors import Problems
+from st_codegen.errors import InputError, Problems
 from st_codegen.files.text import read_text, write_text
 from st_codegen.files.toml_tables import TomlTable, nearest, parse_toml
 from st_codegen.files.toml_text import table_lines
 from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
 from st_codegen.rig.axis_parameters import read_axis
 from st_codegen.rig.effects import Catalogue, Conditions, Constants, Effect, Stage, catalogue
+from st_codegen.rig.measured import MeasuredHarmonics
 from st_codegen.rig.tasks import read_tasks
 
 
@@ -34,18 +36,21 @@ class MeasuringNoise:
 
 @dataclass(frozen=True)
 class RigModel:
-    """A rig. `other`: its tables [axis] and [tasks] as they stand in the file; `machine` reads them."""
+    """A rig. `measured`: a harmonic table to which the effects add; `other`: its tables [axis] and [tasks] as they
+    stand in the file, which `machine` reads."""
 
     name: str = "rig"
     constants: Constants = field(default_factory=Constants)
     zero_offset_deg: float = 0.0
     noise: MeasuringNoise = field(default_factory=MeasuringNoise)
     effects: tuple[Effect, ...] = ()
+    measured: MeasuredHarmonics | None = None
     other: Mapping[str, Any] = field(default_factory=dict)
 
     def orders(self) -> tuple[int, ...]:
         """All orders to which something contributes."""
-        return tuple(sorted({0, *(order for effect in self.effects for order in effect.touched_orders())}))
+        measured = self.measured.orders if self.measured else ()
+        return tuple(sorted({0, *measured, *(order for effect in self.effects for order in effect.touched_orders())}))
 
     def of_stage(self, stage: Stage) -> tuple[Effect, ...]:
         """The effects of a stage, in the order of the file."""
@@ -54,6 +59,15 @@ class RigModel:
     def with_effects(self, effects: Iterable[Effect]) -> RigModel:
         """This rig with other effects in place of its own."""
         return replace(self, effects=tuple(effects))
+
+    def of_effects(self) -> RigModel:
+        """This rig, which effects alone make. Raises InputError where a measured table is a part of it."""
+        if self.measured:
+            raise InputError(
+                f"the rig contains a measured table ({self.measured.path.name}), of which nothing has a name; "
+                "reconcile wants a rig of effects: leave [measured] out"
+            )
+        return self
 
     def closure(self, orders: Sequence[int]) -> IntArray:
         """`orders` and those that their sidebands need, rising."""
@@ -75,7 +89,9 @@ class RigModel:
 
     def _through(self, at: Conditions, orders: IntArray) -> ComplexArray:
         total = np.zeros((len(at), len(orders)), np.complex128)
-        total[:, orders == 0] = self.zero_offset_deg
+        if self.measured:
+            total += self.measured.coefficients(at, orders)
+        total[:, orders == 0] += self.zero_offset_deg
         for effect in self.of_stage(Stage.ADDITIVE):
             total += effect.contribution(at, orders)
         before = total.copy()
@@ -112,13 +128,17 @@ class RigModel:
         te: FloatArray = (self.coefficients(at, orders) @ np.exp(1j * np.outer(orders, theta))).real
         return te
 
-    def text(self) -> str:
-        """The rig as TOML: the same rig always gives the same bytes."""
+    def text(self, folder: Path | None = None) -> str:
+        """The rig as TOML, to stand in `folder`: the same rig always gives the same bytes."""
         head = {"name": self.name} | {f.name: getattr(self.constants, f.name) for f in fields(Constants)}
         lines = table_lines("[rig]", head | {"zero_offset_deg": self.zero_offset_deg})
         noise = {f.name: getattr(self.noise, f.name) for f in fields(MeasuringNoise) if getattr(self.noise, f.name)}
         if noise:
             lines += ["", *table_lines("[noise]", noise)]
+        if self.measured:
+            path = self.measured.path
+            shown = Path(os.path.relpath(path, folder.resolve())) if folder else path
+            lines += ["", *table_lines("[measured]", {"table": shown.as_posix()})]
         for key in sorted(self.other):
             lines += ["", *table_lines(f"[{key}]", self.other[key])]
         for effect in self.effects:
@@ -127,16 +147,19 @@ class RigModel:
 
     def write(self, path: Path) -> None:
         """Write the rig file; it appears whole or not at all."""
-        write_text(path, self.text())
+        write_text(path, self.text(path.parent))
 
 
 def read_rig(path: Path, known: Catalogue | None = None) -> RigModel:
     """Read a rig file. Raises one InputError that lists every problem."""
-    return parse_rig(read_text(path), str(path), known)
+    return parse_rig(read_text(path), str(path), known, path.parent)
 
 
-def parse_rig(text: str, subject: str = "rig.toml", known: Catalogue | None = None) -> RigModel:
-    """A rig from TOML text; `subject` names it in messages. Raises one InputError that lists every problem."""
+def parse_rig(text: str, subject: str = "rig.toml", known: Catalogue | None = None, folder: Path = Path()) -> RigModel:
+    """A rig from TOML text; `subject` names it in messages, `folder` is where the files lie that it names.
+
+    Raises one InputError that lists every problem.
+    """
     problems = Problems(subject)
     content = parse_toml(text, subject)
     with TomlTable(content, "", problems) as file:
@@ -149,13 +172,14 @@ def parse_rig(text: str, subject: str = "rig.toml", known: Catalogue | None = No
                 table.number("white_deg", 0.0, low=0.0, high=1e3, unit="deg"),
                 table.number("run_offset_deg", 0.0, low=0.0, high=1e3, unit="deg"),
             )
+        measured = _measured(file, folder)
         effects = _effects(file.tables("effect"), constants, known or catalogue(), problems)
         # what the axis and the tasks are is the business of `machine`; what is wrong with them is said here
         read_axis(file.table("axis"))
         read_tasks(file.table("tasks"))
     problems.raise_if_any()
     other: dict[str, Any] = {key: content[key] for key in ("axis", "tasks") if key in content}
-    return RigModel(name, constants, offset, noise, effects, other)
+    return RigModel(name, constants, offset, noise, effects, measured, other)
 
 
 def _constants(head: TomlTable) -> Constants:
@@ -168,6 +192,13 @@ def _constants(head: TomlTable) -> Constants:
             "reference_temperature_C", Constants.reference_temperature_C, low=-273.15, high=1000.0, unit="degC"
         ),
     )
+
+
+def _measured(file: TomlTable, folder: Path) -> MeasuredHarmonics | None:
+    with file.table("measured") as table, table.collect():
+        if "measured" in file and (name := table.text("table")):
+            return MeasuredHarmonics.read(folder / name)
+    return None
 
 
 def _effects(

@@ -1,6 +1,7 @@
 """`make example` on a small scale: the whole way, what it writes, and what it keeps."""
 
 import importlib.util
+import itertools
 import json
 import shutil
 import sys
@@ -10,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from st_codegen.campaign.harmonic_table import read_table
+from st_codegen.campaign.conditions import Conditions
+from st_codegen.campaign.harmonic_table import HarmonicTable, read_table, write_table
 from st_codegen.errors import InputError
 from st_codegen.rig.model import read_rig
 
@@ -19,6 +21,7 @@ pytest.importorskip("sklearn")
 pytest.importorskip("matplotlib")
 
 RUN = Path(__file__).resolve().parents[2] / "examples" / "motion" / "run.py"
+NAMES = ("motion", "limits", "gains")
 #: What others read of motion.json.
 ROW = {
     "profile": str,
@@ -113,18 +116,37 @@ def test_where_nothing_was_found_the_models_stay_and_the_play_is_there(out):
 def test_the_tables_get_into_the_page(example, out, tmp_path):
     page = tmp_path / "motion.md"
     shutil.copy(RUN.parents[2] / "docs" / "motion.md", page)
-    example.into_page(page, out)
+    example.into_page(page, out, NAMES)
     text = page.read_text()
     for name in ("limits", "gains"):
         assert (out / f"{name}.md").read_text().strip() in text
     assert text.count("| quick | 0, 1 |") == 5
-    example.into_page(page, out)
+    example.into_page(page, out, NAMES)
     assert page.read_text() == text
     with pytest.raises(InputError, match="no such file"):
-        example.into_page(page, tmp_path)
+        example.into_page(page, tmp_path, NAMES)
     page.write_text(text.replace("<!-- gains:", ""))
     with pytest.raises(InputError, match="<!-- gains:"):
-        example.into_page(page, out)
+        example.into_page(page, out, NAMES)
+
+
+@pytest.mark.slow
+def test_a_measured_table_is_moved_with_and_without_its_mean(example, tmp_path):
+    rig = read_rig(example.RIG)
+    levels = itertools.product((1.0, -1.0), (100.0, 900.0, 1700.0), (0.0, 100.0, 400.0, 800.0), (25.0, 30.0, 35.0))
+    sign, speed, torque, temperature = np.array([*levels]).T
+    values = rig.coefficients(Conditions.of(sign, speed, torque, temperature), (0, 1))
+    table = HarmonicTable(sign < 0, speed, torque, temperature, (0, 1), values)
+    write_table(table, tmp_path / "table.csv")
+    options = ["--quick", "--jobs", "1", "--out", str(tmp_path / "out"), "--real", str(tmp_path / "table.csv")]
+    example.main(options)
+    rows = json.loads((tmp_path / "out" / "real.json").read_text())
+    gone = {row["what"]: row["rms_reduction"] for row in rows}
+    assert len(gone) == 6
+    assert min(share for what, share in gone.items() if "without the mean" in what) > 0.97
+    assert max(share for what, share in gone.items() if "published" in what) < 0.9
+    assert read_table(tmp_path / "out" / "real" / "between" / "rig.csv").temperature_C.tolist() == [30.0] * 24
+    assert (tmp_path / "out" / "real.md").read_text().count("\n| ") == 6
 
 
 def test_the_table_of_gains_has_all_steps_on_all_rigs(example):
