@@ -47,6 +47,29 @@ def test_a_square_of_the_torque_has_its_size_cause_and_formula():
     assert "grows with the square of the torque" in one.text and "at 1800 N m" in one.text
 
 
+def test_two_temperatures_tell_no_law_between_them():
+    at = grid()
+    two = at.rows(at.temperature_C > 26)
+    drift = 2e-4 * np.exp(0.5j) * (two.temperature_C > 31) + 3e-4
+    (one,) = found(two, {53: drift}).values()
+    # a straight line, where a square with the constant fits the same
+    assert set(one.formula.terms) == {"temperature", "constant"}
+    assert "(the runs tell as little against: changes with the square of the oil's distance" in one.text
+    assert "(two oil temperatures tell no law between them)" in one.text
+    (three,) = found(at, {53: 4e-4 * np.exp(0.5j) * (at.temperature_C - 30) / 10 + 3e-4}).values()
+    assert set(three.formula.terms) == {"temperature", "constant"}
+    assert "tell" not in three.text
+
+
+def test_where_runs_cannot_tell_two_laws_the_simpler_one_is_given_and_the_other_is_said():
+    at = grid()
+    low = at.rows((at.torque_Nm >= 1600) & (at.speed_rpm > 800))
+    wave = 3e-5 * (low.torque_Nm / 1700) ** 2 * np.exp(0.3j)
+    (one,) = found(low, {53: wave}).values()
+    assert set(one.formula.terms) == {"constant"}
+    assert "(the runs tell as little against: grows in proportion to the torque, and 5 more)" in one.text
+
+
 def test_a_peak_between_two_speeds_that_moves_with_the_torque_is_no_noise():
     """Neighbours in the plane differ by far more than the noise; those of other temperatures do not."""
     at = grid()

@@ -1,7 +1,9 @@
 """The simplest expression that the data hold for what no effect explains: sparse regression over a small library.
 
 Each term is a function of the operating point with a complex amplitude of its own for each direction. Terms are taken
-one after the other as long as they predict left-out runs better by more than their parameters cost.
+one after the other as long as they predict left-out runs better by more than their parameters cost. Terms that the
+runs cannot tell from one that was taken are said beside it: of two temperatures nobody can say whether something grows
+in proportion or with the square.
 """
 
 from __future__ import annotations
@@ -15,6 +17,8 @@ from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.effects.empirical import TERMS, term_values
+
+_CONDITIONS = ("speeds", "torques", "oil temperatures")
 
 
 @dataclass(frozen=True)
@@ -60,10 +64,27 @@ def formula_of(target: FitData, r: ComplexArray, column: int) -> Formula | None:
         loss = trials[best]
     if not chosen:
         return None
+    as_well = _as_well(chosen, library, at, y, sigma, price * max(loss / noise, 1.0))
+    loss = _loss([library[name] for name in chosen], at, y, sigma)
     explains = float(np.clip((whole - loss) / max(whole - noise, 1e-300), 0.0, 1.0))
     if explains < SETTINGS.formula_explains:
         return None
-    return _formula(chosen, library, at, y, sigma, explains)
+    return _formula(chosen, as_well, library, at, y, sigma, explains)
+
+
+def _as_well(
+    chosen: list[str], library: dict[str, FloatArray], at: Conditions, y: ComplexArray, sigma: FloatArray, margin: float
+) -> dict[str, list[str]]:
+    """The terms in whose place others lose no more than `margin`, with these; the simplest of them is `chosen` then."""
+    found = {}
+    for place, name in enumerate(list(chosen)):
+        others = [library[other] for other in chosen if other != name]
+        free = [other for other in library if other == name or other not in chosen]
+        losses = {other: _loss([*others, library[other]], at, y, sigma) for other in free}
+        good = [other for other in free if losses[other] <= min(losses.values()) + margin]
+        chosen[place], *rest = sorted(good, key=lambda other: (sum(map(abs, TERMS[other][0])), losses[other]))
+        found[chosen[place]] = rest
+    return found
 
 
 def _solved(columns: list[FloatArray], at: Conditions, y: ComplexArray, sigma: FloatArray) -> dict[float, ComplexArray]:
@@ -91,6 +112,7 @@ def _loss(columns: list[FloatArray], at: Conditions, y: ComplexArray, sigma: Flo
 
 def _formula(
     chosen: list[str],
+    as_well: dict[str, list[str]],
     library: dict[str, FloatArray],
     at: Conditions,
     y: ComplexArray,
@@ -116,13 +138,24 @@ def _formula(
     row = int(np.argmax(size))
     one, other = amplitudes[max(amplitudes)], amplitudes[min(amplitudes)]
     terms = {name: (complex(one[i]), complex(other[i])) for i, name in enumerate(chosen)}
-    parts = [TERMS[name][1] for name in sorted(chosen, key=lambda name: name == "constant")]
+    parts = [_words(name, as_well[name]) for name in sorted(chosen, key=lambda name: name == "constant")]
     law = " and ".join(parts)
     powers = np.array([TERMS[name][0] for name in chosen])
     varying = np.flatnonzero(powers.any(axis=0))
     words = (f"{at.speed_rpm[row]:g} rpm", f"{at.torque_Nm[row]:g} N m", f"{at.temperature_C[row]:g} degC")
     where = "at " + ", ".join(words[i] for i in varying) if len(varying) else "at every operating point"
     text = f"{law}: {size[row]:.3g} deg {where}"
+    levels = [len(np.unique(axis)) for axis in (at.speed_rpm, at.torque_Nm, at.temperature_C)]
+    if few := [_CONDITIONS[i] for i in varying if levels[i] < 3]:
+        text += f" (two {' and two '.join(few)} tell no law between them)"
     if explains < SETTINGS.formula_whole:
         text += f" (that is {100 * explains:.0f} % of it)"
     return Formula(terms, explains, stable, text, float(size[row]))
+
+
+def _words(name: str, others: list[str]) -> str:
+    """What a term does, and what the runs allow in its place."""
+    if not others:
+        return TERMS[name][1]
+    more = f", and {len(others) - 1} more" if len(others) > 1 else ""
+    return f"{TERMS[name][1]} (the runs tell as little against: {TERMS[others[0]][1]}{more})"
