@@ -206,7 +206,7 @@ def test_sizes_and_bounds(index, tmp_path):
 
 
 BOUNDS = {
-    "stiffness_Nm_per_arcmin": (20, 20000),
+    "stiffness_Nm_per_arcmin": (0.5, 20000),
     "gap_arcmin": (0, 20),
     "seating_torque_Nm": (5, 150),
     "coulomb_arcmin": (0, 5),

@@ -30,7 +30,7 @@ class TorsionalCompliance(_MeanEffect):
     title = "torsional compliance of the transmission"
     scalars = (
         Scalar(
-            "stiffness_Nm_per_arcmin", "Nm/arcmin", 20, 20000, "torsional stiffness at the output", None, Form.INVERSE
+            "stiffness_Nm_per_arcmin", "Nm/arcmin", 0.5, 20000, "torsional stiffness at the output", None, Form.INVERSE
         ),
     )
 
