@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from st_codegen.errors import Problems
-from st_codegen.ir.arrays import BoolArray
+from st_codegen.ir.arrays import BoolArray, ComplexArray
 from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.data.observations import Observations, rms_deg
 from st_codegen.reconcile.data.reading import check, read_measured
@@ -33,7 +34,14 @@ from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unm
 from st_codegen.reconcile.judge.measurement import Examined, Mistake, examine
 from st_codegen.reconcile.judge.selection import search, with_noise_of
 from st_codegen.reconcile.judge.suspects import bad_runs, without_structure
-from st_codegen.reconcile.judge.unexplained import Signature, floors, is_lacking, scatter_of_encoder, signatures
+from st_codegen.reconcile.judge.unexplained import (
+    Signature,
+    floors,
+    is_lacking,
+    of_a_hum,
+    scatter_of_encoder,
+    signatures,
+)
 from st_codegen.reconcile.judge.unseen import cannot_show
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Effect, Stage
@@ -272,10 +280,12 @@ def _result(
     target = replace(target, good=noise.good)
     before, after, good = target.residual(rig), final.residual, noise.good
     weight = np.where(data.orders == 0, 1.0, 0.5)
-    gap_power = float((weight * (np.abs(before[good]) ** 2).mean(axis=0)).sum())
+    hum = sum((one.by_order[data.orders] ** 2 for one in data.hums), np.zeros(len(data.orders)))
+    gap_power = float((weight * (np.abs(before[good]) ** 2).mean(axis=0)).sum() + hum.sum())
     if data.angle_rad is None:
         floor_rms = floors(target, after, noise.floor_rms)
-        left = signatures(target, after, gap_power, floor_rms)
+        left = signatures(target, after, gap_power, floor_rms, (before != after).any(axis=0))
+        left = [*map(partial(of_a_hum, gap_power=gap_power, orders=data.orders), data.hums), *left]
     else:
         floor_rms, left = noise.floor_rms, lines_in_samples(target, after, gap_power)
     floor_power = weight * np.where(data.orders == 0, 1, 2) * floor_rms**2
@@ -288,11 +298,17 @@ def _result(
         # runs between those seen say nothing of levels between them: a gap that is clearly larger there counts
         if np.linalg.norm(held_out) < SETTINGS.clearly_larger * np.linalg.norm(unseen):
             held_out, first, unseen_curves = unseen, rms_deg(before[kept], data.orders), int(kept.sum())
+    held_out = np.hypot(held_out, np.sqrt(hum))
+
+    def with_hum(values: ComplexArray, chosen: slice | list[int] = slice(None)) -> float:
+        """The RMS of the chosen orders with the hum that was taken out of the curves."""
+        return math.hypot(rms_deg(values[good][:, chosen], data.orders[chosen]), math.sqrt(float(hum[chosen].sum())))
+
     per_order = tuple(
         OrderGap(
             int(order),
-            rms_deg(before[good][:, [k]], data.orders[[k]]),
-            rms_deg(after[good][:, [k]], data.orders[[k]]),
+            with_hum(before, [k]),
+            with_hum(after, [k]),
             float(np.sqrt(floor_power[k])),
             float(held_out[k]),
         )
@@ -307,8 +323,8 @@ def _result(
         conclusions=conclusions,
         judged=judged,
         unexplained=tuple(left),
-        fitted=Gap(rms_deg(before[good], data.orders), rms_deg(after[good], data.orders), floor),
-        held_out=Gap(first, float(np.sqrt((held_out**2).sum())), floor),
+        fitted=Gap(with_hum(before), with_hum(after), floor),
+        held_out=Gap(math.hypot(first, math.sqrt(float(hum.sum()))), float(np.sqrt((held_out**2).sum())), floor),
         orders=per_order,
         mistakes=examined.mistakes,
         cannot_show=(*cannot_show(data), *examined.untold, *scatter_of_encoder(target, after)),

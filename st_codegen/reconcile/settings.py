@@ -25,6 +25,11 @@ class Settings:
     shared_sure: float = 9.0
     shared_least: float = 0.25
     shared_orders: int = 8
+    #: waves of a frequency of their own that are looked for; power over noise of a line of one curve, which noise
+    #: (exponential) reaches once in 1e13 orders; orders to each side by which its size is told
+    most_hums: int = 3
+    loud_line: float = 30.0
+    orders_of_line: int = 8
 
     # --- mistakes of measuring ---
     #: a ramp over the turn must be so many standard deviations of the slopes of single orders

@@ -6,7 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from st_codegen.campaign.curves import Curve
+from st_codegen.campaign.orders import curve_sums
 from st_codegen.errors import InputError
+from st_codegen.reconcile.data.hum import without_hums
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
 from st_codegen.reconcile.judge.measurement import examine
 from st_codegen.rig.effects import Conditions, catalogue
@@ -227,3 +230,45 @@ def test_an_effect_of_one_direction_is_no_factor_on_its_column():
     data = measured(sigma=1e-4)
     own = np.isin(ORDERS, [39, 78, 156]) & (data.at.sign > 0)[:, None]
     assert examine(replace(data, values=data.values * np.where(own, 1.5, 1.0)), RIG, PATH).mistakes == ()
+
+
+def humming(waves, start_deg=7.0, samples=400, sigma=1e-5):
+    """Sums of 20 curves of 100 orders at as many speeds (turns a second), without and with waves of (Hz, deg)."""
+    random, turns = np.random.default_rng(8), np.linspace(0.05, 0.35, 20) + 0.0013
+    phi = 2 * np.pi * np.arange(samples) / samples
+    clean, made = [], []
+    for turn in turns:
+        theta = phi + np.deg2rad(start_deg)
+        te = 2e-3 * np.cos(theta) + 1e-3 * np.cos(40 * theta + 0.3) + sigma * random.standard_normal(samples)
+        hum = sum(deg * np.cos(hertz / turn * phi + random.uniform(0, 6)) for hertz, deg in waves)
+        clean.append(curve_sums(Curve(np.rad2deg(theta), te), 100))
+        made.append(curve_sums(Curve(np.rad2deg(theta), te + hum), 100))
+    return turns, clean, made
+
+
+@pytest.mark.parametrize("waves", [[(8.0, 1e-3)], [(8.0, 1e-3), (23.7, 5e-4)], [(150.0, 1e-3)]])
+def test_a_hum_is_taken_out_of_all_curves(waves):
+    """One of 150 Hz is above half the samples of a turn at each speed and shows mirrored."""
+    turns, clean, made = humming(waves)
+    left, hums = without_hums(made, turns, [0, 1, 40])
+    assert sorted(hum.frequency_Hz for hum in hums) == pytest.approx([hertz for hertz, _ in waves], rel=1e-3)
+    assert max(hum.amplitude_deg for hum in hums) == pytest.approx(waves[0][1], rel=0.05)
+    off, before = (
+        np.array([np.abs(one.te - two.te)[[0, 1, 2, 39, 40, 41, 60]] for one, two in zip(part, clean, strict=True)])
+        for part in (left, made)
+    )
+    # nothing of it is left in the orders of the machine either
+    assert off.mean() < 0.05 * before.mean()
+
+
+def test_noise_waves_of_the_machine_and_a_resonance_are_no_hum():
+    turns, clean, _ = humming([])
+    assert without_hums(clean, turns, [0, 1])[1] == ()
+    lifted = [
+        replace(
+            one, plain_fft=one.plain_fft + at, te=one.te + at * np.exp(-1j * np.deg2rad(7.0) * np.arange(101)) * 200
+        )
+        for one, turn in zip(clean, turns, strict=True)
+        for at in [1e-3 * (np.arange(101) == round(8.0 / turn))]
+    ]
+    assert without_hums(lifted, turns, [0, 1, 40])[1] == ()

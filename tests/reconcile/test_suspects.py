@@ -98,22 +98,3 @@ def test_more_than_a_few_are_something_else():
     for side in (0, len(GRID)):
         data.values[rows + side, 1] += 3e-4 * np.exp(1j * rows)
     assert not found(data)
-
-
-def test_a_hum_is_no_fault_of_the_run_that_it_crosses():
-    """50 Hz stand at another order at each speed, between two of them, and leak into those beside."""
-    orders = np.array([0, 1, 3, *range(30, 90)])
-    rng = np.random.default_rng(2)
-    at = Conditions.of(np.repeat([1.0, -1.0], len(GRID)), *np.tile(GRID, (2, 1)).T)
-    values = 1e-5 * (rng.standard_normal((len(at), len(orders))) + 1j * rng.standard_normal((len(at), len(orders))))
-    values[:, 0] = values[:, 0].real
-    hum, slipped = [17, 17 + len(GRID)], [70, 70 + len(GRID)]
-    away = orders[3:] - 44.4
-    values[hum, 3:] += 1e-3 * np.sin(np.pi * away) / (np.pi * away)
-    values[np.ix_(slipped, [10, 30])] += 1e-3
-    spectral = np.full(values.shape, 1e-5)
-    data = Observations(at, labels(at), orders, values, spectral_deg=spectral)
-    nothing = np.zeros(len(orders), bool)
-    assert set(bad_runs(data, values, spectral, nothing)) == set(slipped)
-    noise = Noise(spectral, spectral[0], np.ones(len(at), bool), tuple((row, 9.0) for row in (*hum, *slipped)))
-    assert [row for row, _ in without_structure(data, values, noise, nothing).suspects] == slipped

@@ -154,6 +154,21 @@ def curves(values, spectral, samples=0):
     return {s.order: s for s in signatures(target, values, 1.0, own)}, dict(zip(orders.tolist(), own, strict=True))
 
 
+def test_what_is_left_of_an_order_that_something_is_named_on_must_be_its_own_noise():
+    """Friction left 1.7 floors of the mean below the noise of twenty other orders, and all of it was explained."""
+    at = grid()
+    random = np.random.default_rng(6)
+    values = SIGMA * random.standard_normal((len(at), 3)) * np.array([1.4, 1.0, 1.0]) + 0j
+    data = Observations(at, labels(at), ORDERS, values, spectral_deg=np.full(values.shape, SIGMA))
+    target = FitData(data, estimate(data, values).sigma, np.ones(len(at), bool), groups_of(at))
+    floor = np.full(3, SIGMA)
+    assert signatures(target, values, 1.0, floor) == []
+    assert signatures(target, values, 1.0, floor, np.array([False, True, True])) == []
+    (one,) = signatures(target, values, 1.0, floor, np.array([True, False, True]))
+    assert one.order == 0 and "times the noise within the curves" in one.text
+    assert one.rms_deg == pytest.approx(SIGMA * np.sqrt(1.4**2 - 1), rel=0.15)
+
+
 def white(sizes, seed=2):
     """White noise of six orders, each of its own size, as a residual of nothing."""
     random = np.random.default_rng(seed)

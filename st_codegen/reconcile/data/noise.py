@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from st_codegen.reconcile.data.contrasts import along_axes, contrasts, repeats
-from st_codegen.reconcile.data.levels import speed_levels
+from st_codegen.reconcile.data.contrasts import along_axes, contrasts, repeats, speed_levels
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.smooth import noise_beside
 from st_codegen.reconcile.settings import SETTINGS

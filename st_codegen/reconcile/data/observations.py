@@ -15,6 +15,7 @@ import numpy as np
 
 from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.reconcile.data.hum import Hum
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 
@@ -26,7 +27,8 @@ class Observations:
     at: conditions (n,); labels: name of each row for messages; orders: int (K,), rising; values: complex128 (n, K),
     deg. Samples over time are rows of their own, with the TE in the place of order 0: then `angle_rad` (n,) is the
     angle of each and `inside` the orders of which its TE is the sum. run: int (n,), the number of each run in the order
-    of measuring, where that is known. samples: of each curve, where all have as many, else 0.
+    of measuring, where that is known. samples: of each curve, where all have as many, else 0. hums: waves of a
+    frequency of their own that were taken out of the values.
     """
 
     at: Conditions
@@ -41,6 +43,7 @@ class Observations:
     seen: BoolArray | None = None
     not_looked_at: tuple[str, ...] = ()
     samples: int = 0
+    hums: tuple[Hum, ...] = ()
 
     def model_orders(self) -> tuple[int, ...]:
         """The orders whose coefficients a model must give."""
@@ -104,7 +107,8 @@ class Observations:
     def scaled(self, factor: float) -> Observations:
         """The values times a factor (units)."""
         spectral = None if self.spectral_deg is None else self.spectral_deg * abs(factor)
-        return replace(self, values=self.values * factor, spectral_deg=spectral)
+        hums = tuple(hum.scaled(abs(factor)) for hum in self.hums)
+        return replace(self, values=self.values * factor, spectral_deg=spectral, hums=hums)
 
 
 def from_table(table: HarmonicTable) -> Observations:

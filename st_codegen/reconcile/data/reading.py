@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from st_codegen.campaign.reader import Campaign, read_campaign
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import read_csv
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.reconcile.data.hum import without_hums
 from st_codegen.reconcile.data.observations import Observations, from_table, labels, order_of_runs
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.model import RigModel
@@ -40,6 +42,10 @@ def read_measured(
 def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: bool) -> Observations:
     campaign = read_campaign(folder, skip_bad=skip_bad, progress=progress)
     _check_ratio(campaign, rig)
+    turns = campaign.at.speed_rpm / (60.0 * rig.constants.reduction_ratio)
+    sums, hums = without_hums([curve.sums for curve in campaign.curves], turns, rig.orders())
+    curves = tuple(replace(curve, sums=own) for curve, own in zip(campaign.curves, sums, strict=True))
+    campaign = replace(campaign, curves=curves)
     bands = np.array([min(curve.sums.band, BAND) for curve in campaign.curves])
     band = int(bands.max())
     first = _fits(campaign, list(rig.orders()), bands, progress)
@@ -78,6 +84,7 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
             *_mistaken_text(campaign, mistaken, bands, files),
         ),
         samples=counts.pop() if len(counts) == 1 else 0,
+        hums=hums,
     )
 
 
@@ -192,8 +199,8 @@ def _loud(power: FloatArray) -> BoolArray:
     runs = np.maximum(np.isfinite(power).sum(axis=0), 1)
     power = np.where(np.isfinite(power), power, 0.0) * (len(power) / runs)
     # the power of noise is exponential with mean 1: the mean of n has the standard deviation 1/sqrt(n)
-    mean = np.minimum(power, 30.0).mean(axis=0) > 1 + 6 / np.sqrt(runs)
-    few = (power > 30.0).mean(axis=0) > np.maximum(0.01, 2.5 / runs)
+    mean = np.minimum(power, SETTINGS.loud_line).mean(axis=0) > 1 + 6 / np.sqrt(runs)
+    few = (power > SETTINGS.loud_line).mean(axis=0) > np.maximum(0.01, 2.5 / runs)
     loud: BoolArray = mean | few
     return loud
 

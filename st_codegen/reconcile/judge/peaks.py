@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from st_codegen.ir.arrays import ComplexArray
-from st_codegen.reconcile.data.levels import speed_levels
+from st_codegen.reconcile.data.contrasts import speed_levels
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.rig.effects import Effect, Stage
 

@@ -12,8 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
-from st_codegen.reconcile.data.contrasts import repeats
-from st_codegen.reconcile.data.levels import in_steps
+from st_codegen.reconcile.data.contrasts import in_steps, repeats
 from st_codegen.reconcile.data.noise import Noise
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
@@ -26,7 +25,7 @@ def bad_runs(data: Observations, residual: ComplexArray, sigma: FloatArray, stru
     """
     if data.angle_rad is not None:
         return {}
-    size = _without_line(data, _scaled(data, residual, sigma))
+    size = _scaled(data, residual, sigma)
     size = np.where(_like_neighbours(data, residual), 0.0, size)
     deviation = residual / sigma
     found: dict[int, float] = {}
@@ -64,7 +63,7 @@ def _largest(size: FloatArray, structured: BoolArray) -> float:
 
 def without_structure(data: Observations, residual: ComplexArray, noise: Noise, structured: BoolArray) -> Noise:
     """The noise without those of its suspects that are off in nothing but orders in which the model lacks something."""
-    size = _without_line(data, _scaled(data, residual, noise.sigma))
+    size = _scaled(data, residual, noise.sigma)
     if 2 * structured.sum() >= len(structured):
         # a model that lacks something nearly everywhere excuses no run
         return noise
@@ -81,21 +80,6 @@ def without_structure(data: Observations, residual: ComplexArray, noise: Noise, 
 def _scaled(data: Observations, residual: ComplexArray, sigma: FloatArray) -> FloatArray:
     found: FloatArray = np.where(data.orders == 0, np.abs(residual.real), np.abs(residual) / np.sqrt(2)) / sigma
     return found
-
-
-def _without_line(data: Observations, size: FloatArray) -> FloatArray:
-    """Sizes (n, K) of curves less the loudest wave of each row and what leaks of it into the orders beside it.
-
-    A hum of one frequency stands at another order at each speed, and between two orders: it is no fault of a run. A
-    wave between two orders has 2 / pi of its size in one of them at least, and 1 / (pi d) at the distance d.
-    """
-    waves = data.orders > SETTINGS.wander_orders
-    if data.spectral_deg is None or not waves.any():
-        return size
-    loud = np.where(waves, size, 0.0)
-    apart = np.abs(data.orders - data.orders[loud.argmax(axis=1)][:, None])
-    leaks = loud.max(axis=1)[:, None] / np.maximum(2 * apart - 1, 1)
-    return np.where(waves, np.maximum(size - leaks, 0.0), size)
 
 
 def _like_neighbours(data: Observations, residual: ComplexArray) -> BoolArray:

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from st_codegen.reconcile.data.contrasts import neighbours
-from st_codegen.reconcile.data.levels import levels_of, speed_levels
+from st_codegen.reconcile.data.contrasts import levels_of, neighbours, speed_levels
+from st_codegen.reconcile.data.hum import Hum
 from st_codegen.reconcile.data.noise import MEDIAN_1
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.target import FitData
@@ -139,11 +139,12 @@ def dependence(target: FitData, r: ComplexArray, noise_power: float, course: Cou
 class Signature:
     """One unexplained part.
 
-    order; rms_deg: of what is no noise, over all runs and angles; share of the gap (power); dependence: shares by
-    factor; direction: `both`, `forward`, `backward`; text: a sentence; amplitude_deg: the largest of the formula, or of
-    the levels of the factor on which it depends most; formula: the simplest expression that the data hold, or None;
-    at_least: the noise beside it is known no better than by how far runs lie from their neighbours, which holds what is
-    unexplained as well, so that the size may be larger and the noise smaller.
+    order: -1 where it has a frequency (`hertz`) instead; rms_deg: of what is no noise, over all runs and angles; share
+    of the gap (power); dependence: shares by factor; direction: `both`, `forward`, `backward`; text: a sentence;
+    amplitude_deg: the largest of the formula, or of the levels of the factor on which it depends most; formula: the
+    simplest expression that the data hold, or None; at_least: the noise beside it is known no better than by how far
+    runs lie from their neighbours, which holds what is unexplained as well, so that the size may be larger and the
+    noise smaller.
     """
 
     order: int
@@ -155,21 +156,48 @@ class Signature:
     amplitude_deg: float = 0.0
     formula: Formula | None = None
     at_least: bool = False
+    hertz: float = 0.0
 
 
-def signatures(target: FitData, residual: ComplexArray, gap_power: float, floor: FloatArray) -> list[Signature]:
+def of_a_hum(hum: Hum, gap_power: float, orders: IntArray) -> Signature:
+    """The signature of a wave that was taken out of the curves; its share is that of the orders that were looked at."""
+    seen, of = hum.curves
+    rms = hum.amplitude_deg * float(np.sqrt(seen / of / 2))
+    share = float((hum.by_order[orders] ** 2).sum()) / max(gap_power, 1e-300)
+    return Signature(-1, rms, share, {"time": 1.0}, "both", hum.text, hum.amplitude_deg, hertz=hum.frequency_Hz)
+
+
+def signatures(
+    target: FitData, residual: ComplexArray, gap_power: float, floor: FloatArray, claimed: BoolArray | None = None
+) -> list[Signature]:
     """Signatures of all orders with significant structure, largest first.
 
-    gap_power: deg^2, of the whole gap; floor: RMS of one component of the noise by order, (K,).
+    gap_power: deg^2, of the whole gap; floor: RMS of one component of the noise by order, (K,); claimed: bool (K,), the
+    orders on which something is named or changed. What is left of these must be noise, each by its own: the noise of
+    the other orders may be many times as large and hide a form that is not quite right.
     """
     found = structure(target, residual)
     out = [_signature(target, residual, found, int(k), gap_power, floor[k]) for k in np.flatnonzero(found.significant)]
+    loud = _component(target, residual) > _sure_times(target) * floor
+    loud &= False if claimed is None else claimed
+    loud[scatter(target, residual)] = True
     out += [
-        _scattered(target, residual, int(k), gap_power)
-        for k in scatter(target, residual)
-        if not found.significant[k] and not of_an_encoder(target.data)[k]
+        _scattered(target, residual, int(k), gap_power, floor[k])
+        for k in np.flatnonzero(loud & ~found.significant & (of_an_encoder(target.data) == 0))
     ]
     return sorted(out, key=lambda signature: -signature.rms_deg)
+
+
+def _component(target: FitData, residual: ComplexArray) -> FloatArray:
+    """RMS of one component of a residual by order, (K,)."""
+    power = (np.abs(residual[target.good]) ** 2).mean(axis=0) / np.where(target.data.orders == 0, 1, 2)
+    return np.asarray(np.sqrt(power))
+
+
+def _sure_times(target: FitData) -> FloatArray:
+    """From how many times the noise on what so many runs leave is more than noise, (K,)."""
+    count = np.where(target.data.orders == 0, 1, 2) * int(target.good.sum())
+    return np.asarray(np.maximum(SETTINGS.clearly_larger, 1.0 + SETTINGS.told / np.sqrt(2.0 * count)))
 
 
 def floors(target: FitData, residual: ComplexArray, of_contrasts: FloatArray) -> FloatArray:
@@ -244,8 +272,7 @@ def _by_directions(target: FitData, residual: ComplexArray) -> tuple[BoolArray, 
 
 def _times_spectral(target: FitData, residual: ComplexArray) -> FloatArray:
     """How many times the noise that is no structure a residual is, by order (K,)."""
-    left = (np.abs(residual[target.good]) ** 2).mean(axis=0) / np.where(target.data.orders == 0, 1, 2)
-    found: FloatArray = np.sqrt(left) / np.maximum(_within(target), 1e-150)
+    found: FloatArray = _component(target, residual) / np.maximum(_within(target), 1e-150)
     return found
 
 
@@ -311,8 +338,8 @@ def scatter_of_encoder(target: FitData, residual: ComplexArray) -> tuple[str, ..
     )
 
 
-def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float) -> Signature:
-    """An order that differs from run to run by more than the noise of a curve, with no pattern that was found."""
+def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float, floor: float) -> Signature:
+    """An order that keeps more than its noise, with no pattern that was found; floor: RMS of one component of that."""
     order = int(target.data.orders[k])
     # RMS over the angle: of a wave half the square of its amplitude, of the mean its square
     power = float((np.abs(residual[target.good, k]) ** 2).mean()) / (2 if order else 1)
@@ -320,6 +347,8 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
     what = "what orders beside it differ by" if target.data.spectral_deg is None else "the noise within the curves"
     if differ < own:
         own, what = differ, "what both directions of a run differ by"
+    if floor**2 < own and not np.isclose(floor**2, own):
+        own, what = floor**2, "what runs differ by from others like them"
     text = (
         f"{f'order {order}' if order else 'the mean'}: {np.sqrt(power):.2g} deg RMS, {np.sqrt(power / own):.1f} times "
         f"{what}, with no pattern over the conditions: runs differ, or the structure is sharp; repeat some runs"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
-from st_codegen.reconcile.data.levels import speed_levels
+from st_codegen.reconcile.data.contrasts import speed_levels
 from st_codegen.reconcile.report.findings import Finding
 from st_codegen.reconcile.run import Reconciliation
 from st_codegen.report.picture import Draw

@@ -28,7 +28,8 @@ def report(result: Reconciliation, update: Update | None = None, ahead: NextRuns
         "retuned": [_retuned(entry) for entry in result.conclusions.retuned],
         "unexplained": [
             {
-                "order": s.order,
+                "order": None if s.hertz else s.order,
+                "frequency_Hz": s.hertz or None,
                 "dependence": {name: round(share, 4) for name, share in s.dependence.items()},
                 "direction": s.direction,
                 "size": s.rms_deg,

@@ -195,7 +195,10 @@ def _parameter_rows(claim: Claim) -> list[list[Any]]:
 def _unexplained(result: Reconciliation) -> PageSection | None:
     if not result.unexplained:
         return None
-    rows = [[s.order, s.rms_deg, f"{100 * s.share:.2g} %", s.direction, s.text] for s in result.unexplained]
+    rows = [
+        [f"{s.hertz:.4g} Hz" if s.hertz else s.order, s.rms_deg, f"{100 * s.share:.2g} %", s.direction, s.text]
+        for s in result.unexplained
+    ]
     text = "Parts that stand above the noise and that no effect of the catalogue explains: by their signature."
     shown = panels(unexplained_panels(result))
     text += " Pictures: medians and bands of 80 % of the runs; grey is noise." if shown else ""

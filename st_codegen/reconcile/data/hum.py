@@ -1,0 +1,186 @@
+"""A hum: a wave of one frequency in time that runs through all curves, of the mains, another drive, the building.
+
+At each speed it has another order, f * 60 * ratio / speed, mostly between two whole ones, and leaks into those beside
+it: what an effect or a bad run would have to explain is one frequency for all runs. The samples of a curve are even in
+time, so that over their number a hum is a single line, below the highest order or mirrored at it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from st_codegen.campaign.orders import Sums
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.reconcile.settings import SETTINGS
+
+#: distance from the order that a frequency lets expect, of which whole numbers have a quarter in the median
+_WHOLE = 0.1
+
+
+@dataclass(frozen=True)
+class Hum:
+    """A wave of one frequency in time that was taken out of curves.
+
+    amplitude_deg: root mean square over the curves in which it was seen; curves: how many these are, and all; by_order:
+    (band + 1,) RMS over angle and all curves of what it had made of each order, deg.
+    """
+
+    frequency_Hz: float
+    amplitude_deg: float
+    curves: tuple[int, int]
+    by_order: FloatArray
+
+    def scaled(self, factor: float) -> Hum:
+        """The same wave in another unit."""
+        return replace(self, amplitude_deg=self.amplitude_deg * factor, by_order=self.by_order * factor)
+
+    @property
+    def text(self) -> str:
+        """What is said of it."""
+        seen, of = self.curves
+        return (
+            f"a wave of {self.frequency_Hz:.4g} Hz whatever the speed, {self.amplitude_deg:.2g} deg in {seen} of {of} "
+            "curves (in others it is weaker, or outside of the orders that were looked at): it does not turn with the "
+            "machine, as the mains or another drive would make it; it was taken out of these curves"
+        )
+
+
+def without_hums(
+    sums: Sequence[Sums], turns_Hz: FloatArray, known: Collection[int]
+) -> tuple[list[Sums], tuple[Hum, ...]]:
+    """Curves without the waves of a frequency of their own that run through them, and these waves.
+
+    turns_Hz: turns a second of each curve, (n,); known: orders of the rig, where a wave may be the machine's. The sums
+    of squares stay those of the curves as they were measured.
+    """
+    kept, found = list(sums), list[Hum]()
+    while len(found) < SETTINGS.most_hums:
+        band = min(one.band for one in kept)
+        lines = np.stack([one.plain_fft[: band + 1] for one in kept])
+        power = np.abs(lines) ** 2
+        power /= np.maximum(np.median(power, axis=1, keepdims=True) / np.log(2.0), 1e-300)
+        free = np.median(power, axis=0) < SETTINGS.stands_out
+        free[[order for order in (*range(SETTINGS.wander_orders), *known) if order <= band]] = False
+        frequency = _frequency(np.where(free, power, 0.0), np.array([one.samples for one in kept]), turns_Hz)
+        if frequency is None:
+            break
+        told = [_wave(*row, free) for row in zip(kept, lines, frequency / turns_Hz, strict=True)]
+        sizes, orders = np.array([wave[0] for wave in told]), np.array([wave[1] for wave in told])
+        seen = sizes > 0
+        # an order of the machine that a resonance lifts near this frequency is a whole number
+        if not seen.any() or np.median(np.abs(orders - frequency / turns_Hz)[seen]) > _WHOLE:
+            break
+        frequency = float(np.average((orders * turns_Hz)[seen], weights=turns_Hz[seen] ** -2))
+        most = float(sizes.max())
+        fits = [_wave(*row, free, most) for row in zip(kept, lines, frequency / turns_Hz, strict=True)]
+        kept = [_less(one, wave) for one, (_, _, wave) in zip(kept, fits, strict=True)]
+        made = np.mean([np.abs(wave[: band + 1]) ** 2 for _, _, wave in fits], axis=0)
+        made[1:] /= 2
+        sizes = np.array([size for size, _, _ in fits if size])
+        found.append(Hum(frequency, float(np.sqrt((sizes**2).mean())), (len(sizes), len(kept)), np.sqrt(made)))
+    return kept, tuple(found)
+
+
+def _frequency(power: FloatArray, samples: IntArray, turns_Hz: FloatArray) -> float | None:
+    """The frequency (Hz) at which most curves that could show it have a line, or None.
+
+    power: over the noise, (n, band + 1), 0 where a line may be the machine's; samples, turns_Hz: of each curve, (n,).
+    """
+    rows, band = np.arange(len(power)), power.shape[1] - 1
+    top = np.clip(power.argmax(axis=1), 1, band - 1)
+    size, left, right = (np.sqrt(power[rows, top + step]) for step in (0, -1, 1))
+    beside = np.where(right > left, right, -left)
+    line = top + beside / np.maximum(size + np.abs(beside), 1e-300)
+    loud = power > SETTINGS.loud_line
+    told = loud[rows, top]
+    mirrored = [times * samples[told] + side * line[told] for times in range(3) for side in (1, -1)]
+    tried = np.unique(np.concatenate(mirrored) * np.tile(turns_Hz[told], len(mirrored)))
+    tried = tried[tried > 0]
+    if not len(tried):
+        return None
+    order = _mirrored(tried[:, None] / turns_Hz, samples)
+    low = np.clip(order.astype(np.int64), 1, band - 1)
+    could = (order < band) & (power[rows, low] > 0) & (power[rows, low + 1] > 0)
+    shown = could & (loud[rows, low] | loud[rows, low + 1])
+    # how often two orders of a curve hold a line by chance, and Chernoff's bound of so many doing so at a frequency
+    chance = min(0.5, 2.0 * max(float(loud[power > 0].mean()), 1.0 / power.size))
+    number, share = could.sum(axis=1), shown.sum(axis=1) / np.maximum(could.sum(axis=1), 1)
+    apart = np.array([len(np.unique(own[is_shown])) for own, is_shown in zip(low, shown, strict=True)])
+    share = np.clip(share, 1e-12, 1 - 1e-12)
+    sure = number * (share * np.log(share / chance) + (1 - share) * np.log((1 - share) / (1 - chance)))
+    sure[(share < max(SETTINGS.most_orders, chance)) | (apart < SETTINGS.least_block)] = 0.0
+    best = float(sure.max(initial=0.0))
+    if best < np.log(len(tried) / SETTINGS.p_chance):
+        return None
+    return float(np.median(tried[sure > 0.99 * best]))
+
+
+def _mirrored(order: FloatArray, samples: IntArray) -> FloatArray:
+    """The order, between 0 and half the samples of a turn, as which a wave of any order shows."""
+    return np.asarray(np.abs(order - samples * np.round(order / samples)))
+
+
+def _leaks(order: float, at: IntArray, samples: int) -> ComplexArray:
+    """What exp(i*order*phi) over `samples` even steps of a turn gives the orders `at`, as part of its size."""
+    x = order - at
+    return np.asarray(np.exp(1j * np.pi * x * (1 - 1 / samples)) * np.sinc(x) / np.sinc(x / samples))
+
+
+def _wave(
+    one: Sums, line: ComplexArray, order: float, free: BoolArray, most: float = 0.0
+) -> tuple[float, float, ComplexArray]:
+    """The size of a wave in a curve, its order, and the coefficients of the orders that it makes; 0 where none shows.
+
+    line: (band + 1,), the orders of the curve over the number of the sample; order: of the wave, which the speed tells
+    to less than half an order; free: those orders that are not the machine's; most: the largest size that a wave may
+    have of which little is seen, beside an order of the machine or beyond the band; 0 for none.
+    """
+    beyond = order - one.samples * round(order / one.samples)
+    shown, reach = abs(beyond), 0.5
+    middle, near = shown, np.flatnonzero(free)
+    # beyond the band its leaks into the highest orders tell it
+    near = near[np.argsort(np.abs(near - shown), kind="stable")[: 2 * SETTINGS.orders_of_line]]
+    clear = _power(_leaks(shown, near, one.samples)) > SETTINGS.shared_least
+    # where little of it is seen only the speed tells its order
+    for _ in range(4 if clear else 0):
+        trials = [middle + reach * step / 2 for step in range(-2, 3)]
+        middle = max(trials, key=lambda trial: _told(line[near], _leaks(trial, near, one.samples)))
+        reach /= 3
+    orders, leaks = np.arange(one.band + 1), _leaks(middle, near, one.samples)
+    size = complex(np.vdot(leaks, line[near])) / max(_power(leaks), 1e-12)
+    size *= 1.0 if clear else min(1.0, most / max(abs(size), 1e-300))
+    wave = size * _leaks(middle, orders, one.samples) + np.conj(size * _leaks(middle, -orders, one.samples))
+    wave[0] /= 2
+    noise = float(np.median(np.abs(line - wave[: len(line)])[free] ** 2)) / np.log(2.0)
+    if _start(one) is None or _told(line[near], leaks) < SETTINGS.loud_line * noise:
+        return 0.0, order, np.zeros_like(wave)
+    return abs(size), order + float(np.sign(beyond)) * (middle - shown), wave
+
+
+def _told(line: ComplexArray, leaks: ComplexArray) -> float:
+    """The power that a wave with these leaks explains."""
+    return float(np.abs(np.vdot(leaks, line)) ** 2) / max(_power(leaks), 1e-12)
+
+
+def _power(leaks: ComplexArray) -> float:
+    return float((np.abs(leaks) ** 2).sum())
+
+
+def _less(one: Sums, wave: ComplexArray) -> Sums:
+    """The curve without a wave, given by the coefficients of its orders over the number of the sample."""
+    turned = wave * np.exp(-1j * (_start(one) or 0.0) * np.arange(one.band + 1)) * one.samples / 2
+    turned[0] *= 2
+    return replace(one, te=one.te - turned, plain_fft=one.plain_fft - wave)
+
+
+def _start(one: Sums) -> float | None:
+    """The angle (rad) of the first sample, or None where the samples are no even turn from there on."""
+    orders = np.arange(1, one.band + 1)
+    product = one.te[1:] * one.plain_fft[1:].conj()
+    start = -float(np.angle(product[0]))
+    turned = product * np.exp(1j * start * orders)
+    whole = np.sqrt((np.abs(one.te[1:]) ** 2).sum() * (np.abs(one.plain_fft[1:]) ** 2).sum())
+    return start if turned.real.sum() > SETTINGS.stable * whole else None
