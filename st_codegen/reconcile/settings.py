@@ -311,6 +311,11 @@ class Settings:
     joint_most: float = 0.7
     joint_errors: float = 6.0
     joint_share: float = 0.01
+    #: a motion repeats where all angles come back to this share of their power: left-out stretches then are parts of a
+    #: round, in every round
+    joint_repeats: float = 1e-3
+    #: columns of the other joints' motion that are taken at most: a robot of six joints has some 20 inertias
+    joint_acting: int = 40
     #: a part whose column is told by the others to all but this share cannot be told from them
     joint_told: float = 0.01
     #: what is left is noise up to so many times the noise of the torque at its highest frequencies

@@ -116,11 +116,13 @@ def _share(result: JointResult, name: str) -> float:
 
 
 def _part(result: JointResult, name: str) -> JointFinding | None:
-    """One part of friction; None where it has a sign that friction does not have, or no name."""
+    """One part of friction; None where it has a sign that friction does not have, no name, or may be of the rest."""
     chosen = result.chosen
     value, error = chosen.value(name)
     if name == "curved_friction":
         return _stribeck(result)
+    if abs(value) <= error:
+        return None
     if name in ("reversal_travel", "reversal_time"):
         return _reversal(result, name)
     if value < 0 and name in ("dry_friction", "viscous_friction", "load_dependent_friction"):
@@ -199,7 +201,10 @@ def _reversal(result: JointResult, name: str) -> JointFinding | None:
 
 
 def _unnamed(result: JointResult, name: str) -> str:
-    value = number(*result.chosen.value(name), _UNITS.get(name, "Nm"))
+    size, error = result.chosen.value(name)
+    value = number(size, error, _UNITS.get(name, "Nm"))
+    if abs(size) <= error:
+        return f"a part with the form of {_INSTEAD[name]} ({value}): what else is left could make all of it"
     if name in ("dry_friction", "viscous_friction", "load_dependent_friction"):
         return (
             f"a part with the form of {name.replace('_', ' ')} and the wrong sign ({value}): no friction drives a joint"

@@ -41,33 +41,32 @@ class Crossed:
 
 @dataclass(frozen=True)
 class PartGain:
-    """What a part adds: share of the left-out loss, in standard errors, share of blocks; its best variant, its loss."""
+    """What a part adds: share of the left-out loss, whether surely, share of blocks; its best variant, its loss."""
 
     share: float
-    sure: float
+    is_sure: bool
     blocks: float
     part: TorquePart
     held: FloatArray
 
     def is_worse_than(self, other: PartGain) -> bool:
         """Whether left-out stretches tell the two apart."""
-        more = self.held - other.held
-        return bool(more.mean() > SETTINGS.joint_better * more.std(ddof=1) / np.sqrt(len(more)))
+        return surely(self.held - other.held, self.held)
 
     @property
     def passed(self) -> bool:
         """Whether the part predicts what it was not fitted to."""
-        sure = self.sure > SETTINGS.joint_better and self.blocks >= SETTINGS.joint_most
-        return sure and self.share > SETTINGS.joint_share
+        return self.is_sure and self.blocks >= SETTINGS.joint_most and self.share > SETTINGS.joint_share
 
 
 def crossed(columns: FloatArray, rows: JointRows) -> Crossed:
     """Least squares with each block left out in turn."""
     scale = np.sqrt((columns**2).mean(axis=0))
-    x = columns / np.where(scale > 0, scale, 1.0)
-    y = rows.torque
+    together = np.argsort(rows.block, kind="stable")
+    x = columns[together] / np.where(scale > 0, scale, 1.0)
+    y = rows.torque[together]
     count = SETTINGS.joint_blocks
-    edges = np.searchsorted(rows.block, np.arange(count + 1))
+    edges = np.searchsorted(rows.block[together], np.arange(count + 1))
     cut = [slice(*pair) for pair in itertools.pairwise(edges.tolist())]
     grams = np.array([x[own].T @ x[own] for own in cut])
     pulls = np.array([x[own].T @ y[own] for own in cut])
@@ -92,10 +91,16 @@ def gain_of(variants: Sequence[TorquePart], chosen: Sequence[TorquePart], rows: 
     trained = np.array([fit.trained for fit in fits])
     held = np.array([fit.held for fit in fits])[trained.argmin(axis=0), np.arange(SETTINGS.joint_blocks)]
     saved = before.held - held
-    error = float(saved.std(ddof=1) / np.sqrt(len(saved)))
     best = variants[int(trained.sum(axis=1).argmin())]
     share = float(saved.sum() / before.held.sum())
-    return PartGain(share, float(saved.mean() / max(error, 1e-300)), float((saved > 0).mean()), best, held)
+    return PartGain(share, surely(saved, before.held), float((saved > 0).mean()), best, held)
+
+
+def surely(saved: FloatArray, before: FloatArray) -> bool:
+    """Whether stretches save loss beyond their standard error; or all of them, and most of it, however unlike."""
+    error = float(saved.std(ddof=1)) / np.sqrt(len(saved))
+    most = bool((saved > 0).all()) and float(saved.sum()) > SETTINGS.joint_most * float(before.sum())
+    return most or float(saved.mean()) > SETTINGS.joint_better * error
 
 
 def stacked(parts: Sequence[TorquePart]) -> FloatArray:
@@ -124,6 +129,32 @@ def others(rows: JointRows) -> TorquePart | None:
     whitened = known - known.mean(axis=0)
     u, size, _ = np.linalg.svd(whitened / np.maximum(whitened.std(axis=0), 1e-12), full_matrices=False)
     return TorquePart(OTHERS, 0.0, u[:, size > 1e-2 * size[0]] * np.sqrt(len(u)))
+
+
+def acting_of(rows: JointRows) -> tuple[int, ...]:
+    """The columns of the other joints' motion that predict, beside the rigid joint and its friction: the best first,
+    as many as predict left-out stretches best."""
+    names = ("dry_friction", "viscous_friction", "curved_friction")
+    parts = [rigid(rows), *(KINDS[name].variants(name, rows, np.zeros((len(rows.time), 2)))[0] for name in names)]
+    size = np.sqrt((rows.others**2).mean(axis=0))
+    free = rows.others / np.where(size > 0, size, 1.0)
+    basis = np.linalg.qr(stacked(parts))[0]
+    free, left = (x - basis @ (basis.T @ x) for x in (free, rows.torque))
+    chosen, held = list[int](), [float(crossed(stacked(parts), rows).held.sum())]
+    while len(chosen) < min(SETTINGS.joint_acting, rows.others.shape[1]):
+        power = (free**2).sum(axis=0)
+        told = power > SETTINGS.joint_told * len(left)
+        score = np.where(told, (free.T @ left) ** 2 / np.where(told, power, 1.0), 0.0)
+        place = int(score.argmax())
+        if not score[place]:
+            break
+        chosen.append(place)
+        parts.append(TorquePart(OTHERS, 0.0, rows.others[:, [place]]))
+        # several together may predict where none of them does alone
+        held.append(float(crossed(stacked(parts), rows).held.sum()))
+        new = free[:, place] / np.sqrt(power[place])
+        free, left = (x - (np.outer(new, new @ x) if x.ndim == 2 else new * (new @ x)) for x in (free, left))
+    return tuple(chosen[: int(np.argmin(held))])
 
 
 def base_of(rows: JointRows) -> list[TorquePart]:
@@ -274,7 +305,8 @@ def choose(rows: JointRows, beside: Sequence[TorquePart] = ()) -> Chosen:
     if group is not None:
         rich = [*base, *friction]
         if gain_of([group], rich, rows, crossed(stacked(rich), rows)).passed:
-            base.append(group)
+            # beside so many columns one kind of friction alone may predict nothing
+            base += [group, *friction]
     parts, not_told = [*base, *beside], set[str]()
     while True:
         fit = crossed(stacked(parts), rows)

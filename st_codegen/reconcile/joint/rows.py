@@ -5,6 +5,7 @@ Smoothing both sides of an equation with one kernel leaves it true, so the rates
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
@@ -62,14 +63,21 @@ def noise_of(values: FloatArray) -> float:
 
 
 def rows_of(
-    recordings: Sequence[JointRecording], joint: str, shift: int = 0, least_kernel_s: float = 0.0
+    recordings: Sequence[JointRecording],
+    joint: str,
+    shift: int = 0,
+    least_kernel_s: float = 0.0,
+    acting: Sequence[int] | None = None,
 ) -> JointRows | None:
-    """The rows of one joint of recordings; shift: samples by which the torque is taken later. None without motion."""
+    """The rows of one joint of recordings; shift: samples by which the torque is taken later. None without motion.
+
+    acting: which of the columns of the other joints' motion are wanted; None: all.
+    """
     kernel = max(_kernel(one.angle[joint]) for one in recordings)
     kernel = max(kernel, int(np.ceil(least_kernel_s / recordings[0].step_s)))
     parts, start, reversals = [], 0.0, 0
     for one in recordings:
-        part, count = _rows(one, joint, kernel, shift)
+        part, count = _rows(one, joint, kernel, shift, acting)
         parts.append([part[0] + start, *part[1:]])
         start, reversals = start + one.step_s * (len(one.angle[joint]) + 1), reversals + count
     columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
@@ -80,6 +88,9 @@ def rows_of(
     if count < SETTINGS.joint_samples // 10:
         return None
     block = (np.arange(count) * SETTINGS.joint_blocks) // count
+    if (period := _period_s(recordings)) is not None:
+        # what is left out must not come back in the next round
+        block = (time[chosen] % period * (SETTINGS.joint_blocks / period)).astype(np.int64)
     step = recordings[0].step_s
     noise, shaken = (
         float(np.sqrt(np.mean([noise_of(values[joint]) ** 2 for values in given])))
@@ -95,6 +106,32 @@ def rows_of(
     )  # fmt: skip
 
 
+def _period_s(recordings: Sequence[JointRecording]) -> float | None:
+    """The time after which all joints of one recording do the same again, once at least; None: they do not."""
+    if len(recordings) > 1:
+        return None
+    one = recordings[0]
+    moved = np.stack([(angle - angle.mean()) / max(float(angle.std()), 1e-300) for angle in one.angle.values()])
+    count = moved.shape[1]
+    most = count // 2
+    # sum of squares of what lies a lag apart, by way of the correlation
+    waves = np.fft.rfft(moved, 2 * count)
+    alike = np.fft.irfft(np.abs(waves) ** 2).sum(axis=0)[: most + 1]
+    power = np.concatenate([[0.0], np.cumsum((moved**2).sum(axis=0))])
+    lags = np.arange(most + 1)
+    apart = power[count - lags] + power[-1] - power[lags] - 2 * alike
+    off = apart / (moved.shape[0] * (count - lags))
+    far = np.flatnonzero(off > SETTINGS.joint_repeats)
+    if not len(far):
+        return None
+    back = np.flatnonzero(off[far[0] :] < SETTINGS.joint_repeats)
+    if not len(back):
+        return None
+    start = int(far[0] + back[0])
+    near = off[start : start + max(start // 50, 2)]
+    return float(start + np.argmin(near)) * one.step_s
+
+
 def _kernel(angle: FloatArray) -> int:
     """The width (samples) at which the noise of the angle no longer matters in the acceleration."""
     noise, (least, most) = noise_of(angle), SETTINGS.joint_kernel
@@ -106,7 +143,9 @@ def _kernel(angle: FloatArray) -> int:
     return most
 
 
-def _rows(one: JointRecording, joint: str, kernel: int, shift: int) -> tuple[list[FloatArray], int]:
+def _rows(
+    one: JointRecording, joint: str, kernel: int, shift: int, acting: Sequence[int] | None
+) -> tuple[list[FloatArray], int]:
     def smooth(values: FloatArray, order: int = 0) -> FloatArray:
         # differences of the smooth curve: a sampled kernel of a derivative would let a part of the angle itself pass
         found: FloatArray = gaussian_filter1d(values, kernel)
@@ -135,16 +174,46 @@ def _rows(one: JointRecording, joint: str, kernel: int, shift: int) -> tuple[lis
     known = before >= 0
     travel: FloatArray = np.where(known, np.abs(angle[moving] - angle[at]), np.inf)
     since: FloatArray = np.where(known, (moving - at) * one.step_s, np.inf)
-    columns = []
-    for other in sorted(set(one.angle) - {joint}):
-        q, v, a = (smooth(one.angle[other], order)[moving] for order in range(3))
-        both = angle[moving] + q
-        columns += [a, a * np.cos(q), v * v, v * speed[moving], np.cos(q), np.sin(q), np.cos(both), np.sin(both)]
-        columns += [acceleration[moving] * np.cos(q), a * np.sin(q), v * v * np.sin(q)]
-    others = np.stack(columns, axis=1) if columns else np.zeros((len(moving), 0))
+    own = angle[moving], speed[moving], acceleration[moving]
+    beside = [
+        (q[moving], v[moving], a[moving])
+        for q, v, a in (
+            [smooth(one.angle[name], order) for order in range(3)] for name in sorted(set(one.angle) - {joint})
+        )
+    ]
+    others = _acting(own, beside, acting)
     torque = smooth(np.roll(one.torque[joint], -shift))
     clock = np.asarray(index * one.step_s, np.float64)
     values: list[FloatArray] = [clock, angle, speed, acceleration, torque]
     found: list[FloatArray] = [column[moving] for column in values]
     found += [travel, since, others]
     return found, len(turned)
+
+
+#: Angle, speed and acceleration of a joint, (n,) each.
+_Motion = tuple[FloatArray, FloatArray, FloatArray]
+
+
+def _acting(own: _Motion, beside: Sequence[_Motion], chosen: Sequence[int] | None) -> FloatArray:
+    """What the other joints' motion may add to a joint's torque, (n, p), whatever the arm looks like.
+
+    In a chain of rigid links inertias are sums of waves of the angles, so the torque is one of accelerations, products
+    of speeds, and gravity, each times such waves: here those of two other joints at most.
+    """
+    (q0, v0, a0), one = own, np.ones(len(own[0]))
+    terms: list[tuple[FloatArray, FloatArray]] = []
+
+    def waves(*angles: FloatArray) -> list[FloatArray]:
+        return [wave(angle) for angle in angles for wave in (np.cos, np.sin)]
+
+    for q, v, a in beside:
+        outer = waves(q, 2 * q)
+        terms += itertools.product((a0,), outer)
+        terms += itertools.product((a, v * v, v * v0), (one, *outer, *waves(q0, 2 * q0, q0 + q, q0 - q)))
+        terms += itertools.product((one,), (*outer, *waves(q0 + q, q0 - q)))
+    for (q, v, a), (r, w, b) in itertools.combinations(beside, 2):
+        terms.append((v * w, one))
+        terms += itertools.product((a0, a, b, v * w, one), waves(q + r, q - r, q0 + q + r))
+    chosen = range(len(terms)) if chosen is None else chosen
+    found = [terms[place][0] * terms[place][1] for place in chosen]
+    return np.stack(found, axis=1) if found else np.zeros((len(q0), 0))

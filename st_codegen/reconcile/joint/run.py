@@ -16,11 +16,13 @@ from st_codegen.reconcile.joint.parts import (
     RIGID,
     Chosen,
     TorquePart,
+    acting_of,
     base_of,
     choose,
     crossed,
     floor_of,
     stacked,
+    surely,
     without_outliers,
 )
 from st_codegen.reconcile.joint.reading import JointRecording
@@ -110,9 +112,11 @@ def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]
             )
         recordings = _scaled(recordings, joint, -1.0)
         notes.append(f"the sign of tau{joint} was turned, as accepted")
-    kernel, unseen = _below_mode(recordings, joint, rows)
-    shift = _shift(recordings, joint, kernel)
-    rows = rows_of(recordings, joint, shift, kernel) or rows
+    acting = acting_of(rows)
+    rows = rows_of(recordings, joint, acting=acting) or rows
+    kernel, unseen = _below_mode(recordings, joint, rows, acting)
+    shift = _shift(recordings, joint, kernel, acting)
+    rows = rows_of(recordings, joint, shift, kernel, acting) or rows
     rows, outliers = without_outliers(rows)
     chosen, waves = choose(rows), list[TorqueWave]()
     while len(waves) < SETTINGS.joint_waves:
@@ -160,7 +164,9 @@ def is_opposite(rows: JointRows) -> bool:
     return bool(fit.values[0] < sure * fit.errors[0] and fit.values[-1] < sure * fit.errors[-1])
 
 
-def _below_mode(recordings: list[JointRecording], joint: str, rows: JointRows) -> tuple[float, bool]:
+def _below_mode(
+    recordings: list[JointRecording], joint: str, rows: JointRows, acting: Sequence[int]
+) -> tuple[float, bool]:
     """The kernel (s) that leaves modes out: below them a joint is rigid. Whether there is one that was not seen."""
     known = stacked(_rich(rows))
     values = crossed(known, rows).values
@@ -171,40 +177,50 @@ def _below_mode(recordings: list[JointRecording], joint: str, rows: JointRows) -
         kernel = max(kernel, SETTINGS.joint_below_mode / (2 * np.pi * lowest))
     unseen = False
     # a rigid joint has one inertia at all frequencies: what a wider kernel sees otherwise is an unseen mode
-    while (inertia := _inertia(recordings, joint, kernel)) is not None:
-        wider = _inertia(recordings, joint, 2 * kernel)
-        if wider is None or abs(inertia - wider) <= SETTINGS.joint_one_inertia * abs(wider):
+    while (narrow := _inertia(recordings, joint, kernel, acting)) is not None:
+        wide = _inertia(recordings, joint, 2 * kernel, acting)
+        if wide is None:
+            break
+        (inertia, error), (other, more) = narrow, wide
+        if abs(inertia - other) <= max(
+            SETTINGS.joint_one_inertia * abs(other), SETTINGS.joint_better * float(np.hypot(error, more))
+        ):
             break
         kernel, unseen = 2 * kernel, True
     return kernel, unseen
 
 
-def _inertia(recordings: list[JointRecording], joint: str, kernel_s: float) -> float | None:
-    rows = rows_of(recordings, joint, 0, kernel_s)
-    return None if rows is None else float(crossed(stacked(_rich(rows)), rows).values[0])
+def _inertia(
+    recordings: list[JointRecording], joint: str, kernel_s: float, acting: Sequence[int]
+) -> tuple[float, float] | None:
+    """The inertia that a kernel shows, and its error."""
+    rows = rows_of(recordings, joint, 0, kernel_s, acting)
+    if rows is None:
+        return None
+    fit = crossed(stacked(_rich(rows)), rows)
+    return float(fit.values[0]), float(fit.errors[0])
 
 
-def _shift(recordings: list[JointRecording], joint: str, kernel_s: float) -> int:
+def _shift(recordings: list[JointRecording], joint: str, kernel_s: float, acting: Sequence[int]) -> int:
     """Samples by which the torque is late: the shift whose model predicts best, if it surely does so better."""
     most = int(min(_MOST_SHIFT_S / recordings[0].step_s, 30))
     fits = {}
-    base = rows_of(recordings, joint, 0, kernel_s)
+    base = rows_of(recordings, joint, 0, kernel_s, acting)
     seen = [] if base is None else _seen(base)
     for shift in {*range(-most, most + 1, max(1, most // 8)), 0}:
-        rows = rows_of(recordings, joint, shift, kernel_s)
+        rows = rows_of(recordings, joint, shift, kernel_s, acting)
         if rows is not None and base is not None and len(rows.time) > 0.9 * len(base.time):
             fits[shift] = crossed(stacked(_rich(rows, seen)), rows).held / len(rows.time)
     if not fits:
         return 0
     best = min(fits, key=lambda s: fits[s].sum())
     for shift in range(best - max(1, most // 8) + 1, best + max(1, most // 8)):
-        rows = rows_of(recordings, joint, shift, kernel_s)
+        rows = rows_of(recordings, joint, shift, kernel_s, acting)
         if shift not in fits and rows is not None:
             fits[shift] = crossed(stacked(_rich(rows, seen)), rows).held / len(rows.time)
     best = min(fits, key=lambda s: fits[s].sum())
     saved = fits[0] - fits[best]
-    error = float(saved.std(ddof=1)) / np.sqrt(len(saved))
-    sure = float(saved.mean()) > SETTINGS.joint_better * error and (saved > 0).mean() >= SETTINGS.joint_most
+    sure = surely(saved, fits[0]) and (saved > 0).mean() >= SETTINGS.joint_most
     return best if sure and saved.sum() > SETTINGS.joint_share * fits[0].sum() else 0
 
 
