@@ -313,7 +313,7 @@ def measurement(result: JointResult) -> list[str]:
         found.append(f"{result.outliers} single samples of torque far off all others are left out")
     if OTHERS in result.chosen.names():
         found.append(
-            "a part of the torque follows the motion of other joints; it is taken off by their rates, not modelled"
+            "a part of the torque follows the motion of other joints; it is taken off by what links in a chain can add"
         )
     return found
 

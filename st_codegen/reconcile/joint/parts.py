@@ -131,16 +131,26 @@ def others(rows: JointRows) -> TorquePart | None:
     return TorquePart(OTHERS, 0.0, u[:, size > 1e-2 * size[0]] * np.sqrt(len(u)))
 
 
-def acting_of(rows: JointRows) -> tuple[int, ...]:
-    """The columns of the other joints' motion that predict, beside the rigid joint and its friction: the best first,
-    as many as predict left-out stretches best."""
+@dataclass(frozen=True)
+class Acting:
+    """Columns of the other joints' motion that predict, and by how much other choices of them move friction."""
+
+    columns: tuple[int, ...]
+    moves: Mapping[str, float]
+
+
+def acting_of(rows: JointRows) -> Acting:
+    """The columns beside the rigid joint and its friction, the best first, as many as predict left-out stretches best.
+
+    Other numbers of them that predict no worse give friction another size: nobody knows which are the true ones.
+    """
     names = ("dry_friction", "viscous_friction", "curved_friction")
     parts = [rigid(rows), *(KINDS[name].variants(name, rows, np.zeros((len(rows.time), 2)))[0] for name in names)]
     size = np.sqrt((rows.others**2).mean(axis=0))
     free = rows.others / np.where(size > 0, size, 1.0)
     basis = np.linalg.qr(stacked(parts))[0]
     free, left = (x - basis @ (basis.T @ x) for x in (free, rows.torque))
-    chosen, held = list[int](), [float(crossed(stacked(parts), rows).held.sum())]
+    chosen, fits = list[int](), [crossed(stacked(parts), rows)]
     while len(chosen) < min(SETTINGS.joint_acting, rows.others.shape[1]):
         power = (free**2).sum(axis=0)
         told = power > SETTINGS.joint_told * len(left)
@@ -151,10 +161,14 @@ def acting_of(rows: JointRows) -> tuple[int, ...]:
         chosen.append(place)
         parts.append(TorquePart(OTHERS, 0.0, rows.others[:, [place]]))
         # several together may predict where none of them does alone
-        held.append(float(crossed(stacked(parts), rows).held.sum()))
+        fits.append(crossed(stacked(parts), rows))
         new = free[:, place] / np.sqrt(power[place])
         free, left = (x - (np.outer(new, new @ x) if x.ndim == 2 else new * (new @ x)) for x in (free, left))
-    return tuple(chosen[: int(np.argmin(held))])
+    count = int(np.argmin([fit.held.sum() for fit in fits]))
+    best = fits[count]
+    alike = np.array([fit.values[4:7] for fit in fits if not surely(fit.held - best.held, fit.held)])
+    moves = np.abs(alike - best.values[4:7]).max(axis=0)
+    return Acting(tuple(chosen[:count]), dict(zip(names, moves.tolist(), strict=True)))
 
 
 def base_of(rows: JointRows) -> list[TorquePart]:
@@ -289,10 +303,10 @@ def floor_of(chosen: Chosen, rows: JointRows) -> float:
     return float(np.hypot(torque, chosen.fit.values[0] * acceleration))
 
 
-def choose(rows: JointRows, beside: Sequence[TorquePart] = ()) -> Chosen:
+def choose(rows: JointRows, moves: Mapping[str, float], beside: Sequence[TorquePart] = ()) -> Chosen:
     """Take parts one by one, the one that predicts best first, and test each beside all others in the end.
 
-    beside: parts that are taken already (waves).
+    moves: of `Acting`; beside: parts that are taken already (waves).
     """
     base: list[TorquePart] = [rigid(rows)]
     fit = crossed(stacked(base), rows)
@@ -319,7 +333,7 @@ def choose(rows: JointRows, beside: Sequence[TorquePart] = ()) -> Chosen:
             parts += both
         else:
             break
-    return _judged(rows, parts, not_told)
+    return _judged(rows, parts, not_told, moves)
 
 
 def _gains(rows: JointRows, parts: Sequence[TorquePart], fit: Crossed, not_told: set[str]) -> dict[str, PartGain]:
@@ -353,7 +367,7 @@ def _both(
     return [rise, falls[gain.part.law]] if gain.passed else []
 
 
-def _judged(rows: JointRows, parts: list[TorquePart], not_told: set[str]) -> Chosen:
+def _judged(rows: JointRows, parts: list[TorquePart], not_told: set[str], moves: Mapping[str, float]) -> Chosen:
     """Drop what no longer helps beside the others; list what would do in place of each that stays."""
     while True:
         fit = crossed(stacked(parts), rows)
@@ -375,6 +389,8 @@ def _judged(rows: JointRows, parts: list[TorquePart], not_told: set[str]) -> Cho
             left = max(float(fit.held.mean()) * len(fit.held) / len(rows.time) - floor_of(now, rows) ** 2, 0.0)
             size = np.sqrt((stacked(parts) ** 2).mean(axis=0))
             by_law = np.hypot(_of_laws(rows, parts, now), np.sqrt(left) / np.maximum(size, 1e-300))
+            of_parts = [moves.get(part.name, 0.0) for part in parts for _ in range(part.columns.shape[1])]
+            by_law = np.hypot(by_law, of_parts)
             return Chosen(tuple(parts), fit, gains, alternatives, tuple(sorted(not_told)), by_law)
         worst = min(weak, key=lambda name: gains[name].share)
         parts = [p for p in parts if p.name != worst]

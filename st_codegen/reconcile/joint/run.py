@@ -113,18 +113,18 @@ def _joint(recordings: list[JointRecording], joint: str, accept: Collection[str]
         recordings = _scaled(recordings, joint, -1.0)
         notes.append(f"the sign of tau{joint} was turned, as accepted")
     acting = acting_of(rows)
-    rows = rows_of(recordings, joint, acting=acting) or rows
-    kernel, unseen = _below_mode(recordings, joint, rows, acting)
-    shift = _shift(recordings, joint, kernel, acting)
-    rows = rows_of(recordings, joint, shift, kernel, acting) or rows
+    rows = rows_of(recordings, joint, acting=acting.columns) or rows
+    kernel, unseen = _below_mode(recordings, joint, rows, acting.columns)
+    shift = _shift(recordings, joint, kernel, acting.columns)
+    rows = rows_of(recordings, joint, shift, kernel, acting.columns) or rows
     rows, outliers = without_outliers(rows)
-    chosen, waves = choose(rows), list[TorqueWave]()
+    chosen, waves = choose(rows, acting.moves), list[TorqueWave]()
     while len(waves) < SETTINGS.joint_waves:
         wave = find_wave(rows, chosen)
         if wave is None or any(abs(wave.number - w.number) < wave.resolution and w.over == wave.over for w in waves):
             break
         waves.append(wave)
-        chosen = choose(rows, [one.gain.part for one in waves])
+        chosen = choose(rows, acting.moves, [one.gain.part for one in waves])
     kept = tuple(wave for wave in waves if wave.gain.part.name in chosen.names())
     rest = chosen.of(set(chosen.names())) - chosen.fit.values[0] * rows.acceleration
     mode, most = _mode(recordings, joint, rows, rest, shift)
