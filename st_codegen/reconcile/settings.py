@@ -32,6 +32,8 @@ class Settings:
     orders_of_line: int = 8
 
     # --- mistakes of measuring ---
+    #: rows from which an angle that all have in common is fitted: more tell it better than the vote that follows asks
+    rows_that_tell: int = 100
     #: a ramp over the turn must be so many standard deviations of the slopes of single orders
     ramp: float = 4.0
     #: orders of curves at which it is looked for: above those of shafts, where there are samples enough
@@ -284,6 +286,9 @@ class Settings:
     least_rows: int = 8
     #: share of the whole gap from which on it says more than the gap of an effect's own orders
     much: float = 0.05
+    #: a held-out gap of so many floors is one to give the reason of: the orders that make so much of its power
+    above_floor: float = 1.3
+    most_of_gap: float = 0.75
 
     # --- recordings of joints ---
     #: samples of a file at least; how far one may be off even steps (steps); turns of a joint from which on an angle

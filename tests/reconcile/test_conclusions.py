@@ -13,7 +13,7 @@ from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.candidates import Search, variants
 from st_codegen.reconcile.judge.conclusions import conclude, settled
 from st_codegen.reconcile.judge.peaks import bracket, spread
-from st_codegen.reconcile.judge.plausible import is_no_form_error, law_holds
+from st_codegen.reconcile.judge.plausible import bounds_met, is_no_form_error, law_holds
 from st_codegen.reconcile.judge.retuned import changes
 from st_codegen.reconcile.report.findings import Finding, share_text
 from st_codegen.reconcile.settings import SETTINGS
@@ -221,3 +221,12 @@ def test_a_changed_parameter_names_what_would_do_in_its_place():
     truth = RigModel(effects=(*RIG.effects, play, effect("friction_windup", coulomb_arcmin=0.5)))
     (changed,) = conclude(rig, fitted(rig, observed(truth, loaded)), KNOWN).retuned
     assert (changed.after.name, changed.alternatives) == ("backlash", ("friction_windup",))
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "met"), [(0.5, True), (0.6, False), (454.0, False), (9000.0, False), (2e4, True)]
+)
+def test_a_stiff_transmission_is_not_at_the_bound_of_soft_ones(stiffness, met):
+    """The inverse spans five decades: a thousandth of its range was all that is stiffer than 490 N m per arcmin."""
+    piece = piece_of(effect("torsional_compliance", stiffness_Nm_per_arcmin=stiffness), added=True)
+    assert bool(bounds_met(piece)) is met

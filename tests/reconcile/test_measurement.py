@@ -48,11 +48,21 @@ def column(data, factor):
     return replace(data, values=data.values * np.where(data.at.sign > 0, factor, 1.0)[:, None])
 
 
-def ramp(data, used):
+def ramp(data, used, start_deg=0.0):
     size = 360 * (1 - 81 / used)
-    return replace(
-        data, values=data.values + np.where(ORDERS == 0, size / 2, 1j * size / (np.pi * np.maximum(ORDERS, 1)))
-    )
+    waves = 1j * size / (np.pi * np.maximum(ORDERS, 1)) * np.exp(-1j * np.deg2rad(start_deg) * ORDERS)
+    return replace(data, values=data.values + np.where(ORDERS == 0, size / 2, waves))
+
+
+def misread(data, error_deg, often=1):
+    """The same curves where an angle theta is read as theta + error_deg * cos(often * theta + 0.4), by samples."""
+    read = 2 * np.pi * np.arange(4096) / 4096
+    true = read
+    for _ in range(50):
+        true = read - np.deg2rad(error_deg) * np.cos(often * true + 0.4)
+    curves = (data.values @ np.exp(1j * np.outer(data.orders, true))).real
+    seen = np.fft.rfft(curves, axis=1)[:, ORDERS] * np.where(ORDERS == 0, 1, 2) / 4096
+    return replace(data, values=seen)
 
 
 MADE = {
@@ -61,15 +71,19 @@ MADE = {
     "direction": exchanged,
     "column_scale": lambda data: column(data, 0.8),
     "ratio": lambda data: ramp(data, 82),
+    "ratio from 130": lambda data: ramp(data, 81.01, 130.0),
+    "axis": lambda data: misread(data, 0.3),
+    "axis twice a turn": lambda data: misread(data, 0.3, 2),
 }
 
 
 @pytest.mark.parametrize("name", MADE)
 def test_a_mistake_is_asked_about_and_corrected(name):
-    made = MADE[name](measured())
+    made, (name, *how) = MADE[name](measured(3e-6)), name.split(maxsplit=1)
     with pytest.raises(InputError, match=f"--accept {name}") as asked:
         examine(made, RIG, PATH)
     assert "problems" not in str(asked.value), "one mistake is one question"
+    assert all(word in str(asked.value) for word in how)
     examined = examine(made, RIG, PATH, accept=[name])
     assert [mistake.name for mistake in examined.mistakes] == [name]
     # half a step of the grid of angles at order 240 is 0.1 deg of home
@@ -103,9 +117,10 @@ def test_runs_with_a_zero_of_their_own_are_turned_back(some):
     assert np.abs(back.values - data.values).max() < 1e-4
 
 
-def test_a_drift_within_the_turn_is_taken_out_and_the_mean_is_not_looked_at():
+@pytest.mark.parametrize("start_deg", [0.0, 77.0])
+def test_a_drift_within_the_turn_is_taken_out_and_the_mean_is_not_looked_at(start_deg):
     data = of_curves()
-    drift = of_runs(np.linspace(0.0, 0.1, RUNS))
+    drift = of_runs(np.linspace(0.0, 0.1, RUNS)) * np.exp(-1j * np.deg2rad(start_deg) * ORDERS)
     made = replace(data, values=data.values + np.where(ORDERS == 0, 0, 1j * drift / (np.pi * np.maximum(ORDERS, 1))))
     with pytest.raises(InputError, match="--accept drift") as asked:
         examine(made, RIG, PATH)
@@ -230,6 +245,17 @@ def test_an_effect_of_one_direction_is_no_factor_on_its_column():
     data = measured(sigma=1e-4)
     own = np.isin(ORDERS, [39, 78, 156]) & (data.at.sign > 0)[:, None]
     assert examine(replace(data, values=data.values * np.where(own, 1.5, 1.0)), RIG, PATH).mistakes == ()
+
+
+def test_a_mesh_order_that_is_modulated_once_a_turn_is_no_misread_angle():
+    """One order has sidebands, as of a part off centre, or two of them: those of a misread angle are on all."""
+    data = measured(1e-5)
+    orders = np.unique(np.concatenate([ORDERS, [77, 79, 161, 163]]))
+    values = RIG.coefficients(data.at, orders.tolist())
+    noise = 1e-5 * np.random.default_rng(3).standard_normal((2, *values.shape))
+    values = values + np.where(orders == 0, noise[0], noise[0] + 1j * noise[1])
+    values += np.where(np.isin(orders, [77, 79]), 4e-4 * np.exp(1j), 0) + np.where(np.isin(orders, [161, 163]), 3e-4, 0)
+    assert examine(replace(data, orders=orders, values=values), RIG, PATH).mistakes == ()
 
 
 def humming(waves, start_deg=7.0, samples=400, sigma=1e-5):

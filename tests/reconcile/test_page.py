@@ -7,10 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from st_codegen.reconcile.data.hum import Hum
+from st_codegen.reconcile.judge.unexplained import of_a_hum
 from st_codegen.reconcile.plan.next_runs import next_runs
 from st_codegen.reconcile.report.findings import findings, share_text
+from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.pages import report_page
 from st_codegen.reconcile.report.ranking import outcome, ranking_section
+from st_codegen.reconcile.report.sentences import left_text
 from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.run import OrderGap, reconcile_observations
 from tests import browser
@@ -70,6 +74,24 @@ def test_each_finding_says_what_is_next(result, page):
     for finding in findings(result, next_runs(result)):
         assert finding.todo
         assert html.escape(finding.todo) in page
+
+
+def test_a_gap_well_above_the_floor_has_its_reason(result, page):
+    text = left_text(result)
+    size = result.held_out.after / result.held_out.noise_floor
+    assert text.startswith(f"The gap on held-out runs is {size:.3g} floors: ")
+    assert re.search(r" 9\d % of its power is order 3, 0\.000\d+ deg RMS \(of the .* both directions share", text)
+    assert html.escape(text) in page and text in summary(result)
+    assert left_text(replace(result, held_out=replace(result.held_out, noise_floor=result.held_out.after))) == ""
+
+
+def test_a_hum_stands_with_its_frequency(result):
+    hum = Hum(50.0, 2e-3, (40, 60), np.full(200, 1e-5))
+    found = replace(result, unexplained=(of_a_hum(hum, 1e-6, result.data.orders), *result.unexplained))
+    page = report_page(found, None, next_runs(found))
+    assert "<td>50 Hz</td>" in page and html.escape(hum.text) in page
+    entry = report(found)["unexplained"][0]
+    assert entry["order"] is None and entry["frequency_Hz"] == 50.0 and hum.text in summary(found)
 
 
 def test_no_words_of_statisticians(page):

@@ -154,25 +154,62 @@ def _check_ratio(campaign: Campaign, rig: RigModel) -> None:
         return
     orders = np.arange(low, min(band, high) + 1)
     waves = np.stack([curve.sums.te[orders] * (2.0 / curve.sums.samples) for curve in campaign.curves])
-    size, scatter = ramp_deg(orders, waves)
+    size, scatter, start = ramp_deg(orders, waves)
     if abs(size) > SETTINGS.ramp * scatter:
         ratio = rig.constants.reduction_ratio
         raise InputError(
-            f"{campaign.folder}: TE rises by {size:.3g} deg over a turn in every curve, as if computed "
-            f"with a reduction ratio of {ratio / (1 - size / 360.0):.6g}, not {ratio:g}. Compute TE with the ratio of "
-            "the rig, or correct reduction_ratio in the rig file"
+            f"{campaign.folder}: TE rises by {size:.3g} deg over a turn{begin_text(start)} in every curve, as if "
+            f"computed with a reduction ratio of {ratio / (1 - size / 360.0):.6g}, not {ratio:g}. Compute TE with the "
+            "ratio of the rig, or correct reduction_ratio in the rig file"
         )
 
 
-def ramp_deg(orders: IntArray, coefficients: ComplexArray) -> tuple[float, float]:
-    """The ramp over a turn (deg) that all orders share, and the scatter of single ones; a ramp s is c_k = i s / (pi k).
+def ramp_deg(orders: IntArray, coefficients: ComplexArray) -> tuple[float, float, float]:
+    """The ramp over a turn (deg) that all orders share, the scatter of single ones, and where it begins (rad).
 
-    coefficients: complex (.., K) of orders (K,). Single waves have any phase: only a ramp has one slope at all orders.
+    A ramp s is c_k = i s / (pi k) exp(-i k start). coefficients: complex (n, K) of orders (K,). Single waves have any
+    phase: only a ramp has one slope at all orders.
     """
     chosen = orders > 0
-    slopes = (coefficients[..., chosen].imag * np.pi * orders[chosen]).ravel()
-    size = float(np.median(slopes)) if slopes.size else 0.0
-    return size, float(np.median(np.abs(slopes - size))) / 0.6745 if slopes.size else np.inf
+    k, own = orders[chosen], coefficients[:, chosen]
+    if not k.size:
+        return 0.0, np.inf, 0.0
+    start = start_of_ramp(own, np.zeros(own.shape), k)
+    slopes = ((own * np.exp(1j * start * k)).imag * np.pi * k).ravel()
+    size = float(np.median(slopes))
+    return size, float(np.median(np.abs(slopes - size))) / 0.6745, start
+
+
+def start_of_ramp(gap: ComplexArray, noise: FloatArray, orders: IntArray) -> float:
+    """The angle (rad) at which ramps over the turn begin that explain most of gaps (n, K), 0 where that does as well.
+
+    noise: power, (n, K). Few orders have the phases of a ramp by chance, as many angles as there are to try.
+    """
+    waves = orders > 0
+    if waves.sum() < SETTINGS.least_orders_of_zero:
+        return 0.0
+    some = slice(None, None, -(-len(gap) // SETTINGS.rows_that_tell))
+    k, own = orders[waves], gap[some, waves]
+    # one vote an order, however large it is, as far as it is more than noise
+    power = np.maximum((np.abs(own) ** 2).mean(axis=0), 1e-300)
+    weighed = own / np.sqrt(power) * np.maximum(1.0 - noise[some, waves].mean(axis=0) / power, 0.0)
+
+    def explained(angles: FloatArray) -> FloatArray:
+        return np.asarray((np.imag(weighed @ np.exp(1j * np.outer(k, angles))) ** 2).sum(axis=0))
+
+    grid = np.arange(0.0, 2 * np.pi, 2 * np.pi / (8 * int(k.max())))
+    best, at_zero = float(grid[explained(grid).argmax()]), float(explained(np.zeros(1))[0])
+    if at_zero > SETTINGS.stable * float(explained(np.array([best]))[0]):
+        return 0.0
+    for step in (grid[1], grid[1] / 20, grid[1] / 400):
+        near = best + step * np.linspace(-1, 1, 41)
+        best = float(near[explained(near).argmax()])
+    return best
+
+
+def begin_text(start: float) -> str:
+    """Where a ramp begins, if not at the zero of the angle."""
+    return f" from {np.degrees(start):.1f} deg on" if start else ""
 
 
 def _listed_runs(folder: Path, campaign: Campaign) -> IntArray | None:

@@ -1,10 +1,12 @@
-"""Mistakes of measuring that differ from run to run: a zero of the angle of its own, a drift within the turn.
+"""Mistakes of measuring that are a few numbers for all orders: ramps over the turn, zeros of the angle, its distortion.
 
-Each is one number a run for all of its orders, so that the orders can be asked: no effect turns every order k by k
-times one angle in some runs and not in others, and none gives every order k a part in proportion to 1/k.
+So the orders can be asked, each by a vote: no effect turns every order k by k times one angle in some runs and not in
+others, gives every order k a part in proportion to 1/k, or gives every order sidebands that grow with it.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,13 +23,14 @@ def ramp(gap: ComplexArray, noise: FloatArray, orders: IntArray) -> float:
     return float(np.quantile(np.pi * orders * gap.imag, 0.5, method="inverted_cdf", weights=sure))
 
 
-def ramps(gap: ComplexArray, noise: FloatArray, orders: IntArray) -> FloatArray:
+def ramps(gap: ComplexArray, noise: FloatArray, orders: IntArray, start: float) -> FloatArray:
     """The ramp over a turn (deg) of each row that all its orders share, (n,); 0 in all rows where the orders disagree.
 
-    gap, noise: what the rig leaves of coefficients, and the power of their noise, (n, K).
+    gap, noise: what the rig leaves of coefficients, and the power of their noise, (n, K); start: angle (rad) at which
+    the ramps begin.
     """
     waves = orders > 0
-    k, own, power = orders[waves], gap[:, waves], noise[:, waves]
+    k, own, power = orders[waves], gap[:, waves] * np.exp(1j * start * orders[waves]), noise[:, waves]
     found = np.array([ramp(*row, k) for row in zip(own, power, strict=True)])
     left = own - 1j * found[:, None] / (np.pi * k)
     # of a random walk within the turn a ramp is half the power of each order
@@ -77,3 +80,72 @@ def _most_gain(before: ComplexArray, after: ComplexArray, noise: FloatArray, vot
     told: BoolArray = left > SETTINGS.told * least
     gain = np.log(np.maximum(left, 1e-300) / np.maximum(right, np.maximum(least, 1e-300)))
     return bool(told.sum() >= SETTINGS.least_votes and (gain[told] > vote).mean() > SETTINGS.most_orders)
+
+
+@dataclass(frozen=True)
+class Distorted:
+    """An angle that is read as theta + Re(b1 exp(i theta) + b2 exp(2 i theta)); error: (b1, b2), rad.
+
+    Every order k has sidebands then, k * error / 2 times as large as itself, and is smaller itself.
+    """
+
+    error: ComplexArray
+
+    def seen(self, values: ComplexArray, orders: IntArray, wanted: IntArray) -> ComplexArray:
+        """What the orders (K,) of curves, (n, K), give the wanted ones where the angle is read so."""
+        grid = _grid(int(max(orders.max(), wanted.max())))
+        true = grid
+        for _ in range(_ROUNDS):
+            true = grid - self._off(true)
+        return _over(values, orders, wanted, true)
+
+    def corrected(self, values: ComplexArray, orders: IntArray) -> ComplexArray:
+        """The same orders of curves over the true angle."""
+        grid = _grid(int(orders.max()))
+        return _over(values, orders, orders, grid + self._off(grid))
+
+    def _off(self, theta: FloatArray) -> FloatArray:
+        return np.asarray((self.error @ np.exp(1j * np.outer((1, 2), theta))).real)
+
+
+def distortion(
+    values: ComplexArray, noise: FloatArray, orders: IntArray, rig: ComplexArray, its: IntArray
+) -> Distorted | None:
+    """How the angle of measured coefficients (n, K) is distorted, if it is; None where a fit does not find it.
+
+    noise: power, (n, K); rig: coefficients (n, R) of its orders (R,).
+    """
+    found, least = Distorted(np.zeros(2, np.complex128)), noise.mean(axis=0)
+    expected = found.seen(rig, its, orders)
+    for _ in range(_ROUNDS):
+        left = values - expected
+        # what each part of the error changes; one vote an order, however large its gap is
+        parts = [Distorted(found.error + step).seen(rig, its, orders) - expected for step in _STEPS]
+        weight = 1.0 / np.sqrt((np.abs(left) ** 2).mean(axis=0) + np.maximum(least, 1e-300))
+        columns, seen = np.stack([(part * weight).ravel() for part in parts], axis=1), (left * weight).ravel()
+        real, right = (np.concatenate([part.real, part.imag]) for part in (columns, seen))
+        found = Distorted(found.error + np.linalg.lstsq(real, right, rcond=None)[0] @ np.array(_STEPS))
+        # beyond a wave or so of the highest order a linear fit misses it
+        if not float(np.abs(found.error).sum()) * int(orders.max()) < np.pi:
+            return None
+        expected = found.seen(rig, its, orders)
+    return found
+
+
+#: rounds of a fit that is linear in the error of the angle, and the steps (rad) of its derivative
+_ROUNDS = 6
+_STEPS = tuple(np.array(step) for step in ([1e-5, 0], [1e-5j, 0], [0, 1e-5], [0, 1e-5j]))
+
+
+def _grid(highest: int) -> FloatArray:
+    count = 1 << (8 * highest + 16).bit_length()
+    return 2 * np.pi * np.arange(count) / count
+
+
+def _over(values: ComplexArray, orders: IntArray, wanted: IntArray, angle: FloatArray) -> ComplexArray:
+    """The wanted orders of curves with coefficients (n, K) whose angle is `angle` at even steps of a turn."""
+    waves = np.exp(1j * np.outer(orders, angle))
+    same, mirrored = (np.fft.fft(part, axis=1)[:, wanted] / len(angle) for part in (waves, waves.conj()))
+    found = values @ same + values.conj() @ mirrored
+    found[:, wanted == 0] /= 2
+    return np.asarray(found)

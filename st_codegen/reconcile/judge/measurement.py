@@ -1,8 +1,8 @@
 """Mistakes of measuring, looked for before any effect: each has one parameter for all orders.
 
-Unit, sign, exchanged directions, a factor on one column, another zero of the angle, another reduction ratio, a block of
-runs with a factor of its own, wrong labels. A missing effect changes its own orders; a mistake changes all of them
-alike, so that every order has one vote.
+Unit, sign, exchanged directions, a factor on one column, another zero of the angle, an angle that is read wrong within
+the turn, another reduction ratio, a block of runs with a factor of its own, wrong labels. A missing effect changes its
+own orders; a mistake changes all of them alike, so that every order has one vote.
 """
 
 from __future__ import annotations
@@ -18,14 +18,15 @@ from st_codegen.errors import Problems
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.noise import MEDIAN_1, estimate
 from st_codegen.reconcile.data.observations import Observations
-from st_codegen.reconcile.data.reading import check_units, ramp_deg, unit_choices
-from st_codegen.reconcile.judge.each_run import ramp, ramps, zeros
+from st_codegen.reconcile.data.reading import begin_text, check_units, ramp_deg, start_of_ramp, unit_choices
+from st_codegen.reconcile.judge.each_run import distortion, ramp, ramps, zeros
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
+from st_codegen.threads import one_thread
 
 #: what `--accept` takes
-NAMES = ("sign", "direction", "home_offset", "column_scale", "ratio", "drift", "block", "labels")
+NAMES = ("sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "block", "labels")
 _ROWS = (("forward", 1.0), ("backward", -1.0))
 
 
@@ -61,6 +62,7 @@ class Examined:
     untold: tuple[str, ...] = ()
 
 
+@one_thread()
 def examine(
     data: Observations, rig: RigModel, path: Path, *, scale: float | None = None, accept: Collection[str] = ()
 ) -> Examined:
@@ -71,7 +73,7 @@ def examine(
     if data.angle_rad is not None or not np.isfinite(data.values).all():
         return Examined(data)
     problems, found = Problems(str(path)), []
-    for look in (_drift, _ratio, partial(_common, scale=scale), _zeros):
+    for look in (_drift, _ratio, partial(_common, scale=scale), _zeros, _axis):
         for mistake in look(data, rig):
             if mistake.corrected is not None:
                 data = mistake.corrected(data)
@@ -97,10 +99,10 @@ def examine(
 
 
 def _ratio(data: Observations, rig: RigModel) -> list[Mistake]:
-    size, scatter = ramp_deg(data.orders, data.values)
+    size, scatter, start = ramp_deg(data.orders, data.values)
     # single waves have any phase: only a ramp has one slope at all orders
     if (data.orders > 0).sum() < SETTINGS.least_votes or abs(size) < SETTINGS.ramp * scatter:
-        size = _ramp_of_gap(data, rig)
+        size, start = _ramp_of_gap(data, rig)
     if not size:
         return []
     ratio = rig.constants.reduction_ratio
@@ -108,18 +110,18 @@ def _ratio(data: Observations, rig: RigModel) -> list[Mistake]:
 
     def corrected(given: Observations) -> Observations:
         order = given.orders
-        waves = np.where(order == 0, size / 2, 1j * size / (np.pi * np.maximum(order, 1)))
-        return replace(given, values=given.values - waves)
+        waves = 1j * size / (np.pi * np.maximum(order, 1)) * np.exp(-1j * start * order)
+        return replace(given, values=given.values - np.where(order == 0, size / 2, waves))
 
     text = (
-        f"TE rises by {size:.3g} deg over a turn at every run, as if it had been computed with a reduction ratio of "
-        f"{used:.5g} instead of {ratio:g}"
+        f"TE rises by {size:.3g} deg over a turn{begin_text(start)} at every run, as if it had been computed with a "
+        f"reduction ratio of {used:.5g} instead of {ratio:g}"
     )
     return [Mistake("ratio", text, corrected, remedy="take the ramp out")]
 
 
-def _ramp_of_gap(data: Observations, rig: RigModel) -> float:
-    """The ramp over a turn (deg) that the mean gaps of the orders share, 0 where they do not.
+def _ramp_of_gap(data: Observations, rig: RigModel) -> tuple[float, float]:
+    """The ramp over a turn (deg) that the mean gaps of the orders share, 0 where they do not, and where it begins.
 
     Where TE wanders within a turn each run has a ramp of its own: that of all is told by how far those of the runs
     scatter.
@@ -129,13 +131,17 @@ def _ramp_of_gap(data: Observations, rig: RigModel) -> float:
     gaps = (data.values - rig.coefficients(data.at, data.orders.tolist()))[:, told]
     gap = gaps.mean(axis=0)
     least = SETTINGS.told * (np.abs(gaps - gap) ** 2).mean(axis=0) / rows
+    start = start_of_ramp(gap[None], least[None], orders)
+    turn = np.exp(1j * start * orders)
+    gaps, gap = gaps * turn, gap * turn
     size = ramp(gap, least, orders)
     left, right = (np.abs(part) ** 2 + least for part in (gap, gap - 1j * size / (np.pi * orders)))
     sure = 1.0 / (orders**2 * np.maximum(least, 1e-300))
     each = np.pi * (gaps.imag * orders) @ sure / sure.sum()
     if abs(size) < SETTINGS.ramp * float(each.std()) / np.sqrt(rows):
-        return 0.0
-    return size if _better(left[None], right[None], least[None]) else 0.0
+        return 0.0, 0.0
+    votes = SETTINGS.least_orders_of_zero if start else SETTINGS.least_votes
+    return (size, start) if _better(left[None], right[None], least[None], votes) else (0.0, 0.0)
 
 
 # --- what all runs have in common
@@ -318,18 +324,19 @@ def _agree(sums: _Sums) -> bool:
     return bool(abs(middle) > SETTINGS.ramp * error)
 
 
-def _better(left: FloatArray, right: FloatArray, least: FloatArray) -> bool:
+def _better(left: FloatArray, right: FloatArray, least: FloatArray, votes: int = SETTINGS.least_votes) -> bool:
     """Whether in a direction most orders have a clearly smaller gap on the right, and in none a clearly larger one.
 
     An order without a gap on either side has no vote: the question does not touch it, or noise hides it.
     """
     gain, told = np.log(left / right), np.maximum(left, right) > 2.0 * least
-    votes = np.array([min(np.median(g[t]), g[t].mean()) if t.any() else 0.0 for g, t in zip(gain, told, strict=True)])
-    enough = told.sum() >= SETTINGS.least_votes
-    return bool(enough and votes.max() > SETTINGS.vote and votes.min() > -SETTINGS.vote)
+    sides = np.array([min(np.median(g[t]), g[t].mean()) if t.any() else 0.0 for g, t in zip(gain, told, strict=True)])
+    return bool(told.sum() >= votes and sides.max() > SETTINGS.vote and sides.min() > -SETTINGS.vote)
 
 
-def _wins(left: FloatArray, right: FloatArray, sums: _Sums, effects: int = 2) -> bool:
+def _wins(
+    left: FloatArray, right: FloatArray, sums: _Sums, effects: int = 2, votes: int = SETTINGS.least_votes
+) -> bool:
     """Whether gaps with all noise in them are better on the right.
 
     Where noise hides most orders they are asked together, but for the `effects` that gain most: so many may be missing.
@@ -337,7 +344,7 @@ def _wins(left: FloatArray, right: FloatArray, sums: _Sums, effects: int = 2) ->
     before, after = sums.beyond_noise(left), sums.beyond_noise(right)
     told = np.maximum(before, after) > 2.0 * sums.least
     if 2 * told.sum() >= told.size:
-        return _better(before, after, sums.least)
+        return _better(before, after, sums.least, votes)
     saved = np.sort((sums.rows * (left - right) / sums.noise).sum(axis=0))
     return bool(saved[:-effects].sum() > SETTINGS.order_gain)
 
@@ -362,17 +369,23 @@ _ZEROS = (
     "times that in such a run, which no effect does"
 )
 _DRIFT = (
-    "TE does not come back to where the turn began, by up to {:.2g} deg, by another amount in each run: something "
+    "TE does not come back to where the turn began{}, by up to {:.2g} deg, by another amount in each run: something "
     "drifts while a turn is measured"
 )
 
 
-def _without_drift(drift: FloatArray) -> Callable[[Observations], Observations]:
+_AXIS = (
+    "the angle seems to be read wrong by {} a turn: every order k has sidebands that grow with k in all runs, "
+    "as an encoder off centre makes them, or all parts of the gear off centre alike"
+)
+
+
+def _without_drift(drift: FloatArray, start: float) -> Callable[[Observations], Observations]:
     """Data without the ramp of each row, and without their mean: when within the turn the drift began nobody knows."""
 
     def corrected(data: Observations) -> Observations:
         waves = data.orders > 0
-        drifted = 1j * drift[:, None] / (np.pi * data.orders[waves])
+        drifted = 1j * drift[:, None] / (np.pi * data.orders[waves]) * np.exp(-1j * start * data.orders[waves])
         return replace(
             data,
             orders=data.orders[waves],
@@ -426,11 +439,46 @@ def _drift(data: Observations, rig: RigModel) -> list[Mistake]:
     """A drift within the turn that differs from run to run; one that all have is another ratio."""
     noise = _noise_power(data)
     gap = data.values - rig.coefficients(data.at, data.orders.tolist())
-    found = ramps(gap, noise, data.orders)
-    common = 1j * np.median(found) / (np.pi * np.maximum(data.orders, 1))
-    if not found.any() or not ramps(gap - common, noise, data.orders).any():
+    start = start_of_ramp(gap, noise, data.orders)
+    found = ramps(gap, noise, data.orders, start)
+    common = 1j * np.median(found) / (np.pi * np.maximum(data.orders, 1)) * np.exp(-1j * start * data.orders)
+    if not found.any() or not ramps(gap - common, noise, data.orders, start).any():
         return []
-    return [Mistake("drift", _DRIFT.format(np.abs(found).max()), _without_drift(found), remedy="take it out")]
+    began = f" ({np.degrees(start):.1f} deg)" if start else ""
+    text = _DRIFT.format(began, np.abs(found).max())
+    return [Mistake("drift", text, _without_drift(found, start), remedy="take it out")]
+
+
+def _axis(data: Observations, rig: RigModel) -> list[Mistake]:
+    """An angle that is read wrong within the turn, by the same waves of it in all runs."""
+    its = np.array(rig.orders(), np.int64)
+    known, noise = rig.coefficients(data.at, its.tolist()), _noise_power(data)
+    some = slice(None, None, -(-len(data) // SETTINGS.rows_that_tell))
+    found = distortion(data.values[some], noise[some], data.orders, known[some], its)
+    waves = data.orders > 0
+    if found is None or not data.both_directions() or not waves.any():
+        return []
+    sums = _sums(data, rig, waves, swapped=False)
+    left = np.abs(data.values - found.seen(known, its, data.orders))[:, waves] ** 2
+    after = np.array([left[data.at.sign == sign].mean(axis=0) for _, sign in _ROWS])
+    before = sums.gap(np.ones((2, 1)), np.ones(sums.orders.shape, np.complex128))
+    if not _wins(before, after, sums, votes=SETTINGS.least_orders_of_zero):
+        return []
+
+    def corrected(given: Observations) -> Observations:
+        # sidebands that were not looked at are those that the rig lets expect
+        orders = np.unique(np.concatenate([given.orders, *(np.abs(its + off) for off in range(-2, 3))]))
+        values, there = found.seen(known, its, orders), np.searchsorted(orders, given.orders)
+        seen = np.ones(given.values.shape, bool) if given.seen is None else given.seen
+        values[:, there] = np.where(seen, given.values, values[:, there])
+        return replace(given, values=np.where(seen, found.corrected(values, orders)[:, there], given.values))
+
+    sizes = np.degrees(np.abs(found.error))
+    told = [
+        f"{size:.2g} deg {often}" for size, often in zip(sizes, ("once", "twice"), strict=True) if 5 * size > max(sizes)
+    ]
+    text = _AXIS.format(" and ".join(told))
+    return [Mistake("axis", text, corrected, remedy="take it out of the angle")]
 
 
 def _of_runs(data: Observations, rig: RigModel) -> list[Mistake]:

@@ -29,7 +29,9 @@ def bounds_met(piece: Piece) -> list[Coordinate]:
             if c.part == 2 and sizes[c.key, c.place] > c.upper * (1.0 - SETTINGS.edge):
                 found.append(c)
         edge = SETTINGS.edge * (c.upper - c.lower)
-        low = x - c.lower < edge and not (c.form is Form.LINEAR and c.lower == 0.0)
+        # an inverse spans decades: its range is as good as its upper bound, and most of its values lie near the lower
+        low = x - c.lower < (SETTINGS.edge * c.lower if c.form is Form.INVERSE else edge)
+        low = low and not (c.form is Form.LINEAR and c.lower == 0.0)
         if c.part == 0 and (low or c.upper - x < edge):
             found.append(c)
     return found

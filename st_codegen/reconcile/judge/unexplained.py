@@ -249,8 +249,7 @@ def _by_directions(target: FitData, residual: ComplexArray) -> tuple[BoolArray, 
 
     What a run has in both directions is no noise of the measurement, whatever its pattern over the conditions.
     """
-    data, good = target.data, target.good
-    pairs = np.array([rows for rows in data.runs if len(rows) == 2 and good[rows].all()], np.int64).reshape(-1, 2)
+    data, pairs = target.data, _pairs(target)
     if data.angle_rad is not None or len(pairs) < SETTINGS.least_contrasts:
         return np.zeros(len(data.orders), bool), np.full(len(data.orders), np.inf)
     parts = np.where(data.orders == 0, 1, 2)
@@ -268,6 +267,21 @@ def _by_directions(target: FitData, residual: ComplexArray) -> tuple[BoolArray, 
     p = normal_tail(np.arctanh(correlation) * np.sqrt(parts * len(pairs)))
     large = alike.mean(axis=0) > SETTINGS.least_excess * parts
     return false_discoveries(p, SETTINGS.discovery_rate) & large, differ
+
+
+def _pairs(target: FitData) -> IntArray:
+    """The rows of good runs that have two, (n, 2)."""
+    rows = [rows for rows in target.data.runs if len(rows) == 2 and target.good[rows].all()]
+    return np.array(rows, np.int64).reshape(-1, 2)
+
+
+def in_both_directions(target: FitData, residual: ComplexArray) -> FloatArray:
+    """RMS over the angle (deg) of what runs have alike in both directions, by order (K,); 0 where too few runs tell."""
+    pairs = _pairs(target)
+    if target.data.angle_rad is not None or len(pairs) < SETTINGS.least_contrasts:
+        return np.zeros(residual.shape[1])
+    alike = (residual[pairs[:, 0]] * residual[pairs[:, 1]].conj()).real.mean(axis=0)
+    return np.asarray(np.sqrt(np.maximum(alike, 0.0) / np.where(target.data.orders == 0, 1, 2)))
 
 
 def _times_spectral(target: FitData, residual: ComplexArray) -> FloatArray:

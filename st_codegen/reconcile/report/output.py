@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from st_codegen.reconcile.judge.conclusions import Claim, Retuned
 from st_codegen.reconcile.judge.evidence import Evidence, digits
+from st_codegen.reconcile.report.sentences import left_text
 from st_codegen.reconcile.run import Gap, Reconciliation
 from st_codegen.rig.effects import Effect
 
@@ -46,6 +47,7 @@ def report(result: Reconciliation, update: Update | None = None, ahead: NextRuns
         "gap": {"fitted": _gap(result.fitted), "held_out": _gap(result.held_out)},
         "noise_floor_at_most": result.floor_is_bound,
         "held_out_at_least": result.data.few_points,
+        "held_out_because": left_text(result) or None,
         "gap_by_order": [asdict(gap) for gap in result.orders],
         "suspect_runs": [f"{result.data.labels[row]}: {times:.1f} times the usual distance from what is expected"
                          for row, times in result.noise.suspects]

@@ -14,7 +14,14 @@ from st_codegen.reconcile.report.evidence import evidence_panels, unexplained_pa
 from st_codegen.reconcile.report.findings import Finding, findings, share_text
 from st_codegen.reconcile.report.output import parameters_of, report_text, rig_diff
 from st_codegen.reconcile.report.ranking import ranking_section
-from st_codegen.reconcile.report.sentences import VERDICT_TEXT, between_text, floor_text, taken_back_text, verdict_text
+from st_codegen.reconcile.report.sentences import (
+    VERDICT_TEXT,
+    between_text,
+    floor_text,
+    left_text,
+    taken_back_text,
+    verdict_text,
+)
 from st_codegen.reconcile.run import OrderGap, Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.report.html import PageSection, PageTable, page
@@ -123,6 +130,7 @@ def _gap(result: Reconciliation) -> PageSection:
         "effects there are was decided with all of them."
     )
     text = "The gap is the RMS difference between model and measurement over the angle and all good runs. " + how
+    text += f" {reason}" if (reason := left_text(result)) else ""
     return PageSection("The gap", text, table, [_bars(result)])
 
 

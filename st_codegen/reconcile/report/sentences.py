@@ -9,7 +9,9 @@ import numpy as np
 
 from st_codegen.ir.arrays import BoolArray
 from st_codegen.reconcile.judge.conclusions import Claim
+from st_codegen.reconcile.judge.unexplained import in_both_directions
 from st_codegen.reconcile.run import Reconciliation, TakenBack
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, Effect
 from st_codegen.rig.effects.base import ARCMIN
 from st_codegen.rig.effects.resonance import StructuralResonance
@@ -71,6 +73,25 @@ def between_text(result: Reconciliation) -> str:
         f"Between temperatures that were measured, where nobody knows which frequency a resonance has, the rig may be "
         f"off by {result.between_deg:.3g} deg RMS; the gap on held-out runs holds that."
     )
+
+
+def left_text(result: Reconciliation) -> str:
+    """What makes most of a held-out gap that is well above the floor, and what is known of it; empty for others."""
+    gap, own = result.held_out, result.orders
+    if gap.after < SETTINGS.above_floor * gap.noise_floor or not own:
+        return ""
+    left = np.array([one.held_out for one in own]) ** 2
+    shares, alike = left / gap.after**2, in_both_directions(result.target, result.conclusions.final.residual)
+    parts = []
+    for k in np.argsort(-shares)[: int(np.searchsorted(np.cumsum(np.sort(shares)[::-1]), SETTINGS.most_of_gap)) + 1]:
+        name = f"order {own[k].order}" if own[k].order else "the mean"
+        text = f"{100 * shares[k]:.0f} % of its power is {name}, {own[k].held_out:.2g} deg RMS"
+        if alike[k] > SETTINGS.most_of_gap * own[k].after:
+            moves = ": it moves from run to run by what no effect that was found follows" if own[k].order == 0 else ""
+            text += f" (of the {own[k].after:.2g} deg of the fitted runs both directions share {alike[k]:.2g}{moves})"
+        parts.append(text)
+    times = gap.after / gap.noise_floor
+    return f"The gap on held-out runs is {times:.3g} floors: {'; '.join(parts)}."
 
 
 def taken_back_text(back: TakenBack) -> str:

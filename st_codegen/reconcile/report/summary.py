@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from st_codegen.campaign.conditions import OperatingPoint
 from st_codegen.reconcile.report.findings import findings, share_text
-from st_codegen.reconcile.report.sentences import between_text, floor_text, taken_back_text, verdict_text
+from st_codegen.reconcile.report.sentences import between_text, floor_text, left_text, taken_back_text, verdict_text
 from st_codegen.reconcile.run import Reconciliation
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def summary(result: Reconciliation) -> str:
     floor = f"{'at most ' if result.floor_is_bound else ''}{gap.noise_floor:.3g} deg"
     least = "at least " if result.data.few_points else ""
     lines.append(f"Gap on held-out runs: {gap.before:.3g} -> {least}{gap.after:.3g} deg RMS, noise floor {floor}")
-    lines += [text for text in (between_text(result), floor_text(result)) if text]
+    lines += [text for text in (left_text(result), between_text(result), floor_text(result)) if text]
     lines += [f"Cannot be shown: {text}" for text in result.cannot_show]
     lines += [f"Not looked at: {text}" for text in result.data.not_looked_at]
     if result.noise.suspects:
