@@ -37,7 +37,7 @@ ROOT = Path(__file__).resolve().parents[2]
 #: Tests of templates: the golden files first, they notice most.
 _OF_TEMPLATES = ("tests/emit/test_golden.py", "tests/emit", "tests/te", "tests/beckhoff_ml")
 #: Most tests of one mutant, and the seconds that they take unchanged: what these do not notice counts as survived.
-_MOST_TESTS = 150
+_MOST_TESTS = 400
 _MOST_SECONDS = 60.0
 #: A test run counts as too slow beyond so many times its seconds unchanged, and so many seconds for its start.
 _SLOWER = 4
@@ -94,7 +94,9 @@ class Executed:
         if not named and found:  # executed by the import: any test that uses the file
             named = {test for (file, _), tests in self._tests.items() if file == mutant.path for test in tests if test}
         own = f"tests/{mutant.path.split('/')[1]}/"
-        ordered = sorted(named, key=lambda test: (not test.startswith(own), self._size[test], test))
+        # a line that only the import executes is no more one test's than another's: many short ones then
+        size = self._size if self._tests[mutant.path, mutant.line] & named else self._seconds
+        ordered = sorted(named, key=lambda test: (not test.startswith(own), size.get(test, 0.0), test))
         # what a fixture of several tests executes counts as the first one's, so the others of a file follow
         beside = collections.defaultdict(list)
         for test in self._seconds:

@@ -130,3 +130,13 @@ def test_in_a_browser_nothing_is_cut_and_no_labels_overlap(width, page, tmp_path
     count, found = browser.faults(page, width, tmp_path)
     assert count > 100
     assert found == []
+
+
+def test_many_unexplained_orders_are_counted_not_listed(result):
+    one = result.unexplained[0]
+    many = tuple(replace(one, order=order, rms_deg=1e-5 * order) for order in range(3, 15))
+    text = summary(replace(result, unexplained=many))
+    assert text.count("- unexplained: ") == 8
+    together = 1e-5 * np.sqrt(11**2 + 12**2 + 13**2 + 14**2)
+    assert f"- and 4 more unexplained orders from 11 to 14, together {together:.2g} deg RMS" in text
+    assert "more unexplained orders" not in summary(replace(result, unexplained=many[:8]))

@@ -13,6 +13,8 @@ from st_codegen.files.toml_tables import TomlTable
 from st_codegen.rig import kernel
 from st_codegen.rig.axis import Axis, Harmonics, controlled_torque
 from st_codegen.rig.axis_parameters import AxisParameters, Coupling, Drive, Encoders, Load, Motor, Reducer, read_axis
+from st_codegen.rig.machine import machine_of
+from st_codegen.rig.model import RigModel
 
 RATIO = 81.0
 FREE = AxisParameters(
@@ -227,3 +229,10 @@ def test_every_parameter_names_a_source_and_holds_its_own_bounds():
                 assert field.metadata["source"]
                 assert field.metadata["low"] <= value <= field.metadata["high"], field.name
                 assert field.metadata["low"] <= value <= field.metadata["high"]
+
+
+def test_a_rig_made_by_hand_is_checked_as_one_from_a_file():
+    with pytest.raises(InputError, match="unknown key 'motors'"):
+        machine_of(RigModel(other={"axis": {"motors": {}}}))
+    with pytest.raises(InputError, match="main_us"):
+        machine_of(RigModel(other={"tasks": {"main_us": -1.0}}))

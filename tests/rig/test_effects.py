@@ -9,6 +9,7 @@ import pytest
 from st_codegen.errors import InputError
 from st_codegen.rig.effects import Conditions, Constants, Form, Stage, catalogue
 from st_codegen.rig.effects.axis import ControlLag
+from st_codegen.rig.effects.empirical import TERMS, term_values
 from st_codegen.rig.effects.wear import bessel_ratios
 from st_codegen.rig.model import RigModel, parse_rig, read_rig
 
@@ -307,3 +308,28 @@ def test_effects_of_the_axis_leave_the_coefficients_alone():
     without = rig.with_effects(effect for effect in rig.effects if effect.stage is not Stage.AXIS)
     at = Conditions.of(1, 900, 900, 30)
     assert (rig.coefficients(at, rig.orders()) == without.coefficients(at, rig.orders())).all()
+
+
+TERMS_BY_HAND = {
+    "constant": lambda n, m, t: 1.0,
+    "speed": lambda n, m, t: n,
+    "speed_square": lambda n, m, t: n * n,
+    "inverse_speed": lambda n, m, t: 1 / n,
+    "torque": lambda n, m, t: m,
+    "torque_square": lambda n, m, t: m * m,
+    "torque_cube": lambda n, m, t: m**3,
+    "temperature": lambda n, m, t: t,
+    "temperature_square": lambda n, m, t: t * t,
+    "speed_torque": lambda n, m, t: n * m,
+    "speed_temperature": lambda n, m, t: n * t,
+    "torque_temperature": lambda n, m, t: m * t,
+}
+
+
+def test_terms_of_what_has_no_name_are_what_they_are_called():
+    """In 1000 rpm, kNm, and 10 K above the reference temperature."""
+    at = Conditions.of(1.0, [700.0, 1300.0], [900.0, 400.0], [24.0, 37.0])
+    assert set(TERMS) == set(TERMS_BY_HAND)
+    for name, by_hand in TERMS_BY_HAND.items():
+        expected = by_hand(np.array([0.7, 1.3]), np.array([0.9, 0.4]), np.array([-0.6, 0.7]))
+        np.testing.assert_allclose(term_values(name, at, 30.0), np.broadcast_to(expected, 2), rtol=1e-14)

@@ -72,6 +72,8 @@ def test_what_the_other_link_does_hides_neither_friction_nor_ripple(period):
         assert found["torque_ripple"]["amplitude_Nm"][0] == pytest.approx(joint["ripple"], rel=0.15)
         said = " ".join(measurement(result) + signatures(result))
         assert "follows the motion of other joints" in said
+        _, after, floor = result.gap
+        assert (f"{np.sqrt(after**2 - floor**2):.2g} N m RMS on left-out stretches" in said) == (after > 1.25 * floor)
         assert "shifted" not in said and "inertia that depends" not in said
 
 

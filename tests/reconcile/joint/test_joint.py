@@ -137,7 +137,7 @@ def test_an_accepted_sign_is_turned(tmp_path):
 
 
 def test_the_command_writes_a_page_without_a_rig(tmp_path, capsys):
-    path = write(plain(count=2000), tmp_path / "joint.csv")
+    path = write(plain(count=4000, ripple=0.2), tmp_path / "joint.csv")
     assert run("reconcile", "--measured", path, "--out", tmp_path / "out") == 0
     content = json.loads((tmp_path / "out" / "report.json").read_text())
     assert content["kind"] == "joints"
@@ -145,6 +145,11 @@ def test_the_command_writes_a_page_without_a_rig(tmp_path, capsys):
     for effect in content["joints"][0]["effects"]:
         assert effect["text"].split(" of ")[0] in page
     assert page.count("<svg") >= 1
+    assert not any("parts" in remark for one in content["joints"][0]["effects"] for remark in one["remarks"])
+    (tmp_path / "rig.toml").write_text("[rig]\nreduction_ratio = 81.0\npins = 40\n")
+    assert run("reconcile", "--rig", tmp_path / "rig.toml", "--measured", path, "--out", tmp_path / "out") == 0
+    (joint,) = json.loads((tmp_path / "out" / "report.json").read_text())["joints"]
+    assert any("of the machine's parts" in remark for one in joint["effects"] for remark in one["remarks"])
     (tmp_path / "table.csv").write_text("order,median_deg\n")
     capsys.readouterr()
     assert run("reconcile", "--measured", tmp_path / "table.csv", "--out", tmp_path / "out") == 2
