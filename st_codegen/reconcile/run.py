@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from st_codegen.errors import Problems
-from st_codegen.ir.arrays import BoolArray, ComplexArray
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.data.observations import Observations, rms_deg
 from st_codegen.reconcile.data.reading import check, read_measured
@@ -87,7 +87,8 @@ class Reconciliation:
     """All that a report needs.
 
     unseen_curves: from how many that no search saw the held-out gap comes (0: none); between_deg: RMS by which a
-    resonance may be off at temperatures between two that were measured, in the held-out gap.
+    resonance may be off at temperatures between two that were measured, in the held-out gap; carriers: how many curves
+    that leave equally much would tell the held-out gap as well.
     """
 
     rig: RigModel
@@ -106,6 +107,12 @@ class Reconciliation:
     unseen_curves: int = 0
     taken_back: TakenBack | None = None
     between_deg: float = 0.0
+    carriers: float = math.inf
+
+    @property
+    def held_out_is_bound(self) -> bool:
+        """Whether the held-out gap may be larger: few runs were made, or few of them carry it."""
+        return self.data.few_points or self.carriers < SETTINGS.least_curves
 
     @property
     def verdict(self) -> str:
@@ -291,13 +298,15 @@ def _result(
     floor_power = weight * np.where(data.orders == 0, 1, 2) * floor_rms**2
     floor = float(np.sqrt(floor_power.sum()))
     held_out, first = held_out_rms(replace(final, target=target)), rms_deg(before[good], data.orders)
-    kept, unseen_curves = apart & good, 0
+    kept, unseen_curves, left_out = apart & good, 0, after[good]
     if kept.any():
         trained = fit(target.subset(~apart), final.state).state.model()
-        unseen = np.sqrt(weight * (np.abs(target.residual(trained, kept)) ** 2).mean(axis=0))
+        left_there = target.residual(trained, kept)
+        unseen = np.sqrt(weight * (np.abs(left_there) ** 2).mean(axis=0))
         # runs between those seen say nothing of levels between them: a gap that is clearly larger there counts
         if np.linalg.norm(held_out) < SETTINGS.clearly_larger * np.linalg.norm(unseen):
             held_out, first, unseen_curves = unseen, rms_deg(before[kept], data.orders), int(kept.sum())
+            left_out = left_there
     held_out = np.hypot(held_out, np.sqrt(hum))
 
     def with_hum(values: ComplexArray, chosen: slice | list[int] = slice(None)) -> float:
@@ -329,7 +338,14 @@ def _result(
         mistakes=examined.mistakes,
         cannot_show=(*cannot_show(data), *examined.untold, *scatter_of_encoder(target, after)),
         unseen_curves=unseen_curves,
+        carriers=math.inf if data.angle_rad is not None else _alike((weight * np.abs(left_out) ** 2).sum(axis=1)),
     )
+
+
+def _alike(powers: FloatArray) -> float:
+    """As many equal numbers as these have a mean that is as sure as that of these."""
+    share = powers / max(float(powers.max(initial=0.0)), 1e-300)
+    return float(share.sum() ** 2 / (share**2).sum()) if share.any() else math.inf
 
 
 def _with_suspects(target: FitData, final: Fit, noise: Noise) -> Noise:

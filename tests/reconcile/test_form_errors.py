@@ -125,6 +125,29 @@ def test_between_two_temperatures_the_held_out_gap_is_not_the_noise():
     assert found.fitted.after < 0.1 * true < found.held_out.after
 
 
+def test_two_frequencies_at_two_temperatures_are_one_resonance_that_moves():
+    """No run tells a step from a slope there; far apart, one that stood between them was found first, and refused."""
+    at = grid(np.arange(100, 1701, 200.0), [0.0, 900.0, 1800.0], [25.0, 35.0])
+    hertz = np.where(at.temperature_C < 27.5, 37.8, 33.3)
+    added = {order: 4e-3 * by_force(at, order, hertz, 0.02) for order in (156, 240)}
+    found = reconciled("", at, [0, 39, 78, 156, 240], added)
+    (claim,) = found.conclusions.claims
+    assert claim.piece.effect.orders == (156, 240)
+    warm, cold = (claim.piece.effect.scalar("frequency_Hz") * (1 + off * claim.piece.effect.scalar("frequency_per_10K"))
+                  for off in (0.5, -0.5))  # fmt: skip
+    assert (cold, warm) == (pytest.approx(37.8, abs=0.1), pytest.approx(33.3, abs=0.1))
+
+
+def test_a_gap_that_few_runs_carry_is_said_to_be_the_least():
+    """Three runs hit a peak that nothing explains: of such places there may be more where nobody measured."""
+    at = grid(np.arange(100, 1701, 100.0), [0.0, 900.0, 1800.0], [25.0, 30.0, 35.0])
+    peak = 3e-3 * ((at.speed_rpm == 800) & (at.torque_Nm == 900))
+    found = reconciled("", at, [0, 39, 78, 156], {156: peak, 78: 2e-4 * np.cos(at.speed_rpm)})
+    assert found.carriers < 8 and found.held_out_is_bound
+    assert "-> at least" in summary(found) and "few runs carry most of it" in summary(found)
+    assert not reconciled("", at, [0, 39, 78, 156], {}).held_out_is_bound
+
+
 SIDEBANDS = grid([300.0, 700.0, 1100.0, 1500.0], [0.0, 450.0, 900.0, 1350.0, 1800.0], [25.0, 35.0])
 ORDERS = [0, 36, 39, 40, 42, 78, 81, 117, 120, 123]
 MESH = wave("cycloid_tooth_error", 39, 7e-4, 1.0) + slope(39, 7e-4) + wave("pin_error", 120, 2e-4, 0.3)

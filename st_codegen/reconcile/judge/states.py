@@ -59,7 +59,10 @@ def _with_states(current: Fit) -> Fit:
 
 
 def _split(current: Fit, number: int) -> Fit | None:
-    """The fit with one resonance as two, if that is as well founded as a name of its own."""
+    """The fit with one resonance as two, if that is as well founded as a name of its own.
+
+    Where one whose frequency moves with the oil does as well, as of two temperatures any does, that is the simpler one.
+    """
     piece = current.state.pieces[number]
     if "frequency_per_10K" in piece.effect.values:
         # a state takes the place of what moves with temperature
@@ -76,8 +79,11 @@ def _split(current: Fit, number: int) -> Fit | None:
     state = current.state.replaced(number, replace(piece, effect=rest)).with_piece(best.piece)
     new = len(state.pieces) - 1
     found = _at_its_edge(fit(current.target, state, steps=SETTINGS.long_steps), (number, new))
-    if _moving(current, number, found, (number, new)).loss < found.loss + SETTINGS.as_good:
-        return None
+    moved = _moving(current, number, found, (number, new))
+    if moved.loss < found.loss + SETTINGS.as_good:
+        one = moved.state.pieces[number]
+        better = moved.loss < current.loss - SETTINGS.order_gain and at_nobodys_expense(current, moved)
+        return moved if better and is_a_peak(one) and not bounds_met(one) else None
     place = found.state.slices()[new]
     evidence = judge(current, found, list(range(place.start, place.stop)), new)
     both = [found.state.pieces[i] for i in (number, new)]

@@ -46,7 +46,7 @@ def report(result: Reconciliation, update: Update | None = None, ahead: NextRuns
         ],
         "gap": {"fitted": _gap(result.fitted), "held_out": _gap(result.held_out)},
         "noise_floor_at_most": result.floor_is_bound,
-        "held_out_at_least": result.data.few_points,
+        "held_out_at_least": result.held_out_is_bound,
         "held_out_because": left_text(result) or None,
         "gap_by_order": [asdict(gap) for gap in result.orders],
         "suspect_runs": [f"{result.data.labels[row]}: {times:.1f} times the usual distance from what is expected"

@@ -66,13 +66,20 @@ def floor_text(result: Reconciliation) -> str:
 
 def between_text(result: Reconciliation) -> str:
     """What the held-out gap holds beside what held-out runs leave, or cannot hold; empty for most."""
-    few = "The gap on held-out runs is a least value: so few runs say nothing of what lies between them."
-    if not result.between_deg:
-        return few if result.data.few_points else ""
-    return (
-        f"Between temperatures that were measured, where nobody knows which frequency a resonance has, the rig may be "
-        f"off by {result.between_deg:.3g} deg RMS; the gap on held-out runs holds that."
-    )
+    texts = []
+    if result.data.few_points:
+        texts.append("The gap on held-out runs is a least value: so few runs say nothing of what lies between them.")
+    elif result.held_out_is_bound:
+        texts.append(
+            f"The gap on held-out runs is a least value: few runs carry most of it (it scatters as if there were "
+            f"{result.carriers:.1f} curves), and between the runs there may be more such places."
+        )
+    if result.between_deg:
+        texts.append(
+            f"Between temperatures that were measured, where nobody knows which frequency a resonance has, the rig may "
+            f"be off by {result.between_deg:.3g} deg RMS; the gap on held-out runs holds that."
+        )
+    return " ".join(texts)
 
 
 def left_text(result: Reconciliation) -> str:
