@@ -330,6 +330,31 @@ def two_hidden(draw: Draw) -> Drawn:
     return kept, (*parts, *more)
 
 
+#: effects of the rig whose waves what stands in all orders truly changes
+_WAVES = (
+    "cycloid_tooth_error", "pin_error", "input_shaft_misalignment", "crank_misalignment", "output_shaft_eccentricity",
+    "output_shaft_ovality", "encoder_eccentricity", "load_dependent_mesh", "carrier_modulation", "zero",
+)  # fmt: skip
+
+
+def spall(draw: Draw) -> Drawn:
+    at = draw.random.uniform(0.0, 360.0)
+    return draw.machine, (waves.spall_part(-draw.size(1e-3, 8e-3), draw.random.uniform(2.0, 6.0), at, _WAVES),)
+
+
+def crack(draw: Draw) -> Drawn:
+    order, _ = draw.mesh_order()
+    law = mesh.power(draw.random.uniform(0.3, 1.0))
+    width, at = draw.random.uniform(10.0, 25.0), draw.random.uniform(0.0, 360.0)
+    return draw.machine, (waves.crack_part(order, draw.wave(1e-3, 6e-3), width, at, law, _WAVES),)
+
+
+def texture(draw: Draw) -> Drawn:
+    """Each order of it on one of teeth or pins may be called theirs, if that is said to be by its order alone."""
+    seed = int(draw.random.integers(2**31))
+    return draw.machine, (waves.texture_part(draw.size(3e-4, 3e-3), seed, _WAVES, _WAVES),)
+
+
 #: in the order of the list of cases
 KINDS: dict[str, Kind] = {
     kind.__name__: kind
@@ -338,8 +363,10 @@ KINDS: dict[str, Kind] = {
         foreign_square, two_mass, nothing, stribeck, hertz_spring, foreign_loose, resonance_split, wear_step,
         thermal_lag, one_direction, mesh_two_thirds, plain_wave, resonance_states, foreign, mains, mesh_saturating,
         stepped_spring, play, zero_creep, runout_sidebands, resonance_drift_temperature, resonance_plain,
-        one_temperature, two_hidden,
+        one_temperature, two_hidden, spall, crack, texture,
     )
 }  # fmt: skip
+#: those that came later, see cases.LONG_PASS
+LATER = ("spall", "crack", "texture")
 #: resonances need many speeds
 MANY_SPEEDS = frozenset(name for name in KINDS if name.startswith("resonance") or name in ("two_mass", "two_hidden"))

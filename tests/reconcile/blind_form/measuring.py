@@ -189,10 +189,41 @@ def delay(random: np.random.Generator, data: Measured, ratio: int) -> Measured:
     return replace(data, te=data.te + (turn[:, None] * DIRECTIONS)[:, :, None])
 
 
+def own_zeros(random: np.random.Generator, data: Measured, ratio: int) -> Measured:
+    """Each run starts where the machine was switched on: its zero is another (an encoder without a reference mark)."""
+    samples = data.te.shape[-1]
+    te = [np.roll(run, int(random.integers(samples)), axis=-1) for run in data.te]
+    return replace(data, te=np.array(te))
+
+
+def eccentric_angle(random: np.random.Generator, data: Measured, ratio: int) -> Measured:
+    """The encoder's disc is off centre: what it reads is off once a turn (Ernst, "Digital Length and Angle Metrology").
+
+    The TE itself comes from elsewhere.
+    """
+    off = random.uniform(0.05, 0.4) * np.cos(np.radians(data.angle) + random.uniform(-np.pi, np.pi))
+    return replace(data, angle=data.angle + off)
+
+
+def sawtooth(random: np.random.Generator, data: Measured, ratio: int) -> Measured:
+    """A ratio that is a little off, in recordings that begin and end somewhere within the turn."""
+    ramp = np.mod(angles(data.te.shape[-1]) - random.uniform(20.0, 340.0), 360.0) / 360.0
+    return replace(data, te=data.te + random.choice([-1.0, 1.0]) * random.uniform(0.004, 0.05) * ramp)
+
+
+def drift(random: np.random.Generator, data: Measured, ratio: int) -> Measured:
+    """Something drifts while a turn is measured, by another amount in each run and direction."""
+    part = angles(data.te.shape[-1]) / 360.0 - 0.5
+    return replace(data, te=data.te + 0.02 * random.standard_normal((*data.te.shape[:2], 1)) * part)
+
+
 MISTAKES: dict[str, Mistake] = {
     "arcsec": arcsec, "home_offset": home_offset, "direction": direction, "labels": labels, "sign": sign,
     "column_scale": column_scale, "ratio": wrong_ratio, "block": block, "arcmin": arcmin, "delay": delay, "rad": rad,
+    "own_zeros": own_zeros, "eccentric_angle": eccentric_angle, "sawtooth": sawtooth, "drift": drift,
 }  # fmt: skip
+#: those that came later, see cases.LONG_PASS
+LATER = ("own_zeros", "eccentric_angle", "sawtooth", "drift")
 #: words by which a report may name a mistake; one of them has to stand where it speaks of the measurement
 WORDS: dict[str, tuple[str, ...]] = {
     "arcsec": ("arcsec", "arc second", "seconds of arc"),
@@ -206,6 +237,10 @@ WORDS: dict[str, tuple[str, ...]] = {
     "labels": ("label",),
     "block": ("block",),
     "delay": ("delay", "late"),
+    "own_zeros": ("zero of the angle", "home"),
+    "eccentric_angle": ("read wrong", "off centre"),
+    "sawtooth": ("ratio", "ramp"),
+    "drift": ("drift", "come back"),
 }
 #: effects that are the truth of a mistake, and known effects whose parameters it truly changes
 TRUE_NAMES: dict[str, tuple[str, ...]] = {"delay": ("measurement_delay",)}

@@ -1,11 +1,12 @@
 """The truth of a case holds what it says: sizes, orders, conditions; and the same seed makes the same files."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from . import cases, files, machine, make, measuring, mesh, resonance, slow
+from . import cases, files, kinds, machine, make, measuring, mesh, resonance, slow
 from .kinds import KINDS, Draw
 from .oscillator import Oscillator, Stribeck
 from .points import Points, curves, rms_by_order, spectrum
@@ -55,6 +56,36 @@ def test_laws_over_torque(kind, share):
     order = float(part.orders[0])
     half, full = (np.abs(part.waves(points_of(torque=torque))[order][0, 0]) for torque in (800.0, 1600.0))
     assert half / full == pytest.approx(share)
+
+
+def test_what_repeats_each_turn_is_where_its_title_says():
+    _, _, (dent,), points = drawn("spall")
+    te = curves(dent.waves(points), 720)[0, 0]
+    at, width = (float(number) for number in re.findall(r"(\d[\d.]*) deg", dent.title))
+    off = np.abs(np.mod(np.arange(720) / 2 - at + 180, 360) - 180)
+    assert off[np.argmin(te)] < 1.0 and np.abs(te[off > 2 * width]).max() < 0.02 * np.abs(te).max()
+    _, _, (crack,), _ = drawn("crack")
+    te = curves(crack.waves(points_of(torque=1600.0)), 720)[0, 0]
+    width, at = (float(number) for number in re.findall(r"(\d[\d.]*) deg", crack.title))
+    off = np.abs(np.mod(np.arange(720) / 2 - at + 180, 360) - 180)
+    assert np.abs(te[off > width + 1]).max() < 0.05 * np.abs(te).max()
+    _, _, (texture,), points = drawn("texture")
+    power = by_order(texture, points) ** 2
+    assert power[8:16].sum() / power[64:128].sum() == pytest.approx(8.0, rel=0.9)
+
+
+@pytest.mark.parametrize("mistake", measuring.LATER)
+def test_later_mistakes_change_the_angle_or_add_a_ramp_and_nothing_else(mistake):
+    random, points = np.random.default_rng(2), points_of(count=4)
+    data = measuring.plainly(points, curves({3.0: np.full((4, 2), 1e-3 + 0j)}, 720))
+    made = measuring.MISTAKES[mistake](random, data, 81)
+    power = rms_by_order(spectrum(made.te)) ** 2
+    if mistake in ("own_zeros", "eccentric_angle"):
+        assert power[3] == pytest.approx(5e-7) and power.sum() == pytest.approx(power[3])
+        assert (mistake == "eccentric_angle") == (np.ptp(made.angle - data.angle) > 0.1)
+    else:
+        rest = np.sqrt(power[[5, 10, 20]]) * [5, 10, 20]
+        assert rest == pytest.approx(rest[0], rel=0.05) and rest[0] > 1e-4
 
 
 def test_saturating_law_is_flat_at_full_load():
@@ -233,15 +264,17 @@ def test_table_holds_the_waves(tmp_path):
 
 
 def test_list_has_each_kind_and_three_noises_of_one_machine():
-    listed = cases.listed("dev", 3 * len(cases.PASS))
+    listed = cases.listed("dev", 3 * len(cases.LONG_PASS), cases.FIRST_LONG)
     assert {case.kind for case in listed} == set(KINDS)
     assert {case.trouble for case in listed} == {"", *files.TROUBLES}
     assert {mistake for case in listed for mistake in case.mistakes} == set(measuring.MISTAKES)
-    for place in range(len(cases.PASS)):
-        three = listed[place :: len(cases.PASS)]
+    for place in range(len(cases.LONG_PASS)):
+        three = listed[place :: len(cases.LONG_PASS)]
         assert len({case.seed for case in three}) == 1
         assert len({case.noise for case in three}) == 3
         assert len({replace(case, name="", level=0, noise=0.0) for case in three}) == 1
+    before = cases.listed("dev", len(cases.PASS))
+    assert not {case.kind for case in before} & set(kinds.LATER)
     held_out = cases.listed("heldout", cases.HELD_OUT_CASES)
     assert len({case.name for case in held_out}) == len(held_out) == 513
     assert not {case.seed for case in held_out} & {case.seed for case in listed}
