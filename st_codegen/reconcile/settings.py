@@ -45,6 +45,8 @@ class Settings:
     #: many angles are tried as there are eighths of the highest order's wave
     most_orders: float = 0.75
     least_orders_of_zero: int = 8
+    #: error (rad) of the turn of an order up to which it is told: beyond, the mean of runs is smaller by a tenth
+    told_turn: float = 0.5
     #: noise is at most this share of what is measured, where too few runs tell it
     most_noise: float = 0.02
     #: the mean power of n runs of noise scatters by 1/sqrt(n): a gap below so many of these is not told

@@ -117,6 +117,29 @@ def test_runs_with_a_zero_of_their_own_are_turned_back(some):
     assert np.abs(back.values - data.values).max() < 1e-4
 
 
+def test_zeros_of_single_runs_are_told_where_noise_hides_most_orders():
+    """They were called an eccentricity of another size; what they turn too far to be told is not looked at."""
+    data, angle = of_curves(1.5e-3), np.random.default_rng(1).uniform(1, 359, RUNS)
+    made = replace(data, values=data.values * np.exp(-1j * np.radians(of_runs(angle)) * ORDERS))
+    with pytest.raises(InputError, match=f"{RUNS} of {RUNS} runs .* --accept home_offset"):
+        examine(made, RIG, PATH)
+    back = examine(made, RIG, PATH, accept=["home_offset"]).data
+    assert {1, 3, 39} <= set(back.orders.tolist()) < set(ORDERS.tolist())
+    assert "the zeros of the runs are not told well enough" in back.not_looked_at[-1]
+    kept = np.isin(ORDERS, back.orders)
+    mean, before = (one.values[:RUNS].mean(axis=0) for one in (back, data.rows(slice(None))))
+    assert np.abs(mean - before[kept]).max() < 5e-4
+
+
+@pytest.mark.parametrize("sigma", [4e-4, 1e-3])
+def test_one_order_with_another_phase_in_each_run_is_no_matter_of_the_zero(sigma):
+    """A coupling that was mounted anew before each run turns its own order only."""
+    data, angle = of_curves(sigma), np.random.default_rng(1).uniform(1, 359, RUNS)
+    turn = np.where(ORDERS == 1, np.exp(-1j * np.radians(of_runs(angle))), 1.0)
+    for made in (data, replace(data, values=data.values * turn)):
+        assert examine(made, RIG, PATH).mistakes == ()
+
+
 @pytest.mark.parametrize("start_deg", [0.0, 77.0])
 def test_a_drift_within_the_turn_is_taken_out_and_the_mean_is_not_looked_at(start_deg):
     data = of_curves()

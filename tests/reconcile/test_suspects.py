@@ -85,6 +85,17 @@ def test_what_the_model_lacks_is_no_bad_run():
     assert not found(data)
 
 
+def test_of_a_dozen_runs_in_which_all_orders_are_wrong_none_is_the_bad_one():
+    """The one without load was called bad: a crack shows in all orders under load, and not in that run."""
+    data = residual(0, heavy=False).rows(np.r_[0:120:10, 126:246:10])
+    data.values[[3, 15], 1:] += 3e-4j
+    assert set(found(data)) == {3, 15}
+    assert not found(data, structured=ORDERS)
+    noise = Noise(np.broadcast_to(SIGMA, data.values.shape), SIGMA, np.arange(24) != 3, ((3, 9.0),))
+    left = without_structure(data, data.values, noise, np.ones(len(ORDERS), bool))
+    assert left.good.all() and not left.suspects
+
+
 def test_what_happens_without_load_only_is_no_bad_run():
     """At the edge of the grid, where two of three kinds of neighbours know nothing of it."""
     data = residual(0, heavy=False)

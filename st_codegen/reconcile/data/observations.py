@@ -80,6 +80,17 @@ class Observations:
             seen=None if self.seen is None else self.seen[index],
         )
 
+    def of_orders(self, choice: BoolArray, why: str) -> Observations:
+        """The orders that a mask (K,) chooses; `why` says which the others are and why they are not looked at."""
+        return replace(
+            self,
+            orders=self.orders[choice],
+            values=self.values[:, choice],
+            spectral_deg=None if self.spectral_deg is None else self.spectral_deg[:, choice],
+            seen=None if self.seen is None else self.seen[:, choice],
+            not_looked_at=(*self.not_looked_at, why),
+        )
+
     @cached_property
     def few_points(self) -> bool:
         """Whether there are too few operating points to tell noise from what differs between them."""

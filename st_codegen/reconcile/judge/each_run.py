@@ -37,25 +37,47 @@ def ramps(gap: ComplexArray, noise: FloatArray, orders: IntArray, start: float) 
     return found if _most_gain(own, left, power, 2 * SETTINGS.vote) else np.zeros(len(gap))
 
 
-def zeros(values: ComplexArray, model: ComplexArray, noise: FloatArray, orders: IntArray, run: IntArray) -> FloatArray:
-    """The angle (rad) by which the zero of each row's run differs from the rig's, (n,); 0 where the orders disagree.
+@dataclass(frozen=True)
+class Zeros:
+    """Zeros of the angle of single runs: by how much (rad) that of each row's run is off, and its error."""
+
+    angle: FloatArray
+    error: float = 0.0
+
+
+def zeros(
+    values: ComplexArray, model: ComplexArray, noise: FloatArray, orders: IntArray, run: IntArray, is_sure: bool
+) -> Zeros:
+    """The angle by which the zero of each row's run differs from the rig's; 0 where the orders disagree.
 
     All 0 as well where the runs do not differ: then it is no matter of single runs. values, model, noise: measured
-    coefficients, the rig's, and the power of their noise, (n, K); run: the number of each row's run, (n,).
+    coefficients, the rig's, and the power of their noise, (n, K); run: the number of each row's run, (n,); is_sure:
+    noise is known by more than how far runs differ, so that orders that it hides have their say.
     """
     told = (orders > 0) & ((np.abs(model) ** 2).mean(axis=0) > SETTINGS.told * noise.mean(axis=0))
     found, sure, likely = np.zeros(len(values)), np.zeros(len(values), np.bool_), np.zeros(len(values), np.bool_)
-    if told.sum() < SETTINGS.least_orders_of_zero:
-        return found
+    hidden = told.sum() < SETTINGS.least_orders_of_zero
+    if hidden:
+        told = (orders > 0) & is_sure
     k, v, m, power = orders[told], values[:, told], model[:, told], np.maximum(noise[:, told], 1e-300)
+    if len(k) < SETTINGS.least_votes:
+        return Zeros(found)
     grid = np.arange(0.0, 2 * np.pi, 2 * np.pi / (8 * int(k.max())))
     turns = np.exp(1j * np.outer(k, grid))
+    others = np.arange(len(k)) != (np.abs(m) ** 2 / power).mean(axis=0).argmax()
+    gains, errors = np.zeros(len(k)), []
     for number in np.unique(run):
         rows = run == number
         # what each order leaves at each angle, (rows, K, angles): one vote an order, however large it is
         whole = np.abs(v[rows]) ** 2 + np.abs(m[rows]) ** 2 + power[rows]
         left = whole[..., None] - 2 * ((v[rows] * m[rows].conj())[..., None] * turns).real
-        angle = float(grid[np.argmin(np.log(np.maximum(left, power[rows][..., None])).sum(axis=(0, 1)))])
+        if hidden:
+            # by how much noise hides an order is what its vote counts; what the others say of each is asked as well
+            loss = (left / power[rows][..., None]).sum(axis=0)
+            angle = float(grid[loss.sum(axis=0).argmin()])
+            gains += loss[:, 0] - loss[np.arange(len(k)), (loss.sum(axis=0) - loss).argmin(axis=1)]
+        else:
+            angle = float(grid[np.argmin(np.log(np.maximum(left, power[rows][..., None])).sum(axis=(0, 1)))])
         for _ in range(3):  # between the angles of the grid
             turned = m[rows] * np.exp(-1j * k * angle)
             pull = (k * (turned.conj() * v[rows]).imag / power[rows]).sum()
@@ -64,13 +86,19 @@ def zeros(values: ComplexArray, model: ComplexArray, noise: FloatArray, orders: 
         found[rows] = np.angle(np.exp(1j * angle))
         sure[rows] = _most_gain(before, after, power[rows], SETTINGS.vote)
         likely[rows] = (np.abs(after) ** 2 / power[rows]).sum() < 0.5 * (np.abs(before) ** 2 / power[rows]).sum()
+        errors.append(1.0 / np.sqrt(2.0 * (k**2 * np.abs(m[rows]) ** 2 / power[rows]).sum()))
+    if hidden:
+        # the loudest order alone could have any cause: what it says of the others must be right, but for one of them
+        agreed = np.sort(gains[others])
+        sure[:] = agreed[:-1].sum() > SETTINGS.order_gain and agreed[-1] > SETTINGS.order_gain
     least = np.radians(SETTINGS.least_home_deg)
     kinds = [float((found * sure)[run == number][0]) for number in np.unique(run)]
     off = sum(abs(angle) > least for angle in kinds)
     apart = sum(abs(angle - float(np.median(kinds))) > least for angle in kinds)
     # where several runs have it for sure, it is the likely cause in others too
     turned_rows = (sure | likely) & (np.abs(found) > least)
-    return found * turned_rows if min(off, apart) >= SETTINGS.least_block else np.zeros(len(values))
+    alike = min(off, apart) < SETTINGS.least_block
+    return Zeros(np.zeros(len(values)) if alike else found * turned_rows, float(np.median(errors)))
 
 
 def _most_gain(before: ComplexArray, after: ComplexArray, noise: FloatArray, vote: float) -> bool:

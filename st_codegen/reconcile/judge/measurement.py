@@ -384,16 +384,9 @@ def _without_drift(drift: FloatArray, start: float) -> Callable[[Observations], 
     """Data without the ramp of each row, and without their mean: when within the turn the drift began nobody knows."""
 
     def corrected(data: Observations) -> Observations:
-        waves = data.orders > 0
-        drifted = 1j * drift[:, None] / (np.pi * data.orders[waves]) * np.exp(-1j * start * data.orders[waves])
-        return replace(
-            data,
-            orders=data.orders[waves],
-            values=data.values[:, waves] - drifted,
-            spectral_deg=None if data.spectral_deg is None else data.spectral_deg[:, waves],
-            seen=None if data.seen is None else data.seen[:, waves],
-            not_looked_at=(*data.not_looked_at, "the mean: the drift within the turn moves it by an unknown part"),
-        )
+        waves = data.of_orders(data.orders > 0, "the mean: the drift within the turn moves it by an unknown part")
+        drifted = 1j * drift[:, None] / (np.pi * waves.orders) * np.exp(-1j * start * waves.orders)
+        return replace(waves, values=waves.values - drifted)
 
     return corrected
 
@@ -427,12 +420,21 @@ def _zeros(data: Observations, rig: RigModel) -> list[Mistake]:
     for place, rows in enumerate(data.runs):
         number[rows] = place
     model = rig.coefficients(data.at, data.orders.tolist())
-    angle = zeros(data.values, model, _noise_power(data), data.orders, number)
+    found = zeros(data.values, model, _noise_power(data), data.orders, number, data.spectral_deg is not None)
+    angle = found.angle
     if not angle.any():
         return []
-    turned = np.exp(1j * angle[:, None] * data.orders)
     text = _ZEROS.format(len(np.unique(number[angle != 0])), number.max() + 1, np.degrees(np.abs(angle)).max())
-    return [Mistake("home_offset", text, lambda given: replace(given, values=given.values * turned), remedy=_TURN)]
+
+    def corrected(given: Observations) -> Observations:
+        told = given.orders * found.error < SETTINGS.told_turn
+        turned = replace(given, values=given.values * np.exp(1j * angle[:, None] * given.orders))
+        if told.all():
+            return turned
+        lost = f"orders from {given.orders[~told].min()} on: the zeros of the runs are not told well enough for them"
+        return turned.of_orders(told, lost)
+
+    return [Mistake("home_offset", text, corrected, remedy=_TURN)]
 
 
 def _drift(data: Observations, rig: RigModel) -> list[Mistake]:

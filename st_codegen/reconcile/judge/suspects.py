@@ -23,7 +23,7 @@ def bad_runs(data: Observations, residual: ComplexArray, sigma: FloatArray, stru
 
     structured: bool (K,), orders in which the model lacks something: being off in these alone is no fault of the run.
     """
-    if data.angle_rad is not None:
+    if data.angle_rad is not None or _nothing_to_compare(data, structured):
         return {}
     size = _scaled(data, residual, sigma)
     size = np.where(_like_neighbours(data, residual), 0.0, size)
@@ -64,17 +64,25 @@ def _largest(size: FloatArray, structured: BoolArray) -> float:
 def without_structure(data: Observations, residual: ComplexArray, noise: Noise, structured: BoolArray) -> Noise:
     """The noise without those of its suspects that are off in nothing but orders in which the model lacks something."""
     size = _scaled(data, residual, noise.sigma)
-    if 2 * structured.sum() >= len(structured):
+    nothing = _nothing_to_compare(data, structured)
+    if 2 * structured.sum() >= len(structured) and not nothing:
         # a model that lacks something nearly everywhere excuses no run
         return noise
     off = size > SETTINGS.off
     # off in half of all orders is more than what a model lacks in some
     right = [
-        row for row, _ in noise.suspects if not (off[row] & ~structured).any() and 2 * off[row].sum() < len(structured)
+        row
+        for row, _ in noise.suspects
+        if nothing or (not (off[row] & ~structured).any() and 2 * off[row].sum() < len(structured))
     ]
     good = noise.good.copy()
     good[right] = True
     return replace(noise, good=good, suspects=tuple(entry for entry in noise.suspects if entry[0] not in right))
+
+
+def _nothing_to_compare(data: Observations, structured: BoolArray) -> bool:
+    """Whether runs have neither a model to be compared with nor others like them: a dozen runs, most orders wrong."""
+    return data.few_points and bool(2 * structured.sum() >= len(structured))
 
 
 def _scaled(data: Observations, residual: ComplexArray, sigma: FloatArray) -> FloatArray:
