@@ -350,3 +350,21 @@ class Settings:
 
 
 SETTINGS = Settings()
+
+#: Numbers that neither a chance nor physics gives, and the simulated cases that were looked at when they were settled:
+#: machines unlike those may want others. The comments above say what each decides.
+CHOSEN_ON: dict[str, tuple[str, ...]] = {
+    "development cases of the suites of the catalogue's effects and of other physics (make blind, make blind-form)": (
+        "least_constant", "off", "suspect_distance", "similar", "coherent", "comparable", "across", "misfit", "stable",
+        "worse", "expense", "block_factor", "label_loss", "label_gain", "form", "acts", "tails", "varies", "vote",
+        "clearly_larger", "misfit_of_peaks", "least_excess", "least_excess_in_time", "beyond_spectral", "told",
+        "beyond_beside", "left_of_place", "part_of_change", "most_orders", "column_factor", "changed_gain", "clear",
+        "state_reach", "formula_explains", "formula_whole", "term_price", "term_share",
+    ),
+    "all counted cases of other physics, development and held out": ("names_by_order", "names_by_more"),
+    "simulated joints of seeds below 500 (tests/reconcile/joint)": (
+        "joint_speeds", "joint_better", "joint_most", "joint_share", "joint_told", "joint_noise", "joint_least_waves",
+        "joint_own", "joint_beside", "joint_coherence", "joint_frequencies", "joint_broadest", "joint_below_mode",
+        "joint_one_inertia", "joint_mode",
+    ),
+}  # fmt: skip
