@@ -48,12 +48,11 @@ def _reachable(op: TreeEnsemble, low: Int32Array, high: Int32Array) -> IntArray:
     It is -1 for nodes that no row reaches. `low` and `high` are the ranks that each column can have.
     """
     substitute = np.full(op.n_nodes, -1, np.int64)
-    stops = np.append(op.roots[1:], op.n_nodes)
     step = max(_BOXES // (len(low) * max(op.n_nodes // op.n_trees, 1)), 1)
     for first in range(0, op.n_trees, step):
         roots = op.roots[first : first + step].astype(np.int64)
-        if stops[min(first + step, op.n_trees) - 1] > roots[0]:
-            _reach(op, roots, np.tile(low, (len(roots), 1)), np.tile(high, (len(roots), 1)), substitute)
+        shape = (len(roots), len(low))
+        _reach(op, roots, np.broadcast_to(low, shape), np.broadcast_to(high, shape), substitute)
     follow(substitute)
     return substitute
 

@@ -106,8 +106,6 @@ def _axes(model: ModelIR, most: int) -> tuple[CellAxis, ...] | None:
 
 def _too_many_thresholds(op: TreeEnsemble, most: int) -> bool:
     """Whether the thresholds of one column alone are far too many: spares the exact count for large ensembles."""
-    if op.n_nodes < most:
-        return False
     numbers = [np.unique(op.threshold[op.split == number]) for number in range(len(op.columns))]
     return any(len(np.unique(found.astype(np.float32))) > most for found in numbers)
 

@@ -424,8 +424,8 @@ def _kernel_change(
     if op.kernel is Kernel.SIGMOID:
         return np.asarray(change + function * kernel)
     larger = (base + change) ** op.degree
-    underflow = op.degree * _UNDERFLOW[op.precision] * np.maximum(base + change, 1.0) ** op.degree
-    return np.asarray(larger - base**op.degree + op.degree * both * larger + underflow)
+    # a product falls below the normal numbers only where all factors behind it are below 1, too
+    return np.asarray(larger - base**op.degree + op.degree * (both * larger + _UNDERFLOW[op.precision]))
 
 
 @step.register

@@ -1,13 +1,27 @@
 """Bounds on the difference between a block and its library."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
 
-from st_codegen.ir import Activation, Combine, Comparison, Function, Linear, Operator, Scale, Select, SummationOrder
-from st_codegen.proof.bounds import difference_bound
-from tests.models import model, random_trees
+from st_codegen.ir import (
+    Activation,
+    ArgMax,
+    Combine,
+    Comparison,
+    Function,
+    Linear,
+    Operator,
+    Precision,
+    Scale,
+    Select,
+    SummationOrder,
+    reference,
+)
+from st_codegen.proof.bounds import UNIT, difference_bound, step
+from tests.models import SMALL_MODELS, model, random_trees
 
 THRESHOLD = 0.7
 LEAVES = (1.0, 5.0)
@@ -69,3 +83,59 @@ def test_a_root_beside_zero_has_no_finite_bound():
     of_root = model(Linear((0,), [[1.0, -1.0, 1.0]], [0.0]), Activation((1,), Function.SQRT, 1))
     assert np.isinf(difference_bound(of_root, np.array([[1.0, 1.0, 0.0]])))
     assert difference_bound(of_root, np.array([[3.0, 1.0, 2.0]])) < 1e-14
+
+
+def test_units_of_roundoff_are_those_of_the_formats():
+    assert UNIT[Precision.FLOAT32] == np.finfo(np.float32).eps / 2
+    assert UNIT[Precision.FLOAT64] == np.finfo(np.float64).eps / 2
+    assert 2 * UNIT[Precision.FLOAT32] < UNIT[Precision.REAL] < 2.0001 * UNIT[Precision.FLOAT32]
+
+
+@pytest.mark.parametrize("size", [1e-3, 0.5])
+@pytest.mark.parametrize("name", SMALL_MODELS)
+def test_operands_that_moved_change_a_result_by_no_more_than_its_bound_which_is_not_far(name, size):
+    """Operands are moved in random directions; the bound is for the worst of all, which may not occur together."""
+    random = np.random.default_rng(0)
+    whole, op = SMALL_MODELS[name], SMALL_MODELS[name].ops[-1]
+    with np.errstate(all="ignore"):
+        values = reference.trace(whole, random.normal(size=(40, len(whole.features))))
+        operands, result = [values[number] for number in op.inputs], values[-1]
+        bound = step(op, operands, [np.full_like(operand, size) for operand in operands], result)
+        worst = np.zeros_like(result)
+        for _ in range(32):
+            moved = [operand + size * random.choice([-1.0, 1.0], operand.shape) for operand in operands]
+            worst = np.fmax(worst, np.abs(reference.apply(op, moved) - result))
+        known = np.isfinite(bound) & np.isfinite(worst)
+    assert np.all(worst[known] <= bound[known] + 1e-12)  # the sums that move an operand are rounded, too
+    if size < 0.1:
+        assert np.mean(known) > 0.3
+        assert isinstance(op, ArgMax) or not np.any(worst) or np.mean(bound[known]) <= 10 * np.mean(worst[known])
+
+
+@pytest.mark.parametrize("precision", [Precision.FLOAT32, Precision.FLOAT64])
+@pytest.mark.parametrize(("outputs", "wide"), [(1, False), (2, False), (2, True)])
+@pytest.mark.parametrize(("base", "around", "divisor"), [(0.0, 0.0, 1.0), (0.0, 3e4, 1.0), (1e6, 0.0, 2.5)])
+def test_trees_that_take_any_of_their_leaves_stay_within_their_bound(precision, outputs, wide, base, around, divisor):
+    """Each choice of one leaf a tree is summed up forwards and backwards; the bound is above, and not far above."""
+    random = np.random.default_rng(1)
+    op = random_trees(
+        random, trees=4, splits=3, outputs=outputs, wide=wide, sum_precision=precision, comparison=Comparison.LESS
+    )
+    number = np.float32 if precision is Precision.FLOAT32 else np.float64
+    leaves = (op.leaf_value + around).astype(number)
+    op = dataclasses.replace(op, leaf_value=leaves, base=np.full(outputs, base), divisor=divisor)
+    x = np.zeros((1, 3))
+    (bound,) = step(op, [x], [np.full_like(x, np.inf)], np.zeros((1, outputs)))
+    stops = [*op.roots[1:], op.n_nodes]
+    numbers = [op.leaf[root:stop][op.split[root:stop] < 0] for root, stop in zip(op.roots, stops, strict=True)]
+    for output in range(outputs):
+        own = [tree for tree in range(op.n_trees) if wide or op.tree_output[tree] == output]
+        sums = []
+        for chosen in itertools.product(*(leaves[numbers[tree], output if wide else 0] for tree in own)):
+            for order in (chosen, chosen[::-1]):
+                total = number(base)
+                for leaf in order:
+                    total += leaf
+                sums.append(float(total) / divisor)
+        spread = max(sums) - min(sums)
+        assert spread <= bound[output] <= spread + 40 * UNIT[precision] * (abs(base) + 4 * around + 10)

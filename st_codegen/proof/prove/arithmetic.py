@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from st_codegen.ir import FactoredKernel, KernelSum, ModelIR
+from st_codegen.ir import FactoredKernel, Kernel, KernelSum, ModelIR
 from st_codegen.passes.kernels import factored
 from st_codegen.proof.prove.axis import NotProvedError, from_keys
 from st_codegen.proof.prove.demand import Demand
@@ -64,6 +64,8 @@ def _is_the_same(model: ModelIR, on_grid: ModelIR) -> bool:
     """Whether kernels on a grid stand for the same support vectors and coefficients."""
     for op, other in zip(model.ops, on_grid.ops, strict=True):
         if isinstance(op, KernelSum) and isinstance(other, FactoredKernel):
+            if op.kernel is not Kernel.RBF or op.inputs != other.inputs:
+                return False
             order = np.argsort(other.columns)
             grid = np.stack(np.meshgrid(*other.axes, indexing="ij"), -1).reshape(-1, len(other.axes))[:, order]
             used = np.any(other.coefficients != 0, axis=0)
@@ -73,6 +75,8 @@ def _is_the_same(model: ModelIR, on_grid: ModelIR) -> bool:
                 return False
             if not np.array_equal(op.intercept, other.intercept) or op.precision is not other.precision:
                 return False
+        elif op is not other:
+            return False
     return True
 
 

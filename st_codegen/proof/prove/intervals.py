@@ -133,7 +133,8 @@ def _remainder(one: Interval, other: Interval) -> tuple[float, float]:
     if other[0] != other[1] or other[0] <= 0 or one[0] < 0:
         raise NotProvedError("MOD of what may be negative, or by what is no constant")
     if one[0] == one[1]:
-        return one[0] % other[0], one[0] % other[0]
+        rest = one[0] % other[0]
+        return rest, rest
     return 0.0, min(other[0] - 1, one[1])
 
 

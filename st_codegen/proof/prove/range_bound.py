@@ -41,6 +41,10 @@ _MARGIN = 1e-9
 #: Likewise where they are rounded to REAL.
 _MARGIN_REAL = 1e-5
 
+#: Functions whose largest result does not lie at an end of an interval, or whose slope may be without a limit.
+_NOT_MONOTONE = (Function.ABS, Function.SIN, Function.COS, Function.ERF, Function.GELU)
+_STEEP = (Function.SQRT, Function.LOG, Function.POWER)
+
 #: The ends of intervals: (boxes, width) each.
 Ends = tuple[FloatArray, FloatArray]
 
@@ -111,8 +115,6 @@ def _difference(op: Operation, operands: list[Ends], given: list[FloatArray], re
     sizes = [magnitude(operand) for operand in operands]
     if isinstance(op, Activation):
         # the slope is largest at the upper end, for a logarithm at the lower one
-        if op.function in (Function.LOG, Function.SQRT, Function.SIN, Function.COS, Function.POWER):
-            raise NotProvedError(f"no bound on the whole range is known for {op.function}")
         sizes = [operands[0][0] if op.function is Function.LOG1P else operands[0][1]]
         if op.function is Function.SIGNED_SQUARE:
             sizes = [magnitude(operands[0])]
@@ -166,7 +168,7 @@ def _(op: Linear, operands: list[Ends]) -> Ends:
 
 @interval.register
 def _(op: Activation, operands: list[Ends]) -> Ends:
-    if op.function in (Function.ABS, Function.SQRT, Function.LOG, Function.ERF, Function.GELU, Function.POWER):
+    if op.function in (*_NOT_MONOTONE, *_STEEP):
         raise NotProvedError(f"no bound on the whole range is known for {op.function.value}")
     if op.function in (Function.LOG1P, Function.EXP, Function.EXPM1):
         beyond = operands[0][0] <= -1.0 if op.function is Function.LOG1P else operands[0][1] > op.limit

@@ -257,15 +257,14 @@ class Terms:
     def integer(self, operation: str, *arguments: Value, low: int, high: int) -> Value:
         """An operation on integers that must stay within `low` .. `high`."""
         if not any(isinstance(argument, Term) for argument in arguments):
-            found = INTEGER[operation](*(self.interval(argument) for argument in arguments))[0]
-            result: Value = int(found)
-            interval = (found, found, False)
+            ends = INTEGER[operation](*(self.interval(argument) for argument in arguments))
+            result: Value = int(ends[0])
         else:
             term = self._term(operation, arguments, "int")
             interval = self._result(operation, arguments, term)
             self._note(term, interval)
-            result = term
-        if interval[0] < low or interval[1] > high:
+            ends, result = interval[:2], term
+        if ends[0] < low or ends[1] > high:
             raise NotProvedError("an integer overflows")
         return result
 

@@ -1,6 +1,7 @@
 """Models without trees: the text computes the model's expression, nothing in it fails, and the bound is one."""
 
 import dataclasses
+import itertools
 import re
 import shutil
 from pathlib import Path
@@ -8,18 +9,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from st_codegen.ir import TreeEnsemble
+from st_codegen.ir import Activation, Function, Kernel, KernelSum, Linear, Operator, Precision, Scale, TreeEnsemble
 from st_codegen.passes.domain import limit_inputs
+from st_codegen.passes.kernels import factored
 from st_codegen.project.bundle import load
 from st_codegen.proof.bounds import difference_bound
+from st_codegen.proof.prove import arithmetic
 from st_codegen.proof.prove.arithmetic import prove_arithmetic
 from st_codegen.proof.prove.axis import NotProvedError
+from st_codegen.proof.prove.intervals import INTEGER
 from st_codegen.proof.prove.prove import Verdict, prove
 from st_codegen.proof.prove.range_bound import range_bound
 from st_codegen.proof.prove.terms import Terms
 from st_codegen.proof.runner import GeneratedCode
 from tests.emit.test_emitted import generated
 from tests.models import SMALL_MODELS
+from tests.models import model as model_of
 
 GOLDEN = Path(__file__).resolve().parents[3] / "golden"
 
@@ -162,6 +167,87 @@ def test_the_bound_on_a_range_knows_that_expanded_squares_lose_digits():
     model = dataclasses.replace(model, features=features, ops=(op,))
     x = np.random.default_rng(0).uniform(1e6 - 1, 1e6 + 1, (500, len(features)))
     assert np.all(np.array(range_bound(model)) >= difference_bound(model, x).max(axis=0))
+
+
+#: Functions without a bound on a whole range: their slope has no limit, or their extremes are within it.
+WITHOUT_A_RANGE = {"abs", "sin", "cos", "erf", "gelu", "sqrt", "log", "power"}
+
+
+@pytest.mark.parametrize("precision", [Precision.FLOAT32, Precision.FLOAT64, Precision.REAL])
+@pytest.mark.parametrize("function", Function)
+def test_the_bound_of_a_function_on_a_range_is_above_that_of_every_row_and_not_far(function, precision):
+    """The numbers that it reads are sums, so that they differ by roundings, which its slope makes larger."""
+    low, high = np.array([-0.9, -0.6]), np.array([1.5, 2.5])
+    sums = Linear((0,), [[0.5, 0.5], [0.1, 0.0]], [0.0, 0.1], precision=precision)
+    read = Activation((1,), function, 2, 0.3, precision)
+    model = model_of(sums, read, features=2)
+    features = tuple(
+        dataclasses.replace(f, lower=a, upper=b) for f, a, b in zip(model.features, low, high, strict=True)
+    )
+    model = dataclasses.replace(model, features=features)
+    bound = np.array(range_bound(model))
+    x = low + (high - low) * np.random.default_rng(0).random((3000, 2))
+    rows = difference_bound(model, np.vstack([x, low, high])).max(axis=0)
+    if function.value in WITHOUT_A_RANGE:
+        assert np.all(np.isinf(bound))
+    else:
+        assert np.all((bound >= rows) & (bound < 3 * rows))
+
+
+def on_a_grid():
+    """A model with one kernel sum on a grid, and the same factored."""
+    vectors = np.stack(np.meshgrid([0.0, 1.0, 2.0], [0.5, 1.5, 4.0], indexing="ij"), -1).reshape(-1, 2)
+    sums = KernelSum((1,), Kernel.RBF, vectors, np.arange(1.0, 10.0)[None], [0.25], gamma=0.7)
+    model = model_of(Scale((0,), Operator.ADD, [1.0, 2.0]), sums, features=2)
+    return model, factored(model)
+
+
+GRIDS = {
+    "a coefficient": lambda op: {"coefficients": op.coefficients + np.eye(1, 9)},
+    "a coefficient that is left out": lambda op: {"coefficients": op.coefficients * (1 - np.eye(1, 9))},
+    "an axis": lambda op: {"axes": (op.axes[0] + np.eye(1, 3)[0] / 8, op.axes[1])},
+    "columns exchanged": lambda op: {"columns": op.columns[::-1]},
+    "gamma": lambda op: {"gamma": np.nextafter(op.gamma, 1.0)},
+    "the intercept": lambda op: {"intercept": op.intercept + 1e-9},
+    "the precision": lambda op: {"precision": Precision.FLOAT32},
+    "the operand": lambda op: {"inputs": (0,)},
+}
+
+
+@pytest.mark.parametrize("name", GRIDS)
+def test_kernels_on_a_grid_stand_for_the_support_vectors_of_the_model_only(name):
+    """A pass that made another grid than the model's gives no expression that a text may have instead."""
+    model, grid = on_a_grid()
+    assert arithmetic._is_the_same(model, grid)
+    (changed,) = (dataclasses.replace(op, **GRIDS[name](op)) for op in grid.ops[1:])
+    assert not arithmetic._is_the_same(model, dataclasses.replace(grid, ops=(grid.ops[0], changed)))
+
+
+def test_nothing_but_an_rbf_kernel_is_a_product_over_its_columns():
+    model, grid = on_a_grid()
+    other_kernel = dataclasses.replace(model.ops[1], kernel=Kernel.LINEAR)
+    assert not arithmetic._is_the_same(dataclasses.replace(model, ops=(model.ops[0], other_kernel)), grid)
+    other_step = dataclasses.replace(model.ops[0], constant=[1.0, 3.0])
+    assert not arithmetic._is_the_same(model, dataclasses.replace(grid, ops=(other_step, grid.ops[1])))
+
+
+@pytest.mark.parametrize("name", ["iadd", "isub", "imul", "imod"])
+def test_the_ends_of_integers_are_those_of_all_pairs(name):
+    compute = {"iadd": np.add, "isub": np.subtract, "imul": np.multiply, "imod": np.remainder}[name]
+    ends = [(low, high) for low in range(-4, 5) for high in range(low, low + 4)]
+    for one, other in itertools.product(ends, ends):
+        intervals = ((float(low), float(high), False) for low, high in (one, other))
+        if name == "imod" and (one[0] < 0 or other[0] != other[1] or other[0] <= 0):
+            with pytest.raises(NotProvedError, match="MOD"):
+                INTEGER[name](*intervals)
+            continue
+        pairs = compute.outer(np.arange(one[0], one[1] + 1), np.arange(other[0], other[1] + 1))
+        low, high = INTEGER[name](*intervals)
+        assert low <= pairs.min() and high >= pairs.max()
+        if name == "imod" and one[0] != one[1]:
+            assert high <= min(other[0] - 1, one[1])
+        else:
+            assert (low, high) == (pairs.min(), pairs.max())
 
 
 @pytest.mark.parametrize("seed", range(40))
