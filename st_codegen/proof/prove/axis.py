@@ -260,8 +260,7 @@ class AxisValue:
         return True
 
 
-def input_value(axis: InputAxis) -> AxisValue:
-    """The input itself."""
-    chain = np.ones(axis.lanes, np.int64)
-    chain[-1] = 0
-    return AxisValue(axis, np.full(axis.lanes, np.nan), chain, ((),))
+def input_value(axis: InputAxis, *, counted_as_zero: bool = False) -> AxisValue:
+    """The input itself; `counted_as_zero`: 0.0 in place of what the model does not take."""
+    chain = axis.taken.astype(np.int64) if counted_as_zero else np.append(np.ones(axis.lanes - 1, np.int64), 0)
+    return AxisValue(axis, np.full(axis.lanes, 0.0 if counted_as_zero else np.nan), chain, ((),))

@@ -46,6 +46,10 @@ class Boxes(Protocol):
         """Note that a variable is assigned."""
         ...
 
+    def stand_in(self, value: object) -> object:
+        """A value, or that of the axis on which it is any number."""
+        ...
+
     def as_term(self, value: object) -> Value:
         """A value as a term."""
         ...
@@ -99,14 +103,14 @@ def _give_back(executor: Boxes, before: dict[t.Variable, Held], changes: dict[t.
     for variable, value in changes.items():
         if not isinstance(value, tuple):
             executor.touch(variable, 0)
-            executor.variables[variable] = LOST if value is None else value
+            executor.variables[variable] = LOST if value is None else executor.stand_in(value)
             continue
         items, old = executor.variables[variable], before[variable]
         assert isinstance(items, list) and isinstance(old, tuple)
         for place, (new, known) in enumerate(zip(value, old, strict=True)):
             if new is not known:
                 executor.touch(variable, place)
-                items[place] = new
+                items[place] = executor.stand_in(new)
 
 
 def _variables(node: object) -> Iterator[t.Variable]:

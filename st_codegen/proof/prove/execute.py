@@ -54,19 +54,31 @@ class Executor(ValueOperations):
         self.project = project
         unit = project.pous[block.upper()]
         declared = unit.section(t.Section.INPUT)
-        if len(axes) != len(declared):
+        if len(axes) != len(declared) + len(inputs.computed):
             raise NotProvedError("the block has another number of inputs than the model has features")
         self.unit = unit
         self.variables: dict[t.Variable, Value] = {}
         self.untouched: set[tuple[t.Variable, int]] = set()
         for variable in unit.variables:
             self._declare(variable)
-        for axis, variable in zip(self.axes, declared, strict=True):
+        for axis, variable in zip(self.axes, declared, strict=False):
             self.variables[variable] = input_value(axis)
+        self.standing = {
+            term: input_value(axis, counted_as_zero=True)
+            for term, axis in zip(inputs.computed, self.axes[len(declared) :], strict=True)
+        }
 
     def run(self) -> dict[str, Value]:
         """Execute the body; the outputs by name."""
-        self._block(self.unit.body, True)
+        if not self.standing:
+            self._block(self.unit.body, True)
+        for statement in self.unit.body if self.standing else ():
+            before = {name: list(v) if isinstance(v, list) else v for name, v in self.variables.items()}
+            try:
+                self._block((statement,), True)
+            except NotProvedError:  # boxes do not decide a step in front of trees: terms may
+                self.variables = before
+                follow(self, statement)
         outputs = self.unit.section(t.Section.OUTPUT)
         return {variable.name: self.variables[variable] for variable in outputs}
 
@@ -170,6 +182,7 @@ class Executor(ValueOperations):
         self.variables[statement.variable] = LOST
 
     def _store(self, target: t.Expression, value: Value, mask: Value) -> None:
+        value = self.stand_in(value)
         if isinstance(target, t.VariableRef):
             old = self.variables.get(target.variable)
             if old is None:
@@ -191,6 +204,10 @@ class Executor(ValueOperations):
             self.variables[target.base.variable] = (target.name, value)
         else:
             raise NotProvedError(f"{target.position}: an assignment that is not followed")
+
+    def stand_in(self, value: Value) -> Value:
+        """A number that is computed in front of trees as any number of its axis; other values as they are."""
+        return self.standing.get(value, value) if isinstance(value, Term) else value
 
     # --- expressions ------------------------------------------------------------------------------------------------
 

@@ -26,6 +26,8 @@ class InputTerms:
         self.missing: list[Value] = []
         #: Conditions under which the block takes its inputs, and the term of each.
         self.taken: list[tuple[object, Term]] = []
+        #: Numbers in front of trees that are computed of several inputs; each has an axis behind those of the inputs.
+        self.computed: list[Term] = []
         self._known: dict[int, tuple[AxisValue, Value]] = {}
         for number, feature in enumerate(model.features):
             self.numbers.append(terms.leaf(("input", number), "real", _ends(feature, self.domain, number)))
@@ -37,7 +39,7 @@ class InputTerms:
         """A chain of operations on an input. Raises NotProvedError for a value that is none."""
         if id(value) not in self._known:
             links = self._links(value)
-            term = self.numbers[value.axis.feature]
+            term = [*self.numbers, *self.computed][value.axis.feature]
             for name, constant in links:
                 term = self._linked(name, term, constant)
             self._known[id(value)] = value, term
@@ -59,7 +61,9 @@ class InputTerms:
         if len(found) != 1 or (value.known is not None and not np.all(value.known[taken])):
             raise NotProvedError("a number that depends on an input in several ways")
         (links,) = found
-        first, last = (_limited(self.features[axis.feature], ends) for ends in (axis.low, axis.high))
+        first, last = axis.low, axis.high
+        if axis.feature < len(self.features):
+            first, last = (_limited(self.features[axis.feature], ends) for ends in (first, last))
         varying, fixed = taken & (chain > 0), taken & (chain == 0)
         whole = (bits(first) == bits(axis.low)) & (bits(last) == bits(axis.high))
         same = (bits(first) == bits(last)) & (bits(run_chain(links, first)) == bits(value.constant))
@@ -76,7 +80,8 @@ class InputTerms:
             if np.all(here == truth):
                 return truth
         missing = np.isnan(value.axis.low)
-        if self.domain.nan[value.axis.feature] and np.all(here[taken] == missing[taken]):
+        may_miss = value.axis.feature < len(self.features) and self.domain.nan[value.axis.feature]
+        if may_miss and np.all(here[taken] == missing[taken]):
             value.held_alike()
             return self.missing[value.axis.feature]
         return self.condition(value)

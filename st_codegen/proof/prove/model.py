@@ -45,6 +45,7 @@ from st_codegen.proof.prove.axis import (
     to_keys,
 )
 from st_codegen.proof.prove.boxes import Lanes, Space
+from st_codegen.proof.prove.intervals import Interval
 
 
 @dataclass(frozen=True)
@@ -91,10 +92,14 @@ def domain_of(model: ModelIR) -> InputDomain:
 
 
 class ModelSide:
-    """The columns of all values of a model, as far as they depend on one input each, and its ensembles."""
+    """The columns of all values of a model, as far as they depend on one input each, and its ensembles.
 
-    def __init__(self, model: ModelIR) -> None:
-        self.model = model
+    Another column that trees compare has an axis of its own behind those of the inputs, on which it is any number of an
+    interval: `computed` gives the number of that axis and the interval for a column that an ensemble reads.
+    """
+
+    def __init__(self, model: ModelIR, computed: Callable[[TreeEnsemble, int], tuple[int, Interval]]) -> None:
+        self.model, self.computed = model, computed
         self.domain = domain_of(model)
         columns: list[list[Column | str]] = [[Column(f, self._limited(f)) for f in range(len(model.features))]]
         self.ensembles: dict[int, Ensemble] = {}
@@ -103,6 +108,8 @@ class ModelSide:
             given = [column for value in op.inputs for column in columns[value]]
             columns.append(_columns_after(op, given, self.domain, refusals))
             if isinstance(op, TreeEnsemble):
+                for place in {op.columns[split].column for split in np.unique(op.split[op.split >= 0]).tolist()}:
+                    given[place] = self._standing(op, place, given[place])
                 self.ensembles[number] = Ensemble(op, given, self.domain, largest_jump(model))
 
         #: Which numbers within the domain are taken, of inputs of which it refuses some: categories that nobody knows.
@@ -110,6 +117,20 @@ class ModelSide:
         # NaN is followed with them: it need not count as 0.0 does
         nan = tuple(there or feature in self.accepted for feature, there in enumerate(self.domain.nan))
         self.domain = dataclasses.replace(self.domain, nan=nan)
+
+    def _standing(self, op: TreeEnsemble, place: int, column: Column | str) -> Column | str:
+        """A column that an ensemble reads, on an axis of its own where it is not followed on that of an input."""
+        if isinstance(column, Column):
+            return column
+        try:
+            axis, (low, high, _) = self.computed(op, place)
+        except NotProvedError as error:
+            return f"{column} ({error.reason})"
+        if axis == len(self.domain.nan):
+            keys = to_keys(np.array([low if low < 0 else -0.0, max(high, 0.0)]))
+            first, last = (np.append(*pair) for pair in zip((self.domain.low, self.domain.high), keys, strict=True))
+            self.domain = InputDomain(first, last, (*self.domain.nan, False))
+        return Column(axis, lambda x: x)
 
     def _limited(self, feature: int) -> Callable[[FloatArray], FloatArray]:
         declared = self.model.features[feature]

@@ -13,6 +13,7 @@ from st_codegen.emit.targets import TARGETS
 from st_codegen.files.html_text import html_table
 from st_codegen.ir import ModelIR, TreeEnsemble
 from st_codegen.project.bundle import Bundle
+from st_codegen.proof.probes import probe_rows
 from st_codegen.proof.prove.arithmetic import METHOD, prove_arithmetic
 from st_codegen.proof.prove.axis import NotProvedError
 from st_codegen.proof.prove.blocks import prove_block
@@ -21,6 +22,9 @@ from st_codegen.proof.prove.disagree import OtherExpressionError
 from st_codegen.proof.prove.texts import check_interface, check_text
 from st_codegen.proof.prove.tree_proof import BlockRun, Difference, TreeProof
 from st_codegen.proof.runner import GeneratedCode, target_folders
+
+#: Rows that are executed where a text differs behind numbers that are computed of several inputs.
+_PROBES = 5000
 
 #: Called with (number done, total, what is next).
 Progress = Callable[[int, int, str], None]
@@ -156,6 +160,8 @@ def prove_model(model: ModelIR, code: GeneratedCode, runs: dict[str, BlockRun] |
         return _with(result, Verdict.PROVED, method=METHOD, operations=proof.operations, bound=proof.bound)
     except Difference as difference:
         points, to_the_bit = difference.points, difference.to_the_bit
+        if points.shape[1] > len(model.features):  # which inputs lead to a number in front of trees is not known
+            points = probe_rows(model, _PROBES, 0)
         reason, example = str(difference), counterexample(model, code, block, outputs, points, to_the_bit=to_the_bit)
     except OtherExpressionError as expressions:
         reason, example = str(expressions), counterexample(model, code, block, outputs, edge_rows(model))

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from st_codegen.ir import ModelIR, Scale, Select, reference
+from st_codegen.ir import ModelIR, Scale, Select, TreeEnsemble, reference
 from st_codegen.ir.arrays import BoolArray, FloatArray, IntArray
+from st_codegen.passes.jumps import largest_jump
 from st_codegen.proof.prove.arithmetic import check_plausible, first_missing, numbers_of, same_number, size_of
 from st_codegen.proof.prove.axis import AxisValue, InputAxis, NotProvedError, from_keys
 from st_codegen.proof.prove.boxes import Lanes, Slots, Space
@@ -18,6 +20,7 @@ from st_codegen.proof.prove.disagree import OtherExpressionError, SearchedInputs
 from st_codegen.proof.prove.execute import Executor
 from st_codegen.proof.prove.floats import bits
 from st_codegen.proof.prove.inputs import InputTerms
+from st_codegen.proof.prove.intervals import Interval
 from st_codegen.proof.prove.model import ModelSide
 from st_codegen.proof.prove.range_bound import range_bound
 from st_codegen.proof.prove.sums import TreeKey, TreeTerms, column_of
@@ -28,6 +31,13 @@ from st_codegen.proof.runner import GeneratedCode
 
 #: How a proof was reached.
 SUMS, CELLS, TAIL = "sums of trees, tree by tree", "all cells", "the model's expression of its trees"
+
+#: What is said of trees behind inexact steps.
+_BESIDE_A_THRESHOLD = (
+    "the text is the model's expression, operation by operation; its trees compare numbers that are computed with "
+    "rounding, so that the library may take another leaf where such a number lies beside a threshold: the sum of the "
+    "trees then differs {size} (verify says within what width of the threshold)"
+)
 
 #: Boxes in which more rows than one are looked at for a difference, and how many in each.
 _SPREAD = 64
@@ -67,6 +77,7 @@ class TreeFindings:
     boxes: int
     operations: int = 0
     bound: tuple[float, ...] = ()
+    claims: tuple[str, ...] = ()
 
 
 class TreeProof:
@@ -76,8 +87,9 @@ class TreeProof:
         self, model: ModelIR, code: GeneratedCode, block: str, outputs: tuple[int, ...], runs: dict[str, BlockRun]
     ) -> None:
         self.model, self.outputs = model, [numbers_of(code.project, block)[number] for number in outputs]
-        self.side = ModelSide(model)
         inputs = InputTerms(Terms(), model)
+        self.before: set[int] = set()
+        self.side = ModelSide(model, lambda op, place: self._computed(inputs, op, place))
         self.trees = TreeTerms(inputs.terms, inputs, model)
         self.fixed: dict[TreeKey, float] = {}
         self.expected = list(self._expected_terms())
@@ -86,15 +98,33 @@ class TreeProof:
             self.open.setdefault((key[0], key[2]), []).append(key)
         self.recognised = 0
         self.boxes = 0
-        run = runs.get(block)
+        run = None if inputs.computed else runs.get(block)
         if run is None:
             executor = Executor(code.project, block, self._axes(), inputs, self._recognise)
             for axis in executor.axes:
                 axis.cut(self.side.cuts(axis.feature))
             run = BlockRun(executor, executor.run())
-            if not self.recognised:
+            if not self.recognised and not inputs.computed:
                 runs[block] = run
         self.run = run
+
+    def _computed(self, inputs: InputTerms, op: TreeEnsemble, place: int) -> tuple[int, Interval]:
+        """The axis and the interval of a column that is computed in front of trees: what holds for all of its numbers
+        there holds for those that the inputs lead to.
+        """
+        demand = Demand.of_trees(inputs.terms, self.model, inputs, {}, True, op.inputs)
+        term = [column for value in op.inputs for column in demand.values[value]][place]
+        if [flag for value in op.inputs for flag in demand.missing[value]][place] is not False:
+            raise NotProvedError("it may be missing")
+        if not isinstance(term, Term):
+            raise NotProvedError("it is a constant")
+        interval = inputs.terms.interval(term)
+        if not np.all(np.isfinite(interval)) or interval[2]:
+            raise NotProvedError("it may overflow")
+        self.before.update(op.inputs)
+        if term not in inputs.computed:
+            inputs.computed.append(term)
+        return len(inputs.features) + inputs.computed.index(term), interval
 
     def _axes(self) -> list[InputAxis]:
         domain = self.side.domain
@@ -177,7 +207,7 @@ class TreeProof:
 
     def _spread(self, space: Space, lanes: IntArray) -> FloatArray:
         """Rows in some boxes, beside numbers at which other trees decide: what is added to a leaf there differs."""
-        cuts = [self.side.cuts(feature) for feature in range(len(self.model.features))]
+        cuts = [self.side.cuts(axis) for axis in range(len(self.side.domain.low))]
         found = [space.points(lanes[:1000])]
         for lane in lanes[:_SPREAD].tolist():
             rows = np.tile(space.points(np.array([lane])), (_SPREAD, 1))
@@ -244,7 +274,7 @@ class TreeProof:
                 self._check_cells(number, value)
         self._check_range(outputs)
         self._check_plausible(outputs, valid)
-        return TreeFindings(found.method, found.trees, self.boxes, found.operations, found.bound)
+        return dataclasses.replace(found, boxes=self.boxes)
 
     def _value(self, outputs: dict[str, Value], name: str, valid: Value) -> Value:
         """What an output is assigned where there is an answer; it must keep its value elsewhere."""
@@ -287,25 +317,31 @@ class TreeProof:
         sums = {
             number: self.trees.sums(ensemble.op, number, self.fixed) for number, ensemble in self.side.ensembles.items()
         }
-        demand = Demand.of_trees(terms, self.model, inputs, sums, self._as_truth(start))  # type: ignore[arg-type]
+        wanted = (*self.before, len(self.model.ops))
+        demand = Demand.of_trees(terms, self.model, inputs, sums, self._as_truth(start), wanted)  # type: ignore[arg-type]
         self._check_valid(start)
         if demand.valid is not self._as_truth(valid):
             reason = "bValid is not what the model demands behind its trees"
             raise OtherExpressionError(reason, [self._as_truth(valid)], [demand.valid], self._inputs())  # type: ignore[list-item]
         chosen = [n for n, cells in enumerate(by_cells) if not cells]
         got = [self.run.executor.as_number(values[n]) for n in chosen]
-        wanted = [demand.put_out()[n] for n in chosen]
-        if not all(map(same_number, got, wanted)):
-            names = [self.outputs[n] for n, *pair in zip(chosen, got, wanted, strict=True) if not same_number(*pair)]
+        demanded = [demand.put_out()[n] for n in chosen]
+        if not all(map(same_number, got, demanded)):
+            names = [self.outputs[n] for n, *pair in zip(chosen, got, demanded, strict=True) if not same_number(*pair)]
             reason = f"{', '.join(names)}: not the additions, roundings and operations of the model, which "
             reason += first_missing(demand, got)
-            raise OtherExpressionError(reason, got, wanted, self._inputs(), chosen)
+            raise OtherExpressionError(reason, got, demanded, self._inputs(), chosen)
         tail = [op for number, op in enumerate(self.model.ops, 1) if number in demand.values and number not in sums]
         linear = any(ensemble.op.linear is not None for ensemble in self.side.ensembles.values())
-        if not linear and all(isinstance(op, Select | Scale) and op.exact for op in tail):
+        operations, jump = size_of(demand.outputs), largest_jump(self.model)
+        if inputs.computed and jump:
+            size = f"by up to {jump:.3g}" if np.isfinite(jump) else "by an amount of which no bound is known"
+            claim = _BESIDE_A_THRESHOLD.format(size=size)
+            return TreeFindings(TAIL, len(self.expected), 0, operations, (np.inf,) * len(self.outputs), (claim,))
+        if not linear and not inputs.computed and all(isinstance(op, Select | Scale) and op.exact for op in tail):
             return TreeFindings(SUMS, len(self.expected), 0)
         bound = range_bound(self.model) if self.model.classes is None else ()
-        return TreeFindings(TAIL, len(self.expected), 0, size_of(demand.outputs), bound)
+        return TreeFindings(TAIL, len(self.expected), 0, operations, bound)
 
     def _inputs(self) -> SearchedInputs:
         """What stands for the leaves of expressions on rows of inputs."""
@@ -328,7 +364,8 @@ class TreeProof:
         for feature in range(len(self.model.features)):
             keys = self.side.cuts(feature)
             anchors.append(from_keys(np.concatenate([keys, keys + 1])))
-        return SearchedInputs(self.side.domain.low, self.side.domain.high, leaves, tuple(anchors))
+        low, high = (ends[: len(anchors)] for ends in (self.side.domain.low, self.side.domain.high))
+        return SearchedInputs(low, high, leaves, tuple(anchors))
 
     def _check_plausible(self, outputs: dict[str, Value], valid: Value) -> None:
         """bPlausible, where there is one, is bValid and that no output lies outside of its plausible range."""
@@ -354,8 +391,8 @@ class TreeProof:
     def _check_valid(self, valid: Value) -> None:
         """bValid is TRUE exactly for the inputs for which the model has an answer."""
         domain = self.side.domain
-        parts = _condition_parts(valid)
-        for axis in self.run.executor.axes:
+        parts = self._conditions_on_inputs(valid)
+        for axis in self.run.executor.axes[: len(self.model.features)]:
             feature = axis.feature
             axis.cut(np.array([domain.low[feature] - 1, domain.high[feature]]))
             inside = (axis.starts >= domain.low[feature]) & (axis.ends <= domain.high[feature])
@@ -371,6 +408,13 @@ class TreeProof:
             if wrong.size:
                 raise Difference("bValid is not what the model demands", self._rows(feature, axis.low[wrong[:1000]]))
 
+    def _conditions_on_inputs(self, value: Value) -> dict[int, AxisValue]:
+        """A condition by input: none may tell what a number is that has an axis of its own in front of the trees."""
+        parts = _condition_parts(value)
+        if any(feature >= len(self.model.features) for feature in parts):
+            raise NotProvedError("bValid or bInRange depends on a number that is computed in front of the trees")
+        return parts
+
     def _rows(self, feature: int, values: FloatArray) -> FloatArray:
         domain = self.side.domain
         row = from_keys(np.clip(np.zeros(len(domain.low), np.int64), domain.low, domain.high))
@@ -382,9 +426,9 @@ class TreeProof:
         """bInRange, where there is one, is TRUE exactly where no number lies outside its declared range."""
         if "bInRange" not in outputs:
             return
-        parts = _condition_parts(outputs["bInRange"])
+        parts = self._conditions_on_inputs(outputs["bInRange"])
         domain = self.side.domain
-        for axis, feature in zip(self.run.executor.axes, self.model.features, strict=True):
+        for axis, feature in zip(self.run.executor.axes, self.model.features, strict=False):
             low, high = feature.checked or (-_LARGEST, _LARGEST)  # an infinity is in no range
             with np.errstate(over="ignore"):
                 axis.cut_below(np.array([low, np.nextafter(high, np.inf)]))
@@ -407,6 +451,8 @@ class TreeProof:
 
     def _check_cells(self, output: int, value: Value) -> None:
         """In every box of the text and of the model together one evaluation of the model decides."""
+        if self.run.executor.inputs.computed:
+            raise NotProvedError("a table of numbers that are computed in front of trees is not followed")
         if isinstance(value, Lanes):
             space = value.lift().space.copy()
             got = Lanes(space, value.value, value.known)

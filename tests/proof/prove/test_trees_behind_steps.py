@@ -9,9 +9,19 @@ pytest.importorskip("sklearn")
 
 from sklearn.compose import ColumnTransformer
 from sklearn.decomposition import PCA
+from sklearn.ensemble import RandomForestClassifier, RandomForestRegressor, StackingRegressor
 from sklearn.impute import SimpleImputer
 from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import Binarizer, KBinsDiscretizer, OneHotEncoder, OrdinalEncoder, StandardScaler
+from sklearn.preprocessing import (
+    Binarizer,
+    KBinsDiscretizer,
+    Normalizer,
+    OneHotEncoder,
+    OrdinalEncoder,
+    PolynomialFeatures,
+    SplineTransformer,
+    StandardScaler,
+)
 from sklearn.tree import DecisionTreeRegressor
 
 from st_codegen.driver import generate
@@ -22,7 +32,7 @@ from st_codegen.project.bundle import Bundle
 from st_codegen.proof.prove.prove import Verdict, prove
 from st_codegen.proof.prove.tree_proof import TAIL
 from st_codegen.walkers.base import LoadedModel
-from tests.classifiers import GAPS, SCORE, X, loaded
+from tests.classifiers import GAPS, SCORE, THREE, X, loaded
 
 KINDS = np.column_stack([X[:, 0], np.digitize(X[:, 1], [-3, 0, 2]), X[:, 2]])
 TREE = DecisionTreeRegressor(max_depth=4, random_state=0)
@@ -117,11 +127,84 @@ def test_a_step_that_was_changed_is_refuted(name, tmp_path):
     assert result.verdict is Verdict.REFUTED, result
 
 
-def test_what_several_inputs_make_is_not_followed_and_the_jump_is_told(tmp_path):
-    model = loaded(make_pipeline(PCA(2), TREE).fit(X, SCORE))
+FOREST = RandomForestRegressor(3, max_depth=3, random_state=0)
+#: Steps that compute of several inputs, or inexactly, or refuse numbers.
+COMPUTED = {
+    "components": PCA(2),
+    "products": PolynomialFeatures(2),
+    "lengths": Normalizer(),
+    "lengths of components": make_pipeline(PCA(2), Normalizer()),
+    "splines": SplineTransformer(3),
+}
+
+
+def behind(step, folder, last=TREE, answer=SCORE, layout=Layout.AUTO):
+    model = loaded(make_pipeline(step, last).fit(X, answer))
     model = LoadedModel(limit_inputs(model.ir), model.predict)
-    generate(Bundle((model,)), "iec", tmp_path)
-    (result,) = prove(Bundle((model,)), tmp_path).results
+    generate(Bundle((model,)), "iec", folder, options=Options(layout=layout))
+    return Bundle((model,)), folder / "iec" / "FB_M.st"
+
+
+@pytest.mark.parametrize("name", COMPUTED)
+def test_trees_behind_computed_numbers_are_the_expression_and_the_jump_is_told(name, tmp_path):
+    bundle, _ = behind(COMPUTED[name], tmp_path, FOREST)
+    (result,) = prove(bundle, tmp_path).results
+    assert (result.verdict, result.method, result.reason) == (Verdict.PROVED, TAIL, "")
+    jump = largest_jump(bundle.models[0].ir)
+    if name == "products":  # both round them alike
+        assert (jump, result.claims) == (0.0, ())
+        return
+    (claim,) = result.claims
+    assert f"differs by up to {jump:.3g}" in claim
+    assert result.bound == (np.inf,)  # none is claimed
+
+
+@pytest.mark.parametrize("layout", [Layout.TREES, Layout.RANKED])
+def test_labels_behind_components_are_proved_in_every_layout(layout, tmp_path):
+    classes = RandomForestClassifier(3, max_depth=3, random_state=0)
+    bundle, _ = behind(PCA(2), tmp_path, classes, THREE, layout)
+    (result,) = prove(bundle, tmp_path).results
+    assert (result.verdict, len(result.claims)) == (Verdict.PROVED, 1), result
+
+
+COMPUTED_CHANGES = {
+    "a weight": ("components", r"( WEIGHT_1 : .*\n\s+\(\*.*\*\)\n\s+)(-?[0-9.E-]+)", ulp),
+    "a constant of a sum": ("components", r"( BIAS_1 : .*\n\s+)(-?[0-9.E-]+)", ulp),
+    "a threshold": ("components", r"( THRESHOLD_2 : .*\n\s+\(\*.*\*\)\n\s+)(-?[0-9.E-]+)", r"\g<1>0.5"),
+    "the comparison": ("components", r"<= (THRESHOLD_2)", r"< \1"),
+    "the order of additions": (
+        "components",
+        r"fSum \+ aInput\[nColumn\] \* WEIGHT_1\[nBase \+ nColumn\]",
+        "fSum + aInput[2 - nColumn] * WEIGHT_1[nBase + 2 - nColumn]",
+    ),
+    "no rounding": ("components", r"REAL_TO_LREAL\(LREAL_TO_REAL\(fX\)\)", "fX"),
+    "a column": ("components", r"(SLOT_COLUMN_2 : .*\n\s+)0", r"\g<1>1"),
+    "a refusal of numbers that are not too large": (
+        "components",
+        r"(\(\* 3\. )",
+        r"IF aStep1[0] > 1.0 THEN bUsable := FALSE; END_IF; \1",
+    ),
+    "no refusal": ("lengths", r"bUsable := FALSE; (\(\* the quotient)", r"\1"),
+    "another refusal": ("lengths", r"<= (ABS\(aInput)", r"< \1"),
+    "an answer without the tree": ("components", r"fOut1 := aStep2", "fOut1 := aStep1"),
+}
+
+
+@pytest.mark.parametrize("name", COMPUTED_CHANGES)
+def test_what_is_changed_in_front_of_trees_is_not_proved(name, tmp_path):
+    steps, pattern, change = COMPUTED_CHANGES[name]
+    bundle, path = behind(COMPUTED[steps], tmp_path)
+    changed, count = re.subn(pattern, change, path.read_text(), count=1)
+    assert count == 1
+    path.write_text(changed)
+    (result,) = prove(bundle, tmp_path).results
+    assert result.verdict is not Verdict.PROVED
+    assert result.verdict is Verdict.REFUTED or name not in ("an answer without the tree", "a threshold"), result
+
+
+def test_trees_behind_trees_are_not_followed(tmp_path):
+    stack = StackingRegressor([("tree", TREE), ("other", DecisionTreeRegressor(max_depth=2))], FOREST, passthrough=True)
+    bundle, _ = behind("passthrough", tmp_path, stack)
+    (result,) = prove(bundle, tmp_path).results
     assert result.verdict is Verdict.NOT_PROVED
-    assert "Linear computes of several inputs" in result.reason
-    assert f"differs by up to {largest_jump(model.ir):.3g}" in result.reason
+    assert "TreeEnsemble" in result.reason
