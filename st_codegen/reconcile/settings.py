@@ -153,6 +153,9 @@ class Settings:
     stands_out: float = 9.0
     #: orders to each side that are alike where structure is broad: a bump of 6 deg fades within ten
     around_order: int = 20
+    #: orders to each side of a line of samples over time, from and to: those beside it hold what leaks of it where the
+    #: turns are not whole, those far away another part of a spectrum that falls
+    around_line: tuple[int, int] = (2, 6)
     #: orders that hold less of a change than this share of the most do not speak for it
     part_of_change: float = 0.05
     #: widths to each side that a bump is seen in; the share of its power by which another bump (a trapezoid)

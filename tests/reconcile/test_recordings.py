@@ -1,10 +1,16 @@
 """Recordings over time: which angles suffice, and all that is wrong with a file at once."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from st_codegen.errors import InputError
 from st_codegen.reconcile.data.recordings import ANGLES, is_recording, observations, read_recordings
+from st_codegen.reconcile.judge.lines import stand_out, waves_of_angle
+from st_codegen.reconcile.report.sentences import left_text
+from st_codegen.reconcile.run import reconcile_files
+from st_codegen.rig.effects import catalogue
 from st_codegen.rig.model import parse_rig
 
 RIG = """
@@ -74,3 +80,52 @@ def test_all_problems_of_all_files_at_once(tmp_path):
         "c.csv",
     ):
         assert text in str(caught.value), text
+
+
+def test_a_wave_over_the_angle_has_to_stand_out_of_what_is_around():
+    """Steps and wanders hold all orders, the low ones most; every one of these was an unexplained order."""
+    order = np.arange(80)
+    falling = 1e-6 / np.maximum(order, 1.0) ** 2
+    everywhere = np.ones(80, bool)
+    assert not stand_out(falling, falling, everywhere).any()
+    lines = falling.copy()
+    lines[[7, 40]] *= (40.0, 20.0)
+    assert np.flatnonzero(stand_out(lines, lines, everywhere)).tolist() == [7, 40]
+    # what leaks beside it does not hide it, nor is it a line; orders that the rig makes are no surroundings
+    lines[[6, 8]] = lines[7] / 5
+    assert stand_out(lines, lines, everywhere)[7] and not stand_out(lines, lines, everywhere)[[6, 8]].any()
+    busy = falling.copy()
+    busy[[38, 42, 43]] = 1.0
+    assert not stand_out(lines, busy, everywhere)[40]
+    assert stand_out(lines, busy, ~np.isin(order, [38, 42, 43]))[40]
+
+
+def test_samples_have_the_waves_that_were_put_in(tmp_path):
+    rig = recorded(tmp_path / "r.csv")
+    data = observations(read_recordings([tmp_path / "r.csv"]), rig)
+    angle = np.linspace(0.0, 6 * np.pi, 9000, endpoint=False) ** 1.0
+    turns = replace(data.rows(np.arange(len(data))[np.zeros(9000, int)]), angle_rad=angle)
+    samples = 0.3 + 2e-3 * np.cos(5 * angle + 0.4) + 1e-3 * np.cos(77 * angle - 2.0)
+    waves = waves_of_angle(turns, samples, 90)
+    assert waves[0].real == pytest.approx(0.3)
+    assert waves[5] == pytest.approx(2e-3 * np.exp(0.4j), abs=1e-12)
+    assert waves[77] == pytest.approx(1e-3 * np.exp(-2.0j), abs=1e-12)
+
+
+def test_a_step_in_the_middle_of_a_recording_is_no_order_and_no_changed_parameter(tmp_path):
+    for number, torque in enumerate((200.0, 800.0)):
+        t, turns = np.arange(8000) * 1e-3, 1.6
+        fast = 81.0 * 360.0 * turns * t / t[-1]
+        out = fast / 81.0
+        at = np.deg2rad(out)
+        wave = 0.01 * np.cos(at) + 2e-4 * np.random.default_rng(number).standard_normal(len(t))
+        step = 0.012 * (t > 5.0 + number)
+        rows = np.column_stack([t, fast, fast, out + wave + step, np.full(len(t), torque), np.full(len(t), 30.0)])
+        names = "t,theta_mot,theta_in,theta_out,torque_Nm,temperature_C"
+        np.savetxt(tmp_path / f"{number}.csv", rows, "%.12g", ",", header=names, comments="")
+    result = reconcile_files(parse_rig(RIG), tmp_path, catalogue(()))
+    assert not result.conclusions.claims
+    assert all(entry.before.name == "coupling_compliance" for entry in result.conclusions.retuned)
+    assert all(one.order == 0 for one in result.unexplained)
+    assert "floors; only waves of the angle that stand out of it are listed" in left_text(result)
+    assert result.verdict != "explained" and result.held_out.after > 5 * result.held_out.noise_floor

@@ -15,7 +15,7 @@ from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.held_out import unmeasured_states
 from st_codegen.reconcile.judge.peaks import bracket, has_a_frequency, spread
 from st_codegen.reconcile.judge.plausible import bounds_met, explained, followers, inside_bounds, is_a_peak, misfit
-from st_codegen.reconcile.judge.retuned import changes, with_piece_held
+from st_codegen.reconcile.judge.retuned import changes, offset_is_large, with_piece_held
 from st_codegen.reconcile.judge.selection import founded
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Effect, Form, Stage
@@ -153,6 +153,10 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
         else:
             changed, offset_changed = changes(joint)
     final = fit(joint.target, _held(joint, changed, offset_changed))
+    if offset_changed and not offset_is_large(final):
+        # it made up for what is held at the rig's own values now
+        offset_changed = False
+        final = fit(joint.target, _held(joint, changed, offset_changed))
     outside = [i for i in standing if bounds_met(final.state.pieces[i]) or not is_a_peak(final.state.pieces[i])]
     if outside:
         # what holds the rest of the rig put it there: then it was a part of the rest

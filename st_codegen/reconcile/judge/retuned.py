@@ -32,9 +32,17 @@ def changes(joint: Fit) -> tuple[dict[int, float], bool]:
         if sure and (grown or not _lasting_noise(joint, piece)):
             found[i] = p
     shift = joint.state.vector()[:1] - joint.state.rig.zero_offset_deg
-    sigma = joint.target.sigma[:, joint.target.data.orders == 0]
-    large = bool(sigma.size) and abs(float(shift[0])) > SETTINGS.least_constant * float(np.sqrt((sigma**2).mean()))
-    return found, large and _p_of(joint, [0], shift) < SETTINGS.p_changed
+    return found, offset_is_large(joint) and _p_of(joint, [0], shift) < SETTINGS.p_changed
+
+
+def offset_is_large(joint: Fit) -> bool:
+    """Whether the offset of a fit is off the rig's by more than lasting noise, and what is left, could make."""
+    target = joint.target
+    shift = joint.state.offset - joint.state.rig.zero_offset_deg
+    sigma = target.sigma[:, target.data.orders == 0]
+    if not sigma.size or abs(shift) <= SETTINGS.least_constant * float(np.sqrt((sigma**2).mean())):
+        return False
+    return stands_out(joint, np.tile(np.where(target.data.orders == 0, shift + 0j, 0.0), (len(target.data), 1)))
 
 
 def _stands(joint: Fit, piece: Piece, held: Fit) -> bool:

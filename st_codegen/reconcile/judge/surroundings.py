@@ -6,6 +6,7 @@ import numpy as np
 
 from st_codegen.ir.arrays import ComplexArray, FloatArray
 from st_codegen.reconcile.fit.fitting import Fit
+from st_codegen.reconcile.judge.lines import stand_out, waves_of_angle
 from st_codegen.reconcile.judge.plausible import explained
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect
@@ -21,6 +22,8 @@ def stands_out(current: Fit, own: ComplexArray) -> bool:
     """
     target = current.target
     orders, rows = target.data.orders, target.good
+    if target.data.angle_rad is not None:
+        return _lines_stand_out(current, own)
     left = np.abs(current.residual[rows]) ** 2 - np.where(orders == 0, 1, 2) * target.sigma[rows] ** 2
     # an effect of one angle reaches all orders: what is left of them is its form's
     waves = [piece.effect for piece in current.state.pieces if not piece.effect.least_foreign]
@@ -32,6 +35,20 @@ def stands_out(current: Fit, own: ComplexArray) -> bool:
         if around.sum() < SETTINGS.shared_orders or size[k] > SETTINGS.stands_out * left[:, around].mean():
             return True
     return False
+
+
+def _lines_stand_out(current: Fit, own: ComplexArray) -> bool:
+    """The same for samples over time, by their waves over the output's angle.
+
+    What is none of a few waves, as a mean that follows speed and torque, has no order, and nothing around it.
+    """
+    data = current.target.data
+    highest = max(data.inside) + SETTINGS.around_line[1]
+    size, left = (np.abs(waves_of_angle(data, part[:, 0].real, highest)) ** 2 for part in (own, current.residual))
+    nobodys = ~np.isin(np.arange(highest + 1), list(current.state.rig.orders()))
+    much = size > SETTINGS.part_of_change * size.max()
+    in_waves = size[0] + size[1:].sum() / 2 > 0.5 * float((np.abs(own) ** 2).mean())
+    return bool(not in_waves or (much & stand_out(size, left, nobodys)).any())
 
 
 def is_of_its_place(current: Fit, number: int) -> bool:

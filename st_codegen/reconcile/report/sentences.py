@@ -87,6 +87,10 @@ def left_text(result: Reconciliation) -> str:
     gap, own = result.held_out, result.orders
     if gap.after < SETTINGS.above_floor * gap.noise_floor or not own:
         return ""
+    times = gap.after / gap.noise_floor
+    if result.data.angle_rad is not None:
+        listed = "only waves of the angle that stand out of it are listed"
+        return f"The gap on held-out recordings is {times:.3g} floors; {listed}."
     left = np.array([one.held_out for one in own]) ** 2
     shares, alike = left / gap.after**2, in_both_directions(result.target, result.conclusions.final.residual)
     parts = []
@@ -97,7 +101,6 @@ def left_text(result: Reconciliation) -> str:
             moves = ": it moves from run to run by what no effect that was found follows" if own[k].order == 0 else ""
             text += f" (of the {own[k].after:.2g} deg of the fitted runs both directions share {alike[k]:.2g}{moves})"
         parts.append(text)
-    times = gap.after / gap.noise_floor
     return f"The gap on held-out runs is {times:.3g} floors: {'; '.join(parts)}."
 
 
