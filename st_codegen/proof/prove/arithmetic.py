@@ -57,7 +57,7 @@ def prove_arithmetic(model: ModelIR, project: Project, block: str, outputs: tupl
     else:
         raise min(differences, key=lambda difference: difference.apart)
     _check_all_inputs(model, project, block, outputs)
-    return ArithmeticProof(operations, range_bound(model) if model.classes is None else ())
+    return ArithmeticProof(operations, range_bound(model))
 
 
 def _is_the_same(model: ModelIR, on_grid: ModelIR) -> bool:

@@ -340,8 +340,7 @@ class TreeProof:
             return TreeFindings(TAIL, len(self.expected), 0, operations, (np.inf,) * len(self.outputs), (claim,))
         if not linear and not inputs.computed and all(isinstance(op, Select | Scale) and op.exact for op in tail):
             return TreeFindings(SUMS, len(self.expected), 0)
-        bound = range_bound(self.model) if self.model.classes is None else ()
-        return TreeFindings(TAIL, len(self.expected), 0, operations, bound)
+        return TreeFindings(TAIL, len(self.expected), 0, operations, range_bound(self.model))
 
     def _inputs(self) -> SearchedInputs:
         """What stands for the leaves of expressions on rows of inputs."""

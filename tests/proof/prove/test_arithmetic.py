@@ -14,7 +14,7 @@ from st_codegen.passes.domain import limit_inputs
 from st_codegen.passes.kernels import factored
 from st_codegen.project.bundle import load
 from st_codegen.proof.bounds import difference_bound
-from st_codegen.proof.prove import arithmetic
+from st_codegen.proof.prove import arithmetic, symbolic
 from st_codegen.proof.prove.arithmetic import prove_arithmetic
 from st_codegen.proof.prove.axis import NotProvedError
 from st_codegen.proof.prove.intervals import INTEGER
@@ -98,6 +98,18 @@ def test_a_text_changed_by_hand_is_not_proved(name, tmp_path):
     assert prove(bundle, tmp_path / "out").results[0].verdict is Verdict.PROVED
     (folder / block).write_text(changed)
     assert prove(bundle, tmp_path / "out").results[0].verdict is not Verdict.PROVED
+
+
+@pytest.mark.parametrize(("limit", "most"), [("_MOST_CASES", 1), ("_MOST_SPLITS", 0)])
+def test_an_integer_that_differs_in_too_many_cases_is_given_up(limit, most, tmp_path, monkeypatch):
+    """A search among knots is two cases, one in the other; what has thousands must end."""
+    model = limit_inputs(SMALL_MODELS["piecewise linear"])
+    project = generated(model, "iec", tmp_path).project
+    monkeypatch.setattr(symbolic, limit, most + 1)
+    prove_arithmetic(model, project, "FB_M", (0, 1, 2))
+    monkeypatch.setattr(symbolic, limit, most)
+    with pytest.raises(NotProvedError, match="too many cases"):
+        prove_arithmetic(model, project, "FB_M", (0, 1, 2))
 
 
 #: Changes of searches among knots, of polynomials between them, and of rounds that hand on a state.

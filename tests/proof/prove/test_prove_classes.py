@@ -18,6 +18,7 @@ from sklearn.ensemble import (
     HistGradientBoostingRegressor,
     IsolationForest,
     RandomForestClassifier,
+    RandomForestRegressor,
     VotingClassifier,
 )
 from sklearn.linear_model import LogisticRegression, Ridge
@@ -34,7 +35,8 @@ from st_codegen.passes.choose import Layout, Options
 from st_codegen.project.bundle import Bundle
 from st_codegen.proof.prove.arithmetic import METHOD
 from st_codegen.proof.prove.prove import Verdict, prove
-from st_codegen.proof.prove.tree_proof import TAIL
+from st_codegen.proof.prove.tree_proof import SUMS, TAIL
+from st_codegen.walkers.base import LoadedModel
 from tests.classifiers import GAPS, SCORE, THREE, TWO, X, loaded
 
 #: Models without trees: decisions on a score, votes, softmax, sigmoids, distances.
@@ -213,6 +215,32 @@ def test_what_stands_behind_trees_is_not_proved_when_it_was_changed(name, tmp_pa
     assert count == 1
     path.write_text(changed)
     assert prove(Bundle((model,)), tmp_path).results[0].verdict is not Verdict.PROVED
+
+
+def test_of_several_numbers_the_one_that_was_changed_is_named(tmp_path):
+    forest = RandomForestRegressor(2, max_depth=2, random_state=0)
+    model = loaded(forest.fit(X[:80], np.column_stack([SCORE, -SCORE, SCORE**2])[:80]))
+    assert proved(model, tmp_path, Layout.TREES).method == SUMS
+    path = tmp_path / "iec" / "FB_M.st"
+    path.write_text(path.read_text().replace("fOut2 := aStep1[1]", "fOut2 := aStep1[1] + 0.5"))
+    (result,) = prove(Bundle((model,)), tmp_path).results
+    assert result.verdict is Verdict.REFUTED
+    assert "fOut2: not the additions" in result.reason
+
+
+@pytest.mark.parametrize("name", ["logistic regression", "counts", "boosting"])
+def test_with_ranges_it_is_told_that_no_bound_is_known(name, tmp_path):
+    """A label, and what stands behind trees, has none; without ranges it would be the ranges that are missing."""
+    estimator, x, y = (EXPRESSIONS[name][0], X, EXPRESSIONS[name][1]) if name in EXPRESSIONS else TREES[name]
+    model = fitted(estimator, y, x)
+    for features, bound in ((model.ir.features, set()), (ranged_features(model), {np.inf})):
+        model = LoadedModel(dataclasses.replace(model.ir, features=features), model.predict)
+        result = proved(model, tmp_path / str(len(bound)), Layout.TREES)
+        assert (result.verdict, set(result.bound)) == (Verdict.PROVED, bound)
+
+
+def ranged_features(model):
+    return tuple(dataclasses.replace(feature, lower=-4.0, upper=4.0) for feature in model.ir.features)
 
 
 LEAF_CHANGES = {

@@ -286,6 +286,40 @@ def test_what_stands_around_a_text_is_read(name, made):
     assert verdicts(*made["twincat"], text.replace(old, new, 1)) == (False, False)
 
 
+BASE = "FUNCTION_BLOCK FB_Base\nVAR\n    nMore : DINT;\nEND_VAR\n"
+HEAD = "FUNCTION_BLOCK FB_Random_forest"
+#: What makes a block more than its own statements, one by one.
+MORE = {
+    "a block that it extends": (HEAD, f"{HEAD} EXTENDS FB_Base"),
+    "a modifier": (HEAD, "FUNCTION_BLOCK ABSTRACT FB_Random_forest"),
+    **{
+        f"a method {name} that the controller calls": (
+            "</POU>",
+            METHOD.replace("fX : LREAL", f"{name} : BOOL").replace('"fX"', f'"{name}"')
+            + f"<Implementation><ST>{name} := TRUE; fOut1 := 9.0;</ST></Implementation></Method></POU>",
+        )
+        for name in ("FB_init", "FB_reinit", "FB_exit")
+    },
+}
+
+
+@pytest.mark.parametrize("name", MORE)
+def test_a_block_that_is_more_than_its_statements_is_accepted_by_nobody(name, made):
+    bundle, _, out, path = made["twincat"]
+    base, original = out / "POUs" / "FB_Base.TcPOU", path.read_text("utf-8")
+    base.write_text(_unit("POU", "FB_Base", BASE, "nMore := 0;"), "utf-8")
+    old, new = MORE[name]
+    assert old in original
+    try:
+        assert verdicts(*made["twincat"], original.replace(old, new, 1)) == (False, False)
+        path.write_text(original.replace(old, new, 1), "utf-8")
+        (result,) = prove(bundle, out).results
+        assert "extends a block or has a method that nobody calls" in result.reason
+    finally:
+        path.write_text(original, "utf-8")
+        base.unlink()
+
+
 @pytest.mark.parametrize("name", ["twincat", "twincat kernel"])
 @pytest.mark.parametrize("change", HELPERS)
 def test_a_test_for_nan_that_was_changed_is_accepted_by_nobody(change, name, made):
