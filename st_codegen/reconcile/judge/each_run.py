@@ -105,7 +105,8 @@ def _most_gain(before: ComplexArray, after: ComplexArray, noise: FloatArray, vot
     """Whether the gap of most orders that show one falls by a factor of exp(vote) in power, over all rows."""
     left, right = ((np.abs(part) ** 2).mean(axis=0) for part in (before, after))
     least = noise.mean(axis=0)
-    told: BoolArray = left > SETTINGS.told * least
+    # an order whose gap could not fall by as much has no vote: noise stays
+    told: BoolArray = left > max(SETTINGS.told, float(np.exp(vote))) * least
     gain = np.log(np.maximum(left, 1e-300) / np.maximum(right, np.maximum(least, 1e-300)))
     return bool(told.sum() >= SETTINGS.least_votes and (gain[told] > vote).mean() > SETTINGS.most_orders)
 
