@@ -9,7 +9,7 @@ from st_codegen.errors import InputError
 from st_codegen.reconcile.data.recordings import ANGLES, is_recording, observations, read_recordings
 from st_codegen.reconcile.judge.lines import stand_out, waves_of_angle
 from st_codegen.reconcile.report.sentences import left_text
-from st_codegen.reconcile.run import reconcile_files
+from st_codegen.reconcile.run import reconcile_files, reconcile_recordings
 from st_codegen.rig.effects import catalogue
 from st_codegen.rig.model import parse_rig
 
@@ -129,3 +129,19 @@ def test_a_step_in_the_middle_of_a_recording_is_no_order_and_no_changed_paramete
     assert all(one.order == 0 for one in result.unexplained)
     assert "floors; only waves of the angle that stand out of it are listed" in left_text(result)
     assert result.verdict != "explained" and result.held_out.after > 5 * result.held_out.noise_floor
+
+
+def test_a_changed_wave_is_told_of_samples_and_other_names_are_asked(tmp_path):
+    """All orders are one column of samples: the question which names do as well ended in an error of the program."""
+    known, paths = catalogue(), []
+    for number, (speed, torque) in enumerate([(1500.0, 100.0), (900.0, 1500.0)]):
+        time = np.arange(800) * 1e-2
+        fast = 6.0 * speed * time
+        out = fast / 81.0
+        rig = parse_rig(RIG.replace("0.01", "0.02"), known=known)
+        te = rig.te_deg(out, 1.0, speed, torque, 30.0) + 1e-4 * np.random.default_rng(number).standard_normal(len(time))
+        paths.append(tmp_path / f"r{number}.csv")
+        columns = np.column_stack([time, fast, out + te, np.full(len(time), torque), np.full(len(time), 30.0)])
+        np.savetxt(paths[-1], columns, "%.12g", ",", header="t,theta_in,theta_out,torque_Nm,temperature_C", comments="")
+    result = reconcile_recordings(parse_rig(RIG, known=known), read_recordings(paths), known)
+    assert "output_shaft_eccentricity" in [entry.after.name for entry in result.conclusions.retuned]

@@ -380,7 +380,9 @@ def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> tuple[O
         if c.gain > clear:
             best[c.name] = c
     found = []
-    places = np.flatnonzero(np.isin(joint.target.data.model_orders(), sorted(own)))
+    data = joint.target.data
+    # samples over time are one column, of all orders together
+    places = np.flatnonzero(np.isin(data.orders, sorted(own)) | (data.angle_rad is not None))
     for c in list(best.values())[: SETTINGS.other_names]:
         fitted = fit(joint.target, c.put_into(smaller.state), steps=8, tolerance=0.1)
         extra = len(c.coordinates()) - len(piece.coordinates())
