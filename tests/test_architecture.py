@@ -297,6 +297,25 @@ def test_floors_of_reconcile(path):
     assert used <= {"settings", *RECONCILE[: RECONCILE.index(here) + 1]}
 
 
+#: Dataclasses whose fields change: what one function gathers, and what a server keeps of a client.
+CHANGING = set(
+    """AxisValue BlockRun BlockTimes DeclaredUnit Entry Graph Lanes
+    Listing LiveReport ModelReport NativeCall PathState Plc Scorer
+    Slots WireVariable XmlFile _Call _Notification _PlcopenReader""".split()
+)
+
+
+def test_dataclasses_do_not_change_but_for_those_that_gather():
+    found = set()
+    for path in FILES:
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            decorators = node.decorator_list if isinstance(node, ast.ClassDef) else []
+            for text in map(ast.unparse, decorators):
+                if text.startswith("dataclass") and "frozen=True" not in text:
+                    found.add(node.name)
+    assert found == CHANGING
+
+
 def test_a_public_class_has_its_name_for_itself():
     homes = {}
     for module, (*_, classes) in read().items():

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import struct
 import time
 from collections.abc import Callable
@@ -58,7 +59,7 @@ class _Notification:
     symbol: WireVariable
     on_change: bool
     cycle_s: float
-    due: float = 0.0
+    due: float = -math.inf
     last: bytes | None = None
 
 

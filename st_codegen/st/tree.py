@@ -272,10 +272,9 @@ class Compare(Infix):
 
 @dataclass(frozen=True)
 class Conversion(Expression):
-    """A change of type; `is_implicit` when the text does not ask for it. To integers: to nearest, ties to even."""
+    """A change of type, whether the text asks for it or not. To integers: to nearest, ties to even."""
 
     operand: Expression
-    is_implicit: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,7 @@
 """`--help` is quick: it imports nothing large."""
 
+import importlib
+import inspect
 import subprocess
 import sys
 
@@ -87,10 +89,20 @@ def test_options_offer_what_the_rooms_have():
 
 @pytest.mark.parametrize("lazy", [*_COMMANDS.values(), *_SUBCOMMANDS.values()], ids=lambda lazy: lazy.module)
 def test_every_summary_is_a_sentence_and_every_module_has_its_command(lazy):
-    import importlib
-
     assert lazy.summary.endswith(".")
     assert importlib.import_module(lazy.module).command.help
+
+
+@pytest.mark.parametrize("lazy", [*_COMMANDS.values(), *_SUBCOMMANDS.values()], ids=lambda lazy: lazy.module)
+def test_an_option_may_be_left_out_where_the_command_takes_none_or_a_default(lazy):
+    """Else the command would begin its work with None where it expects a path or a number."""
+    command = importlib.import_module(lazy.module).command
+    known = inspect.signature(inspect.unwrap(command.callback)).parameters
+    given = command.make_context("command", [], resilient_parsing=True).params
+    for parameter in command.params:
+        if parameter.name in known:
+            may_be_none = "None" in str(known[parameter.name].annotation)
+            assert may_be_none == (not parameter.required and given[parameter.name] is None), parameter
 
 
 @pytest.mark.parametrize("command", ["", *_COMMANDS])

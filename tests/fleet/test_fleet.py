@@ -15,7 +15,7 @@ from st_codegen.cli.main import main
 from st_codegen.errors import InputError
 from st_codegen.fleet import run, stages
 from st_codegen.fleet.axes import read_fleet
-from st_codegen.fleet.output import FleetReport
+from st_codegen.fleet.output import PAGE, FleetReport
 from st_codegen.fleet.run import MARK, run_fleet
 from st_codegen.fleet.stages import CHECK, COMPILE, RECONCILE, TRAIN, AxisResult, do_axis
 from st_codegen.project.bundle import load
@@ -125,6 +125,17 @@ def test_what_is_done_is_not_done_again(inputs, done, tmp_path):
         assert (out / name).read_text().split("<footer")[0] == (done / name).read_text().split("<footer")[0], name
     after = snapshot(out)
     assert {name for name in before if before[name] != after[name]} <= {"fleet.html"}
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_each_axis_has_its_line_unless_it_is_to_be_quiet(quiet, inputs, done, tmp_path, capsys):
+    with pytest.raises(SystemExit) as end:
+        main(["fleet", str(inputs), "--out", str(copy(done, tmp_path)), "--jobs", "1", *(["-q"] if quiet else [])])
+    assert end.value.code == 1
+    shown = capsys.readouterr().err
+    assert [f"{axis.name}: " in shown for axis in read_fleet(inputs)] == [not quiet] * 2
+    assert quiet or PAGE in shown
+    assert not quiet or not shown
 
 
 def test_other_options_and_lost_files_are_done_again(inputs, done, tmp_path, monkeypatch):

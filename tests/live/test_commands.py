@@ -43,6 +43,7 @@ def test_compare_against_serve_and_serve_stops_cleanly(lone, process, tmp_path, 
     )
     shown = capsys.readouterr().err
     assert code == 0, shown
+    assert "library = controller" in shown
     measured = read_measurements(tmp_path / "times.csv") if "FB_Te,warm" in (tmp_path / "times.csv").read_text() else ()
     if measured:  # else the clock is too slow for it
         assert load_profile(tmp_path / "mine.toml").name == "mine"

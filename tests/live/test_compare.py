@@ -55,6 +55,20 @@ def test_all_agree_and_the_record_says_so(models, lone, lone_plc, tmp_path):
     assert (measurement.block, measurement.is_cold, measurement.microseconds) == ("FB_Te", False, 12.5)
 
 
+def test_another_project_that_comes_while_it_is_compared_is_noticed(models, lone, lone_plc, monkeypatch):
+    asked = []
+
+    def check(live):
+        asked.append(live)
+        if len(asked) == 2:
+            raise ControllerError("another project")
+        return "RUN"
+
+    monkeypatch.setattr(LiveCode, "check", check)
+    with pytest.raises(ControllerError, match="another project"):
+        compared(models, lone[1], lone_plc, rows=10)
+
+
 NUMBER = re.compile(r"-?\d+\.\d+(?:E[-+]?\d+)?")
 
 

@@ -6,10 +6,12 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import st_codegen.live.record as record_module
 from st_codegen import generate
 from st_codegen.campaign.conditions import OperatingPoint
 from st_codegen.campaign.curves import read_run
@@ -236,6 +238,21 @@ def test_a_client_that_is_gone_leaves_nothing_moving(plc, project, tmp_path):
         with pytest.raises(GoneError):
             record(controller, project, planned([POINT]), tmp_path / "c", QUICK, lose)
     at_rest(plc)
+
+
+def test_what_a_measurement_does_is_waited_for_until_its_time_is_up(monkeypatch):
+    """A clock that goes on by the pauses alone: an answer in time is taken, after it the operator is called."""
+    now = [100.0]
+    monkeypatch.setattr(record_module.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(record_module.time, "sleep", lambda pause: now.append(now.pop() + pause))
+    here = SimpleNamespace(address="a controller")
+    client = record_module.MeasuringClient(here, None, dataclasses.replace(QUICK, stop_s=10.0, poll_s=1.0))
+    told = []
+    monkeypatch.setattr(client, "_tell_alive", lambda: told.append(now[0]))
+    client._wait(lambda: now[0] >= 110.0)
+    assert told == [100.0 + pause for pause in range(10)]
+    with pytest.raises(ControllerError, match="a controller: the measurement does not end: stop the axis by hand"):
+        client._wait(lambda: now[0] >= 121.5)
 
 
 def test_a_controller_in_config_or_with_another_project(controller, project, plc, tmp_path):

@@ -222,6 +222,9 @@ def test_where_a_process_cannot_be_copied_a_thread_answers(model, monkeypatch):
     x = np.zeros((5, 3))
     with isolated([model, LoadedModel(model.ir, of_no_use)]) as (one, other):
         assert np.array_equal(one.predict(x), model.predict(x))
+        answering = [thread for thread in threading.enumerate() if thread.name.endswith("(_answers)")]
+        assert answering  # and a library that never does cannot keep the command from ending
+        assert all(thread.daemon for thread in answering)
         with pytest.raises(LibraryRefusesError, match="is not a tag"):
             other.predict(x)
     assert processes.failure_in_copy(lambda: of_no_use(0)) == "ValueError: [nan] is not\na tag"

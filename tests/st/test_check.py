@@ -1,6 +1,7 @@
 # ruff: noqa: E501 - a case a line
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import replace
 
 import pytest
@@ -323,12 +324,21 @@ def test_enumeration_values_need_their_type_where_it_says_so() -> None:
     assert problems(loose + "TYPE F : (B, C); END_TYPE " + program.format("B")) == ["unknown name 'B'"]
 
 
+def test_units_and_variables_are_the_same_only_where_they_are_one() -> None:
+    """They are keys of tables; two of equal content are still two."""
+    unit = project(text("fX := 1.0;")).pous["FB_T"]
+    for item in (unit, *unit.variables):
+        other = dataclasses.replace(item)
+        assert other != item
+        assert len({item, other}) == 2
+
+
 def test_implicit_conversions_become_nodes() -> None:
     body = project(text("fX := nX + iX;\nrX := 1.5;\nfX := rX;")).pous["FB_T"].body
     first = body[0]
     assert isinstance(first, t.Assign)
     assert isinstance(first.value, t.Conversion)
-    assert (first.value.is_implicit, first.value.type) == (True, LREAL)
+    assert first.value.type == LREAL
     total = first.value.operand
     assert isinstance(total, t.Binary)
     assert total.type == total.left.type == total.right.type == DINT

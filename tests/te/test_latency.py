@@ -62,6 +62,7 @@ def test_a_lead_of_the_mean_delay_leaves_no_phase():
     ("make", "message"),
     [
         (lambda: TaskTiming("a", 0.0), "cycle time"),
+        (lambda: TaskTiming("a", 0.09), "cycle time"),
         (lambda: TaskTiming("a", float("nan")), "cycle time"),
         (lambda: TaskTiming("a", 100.0, 100.0), "offset"),
         (lambda: TaskTiming("a", 100.0, 0.0, 101.0), "run time"),
@@ -74,6 +75,10 @@ def test_a_lead_of_the_mean_delay_leaves_no_phase():
 def test_times_that_make_no_sense_are_refused(make, message):
     with pytest.raises(InputError, match=message):
         make()
+
+
+def test_the_ends_of_what_makes_a_task_are_part_of_it():
+    assert latency([TaskTiming("a", 0.1, 0.0, 0.1)]).worst_us == 0.1
 
 
 def run(*arguments):

@@ -15,6 +15,7 @@ from sklearn.ensemble import (
     GradientBoostingRegressor,
     HistGradientBoostingRegressor,
     RandomForestRegressor,
+    VotingRegressor,
 )
 from sklearn.feature_selection import SelectFromModel
 from sklearn.linear_model import LogisticRegression, Perceptron, Ridge, SGDClassifier
@@ -272,6 +273,14 @@ def test_numbers_are_float64_float32_or_integers(value, message):
     for good in (np.array([2], np.int8), np.array([2], np.float32), np.array([2.0])):
         model.coef_ = good
         assert Fitted(model).floats("coef_", (1,)).dtype == np.float64
+
+
+@pytest.mark.parametrize("weights", [[1.0], [1.0, 2.0, 3.0]])
+def test_a_weight_too_few_or_too_many(weights):
+    voting = VotingRegressor([("a", Ridge()), ("b", Ridge(2.0))], weights=[1.0, 2.0]).fit(X, Y)
+    voting.weights = weights
+    with pytest.raises(InputError, match="the model is not as VotingRegressor makes it"):
+        from_estimator(voting, "m")
 
 
 @pytest.mark.parametrize("kind", [LinearSVC, SGDClassifier, LogisticRegression, Perceptron])

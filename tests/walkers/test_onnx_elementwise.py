@@ -151,6 +151,19 @@ def test_truth_values_together(tmp_path, op_type):
     agree(build.load(model, tmp_path), rows(np.random.default_rng(6)))
 
 
+@DTYPES
+def test_the_truth_of_a_number_is_that_it_is_not_zero(tmp_path, elem_type):
+    """NaN and infinities, of which no sum or difference is taken in the libraries, are refused."""
+    nodes = [
+        helper.make_node("Cast", ["X"], ["there"], to=TensorProto.BOOL),
+        helper.make_node("Cast", ["there"], ["Y"], to=elem_type),
+    ]
+    loaded = build.load(graph_model(nodes, [info("X", (None, 3), elem_type)], [info("Y", None, elem_type)]), tmp_path)
+    x = rows(np.random.default_rng(7))
+    agree(loaded, x)
+    assert np.isfinite(x[reference.valid_rows(loaded.ir, x)]).all()
+
+
 REDUCTIONS = ("ReduceSum ReduceMean ReduceMax ReduceMin ReduceSumSquare ReduceL1 ReduceL2 ReduceLogSumExp").split()
 
 

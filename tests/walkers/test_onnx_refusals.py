@@ -227,6 +227,14 @@ def test_damaged_initializers(tmp_path, message):
     assert message in text
 
 
+def test_an_initializer_has_as_many_numbers_as_are_supported(tmp_path, monkeypatch):
+    model = single("Add", 2, [helper.make_tensor("C", FLOAT, [2], [1.0, 2.0])])
+    monkeypatch.setattr("st_codegen.walkers.onnx.file.MAX_TENSOR_SIZE", 2)
+    build.load(model, tmp_path)
+    monkeypatch.setattr("st_codegen.walkers.onnx.file.MAX_TENSOR_SIZE", 1)
+    assert "its shape (2,) has 2 numbers, at most 1 are supported" in refused(model, tmp_path)
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_coefficients_that_are_not_finite(tmp_path, value):
     bad = [1.0, value, 0.0]

@@ -166,3 +166,5 @@ def test_leaf_values_beyond_memory_are_refused(tmp_path, monkeypatch):
     model = build.regressor([Branch("LEQ", 0, 0.5, leaf(1.0, 2.0), leaf(3.0, 4.0))], n_targets=2)
     with pytest.raises(UnsupportedModelError, match="2 leaves with 2 numbers each: at most 3 leaf values"):
         build.load(model, tmp_path)
+    monkeypatch.setattr("st_codegen.walkers.onnx.tree_layout.MAX_LEAF_VALUES", 4)
+    build.load(model, tmp_path)

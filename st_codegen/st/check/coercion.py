@@ -88,11 +88,11 @@ def coerce(expression: t.Expression, target: Type, rules: Dialect, is_stored: bo
     if converts_implicitly(source, target, rules):
         if isinstance(target, PointerType):
             return replace(expression, type=target)
-        return conversion(expression, target, is_implicit=True)
+        return conversion(expression, target)
     raise failure(expression.position, _refusal(source, target))
 
 
-def conversion(expression: t.Expression, target: Type, is_implicit: bool = False) -> t.Expression:
+def conversion(expression: t.Expression, target: Type) -> t.Expression:
     """A conversion node, or the converted constant."""
     if isinstance(expression, t.Constant):
         try:
@@ -100,7 +100,7 @@ def conversion(expression: t.Expression, target: Type, is_implicit: bool = False
         except Fault as fault:
             raise failure(expression.position, f"{fault.kind}: {expression.value} as {target}") from None
         return replace(expression, type=target, value=value)
-    return t.Conversion(expression, is_implicit, type=target, position=expression.position)
+    return t.Conversion(expression, type=target, position=expression.position)
 
 
 def _adapt(constant: t.Constant, target: Type, rules: Dialect) -> t.Constant | None:  # noqa: PLR0911 - one return a case
@@ -167,7 +167,7 @@ def unify(left: t.Expression, right: t.Expression, rules: Dialect) -> tuple[t.Ex
 def _plain(expression: t.Expression, rules: Dialect) -> t.Expression:
     """Where a dialect widens, an enumeration counts as its base type."""
     if isinstance(expression.type, EnumType) and rules.has_widening:
-        return conversion(expression, expression.type.base, is_implicit=True)
+        return conversion(expression, expression.type.base)
     return expression
 
 

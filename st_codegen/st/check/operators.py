@@ -77,7 +77,7 @@ def _arithmetic(
         type_, right = cast(Elementary, left.type), settle(right)
         if not isinstance(right.type, Elementary) or not (right.type.is_integer and DINT.holds(right.type.upper)):
             raise failure(where, f"a duration is multiplied and divided by integers up to DINT, not by {right.type}")
-        right = conversion(right, DINT, is_implicit=True)
+        right = conversion(right, DINT)
     else:
         left, right, type_ = unify(_number(rules, left), _number(rules, right), rules)
         allowed = type_.is_integer or type_.is_untyped or (type_.kind is Kind.TIME and operator in ("ADD", "SUB"))
@@ -94,7 +94,7 @@ def _number(rules: Dialect, operand: t.Expression) -> t.Expression:
     """An operand of arithmetic: where the dialect has it so, a bit string counts as an unsigned integer."""
     if operand.type.kind is Kind.BITS and rules.has_numeric_bits:
         unsigned = rules.types[_UNSIGNED[cast(Elementary, operand.type).bits]]
-        return conversion(operand, unsigned, is_implicit=True)
+        return conversion(operand, unsigned)
     return operand
 
 
@@ -160,7 +160,7 @@ def power(rules: Dialect, left: t.Expression, right: t.Expression, where: Positi
     exponent = settle(right)
     if not (exponent.type.is_integer or exponent.type.is_real):
         raise failure(where, f"no power with an exponent of type {exponent.type}")
-    raised = conversion(exponent, LREAL, is_implicit=True)
+    raised = conversion(exponent, LREAL)
     return t.StandardCall("EXPT", (base, raised), type=base.type, position=where)
 
 
