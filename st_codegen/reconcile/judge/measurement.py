@@ -464,11 +464,14 @@ def _axis(data: Observations, rig: RigModel) -> list[Mistake]:
     left = np.abs(data.values - found.seen(known, its, data.orders))[:, waves] ** 2
     after = np.array([left[data.at.sign == sign].mean(axis=0) for _, sign in _ROWS])
     before = sums.gap(np.ones((2, 1)), np.ones(sums.orders.shape, np.complex128))
-    saved = np.sort((sums.rows * (before - after) / np.maximum(sums.noise, after)).sum(axis=0))
-    # sidebands of several orders that one error of the angle makes, at the expense of none: others may have gaps of
-    # their own
-    enough = data.spectral_deg is not None and len(saved) > SETTINGS.least_votes + 2
-    several = enough and saved[-SETTINGS.least_votes - 2] > SETTINGS.point_gain > -saved[0]
+    saved = (sums.rows * (before - after) / np.maximum(sums.noise, after)).sum(axis=0)
+    # orders of the rig that lie apart each have sidebands by the same error, at the expense of none; others may have
+    # gaps of their own
+    source = np.cumsum(np.diff(its[its > 0], prepend=-9) > 2) - 1
+    nearest = np.abs(sums.orders[:, None] - its[its > 0]).argmin(axis=1)
+    saved = np.sort(np.bincount(source[nearest], saved, source.max() + 1))
+    enough = data.spectral_deg is not None and len(saved) >= SETTINGS.least_votes
+    several = enough and saved[-SETTINGS.least_votes] > SETTINGS.point_gain > -saved[0]
     if not several and not _wins(before, after, sums, votes=SETTINGS.least_orders_of_zero):
         return []
 
