@@ -1,13 +1,15 @@
 """The mutants themselves: each changes one place and leaves a file that can be read."""
 
 import ast
+import json
 from dataclasses import replace
 from pathlib import Path
 
+import coverage
 import pytest
 
-from tests.mutation.__main__ import try_mutant
-from tests.mutation.mutants import _of_python, _of_template, sample
+from tests.mutation.__main__ import Executed, try_mutant
+from tests.mutation.mutants import Mutant, _of_python, _of_template, sample
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCE = '''
@@ -52,6 +54,22 @@ def test_mutants_of_the_package_can_be_parsed():
         assert changed != source
         if mutant.path.endswith(".py"):
             ast.parse(changed)
+
+
+def test_a_declaration_is_tried_with_the_tests_that_read_sources(tmp_path):
+    """Line 1 is executed by the import and by no test, line 2 by one test."""
+    name, of_sources = "st_codegen/st/tree.py", "tests/test_architecture.py"
+    seconds = {"tests/st/test_a.py::one": 1.0, f"{of_sources}::rules": 1.0}
+    data = coverage.CoverageData(str(tmp_path / "st.coverage"))
+    for context, line in (("", 1), ("tests/st/test_a.py::one", 2)):
+        data.set_context(context)
+        data.add_lines({str(ROOT / name): [line]})
+    data.write()
+    (tmp_path / "st.seconds").write_text(json.dumps(seconds))
+    declared, executed = (Executed(tmp_path).tests(Mutant(name, line, 0, 1, "1", "2")) for line in (1, 2))
+    assert declared == [of_sources, "tests/st/test_a.py::one"]
+    assert executed == ["tests/st/test_a.py::one"]
+    assert Executed(tmp_path).seconds(declared) == 2.0
 
 
 @pytest.mark.parametrize(
