@@ -16,6 +16,8 @@ from st_codegen.ir.arrays import FloatArray, IntArray
 from st_codegen.reconcile.joint.reading import JointRecording
 from st_codegen.reconcile.settings import SETTINGS
 
+#: joints whose motion may act together with that of another: those of one arm
+_NEAREST = 6
 #: rows that are kept at most: neighbours share most of what they say
 _MOST_ROWS = 12_000
 
@@ -175,12 +177,9 @@ def _rows(
     travel: FloatArray = np.where(known, np.abs(angle[moving] - angle[at]), np.inf)
     since: FloatArray = np.where(known, (moving - at) * one.step_s, np.inf)
     own = angle[moving], speed[moving], acceleration[moving]
-    beside = [
-        (q[moving], v[moving], a[moving])
-        for q, v, a in (
-            [smooth(one.angle[name], order) for order in range(3)] for name in sorted(set(one.angle) - {joint})
-        )
-    ]
+    nearest = sorted(set(one.angle) - {joint}, key=lambda name: (abs(int(name) - int(joint)), int(name)))
+    smoothed = ([smooth(one.angle[name], order)[moving] for order in range(3)] for name in nearest)
+    beside = [(q, v, a) for q, v, a in smoothed]
     others = _acting(own, beside, acting)
     torque = smooth(np.roll(one.torque[joint], -shift))
     clock = np.asarray(index * one.step_s, np.float64)
@@ -211,7 +210,7 @@ def _acting(own: _Motion, beside: Sequence[_Motion], chosen: Sequence[int] | Non
         terms += itertools.product((a0,), outer)
         terms += itertools.product((a, v * v, v * v0), (one, *outer, *waves(q0, 2 * q0, q0 + q, q0 - q)))
         terms += itertools.product((one,), (*outer, *waves(q0 + q, q0 - q)))
-    for (q, v, a), (r, w, b) in itertools.combinations(beside, 2):
+    for (q, v, a), (r, w, b) in itertools.combinations(beside[:_NEAREST], 2):
         terms.append((v * w, one))
         terms += itertools.product((a0, a, b, v * w, one), waves(q + r, q - r, q0 + q + r))
     chosen = range(len(terms)) if chosen is None else chosen

@@ -157,3 +157,15 @@ def test_six_joints_of_an_arm_have_their_own_friction_and_ripple():
         if ripple:
             assert found["torque_ripple"]["order_per_revolution"][0] == pytest.approx(order, rel=0.02)
             assert found["torque_ripple"]["amplitude_Nm"][0] == pytest.approx(ripple, rel=0.1)
+
+
+def test_many_joints_stay_within_bounds():
+    """Two arms in one file: pairs of joints are those of the six nearest, so that columns grow as the joints do."""
+    one = arm(10.0)
+    many = {str(number): one.angle["12"[number % 2]][:4000] * (1 + 0.01 * number) for number in range(1, 15)}
+    torque = {name: np.zeros(4000) for name in many}
+    rows = rows_of([JointRecording("arms.csv", STEP, many, dict.fromkeys(many), torque)], "3")
+    fewer = {name: many[name] for name in list(many)[:8]}
+    less = rows_of([JointRecording("arm.csv", STEP, fewer, dict.fromkeys(fewer), torque)], "3")
+    pairs = 6 * 5 // 2 * 31
+    assert rows.others.shape[1] - pairs == 13 * (less.others.shape[1] - pairs) // 7 < 1000
