@@ -64,6 +64,16 @@ class Model:
         self.features, self.trees, self.base, self.names = features, trees, [float(b) for b in base], names
         self.__dict__ |= {**RULES, **rules}
         self.lower, self.upper = np.full(features, -np.inf), np.full(features, np.inf)
+        need(np.all(np.isfinite(self.base)) and len(names or range(features)) == features, "a base or names")
+        for feature, threshold, left, right, _, values, outputs in trees:
+            nodes, parts = len(feature), (threshold, left, right, _)
+            need(all(len(part) == nodes for part in parts) and len(values) == nodes + 1, "arrays of other lengths")
+            children = np.sort(np.concatenate([left, right]))
+            once = np.append(np.arange(-nodes - 1, 0), np.arange(1, nodes)) if nodes else []
+            need(np.array_equal(children, once), "nodes that are no tree")
+            need(np.all((feature >= 0) & (feature < features)), "an input that is none")
+            need(not np.any(np.isnan(threshold)) and np.all(np.isfinite(values)), "NaN or infinity in a tree")
+            need(set(outputs) <= set(range(len(self.base))) and values.shape[1] == len(outputs), "another output")
 
     def order(self, names, wanted):
         """Number the features as the block's inputs are."""
@@ -163,29 +173,41 @@ def flat(columns, value, leaf, outputs):
 
 
 def read_lightgbm(data):
-    head, *parts = re.split(r"\nTree=\d+\n", data.decode())
+    text = data.decode()
+    need(not re.search(r"[^\n -\x7e\x80-\uffff]|[\x85\u2028\u2029]", text), "other ends of lines")
+    text, end, rest = text.partition("\nend of trees\n")
+    head, *parts = re.split(r"(?<=\n)Tree=", text + "\n")
+    need(end and "Tree=" not in rest, "trees behind the end")
 
-    def fields(text):
-        return dict(line.split("=", 1) for line in text.splitlines() if "=" in line)
+    def fields(part):
+        found = [line.split("=", 1) for line in part.rstrip("\n").split("\n")]
+        need(len({key.strip() for key, _ in found}) == len(found), "a name twice")
+        return dict(found)
 
-    top = fields(head)
-    known = top["num_class"] == "1" and top["objective"].split()[0] == "regression" and "sqrt" not in top["objective"]
-    need(known, "only LightGBM regression is known")
+    def row(f, name, kind):
+        form = r"-?\d+" if kind is int else r"-?\d+(\.\d*)?(e[-+]?\d+)?"
+        words = f.get(name, "").split(" ") if f.get(name) else []
+        need(all(re.fullmatch(form, word, re.A) for word in words), f"{name}: a number of another form")
+        return np.array(words, float).astype(kind)
+
+    average = "\naverage_output\n" in head
+    need(head.startswith("tree\n") and head.count("average_output") == average, "another first line, or average")
+    top = fields(head.removeprefix("tree\n").replace("\naverage_output\n", "\n"))
+    known = top["num_class"] == top["num_tree_per_iteration"] == "1" and top["version"] == "v4"
+    need(known and top["objective"] == "regression", "only LightGBM regression is known")
+    need(row(top, "tree_sizes", int).tolist() == [len(f"Tree={p}".encode()) for p in parts], "other sizes of trees")
     trees = []
-    for part in parts:
-        f = fields(part.split("\n\n")[0])
+    for number, part in enumerate(parts):
+        f = fields(f"Tree={part}")
         need(f["num_cat"] == "0" and f.get("is_linear", "0") == "0", "categories and linear leaves are not known")
-        row = {
-            k: np.array(f.get(k, "").split(), float)
-            for k in ("split_feature", "threshold", "decision_type", "left_child", "right_child", "leaf_value")
-        }
-        kind = row["decision_type"].astype(int)
+        index = [row(f, k, int) for k in ("split_feature", "left_child", "right_child", "decision_type")]
+        threshold, values, kind = row(f, "threshold", float), row(f, "leaf_value", float), index.pop()
+        need(f["Tree"] == str(number) and f["num_leaves"] == str(len(values)), "another number of trees or leaves")
         missing = kind >> 2 & 3
-        need(not np.any(missing == 1), "missing_type Zero is not known")
-        nan_left = np.where(missing == 2, (kind & 2) > 0, row["threshold"] >= 0)  # no missing type: NaN is read as 0.0
-        index = [row[k].astype(int) for k in ("split_feature", "left_child", "right_child")]
-        trees.append((index[0], row["threshold"], *index[1:], nan_left, row["leaf_value"][:, None], [0]))
-    rules = {"divisor": float(len(trees))} if re.search(r"^average_output$", head, re.M) else {}
+        need(np.all(kind & ~14 == 0) and not np.any(missing == 1), "missing_type Zero is not known")
+        nan_left = np.where(missing == 2, (kind & 2) > 0, threshold >= 0)  # no missing type: NaN is read as 0.0
+        trees.append((index[0], threshold, *index[1:], nan_left, values[:, None], [0]))
+    rules = {"divisor": float(len(trees))} if average else {}
     return Model(int(top["max_feature_idx"]) + 1, trees, [0.0], top["feature_names"].split(), **rules)
 
 
@@ -223,12 +245,30 @@ def read_ubjson(data):
                 out.append(value(element or chr(take(1)[0])))
             else:
                 name = take(number(chr(take(1)[0]))).decode()
+                need(name not in out, "a name twice")
                 out[name] = value(element or chr(take(1)[0]))
         if count is None:
             take(1)
         return out
 
-    return value(chr(take(1)[0]))
+    document = value(chr(take(1)[0]))
+    need(at == len(data), "bytes behind the document")
+    return document
+
+
+def read_json(data):
+    """JSON whose names are all different, and whose numbers become the same float32 number in every reader."""
+
+    def named(pairs):
+        need(len(dict(pairs)) == len(pairs), "a name twice")
+        return dict(pairs)
+
+    def short(digits):
+        need(len(re.sub(r"E.*|\W|^[-0.]+", "", digits.upper())) < 10, f"{digits}: more digits than float32 has")
+        return float(digits)
+
+    need(b"\\u" not in data, "letters that are escaped")
+    return json.loads(data, object_pairs_hook=named, parse_float=short)
 
 
 def read_xgboost(document):
@@ -236,23 +276,41 @@ def read_xgboost(document):
     need(learner["objective"]["name"] == "reg:squarederror", "only reg:squarederror is known")
     booster = learner["gradient_booster"]
     weight = np.array(booster.get("weight_drop", []), np.float32)
+    need(document["version"][0] == 3, "another version of XGBoost")
     model = booster["gbtree"]["model"] if booster["name"] == "dart" else booster["model"]
     need(booster["name"] in ("gbtree", "dart"), f"booster {booster['name']} is not known")
     # saved by XGBRegressor, whose predict takes infinities and stops at the best iteration; a Booster does neither
     told = learner.get("attributes", {})
     by_class = "scikit_learn" in told
     need(not by_class or booster["name"] == "gbtree", "dart as XGBRegressor predicts is not known")
-    last = model["iteration_indptr"][int(told["best_iteration"]) + 1] if by_class and "best_iteration" in told else None
-    base = np.array(json.loads(learner["learner_model_param"]["base_score"]), np.float32).reshape(-1)
-    outputs = max(int(learner["learner_model_param"]["num_target"]), 1)
+    best = int(told["best_iteration"]) if by_class and "best_iteration" in told else None
+    need(best is None or best >= 0, "a best iteration below 0")
+    last = None if best is None else model["iteration_indptr"][best + 1]
+    param, count, starts = learner["learner_model_param"], len(model["trees"]), model["iteration_indptr"]
+    base = np.array(read_json(param["base_score"].encode()), np.float32).reshape(-1)
+    outputs = max(int(param["num_target"]), 1)
+    need(re.fullmatch(r"[-+.\dE,[\]]+", param["base_score"], re.A), "another form of base")
+    need(param["num_class"] == "0" and len(base) in (1, outputs), "classes, or another base")
+    need(len(weight) == (count if booster["name"] == "dart" else 0), "other weights of trees")
+    need(len(model["tree_info"]) == count == int(model["gbtree_model_param"]["num_trees"]), "another number of trees")
+    need([*starts[:1], *starts[-1:]] == [0, count] and starts == sorted(starts), "other iterations")
+    need(last is None or 0 < last <= count, "another best iteration")
     base = np.broadcast_to(base, outputs) if len(base) == 1 else base
     trees = []
     for number, (t, group) in enumerate(zip(model["trees"][:last], model["tree_info"])):
         need(not any(t["split_type"]), "categories are not known")
         width = max(int(t["tree_param"]["size_leaf_vector"]), 1)
         need(width == 1, "leaves with several numbers are not known")
-        left = np.array(t["left_children"])
-        condition = np.array(t["split_conditions"], np.float32)
+        left, wide = np.array(t["left_children"]), np.array(t["split_conditions"], float)
+        condition = single(wide).astype(np.float32)
+        names = ("right_children", "split_indices", "split_conditions", "default_left", "split_type")
+        nodes = [int(t["tree_param"]["num_nodes"]), *(len(t[name]) for name in names)]
+        need(all(isinstance(number, float) for number in t["split_conditions"]), "whole numbers as conditions")
+        plain = t["tree_param"]["num_deleted"] == "0" and set(t["default_left"]) <= {0, 1}
+        need(
+            plain and set(nodes) == {len(left)} and np.all(left >= -1),
+            "arrays of other lengths, or nodes of other kinds",
+        )
         value = condition * weight[number] if len(weight) else condition
         columns = t["split_indices"], condition, left, t["right_children"], t["default_left"]
         trees.append(flat(columns, value, left < 0, [group]))
@@ -262,6 +320,8 @@ def read_xgboost(document):
 
 
 OUTSIDE = "link or categories"
+#: Criteria of trees that take NaN.
+CRITERIA = {"squared_error", "friedman_mse", "poisson", "gini", "entropy", "log_loss"}
 
 
 def read_skops(data):
@@ -283,6 +343,7 @@ def read_skops(data):
             return {key: build(item) for key, item in content.items() if isinstance(item, dict)}
         if loader in ("ObjectNode", "TreeNode") and content:
             state = build(content) if "__loader__" in content else {k: build(v) for k, v in content.items()}
+            need(node["__module__"].startswith(("sklearn.", "numpy")), f"a class of {node['__module__']}")
             return {**(state if isinstance(state, dict) else {}), "class": node["__class__"]}
         return {"class": node["__class__"]}
 
@@ -291,10 +352,13 @@ def read_skops(data):
     names = None if e.get("feature_names_in_") is None else [str(n) for n in np.ravel(e["feature_names_in_"])]
     label, name = kind.endswith("Classifier"), re.sub("(Classifier|Regressor)$", "", kind)
     if name == "HistGradientBoosting":
-        need(e["loss"] in ("squared_error", "absolute_error", "log_loss") and e["is_categorical_"] is None, OUTSIDE)
+        losses = ("HalfBinomialLoss", "HalfMultinomialLoss") if label else ("HalfSquaredError", "AbsoluteError")
+        known = e["_loss"]["class"] in losses and (label or e["_loss"]["link"]["class"] == "IdentityLink")
+        need(known and e["is_categorical_"] is None and e["_preprocessor"] is None, OUTSIDE)
         trees = []
         for number, predictor in ((c, p) for row in e["_predictors"] for c, p in enumerate(row)):
             n = predictor["nodes"]
+            need(not np.any(n["is_categorical"]) and number < len(np.ravel(e["_baseline_prediction"])), OUTSIDE)
             columns = [n[k] for k in ("feature_idx", "num_threshold", "left", "right", "missing_go_to_left")]
             trees.append(flat(columns, n["value"], n["is_leaf"] if len(n) > 1 else [True], [number]))
         return Model(features, trees, np.ravel(e["_baseline_prediction"]), names, label=label)
@@ -309,6 +373,15 @@ def read_skops(data):
     trees = []
     for member in members:
         n, value = member["tree_"]["nodes"], member["tree_"]["values"]
+        kinds = (
+            {"DecisionTreeClassifier", "ExtraTreeClassifier"}
+            if label
+            else {"DecisionTreeRegressor", "ExtraTreeRegressor"}
+        )
+        need(member["class"] in kinds, "members of another class")
+        need(value.shape[1:] == ((1, width) if label else (width, 1)) and np.all(n["left_child"] >= -1), "other leaves")
+        takes_nan = member["criterion"] in CRITERIA and member["monotonic_cst"] is None
+        need(boosting or takes_nan, "whether NaN is taken is not known")
         go = n["missing_go_to_left"] if "missing_go_to_left" in n.dtype.names else np.zeros(len(n))
         columns = *(n[k] for k in ("feature", "threshold", "left_child", "right_child")), go
         trees.append(
@@ -345,40 +418,72 @@ def protobuf(data):
     return out
 
 
+def one(message, number, otherwise=None):
+    """The only value of a field."""
+    need(len(message.get(number, [otherwise])) == 1 and (number in message or otherwise is not None), "a field twice")
+    return message.get(number, [otherwise])[0]
+
+
+#: Attributes of a TreeEnsembleRegressor: their types, and the values of those that may have one only.
+INTEGERS, FLOATS, TEXTS = 7, 6, 8
+ATTRIBUTES = {"aggregate_function": (3, b"SUM"), "post_transform": (3, b"NONE"), "n_targets": (2, 1)}
+ATTRIBUTES |= dict.fromkeys(("base_values", "nodes_values", "target_weights", "nodes_hitrates"), (FLOATS, None))
+ATTRIBUTES |= {"nodes_modes": (TEXTS, None)}
+ATTRIBUTES |= {f"target_{name}": (INTEGERS, None) for name in ("ids", "nodeids", "treeids")}
+ATTRIBUTES |= {
+    f"nodes_{name}": (INTEGERS, None)
+    for name in ("treeids", "nodeids", "featureids", "truenodeids", "falsenodeids", "missing_value_tracks_true")
+}
+
+
 def read_onnx(data):
-    graph = protobuf(protobuf(data)[7][0])
-    need(len(graph[1]) == 1, "a graph of one node is known")
-    node = protobuf(graph[1][0])
-    need(node[4][0] == b"TreeEnsembleRegressor", f"the operator {node[4][0].decode()} is not known")
+    file = protobuf(data)
+    graph = protobuf(one(file, 7))
+    need(25 not in file and not {5, 15} & graph.keys(), "functions or numbers of the graph")
+    node = protobuf(one(graph, 1))
+    need(one(node, 4) == b"TreeEnsembleRegressor", f"the operator {node[4][0].decode()} is not known")
+    ends = [protobuf(one(graph, number)) for number in (11, 12)]
+    names = [one(end, 1) for end in ends]
+    need(one(node, 7) == b"ai.onnx.ml" and [one(node, 1), one(node, 2)] == names, "another node")
+    given = protobuf(one(protobuf(one(ends[0], 2)), 1))
+    need(one(given, 1) == 1, "inputs that are not float32")
     a = {}
     for raw in node[5]:
         m = protobuf(raw)
-        floats = np.frombuffer(b"".join(m.get(7, [])), "<f4")
-        integers = [i if isinstance(i, int) else varints(i) for i in m.get(8, [])]
-        integers = [n for i in integers for n in (i if isinstance(i, list) else [i])]
-        texts = [text.decode() for text in m.get(9, [])]
-        one = m[3][0] if 3 in m else m.get(4, [b""])[0].decode()
-        a[m[1][0].decode()] = floats if 7 in m else integers if 8 in m else texts if 9 in m else one
-    plain = {"aggregate_function": "SUM", "post_transform": "NONE", "n_targets": 1}
-    known = set(a["nodes_modes"]) <= {"BRANCH_LEQ", "LEAF"} and all(a.get(k, v) == v for k, v in plain.items())
-    need(known, "modes or aggregates")
-    ids, nodes = np.array(a["nodes_treeids"]), np.array(a["nodes_nodeids"])
-    trees = []
-    for t in dict.fromkeys(a["nodes_treeids"]):
+        name = one(m, 1).decode()
+        kind, value = ATTRIBUTES.get(name, (None, None))
+        place = {3: 4, 2: 3, FLOATS: 7, INTEGERS: 8, TEXTS: 9}.get(kind)
+        need(name not in a and place and one(m, 20) == kind and not m.keys() - {1, 13, 20, place}, f"attribute {name}")
+        need(value is None or one(m, place) == value, "modes or aggregates")
+        if kind == FLOATS:
+            a[name] = np.frombuffer(b"".join(m.get(7, [])), "<f4")
+        elif kind == INTEGERS:
+            lists = [varints(i) if isinstance(i, bytes) else [i] for i in m.get(8, [])]
+            a[name] = np.array([n for part in lists for n in part], np.int64)
+        else:
+            a[name] = [text.decode() for text in m.get(9, [])]
+    need(set(a["nodes_modes"]) <= {"BRANCH_LEQ", "LEAF"}, "modes or aggregates")
+    ids, nodes = a["nodes_treeids"], a["nodes_nodeids"]
+    need(not np.any(a["target_ids"]) and np.all(np.diff(ids) >= 0), "another target, or trees out of order")
+    leaves = list(zip(a["target_treeids"].tolist(), a["target_nodeids"].tolist()))
+    leaf = np.array(a["nodes_modes"]) == "LEAF"
+    owners = sorted(zip(ids[leaf].tolist(), nodes[leaf].tolist()))
+    need(sorted(leaves) == owners and len(leaves) == len(a["target_weights"]) == len(a["target_ids"]), "a leaf twice")
+    weight, trees = dict(zip(leaves, a["target_weights"].tolist())), []
+    for t in np.unique(ids).tolist():
         at = np.flatnonzero(ids == t)
         need(np.array_equal(nodes[at], np.arange(len(at))), "nodes out of order")
         names = ("nodes_featureids", "nodes_values", "nodes_truenodeids", "nodes_falsenodeids")
-        columns = [np.array(a[k])[at] for k in names]
-        missing = np.array(a.get("nodes_missing_value_tracks_true") or np.zeros(len(ids)))[at]
-        value = np.zeros(len(at))
-        for owner, leaf, weight in zip(a["target_treeids"], a["target_nodeids"], a["target_weights"]):
-            if owner == t:
-                value[leaf] = weight
-        trees.append(flat((*columns, missing), value, np.array(a["nodes_modes"])[at] == "LEAF", [0]))
-    shape = protobuf(protobuf(protobuf(protobuf(graph[11][0])[2][0])[1][0])[2][0])[1]
-    base = a.get("base_values", np.zeros(1))
+        missing = a.get("nodes_missing_value_tracks_true", np.zeros(len(ids)))
+        need(all(len(a[k]) == len(ids) for k in (*names, "nodes_modes")) and len(missing) == len(ids), "lengths")
+        value = [weight.get((t, number), 0.0) for number in range(len(at))]
+        trees.append(flat((*(a[k][at] for k in names), missing[at]), value, leaf[at], [0]))
+    shape = protobuf(one(given, 2))[1]
+    need(len(shape) == 2, "inputs of another shape")
+    base = a.get("base_values", np.zeros(0))
+    need(len(base) < 2, "another base")
     rules = {"single_in": True, "single_sum": True, "base_last": True}
-    return Model(protobuf(shape[1])[1][0], trees, base if len(base) else [0.0], None, **rules)
+    return Model(one(protobuf(shape[1]), 1), trees, base if len(base) else [0.0], None, **rules)
 
 
 def varints(data):
@@ -396,6 +501,6 @@ def read_model(path):
     if path.suffix == ".txt":
         return read_lightgbm(data)
     if path.suffix in (".json", ".ubj"):
-        return read_xgboost(json.loads(data) if path.suffix == ".json" else read_ubjson(data))
+        return read_xgboost(read_json(data) if path.suffix == ".json" else read_ubjson(data))
     need(path.suffix in (".skops", ".onnx"), f"{path.name}: a kind of file that is not known")
     return read_skops(data) if path.suffix == ".skops" else read_onnx(data)
