@@ -26,7 +26,7 @@ from st_codegen.errors import InputError, TargetError
 from st_codegen.files.html_text import html_table
 from st_codegen.files.made_by import VERSION
 from st_codegen.files.temporary import temporary_folder
-from st_codegen.ir import AnyArray, Classes, FloatArray, KernelSum, ModelIR, TreeEnsemble
+from st_codegen.ir import AnyArray, FloatArray, KernelSum, ModelIR, TreeEnsemble
 from st_codegen.passes.choose import Choices, CostFunction, Layout, Options, simple_cost
 from st_codegen.passes.pipeline import Compiled, compile_models, unchanged
 from st_codegen.project.bundle import Bundle, load
@@ -551,11 +551,6 @@ def _comparison_facts(compiled: Compiled, purpose: Purpose | None, plans: Sequen
     return {output.COMPARISON: comparison.facts(compared, signals)}
 
 
-def _class_facts(classes: Classes) -> dict[str, Any]:
-    """The labels in the order of their numbers, and what the outputs are."""
-    return {"labels": list(classes.labels), "kinds": list(classes.kinds)}
-
-
 def _model_facts(model: ModelIR, compiled: Compiled) -> dict[str, Any]:
     location = compiled.locations[model.name]
     layouts = {decision.model: decision.chosen for decision in compiled.decisions}
@@ -584,7 +579,8 @@ def _model_facts(model: ModelIR, compiled: Compiled) -> dict[str, Any]:
             for f, low, high in zip(model.features, lower, upper, strict=True)
         ],
         "outputs": list(model.outputs),
-        **({} if model.classes is None else _class_facts(model.classes)),
+        **({} if model.classes is None else {"labels": list(model.classes.labels)}),
+        **({"kinds": list(model.kinds)} if model.kinds else {}),
         "trees": sum(op.n_trees for op in trees),
         "nodes": sum(op.n_nodes for op in trees),
         "support_vectors": sum(len(op.support_vectors) for op in kernels),

@@ -23,9 +23,7 @@ GAPS = np.where(RANDOM.random(X.shape) < 0.1, np.nan, X)
 def loaded(estimator, outputs=None):
     """A fitted estimator as a bundle of one, with the outputs that are wanted (None: all that it has)."""
     model = estimator if isinstance(estimator, LoadedModel) else from_estimator(estimator, "m")
-    if model.ir.classes is None:
-        return LoadedModel(limit_inputs(model.ir), model.predict)
-    wanted = set(model.ir.classes.kinds) if outputs is None else outputs
+    wanted = set(model.ir.kinds) if outputs is None else outputs
     ir, columns = with_outputs(model.ir, wanted)
     return LoadedModel(limit_inputs(ir), lambda x: model.predict(x)[:, columns])
 

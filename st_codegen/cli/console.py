@@ -156,7 +156,8 @@ def outputs_option(function: Command) -> Command:
         show_default=True,
         callback=parsed,
         metavar="KIND,..",
-        help="What classifiers give: class (always), probability, decision (the library's scores).",
+        help="What classifiers give: class (always), probability, decision (the library's scores); Gaussian processes: "
+        "mean (always), deviation.",
     )(function)
 
 

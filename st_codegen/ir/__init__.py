@@ -27,7 +27,7 @@ from st_codegen.ir.base import (
     SummationOrder,
 )
 from st_codegen.ir.cells import CellTable, Rank, RankColumn, TableAxis
-from st_codegen.ir.decisions import ArgMax, Classes, Exceeds, Label, OutputKind, Softmax
+from st_codegen.ir.decisions import MAX_DEVIATION_ROWS, ArgMax, Classes, Exceeds, Label, OutputKind, Softmax
 from st_codegen.ir.digest import digest
 from st_codegen.ir.model import Feature, ModelIR, Output, Source
 from st_codegen.ir.neighbours import Distances, NearestMean, WeightedMedian
@@ -52,6 +52,7 @@ from st_codegen.ir.trees import BranchedTree, CutTrees, LinearLeaves, RankSlabs,
 __all__ = [
     "CEILING",
     "FLOAT32_OVERFLOW",
+    "MAX_DEVIATION_ROWS",
     "Activation",
     "Aggregate",
     "AnyArray",

@@ -17,12 +17,18 @@ from st_codegen.ir.base import ColumnFunction, Precision, ReadsWhole, freeze, re
 Label = str | bool | int | float
 
 
+#: Training rows of a Gaussian process up to which its standard deviation is compiled: a square matrix of them.
+MAX_DEVIATION_ROWS = 512
+
+
 class OutputKind(StrEnum):
-    """What an output of a classifier is."""
+    """What an output is that is computed on demand, and what stands in front of those."""
 
     CLASS = "class"  # the number of the label, from 0; always the first output
     PROBABILITY = "probability"
     DECISION = "decision"  # the library's own score
+    MEAN = "mean"  # of a Gaussian process; always there
+    DEVIATION = "deviation"  # its standard deviation
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from st_codegen.errors import InputError
 from st_codegen.ir.base import Operation
 from st_codegen.ir.cells import Rank
-from st_codegen.ir.decisions import Classes
+from st_codegen.ir.decisions import Classes, OutputKind
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class ModelIR:
     is an answer (None, or empty: no interval), once the feature is limited to its declared range. `ports`: the
     block's outputs that the user named, the first ones. `classes`: the labels of a classifier, whose first output is
     the number of one of them. `is_real`: its block computes in REAL, with REAL inputs
-    (`passes.real`).
+    (`passes.real`). `estimates`: what each output of a Gaussian process is; `kinds` says it for all models.
     """
 
     name: str
@@ -104,6 +104,7 @@ class ModelIR:
     classes: Classes | None = None
     ports: tuple[Output, ...] = ()
     is_real: bool = False
+    estimates: tuple[OutputKind, ...] = ()
 
     def __post_init__(self) -> None:
         self._check_ports()
@@ -122,18 +123,16 @@ class ModelIR:
             self._check_operands(number, op)
         if self.ops[-1].width != len(self.outputs):
             raise InputError(f"model '{self.name}': {len(self.outputs)} outputs named, {self.ops[-1].width} computed")
-        if self.classes is not None and len(self.classes.kinds) != len(self.outputs):
-            raise InputError(f"model '{self.name}': {len(self.classes.kinds)} kinds of {len(self.outputs)} outputs")
+        if self.kinds and len(self.kinds) != len(self.outputs):
+            raise InputError(f"model '{self.name}': {len(self.kinds)} kinds of {len(self.outputs)} outputs")
 
     def _check_ports(self) -> None:
         """Raises InputError where what is said of the block's outputs does not fit the model."""
         if not self.ports:
             return
         where, given, there = f"model '{self.name}'", len(self.ports), len(self.outputs)
-        if given > there or (given < there and self.classes is None):
-            kinds = (
-                "" if self.classes is None else f" ({', '.join(self.classes.kinds)}); --outputs or gives adds others"
-            )
+        if given > there or (given < there and not self.kinds):
+            kinds = f" ({', '.join(self.kinds)}); --outputs or gives adds others" if self.kinds else ""
             raise InputError(f"{where}: {given} outputs described, it has {there}{kinds}")
         if self.classes is not None and any(port.lower is not None for port in self.ports):
             raise InputError(f"{where}: the outputs of a classifier have no min and max")
@@ -186,6 +185,11 @@ class ModelIR:
         first = 1 if self.classes is None else 0
         names = tuple(f"fOut{first + n}" if first + n else "nClass" for n in range(len(self.outputs)))
         return (*(port.variable for port in self.ports), *names[len(self.ports) :])
+
+    @property
+    def kinds(self) -> tuple[OutputKind, ...]:
+        """What each output is, of a model that computes some of them on demand; empty for all others."""
+        return self.estimates if self.classes is None else self.classes.kinds
 
     @property
     def exact(self) -> bool:

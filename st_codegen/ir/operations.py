@@ -181,6 +181,8 @@ class Linear(ReadsWhole):
 
     `bias_terms` (outputs): the sum of the magnitudes of the terms (as many as there are inputs) from which the library
     computes the bias when it predicts, in an order of its own. None: the bias is a number of the model.
+    `doubt` (outputs, inputs): the library solves equations where these weights are rounded: its result lies within
+    `doubt @ abs(x)` of theirs. None: it multiplies by the weights.
     """
 
     inputs: tuple[int, ...]
@@ -189,6 +191,7 @@ class Linear(ReadsWhole):
     order: SummationOrder = SummationOrder.UNSPECIFIED
     precision: Precision = Precision.FLOAT64
     bias_terms: FloatArray | None = None
+    doubt: FloatArray | None = None
 
     def __post_init__(self) -> None:
         weights = freeze(self, "weights", np.float64, (None, None))
@@ -196,6 +199,9 @@ class Linear(ReadsWhole):
         if self.bias_terms is not None:
             freeze(self, "bias_terms", np.float64, (weights.shape[0],))
             require_finite(self, "bias_terms")
+        if self.doubt is not None:
+            freeze(self, "doubt", np.float64, weights.shape)
+            require_finite(self, "doubt")
         require_finite(self, "weights", "bias")
 
     @property

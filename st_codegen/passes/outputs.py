@@ -1,4 +1,4 @@
-"""Which outputs of a classifier are computed."""
+"""Which outputs of a classifier or a Gaussian process are computed."""
 
 from __future__ import annotations
 
@@ -8,30 +8,40 @@ from collections.abc import Collection
 import numpy as np
 
 from st_codegen.errors import InputError
-from st_codegen.ir import Classes, Int32Array, ModelIR, OutputKind, Select
+from st_codegen.ir import MAX_DEVIATION_ROWS, Classes, Int32Array, ModelIR, OutputKind, Select
 from st_codegen.passes.unread import without_unread
+
+#: What is always computed, and what only other models have: classifiers or those of numbers.
+_ALWAYS = (OutputKind.CLASS, OutputKind.MEAN)
+_OF_CLASSES = (OutputKind.CLASS, OutputKind.PROBABILITY, OutputKind.DECISION)
 
 
 def with_outputs(model: ModelIR, wanted: Collection[OutputKind]) -> tuple[ModelIR, Int32Array]:
-    """The model with the class and the wanted outputs only, and which of the given model's outputs these are.
+    """The model with the class (or the mean) and the wanted outputs only, and which of its outputs these are.
 
-    A model that is no classifier stays as it is. Raises InputError for outputs that the model does not have.
+    What classifiers give is nothing to other models. Raises InputError for outputs that the model does not have.
     """
-    classes = model.classes
-    if classes is None:
-        return model, np.arange(len(model.outputs), dtype=np.int32)
-    missing = [kind for kind in wanted if kind not in classes.kinds]
+    ignored = _OF_CLASSES if model.classes is None else ()
+    missing = [kind for kind in wanted if kind not in (*model.kinds, *ignored)]
     if missing:
-        known = ", ".join(dict.fromkeys(classes.kinds))
+        known = ", ".join(dict.fromkeys(model.kinds)) or "numbers"
+        limit = (
+            f" (a GaussianProcessRegressor of at most {MAX_DEVIATION_ROWS} training rows does, alone or in a Pipeline)"
+        )
         raise InputError(
             f"model '{model.name}': {model.source.model_class} gives no {' and no '.join(missing)}; it has: {known}"
+            f"{limit if OutputKind.DEVIATION in missing else ''}"
         )
-    chosen = np.flatnonzero([kind is OutputKind.CLASS or kind in wanted for kind in classes.kinds]).astype(np.int32)
+    if not model.kinds:
+        return model, np.arange(len(model.outputs), dtype=np.int32)
+    chosen = np.flatnonzero([kind in _ALWAYS or kind in wanted for kind in model.kinds]).astype(np.int32)
+    kinds = tuple(model.kinds[number] for number in chosen)
     picked = dataclasses.replace(
         model,
         ops=(*model.ops, Select((len(model.ops),), chosen)),
         outputs=tuple(model.outputs[number] for number in chosen),
-        classes=Classes(classes.labels, tuple(classes.kinds[number] for number in chosen)),
+        classes=None if model.classes is None else Classes(model.classes.labels, kinds),
+        estimates=kinds if model.classes is None else (),
     )
     return without_unread(_joined_selections(picked)), chosen
 

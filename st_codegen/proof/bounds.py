@@ -20,6 +20,7 @@ from st_codegen.ir import (
     ArgMax,
     BoolArray,
     CellTable,
+    Clip,
     ColumnFunction,
     Combine,
     Comparison,
@@ -125,6 +126,14 @@ def differences(model: ModelIR, x: FloatArray) -> list[FloatArray]:
         return _behind(model.ops, values, np.zeros_like(values[0]))
 
 
+def _is_root_from_zero(op: Operation, ops: Sequence[Operation]) -> bool:
+    """Whether an operation is the square root, in LREAL, of numbers that were limited to 0 and above."""
+    if not isinstance(op, Activation) or op.function is not Function.SQRT or op.precision is not Precision.FLOAT64:
+        return False
+    before = ops[op.inputs[0] - 1] if op.inputs[0] else None
+    return isinstance(before, Clip) and bool(np.all(before.lower >= 0))
+
+
 def _behind(ops: Sequence[Operation], values: list[FloatArray], first: FloatArray) -> list[FloatArray]:
     """The bounds on all values, `first` being that on value 0."""
     found = [first]
@@ -132,6 +141,10 @@ def _behind(ops: Sequence[Operation], values: list[FloatArray], first: FloatArra
         operands = [values[value] for value in op.inputs]
         given = [found[value] for value in op.inputs]
         difference = step(op, operands, given, values[number])
+        if _is_root_from_zero(op, ops):  # |sqrt(a) - sqrt(b)| <= sqrt(|a - b|), where the slope has no bound
+            moved = np.sqrt(given[0])
+            rounded = 2 * FUNCTION_ROUNDINGS * UNIT[Precision.FLOAT64] * (values[number] + moved) + _TINY
+            difference = np.fmin(difference, moved + rounded)
         found.append(np.where(np.isnan(difference), np.inf, difference))
     return found
 
@@ -254,6 +267,8 @@ def _(op: Linear, operands: list[FloatArray], given: list[FloatArray], result: F
     if op.exact:
         return np.where(difference > 0, difference + 2 * gamma(2 * op.operand_width + 1, op.precision) * size, 0.0)
     difference = difference + _UNDERFLOW[op.precision] * (np.sum(np.abs(operands[0]), axis=1, keepdims=True) + 1)
+    if op.doubt is not None:
+        difference = difference + (np.abs(operands[0]) + given[0]) @ op.doubt.T
     terms = op.operand_width + 1
     if op.bias_terms is not None:
         terms, size = terms + op.operand_width, size + op.bias_terms

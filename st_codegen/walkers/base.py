@@ -63,8 +63,16 @@ class Classified:
     decision_method: str = "decision_function"
 
 
+@dataclass(frozen=True)
+class Estimated:
+    """The mean that a Gaussian process expects, and what adds its standard deviation (None: too large for a block)."""
+
+    mean: int
+    deviation: Callable[[], int] | None
+
+
 #: What a walker adds to a builder: a value of numbers, or the values of a classifier.
-Walked = int | Classified
+Walked = int | Classified | Estimated
 
 
 class GraphBuilder:
@@ -162,11 +170,14 @@ class GraphBuilder:
         """The finished model. Its outputs are the columns of the last value, or all that a classifier computes."""
         outputs: tuple[str, ...]
         classes = None
+        estimates: tuple[OutputKind, ...] = ()
         if not self.ops:  # a scaler that is told to do nothing
             self.add(Select((0,), np.arange(self.n_features, dtype=np.int32)))
         present, read = self.present, self._read()
         if isinstance(result, Classified):
             outputs, classes = self._select_outputs(result)
+        elif isinstance(result, Estimated):
+            outputs, estimates = self._select_estimates(result)
         else:
             width = self.width(len(self.ops))
             outputs = ("out1",) if width == 1 else tuple(f"out{number + 1}" for number in range(width))
@@ -180,6 +191,7 @@ class GraphBuilder:
             must_be_present=() if present.issuperset(read) else tuple(sorted(present)),
             magnitude_limits=tuple(self.magnitude_limits),
             classes=classes,
+            estimates=estimates,
         )
 
     def _read(self) -> set[int]:
@@ -187,6 +199,16 @@ class GraphBuilder:
         direct = any(0 in op.inputs and not isinstance(op, Select) for op in self.ops)
         used = {origin for origins in self._origins[1:] for origin in origins if origin is not None}
         return set(range(self.n_features)) if direct else used
+
+    def _select_estimates(self, result: Estimated) -> tuple[tuple[str, ...], tuple[OutputKind, ...]]:
+        """The means, and the standard deviation of each, as the last value; their names, and what each is."""
+        width = self.width(result.mean)
+        values = {OutputKind.MEAN: ("mean", result.mean)}
+        if result.deviation is not None:
+            values[OutputKind.DEVIATION] = ("standard deviation", result.deviation())
+        self.beside(*(value for _, value in values.values()))
+        names = [name if width == 1 else f"{name} {n + 1}" for name, _ in values.values() for n in range(width)]
+        return tuple(names), tuple(kind for kind in values for _ in range(width))
 
     def _select_outputs(self, result: Classified) -> tuple[tuple[str, ...], Classes]:
         """Pick the outputs of a classifier as the last value; their names, and what each is."""
@@ -320,7 +342,7 @@ def walk_estimator(estimator: Any, builder: GraphBuilder, value: int) -> int:
     result = walk_any(estimator, builder, value)
     if isinstance(result, Classified):
         raise UnsupportedModelError(f"{type(estimator).__name__} gives classes where numbers are needed")
-    return result
+    return result.mean if isinstance(result, Estimated) else result
 
 
 def walk_classifier(estimator: Any, builder: GraphBuilder, value: int) -> Classified:

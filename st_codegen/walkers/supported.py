@@ -10,7 +10,12 @@ from st_codegen.walkers.lightgbm.model import OBJECTIVES as LIGHTGBM_OBJECTIVES
 from st_codegen.walkers.xgboost.model import OBJECTIVES as XGBOOST_OBJECTIVES
 
 #: What a walker of each type of result gives.
-_GIVES = {"Classified": "classes", "int": "numbers", "Walked": "classes or numbers, by what it was trained for"}
+_GIVES = {
+    "Classified": "classes",
+    "int": "numbers",
+    "Estimated": "numbers",
+    "Walked": "classes or numbers, by what it was trained for",
+}
 
 
 def supported() -> Iterator[tuple[str, str, tuple[str, ...]]]:
@@ -19,7 +24,7 @@ def supported() -> Iterator[tuple[str, str, tuple[str, ...]]]:
         found: dict[str, list[str]] = {}
         for name, walker in known_walkers(package).items():
             found.setdefault(_GIVES[walker.__annotations__["return"]], []).append(name)
-        for gives in _GIVES.values():
+        for gives in dict.fromkeys(_GIVES.values()):
             if gives in found:
                 yield library, gives, tuple(sorted(found[gives]))
         if known_transforms(package):

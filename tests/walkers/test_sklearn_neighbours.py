@@ -1,17 +1,20 @@
 """Neighbours, Gaussian processes, weighted medians, chains of labels and mixtures against scikit-learn."""
 
 import warnings
+from fractions import Fraction
+from operator import mul
 
 import numpy as np
 import pytest
 
 pytest.importorskip("sklearn")
 
-from sklearn.ensemble import AdaBoostRegressor
+from sklearn.ensemble import AdaBoostRegressor, VotingRegressor
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process import kernels as gp
 from sklearn.linear_model import LogisticRegression, Ridge
 from sklearn.mixture import GaussianMixture
+from sklearn.model_selection import GridSearchCV
 from sklearn.multioutput import ClassifierChain, MultiOutputClassifier
 from sklearn.neighbors import (
     KNeighborsClassifier,
@@ -20,11 +23,13 @@ from sklearn.neighbors import (
     RadiusNeighborsClassifier,
     RadiusNeighborsRegressor,
 )
-from sklearn.preprocessing import PowerTransformer
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import PowerTransformer, StandardScaler
+from sklearn.svm import SVC
 from sklearn.tree import DecisionTreeClassifier
 
 from st_codegen.errors import InputError, UnsupportedModelError
-from st_codegen.ir import NearestMean, WeightedMedian, reference
+from st_codegen.ir import MAX_DEVIATION_ROWS, NearestMean, OutputKind, WeightedMedian, reference
 from st_codegen.proof import bounds
 from tests.classifiers import SCORE, THREE, TWO, WORDS, X, loaded, verified
 
@@ -86,9 +91,73 @@ def test_regressors_agree_with_the_library_where_it_has_one_answer(name, tmp_pat
 def test_gaussian_processes(name, tmp_path):
     process = GaussianProcessRegressor(KERNELS[name], normalize_y=name == "sum", optimizer=None, alpha=1e-3)
     model = loaded(fit(process, X[:60], SCORE[:60]))
+    assert model.ir.outputs == ("mean", "standard deviation")
     verified(model, tmp_path, rows=100)
     _, bound = agrees(model, np.vstack([X, X[::-1, ::-1]]))
     assert np.max(bound) < 1e-7
+
+
+def test_deviations_of_several_outputs_near_training_rows_and_in_a_pipeline(tmp_path):
+    process = make_pipeline(StandardScaler(), GaussianProcessRegressor(normalize_y=True, optimizer=None))
+    model = loaded(fit(process, X[:60], NUMBERS[:60]))
+    assert model.ir.outputs == ("mean 1", "mean 2", "standard deviation 1", "standard deviation 2")
+    rows = np.vstack([X[:60], X[:60] + 1e-7, X])
+    _, bound = agrees(model, rows)
+    # what is left of the variance on a training row is noise of 1e-10 and the rounding of the equations: its root
+    # has few digits, and the bound says so
+    library = model.predict(rows)
+    assert np.max(library[:60, 2]) < 1e-3 < np.max(library[:, 2])
+    assert np.max(bound[:, 2:]) < 1e-2 and np.median(bound[120:, 2:]) < 1e-9
+    report = verified(model, tmp_path, rows=60)
+    assert np.isfinite(report.max_abs_err)
+    plain = loaded(process, (OutputKind.MEAN,)).ir
+    assert plain.outputs == ("mean 1", "mean 2") and not any(getattr(op, "doubt", None) is not None for op in plain.ops)
+
+
+def test_the_bound_of_a_solved_equation_spans_what_substitution_in_any_order_gives():
+    process = fit(GaussianProcessRegressor(gp.RBF(2.0), optimizer=None, alpha=1e-9), X[:40], SCORE[:40])
+    (solved,) = (op for op in loaded(process).ir.ops if getattr(op, "doubt", None) is not None)
+    lower = process.L_
+    for row in process.kernel_(X[200:230], process.X_train_):
+        exact = [Fraction(0)] * 40
+        backwards = np.zeros(40)
+        for number in range(40):
+            left = sum((Fraction(lower[number, k]) * exact[k] for k in range(number)), Fraction(0))
+            exact[number] = (Fraction(row[number]) - left) / Fraction(lower[number, number])
+            others = 0.0
+            for k in reversed(range(number)):
+                others += lower[number, k] * backwards[k]
+            backwards[number] = (row[number] - others) * (1.0 / lower[number, number])
+        allowed = solved.doubt @ np.abs(row)
+        true = np.array([float(value) for value in exact])
+        inverse = np.array([float(sum(map(mul, map(Fraction, w), map(Fraction, row)))) for w in solved.weights])
+        spread = np.abs(backwards - true)
+        assert np.all(spread <= allowed) and np.all(np.abs(inverse - true) <= allowed)
+        assert np.any(spread > 1e-6 * allowed)
+
+
+def test_a_deviation_that_is_too_large_or_not_there_is_refused_and_the_mean_is_not():
+    rows = np.random.default_rng(5).normal(size=(MAX_DEVIATION_ROWS + 1, 3))
+    process = GaussianProcessRegressor(optimizer=None, alpha=0.1).fit(rows, rows[:, 0])
+    assert loaded(process).ir.outputs == ("mean",)
+    wanted = (OutputKind.MEAN, OutputKind.DEVIATION)
+    with pytest.raises(InputError, match=f"gives no deviation; it has: mean .*at most {MAX_DEVIATION_ROWS} training"):
+        loaded(process, wanted)
+    with pytest.raises(InputError, match="Ridge gives no deviation; it has: numbers"):
+        loaded(fit(Ridge(), X, SCORE), (OutputKind.DEVIATION,))
+    damaged = fit(GaussianProcessRegressor(optimizer=None, alpha=0.1), X[:20], SCORE[:20])
+    damaged.L_[3, 3] = 0.0
+    with pytest.raises(InputError, match=r"L_.*diagonal"):
+        loaded(damaged)
+
+
+def test_of_a_voting_over_processes_there_is_only_the_mean():
+    processes = [(str(n), GaussianProcessRegressor(gp.RBF(n), optimizer=None, alpha=0.1)) for n in (1, 2)]
+    model = loaded(fit(VotingRegressor(processes), X[:40], SCORE[:40]))
+    assert model.ir.outputs == ("out1",) and not any(getattr(op, "doubt", None) is not None for op in model.ir.ops)
+    agrees(model, X)
+    search = GridSearchCV(GaussianProcessRegressor(optimizer=None), {"alpha": [0.1]}, cv=2)
+    agrees(loaded(fit(search, X[:40], SCORE[:40])), X)
 
 
 @pytest.mark.parametrize("weights", ["uniform", "distance"])
@@ -227,11 +296,12 @@ def test_box_and_cox(tmp_path):
         (RadiusNeighborsRegressor(weights="distance"), "supported are uniform"),
         (GaussianProcessRegressor(gp.Exponentiation(gp.RBF(), 2), optimizer=None, alpha=1.0), "Exponentiation"),
         (GaussianProcessRegressor(gp.Matern(nu=1.0), optimizer=None, alpha=1.0), "nu=1.0"),
+        (SVC(break_ties=True, decision_function_shape="ovo"), "its own predict raises"),
     ],
 )
 def test_what_is_refused_says_why(estimator, message):
     with pytest.raises(UnsupportedModelError, match=message):
-        loaded(fit(estimator, X[:50], SCORE[:50]))
+        loaded(fit(estimator, X[:50], THREE[:50] if isinstance(estimator, SVC) else SCORE[:50]))
 
 
 STORED = {

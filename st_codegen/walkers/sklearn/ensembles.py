@@ -14,7 +14,15 @@ import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
 from st_codegen.ir import Exceeds, FloatArray, Label, WeightedMedian
-from st_codegen.walkers.base import Classified, GraphBuilder, walk_any, walk_classifier, walk_estimator, walks
+from st_codegen.walkers.base import (
+    Classified,
+    Estimated,
+    GraphBuilder,
+    walk_any,
+    walk_classifier,
+    walk_estimator,
+    walks,
+)
 from st_codegen.walkers.classes import above, complement, label_of, labels_of, largest, softmax, whole_sums
 from st_codegen.walkers.fitted import Fitted
 from st_codegen.walkers.sklearn.models import votes_and_confidences
@@ -321,7 +329,7 @@ def _one_output(part: Any, builder: GraphBuilder, value: int) -> int:
     """What an estimator gives; of a classifier the label, where the labels are the numbers 0, 1, .. themselves."""
     one = walk_any(part, builder, value)
     if not isinstance(one, Classified):
-        return one
+        return one.mean if isinstance(one, Estimated) else one
     if tuple(one.labels) != tuple(range(len(one.labels))):
         raise UnsupportedModelError(
             f"{type(part).__name__} with labels {one.labels[:3]}, .. beside other outputs: encode them as 0, 1, .."

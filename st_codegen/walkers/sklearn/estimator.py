@@ -11,7 +11,16 @@ import numpy as np
 
 from st_codegen.errors import InputError
 from st_codegen.ir import Feature, FloatArray, Source
-from st_codegen.walkers.base import LIBRARIES, Classified, GraphBuilder, LoadedModel, Predictor, Walked, walk_any
+from st_codegen.walkers.base import (
+    LIBRARIES,
+    Classified,
+    Estimated,
+    GraphBuilder,
+    LoadedModel,
+    Predictor,
+    Walked,
+    walk_any,
+)
 from st_codegen.walkers.classes import numbers_of
 from st_codegen.walkers.limits import MAX_COLUMNS
 from st_codegen.walkers.sklearn.native import check_native
@@ -27,6 +36,8 @@ def load_object(estimator: Any, name: str) -> LoadedModel:
     features = _features(estimator)
     builder = GraphBuilder(len(features))
     result = walk_any(estimator, builder, 0)
+    if isinstance(result, Estimated) and not hasattr(_last(estimator), "L_"):  # whose predict takes no return_std
+        result = result.mean
     notes: tuple[str, ...] = ()
     if not hasattr(estimator, "predict"):
         builder.refuse_nan(len(builder.ops))  # the library hands NaN on, and the block has no output for it
@@ -36,6 +47,11 @@ def load_object(estimator: Any, name: str) -> LoadedModel:
         notes += ("as the library predicts with n_jobs=1; with more, its own last bits may vary from call to call",)
     source = Source(LIBRARIES["sklearn"], _version(estimator), _description(estimator), notes=notes)
     return LoadedModel(builder.model(name, features, source, result), _predictor(estimator, result))
+
+
+def _last(estimator: Any) -> Any:
+    """What predicts at the end of a Pipeline, or the estimator itself."""
+    return _last(estimator.steps[-1][1]) if hasattr(estimator, "steps") else estimator
 
 
 def _version(estimator: Any) -> str:
@@ -110,6 +126,8 @@ def _predictor(estimator: Any, result: Walked) -> Predictor:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             rows = _with_names(x, names)
+            if isinstance(result, Estimated) and result.deviation is not None:
+                return np.hstack([np.reshape(part, (len(x), -1)) for part in compute(rows, return_std=True)])
             found = compute(rows)
             if not isinstance(result, Classified):
                 dense = found.toarray() if hasattr(found, "toarray") else found

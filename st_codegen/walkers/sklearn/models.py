@@ -96,6 +96,11 @@ def walk_svc(estimator: Any, builder: GraphBuilder, value: int) -> Classified:
     and those of more are votes and confidences (`utils/multiclass.py: _ovr_decision_function`).
     """
     fitted = Fitted(estimator)
+    if fitted.flag("break_ties") and estimator.decision_function_shape == "ovo":
+        raise UnsupportedModelError(
+            f"{fitted.kind} with break_ties=True and decision_function_shape='ovo', with which its own predict raises: "
+            "take 'ovr' or break_ties=False"
+        )
     labels = labels_of(fitted)
     count = len(labels)
     machine = _Machine(estimator, builder.width(value), count)

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import UnsupportedModelError
-from st_codegen.ir import Distances, Exceeds, FloatArray, NearestMean
-from st_codegen.walkers.base import Classified, GraphBuilder, walks
+from st_codegen.ir import MAX_DEVIATION_ROWS, Clip, Distances, Exceeds, FloatArray, Linear, NearestMean
+from st_codegen.walkers.base import Classified, Estimated, GraphBuilder, walks
 from st_codegen.walkers.classes import above, labels_of, largest
 from st_codegen.walkers.fitted import Fitted
-from st_codegen.walkers.sklearn.linear import squares
+from st_codegen.walkers.sklearn.linear import block_sums, squares
 from st_codegen.walkers.sklearn.transforms import euclidean
 
 #: Names of the Manhattan distance.
@@ -155,8 +155,8 @@ _KERNELS = tuple(
     trusts=tuple(f"sklearn.gaussian_process.kernels.{name}" for name in _KERNELS),
     finite=True,
 )
-def walk_gaussian_process(estimator: Any, builder: GraphBuilder, value: int) -> int:
-    """Kernels with the training rows, weighted (`gaussian_process/_gpr.py: predict`): the mean."""
+def walk_gaussian_process(estimator: Any, builder: GraphBuilder, value: int) -> Estimated:
+    """Kernels with the training rows, weighted (`gaussian_process/_gpr.py: predict`): the mean, and the deviation."""
     fitted = Fitted(estimator)
     vectors = fitted.floats("X_train_", (None, builder.width(value)))
     weights = fitted.floats("alpha_", (len(vectors),), (len(vectors), None)).reshape(len(vectors), -1)
@@ -166,7 +166,60 @@ def walk_gaussian_process(estimator: Any, builder: GraphBuilder, value: int) -> 
         raise UnsupportedModelError("GaussianProcessRegressor with a constant kernel: the model is a constant")
     mean = builder.linear(kernels, weights.T)
     factor, offset = (fitted.floats(name, (), (1,), (outputs,)) for name in ("_y_train_std", "_y_train_mean"))
-    return builder.chain(mean, ("*", factor), ("+", offset))
+    mean = builder.chain(mean, ("*", factor), ("+", offset))
+
+    def deviation() -> int:
+        weights, doubt = _solving(fitted, len(vectors))
+        solved = builder.add(Linear((kernels,), weights, np.zeros(len(weights)), doubt=doubt))
+        known = block_sums(builder, squares(builder, solved), 1, 1.0, np.zeros(1))
+        prior = _prior(fitted.get("kernel_"), builder, value)
+        variance = _combined(builder, "+", [builder.scale(known, "*", -1.0), prior])
+        # the library sets what is negative to 0 before it scales: with factors of at least 0 that is the same number
+        each = builder.scale(builder.select([0] * outputs, int(variance)), "*", factor**2)
+        positive = builder.add(Clip((each,), np.zeros(outputs), np.full(outputs, np.finfo(np.float64).max)))
+        return builder.function(positive, "sqrt")
+
+    return Estimated(mean, deviation if len(vectors) <= MAX_DEVIATION_ROWS else None)
+
+
+def _solving(fitted: Fitted, count: int) -> tuple[FloatArray, FloatArray]:
+    """The inverse of the lower triangle `L_`, and how far from it the library's solution may lie, for each kernel.
+
+    Substitution in any order of additions solves (L + D).v = k with |D| <= g.|L|, where g is the relative error of a
+    sum of so many terms (Higham, Accuracy and Stability of Numerical Algorithms, theorem 8.5); twice that is taken
+    here, since some libraries multiply by reciprocals. So |v - v'| <= h.(1 - h)^-1.|L^-1|.|k| with h = g.|L^-1|.|L|.
+    The inverse W itself is off by at most |W|.r.(1 - r)^-1, where r bounds |1 - L.W|, with its roundings.
+    """
+    lower = np.tril(fitted.floats("L_", (count, count)))
+    if np.any(np.diagonal(lower) <= 0):
+        raise fitted.fail("L_", "a diagonal that is not above 0")
+    rounding = 2 * (count + 4) * 2.0**-53
+    one = np.eye(count)
+    inverse = np.tril(np.linalg.solve(lower, one))
+    size = np.abs(lower)
+
+    def grown(factor: FloatArray, matrix: FloatArray) -> FloatArray:
+        """factor.(1 - factor)^-1.matrix of triangles that are nowhere negative, and a little more for the roundings."""
+        if np.any(np.diagonal(factor) >= 0.5):
+            raise UnsupportedModelError("GaussianProcessRegressor whose L_ has no inverse in 64 bits: a larger alpha")
+        return np.asarray(np.tril(np.abs(np.linalg.solve(one - factor, factor @ matrix))) * 1.001)
+
+    left = np.abs(one - lower @ inverse) + rounding * (size @ np.abs(inverse))
+    off = grown(left.T[::-1, ::-1], np.abs(inverse).T[::-1, ::-1])[::-1, ::-1].T
+    largest = np.abs(inverse) + off
+    return inverse, off + grown(rounding * (largest @ size), largest)
+
+
+def _prior(kernel: Any, builder: GraphBuilder, value: int) -> int | float:
+    """The kernel of a row with itself, as `diag` of `gaussian_process/kernels.py` computes it."""
+    fitted = Fitted(kernel)
+    if fitted.kind in ("Sum", "Product"):
+        parts = [_prior(fitted.get(name), builder, value) for name in ("k1", "k2")]
+        return _combined(builder, "+" if fitted.kind == "Sum" else "*", parts)
+    if fitted.kind == "DotProduct":
+        return block_sums(builder, squares(builder, value), 1, 1.0, np.full(1, fitted.number("sigma_0") ** 2))
+    numbers = {"ConstantKernel": "constant_value", "WhiteKernel": "noise_level"}
+    return fitted.number(numbers[fitted.kind]) if fitted.kind in numbers else 1.0
 
 
 def _kernel(kernel: Any, builder: GraphBuilder, value: int, vectors: FloatArray) -> int | float:
