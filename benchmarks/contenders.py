@@ -46,8 +46,13 @@ class Case:
     def library(self) -> str:
         return type(self.estimator).__module__.partition(".")[0]
 
+    @property
+    def scores(self) -> int:
+        """How many numbers a peer computes for a row: a score for each class, or 1 where there are none."""
+        return len(getattr(self.estimator, "classes_", (0,)))
+
     def expected(self, rows: np.ndarray) -> np.ndarray:
-        """What the library predicts, shape (rows,)."""
+        """What the library predicts, shape (rows,); classes are numbered from 0."""
         return np.asarray(self.estimator.predict(rows), np.float64).reshape(len(rows))
 
 
@@ -134,12 +139,14 @@ def sizes(objects: list[Path]) -> tuple[int, int]:
 
 def bundle_of(case: Case) -> Any:
     from st_codegen.passes.domain import limit_inputs
+    from st_codegen.passes.outputs import with_outputs
     from st_codegen.project.bundle import Bundle
     from st_codegen.walkers.base import LoadedModel
     from st_codegen.walkers.objects import from_estimator
 
     loaded = from_estimator(case.estimator, "model")
-    return Bundle((LoadedModel(limit_inputs(loaded.ir), loaded.predict),), None)
+    ir, columns = with_outputs(loaded.ir, ())
+    return Bundle((LoadedModel(limit_inputs(ir), lambda x: loaded.predict(x)[:, columns]),), None)
 
 
 def st_codegen(case: Case, folder: Path, **options: Any) -> Built:
@@ -174,6 +181,31 @@ def estimate(cost: Any) -> str:
 
 # --- peers that generate code ---
 
+#: Peers give scores or probabilities; the glue makes the number of the class of them, as the libraries do.
+_LARGEST = """
+static double answer(const %(kind)s *r)
+{
+    int best = 0;
+    for (int i = 1; i < %(count)d; i++) if (r[i] > r[best]) best = i;
+    return %(count)d > 1 ? best : r[0];
+}
+"""
+#: m2cgen gives the scores of the pairs of a support vector machine.
+_VOTES = """
+static double answer(const double *r)
+{
+    int votes[%(count)d] = {0}, best = 0;
+    for (int i = 0; i < %(count)d; i++) for (int k = i + 1; k < %(count)d; k++) votes[*r++ > 0 ? i : k]++;
+    for (int i = 1; i < %(count)d; i++) if (votes[i] > votes[best]) best = i;
+    return best;
+}
+"""
+
+
+def _answer(case: Case, kind: str = "double", text: str = _LARGEST) -> str:
+    """C that makes the answer `answer(r)` of what a peer computes."""
+    return text % {"kind": kind, "count": case.scores}
+
 
 def m2cgen(case: Case, folder: Path) -> Built:
     import m2cgen as peer
@@ -183,7 +215,13 @@ def m2cgen(case: Case, folder: Path) -> Built:
     text = peer.export_to_c(case.estimator)
     seconds = time.perf_counter() - start
     source = folder / "model.c"
-    source.write_text(text + "\nvoid race(const double *x, double *y) { y[0] = score((double *)x); }\n")
+    if case.scores == 1:
+        glue = "\nvoid race(const double *x, double *y) { y[0] = score((double *)x); }\n"
+    else:
+        glue = _answer(case, text=_VOTES if hasattr(case.estimator, "support_vectors_") else _LARGEST)
+        glue += f"void race(const double *x, double *y) {{ double r[{case.scores**2}]; "
+        glue += "score((double *)x, r); y[0] = answer(r); }\n"
+    source.write_text(text + glue)
     return compiled([source], folder, seconds)
 
 
@@ -206,9 +244,11 @@ def tl2cgen(case: Case, folder: Path) -> Built:
     features = case.rows.shape[1]
     glue = folder / "c" / "glue.c"
     glue.write_text(
-        f'#include "header.h"\nvoid race(const double *x, double *y)\n{{\n    union Entry e[{features}];\n'
-        f"    {result} r[1] = {{0}};\n    for (int i = 0; i < {features}; i++) e[i].fvalue = ({kind})x[i];\n"
-        "    predict(e, 0, r);\n    y[0] = r[0];\n}\n"
+        f'#include "header.h"\n{_answer(case, result)}'
+        f"void race(const double *x, double *y)\n{{\n    union Entry e[{features}];\n"
+        f"    {result} r[{case.scores}] = {{0}};\n"
+        f"    for (int i = 0; i < {features}; i++) e[i].fvalue = ({kind})x[i];\n"
+        "    predict(e, 0, r);\n    y[0] = answer(r);\n}\n"
     )
     sources = sorted((folder / "c").glob("*.c"))
     return compiled(sources, folder, seconds)
@@ -240,8 +280,9 @@ def lleaves(case: Case, folder: Path) -> Built:
     seconds = float(took.read_text())
     glue = folder / "glue.c"
     glue.write_text(
-        "void forest_root(double *, double *, int, int);\n"
-        "void race(const double *x, double *y) { forest_root((double *)x, y, 0, 1); }\n"
+        f"void forest_root(double *, double *, int, int);\n{_answer(case)}"
+        f"void race(const double *x, double *y) {{ double r[{case.scores}]; forest_root((double *)x, r, 0, 1); "
+        "y[0] = answer(r); }\n"
     )
     built = compiled([glue], folder, generated - start, objects=(target,))
     return dataclasses.replace(built, compile_s=seconds, note="compiled by LLVM with its own flags")
@@ -252,10 +293,12 @@ def lleaves(case: Case, folder: Path) -> Built:
 
 _LIGHTGBM = """#include <dlfcn.h>
 #include <stdlib.h>
+%(answer)s
 static void *fast; static int (*predict)(void *, const void *, long *, double *);
 void race(const double *x, double *y)
 {
     long n;
+    double r[%(scores)d];
     if (!fast) {
         void *library = dlopen("%(library)s", RTLD_NOW), *booster; int iterations;
         int (*create)(const char *, int *, void **) = dlsym(library, "LGBM_BoosterCreateFromModelfile");
@@ -265,7 +308,8 @@ void race(const double *x, double *y)
         if (create("%(model)s", &iterations, &booster)) abort();
         if (init(booster, 0, 0, -1, 1, %(features)d, "num_threads=1", &fast)) abort();
     }
-    predict(fast, x, &n, y);
+    predict(fast, x, &n, r);
+    y[0] = answer(r);
 }
 """
 
@@ -320,7 +364,9 @@ def library(case: Case, folder: Path) -> Built:
         text, name = _XGBOOST, "libxgboost.so"
     (found,) = Path(module.__file__).parent.rglob(name)
     glue = folder / "glue.c"
-    glue.write_text(text % {"library": found, "model": model, "features": features})
+    glue.write_text(
+        text % {"library": found, "model": model, "features": features, "scores": case.scores, "answer": _answer(case)}
+    )
     built = compiled([glue], folder, time.perf_counter() - start)
     return dataclasses.replace(built, code_bytes=None, data_bytes=None, note="C interface")
 

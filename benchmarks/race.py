@@ -67,8 +67,19 @@ def measured(
     if count is None and built.library is not None and harness.valgrind is not None:
         built.note = "; ".join(filter(None, [built.note, "valgrind cannot run it"]))
     if not exact:
+        differing = int(np.count_nonzero(values != expected))
         off = float(np.max(np.abs(values - expected)) / np.max(np.abs(expected)))
-        built.note = "; ".join(filter(None, [built.note, f"off by up to {off:.1e} of the largest value"]))
+        built.note = "; ".join(
+            filter(
+                None,
+                [
+                    built.note,
+                    f"other classes in {differing} of {len(rows)} rows"
+                    if case.scores > 1
+                    else f"off by up to {off:.1e} of the largest value",
+                ],
+            )
+        )
     return Result(
         case.name,
         name,

@@ -45,6 +45,16 @@ def _housing(name: str, make: Callable[[], Any]) -> Case:
     return Case(name, make().fit(x, price + random.normal(0, 0.3, len(x))), _houses(np.random.default_rng(1), ROWS))
 
 
+def _parts(name: str, make: Callable[[], Any]) -> Case:
+    """Three kinds of parts by twelve measurements, as public benchmarks make them; the kinds are 0, 1 and 2."""
+    from sklearn.datasets import make_classification
+
+    x, kind = make_classification(
+        4_000 + ROWS, 12, n_informative=8, n_classes=3, class_sep=0.8, flip_y=0.05, random_state=0
+    )
+    return Case(name, make().fit(x[ROWS:], kind[ROWS:]), x[:ROWS])
+
+
 def _houses(random: np.random.Generator, count: int) -> np.ndarray:
     income, age = random.lognormal(1.2, 0.5, count), random.uniform(1, 52, count)
     rooms, bedrooms = random.lognormal(1.6, 0.3, count), random.lognormal(0.05, 0.15, count)
@@ -72,8 +82,10 @@ def _public() -> Iterator[tuple[str, Callable[[], Case]]]:
         ExtraTreesRegressor,
         GradientBoostingRegressor,
         HistGradientBoostingRegressor,
+        RandomForestClassifier,
         RandomForestRegressor,
     )
+    from sklearn.svm import SVC
 
     def lgbm(trees: int) -> Any:
         return lightgbm.LGBMRegressor(n_estimators=trees, num_leaves=31, random_state=0, verbose=-1, n_jobs=1)
@@ -97,3 +109,10 @@ def _public() -> Iterator[tuple[str, Callable[[], Case]]]:
         "houses8-lgbm-1000": lambda: lgbm(1000),
     }.items():
         yield name, lambda name=name, make=make: _housing(name, make)
+    for name, make in {
+        # objective multiclass: 100 rounds of a tree for each of three classes
+        "parts12-lgbm-classes-300": lambda: lightgbm.LGBMClassifier(random_state=0, verbose=-1, n_jobs=1),
+        "parts12-rf-classes-200": lambda: RandomForestClassifier(200, max_depth=8, random_state=0),
+        "parts12-svc": SVC,
+    }.items():
+        yield name, lambda name=name, make=make: _parts(name, make)
