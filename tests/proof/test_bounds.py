@@ -12,6 +12,8 @@ from st_codegen.ir import (
     Combine,
     Comparison,
     Function,
+    Kernel,
+    KernelSum,
     Linear,
     Operator,
     Precision,
@@ -115,6 +117,68 @@ def test_operands_that_moved_change_a_result_by_no_more_than_its_bound_which_is_
                 )
 
 
+#: Roundings mostly cancel, which no bound may count on; an operator that is wrong is off by 2**24.
+FAR = 1000
+
+
+def kernel_sum(op, x, number, order):
+    """The sum of kernels in a format of numbers, its vectors and columns in some order."""
+    total = np.full(len(x), op.intercept[0], number)
+    for vector, coefficient in zip(op.support_vectors.astype(number), op.coefficients[0].astype(number), strict=True):
+        one, other = x.astype(number)[:, order], vector[order]
+        inner = [
+            sum(a * b for a, b in zip(left, right, strict=True))
+            for left, right in ((one.T, other), (one.T, one.T), (other, other), ((one - other).T, (one - other).T))
+        ]
+        distance = inner[1] - number(2) * inner[0] + inner[2] if op.expands else inner[3]
+        argument = number(op.gamma) * inner[0] + number(op.coef0)
+        kernel = {
+            Kernel.RBF: lambda d=distance: np.exp(number(-op.gamma) * d),
+            Kernel.LINEAR: lambda p=inner[0]: p,
+            Kernel.POLYNOMIAL: lambda a=argument: a * a * a,
+            Kernel.SIGMOID: lambda a=argument: np.tanh(a),
+        }[op.kernel]()
+        total = total + coefficient * kernel
+    return total.astype(np.float64)
+
+
+@pytest.mark.parametrize("expands", [False, True])
+@pytest.mark.parametrize("kernel", Kernel)
+def test_a_sum_of_kernels_in_float32_is_within_its_bound_of_the_exact_one_which_is_not_far(kernel, expands):
+    random = np.random.default_rng(2)
+    around = 20.0 if expands else 0.0
+    vectors, x, coefficients, intercept = (
+        np.float64(np.float32(random.normal(size=shape))) for shape in ((6, 3), (400, 3), (1, 6), 1)
+    )
+    vectors, x = (np.float64(np.float32(numbers + around)) for numbers in (vectors, x))
+    gamma = 0.25 if kernel is Kernel.RBF else 0.25 / (1 + around**2)
+    op = KernelSum((0,), kernel, vectors, coefficients, intercept, gamma=gamma, precision=Precision.FLOAT32)
+    op = dataclasses.replace(op, expands=expands, coef0=0.5)
+    exact = kernel_sum(dataclasses.replace(op, expands=False), x, np.longdouble, [0, 1, 2])
+    bound = step(op, [x], [np.zeros_like(x)], exact[:, None])[:, 0]
+    orders = itertools.permutations(range(3))
+    worst = np.max([np.abs(kernel_sum(op, x, np.float32, list(order)) - exact) for order in orders], axis=0)
+    assert np.all(worst <= bound)
+    assert np.mean(bound) <= FAR * np.mean(worst)
+
+
+@pytest.mark.parametrize("terms", [3, 40])
+def test_a_sum_of_products_in_float32_is_within_its_bound_of_the_exact_one_which_is_not_far(terms):
+    random = np.random.default_rng(3)
+    weights, x = (np.float64(np.float32(random.normal(size=shape))) for shape in ((1, terms), (400, terms)))
+    exact = (x * weights).sum(axis=1) + 8.0
+    op = Linear((0,), weights, [8.0], precision=Precision.FLOAT32)
+    bound = step(op, [x], [np.zeros_like(x)], exact[:, None])[:, 0]
+    worst = np.zeros(len(x))
+    for _ in range(20):
+        total = np.full(len(x), 8.0, np.float32)
+        for column in random.permutation(terms):
+            total = total + np.float32(weights[0, column]) * x[:, column].astype(np.float32)
+        worst = np.maximum(worst, np.abs(total - exact))
+    assert np.all(worst <= bound)
+    assert np.mean(bound) <= FAR * np.mean(worst)
+
+
 @pytest.mark.parametrize("precision", [Precision.FLOAT32, Precision.FLOAT64])
 @pytest.mark.parametrize(("outputs", "wide"), [(1, False), (2, False), (2, True)])
 @pytest.mark.parametrize(("base", "around", "divisor"), [(0.0, 0.0, 1.0), (0.0, 3e4, 1.0), (1e6, 0.0, 2.5)])
@@ -142,3 +206,24 @@ def test_trees_that_take_any_of_their_leaves_stay_within_their_bound(precision, 
                 sums.append(float(total) / divisor)
         spread = max(sums) - min(sums)
         assert spread <= bound[output] <= spread + 40 * UNIT[precision] * (abs(base) + 4 * around + 10)
+
+
+@pytest.mark.parametrize(("base", "divisor", "base_last"), [(0.0, 1.0, False), (50.25, 3.0, False), (50.25, 3.0, True)])
+def test_leaves_that_are_summed_in_real_lose_no_more_than_their_bound_which_is_not_far(base, divisor, base_last):
+    op = random_trees(np.random.default_rng(4), trees=4, splits=3, comparison=Comparison.LESS)
+    leaves = op.leaf_value.astype(np.float32)
+    op = dataclasses.replace(op, leaf_value=leaves, base=[base], divisor=divisor, base_last=base_last)
+    op = dataclasses.replace(op, sum_precision=Precision.REAL)
+    x = np.zeros((1, 3))
+    bound = step(op, [x], [x], np.zeros((1, 1)))[0, 0]
+    stops = [*op.roots[1:], op.n_nodes]
+    leaves = [op.leaf_value[op.leaf[a:b][op.split[a:b] < 0], 0] for a, b in zip(op.roots, stops, strict=True)]
+    worst = 0.0
+    for chosen in itertools.product(*leaves):
+        exact, single = (
+            sum(map(number, chosen), number(0.0 if base_last else base)) / number(divisor)
+            + number(base if base_last else 0.0)
+            for number in (np.float64, np.float32)
+        )
+        worst = max(worst, abs(float(exact) - float(single)))
+    assert worst <= bound <= FAR * worst
