@@ -21,7 +21,7 @@ from sklearn.utils import all_estimators
 from st_codegen.errors import InputError
 from st_codegen.ir import digest, reference
 from st_codegen.proof import bounds
-from st_codegen.walkers.base import is_known, known_walkers
+from st_codegen.walkers.base import _NEAR, is_known, known_walkers
 from st_codegen.walkers.objects import from_estimator, load_skops
 from st_codegen.walkers.supported import table
 from tests.classifiers import SCORE, THREE, X, loaded
@@ -132,3 +132,9 @@ def test_the_table_of_libraries_names_no_class_that_is_not_compiled():
     row = next(line for line in lines if "| scikit-learn |" in line)
     named = {word for word in re.findall(r"\b[A-Z]\w+", row) if word in ESTIMATORS}
     assert named and all(is_known("sklearn", name) for name in named)
+
+
+@pytest.mark.parametrize("name", sorted(_NEAR))
+def test_what_a_refusal_names_instead_is_compiled(name):
+    words = re.findall(r"[A-Z]\w+", _NEAR[name].partition("(")[0])
+    assert words and all(is_known("sklearn", word) for word in words) and name not in known_walkers("sklearn")

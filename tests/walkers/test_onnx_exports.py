@@ -18,7 +18,7 @@ from sklearn.ensemble import (
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, WhiteKernel
 from sklearn.linear_model import Lasso, LinearRegression, Ridge
-from sklearn.neighbors import KNeighborsClassifier, KNeighborsRegressor
+from sklearn.neighbors import KNeighborsClassifier, KNeighborsRegressor, LocalOutlierFactor
 from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import (
@@ -181,6 +181,12 @@ def test_classes_of_the_nearest(tmp_path, weights):
     assert np.all(np.abs(reference.evaluate(loaded.ir, ROWS) - loaded.predict(ROWS)) <= bound)
     assert np.mean(bound[:200, 0] > 0) < (0.02 if weights == "uniform" else 0.3)  # equal sums of rounded weights
     assert np.mean(loaded.predict(ROWS)[:, 0] == model.predict(ROWS)) > (0.98 if weights == "uniform" else 0.8)
+
+
+def test_a_graph_of_local_outliers_is_refused_with_the_file_to_take_instead(tmp_path):
+    model = LocalOutlierFactor(4, novelty=True).fit(X[:60].astype(np.float64))
+    with pytest.raises(UnsupportedModelError, match=r"LocalOutlierFactor as \.skops"):
+        build.load(export(model, target_opset={"": 17, "ai.onnx.ml": 3}), tmp_path)
 
 
 @pytest.mark.parametrize("name", COLUMNS)

@@ -309,7 +309,9 @@ def of_nearest(numbers: Operand, position: PickedOperand) -> PickedOperand:
     if not isinstance(numbers, ConstantOperand) or numbers.array.dtype.kind not in "fi":
         raise UnsupportedModelError("picks by a computed position; only a constant list of numbers can be picked from")
     if math.prod(numbers.shape) != max(numbers.shape, default=0):
-        raise UnsupportedModelError("the nearest rows have several numbers each; export one model for each output")
+        raise UnsupportedModelError(
+            "the nearest rows have several numbers each; export one model for each output, LocalOutlierFactor as .skops"
+        )
     if np.any((places.array < 0) | (places.array >= numbers.array.size)):
         raise InputError(f"positions outside 0 .. {numbers.array.size - 1}; the model file is damaged")
     return replace(position, whole=ConstantOperand(np.ravel(numbers.array)[places.array]))
