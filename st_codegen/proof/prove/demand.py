@@ -51,6 +51,17 @@ from st_codegen.proof.prove.terms import Term, Terms, Value
 #: Below minus this argument an exponential is taken as 0.
 _REACH = 708.0
 
+#: The polynomial of erf, written down a second time: how far the formula lies from erf is held by a test.
+LOG_ERFC: tuple[float, ...] = (
+    -0.133058616487942,
+    1.1011737068948,
+    -3.95934960079685,
+    8.02068737141864,
+    -9.89989849778988,
+)
+LOG_ERFC += (7.54980718974905, -3.61901364341873, 1.33647950696555, -0.405998888660434, -0.092662408805115)
+LOG_ERFC += (-0.0913157175380786, 0.0836727701850285, 0.374988806661786, 1.00000014555518, -1.26551212379872)
+
 _SYMBOL = {Operator.ADD: "add", Operator.SUBTRACT: "sub", Operator.MULTIPLY: "mul", Operator.DIVIDE: "div"}
 _SYMBOL |= {Operator.MAXIMUM: "max", Operator.MINIMUM: "min"}
 
@@ -364,6 +375,7 @@ class Demand:
 
     def _function(self, op: Activation, x: Value) -> Value:
         real = self.terms.real
+        size = real("abs", x)
         #: Functions with a value for every number, and those that refuse some: which, as a comparison, and how.
         everywhere: dict[Function, Callable[[], Value]] = {
             Function.IDENTITY: lambda: x,
@@ -377,9 +389,12 @@ class Demand:
                 "LT", x, 0.0, lambda: real("mul", op.parameter, self._expm1(x)), lambda: x
             ),
             Function.ABS: lambda: real("abs", x),
+            Function.ERF: lambda: self._erf(x, size),
+            Function.GELU: lambda: real(
+                "mul", real("mul", 0.5, x), real("add", 1.0, self._erf(x, real("mul", size, math.sqrt(0.5))))
+            ),
             Function.SOFTSIGN: lambda: real("div", x, real("add", 1.0, real("abs", x))),
         }
-        size = real("abs", x)
         refusing: dict[Function, tuple[str, Value, float, Callable[[], Value]]] = {
             Function.LOG1P: ("LE", x, -1.0, lambda: self._log1p(x)),
             Function.SQRT: ("LT", x, 0.0, lambda: real("sqrt", x)),
@@ -472,6 +487,19 @@ class Demand:
         return self._either(
             "LT", x, -40.0, lambda: -1.0, lambda: self._either("GT", terms.real("abs", x), 1.0, far, near)
         )
+
+    def _erf(self, x: Value, size: Value) -> Value:
+        """erf of a size, with the sign of x: 1 - t * exp(polynomial of t - size * size), t = 1 / (1 + size / 2)."""
+        real = self.terms.real
+        t = real("div", 1.0, real("add", 1.0, real("mul", 0.5, size)))
+        total: Value = 0.0
+        for coefficient in LOG_ERFC:
+            total = real("add", real("mul", total, t), coefficient)
+        power = real("sub", total, real("mul", size, size))
+        y = self._either(
+            "GT", power, -_REACH, lambda: real("sub", 1.0, real("mul", t, real("exp", power))), lambda: 1.0
+        )
+        return self._either("LT", x, 0.0, lambda: real("neg", y), lambda: y)
 
     def _tanh(self, x: Value) -> Value:
         """Lambert's continued fraction near 0, else 1 - 2 / (exp(2 * |x|) + 1) with the sign of x."""
