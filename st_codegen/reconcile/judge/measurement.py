@@ -140,8 +140,12 @@ def _ramp_of_gap(data: Observations, rig: RigModel) -> tuple[float, float]:
     each = np.pi * (gaps.imag * orders) @ sure / sure.sum()
     if abs(size) < SETTINGS.ramp * float(each.std()) / np.sqrt(rows):
         return 0.0, 0.0
-    votes = SETTINGS.least_orders_of_zero if start else SETTINGS.least_votes
-    return (size, start) if _better(left[None], right[None], least[None], votes) else (0.0, 0.0)
+    if not start:
+        return (size, start) if _better(left[None], right[None], least[None]) else (0.0, 0.0)
+    # what happens at one angle has the phases of a ramp there, but no ramp is what most orders have
+    told = left > np.exp(2 * SETTINGS.vote) * 2.0 * least
+    most = np.mean(left[told] > np.exp(2 * SETTINGS.vote) * right[told]) if told.any() else 0.0
+    return (size, start) if told.sum() >= SETTINGS.least_orders_of_zero and most > SETTINGS.most_orders else (0.0, 0.0)
 
 
 # --- what all runs have in common
@@ -334,9 +338,7 @@ def _better(left: FloatArray, right: FloatArray, least: FloatArray, votes: int =
     return bool(told.sum() >= votes and sides.max() > SETTINGS.vote and sides.min() > -SETTINGS.vote)
 
 
-def _wins(
-    left: FloatArray, right: FloatArray, sums: _Sums, effects: int = 2, votes: int = SETTINGS.least_votes
-) -> bool:
+def _wins(left: FloatArray, right: FloatArray, sums: _Sums, effects: int = 2) -> bool:
     """Whether gaps with all noise in them are better on the right.
 
     Where noise hides most orders they are asked together, but for the `effects` that gain most: so many may be missing.
@@ -344,7 +346,7 @@ def _wins(
     before, after = sums.beyond_noise(left), sums.beyond_noise(right)
     told = np.maximum(before, after) > 2.0 * sums.least
     if 2 * told.sum() >= told.size:
-        return _better(before, after, sums.least, votes)
+        return _better(before, after, sums.least)
     saved = np.sort((sums.rows * (left - right) / sums.noise).sum(axis=0))
     return bool(saved[:-effects].sum() > SETTINGS.order_gain)
 
@@ -461,18 +463,15 @@ def _axis(data: Observations, rig: RigModel) -> list[Mistake]:
     if found is None or not data.both_directions() or not waves.any():
         return []
     sums = _sums(data, rig, waves, swapped=False)
-    left = np.abs(data.values - found.seen(known, its, data.orders))[:, waves] ** 2
-    after = np.array([left[data.at.sign == sign].mean(axis=0) for _, sign in _ROWS])
+    seen, plain = found.seen(known, its, data.orders), rig.coefficients(data.at, data.orders.tolist())
+    after, changed = (
+        np.array([(np.abs(part[data.at.sign == sign][:, waves]) ** 2).mean(axis=0) for _, sign in _ROWS])
+        for part in (data.values - seen, seen - plain)
+    )
     before = sums.gap(np.ones((2, 1)), np.ones(sums.orders.shape, np.complex128))
-    saved = (sums.rows * (before - after) / np.maximum(sums.noise, after)).sum(axis=0)
-    # orders of the rig that lie apart each have sidebands by the same error, at the expense of none; others may have
-    # gaps of their own
-    source = np.cumsum(np.diff(its[its > 0], prepend=-9) > 2) - 1
-    nearest = np.abs(sums.orders[:, None] - its[its > 0]).argmin(axis=1)
-    saved = np.sort(np.bincount(source[nearest], saved, source.max() + 1))
-    enough = data.spectral_deg is not None and len(saved) >= SETTINGS.least_votes
-    several = enough and saved[-SETTINGS.least_votes] > SETTINGS.point_gain > -saved[0]
-    if not several and not _wins(before, after, sums, votes=SETTINGS.least_orders_of_zero):
+    # orders that it changes visibly have a vote: what has a gap for another reason says nothing of it
+    left, right = (np.where(changed > sums.least, sums.beyond_noise(gap), sums.least) for gap in (before, after))
+    if not _better(left, right, sums.least, SETTINGS.least_orders_of_zero):
         return []
 
     def corrected(given: Observations) -> Observations:
