@@ -11,7 +11,18 @@ import numpy as np
 import pytest
 
 from st_codegen.emit.targets import TARGETS
-from st_codegen.ir import Activation, Function, Kernel, KernelSum, Linear, Operator, Precision, Scale, TreeEnsemble
+from st_codegen.ir import (
+    Activation,
+    Function,
+    Kernel,
+    KernelSum,
+    Linear,
+    Operator,
+    Precision,
+    Scale,
+    TreeEnsemble,
+    reference,
+)
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.passes.kernels import factored
 from st_codegen.project.bundle import load
@@ -23,7 +34,7 @@ from st_codegen.proof.prove.demand import LOG_ERFC
 from st_codegen.proof.prove.disagree import OtherExpressionError
 from st_codegen.proof.prove.intervals import INTEGER
 from st_codegen.proof.prove.prove import Verdict, prove
-from st_codegen.proof.prove.range_bound import range_bound
+from st_codegen.proof.prove.range_bound import interval, range_bound
 from st_codegen.proof.prove.terms import Terms
 from st_codegen.proof.runner import GeneratedCode
 from tests.emit.test_emitted import generated
@@ -201,6 +212,30 @@ def test_a_changed_coefficient_of_erf_is_another_expression(name, tmp_path):
         prove_arithmetic(
             model, GeneratedCode(path.parent, TARGETS["iec"].dialect).project, "FB_M", tuple(range(len(model.outputs)))
         )
+
+
+FALLING = {
+    f"{function.value} {slope}": model_of(Activation((0,), function, 3, slope))
+    for function in (Function.LEAKY_RELU, Function.ELU)
+    for slope in (-0.5, 0.25)
+}
+
+
+@pytest.mark.parametrize("model", [*SMALL_MODELS.values(), *FALLING.values()], ids=[*SMALL_MODELS, *FALLING])
+def test_the_interval_of_a_step_holds_what_numbers_of_its_operands_give(model):
+    random = np.random.default_rng(0)
+    with np.errstate(all="ignore"):
+        values = reference.trace(model, random.normal(size=(60, len(model.features))))
+        for op in model.ops:
+            ends = [(values[number] - 0.3, values[number] + 0.3) for number in op.inputs]
+            try:
+                low, high = interval(op, ends)
+            except NotProvedError:
+                continue
+            for _ in range(20):
+                result = reference.apply(op, [a + (b - a) * random.random(a.shape) for a, b in ends])
+                room = 1e-6 * (1.0 + np.abs(result))  # roundings, to float32 at most, are added by others
+                assert np.all((low - room <= result) & (result <= high + room) | ~np.isfinite(result))
 
 
 #: Functions without a bound on a whole range: their slope has no limit, or their extremes are within it.
