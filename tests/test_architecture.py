@@ -3,6 +3,7 @@
 import ast
 import functools
 import re
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -324,3 +325,19 @@ def test_a_public_class_has_its_name_for_itself():
                 homes.setdefault(name, []).append(module)
     assert len(homes) > 200
     assert {name: modules for name, modules in homes.items() if len(modules) > 1} == {}
+
+
+#: What stands at the top of the repository.
+AT_THE_TOP = set(
+    ".ci .gitattributes .github .gitignore .pre-commit-config.yaml .pre-commit-hooks.yaml CHANGELOG.md CONTRIBUTING.md "
+    "LICENSE Makefile README.md SECURITY.md action.yml benchmarks checker docs examples golden mkdocs.yml profiles "
+    "pyproject.toml requirements.lock site_tools st_codegen templates tests".split()
+)
+
+
+def test_nothing_strays_at_the_top_of_the_repository():
+    """Files of a trial were once committed with everything else."""
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=PACKAGE.parent, capture_output=True, text=True, check=False)
+    if listed.returncode:
+        pytest.skip("no checkout: what belongs to the repository is not known")
+    assert {name.partition("/")[0] for name in filter(None, listed.stdout.split("\0"))} == AT_THE_TOP
