@@ -235,3 +235,19 @@ def test_a_stiff_transmission_is_not_at_the_bound_of_soft_ones(stiffness, met):
 def test_each_number_that_cases_chose_is_marked_once():
     named = [name for names in CHOSEN_ON.values() for name in names]
     assert len(named) == len(set(named)) and all(hasattr(SETTINGS, name) for name in named)
+
+
+def test_a_burst_of_a_mesh_order_is_asked_for_only_where_the_orders_around_it_were_measured():
+    """Of 240 and its sidebands at three a burst of order 312 was named, half a degree high, that nobody measured."""
+    few = (0, 1, *range(4, 13), 36, 39, 42, 75, 78, 81, 117, 156, 159, 162, 165, 237, 240, 243)
+
+    burst = effect("local_mesh_defect", order=78, centre_deg=150.0, width_deg=3.0, amplitude_deg=5e-3, phase_rad=0.3,
+                   backward_amplitude_deg=5e-3, backward_phase_rad=0.3)  # fmt: skip
+
+    def bursts(orders):
+        truth = RigModel(effects=(*RIG.effects, burst))
+        search = Search(KNOWN, fitted(RIG, observed(truth, grid(4, 4, 2), orders=orders)))
+        return {c.piece.effect.orders for c in search.all() if c.name == "local_mesh_defect"}
+
+    assert bursts(few) == set()
+    assert (78,) in bursts((0, 1, *range(60, 97))) <= {(78,), (80,), (81,)}

@@ -136,7 +136,7 @@ class Search:
     def all(self) -> Iterator[Candidate]:
         """Every candidate at every start."""
         for effect in self.known.values():
-            if effect.stage not in self.stages or not effect.searched or self._foreign < effect.least_foreign:
+            if effect.stage not in self.stages or not effect.searched or len(self._foreign) < effect.least_foreign:
                 continue
             if effect.orders_key == "orders":
                 if any(s.unit == "Hz" for s in effect.scalars):
@@ -186,16 +186,27 @@ class Search:
         return [(order,) for order in allowed]
 
     def _is_seen(self, piece: Piece) -> bool:
-        """Whether the effect touches an order that was measured."""
+        """Whether the effect touches an order that was measured; one of many orders, enough of those around its own.
+
+        A mesh order that is larger at one angle has sidebands at every distance: where only some are measured, any
+        sidebands of the mesh order look like it.
+        """
         touched = piece.effect.touched_orders()
+        if piece.effect.least_foreign:
+            around = [k for k in self._foreign & set(touched) if self._is_around(k, piece.effect.orders)]
+            if len(around) < piece.effect.least_foreign:
+                return False
         seen = bool(np.isin(touched, self.data.model_orders()).any())
         wanted = not len(self.touching) or bool(np.isin(touched, self.touching).any())
         return piece.effect.stage is Stage.MEASURING or (seen and wanted)
 
+    def _is_around(self, order: int, own: tuple[int, ...]) -> bool:
+        return all(k in self.data.model_orders() and abs(order - k) <= SETTINGS.around_order for k in own)
+
     @cached_property
-    def _foreign(self) -> int:
-        """How many orders were measured that the rig does not make."""
-        return len(set(self.data.model_orders()) - set(self.fit.state.rig.orders()))
+    def _foreign(self) -> set[int]:
+        """The orders that were measured and that the rig does not make."""
+        return set(self.data.model_orders()) - set(self.fit.state.rig.orders())
 
     def _starts(
         self, effect: type[Effect], keys: frozenset[str], orders: tuple[int, ...]
