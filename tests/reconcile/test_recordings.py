@@ -114,7 +114,7 @@ def test_samples_have_the_waves_that_were_put_in(tmp_path):
 
 def test_a_step_in_the_middle_of_a_recording_is_no_order_and_no_changed_parameter(tmp_path):
     for number, torque in enumerate((200.0, 800.0)):
-        t, turns = np.arange(8000) * 1e-3, 1.6
+        t, turns = np.arange(1200) * 6.7e-3, 1.6
         fast = 81.0 * 360.0 * turns * t / t[-1]
         out = fast / 81.0
         at = np.deg2rad(out)
