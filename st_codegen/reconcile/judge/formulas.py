@@ -64,7 +64,9 @@ def formula_of(target: FitData, r: ComplexArray, column: int) -> Formula | None:
         loss = trials[best]
     if not chosen:
         return None
-    as_well = _as_well(chosen, library, at, y, sigma, price * max(loss / noise, 1.0))
+    margin = price * max(loss / noise, 1.0)
+    # what is said beside a term holds beside the simplest of the others: a second time, when these are known
+    as_well = [_as_well(chosen, library, at, y, sigma, margin) for _ in range(2)][-1]
     loss = _loss([library[name] for name in chosen], at, y, sigma)
     explains = float(np.clip((whole - loss) / max(whole - noise, 1e-300), 0.0, 1.0))
     if explains < SETTINGS.formula_explains:
@@ -146,7 +148,7 @@ def _formula(
     where = "at " + ", ".join(words[i] for i in varying) if len(varying) else "at every operating point"
     text = f"{law}: {size[row]:.3g} deg {where}"
     levels = [len(np.unique(axis)) for axis in (at.speed_rpm, at.torque_Nm, at.temperature_C)]
-    if few := [_CONDITIONS[i] for i in varying if levels[i] < 3]:
+    if few := [_CONDITIONS[i] for i in varying if levels[i] == 2]:
         text += f" (two {' and two '.join(few)} tell no law between them)"
     if explains < SETTINGS.formula_whole:
         text += f" (that is {100 * explains:.0f} % of it)"
