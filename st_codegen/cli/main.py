@@ -88,10 +88,11 @@ class _Commands(LazyGroup):
 
     @staticmethod
     def _refuse_misspelt(ctx: click.Context, word: str) -> None:
-        """Raises UsageError for a word that is nearly a command, and no path."""
-        near = difflib.get_close_matches(word.lower(), _COMMANDS, 1, 0.7)
-        if near and near != [word] and word.isidentifier() and not os.path.lexists(word):
-            ctx.fail(f"No such command, file or folder: '{word}'. Did you mean '{near[0]}'?")
+        """Raises UsageError for a word that is no command, and no path."""
+        if word not in _COMMANDS and word.isidentifier() and not os.path.lexists(word):
+            near = difflib.get_close_matches(word.lower(), _COMMANDS, 1, 0.7)
+            meant = f" Did you mean '{near[0]}'?" if near else ""
+            ctx.fail(f"No such command, file or folder: '{word}'.{meant}")
 
 
 @click.group(

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -91,6 +92,17 @@ def read_csv(path: Path, wanted: Sequence[str] = ()) -> CsvTable:
         problems.add(f"the column '{_cut(name)}' is there twice")
     problems.raise_if_any()
     return CsvTable(names, tuple(rows[1:]), separator == ";")
+
+
+def with_underscores(columns: Mapping[str, npt.NDArray[np.float64]]) -> dict[str, npt.NDArray[np.float64]]:
+    """The same columns, also by the names that LightGBM makes of theirs: `oil temp` is `oil_temp` in its files.
+
+    (`Dataset::set_feature_names`.) No name stands for a column where two columns would bear it, unless one bears it
+    in the table.
+    """
+    made = [name.replace(" ", "_") for name in columns]
+    times = Counter(made)
+    return {name: columns[own] for name, own in zip(made, columns, strict=True) if times[name] == 1} | dict(columns)
 
 
 def header_of(path: Path) -> tuple[str, ...]:

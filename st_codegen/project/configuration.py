@@ -115,8 +115,15 @@ class InputEntry:
             lower=clamped and clamped[0],
             upper=clamped and clamped[1],
             flagged=self.limits if self.outside is Outside.FLAG else None,
-            seen=self.trained or feature.seen,
+            seen=_both(self.trained, feature.seen),
         )
+
+
+def _both(given: tuple[float, float] | None, known: tuple[float, float] | None) -> tuple[float, float] | None:
+    """The range with the ends of both: what the model's file knows of its training data no configuration takes back."""
+    if given is None or known is None:
+        return given or known
+    return min(given[0], known[0]), max(given[1], known[1])
 
 
 @dataclass(frozen=True)
@@ -217,7 +224,7 @@ class Configuration:
     def remarks(self, file: str) -> tuple[str, ...]:
         """What the header of the block of a file says of its training."""
         entry = next((entry for entry in self.models if entry.file == file), ModelEntry(file, ""))
-        data = [f"Training data: SHA-256 {entry.training_sha256}"] if entry.training_sha256 else []
+        data = [f"Training data given: SHA-256 {entry.training_sha256}"] if entry.training_sha256 else []
         metrics = "; ".join(f"{name} {value:g}" for name, value in entry.metrics)
         return (*data, *([f"Metrics, as given: {metrics}"] if metrics else []))
 

@@ -13,6 +13,7 @@ import numpy as np
 from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.literals import MAX_IDENTIFIER, capitalised, identifier
 from st_codegen.errors import InputError, Problems
+from st_codegen.files.csv_tables import with_underscores
 from st_codegen.files.toml_text import table_lines, toml_value
 from st_codegen.ir import Feature, FloatArray, ModelIR
 from st_codegen.project.bundle import READERS, Reading
@@ -23,6 +24,8 @@ _HEAD = """\
 # Keys that may be added: [project] name, prefix, attributes; [[input]] min, max and outside = "clamp" or "flag";
 # [[model]] layout, metrics = {"MAE, kW" = 0.2}; outputs unit, min and max.
 """
+#: What rounding in a table may take from a range, as a share of it: three digits.
+_ROUNDING = 1e-3
 _LETTERS = str.maketrans(
     {"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss", "°": "deg", "µ": "u", "μ": "u"}
 )
@@ -38,7 +41,8 @@ def initial_configuration(
     """The text of a configuration for a folder of models.
 
     `training_data` has a column of values for each feature, of which the range is written; `training_sha256` is that of
-    its file. Raises InputError where the folder has no model file, or is described by a file of its own.
+    its file. Raises InputError where the folder has no model file, or is described by a file of its own, and where a
+    model was trained with other data.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder")
@@ -57,6 +61,8 @@ def initial_configuration(
     if not models:
         why = "".join(f"\n  - {name}: {reason}" for name, reason in reasons.items())
         raise InputError(f"{folder}: no model files; supported are {known_formats()}{why}")
+    if training_data is not None:
+        _check_trained_with(training_data, models)
     lines = [_HEAD, "[project]", f"name = {toml_value(_project_name(folder))}", "leave_out = ["]
     lines += [f"    {toml_value(name)},  # {reason}" for name, reason in reasons.items()]
     lines += ["]", "", "[build]", 'target = ["twincat"]', 'out = "generated"']
@@ -66,6 +72,28 @@ def initial_configuration(
         lines += ["", *_model(file, name, models[file])]
         lines += [f"training_sha256 = {toml_value(training_sha256)}"] if training_sha256 else []
     return "\n".join(lines) + "\n"
+
+
+def _check_trained_with(table: Mapping[str, FloatArray], models: Mapping[str, ModelIR]) -> None:
+    """Raise InputError where a model's file knows of training data that the table has not, by more than rounding.
+
+    A file knows both ends of a range that was there (`Feature.seen`); a table with fewer digits may miss them by some.
+    """
+    problems = Problems("training data")
+    columns = with_underscores(table)
+    for file, feature in ((file, feature) for file, model in models.items() for feature in model.features):
+        values = columns.get(feature.name, np.empty(0))
+        values = values[np.isfinite(values)]
+        if feature.seen is None or not values.size:
+            continue
+        low, high = feature.seen
+        rounding = _ROUNDING * (high - low)
+        if values.min() > low + rounding or values.max() < high - rounding:
+            problems.add(
+                f"column '{feature.name}' reaches from {values.min():.6g} to {values.max():.6g}, and {file} was "
+                f"trained with values from {low:.6g} to {high:.6g}: give the table that it was trained with"
+            )
+    problems.raise_if_any()
 
 
 def _project_name(folder: Path) -> str:
@@ -85,9 +113,10 @@ def _input(feature: Feature, training_data: Mapping[str, FloatArray] | None) -> 
     lines = table_lines("[[input]]", values)
     if training_data is None:
         return lines  # a file that knows its range states it anew whenever its model is trained again
-    if feature.name not in training_data:
+    column = with_underscores(training_data).get(feature.name)
+    if column is None:
         raise InputError(f"training data: no column '{feature.name}'; there are {', '.join(training_data)}")
-    column = training_data[feature.name][np.isfinite(training_data[feature.name])]
+    column = column[np.isfinite(column)]
     if column.size:
         lines.append(f"trained = {toml_value((float(column.min()), float(column.max())))}")
     return lines

@@ -12,7 +12,7 @@ import numpy as np
 
 from st_codegen.emit.output import block_of
 from st_codegen.errors import InputError, Problems
-from st_codegen.files.csv_tables import read_csv
+from st_codegen.files.csv_tables import read_csv, with_underscores
 from st_codegen.files.text import write_text
 from st_codegen.ir import AnyArray, Classes, FloatArray, ModelIR, reference
 from st_codegen.project.bundle import Bundle
@@ -56,10 +56,11 @@ def _labels(classes: Classes, numbers: FloatArray) -> AnyArray:
 
 def _rows(model: ModelIR, columns: dict[str, FloatArray]) -> FloatArray:
     """The model's inputs (rows, features): by its own names, else by position."""
+    known = with_underscores(columns)
     for names in ([feature.name for feature in model.features], [f"f{n}" for n in range(len(model.features))]):
-        if all(name in columns for name in names):
-            return np.column_stack([columns[name] for name in names])
-    missing = [feature.name for feature in model.features if feature.name not in columns]
+        if all(name in known for name in names):
+            return np.column_stack([known[name] for name in names])
+    missing = [feature.name for feature in model.features if feature.name not in known]
     raise InputError(f"model '{model.name}': no column {', '.join(missing)}; the header has {', '.join(columns)}")
 
 

@@ -133,6 +133,8 @@ def test_a_misspelt_command_is_named_unless_it_is_a_path(lone_folder, tmp_path, 
     monkeypatch.chdir(tmp_path)
     assert run("veryfy", lone_folder) == 2
     assert "No such command, file or folder: 'veryfy'. Did you mean 'verify'?" in capsys.readouterr().err
+    assert run("cost", str(tmp_path)) == 2
+    assert "No such command, file or folder: 'cost'.\n" in capsys.readouterr().err
     lone_folder.rename(tmp_path / "veryfy")
     assert run("veryfy", "-q") == 0
 

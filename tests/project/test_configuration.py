@@ -341,13 +341,46 @@ def test_rules_that_make_no_names_are_refused(lone_folder, rule):
         load(lone_folder)
 
 
+def ranges_of(folder):
+    (model,) = load(folder).models
+    return [feature.seen for feature in model.ir.features]
+
+
+def test_no_configuration_takes_back_what_a_file_knows_of_its_training_data(lone_folder):
+    known = ranges_of(lone_folder)
+    (lone_folder / "st-codegen.toml").write_text(
+        '[[input]]\nfeature = "speed_rpm"\nname = "fSpeed"\ntrained = [900.0, 1e4]\n'
+    )
+    assert ranges_of(lone_folder) == [(known[0][0], 1e4), *known[1:]]
+
+
+def test_init_refuses_a_table_that_a_model_was_not_trained_with(lone_folder, tmp_path, capsys):
+    known = ranges_of(lone_folder)
+    names = ("speed_rpm", "torque_Nm", "temperature_C")
+    table = tmp_path / "rows.csv"
+
+    def init_with(ends):
+        rows = [",".join(f"{end[n]:.7g}" for end in ends) for n in (0, 1)]
+        table.write_text("\n".join([",".join(names), *rows]) + "\n")
+        return run("init", lone_folder, "--training-data", table)
+
+    middle = (known[0][0], (known[0][0] + known[0][1]) / 2)
+    assert init_with([middle, known[1], known[2]]) == 2
+    said = capsys.readouterr().err
+    assert "column 'speed_rpm' reaches" in said
+    assert "te.txt was trained with" in said
+    assert "torque_Nm" not in said
+    assert not (lone_folder / "st-codegen.toml").exists()
+    assert init_with(known) == 0
+
+
 def test_header_has_the_training_data_and_the_metrics_that_are_given(lone_folder, tmp_path):
     digest = "5f" * 32
     (lone_folder / "st-codegen.toml").write_text(
         f'[[model]]\nfile = "te.txt"\ntraining_sha256 = "{digest}"\nmetrics = {{"MAE, kW" = 0.21, R2 = 0.983}}\n'
     )
     text = (generate(load(lone_folder), "iec", tmp_path).folder / "FB_Te.st").read_text()
-    assert f"Training data: SHA-256 {digest}" in text
+    assert f"Training data given: SHA-256 {digest}" in text
     assert "Metrics, as given: MAE, kW 0.21; R2 0.983" in text
 
 

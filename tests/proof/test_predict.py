@@ -3,6 +3,7 @@ import pytest
 
 from st_codegen.driver import Evaluator, predict
 from st_codegen.errors import InputError
+from st_codegen.files.csv_tables import with_underscores
 from st_codegen.project.bundle import load
 from st_codegen.proof.predict import read_table, write_table
 
@@ -42,6 +43,17 @@ def test_several_outputs_are_numbered_and_refused_rows_are_nan(tmp_path):
         assert list(result) == ["line[0]", "line[1]"]
         assert result["line[0]"][0] == pytest.approx(1.0, abs=1e-14)
         assert np.isnan(result["line[1]"][1:]).all()
+
+
+def test_a_column_bears_its_own_name_or_the_one_that_lightgbm_makes_of_it(lone_folder):
+    bundle = load(lone_folder)
+    x = [np.array([value]) for value in ROWS[0]]
+    plain = {"speed_rpm": x[0], "torque_Nm": x[1], "temperature_C": x[2]}
+    spaced = {"speed rpm": x[0], "torque_Nm": x[1], "torque Nm": -x[1], "temperature C": x[2]}
+    results = [predict(bundle, columns, Evaluator.REFERENCE)["te"] for columns in (plain, spaced)]
+    assert np.array_equal(*results)
+    assert sorted(with_underscores({"oil temp  C": x[0]})) == ["oil temp  C", "oil_temp__C"]
+    assert list(with_underscores({"a b_c": x[0], "a_b c": x[1]})) == ["a b_c", "a_b c"]
 
 
 def test_missing_columns_are_all_named(lone_folder):
