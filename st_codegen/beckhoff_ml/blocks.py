@@ -48,7 +48,7 @@ def engine_limits(model: ModelIR, engine: Engine) -> tuple[float | None, ...]:
     """The magnitudes from which on a block refuses its inputs: what arithmetic would turn into infinity.
 
     Trees only compare, unless their inputs are scaled. An engine in float32 takes what overflows nowhere in float32.
-    Raises InputError where that excludes a part of the trained range.
+    Raises InputError where that excludes a part of the declared range.
     """
     if engine.compares_only:
         return model.magnitude_limits

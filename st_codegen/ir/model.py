@@ -42,7 +42,7 @@ class Feature:
             raise InputError(f"feature '{self.name}': the range {self.lower} .. {self.upper} is empty")
 
     def is_below(self, magnitude: float) -> bool:
-        """Whether the trained range keeps the input below a magnitude."""
+        """Whether the declared range keeps the input below a magnitude."""
         return self.lower is not None and self.upper is not None and max(-self.lower, self.upper) < magnitude
 
     @property

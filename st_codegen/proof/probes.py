@@ -77,7 +77,7 @@ def probe_rows(model: ModelIR, rows: int, seed: int = 0, *, sampled: bool = Fals
 
 
 def _random_rows(count: int, lower: FloatArray, upper: FloatArray, random: np.random.Generator) -> FloatArray:
-    """Rows in the trained range; one in ten may leave it by half its width."""
+    """Rows in the declared range; one in ten may leave it by half its width."""
     wide = random.random(count) < 0.1
     margin = 0.5 * (upper - lower) * wide[:, None]
     inside: FloatArray = lower - margin + (upper - lower + 2 * margin) * random.random((count, len(lower)))

@@ -85,12 +85,12 @@ class ModelReport:
     `n` rows were tried in each target, and each must agree. `proved`: the text was proved for all inputs
     (`prove`) instead of being tried on every threshold, and these rows are a sample, for the library. `exact`: every
     bit did. `max_abs_err`, `max_ulp` and `worst_input` (the row with the largest error) compare the emitted text with
-    the library on the rows inside the trained range, `bound` is the largest error that the derivation allows there: the
-    error of a sum at an input of 1E30 says nothing. Units in the last place are those of float32 where the library
+    the library on the rows inside the declared range, `bound` is the largest error that the derivation allows there:
+    the error of a sum at an input of 1E30 says nothing. Units in the last place are those of float32 where the library
     or the text answers in float32. `unbounded` rows lie so close to a threshold behind an inexact operation that no
     finite bound holds; they do not count. By `jump` at most the sum of the trees behind such an operation may
     differ, where the number that a split compares lies within `jump_width` of its threshold (the largest width on
-    these rows, in the trained range).
+    these rows, in the declared range).
 
     Of a classifier every row must have the library's label, but for the `open_rows`: rows on which the bound leaves
     more than one label possible. The first of them are in `open_examples`.
@@ -225,7 +225,7 @@ def verify(
     run; each costs as much as the first.
 
     `rows` is how many rows are tried for each model. Special values and all thresholds with their neighbours come
-    first, even where they are more than that; the rest are drawn at random from the trained range, one in ten up to
+    first, even where they are more than that; the rest are drawn at random from the declared range, one in ten up to
     half its width outside. The result says something of these rows. More rows cost time in proportion; batches bound
     the memory.
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -26,12 +28,13 @@ def read_bundle(path: Path, reading: Reading) -> Bundle:
     check_names({files[name].name: name for name in sorted(files)}, problems)
     problems.raise_if_any()
     loaded = reading.models({name: files[name] for name in sorted(files)}, problems)
-    models = {name: _for_bundle(model, description.features, problems) for name, model in loaded.items()}
+    features = _with_training_data(description.features, loaded.values())
+    models = {name: _for_bundle(model, features, problems) for name, model in loaded.items()}
     outputs = tuple(_output(reference, models, problems) for reference in description.references)
     problems.raise_if_any()
     te = TransmissionError(
         name=description.name,
-        features=description.features,
+        features=features,
         speed_feature=description.speed_feature,
         reduction_ratio=description.reduction_ratio,
         orders=description.orders,
@@ -68,6 +71,26 @@ def _for_bundle(model: LoadedModel, features: tuple[Feature, ...], problems: Pro
         ir = limit_inputs(dataclasses.replace(ir, features=features))
         return LoadedModel(without_inexact_steps(ir), predict)
     return model
+
+
+def _with_training_data(features: tuple[Feature, ...], models: Iterable[LoadedModel]) -> tuple[Feature, ...]:
+    """The bundle's features, with what the training data of all models reach that know it of theirs."""
+    ends: dict[int, list[tuple[float, float]]] = {}
+    for model in models:
+        with contextlib.suppress(InputError):  # said where the model is taken into the bundle
+            for number, own in zip(_feature_order(model.ir, features), model.ir.features, strict=True):
+                ends.setdefault(number, []).extend([own.seen] if own.seen is not None else [])
+    shared = {
+        number: (max(low for low, _ in known), min(high for _, high in known))
+        for number, known in ends.items()
+        if known
+    }
+    return tuple(
+        dataclasses.replace(feature, seen=shared[number])
+        if number in shared and shared[number][0] <= shared[number][1]
+        else feature
+        for number, feature in enumerate(features)
+    )
 
 
 def _feature_order(model: ModelIR, features: tuple[Feature, ...]) -> list[int]:

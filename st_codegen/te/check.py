@@ -120,7 +120,7 @@ def check_transmission_error(
     bound: DifferenceBound = bounds.difference_bound,
     names: Collection[str] = (),
 ) -> list[BlockCheck]:
-    """Run both blocks, or those of `names`, at random operating points inside the trained range, and compute what they
+    """Run both blocks, or those of `names`, at random operating points inside the declared range, and compute what they
     must give."""
     rows = _ROWS
     random = np.random.default_rng(seed)

@@ -19,7 +19,7 @@ _HALF_TURN = 3.1
 
 
 def prediction_vectors(te: TransmissionError, models: Sequence[LoadedModel]) -> ReferenceVectors:
-    """FB_TEPredict at operating points inside the trained range."""
+    """FB_TEPredict at operating points inside the declared range."""
     lower = np.array([feature.lower for feature in te.features], dtype=np.float64)
     upper = np.array([feature.upper for feature in te.features], dtype=np.float64)
     x = lower + (upper - lower) * np.random.default_rng(0).random((ROWS, len(te.features)))

@@ -316,7 +316,7 @@ def test_the_header_has_the_bound_where_the_inputs_have_ranges(tmp_path):
     bundle = load(tmp_path, real=True, trust_pickle=True)
     generate(bundle, "iec", tmp_path / "out")
     (bound,) = largest_loss(bundle.irs[0])
-    assert f"in the trained range the outputs lie within {bound:.3g} of" in " ".join(
+    assert f"in the declared range the outputs lie within {bound:.3g} of" in " ".join(
         (tmp_path / "out/iec/FB_Sum.st").read_text().split()
     )
     (model,) = verify(bundle, tmp_path / "out", rows=2000).models

@@ -64,7 +64,7 @@ def test_names_ranges_and_outputs_are_those_of_the_configuration(configured, tmp
     generated = generate(bundle, target, tmp_path)
     code = GeneratedCode(generated.folder, target)
     text = code.text("FB_P1_Power")
-    assert re.search(r"fSpeed : LREAL; .*speed_rpm, 1/min, trained 300\.0 \.\. 1500\.0", text)
+    assert re.search(r"fSpeed : LREAL; .*speed_rpm, 1/min, limited to 300\.0 \.\. 1500\.0", text)
     assert re.search(r"fPower_kW : LREAL; .*prediction: out1, kW", text)
     assert ("{attribute 'no_check'}" in text) == (target == "twincat")
     x = np.array([[100.0, 500.0, 30.0], [300.0, 500.0, 30.0], [600.0, 1e4, 30.0], [600.0, 500.0, 30.0]])

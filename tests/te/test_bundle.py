@@ -1,3 +1,4 @@
+import dataclasses
 import functools
 import pickle
 import re
@@ -53,7 +54,19 @@ def test_equal_ends_are_the_one_value_that_a_model_knows(bundle_folder):
     path.write_text(bad(path.read_text(encoding="utf-8"), "min = 25.0", "min = 35.0"), encoding="utf-8")
     oil = load(bundle_folder).models[0].ir.features[2]
     assert (oil.lower, oil.upper) == (35.0, 35.0)
-    assert feature_text(oil) == "temperature_C, degC, trained 35.0 only"
+    assert feature_text(oil).startswith("temperature_C, degC, limited to 35.0 only, training data reach 25.0")
+
+
+def test_a_header_says_where_the_training_data_of_the_models_end_inside_of_the_range(bundle_folder):
+    for name, ends in {"a": "[200:1700]", "b": "[150:1600]"}.items():
+        file = bundle_folder / f"{name}.txt"
+        file.write_text(re.sub(r"feature_infos=\S+", f"feature_infos={ends}", file.read_text(), count=1))
+    path = bundle_folder / "bundle.toml"
+    path.write_text(bad(path.read_text(encoding="utf-8"), "max = 1800.0", "max = 2500.0"), encoding="utf-8")
+    speed, *_ = load(bundle_folder).purpose.te.features
+    assert feature_text(speed) == "speed_rpm, rpm, limited to 100.0 .. 2500.0, training data reach 200.0 .. 1600.0"
+    wide = dataclasses.replace(speed, seen=(100.0, 2500.0))
+    assert feature_text(wide) == "speed_rpm, rpm, limited to 100.0 .. 2500.0"
 
 
 def test_models_with_the_same_names_in_another_order_are_reordered(bundle_folder):

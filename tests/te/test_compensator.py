@@ -181,7 +181,7 @@ def test_a_lead_takes_the_angle_later():
     assert te(ahead) != pytest.approx(te(1.0), abs=1e-4)
 
 
-def test_operating_points_outside_the_trained_range_are_limited_and_flagged():
+def test_operating_points_outside_the_declared_range_are_limited_and_flagged():
     block = compensator("iec", fTorque_Nm=1900.0)
     block()
     assert (block["bValid"], block["bInRange"]) == (True, False)

@@ -209,7 +209,7 @@ def test_the_bundle_compiles_and_predicts_the_same(lessons, tmp_path, form):
     assert bundle.purpose.te.orders == ORDERS
     rows = both.conditions[:40]
     columns = dict(zip(("speed_rpm", "torque_Nm", "temperature_C"), rows.T, strict=True))
-    # the emitted text, inside the trained ranges
+    # the emitted text, inside the declared ranges
     predicted = predict(bundle, columns, Evaluator.ST)
     for model in models:
         assert np.allclose(predicted[model.stem], model.estimator.predict(rows), rtol=1e-9, atol=1e-12), model.stem

@@ -123,7 +123,7 @@ def real_lines(model: ModelIR, lost: Sequence[float]) -> tuple[str, ...]:
         )
     elif numbers and np.isfinite(largest):
         lines.append(
-            "For inputs that are REAL numbers in the trained range the outputs lie within "
+            "For inputs that are REAL numbers in the declared range the outputs lie within "
             f"{largest:.3g} of the library's."
         )
     elif numbers:
@@ -150,7 +150,7 @@ def model_outputs(model: ModelIR) -> tuple[BlockVariable, ...]:
 def _in_range_text(model: ModelIR) -> str:
     if any(feature.flagged is not None for feature in model.features):
         return "all inputs lie in their ranges"
-    return "no input had to be limited to its trained range"
+    return "no input had to be limited to its declared range"
 
 
 def _plausible(model: ModelIR) -> list[Output]:
@@ -216,10 +216,15 @@ def feature_text(feature: Feature) -> str:
     if feature.unit:
         text += f", {unit_text(feature.unit, f'unit of feature {feature.name}')}"
     if feature.lower is not None and feature.upper is not None:
-        text += f", trained {_range_text((feature.lower, feature.upper))}"
+        text += f", limited to {_range_text((feature.lower, feature.upper))}"
     if feature.flagged is not None:
         text += f", flagged outside {real(feature.flagged[0])} .. {real(feature.flagged[1])}"
-    if feature.seen is not None and feature.lower is None:
+    if feature.seen is not None and (
+        feature.lower is None
+        or feature.upper is None
+        or feature.seen[0] > feature.lower
+        or feature.seen[1] < feature.upper
+    ):
         text += f", training data reach {_range_text(feature.seen)}"
     return text
 
@@ -285,7 +290,7 @@ def header_lines(lines: Iterable[str]) -> tuple[str, ...]:
 def check_inputs(
     model: ModelIR, inputs: tuple[BlockVariable, ...], listing: Listing, known_row: str | None = None
 ) -> None:
-    """Copying and checking the inputs: NaN by its bits, the trained range, the largest magnitude.
+    """Copying and checking the inputs: NaN by its bits, the declared range, the largest magnitude.
 
     `known_row` is a table that is read in their place where `nPass` is 0.
     """

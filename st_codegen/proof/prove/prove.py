@@ -43,7 +43,7 @@ class ProofResult:
     """The verdict for one model in one target.
 
     `method` says how it was reached; `trees` and `boxes`, or the `operations` of an expression, how large it was.
-    `bound`: how far an expression may lie from the library's answer anywhere in the trained range, for each output;
+    `bound`: how far an expression may lie from the library's answer anywhere in the declared range, for each output;
     empty where no range is declared. `claims`: what holds in every call of a block around models (`model` is its name).
     """
 

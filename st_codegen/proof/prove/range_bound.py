@@ -1,4 +1,4 @@
-"""A bound of the difference to the library on the whole trained range, by intervals.
+"""A bound of the difference to the library on the whole declared range, by intervals.
 
 The range is cut into boxes. On each box an interval holds every intermediate number, and the row-wise derivation of
 `bounds` is taken for the largest magnitudes in it, for it grows with magnitudes. So the bound holds for every input of

@@ -157,7 +157,7 @@ def _left_out(change: Decision, reason: str) -> Decision:
 
 
 def _inside(te: TransmissionError, inputs: Inputs, result: Reconciliation) -> BoolArray:
-    """Good rows of the bundle's directions inside its trained ranges."""
+    """Good rows of the bundle's directions inside its declared ranges."""
     at = result.data.at
     found: BoolArray = result.target.good & np.isin(at.sign, [SIGN[direction] for direction in te.directions])
     for feature, name in zip(te.features, inputs.quantities, strict=True):

@@ -20,7 +20,7 @@ from st_codegen.te.compensation.parts import (
 from st_codegen.te.harmonics import TransmissionError
 
 ANGLE = lreal("fThetaOut_rad", "angle of the output shaft from its encoder, rad")
-IN_RANGE = boolean("bInRange", "no input had to be limited to its trained range")
+IN_RANGE = boolean("bInRange", "no input had to be limited to its declared range")
 
 
 def compensator_block(te: TransmissionError) -> Block:

@@ -109,7 +109,7 @@ def _outputs(te: TransmissionError) -> tuple[BlockVariable, ...]:
         *polar,
         *set_variables(te),
         boolean("bValid", "the outputs belong to the inputs of this call"),
-        boolean("bInRange", "no input had to be limited to its trained range"),
+        boolean("bInRange", "no input had to be limited to its declared range"),
     )
 
 

@@ -44,7 +44,7 @@ def set_structure(te: TransmissionError) -> Structure:
         (
             dint("nNumber", "number of the set; 0: none yet"),
             BlockVariable("eError", TE_ERROR.type, comment="NONE: the set may be used; else why not"),
-            boolean("bInRange", "no input had to be limited to its trained range"),
+            boolean("bInRange", "no input had to be limited to its declared range"),
             *set_variables(te),
         ),
     )
