@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import singledispatch, wraps
 from itertools import pairwise
-from typing import TypeVar
+from typing import TypeVar, get_type_hints
 
 import numpy as np
 
@@ -135,8 +135,7 @@ def _column_by_column(
         single = getattr(op, "precision", None) is Precision.FLOAT32
         listing.section(title, template, **{"step": step, "last": op.width - 1, "single": single, **own})
 
-    laid_out.__annotations__ = {**section.__annotations__, "return": None}
-    return lay_out.register(laid_out)
+    return lay_out.register(get_type_hints(section)["op"], laid_out)
 
 
 @lay_out.register
