@@ -1,4 +1,6 @@
-"""Copies of this process in which native code may fail: what ends a copy is one line here.
+"""Work in other processes: large work on all processors, and native code that may fail in copies of this process.
+
+What ends a copy is one line here.
 
 A copy (`fork`) has all that is loaded, at no cost, but of the threads only the one that made it. The OpenMP of GCC
 gives each thread that computes its own helpers, and would wait for ever for those that its first thread had before. So
@@ -9,15 +11,51 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import multiprocessing
 import os
+import pickle
 import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
+from typing import Any, TypeVar
 
 from st_codegen.errors import StCodegenError
+
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
+
+
+def shared_out(work: Callable[[_Item], _Result], items: Iterable[_Item], *, is_large: bool) -> list[_Result]:
+    """What a function makes of each item, in their order, computed on all processors where the work `is_large`.
+
+    Other processes take a second to start. Work stays in this one where it is small, where this is a worker itself,
+    where joblib is not installed, and where `LOKY_MAX_CPU_COUNT` (or the system) leaves one processor; the results are
+    the same. Arrays that come from another process are read-only.
+    """
+    items = list(items)
+    if is_large and len(items) > 1 and multiprocessing.current_process().name == "MainProcess":
+        with contextlib.suppress(ImportError, BrokenProcessPool):  # the end of a worker is no answer
+            import joblib
+
+            if joblib.cpu_count() > 1:
+                parallel = joblib.Parallel(n_jobs=-1, batch_size=1, max_nbytes=None)
+                return [_unpacked(*made) for made in parallel(joblib.delayed(_packed)(work, item) for item in items)]
+    return [work(item) for item in items]
+
+
+def _packed(work: Callable[[_Item], object], item: _Item) -> tuple[bytes, list[bytes]]:
+    """A result as it travels: bytes that cannot change take the place of its arrays."""
+    buffers: list[bytes] = []
+    result = pickle.dumps(work(item), 5, buffer_callback=lambda buffer: buffers.append(buffer.raw().tobytes()))
+    return result, buffers
+
+
+def _unpacked(result: bytes, buffers: list[bytes]) -> Any:
+    return pickle.loads(result, buffers=buffers)
 
 
 def can_be_copied() -> bool:

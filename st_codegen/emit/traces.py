@@ -23,34 +23,40 @@ def _in_text(pattern: bytes) -> re.Pattern[bytes]:
 
 
 #: Elements that hold an identifier and nothing else: XAE adds some and renews others.
-_IDENTIFIERS = (_lines(rb"<(\w+)>" + _GUID + rb"</\1>"), b"")
-#: What is taken out of TwinCAT's files, by their suffix, and what stays in its place.
+_IDENTIFIERS = (rb">{", _lines(rb"<(\w+)>" + _GUID + rb"</\1>"), b"")
+#: What is taken out of TwinCAT's files, by their suffix: bytes that it cannot be without, what it is, and what stays in
+#: its place. Patterns are slow on large texts, and most have nothing to take out.
 _OF_OBJECTS = (
-    (_lines(rb'<LineIds Name="[^"]*">\s*(?:<LineId [^<>]*/>\s*)*</LineIds>'), b""),
-    (_in_text(rb' ProductVersion="[^"]*"'), b""),
-    (_in_text(rb'( Id=")' + _GUID + rb'"'), rb'\1"'),
-    (_lines(rb"<ObjectProperties />"), b""),
+    (b"<LineIds", _lines(rb'<LineIds Name="[^"]*">\s*(?:<LineId [^<>]*/>\s*)*</LineIds>'), b""),
+    (b" ProductVersion=", _in_text(rb' ProductVersion="[^"]*"'), b""),
+    (b' Id="{', _in_text(rb'( Id=")' + _GUID + rb'"'), rb'\1"'),
+    (b"<ObjectProperties />", _lines(rb"<ObjectProperties />"), b""),
     _IDENTIFIERS,
 )
 _OF_PROJECTS = (
-    (_lines(rb"<ProgramVersion>[^<]*</ProgramVersion>"), b""),
+    (b"<ProgramVersion>", _lines(rb"<ProgramVersion>[^<]*</ProgramVersion>"), b""),
     _IDENTIFIERS,
     # the file that a build makes, and the settings of the environment's own parts
-    (_lines(rb'<ItemGroup>\s*<None Include="[^"]*\.tmc">\s*<SubType>Content</SubType>\s*</None>\s*</ItemGroup>'), b""),
-    (_lines(rb"<ProjectExtensions>.*?</ProjectExtensions>"), b""),
+    (
+        b"<ItemGroup>",
+        _lines(rb'<ItemGroup>\s*<None Include="[^"]*\.tmc">\s*<SubType>Content</SubType>\s*</None>\s*</ItemGroup>'),
+        b"",
+    ),
+    (b"<ProjectExtensions>", _lines(rb"<ProjectExtensions>.*?</ProjectExtensions>"), b""),
 )
 _OF_SYSTEMS = (
-    (_in_text(rb' (?:TcVersion|TmcHash|TmcPath|NeedCalleeCall)="[^"]*"'), b""),
+    (b'="', _in_text(rb' (?:TcVersion|TmcHash|TmcPath|NeedCalleeCall)="[^"]*"'), b""),
     # what is read from the PLC project again: its mapped variables and their types
-    (_lines(rb'<Vars VarGrpType="[^"]*"[^>]*>.*?</Vars>'), b""),
-    (_lines(rb"<DataTypes>.*?</DataTypes>"), b""),
-    (_lines(rb"<JsonDynPous>.*?</JsonDynPous>"), b""),
-    (_lines(rb"<Io/>"), b""),
+    (b"<Vars ", _lines(rb'<Vars VarGrpType="[^"]*"[^>]*>.*?</Vars>'), b""),
+    (b"<DataTypes>", _lines(rb"<DataTypes>.*?</DataTypes>"), b""),
+    (b"<JsonDynPous>", _lines(rb"<JsonDynPous>.*?</JsonDynPous>"), b""),
+    (b"<Io/>", _lines(rb"<Io/>"), b""),
 )
 _OF_SOLUTIONS = (
-    (_lines(rb"# [^\n]*"), b""),
-    (_lines(rb"VisualStudioVersion = [^\n]*"), b""),
+    (b"# ", _lines(rb"# [^\n]*"), b""),
+    (b"VisualStudioVersion", _lines(rb"VisualStudioVersion = [^\n]*"), b""),
     (
+        b"GlobalSection",
         _lines(
             rb"GlobalSection\(ExtensibilityGlobals\) = postSolution\n\s*SolutionGuid = "
             + _GUID
@@ -70,6 +76,7 @@ _TRACES = {
 def without_traces(name: str, content: bytes) -> bytes:
     """The content of a file, by which it is compared with another; `name` tells whether it is TwinCAT's."""
     content = content.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n")
-    for pattern, kept in _TRACES.get(PurePath(name).suffix.lower(), ()):
-        content = pattern.sub(kept, content)
+    for needed, pattern, kept in _TRACES.get(PurePath(name).suffix.lower(), ()):
+        if needed in content:
+            content = pattern.sub(kept, content)
     return content.rstrip() + b"\n"

@@ -10,8 +10,9 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
-from st_codegen.ir import FactoredKernel, ModelIR, Rank, Source
+from st_codegen.ir import FactoredKernel, ModelIR, Rank, Source, TreeEnsemble
 from st_codegen.passes import tables
 from st_codegen.passes.branches import as_branches
 from st_codegen.passes.choose import (
@@ -30,10 +31,13 @@ from st_codegen.passes.kernels import factored
 from st_codegen.passes.prune import pruned
 from st_codegen.passes.ranks import ranked
 from st_codegen.passes.slabs import cut_into_cells
+from st_codegen.processes import shared_out
 
 #: Layouts of forests, of which the second is the first cut into cells.
 RANKS, CELLS = "ranked trees", "cut trees"
 BRANCHES = "nested IFs"
+#: Nodes of all trees together from which on their layouts take seconds.
+_MANY_NODES = 500_000
 
 
 @dataclass(frozen=True)
@@ -116,11 +120,11 @@ def compile_models(
     What was chosen `earlier` is kept unless another choice saves much or it is no longer possible.
     """
     options, earlier = options or Options(), earlier or Choices()
-    decisions, grids = {}, {}
-    for model in models:
-        decisions[model.name], grids[model.name] = _decide(
-            model, options, cost, earlier.layouts.get(model.name), together=together
-        )
+    nodes = sum(op.n_nodes for model in models for op in model.ops if isinstance(op, TreeEnsemble))
+    decide = partial(_decide, options=options, cost=cost, earlier=earlier.layouts, together=together)
+    found = shared_out(decide, models, is_large=nodes > _MANY_NODES)
+    decisions = {decision.model: decision for decision, _ in found}
+    grids = {decision.model: cells for decision, cells in found}
     if options.data_bytes is not None:
         _keep_within(decisions, options.data_bytes)
     chosen = {name: decision.candidates[0].model for name, decision in decisions.items()}
@@ -162,9 +166,13 @@ def _on_ranks(model: ModelIR, options: Options) -> ModelIR | None:
 
 
 def _decide(
-    model: ModelIR, options: Options, cost: CostFunction, earlier: str | None, *, together: bool
+    model: ModelIR, options: Options, cost: CostFunction, earlier: Mapping[str, str], *, together: bool
 ) -> tuple[LayoutDecision, tables.Cells | None]:
-    """The layout of a model, and its table where it may have one, which takes longest to compute."""
+    """The layout of a model, and its table where it may have one, which takes longest to compute.
+
+    `earlier` has the layouts of an earlier run, by the names of models.
+    """
+    before = earlier.get(model.name)
     candidates = [priced("as trained", model, cost)]
     on_grid = None if model.is_real else factored(model)
     if on_grid is not None and _fits(on_grid, options):
@@ -174,7 +182,7 @@ def _decide(
     if on_ranks is not None:
         ranked_trees = priced(RANKS, on_ranks, cost)
         candidates = [ranked_trees] if layout in (Layout.RANKED, Layout.CUT) else [*candidates, ranked_trees]
-    found = _cells(model, options, earlier) if layout in (Layout.AUTO, Layout.TABLE) else None
+    found = _cells(model, options, before) if layout in (Layout.AUTO, Layout.TABLE) else None
     if found is not None:
         table = priced("table", tables.as_model(model, found), cost)
         candidates = [table] if layout is Layout.TABLE else [*candidates, table]
@@ -183,14 +191,14 @@ def _decide(
         if cut is not None:
             cut_trees = priced(CELLS, cut, cost)
             candidates = [cut_trees] if layout is Layout.CUT else [*candidates, cut_trees]
-    in_place = earlier
-    nested = None if together and found is not None else _nested(on_ranks, layout, cost, earlier)
+    in_place = before
+    nested = None if together and found is not None else _nested(on_ranks, layout, cost, before)
     if nested is not None:
-        in_place = earlier or cheapest(candidates).layout  # a text that grows with its tree must save much, too
+        in_place = before or cheapest(candidates).layout  # a text that grows with its tree must save much, too
         candidates = [nested] if layout is Layout.IFS else [*candidates, nested]
     best = preferred(candidates, in_place)
     others = sorted((c for c in candidates if c is not best), key=lambda c: c.cost.nanoseconds)
-    return LayoutDecision(model.name, best.layout, (best, *others), earlier), found
+    return LayoutDecision(model.name, best.layout, (best, *others), before), found
 
 
 def _nested(on_ranks: ModelIR | None, layout: Layout, cost: CostFunction, earlier: str | None) -> PricedLayout | None:

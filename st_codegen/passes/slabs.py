@@ -55,8 +55,8 @@ def _cut(rank: Rank, op: TreeEnsemble, longest: int, *, accepts_nan: bool) -> Cu
     if op.n_nodes > _NODES or depth_of(op) < _DEEP or not _AXES <= len(groups) <= _FEATURES:
         return None
     # along the features in which leaves are short, few of them lie in several slabs
-    alone = [_in_cells(rank, op, [_Axis.of(rank, group, _FEWEST, accepts_nan)], accepts_nan) for group in groups]
-    chosen = [groups[at] for at in np.argsort([trees.n_nodes for trees in alone], kind="stable")[:_AXES]]
+    alone = [_walked(rank, op, [_Axis.of(rank, group, _FEWEST, accepts_nan)], accepts_nan) for group in groups]
+    chosen = [groups[at] for at in np.argsort([len(walked.source) for walked in alone], kind="stable")[:_AXES]]
     whole, wanted = int(_numbers(op, 1).sum()), _MOST
     for _ in range(2):
         axes = [_Axis.of(rank, group, wanted, accepts_nan) for group in chosen]
@@ -114,27 +114,35 @@ class _Axis:
         return cls(slabs, group, low.astype(np.int32), high.astype(np.int32))
 
 
+@dataclass(frozen=True)
+class _Walked:
+    """The trees of every cell, those of a tree side by side: of each new node its old number and its children."""
+
+    roots: IntArray
+    source: IntArray
+    left: IntArray
+    right: IntArray
+
+
 def _in_cells(rank: Rank, op: TreeEnsemble, axes: list[_Axis], accepts_nan: bool) -> TreeEnsemble:
-    """The trees of every cell, those of a tree side by side."""
+    """The trees of every cell, in preorder."""
+    walked = _walked(rank, op, axes, accepts_nan)
+    layout = preorder(walked.roots, walked.left, walked.right)
+    output = np.repeat(op.tree_output, len(walked.roots) // op.n_trees)
+    return with_nodes(op, layout, walked.source[layout.order], output)
+
+
+def _walked(rank: Rank, op: TreeEnsemble, axes: list[_Axis], accepts_nan: bool) -> _Walked:
+    """All trees level by level in boxes of ranks that the axes span; a split that sends a box one way is left out."""
     shape = tuple(axis.slabs.count for axis in axes)
     cells = math.prod(shape)
     low = np.array([min(0, c.missing) if accepts_nan else 0 for c in rank.columns], np.int32)
     high = np.array([max(c.highest, c.missing) if accepts_nan else c.highest for c in rank.columns], np.int32)
     low, high = np.tile(low, (cells, 1)), np.tile(high, (cells, 1))
-    for axis, at in zip(axes, np.unravel_index(np.arange(cells), shape), strict=True):
-        low[:, axis.columns], high[:, axis.columns] = axis.low[at], axis.high[at]
-    roots, source, left, right = _walked(op, np.tile(low, (op.n_trees, 1)), np.tile(high, (op.n_trees, 1)))
-    layout = preorder(roots, left, right)
-    return with_nodes(op, layout, source[layout.order], np.repeat(op.tree_output, cells))
-
-
-def _walked(op: TreeEnsemble, low: Int32Array, high: Int32Array) -> tuple[IntArray, IntArray, IntArray, IntArray]:
-    """All trees level by level in boxes of ranks, shape (trees * cells, columns).
-
-    Returns the roots, and of each new node its old number and its children. A split that sends a whole box one way
-    is no node.
-    """
-    node = np.repeat(op.roots.astype(np.int64), len(low) // op.n_trees)
+    for axis, slab in zip(axes, np.unravel_index(np.arange(cells), shape), strict=True):
+        low[:, axis.columns], high[:, axis.columns] = axis.low[slab], axis.high[slab]
+    low, high = np.tile(low, (op.n_trees, 1)), np.tile(high, (op.n_trees, 1))
+    node = np.repeat(op.roots.astype(np.int64), cells)
     threshold = op.threshold.astype(np.int32)
     roots, made = len(low), 0
     place = np.arange(roots) - roots  # of a root: below 0; of a child: twice its parent, and 1 for the right one
@@ -159,4 +167,4 @@ def _walked(op: TreeEnsemble, low: Int32Array, high: Int32Array) -> tuple[IntArr
         node = np.concatenate([onward, op.left[node[both]], op.right[node[both]]]).astype(np.int64)
     found = np.full(2 * made + roots, -1, np.int64)
     found[np.concatenate(places)] = np.arange(made)  # places of roots count from the end
-    return found[2 * made :], np.concatenate(old), found[: 2 * made : 2], found[1 : 2 * made : 2]
+    return _Walked(found[2 * made :], np.concatenate(old), found[: 2 * made : 2], found[1 : 2 * made : 2])

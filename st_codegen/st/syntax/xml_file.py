@@ -14,7 +14,8 @@ from st_codegen.st.errors import Position, Problem, StSyntaxError
 from st_codegen.st.syntax.scan import Scanned, Segment, scan
 
 OnEnd = Callable[[etree._Element], None]
-_DECLARED = re.compile(r"<!\[CDATA\[.*?\]\]>|<!--.*?-->|(<![A-Za-z]+)", re.DOTALL)
+#: The text of CDATA may be tens of megabytes: it is skipped from bracket to bracket.
+_DECLARED = re.compile(r"<!\[CDATA\[(?:[^]]++|](?!]>))*+]]>|<!--.*?-->|(<![A-Za-z]+)", re.DOTALL)
 
 
 @dataclass

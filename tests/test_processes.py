@@ -1,0 +1,57 @@
+"""Work on all processors: the same results in the same order, wherever they are computed."""
+
+import os
+from functools import partial
+
+import joblib
+import numpy as np
+import pytest
+
+from st_codegen.driver import generate
+from st_codegen.passes import pipeline
+from st_codegen.processes import shared_out
+from st_codegen.project.bundle import load
+
+
+def _square(number):
+    return os.getpid(), np.full(3, number * number)
+
+
+def _ends_elsewhere(here, number):
+    if os.getpid() != here:
+        os._exit(1)
+    return number
+
+
+def test_results_are_in_order_and_read_only():
+    if joblib.cpu_count() < 2:
+        pytest.skip("one processor: work stays in this process")
+    found = shared_out(_square, range(5), is_large=True)
+    assert [value.tolist() for _, value in found] == [[n * n] * 3 for n in range(5)]
+    assert os.getpid() not in {process for process, _ in found}
+    assert not any(value.flags.writeable for _, value in found)
+
+
+@pytest.mark.parametrize("lack", ["size", "processors"])
+def test_work_stays_here_where_it_is_not_worth_a_process(lack, monkeypatch):
+    if lack == "processors":
+        monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "1")
+    found = shared_out(_square, range(2), is_large=lack == "processors")
+    assert {process for process, _ in found} == {os.getpid()}
+
+
+def test_a_worker_that_ends_is_no_answer():
+    assert shared_out(partial(_ends_elsewhere, os.getpid()), range(3), is_large=True) == [0, 1, 2]
+
+
+def test_layouts_are_the_same_on_one_processor_and_on_several(bundle_folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(pipeline, "_MANY_NODES", 0)
+    bundle = load(bundle_folder)
+    several = generate(bundle, "iec", tmp_path / "several")
+    monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "1")
+    one = generate(bundle, "iec", tmp_path / "one")
+    assert several.files == one.files
+    for name in one.files:
+        assert (several.folder / name).read_bytes() == (one.folder / name).read_bytes(), name
+    trees = [op for model in several.compiled.models for op in model.ops if hasattr(op, "values")]
+    assert trees and not any(op.values.flags.writeable for op in trees)
