@@ -54,7 +54,7 @@ def command(
     """Say what changed from OLD to NEW, two folders that `generate` wrote, or two revisions of the folder PATH.
 
     Models added, removed and changed; trees, nodes, support vectors, bytes, features and ranges before and after; and
-    how far each output moved over the operating range, with the place of the largest change. Exit code 1 on a
+    how far each output moved at random points of the operating range, and at which of them most. Exit code 1 on a
     difference.
     """
     from st_codegen.cli.revisions import two_states
@@ -84,7 +84,10 @@ def _show(found: Review) -> None:
         click.echo(line)
     changed = [model for model in found.models if model.outputs and model.changed]
     if changed:
+        from st_codegen.proof.review import tried_text
+
         console.print(_table(changed))
+        console.print(tried_text(changed), markup=False, highlight=False)
 
 
 #: Changes of labels that a line names.
@@ -110,7 +113,7 @@ def _lines(found: Review) -> list[str]:
             more = ", .." if len(model.labels) > _MOST_LABELS else ""
             lines.append(f"{model.name}: another label at {share:.1%} of the operating points: {most}{more}")
         if model.changed and not model.facts and not any(output.largest for output in model.outputs):
-            lines.append(f"{model.name}: text changed, no output moved")
+            lines.append(f"{model.name}: text changed, no output moved at {model.rows:,} points")
     counts = {kind: sum(1 for k in found.files.values() if k == kind) for kind in ("added", "removed", "changed")}
     files = [f"{count} {kind}" for kind, count in counts.items() if count]
     return [*lines, f"files: {', '.join(files)}"] if files else lines
@@ -137,7 +140,7 @@ def _feature(feature: dict[str, Any]) -> str:
 
 
 def _table(models: list[ModelChange]) -> Table:
-    title = "change of the outputs over the operating range"
+    title = "change of the outputs at random points"
     table = table_of(title, "output", "largest", "mean", "points that moved", "largest at")
     for model in models:
         for output in model.outputs:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from st_codegen.cli.costs import magnitude_text
 from st_codegen.cli.prove import VERDICT_COLUMNS, sentence, verdict_rows
 from st_codegen.files.text import write_text
+from st_codegen.proof.review import tried_text
 from st_codegen.report import COLOURS, PageSection, PageTable, figures, markdown, page
 from st_codegen.report.picture import panels
 
@@ -64,7 +65,14 @@ def review_sections(found: Review, lines: list[str], *, draw: bool) -> tuple[str
         pictures = (
             tuple(svg for m, o in moved[:_MOST_DRAWN] for svg in _curves(_label(m, o.output), o.curves)) if draw else ()
         )
-        sections.append(PageSection("Numbers", _points_text(changed), PageTable(columns, rows), pictures))
+        sections.append(
+            PageSection(
+                "Numbers",
+                f"{tried_text(changed)} Curves go through the point of the largest change.",
+                PageTable(columns, rows),
+                pictures,
+            )
+        )
     if found.files:
         sections.append(PageSection("Files", table=PageTable(("file", "is"), sorted(found.files.items()))))
     if same:
@@ -74,17 +82,6 @@ def review_sections(found: Review, lines: list[str], *, draw: bool) -> tuple[str
 
 def _label(model: ModelChange, output: str) -> str:
     return model.name if len(model.outputs) == 1 else f"{model.name}[{output}]"
-
-
-def _points_text(changed: list[ModelChange]) -> str:
-    text = "Both texts were run at random points of the operating range; a larger change may lie between them."
-    guessed = sorted({f"{model.name}: {', '.join(model.guessed)}" for model in changed if model.guessed})
-    if guessed:
-        text += (
-            " No operating range is known for these features, and the points lie where the model's own numbers are: "
-            f"{'; '.join(guessed)}. st-codegen.toml can give it."
-        )
-    return text + " Curves go through the point of the largest change."
 
 
 def _curves(title: str, curves: Iterable[Sweep]) -> list[str]:

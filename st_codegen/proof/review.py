@@ -7,7 +7,7 @@ emitted texts, run on the same operating points.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -120,6 +120,18 @@ class ModelChange:
             or self.rows_gained
             or any(o.largest for o in self.outputs)
         )
+
+
+def tried_text(changed: Sequence[ModelChange]) -> str:
+    """At which points the outputs of changed models were compared, in whole sentences."""
+    text = "Both texts were run at random points of the operating range; a larger change may lie between them."
+    guessed = sorted({f"{model.name}: {', '.join(model.guessed)}" for model in changed if model.guessed})
+    if guessed:
+        text += (
+            " No operating range is known for these features, and the points lie where the model's own numbers are: "
+            f"{'; '.join(guessed)}. st-codegen.toml can give it."
+        )
+    return text
 
 
 @dataclass(frozen=True)
