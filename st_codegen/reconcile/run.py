@@ -234,6 +234,10 @@ def _reconcile(rig: RigModel, known: Catalogue, progress: Progress | None, exami
     last, judged = search(target, state, known, progress)
     # which effects there may be is decided; whether they stand, and how large they are, all runs say
     last = fit(with_noise_of(replace(last, target=replace(target, data=data)))[0], last.state)
+    # a run that is bad as a whole would keep what stands from leaving nothing but noise
+    noise = _with_suspects(last.target, last, with_noise_of(last)[1])
+    if (noise.good != last.target.good).any():
+        last = fit(replace(last.target, sigma=noise.sigma, good=noise.good).about(last.residual), last.state)
     conclusions = conclude(rig, last, known)
     result = _result(rig, data, conclusions, tuple(judged), examined, apart)
     worse = result.held_out.after > SETTINGS.worse * result.held_out.before

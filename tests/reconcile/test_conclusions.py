@@ -15,6 +15,7 @@ from st_codegen.reconcile.judge.conclusions import conclude, settled
 from st_codegen.reconcile.judge.peaks import bracket, spread
 from st_codegen.reconcile.judge.plausible import bounds_met, is_no_form_error, law_holds
 from st_codegen.reconcile.judge.retuned import changes
+from st_codegen.reconcile.judge.unexplained import is_lacking
 from st_codegen.reconcile.report.findings import Finding, share_text
 from st_codegen.reconcile.settings import CHOSEN_ON, SETTINGS
 from st_codegen.rig.effects import Conditions
@@ -54,6 +55,32 @@ def test_a_shift_that_noise_could_be_is_no_changed_parameter():
 def test_a_changed_parameter_is_found(number, values):
     found, offset = changes(fitted(RIG, observed(with_values(RIG, number, **values), grid())))
     assert (list(found), offset) == ([number], False)
+
+
+def test_what_several_parameters_of_the_rig_may_have_made_is_not_unexplained():
+    """Far from 0 N m friction and play look alike: neither is sure, and both left structure when they were held."""
+    beside = effect("backlash", gap_arcmin=0.5, seating_torque_Nm=150.0)
+    rig, truth = (
+        RigModel(effects=(*RIG.effects, beside, effect("friction_windup", coulomb_arcmin=size)))
+        for size in (0.25, 0.275)
+    )
+    at = grid()
+    joint = fitted(rig, observed(truth, at.rows(at.torque_Nm > 200), sigma=10 * SIGMA))
+    assert changes(joint) == ({}, False)
+    found = conclude(rig, joint, KNOWN)
+    (one,) = found.retuned
+    assert {one.before.name, *one.alternatives} == {"backlash", "friction_windup"}
+    assert not is_lacking(found.final.target, found.final.residual).any()
+
+
+def test_no_parameter_of_the_rig_takes_what_the_rig_has_no_form_for():
+    """Twice the order of the carrier, on an order of the rig: what no change of it explains stays unexplained."""
+    at = grid()
+    data = observed(RIG, at)
+    data.values[:, 4] += 3 * SIGMA * np.cos(np.pi * at.speed_rpm / 340)
+    found = conclude(RIG, fitted(RIG, data), KNOWN)
+    assert found.retuned == ()
+    assert is_lacking(found.final.target, found.final.residual).tolist() == [False] * 4 + [True] + [False] * 2
 
 
 def test_an_offset_counts_from_its_size_on():

@@ -6,7 +6,7 @@ import pytest
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.unexplained import floors, main_cause, signatures
+from st_codegen.reconcile.judge.unexplained import floors, main_cause, scatter, signatures
 from st_codegen.rig.effects import Conditions
 
 SIGMA = 1.3e-5
@@ -143,6 +143,23 @@ def test_what_both_directions_of_a_run_have_is_no_noise():
     assert found(at, {0: alone}) == {}
 
 
+def test_noise_that_lasts_over_runs_is_not_alike_in_both_directions():
+    """Two walks that share nothing are alike by chance: one order in a hundred was said to be structure."""
+    at = grid()
+    random = np.random.default_rng(0)
+    orders = np.arange(1, 301)
+    order = np.lexsort((at.sign, at.temperature_C, at.torque_Nm, at.speed_rpm))
+    at = at.rows(order)
+    walk = np.cumsum(random.standard_normal((len(at) // 2, 2, 300, 2)), axis=0)
+    parts = random.standard_normal(walk.shape) + (walk - walk.mean(axis=0)) / walk.std(axis=0)
+    values = SIGMA * (parts[..., 0] + 1j * parts[..., 1]).reshape(len(at), 300)
+    data = Observations(at, labels(at), orders, values)
+    target = FitData(data, np.full(values.shape, SIGMA), np.ones(len(at), bool), groups_of(at))
+    assert scatter(target, values).tolist() == []
+    both = values + np.repeat(values[::2], 2, axis=0)
+    assert len(scatter(target, both)) > 200
+
+
 def curves(values, spectral, samples=0):
     """Signatures and floors of curves with this noise within each of them."""
     at = grid()
@@ -184,6 +201,16 @@ def test_a_wander_within_the_turn_is_noise_and_a_mean_that_jumps_alone_is_not():
     assert left == {} and floor[1] == pytest.approx(12 * SIGMA, rel=0.1)
     left, floor = curves(white([9, 1, 1, 1, 1, 1]), SIGMA)
     assert list(left) == [0] and floor[0] == pytest.approx(SIGMA)
+
+
+def test_a_few_runs_whose_mean_was_moved_are_no_structure_of_it():
+    """They were, so the runs were not called bad: a mean has no peaks that few runs meet, as an order of a wave has."""
+    at = grid()
+    values = white([1] * 6)
+    moved = (at.speed_rpm == 500) & (at.torque_Nm == 200) & (at.temperature_C == 30)
+    values[moved, 0] += 0.03
+    values[moved, 5] += 0.03
+    assert set(curves(values, SIGMA)[0]) == {53}
 
 
 def test_the_error_between_lines_of_an_encoder_is_noise_where_it_shows():

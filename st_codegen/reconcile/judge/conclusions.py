@@ -15,7 +15,7 @@ from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.held_out import unmeasured_states
 from st_codegen.reconcile.judge.peaks import bracket, has_a_frequency, spread
 from st_codegen.reconcile.judge.plausible import bounds_met, explained, followers, inside_bounds, is_a_peak, misfit
-from st_codegen.reconcile.judge.retuned import changes, offset_is_large, with_piece_held
+from st_codegen.reconcile.judge.retuned import Needed, changed_as_well, changes, offset_is_large, with_piece_held
 from st_codegen.reconcile.judge.selection import founded
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Effect, Form, Stage
@@ -157,18 +157,28 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
         # it made up for what is held at the rig's own values now
         offset_changed = False
         final = fit(joint.target, _held(joint, changed, offset_changed))
+    final, left = changed_as_well(joint, final, changed)
+    changed |= {i: one.p for i, one in left.items()}
     outside = [i for i in standing if bounds_met(final.state.pieces[i]) or not is_a_peak(final.state.pieces[i])]
     if outside:
         # what holds the rest of the rig put it there: then it was a part of the rest
         return conclude(rig, fit(joint.target, joint.state.without(outside[0])), known)
     claims = tuple(_claim(rig, joint, final, i, one, known) for i, one in standing.items())
-    retuned = tuple(_retuned(joint, final, i, p, known) for i, p in changed.items())
+    rivals = {i: _own_rivals(final, one) for i, one in left.items()}
+    retuned = tuple(_retuned(joint, final, i, p, known, rivals.get(i, ())) for i, p in changed.items())
     return Conclusions(joint, final, claims, retuned, offset_changed)
 
 
-def _retuned(joint: Fit, final: Fit, number: int, p: float, known: Catalogue) -> Retuned:
+def _own_rivals(final: Fit, one: Needed) -> tuple[Other, ...]:
+    """Effects of the rig of which a change would do in place of another one's."""
+    return tuple(Other(final.state.pieces[i].effect.name, fitted.state.model()) for i, fitted in one.as_good.items())
+
+
+def _retuned(
+    joint: Fit, final: Fit, number: int, p: float, known: Catalogue, rivals: tuple[Other, ...] = ()
+) -> Retuned:
     """What is said of a changed effect of the rig."""
-    others = _as_good(with_piece_held(joint, number), joint, number, known)
+    others = (*_as_good(with_piece_held(joint, number), joint, number, known), *rivals)
     before, after = _origin(joint.state.pieces[number]), final.state.pieces[number].effect
     return Retuned(before, after, standard_errors(joint, number), p, others)
 

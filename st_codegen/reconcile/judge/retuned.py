@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from st_codegen.ir.arrays import FloatArray
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import inverse
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.evidence import chi_square_tail, p_of_clusters
-from st_codegen.reconcile.judge.plausible import is_its_own
+from st_codegen.reconcile.judge.plausible import is_its_own, is_no_form_error
 from st_codegen.reconcile.judge.surroundings import stands_out
+from st_codegen.reconcile.judge.unexplained import is_lacking
 from st_codegen.reconcile.settings import SETTINGS
 
 
@@ -35,6 +38,53 @@ def changes(joint: Fit) -> tuple[dict[int, float], bool]:
     return found, offset_is_large(joint) and _p_of(joint, [0], shift) < SETTINGS.p_changed
 
 
+@dataclass(frozen=True)
+class Needed:
+    """A change without which an order keeps structure: its chance, and by number the pieces that would do as well."""
+
+    p: float
+    as_good: dict[int, Fit]
+
+
+def changed_as_well(joint: Fit, final: Fit, changed: dict[int, float]) -> tuple[Fit, dict[int, Needed]]:
+    """The final fit with as many more changes of the rig as it takes that no order keeps what its own effects explain.
+
+    Several parameters that differ a little from the rig's may each be told from it by no run, and yet all be told
+    together: held at the rig's values they leave structure that is no physics the rig lacks. The change that takes most
+    of it comes first; with all others held, the data must refuse the rig's values.
+    """
+    found: dict[int, Needed] = {}
+    while True:
+        lacking = is_lacking(final.target, final.residual) & ~is_lacking(joint.target, joint.residual)
+        tried = {i: one for i in _own_pieces(joint) if i not in changed and i not in found
+                 if (one := _freed(joint, final, i, lacking)) is not None} if lacking.any() else {}  # fmt: skip
+        if not tried:
+            return final, found
+        best = min(tried, key=lambda i: _price(tried[i]))
+        as_good = {i: one for i, one in tried.items() if i != best and one.loss - tried[best].loss < SETTINGS.as_good}
+        saved, more = final.loss - tried[best].loss, len(tried[best].prior) - len(final.prior)
+        final, found[best] = tried[best], Needed(chi_square_tail(saved, more), as_good)
+
+
+def _price(one: Fit) -> float:
+    """The loss of a fit, and what each of its parameters must save to be worth more than none."""
+    return one.loss + SETTINGS.as_good * len(one.prior)
+
+
+def _freed(joint: Fit, final: Fit, number: int, lacking: BoolArray) -> Fit | None:
+    """The final fit with one more piece free, where that takes off what orders lack, and the data ask for it."""
+    piece = joint.state.pieces[number]
+    one = fit(final.target, final.state.replaced(number, piece), steps=SETTINGS.quick_steps)
+    saved = (one.target.losses(final.residual) - one.target.losses(one.residual)).sum(axis=0)
+    if saved[lacking].sum() <= SETTINGS.order_gain:
+        return None
+    p = chi_square_tail(final.loss - one.loss, len(one.prior) - len(final.prior))
+    sure = max(p, _p_alone(one, *_difference(one, number))) < SETTINGS.p_changed
+    own = _shown(one, one.state.pieces[number])
+    shows = np.abs(own).max(axis=0) > 0.0
+    return one if sure and is_no_form_error(final, one, shows=shows) and stands_out(one, own, lacking) else None
+
+
 def offset_is_large(joint: Fit) -> bool:
     """Whether the offset of a fit is off the rig's by more than lasting noise, and what is left, could make."""
     target = joint.target
@@ -47,11 +97,15 @@ def offset_is_large(joint: Fit) -> bool:
 
 def _stands(joint: Fit, piece: Piece, held: Fit) -> bool:
     """Whether a change is that of the effect, and not what lies around its orders as well."""
+    return is_its_own(joint, piece, held) and stands_out(joint, _shown(joint, piece))
+
+
+def _shown(joint: Fit, piece: Piece) -> ComplexArray:
+    """What the change of a piece of the rig makes of the measured coefficients, (n, K)."""
     assert piece.origin is not None
     propagation = joint.propagation
     change = propagation.change(piece.effect) - propagation.change(piece.origin)
-    own = propagation.measured(change, piece.effect.stage)
-    return is_its_own(joint, piece, held) and stands_out(joint, own)
+    return propagation.measured(change, piece.effect.stage)
 
 
 def _own_pieces(joint: Fit) -> list[int]:
@@ -75,10 +129,8 @@ def _difference(joint: Fit, number: int) -> tuple[list[int], FloatArray]:
 
 def _lasting_noise(joint: Fit, piece: Piece) -> bool:
     """Whether a change is so small and so much the same in all runs that noise which lasts would look like it."""
-    assert piece.origin is not None
-    propagation, target = joint.propagation, joint.target
-    part = propagation.change(piece.effect) - propagation.change(piece.origin)
-    part = propagation.measured(part, piece.effect.stage) / target.sigma
+    target = joint.target
+    part = _shown(joint, piece) / target.sigma
     parts = np.where(target.data.orders == 0, 1, 2)
     size, varies = 0.0, 0.0
     for sign in (1.0, -1.0):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from st_codegen.ir.arrays import ComplexArray, FloatArray
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.judge.lines import stand_out, waves_of_angle
 from st_codegen.reconcile.judge.plausible import explained
@@ -15,16 +15,19 @@ from st_codegen.rig.effects import Effect
 _ANGLES = np.radians(np.arange(0.0, 360.0, 0.25))
 
 
-def stands_out(current: Fit, own: ComplexArray) -> bool:
+def stands_out(current: Fit, own: ComplexArray, lacking: BoolArray | None = None) -> bool:
     """Whether a contribution (n, K) is clearly larger on one of its orders than what nobody explains on those around.
 
     Where all orders hold about as much that no effect makes, one of them says nothing of the effect that it belongs to.
+    lacking: bool (K,), the orders that keep more than noise, where that is known: others hold nothing, however far
+    single runs lie off.
     """
     target = current.target
     orders, rows = target.data.orders, target.good
     if target.data.angle_rad is not None:
         return _lines_stand_out(current, own)
     left = np.abs(current.residual[rows]) ** 2 - np.where(orders == 0, 1, 2) * target.sigma[rows] ** 2
+    left = left if lacking is None else left * lacking
     # an effect of one angle reaches all orders: what is left of them is its form's
     waves = [piece.effect for piece in current.state.pieces if not piece.effect.least_foreign]
     made = {order for effect in waves for order in effect.touched_orders()}

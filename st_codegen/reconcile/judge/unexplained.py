@@ -239,7 +239,10 @@ def scatter(target: FitData, residual: ComplexArray) -> IntArray:
     """Columns of orders whose residual is larger than the noise can be, or alike in both directions of the runs."""
     if not target.good.any():
         return np.zeros(0, np.int64)
-    loud = _times_spectral(target, residual) > _beyond(target, residual)
+    # single wild runs are no structure of the mean, which has no peaks that few runs meet
+    mean, near = target.data.orders == 0, residual.copy()
+    near[:, mean] *= np.minimum(1.0, SETTINGS.cut * target.sigma[:, mean] / np.maximum(np.abs(near[:, mean]), 1e-300))
+    loud = _times_spectral(target, near) > _beyond(target, near)
     found: IntArray = np.flatnonzero(loud | _by_directions(target, residual)[0])
     return found
 
@@ -264,9 +267,22 @@ def _by_directions(target: FitData, residual: ComplexArray) -> tuple[BoolArray, 
     sizes = np.sqrt((np.abs(first) ** 2).mean(axis=0) * (np.abs(second) ** 2).mean(axis=0))
     # Fisher's transform of a correlation is normal
     correlation = np.clip(alike.mean(axis=0) / np.maximum(sizes, 1e-300), 1e-9 - 1.0, 1.0 - 1e-9)
-    p = normal_tail(np.arctanh(correlation) * np.sqrt(parts * len(pairs)))
+    p = normal_tail(np.arctanh(correlation) * np.sqrt(parts * len(pairs)) / _by_chance(first, second, sizes, parts))
     large = alike.mean(axis=0) > SETTINGS.least_excess * parts
     return false_discoveries(p, SETTINGS.discovery_rate) & large, differ
+
+
+def _by_chance(
+    first: ComplexArray | FloatArray, second: ComplexArray | FloatArray, sizes: FloatArray, parts: IntArray
+) -> FloatArray:
+    """How many times as alike as white noise makes them two series of runs (n, K) are by chance, (K,), at least 1.
+
+    Noise that lasts over runs is alike in both directions without sharing anything: so it is with one direction shifted
+    against the other by any number of runs.
+    """
+    turned = np.fft.ifft(np.fft.fft(first, axis=0) * np.fft.fft(second, axis=0).conj(), axis=0).real[1:]
+    alike = np.sqrt((turned**2).mean(axis=0)) / len(first) / np.maximum(sizes, 1e-300)
+    return np.asarray(np.maximum(1.0, alike * np.sqrt(parts * len(first))))
 
 
 def _pairs(target: FitData) -> IntArray:
