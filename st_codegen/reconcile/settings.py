@@ -271,6 +271,13 @@ class Settings:
     #: that is a twentieth smaller)
     most_next_runs: int = 12
     least_gain: float = 0.05
+    #: share of a size below which its error says that it is known: until then runs are proposed whatever they add
+    well_known: float = 0.05
+    #: share of the most that a run can add from which on another one adds about as much: the expectation is linear, and
+    #: no better known than that
+    about_as_much: float = 0.8
+    #: parts of the range of speeds: runs inside one have about the same speed (as where measured speeds do not repeat)
+    speeds_apart: int = 12
     #: expected logarithm of the odds at which two explanations count as told apart: a chance of one in a million
     told_apart: float = 14.0
     #: points between two measured speeds that are considered, levels of torque and of temperature at most

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from st_codegen.reconcile.data.observations import Observations, labels
+from st_codegen.reconcile.report.findings import findings
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.run import reconcile_observations
@@ -167,3 +168,41 @@ def test_one_constant_wave_beside_a_mesh_order_is_no_sideband():
     found = reconciled(MESH, SIDEBANDS, ORDERS, {36: 5e-4 * np.exp(0.5j), 117: 1.5e-3 * np.exp(-1.7j)})
     assert "carrier_modulation" not in {claim.piece.effect.name for claim in found.conclusions.claims}
     parse_rig(found.new_rig.text(), known=KNOWN)
+
+
+@pytest.fixture(scope="module")
+def two_thirds():
+    """A mesh order that grows with the torque to the power 2/3, as contacts do: the catalogue has straight lines."""
+    at = grid([300.0, 700.0, 1100.0, 1500.0], [0.0, 500.0, 1000.0, 1500.0], [25.0, 35.0])
+    return reconciled(wave("pin_error", 240, 2e-4, 2.0), at, [0, 39, 40, 78, 156, 240], {
+        78: 2e-3 * np.exp(0.7j) * (at.torque_Nm / 1600.0) ** (2 / 3)
+    })  # fmt: skip
+
+
+def test_where_the_form_is_wrong_the_errors_hold_what_endless_runs_would_give(two_thirds):
+    """The slope of the straight line next to the law, with as many runs at each of a hundred torques."""
+    claim = next(c for c in two_thirds.conclusions.claims if c.piece.effect.name == "load_dependent_mesh")
+    torque = np.linspace(0.0, 1.5, 100)
+    constant = next((c for c in two_thirds.conclusions.claims if c.piece.effect.name != "load_dependent_mesh"), None)
+    columns = np.stack([torque, np.ones(100)][: 1 if constant is None else 2], axis=1)
+    true = np.linalg.lstsq(columns, 2e-3 * (torque / 1.6) ** (2 / 3), rcond=None)[0][0]
+    off = abs(claim.piece.effect.scalar("slope_deg_per_kNm") - true)
+    assert off < 1.96 * claim.stderr["slope_deg_per_kNm"]
+    # the errors of a fit whose form is right would not hold it
+    joint = two_thirds.conclusions.joint
+    number = next(i for i, p in enumerate(joint.state.pieces) if p.effect.name == "load_dependent_mesh" and p.added)
+    place = joint.state.slices()[number].start
+    assert off > 1.96 * np.sqrt(joint.inverse[place, place])
+
+
+def test_what_a_form_lacks_stands_beside_the_name(two_thirds):
+    entry = next(e for e in report(two_thirds)["effects"] if e["name"] == "load_dependent_mesh")
+    (error,) = entry["form_error"]
+    assert error["orders"] == [78]
+    assert 0.02 * error["size_deg"] < error["left_deg"] < 0.3 * error["size_deg"]
+    (finding,) = [f for f in findings(two_thirds) if f.effect.name == "load_dependent_mesh"]
+    assert finding.form.startswith(f"{error['left_deg']:.2g} deg RMS of order 78 stay unexplained")
+
+
+def test_a_form_that_is_right_has_nothing_beside_it(two_states):
+    assert report(two_states)["effects"][0]["form_error"] == []

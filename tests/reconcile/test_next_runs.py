@@ -113,6 +113,36 @@ def test_with_nothing_missing_runs_go_far_from_all_others(coarse):
     assert min(away) > 0.2 * np.diff(speeds)[0]
 
 
+def test_runs_that_tell_as_much_spread_over_speeds_and_oil():
+    """Two speeds and two temperatures: what only four places tell may be noise that they have in common."""
+    at = grid(2, 6, 2)
+    data = observed(RIG, at)
+    values = data.values.copy()
+    values[:, list(data.orders).index(3)] += 1e-3 * np.exp(1j * at.torque_Nm / 400.0)
+    ahead = next_runs(reconcile_observations(RIG, replace(data, values=values), KNOWN))
+    assert "order 3" in ahead.runs[0].purpose
+    places = {(run.point.speed_rpm, run.point.temperature_C) for run in ahead.runs}
+    assert len(places) >= 6
+    assert len({place[0] for place in places} - set(at.speed_rpm)) >= 2
+
+
+def test_other_orders_are_met_where_they_reach_a_frequency_that_was_found():
+    """Order 78 meets 12 Hz at 748 rpm, where no run was: whether it is lifted there is asked."""
+    two = effect(
+        "structural_resonance", orders=[39, 40], frequency_Hz=12.0, damping_ratio=0.02, amplitude_deg=[2e-3, 3e-3],
+        phase_rad=[0.3, 1.0], backward_amplitude_deg=[2e-3, 2e-3], backward_phase_rad=[0.3, 2.0],
+    )  # fmt: skip
+    at = grid(1, 3, 2)
+    speeds = np.array([300.0, 500.0, 1000.0, 1200.0, 1400.0, 1450.0, 1480.0, 1500.0, 1540.0, 1600.0, 1700.0])
+    at = Conditions(*(np.tile(column, len(speeds)) for column in astuple(at)))
+    at = replace(at, speed_rpm=np.repeat(speeds, len(at) // len(speeds)))
+    result = found(two, at, sigma=2e-4)
+    assert [claim.piece.effect.orders for claim in result.conclusions.claims] == [(39, 40)]
+    (run,) = [run for run in next_runs(result).runs if "order 78" in run.purpose]
+    assert run.purpose == "tells whether order 78, which meets 12.0 Hz there, is lifted as well"
+    assert run.point.speed_rpm == pytest.approx(PEAKS[2], rel=0.1)
+
+
 def test_the_file_is_one_of_conditions(resonance, tmp_path):
     ahead = next_runs(resonance)
     (tmp_path / "next_runs.csv").write_text(ahead.csv_text(), encoding="utf-8")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass
 from typing import Any
@@ -16,7 +17,15 @@ import numpy as np
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS, OperatingPoint
 from st_codegen.reconcile.plan.points import points_of, rows_at
-from st_codegen.reconcile.plan.questions import Name, Parameters, Question, peaks_between, told_apart, unexplained
+from st_codegen.reconcile.plan.questions import (
+    Name,
+    Parameters,
+    Question,
+    other_orders,
+    peaks_between,
+    told_apart,
+    unexplained,
+)
 from st_codegen.reconcile.plan.rivals import other_models
 from st_codegen.reconcile.run import Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
@@ -85,14 +94,30 @@ def next_runs(result: Reconciliation) -> NextRuns:
     questions = [
         *told_apart(final, rows, rivals),
         *unexplained(result, rows),
+        *other_orders(result, rows),
         *([] if parameters is None else [parameters]),
     ]
-    chosen = _chosen(points, questions)
+    company = _Company(result)
+    chosen = _chosen(points, questions, company, least=SETTINGS.least_gain if _is_known(result) else 0.0)
     rest = SETTINGS.most_next_runs - len(chosen)
-    chosen += _chosen(points, peaks_between(result, rows), rest, {run.point for run in chosen})
+    chosen += _chosen(points, peaks_between(result, rows), company, rest, {run.point for run in chosen})
     if not chosen:
         return NextRuns(none_because="no single run inside what was measured would add much")
     return NextRuns(tuple(chosen), () if parameters is None else _narrowed(result, parameters.ratios()))
+
+
+def _is_known(result: Reconciliation) -> bool:
+    """Whether every size of what was found is known well enough: its error is a small share of it."""
+    found = result.conclusions
+    pairs = [(claim.piece.effect, claim.stderr) for claim in found.claims]
+    pairs += [(entry.after, entry.stderr) for entry in found.retuned]
+    shares = [
+        error / max(float(np.abs(effect.values[key]).max()), 1e-300)
+        for effect, errors in pairs
+        for key, error in ((key.split("[")[0], error) for key, error in errors.items() if "phase" not in key)
+        if key in effect.values
+    ]
+    return max(shares, default=0.0) < SETTINGS.well_known
 
 
 def _narrowed(result: Reconciliation, ratios: Mapping[Name, float]) -> tuple[Narrowed, ...]:
@@ -108,22 +133,50 @@ def _narrowed(result: Reconciliation, ratios: Mapping[Name, float]) -> tuple[Nar
     )
 
 
+class _Company:
+    """How many runs there are of about a speed and an oil temperature: they may have noise in common."""
+
+    def __init__(self, result: Reconciliation) -> None:
+        at = result.data.at.rows(result.target.good & (result.data.at.sign == result.data.at.sign[0]))
+        self.step = max(float(np.ptp(at.speed_rpm)) / SETTINGS.speeds_apart, 1e-9)
+        self.runs = Counter(map(self._place, at.speed_rpm.tolist(), at.temperature_C.tolist()))
+
+    def _place(self, speed_rpm: float, temperature_C: float) -> tuple[int, float]:
+        return round(speed_rpm / self.step), temperature_C
+
+    def of(self, point: OperatingPoint) -> int:
+        """The number of runs beside a point."""
+        return self.runs[self._place(point.speed_rpm, point.temperature_C)]
+
+    def add(self, point: OperatingPoint) -> None:
+        """Count a point among the runs."""
+        self.runs[self._place(point.speed_rpm, point.temperature_C)] += 1
+
+
 def _chosen(
     points: Sequence[OperatingPoint],
     questions: Sequence[Question],
+    company: _Company,
     most: int = SETTINGS.most_next_runs,
     taken: Collection[OperatingPoint] = (),
+    *,
+    least: float = SETTINGS.least_gain,
 ) -> list[NextRun]:
-    """Points by what they add, each beside those before it."""
+    """Points by what they add, each beside those before it; of those that add about as much the one with least company.
+
+    What only runs of one speed and oil tell is believed less.
+    """
     found: list[NextRun] = []
     free = np.array([point not in taken for point in points])
     while len(found) < most and free.any() and questions:
         gains = np.stack([question.gains() for question in questions]) * free
-        number = int(gains.sum(axis=0).argmax())
-        gain = float(gains[:, number].sum())
-        if gain < SETTINGS.least_gain:
+        whole = gains.sum(axis=0)
+        if whole.max() <= least:
             break
+        about = np.flatnonzero(whole >= SETTINGS.about_as_much * whole.max())
+        number = min(about.tolist(), key=lambda i: (company.of(points[i]), -whole[i]))
         reasons = [question.take(number) for question in questions]
         free[number] = False
-        found.append(NextRun(points[number], reasons[int(gains[:, number].argmax())], gain))
+        company.add(points[number])
+        found.append(NextRun(points[number], reasons[int(gains[:, number].argmax())], float(whole[number])))
     return found

@@ -9,7 +9,7 @@ from dataclasses import astuple, dataclass
 import numpy as np
 
 from st_codegen.campaign.conditions import CONDITION_COLUMNS, OperatingPoint
-from st_codegen.ir.arrays import FloatArray
+from st_codegen.ir.arrays import FloatArray, IntArray
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.run import Reconciliation
@@ -23,7 +23,7 @@ def points_of(result: Reconciliation, rivals: Sequence[RigModel]) -> list[Operat
     at = result.data.at.rows(result.target.good)
     speeds = _between(at.speed_rpm, SETTINGS.between)
     rigs = [result.conclusions.final.state.model(), *rivals]
-    speeds = _with_inner(speeds, _peak_speeds(rigs))
+    speeds = _with_inner(speeds, _peak_speeds(rigs, result.data.orders))
     torques = _with_inner(_thinned(_between(at.torque_Nm, 1), SETTINGS.most_torques), _seating_torques(rigs))
     temperatures = _thinned(np.unique(at.temperature_C), SETTINGS.most_temperatures)
     mesh = np.meshgrid(_legible(speeds), _legible(torques), temperatures, indexing="ij")
@@ -62,13 +62,15 @@ def _legible(values: FloatArray) -> FloatArray:
     return np.unique(np.clip(short, values.min(), values.max()))
 
 
-def _peak_speeds(rigs: Sequence[RigModel]) -> FloatArray:
-    """Speeds (rpm) around each peak of the rigs."""
+def _peak_speeds(rigs: Sequence[RigModel], orders: IntArray) -> FloatArray:
+    """Speeds (rpm) around each peak of the rigs, and those at which other orders meet the same frequency."""
     found = [np.zeros(0)]
     for effect in (effect for rig in rigs for effect in rig.effects):
         frequency, damping = effect.values.get("frequency_Hz"), effect.values.get("damping_ratio")
         if isinstance(frequency, float) and isinstance(damping, float):
-            peak = 60 * effect.constants.reduction_ratio * frequency / np.array(effect.orders)
+            turns = 60 * effect.constants.reduction_ratio * frequency
+            peak = turns / np.array(effect.orders)
+            found.append(turns / orders[orders > 0])
             found.append((peak[:, None] * (1 + damping * np.array(SETTINGS.around_peak))).ravel())
     return np.concatenate(found)
 

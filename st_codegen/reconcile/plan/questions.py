@@ -171,12 +171,12 @@ def _alike(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def unexplained(result: Reconciliation, rows: Rows) -> list[Question]:
-    """The unexplained orders that a run can tell something of, the largest ones; gaps where nothing is missing."""
+    """The unexplained orders that a run can tell something of, the largest; gaps where nothing is, or few runs are."""
     final = result.conclusions.final
     target = final.target
     steps = [_step(getattr(target.data.at, column)) for column in CONDITION_COLUMNS]
     found: list[Question] = []
-    if result.verdict == "nothing_missing":
+    if result.verdict == "nothing_missing" or target.data.few_points:
         # what hides between levels is sharp in speed (a resonance) or in torque (flanks that seat)
         for along in (0, 1):
             length = np.array(steps) * [_NEAR if axis == along else _FAR for axis in range(3)]
@@ -184,7 +184,6 @@ def unexplained(result: Reconciliation, rows: Rows) -> list[Question]:
             points = points[: len(points) // 2]
             why = [f"lies far from all runs in {_AXES[along]}: what hides between them shows there first"] * len(points)
             found.append(Unknown(np.ones(len(points)), np.unique(measured, axis=0), points, why))
-        return found
     for signature in result.unexplained[: SETTINGS.most_open_orders]:
         if signature.order not in target.data.orders or "time" in signature.dependence:
             continue
@@ -198,8 +197,47 @@ def unexplained(result: Reconciliation, rows: Rows) -> list[Question]:
         local = near @ power / np.maximum(near.sum(axis=1), 1e-12)
         # the noise, not the scatter about the model, which is what is asked about
         noise = parts * float(np.median(target.sigma[target.good, k] ** 2))
-        reason = f"tells what order {signature.order}, which is unexplained, does between the measured runs"
+        what = f"order {signature.order}" if signature.order else "the mean"
+        reason = f"tells what {what}, which is unexplained, does between the measured runs"
         found.append(Unknown(local / noise, np.unique(measured, axis=0), points, [reason] * len(points)))
+    return found
+
+
+class Met:
+    """Whether an order is lifted as well where it meets a frequency that was found: yes or no, ln 2 nats at most."""
+
+    def __init__(self, order: int, hertz: float, odds: FloatArray) -> None:
+        self.order, self.hertz, self.odds, self.open = order, hertz, odds, True
+
+    def gains(self) -> FloatArray:
+        found: FloatArray = self.open * np.log(2.0) * np.minimum(self.odds / SETTINGS.told_apart, 1.0)
+        return found
+
+    def take(self, number: int) -> str:
+        self.open = self.open and bool(self.odds[number] < SETTINGS.told_apart)
+        return f"tells whether order {self.order}, which meets {self.hertz:.1f} Hz there, is lifted as well"
+
+
+def other_orders(result: Reconciliation, rows: Rows) -> list[Question]:
+    """Orders that no run has where they meet a resonance that was found: as loud as its quietest they would show."""
+    target = result.conclusions.final.target
+    found: list[Question] = []
+    for effect in (claim.piece.effect for claim in result.conclusions.claims):
+        if not has_a_frequency(effect):
+            continue
+        quietest = int(
+            np.argmin([abs(effect.complex_value("amplitude_deg", index=i)) for i in range(len(effect.orders))])
+        )
+        own = effect.orders[quietest]
+        for k in np.flatnonzero(~np.isin(target.data.orders, [0, *effect.orders])):
+            order = int(target.data.orders[k])
+            measured, there = (
+                np.abs(effect.contribution(replace(at, speed_rpm=at.speed_rpm * order / own), np.array([own]))[:, 0])
+                for at in (target.data.at.rows(target.good), rows.data.at)
+            )
+            odds = 0.5 * summed((there / rows.sigma[:, k]) ** 2)
+            if 0.5 * float(((measured / target.sigma[target.good, k]) ** 2).max()) < SETTINGS.told_apart < odds.max():
+                found.append(Met(order, effect.scalar("frequency_Hz"), odds))
     return found
 
 

@@ -215,8 +215,10 @@ def _rest(result: Reconciliation, field: str, label: str, values: FloatArray, no
             rows = result.target.good & (result.data.at.sign == sign)
             if rows.any():
                 _band(axes, result, field, rows, values, name, colour)
-        limits = (-noise, noise) if order == 0 else (0.0, noise * np.sqrt(2.0))
-        axes.axhspan(*limits, color="0.85", zorder=0, label="noise, RMS")
+        # bands of both directions are grey where they overlap, so that noise is a line
+        limits = (-noise, noise) if order == 0 else (noise * np.sqrt(2.0),)
+        for number, limit in enumerate(limits):
+            axes.axhline(limit, color="black", linestyle="--", linewidth=1, label="" if number else "noise, RMS")
         axes.set(xlabel=label, ylabel="what is left, deg")
 
     return draw

@@ -11,7 +11,7 @@ import numpy as np
 from st_codegen.reconcile.data.observations import rms_deg
 from st_codegen.reconcile.judge.conclusions import SOMETHING_ELSE, Claim, Retuned
 from st_codegen.reconcile.report.output import parameters_of
-from st_codegen.reconcile.report.sentences import plain, words
+from st_codegen.reconcile.report.sentences import form_text, plain, words
 from st_codegen.reconcile.run import Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Stage
@@ -31,6 +31,7 @@ _CLEARLY = 2.0
 class Finding:
     """One finding: words, its effect now and (for a changed one) before, numbers with errors, and how sure its name is.
 
+    form: in how far its form is not quite that of what was measured, where something of it stays.
     share: of the power that the larger findings leave, noise included; None where the data are over time.
     """
 
@@ -43,6 +44,7 @@ class Finding:
     todo: str
     share: float | None
     own_gap: tuple[float, float] | None
+    form: str = ""
 
 
 def findings(result: Reconciliation, ahead: NextRuns | None = None) -> list[Finding]:
@@ -61,6 +63,7 @@ def findings(result: Reconciliation, ahead: NextRuns | None = None) -> list[Find
             _todo(effect, ahead),
             claim.share if effect.stage is Stage.AXIS else None,
             claim.own_gap,
+            form_text(claim, result),
         )
         entries.append((finding, _added(effect)))
     for entry in found.retuned:
@@ -140,7 +143,13 @@ def share_text(finding: Finding, *, first: bool) -> str:
         rounded = round(100 * finding.share)
         share = "more than 99" if rounded == 100 and finding.share < 1.0 else str(rounded)
         return f"it explains {share} % of {of}"
-    return "" if own is None else f"the gap of its orders falls from {own[0]:.2g} to {own[1]:.2g} deg"
+    if own is None:
+        return ""
+    before, after = (f"{gap:.2g}" for gap in own)
+    moves = (
+        "stays at" if before == after else f"falls from {before} to" if own[1] < own[0] else f"rises from {before} to"
+    )
+    return f"the gap of its orders {moves} {after} deg"
 
 
 def _numbers(effect: Effect, stderr: Mapping[str, float], before: Effect | None = None) -> tuple[str, ...]:

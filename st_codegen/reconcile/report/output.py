@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from st_codegen.reconcile.judge.conclusions import Claim, Retuned
 from st_codegen.reconcile.judge.evidence import Evidence, digits
-from st_codegen.reconcile.report.sentences import left_text
+from st_codegen.reconcile.report.sentences import form_error, left_text
 from st_codegen.reconcile.run import Gap, Reconciliation
 from st_codegen.rig.effects import Effect
 
@@ -25,7 +25,7 @@ def report(result: Reconciliation, update: Update | None = None, ahead: NextRuns
     claims = result.conclusions.claims
     return {
         "verdict": result.verdict,
-        "effects": [_group(group) for group in _by_name(claims)],
+        "effects": [_group(group, result) for group in _by_name(claims)],
         "retuned": [_retuned(entry) for entry in result.conclusions.retuned],
         "unexplained": [
             {
@@ -84,7 +84,7 @@ def _by_name(claims: Sequence[Claim]) -> list[list[Claim]]:
     return list(groups.values())
 
 
-def _group(group: list[Claim]) -> dict[str, Any]:
+def _group(group: list[Claim], result: Reconciliation) -> dict[str, Any]:
     """One entry of `effects`: all tables of one name; the order in brackets behind a key where there are several."""
     several = len(group) > 1
     parameters: dict[str, Any] = {}
@@ -104,6 +104,11 @@ def _group(group: list[Claim]) -> dict[str, Any]:
         "alternatives": sorted({name for claim in group for name in claim.alternatives}),
         "share_of_gap": min(1.0, sum(claim.share for claim in group)),
         "remarks": sorted({text for claim in group for text in claim.extrapolates}),
+        "form_error": [
+            {"orders": error[0], "left_deg": error[1], "size_deg": error[2]}
+            for error in (form_error(claim, result) for claim in group)
+            if error is not None
+        ],
     }
 
 

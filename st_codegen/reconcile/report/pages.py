@@ -97,8 +97,9 @@ def _findings(result: Reconciliation, found: Sequence[Finding]) -> PageSection:
         share = share_text(finding, first=number == 1)
         parts.append(
             f"{number}. {finding.text}."
-            + (f" {share[0].upper()}{share[1:]}." if share else "")
-            + (f" {'; '.join(finding.numbers)}." if finding.numbers else "")
+            + (f" {_begun(share)}." if share else "")
+            + (f" {_begun('; '.join(finding.numbers))}." if finding.numbers else "")
+            + (f" {_begun(finding.form)}." if finding.form else "")
             + (f" The name: {finding.name}." if finding.name else "")
             + f" Next: {finding.todo}."
         )
@@ -106,6 +107,11 @@ def _findings(result: Reconciliation, found: Sequence[Finding]) -> PageSection:
         parts.append(taken_back_text(result.taken_back))
     intro = "By size. The share of each is of the power that the larger ones leave, noise included." if found else ""
     return PageSection("Findings", "\n\n".join([intro, *parts]) if parts else "No effect is claimed.")
+
+
+def _begun(text: str) -> str:
+    """A text as a sentence begins; the key of a parameter stays as it is."""
+    return text if "_" in text.partition(" ")[0] else text[0].upper() + text[1:]
 
 
 def _evidence(result: Reconciliation, found: Sequence[Finding]) -> PageSection | None:
@@ -204,12 +210,18 @@ def _unexplained(result: Reconciliation) -> PageSection | None:
     if not result.unexplained:
         return None
     rows = [
-        [f"{s.hertz:.4g} Hz" if s.hertz else s.order, s.rms_deg, f"{100 * s.share:.2g} %", s.direction, s.text]
+        [
+            f"{s.hertz:.4g} Hz" if s.hertz else s.order or "mean",
+            s.rms_deg,
+            f"{100 * s.share:.2g} %",
+            s.direction,
+            s.text,
+        ]
         for s in result.unexplained
     ]
     text = "Parts that stand above the noise and that no effect of the catalogue explains: by their signature."
     shown = panels(unexplained_panels(result))
-    text += " Pictures: medians and bands of 80 % of the runs; grey is noise." if shown else ""
+    text += " Pictures: medians and bands of 80 % of the runs." if shown else ""
     table = PageTable(["order", "RMS, deg", "of the gap", "direction", ""], rows)
     return PageSection("What stays unexplained", text, table, shown)
 
@@ -263,10 +275,12 @@ def _next_runs(ahead: NextRuns) -> PageSection:
     title = "The next measurement"
     if not ahead.runs:
         return PageSection(title, f"No run is proposed: {ahead.none_because}.")
+    first = {run.purpose: number for number, run in reversed(list(enumerate(ahead.runs, 1)))}
     rows = [
-        [number, run.point.speed_rpm, run.point.torque_Nm, run.point.temperature_C, run.purpose]
+        [number, run.point.speed_rpm, run.point.torque_Nm, run.point.temperature_C,
+         run.purpose if first[run.purpose] == number else f"as run {first[run.purpose]}"]
         for number, run in enumerate(ahead.runs, 1)
-    ]
+    ]  # fmt: skip
     columns = ["", "speed, rpm", "torque, N m", "oil, degC", "this run"]
     text = "Both directions each, the most telling first; next_runs.csv lists them as conditions of a campaign."
     if ahead.narrowed:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from st_codegen.ir.arrays import BoolArray
+from st_codegen.ir.arrays import BoolArray, ComplexArray
+from st_codegen.reconcile.data.observations import rms_deg
+from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.conclusions import Claim
+from st_codegen.reconcile.judge.plausible import explained
 from st_codegen.reconcile.judge.unexplained import in_both_directions
 from st_codegen.reconcile.run import Reconciliation, TakenBack
 from st_codegen.reconcile.settings import SETTINGS
@@ -118,6 +122,45 @@ def words(claim: Claim, result: Reconciliation) -> str:
     return _WORDS.get(effect.name, plain)(effect, result)
 
 
+def form_error(claim: Claim, result: Reconciliation) -> tuple[list[int], float, float] | None:
+    """Orders of an effect that keep structure, what stays of them, and what the effect makes there (RMS in deg).
+
+    None where they keep none, or where another finding makes more of them.
+    """
+    final, own = result.conclusions.final, claim.piece
+    left = {s.order for s in result.unexplained} & set(own.effect.touched_orders())
+    if not left or result.data.angle_rad is not None:
+        return None
+    columns, good = np.isin(result.data.orders, sorted(left)), final.target.good
+
+    def rms(values: ComplexArray) -> float:
+        return rms_deg(values[good][:, columns], result.data.orders[columns])
+
+    found = [*(c.piece for c in result.conclusions.claims), *(p for p in final.state.pieces if _is_changed(p, result))]
+    size = rms(explained(final, own))
+    if size < max(rms(explained(final, piece)) for piece in found):
+        return None
+    unexplained = math.sqrt(sum(s.rms_deg**2 for s in result.unexplained if s.order in left))
+    return sorted(left), unexplained, size
+
+
+def form_text(claim: Claim, result: Reconciliation) -> str:
+    """In how far an effect is not quite of its form, in words; empty where it is."""
+    error = form_error(claim, result)
+    if error is None:
+        return ""
+    orders, left, size = error
+    what = "the mean" if orders == [0] else f"order{'s' * (len(orders) > 1)} {', '.join(map(str, orders))}"
+    return (
+        f"{left:.2g} deg RMS of {what} stay unexplained, where it makes {size:.2g}: something else is there, or "
+        f"its form is not quite the machine's (the errors of its numbers allow for that)"
+    )
+
+
+def _is_changed(piece: Piece, result: Reconciliation) -> bool:
+    return any(piece.effect is entry.after for entry in result.conclusions.retuned)
+
+
 def _value(effect: Effect, key: str) -> float:
     return effect.scalar(key)
 
@@ -174,8 +217,9 @@ def _resonance(effect: Effect, result: Reconciliation) -> str:
     where = (
         f"at {frequency:.1f} Hz" if peaks is None else f"near {frequency:.0f} Hz ({peaks[0]:.1f} to {peaks[1]:.1f} Hz)"
     )
+    stderr = next((c.stderr for c in result.conclusions.claims if c.piece.effect is effect), {})
     moves = [
-        f"by {frequency * effect.scalar(key):+.1f} Hz {per}"
+        f"by {frequency * effect.scalar(key):+.1f} +- {frequency * stderr.get(key, 0.0):.1g} Hz {per}"
         for key, per in (("frequency_per_kNm", "per 1000 N m"), ("frequency_per_10K", "per 10 K of oil temperature"))
         if effect.scalar(key)
     ]
