@@ -49,8 +49,8 @@ Examples:
 @generated_option("Folder that `generate --with-comparison` wrote, and that the controller runs.")
 @controller_options
 @click.option("--block", metavar="FB_X", help="Only this block. Default: the blocks of all models.")
-@click.option("-n", "--rows", type=Whole(min=1), default=10_000, show_default=True, help="Rows a block.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the random rows.")
+@click.option("-n", "--rows", type=Whole(min=1), default=10_000, help="Rows a block.")
+@click.option("--seed", type=int, default=0, help="Seed of the random rows.")
 @click.option(
     "--same-bits",
     is_flag=True,

@@ -44,6 +44,10 @@ class Number(click.FloatRange):
         except ValueError as error:
             self.fail(f"{error}.", param, ctx)
 
+    def _describe_range(self) -> str:
+        """What the help shows of the bounds; click's own names a bound that is not there."""
+        return "" if self.min is self.max is None else super()._describe_range()
+
 
 class Whole(click.IntRange):
     """A whole number in plain digits, within bounds if some are given."""
@@ -78,13 +82,13 @@ def _with_defaults(context: click.Context, _: click.Parameter, models: Path) -> 
 def generated_option(text: str) -> Callable[[Command], Command]:
     """The option that names what `generate` wrote; `text` says what becomes of it."""
     folder = click.Path(path_type=Path)
-    return click.option("-g", "--generated", type=folder, default=Path("generated"), show_default=True, help=text)
+    return click.option("-g", "--generated", type=folder, default=Path("generated"), help=text)
 
 
 def controller_options(function: Command) -> Command:
     """The options by which a command reaches a controller."""
     seconds, text = Number(min=0.01), "Seconds in which an answer must come."
-    function = click.option("--timeout", type=seconds, default=5.0, show_default=True, help=text)(function)
+    function = click.option("--timeout", type=seconds, default=5.0, help=text)(function)
     function = click.option("--opcua", metavar="URL", help="The controller over OPC UA.")(function)
     return click.option("--ads", metavar="NETID:PORT[@HOST]", help="The controller over ADS.")(function)
 
@@ -95,7 +99,6 @@ def trust_option(function: Command) -> Command:
         "--max-model-bytes",
         type=Whole(min=1),
         default=DEFAULT_MAX_MODEL_BYTES,
-        show_default=True,
         expose_value=False,
         callback=lambda _context, _option, value: set_max_model_bytes(value),
         help="Model files with more bytes, packed or unpacked, are refused before they are unpacked.",
@@ -153,7 +156,6 @@ def outputs_option(function: Command) -> Command:
     return click.option(
         "--outputs",
         default=OUTPUTS[0],
-        show_default=True,
         callback=parsed,
         metavar="KIND,..",
         help="What classifiers give: class (always), probability, decision (the library's scores); Gaussian processes: "
@@ -193,7 +195,6 @@ def layout_options(function: Command) -> Command:
         "--layout",
         type=click.Choice(LAYOUTS),
         default=LAYOUTS[0],
-        show_default=True,
         help="How trees are written: trees, as they were trained, to be read; ranked, as nodes that compare ranks, "
         "which is faster; cut, the same, with deep trees cut into the cells of a coarse grid of the inputs, in fewer "
         "steps and with more memory; table, as a table of their values in every cell. With auto, and where what is "
@@ -203,7 +204,6 @@ def layout_options(function: Command) -> Command:
         "--table-limit",
         type=Whole(min=1),
         default=TABLE_KILOBYTES,
-        show_default=True,
         help="Largest table of an output in KB; one that is in place may grow to a quarter more.",
     )
     spread = click.option(

@@ -36,7 +36,6 @@ def profile_option(function: Command) -> Command:
     return click.option(
         "--profile",
         default=DEFAULT,
-        show_default=True,
         metavar="NAME|FILE",
         help=f"The controller: {', '.join(profile_names())}, or a .toml file that `calibrate` wrote.",
     )(function)

@@ -30,7 +30,7 @@ Examples:
 @click.argument("old")
 @click.argument("new")
 @click.argument("path", type=click.Path(path_type=Path), required=False)
-@click.option("-n", "--rows", type=Whole(min=1), default=10_000, show_default=True, help="Operating points.")
+@click.option("-n", "--rows", type=Whole(min=1), default=10_000, help="Operating points.")
 @click.option("--json", "json_file", is_flag=False, flag_value="-", help="Write the review to this file, - for output.")
 @click.option("--html", type=click.Path(path_type=Path, dir_okay=False), help="Write a page with curves to this file.")
 @click.option(

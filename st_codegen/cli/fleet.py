@@ -29,7 +29,6 @@ Examples:
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("fleet"),
-    show_default=True,
     help="Folder of the results: one for each axis, and fleet.html, fleet.csv, effects.csv, fleet.json.",
 )
 @place_options

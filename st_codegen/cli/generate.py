@@ -67,7 +67,6 @@ Examples:
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("generated"),
-    show_default=True,
     help="Folder to write to; each target gets a folder of its own inside.",
 )
 @click.option(
@@ -81,7 +80,6 @@ Examples:
     "--limit",
     type=Whole(min=0),
     default=1000,
-    show_default=True,
     help="With --check: the most lines of the diff that are printed; 0 for all.",
 )
 @click.option("--force", is_flag=True, help="Overwrite generated files that were changed by hand.")
@@ -132,7 +130,6 @@ Examples:
     "--project",
     type=click.Choice(PROJECT_FORMS),
     default=PROJECT_FORMS[0],
-    show_default=True,
     help="For TwinCAT: a solution that opens by itself, a PLC project alone to be added to a solution of yours, or a "
     "library of the blocks, without programs and tasks.",
 )

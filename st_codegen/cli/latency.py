@@ -27,7 +27,7 @@ Examples:
     "--fast", type=Number(), required=True, metavar="US", help="Cycle time of the task with encoder and axes."
 )
 @click.option("--slow", type=Number(), metavar="US", help="Cycle time of a slower task between reading and correcting.")
-@click.option("--slow-offset", type=Number(), default=0.0, metavar="US", help="Start of its first cycle. Default: 0.")
+@click.option("--slow-offset", type=Number(), default=0.0, metavar="US", help="Start of its first cycle.")
 @click.option("--fast-run", type=Number(), default=0.0, metavar="US", help="Time of one run, for --exchange end.")
 @click.option("--slow-run", type=Number(), default=0.0, metavar="US", help="Time of one run, for --exchange end.")
 @click.option(
@@ -43,10 +43,9 @@ Examples:
     "--exchange",
     type=click.Choice(EXCHANGES),
     default=EXCHANGES[0],
-    show_default=True,
     help="When a task hands its results over: at the start of its next cycle, or at the end of its run.",
 )
-@click.option("--order", type=Whole(min=1), default=240, show_default=True, help="Highest order to correct.")
+@click.option("--order", type=Whole(min=1), default=240, help="Highest order to correct.")
 @click.option("--json", "as_json", is_flag=True, help="Print the numbers as JSON.")
 def command(
     fast: float,

@@ -98,7 +98,7 @@ class _Commands(LazyGroup):
 @click.group(
     cls=_Commands,
     lazy=_COMMANDS,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True},
     epilog="""\b
 Examples:
   st-codegen models/ --target twincat              compile a folder of models

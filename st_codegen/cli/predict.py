@@ -52,7 +52,6 @@ Examples:
     "--engine",
     type=click.Choice(EVALUATORS),
     default=EVALUATORS[0],
-    show_default=True,
     help="Who computes: the generated text as machine code, the reference in NumPy, or the source library.",
 )
 @outputs_option

@@ -68,11 +68,10 @@ Examples:
     help=f"Put what was found into the bundle: OUT/{UPDATED_MODELS}, compiled and verified in OUT/{UPDATED_CODE}, "
     "moved by the rig.",
 )
-@click.option("--target", default="twincat", show_default=True, help="Dialect of the updated models' text.")
+@click.option("--target", default="twincat", help="Dialect of the updated models' text.")
 @click.option(
     "--profile",
     default="cycloidal",
-    show_default=True,
     help="Motion with the old and the new compensator: cycloidal, robot, a CSV (t,theta_out,torque_Nm), or none.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print report.json to standard output as well.")

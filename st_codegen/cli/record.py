@@ -47,15 +47,12 @@ conditions.csv:
     required=True,
     help="Folder for the curve files; one that was begun with the same plan is continued.",
 )
-@click.option(
-    "--samples", type=Whole(min=100), default=4096, show_default=True, help="Samples of a revolution, at least."
-)
+@click.option("--samples", type=Whole(min=100), default=4096, help="Samples of a revolution, at least.")
 @click.option("--set", "inputs", multiple=True, metavar="NAME=VALUE", help="Another input of PRG_Experiment.")
 @click.option(
     "--alive",
     type=Number(min=0.1, max=3600),
     default=5.0,
-    show_default=True,
     help="Seconds of the controller without a word from here, after which it ends a measurement by itself.",
 )
 @quiet_option

@@ -27,30 +27,24 @@ A client then finds the PLC at the AMS net id 127.0.0.1.1.1, port 851, and at op
 @generated_option("Folder that `generate` wrote; of several targets twincat runs, else the first.")
 @click.option("--ads", is_flag=True, help="Answer ADS over TCP.")
 @click.option("--opcua", is_flag=True, help="Answer OPC UA.")
-@click.option("--listen", default="127.0.0.1", show_default=True, metavar="ADDRESS", help="Address to listen at.")
-@click.option(
-    "--ads-port", type=Whole(min=0, max=65535), default=48898, show_default=True, help="TCP port of ADS; 0: a free one."
-)
-@click.option(
-    "--ams-port", type=Whole(min=1, max=65535), default=851, show_default=True, help="AMS port of the runtime."
-)
-@click.option("--opcua-port", type=Whole(min=1, max=65535), default=4840, show_default=True, help="TCP port of OPC UA.")
+@click.option("--listen", default="127.0.0.1", metavar="ADDRESS", help="Address to listen at.")
+@click.option("--ads-port", type=Whole(min=0, max=65535), default=48898, help="TCP port of ADS; 0: a free one.")
+@click.option("--ams-port", type=Whole(min=1, max=65535), default=851, help="AMS port of the runtime.")
+@click.option("--opcua-port", type=Whole(min=1, max=65535), default=4840, help="TCP port of OPC UA.")
 @click.option(
     "--cycle-us",
     type=Whole(min=10, max=1_000_000),
     default=500,
-    show_default=True,
     help="Cycle time of programs that no task calls; tasks have their own.",
 )
 @click.option(
     "--speed",
     type=Number(min=0),
     default=1.0,
-    show_default=True,
     help="So many times as fast as the clock; 0: as fast as this machine can.",
 )
 @click.option("--rig", type=click.Path(path_type=Path), help="Put this simulated rig behind the signals.")
-@click.option("--seed", type=Whole(min=0), default=0, show_default=True, help="Seed of the rig's noise.")
+@click.option("--seed", type=Whole(min=0), default=0, help="Seed of the rig's noise.")
 @click.option("-v", "--verbose", is_flag=True, help="Log every write of a client.")
 def command(
     generated: Path,

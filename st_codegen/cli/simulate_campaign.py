@@ -28,7 +28,7 @@ Examples:
 )
 @click.option("--samples", type=Whole(min=1), help="Samples of a revolution (default: 4000 a second, as on the rig).")
 @click.option("--noise", type=Number(min=0), help="Noise of a sample, deg (default: [noise] of the rig).")
-@click.option("--seed", type=Whole(min=0), default=0, show_default=True, help="Seed of the noise.")
+@click.option("--seed", type=Whole(min=0), default=0, help="Seed of the noise.")
 @click.option("--effects", type=click.Path(path_type=Path), multiple=True, help="Python file with effects of your own.")
 @quiet_option
 def command(

@@ -38,7 +38,6 @@ Examples:
     "--law",
     type=click.Choice(["published", "continuous", "full", "both"]),
     default="both",
-    show_default=True,
     help="Weight at low speed: Eq. 6; speed / 100 rpm below 100 rpm; full correction everywhere; both: the first two.",
 )
 @click.option(
@@ -50,7 +49,6 @@ Examples:
 @click.option(
     "--lead",
     default="0",
-    show_default=True,
     metavar="US",
     help="Take the angle ahead by so many microseconds; auto: by all known delays.",
 )
@@ -59,7 +57,6 @@ Examples:
     "load_source",
     type=click.Choice(["none", "setpoint", "measured"]),
     default="none",
-    show_default=True,
     help="The load with its sign, for bundles with [play]: that of the load side's set point, or as it is.",
 )
 @click.option("--ahead", is_flag=True, help="Give the blocks the set points that the profile has a lead later.")
@@ -72,8 +69,8 @@ Examples:
 )
 @click.option("--temperature", type=Number(-40, 150), help="Oil at the start, degC (default: the rig's).")
 @click.option("--drift", type=Number(-60, 60), help="Its drift, K a minute (default: the rig's).")
-@click.option("--seed", type=Whole(min=0), default=0, show_default=True, help="Seed of noise and jitter.")
-@click.option("--target", default="twincat", show_default=True, help="Dialect that is generated and run.")
+@click.option("--seed", type=Whole(min=0), default=0, help="Seed of noise and jitter.")
+@click.option("--target", default="twincat", help="Dialect that is generated and run.")
 @click.option(
     "--recording", is_flag=True, help="Also write recording.csv, the uncompensated motion as reconcile reads it."
 )

@@ -33,10 +33,9 @@ Examples:
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("build/tables"),
-    show_default=True,
     help="Folder of errors.csv, authors.csv, tables.md and tables.html.",
 )
-@click.option("--repeats", type=Whole(min=0), default=5, show_default=True, help="Further random splits.")
+@click.option("--repeats", type=Whole(min=0), default=5, help="Further random splits.")
 @search_options
 @quiet_option
 def command(

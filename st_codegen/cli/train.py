@@ -37,41 +37,35 @@ Examples:
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("models"),
-    show_default=True,
     help="Folder of the bundle; st-codegen compiles it.",
 )
 @click.option("--report", type=click.Path(path_type=Path, dir_okay=False), help="HTML page about what was learned.")
 @click.option(
     "--orders",
     default="auto",
-    show_default=True,
     metavar="LIST",
     help="Orders to model, with commas between; auto: all of a table, the ones that stand out of a campaign.",
 )
-@click.option("--most-orders", type=Whole(min=1), default=15, show_default=True, help="How many auto takes.")
+@click.option("--most-orders", type=Whole(min=1), default=15, help="How many auto takes.")
 @click.option(
     "--reduction-ratio",
     type=Number(min=0, min_open=True),
     default=81.0,
-    show_default=True,
     help="Input speed over output speed.",
 )
-@click.option("--name", default="reducer", show_default=True, help="Name of the bundle.")
-@click.option(
-    "--format", "form", type=click.Choice(MODEL_FORMS), default=MODEL_FORMS[0], show_default=True, help="Model files."
-)
+@click.option("--name", default="reducer", help="Name of the bundle.")
+@click.option("--format", "form", type=click.Choice(MODEL_FORMS), default=MODEL_FORMS[0], help="Model files.")
 @click.option(
     "--limit-us", type=Number(min=0), help="Worst case of all models of one direction in microseconds (estimate)."
 )
-@click.option("--test-share", type=Number(0.01, 0.9), default=0.2, show_default=True, help="Kept for testing.")
-@click.option("--repeats", type=Whole(min=0), default=0, show_default=True, help="Further random splits.")
+@click.option("--test-share", type=Number(0.01, 0.9), default=0.2, help="Kept for testing.")
+@click.option("--repeats", type=Whole(min=0), default=0, help="Further random splits.")
 @click.option("--keep-faulty", is_flag=True, help="Learn from runs that robust statistics call faulty, too.")
 @click.option("--skip-bad", is_flag=True, help="Leave out curve files that cannot be read, after reporting them.")
 @click.option(
     "--cache",
     type=click.Path(path_type=Path, dir_okay=False),
     default=Path("build/curves.parquet"),
-    show_default=True,
     help="Parquet file of what was read of curve files.",
 )
 @click.option("--table", "table_out", type=click.Path(path_type=Path, dir_okay=False), help="Write the harmonic table.")

@@ -22,12 +22,11 @@ _OPTIONS = (
     click.option(
         "--families",
         default=",".join(FAMILIES),
-        show_default=True,
         metavar="NAMES",
         help="Families to try, with commas between.",
     ),
-    click.option("--folds", type=Whole(min=2), default=10, show_default=True, help="Parts of the validation."),
-    click.option("--seed", type=int, default=0, show_default=True, help="The same seed gives the same bits."),
+    click.option("--folds", type=Whole(min=2), default=10, help="Parts of the validation."),
+    click.option("--seed", type=int, default=0, help="The same seed gives the same bits."),
 )
 _PLACES = (
     click.option("-j", "--jobs", type=Whole(min=1), default=None, help="Worker processes (default: all cores)."),
@@ -35,7 +34,6 @@ _PLACES = (
         "--backend",
         type=click.Choice(["local", "dask"]),
         default="local",
-        show_default=True,
         help="Where work is done: processes of this machine, or the workers of a Dask cluster.",
     ),
     click.option("--scheduler", metavar="ADDRESS", help="Address of the Dask scheduler, as in tcp://host:8786."),
@@ -45,7 +43,6 @@ _KEPT = (
         "--work",
         type=click.Path(path_type=Path, dir_okay=False),
         default=Path("build/fits.sqlite"),
-        show_default=True,
         help="File of finished fits: a run that was stopped goes on where it was.",
     ),
 )

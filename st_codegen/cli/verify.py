@@ -45,8 +45,8 @@ Examples:
 @models_argument
 @names_options
 @generated_option("Folder that `generate` wrote; every target in it is verified.")
-@click.option("-n", "--rows", type=Whole(min=1), default=10_000, show_default=True, help="Rows a model.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the random rows.")
+@click.option("-n", "--rows", type=Whole(min=1), default=10_000, help="Rows a model.")
+@click.option("--seed", type=int, default=0, help="Seed of the random rows.")
 @click.option(
     "-j", "--jobs", type=Whole(min=1), default=None, help="Models at the same time (default: one a processor)."
 )

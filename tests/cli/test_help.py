@@ -5,6 +5,7 @@ import inspect
 import subprocess
 import sys
 
+import click
 import pytest
 
 from st_codegen.cli import choices
@@ -60,6 +61,23 @@ def test_help_of_single_commands_imports_nothing_large_but_what_prints_tables():
     loaded = {name.partition(".")[0] for name in done.stdout.split()}
     assert "rich" in loaded
     assert not loaded & (LARGE | {"llvmlite"}) - {"rich"}
+
+
+def test_help_shows_every_number_that_is_taken_where_none_is_given():
+    root = click.Context(cli, info_name="st-codegen", **cli.context_settings)
+    shown = 0
+    for words in [*_COMMANDS, *(f"simulate {name}" for name in _SUBCOMMANDS)]:
+        command, context = cli, root
+        for word in words.split():
+            command = command.get_command(context, word)
+            context = click.Context(command, info_name=word, parent=context)
+        text = " ".join(command.get_help(context).split())
+        assert "None" not in text
+        for option in command.params:
+            if isinstance(option.default, int | float) and not isinstance(option.default, bool):
+                assert f"[default: {option.default}" in text, option.name
+                shown += 1
+    assert shown > 20
 
 
 def test_options_offer_what_the_rooms_have():

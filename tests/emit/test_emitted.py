@@ -1,5 +1,8 @@
 """The emitted text, executed: every kind of model, in both dialects, against the reference evaluation."""
 
+import itertools
+import re
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given
@@ -20,9 +23,13 @@ from tests.models import SMALL_MODELS, tree_models
 from tests.st.leftovers import unused_variables
 
 
+def rendered(model, target, limits=None):
+    return render(Contents((model,)), TARGETS[target], limits)
+
+
 def generated(model, target, folder, limits=None):
     """The checked text of a model's block."""
-    for file in render(Contents((model,)), TARGETS[target], limits):
+    for file in rendered(model, target, limits):
         path = folder / target / file.path
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("".join(file.pieces), encoding="utf-8")
@@ -50,12 +57,26 @@ def assert_same(model, target, folder, rows=700, seed=0):
     return expected
 
 
-@pytest.mark.parametrize("target", ["iec", "twincat", "plcopen"])
-@pytest.mark.parametrize("name", SMALL_MODELS)
+@pytest.mark.parametrize(
+    ("name", "target"),
+    [
+        *itertools.product(SMALL_MODELS, ["iec", "twincat"]),
+        *itertools.product(itertools.islice(SMALL_MODELS, 0, None, 4), ["plcopen"]),
+    ],
+)
 def test_each_operation_computes_what_the_reference_computes(name, target, tmp_path):
     expected = assert_same(limit_inputs(SMALL_MODELS[name]), target, tmp_path)
     # one of the models has no number for most of its pieces; all others answer more than a third of the rows
     assert np.isfinite(expected).all(axis=1).mean() > (0.2 if name == "piecewise constant" else 0.3)
+
+
+@pytest.mark.parametrize("name", SMALL_MODELS)
+def test_plcopen_has_the_bodies_of_the_portable_text(name):
+    model = limit_inputs(SMALL_MODELS[name])
+    portable, plcopen = ("\n".join("".join(file.pieces) for file in rendered(model, t)) for t in ("iec", "plcopen"))
+    bodies = re.findall(r"<!\[CDATA\[\n(.*?)\]\]>", plcopen, re.S)
+    assert len(bodies) == len(re.findall(r"^END_(?:FUNCTION|FUNCTION_BLOCK|PROGRAM)$", portable, re.M))
+    assert all(body.strip() in portable for body in bodies)
 
 
 @examples(suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])

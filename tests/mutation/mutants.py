@@ -7,6 +7,7 @@ import io
 import random
 import re
 import tokenize
+from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -84,8 +85,10 @@ def _of_python(name: str, source: str) -> Iterator[Mutant]:
         """Yield the mutant of the operator between two operands."""
         first = place(after.end_lineno or 0, after.end_col_offset or 0)
         last = place(before.lineno, before.col_offset)
-        for start, text in tokens:
-            if first <= start < last and text in table:
+        for start, text in tokens[bisect_left(tokens, (first, "")) :]:
+            if start >= last:
+                return
+            if text in table:
                 line = source.count("\n", 0, start) + 1
                 yield Mutant(name, line, start, start + len(text), text, table[text])
                 return
