@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 RACE := .venv-race
 INSTALLED := $(VENV)/.installed
 
-.PHONY: run test pictures site real blark soak soak-long fuzz sbom audit lint sizes nightly bench clean tables train-long blind blind-form mutate mutants example commissioning race bound kills peers
+.PHONY: run test pictures site real blark soak soak-long fuzz sbom audit lint sizes nightly bench clean tables train-long blind blind-form mutate mutants example commissioning race bound kills peers pythons
 
 run: $(INSTALLED)  ## compile the example bundle, verify the result
 	$(BIN)/st-codegen examples/rv160n/models/ --target twincat --out build/rv160n
@@ -37,6 +37,9 @@ train-long: $(INSTALLED)  ## the search and a fleet on a Dask cluster of which a
 
 sizes: $(INSTALLED)  ## files and tables of millions of numbers
 	$(BIN)/python -m pytest -q -m slow tests/walkers tests/st
+
+pythons:  ## this suite on Python 3.13 and 3.14, those of Debian's trixie and sid; needs root, debootstrap and a network
+	.ci/pythons
 
 nightly: $(INSTALLED)  ## the property tests with twenty times as many examples, new ones each time
 	HYPOTHESIS_PROFILE=nightly $(TESTS)
