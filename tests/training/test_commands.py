@@ -105,7 +105,7 @@ def test_a_condition_that_never_varied_is_one_known_value(tmp_path, monkeypatch,
     if feature == "temperature_C":  # what follows takes longer
         run("generate", "m", "--target", "iec", "--out", "plc", "--quiet")
         text = (tmp_path / "plc" / "iec" / "reducer.st").read_text()
-        assert re.search(rf"Input {column + 1}: {feature}, .*trained {value} only", text)
+        assert re.search(rf"Input {column + 1}: {feature}, .*limited to {value} only", text)
         run("verify", "m", "--generated", "plc", "--rows", "200", "--quiet")
         _only_flagged_beside(tmp_path / "plc" / "iec", te, column)
 
