@@ -1,11 +1,15 @@
 """Effects whose form is not quite the first that comes to mind: what is said of them and of what stands beside them."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.report.findings import findings
 from st_codegen.reconcile.report.output import report
+from st_codegen.reconcile.report.sentences import words
 from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.run import reconcile_observations
 from st_codegen.rig.effects import Conditions, catalogue
@@ -137,6 +141,19 @@ def test_two_frequencies_at_two_temperatures_are_one_resonance_that_moves():
     warm, cold = (claim.piece.effect.scalar("frequency_Hz") * (1 + off * claim.piece.effect.scalar("frequency_per_10K"))
                   for off in (0.5, -0.5))  # fmt: skip
     assert (cold, warm) == (pytest.approx(37.8, abs=0.1), pytest.approx(33.3, abs=0.1))
+    said = words(claim, found)
+    assert re.search(r"at 35\.\d Hz, which moves by -4\.\d \+- 0\.0\S* Hz per 10 K of oil temperature$", said), said
+
+
+def test_a_frequency_that_moves_by_less_than_its_error_is_not_said_to_move(two_states):
+    (claim, *_) = two_states.conclusions.claims
+    effect = claim.piece.effect.with_values(dict(claim.piece.effect.values) | {"frequency_per_kNm": 0.01})
+    sides = {0.002: " which moves by +0.4 +- 0.08 Hz per 1000 N m", 0.01: ""}
+    for error, said in sides.items():
+        other = replace(claim, piece=replace(claim.piece, effect=effect), stderr={"frequency_per_kNm": error})
+        result = replace(two_states, conclusions=replace(two_states.conclusions, claims=(other,)))
+        assert ("which moves" in words(other, result)) is bool(said)
+        assert said in words(other, result)
 
 
 def test_a_gap_that_few_runs_carry_is_said_to_be_the_least():

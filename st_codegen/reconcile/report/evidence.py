@@ -194,7 +194,7 @@ def unexplained_panels(result: Reconciliation) -> list[Panel]:
     """What stays unexplained: the residual of each order over the condition on which it depends, as a band."""
     if result.data.angle_rad is not None:
         return []
-    residual, good = result.conclusions.final.residual, result.target.good
+    residual = result.conclusions.final.residual
     panels: list[Panel] = []
     for signature in result.unexplained[:6]:
         if signature.order not in result.data.orders:
@@ -203,7 +203,8 @@ def unexplained_panels(result: Reconciliation) -> list[Panel]:
         values = _size(residual[:, column], signature.order)
         shares = [signature.dependence.get(name, 0.0) for name in ("speed", "torque", "temperature")]
         field, label = _AXES[int(np.argmax(shares))]
-        noise = float(np.sqrt((result.target.sigma[good, column] ** 2).mean()))
+        # the floor that the text compares with: what runs differ by may hold what is shown
+        noise = result.orders[column].noise_floor
         panels.append((f"order {signature.order}" if signature.order else "the mean",
                        _rest(result, field, label, values, noise, signature.order)))  # fmt: skip
     return panels

@@ -11,7 +11,7 @@ import numpy as np
 from st_codegen.reconcile.data.observations import rms_deg
 from st_codegen.reconcile.judge.conclusions import SOMETHING_ELSE, Claim, Retuned
 from st_codegen.reconcile.report.output import parameters_of
-from st_codegen.reconcile.report.sentences import form_text, plain, words
+from st_codegen.reconcile.report.sentences import CLEARLY, form_text, plain, words
 from st_codegen.reconcile.run import Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Stage
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 _Change = Callable[[RigModel], RigModel]
 #: parameters that are shown of one finding
 _MOST_NUMBERS = 4
-#: standard errors by which a parameter must differ to be shown as changed
-_CLEARLY = 2.0
 
 
 @dataclass(frozen=True)
@@ -163,7 +161,7 @@ def _numbers(effect: Effect, stderr: Mapping[str, float], before: Effect | None 
         text = f"{value:.4g}" + ("" if error is None else f" +- {error:.1g}") + (f" {unit}" if unit else "")
         was = old.get(key, {}).get("value")
         if before is not None and was is not None:
-            if error is not None and abs(value - was) < _CLEARLY * error:
+            if error is not None and abs(value - was) < CLEARLY * error:
                 continue
             text = f"{was:.4g} -> {text}"
         listed.append(f"{key} {text}")

@@ -20,6 +20,8 @@ from st_codegen.rig.effects import Conditions, Effect
 from st_codegen.rig.effects.base import ARCMIN
 from st_codegen.rig.effects.resonance import StructuralResonance
 
+#: standard errors by which a parameter must differ to be shown as changed, or as not zero
+CLEARLY = 2.0
 VERDICT_TEXT = {
     "explained": "What was missing is named; what is left has no pattern over the conditions that were measured.",
     "partly_explained": "Part of what was missing is named; the rest is explained by no effect of the catalogue.",
@@ -221,7 +223,7 @@ def _resonance(effect: Effect, result: Reconciliation) -> str:
     moves = [
         f"by {frequency * effect.scalar(key):+.1f} +- {frequency * stderr.get(key, 0.0):.1g} Hz {per}"
         for key, per in (("frequency_per_kNm", "per 1000 N m"), ("frequency_per_10K", "per 10 K of oil temperature"))
-        if effect.scalar(key)
+        if abs(effect.scalar(key)) > CLEARLY * stderr.get(key, 0.0)
     ]
     moving = f", which moves {' and '.join(moves)}" if moves else ""
     state = f"{effect.state_text} of oil" if effect.state_text else ""

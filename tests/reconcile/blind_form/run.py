@@ -126,6 +126,15 @@ def kept(path: Path, mark: str) -> dict[str, dict[str, Any]]:
     return {entry["result"]["case"]["name"]: entry["result"] for entry in found if entry["program"] == mark}
 
 
+def results_in(path: Path) -> list[dict[str, Any]]:
+    """Results of a finished run, or those of one that was interrupted."""
+    text = path.read_text()
+    if path.suffix == ".partial":
+        return [json.loads(line)["result"] for line in text.splitlines() if line.strip()]
+    found: list[dict[str, Any]] = json.loads(text)["cases"]
+    return found
+
+
 def arguments(values: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tests.reconcile.blind_form.run", description=__doc__)
     parser.add_argument("--seeds", choices=tuple(cases.FIRST_SEED), default="dev", help="dev: to look at; heldout")
@@ -138,6 +147,7 @@ def arguments(values: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--json", type=Path, default=ROOT / "build" / "blind_form.json")
     parser.add_argument("--work", type=Path, default=ROOT / "build" / "blind_form")
     parser.add_argument("--keep", action="store_true", help="keep the files of every case")
+    parser.add_argument("--calibration", type=Path, nargs="+", metavar="FILE", help="of kept results, and no run")
     parser.add_argument("--fresh", action="store_true", help="forget an interrupted run")
     return parser.parse_args(values)
 
@@ -154,6 +164,10 @@ def line_of(result: Mapping[str, Any]) -> str:
 
 def main(values: Sequence[str] | None = None) -> int:
     options = arguments(values)
+    if options.calibration:
+        results = [result for path in options.calibration for result in results_in(path)]
+        say("\n".join(summary.calibration_lines(summary.calibration(results))))
+        return 0
     wanted = cases.listed(options.seeds, options.cases, options.first)
     if options.kind:
         wanted = [case for case in wanted if any(text in case.name for text in options.kind.split(","))]

@@ -56,7 +56,7 @@ def _worse_with_better(results: Sequence[Result]) -> list[dict[str, Any]]:
     return found
 
 
-def _calibration(results: Sequence[Result]) -> list[dict[str, float]]:
+def calibration(results: Sequence[Result]) -> list[dict[str, float]]:
     """Stated probabilities against how often the name is true, in bins of a tenth."""
     pairs = [
         (float(p), bool(true)) for result in results for p, true in (result.get("score") or {}).get("probabilities", ())
@@ -67,8 +67,27 @@ def _calibration(results: Sequence[Result]) -> list[dict[str, float]]:
         if inside:
             stated = float(np.mean([p for p, _ in inside]))
             observed = float(np.mean([true for _, true in inside]))
-            bins.append({"from": tenth / 10, "claims": len(inside), "stated": stated, "observed": observed})
+            low, high = wilson(sum(true for _, true in inside), len(inside))
+            rate = {"stated": stated, "observed": observed, "low": low, "high": high}
+            bins.append({"from": tenth / 10, "claims": len(inside), **rate})
     return bins
+
+
+def wilson(hits: int, of: int) -> tuple[float, float]:
+    """The 95 % interval of a share."""
+    z = 1.96
+    middle, half = (hits + z * z / 2) / (of + z * z), z * np.sqrt(hits * (of - hits) / of + z * z / 4) / (of + z * z)
+    return float(middle - half), float(middle + half)
+
+
+def calibration_lines(bins: Sequence[Mapping[str, float]]) -> list[str]:
+    """A table of stated probabilities against how often the name was true."""
+    head = ["| stated | names | mean stated | true | 95 % interval |", "|---|---|---|---|---|"]
+    return head + [
+        f"| {one['from']:.1f} to {one['from'] + 0.1:.1f} | {one['claims']} | {one['stated']:.2f} | "
+        f"{one['observed']:.2f} | {one['low']:.2f} to {one['high']:.2f} |"
+        for one in bins
+    ]
 
 
 def table(results: Sequence[Result]) -> dict[str, Any]:
@@ -102,7 +121,7 @@ def table(results: Sequence[Result]) -> dict[str, Any]:
         "without_names": comparison.table(
             [{**result, **result["comparison"]} for result in results if result.get("comparison")]
         ),
-        "calibration": _calibration(results),
+        "calibration": calibration(results),
         "better_data_worse_answer": _worse_with_better(results),
         "false_statements": [
             {"case": result["case"]["name"], "noise": result["case"]["noise"], **row}
@@ -142,9 +161,7 @@ def lines(values: Mapping[str, Any]) -> list[str]:
         out.append(f"held-out gap, true over stated: median {held['median']:.2f}, within a factor of 1.5: {within}")
     out += ["", "without names, as the peers are measured (a mean that a changed parameter moves has no order)"]
     out += [*comparison.lines(values["without_names"]), ""]
-    for part in values["calibration"]:
-        stated, observed = part["stated"], part["observed"]
-        out.append(f"probability {part['from']:.1f}: {part['claims']} claims, {stated:.2f} stated, {observed:.2f} true")
+    out += calibration_lines(values["calibration"])
     out.append(f"better data, worse answer: {len(values['better_data_worse_answer'])}")
     out += [f"  {row['label']} ({row['seed']}): wrong at {row['wrong_at']:g} noises, right at {row['right_at']:g}"
             for row in values["better_data_worse_answer"]]  # fmt: skip

@@ -1,5 +1,6 @@
 """The judge calls false what is false, and nothing else."""
 
+import json
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from . import cases, comparison, measuring, mesh, peers, run, summary
+from . import cases, comparison, coverage, measuring, mesh, peers, run, summary
 from .machine import Machine, st_codegen
 from .make import Truth
 from .points import Points, curves
@@ -254,7 +255,9 @@ def test_summary_counts_false_statements_and_worse_answers_of_better_data():
     assert table["all"]["right"] == 2
     assert table["by_kind"]["a"]["false"] == {"name": 1, "size": 1}
     assert table["better_data_worse_answer"] == [{"label": "a", "seed": 1, "wrong_at": 0.1, "right_at": 10.0}]
-    assert table["calibration"] == [{"from": 0.9, "claims": 2, "stated": pytest.approx(0.935), "observed": 0.5}]
+    (tenth,) = table["calibration"]
+    assert tenth == {"from": 0.9, "claims": 2, "stated": pytest.approx(0.935), "observed": 0.5,
+                     "low": pytest.approx(0.095, abs=1e-3), "high": pytest.approx(0.905, abs=1e-3)}  # fmt: skip
     assert table["sizes_within_20_percent"] == {"hits": 0, "of": 3}
     assert len(table["false_statements"]) == 2
     assert "better data, worse answer: 1" in "\n".join(summary.lines(table))
@@ -298,3 +301,18 @@ def test_a_probability_is_that_of_the_name_itself():
     effect = {"name": "cycloid_tooth_error", "orders": [80], "alternatives": ["pin_error"], "probability": 0.7}
     marks = judged(truth, report_of(effects=[effect, {"name": "pin_error", "orders": [80], "probability": 0.9}]))
     assert marks.probabilities == ((0.7, False), (0.9, True))
+
+
+def test_calibration_of_kept_results_is_printed(tmp_path, capsys):
+    results = [result("a", 0.1, True, [], [(0.98, True)] * 19 + [(0.98, False), (0.82, True)])]
+    (tmp_path / "a.json").write_text(json.dumps({"cases": results}))
+    (tmp_path / "b.partial").write_text(json.dumps({"program": "x", "result": results[0]}) + "\n")
+    assert run.main(["--calibration", str(tmp_path / "a.json"), str(tmp_path / "b.partial")]) == 0
+    assert "| 0.9 to 1.0 | 40 | 0.98 | 0.95 | 0.83 to 0.99 |" in capsys.readouterr().out
+
+
+def test_errors_are_judged_by_what_endless_data_would_give():
+    chosen = coverage.cases(8)
+    assert sorted(case.kind for case in chosen) == sorted(coverage.KINDS)
+    (spring,) = [case for case in chosen if case.kind == "hertz_spring"]
+    assert [row[-1] for row in coverage.judged(spring)] == [True]
