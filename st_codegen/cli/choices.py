@@ -17,6 +17,6 @@ TASK_FORMS = ("one", "two", "split")
 FAMILIES = ("SVM", "MLP", "RF", "DT", "ET", "ERT", "GBM", "HGBM", "LGBM", "XGBM", "ELM")
 MODEL_FORMS = ("native", "skops", "onnx")
 #: Mistakes of measuring that `reconcile --accept` corrects.
-MISTAKES = ("sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "block", "labels")
+MISTAKES = ("sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "block", "labels")
 #: Where `reconcile --update-models` puts models and code.
 UPDATED_MODELS, UPDATED_CODE = "models", "plc"

@@ -38,6 +38,8 @@ class Settings:
     ramp: float = 4.0
     #: orders of curves at which it is looked for: above those of shafts, where there are samples enough
     ramp_orders: tuple[int, int] = (5, 60)
+    #: share of the torques by which a sensor of them may be off anyway; derivatives are taken by as much
+    torque_step: float = 1e-3
     #: a coefficient of a run tells a factor where its power is so many times the noise's; fewer orders say nothing
     loud_order: float = 4.0
     least_votes: int = 4

@@ -66,6 +66,10 @@ def misread(data, error_deg, often=1):
     return replace(data, values=seen)
 
 
+def torques(data, factor=1.0, offset=0.0):
+    return replace(data, at=replace(data.at, torque_Nm=factor * data.at.torque_Nm + offset))
+
+
 MADE = {
     "home_offset": lambda data: turned(data, 17.2),
     "sign": lambda data: data.scaled(-1.0),
@@ -75,6 +79,8 @@ MADE = {
     "ratio from 130": lambda data: ramp(data, 81.01, 130.0),
     "axis": lambda data: misread(data, 0.3),
     "axis twice a turn": lambda data: misread(data, 0.3, 2),
+    "torque 0.95 times": lambda data: torques(data, factor=0.95),
+    "torque by 40 N m": lambda data: torques(data, offset=40.0),
 }
 
 

@@ -26,7 +26,7 @@ from st_codegen.rig.model import RigModel
 from st_codegen.threads import one_thread
 
 #: what `--accept` takes
-NAMES = ("sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "block", "labels")
+NAMES = ("sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "block", "labels")
 _ROWS = (("forward", 1.0), ("backward", -1.0))
 
 
@@ -72,12 +72,15 @@ def examine(
     """
     if data.angle_rad is not None or not np.isfinite(data.values).all():
         return Examined(data)
-    problems, found = Problems(str(path)), []
-    for look in (_drift, _ratio, partial(_common, scale=scale), _zeros, _axis):
-        for mistake in look(data, rig):
+    problems = Problems(str(path))
+    found: list[Mistake] = []
+    for look in (_drift, _ratio, partial(_common, scale=scale), _zeros, _axis, _torque):
+        # a torque is told by sizes, of which those in another unit say nothing
+        is_unit = any(mistake.name == "unit" for mistake in found)
+        for mistake in () if is_unit and look is _torque else look(data, rig):
             if mistake.corrected is not None:
                 data = mistake.corrected(data)
-                found.append(replace(mistake, text=f"{mistake.text} (corrected)"))
+            found.append(replace(mistake, text=f"{mistake.text} (corrected)"))
             if mistake.name == "unit" or (mistake.name not in accept and "all" not in accept):
                 problems.add(mistake.question)
     can_vote = _can_vote(data, _loud(data, rig))
@@ -376,6 +379,8 @@ _DRIFT = (
 )
 
 
+_GAIN = "all torques seem to be {:.3g} times what they were: every order that depends on the load agrees"
+_ZERO_TORQUE = "all torques seem to be off by {:.3g} N m: every order that depends on the load agrees"
 _AXIS = (
     "the angle seems to be read wrong by {} a turn: every order k has sidebands that grow with k in all runs, "
     "as an encoder off centre makes them, or all parts of the gear off centre alike"
@@ -462,16 +467,7 @@ def _axis(data: Observations, rig: RigModel) -> list[Mistake]:
     waves = data.orders > 0
     if found is None or not data.both_directions() or not waves.any():
         return []
-    sums = _sums(data, rig, waves, swapped=False)
-    seen, plain = found.seen(known, its, data.orders), rig.coefficients(data.at, data.orders.tolist())
-    after, changed = (
-        np.array([(np.abs(part[data.at.sign == sign][:, waves]) ** 2).mean(axis=0) for _, sign in _ROWS])
-        for part in (data.values - seen, seen - plain)
-    )
-    before = sums.gap(np.ones((2, 1)), np.ones(sums.orders.shape, np.complex128))
-    # orders that it changes visibly have a vote: what has a gap for another reason says nothing of it
-    left, right = (np.where(changed > sums.least, sums.beyond_noise(gap), sums.least) for gap in (before, after))
-    if not _better(left, right, sums.least, SETTINGS.least_orders_of_zero):
+    if not _agreed(data, rig, found.seen(known, its, data.orders), waves):
         return []
 
     def corrected(given: Observations) -> Observations:
@@ -488,6 +484,56 @@ def _axis(data: Observations, rig: RigModel) -> list[Mistake]:
     ]
     text = _AXIS.format(" and ".join(told))
     return [Mistake("axis", text, corrected, remedy="take it out of the angle")]
+
+
+def _agreed(data: Observations, rig: RigModel, seen: ComplexArray, asked: BoolArray) -> float:
+    """By how much gaps fall with `seen` (n, K) in place of what the rig says, a mean logarithm; 0 where they do not.
+
+    asked: the orders (K,) that have a vote where it changes them visibly: what has a gap for another reason says
+    nothing of it.
+    """
+    sums, plain = _sums(data, rig, asked, swapped=False), rig.coefficients(data.at, data.orders.tolist())
+    after, changed = (
+        np.array([(np.abs(part[data.at.sign == sign][:, asked]) ** 2).mean(axis=0) for _, sign in _ROWS])
+        for part in (data.values - seen, seen - plain)
+    )
+    before = sums.gap(np.ones((2, 1)), np.ones(sums.orders.shape, np.complex128))
+    left, right = (np.where(changed > sums.least, sums.beyond_noise(gap), sums.least) for gap in (before, after))
+    better = _better(left, right, sums.least, SETTINGS.least_orders_of_zero)
+    return float(np.log(left / right).mean()) if better else 0.0
+
+
+def _torque(data: Observations, rig: RigModel) -> list[Mistake]:
+    """Torques that are all read wrong by one factor, or by one offset: every order that depends on the load says so."""
+    torque, reach = data.at.torque_Nm, float(np.ptp(data.at.torque_Nm))
+    if not reach or not data.both_directions():
+        return []
+    noise, orders, every = _noise_power(data), data.orders.tolist(), np.ones(len(data.orders), np.bool_)
+    found: list[tuple[float, str, Conditions]] = []
+    for shape, text in ((torque, _GAIN), (np.full(len(data), reach), _ZERO_TORQUE)):
+        size = 0.0
+        # steps after the first are those of a model that is not linear in the torque
+        for _ in range(3):
+            at = (_with_torque(data.at, torque + (size + more) * shape) for more in (0.0, SETTINGS.torque_step))
+            model, higher = (rig.coefficients(one, orders) for one in at)
+            size += _common_step(data.values - model, (higher - model) / SETTINGS.torque_step, noise)
+        right = _with_torque(data.at, torque + size * shape)
+        said = text.format(1.0 / (1.0 + size) if text is _GAIN else -size * reach)
+        found.append((_agreed(data, rig, rig.coefficients(right, orders), every), said, right))
+    gain, said, right = max(found, key=lambda one: one[0])
+    return [Mistake("torque", said, lambda given: replace(given, at=right), remedy="correct them")] if gain else []
+
+
+def _common_step(gap: ComplexArray, slope: ComplexArray, noise: FloatArray) -> float:
+    """The step along a slope (n, K) that the middle one of the orders wants; none says more than a sensor can."""
+    power = np.maximum((np.abs(slope) ** 2).sum(axis=0), 1e-300)
+    error = 1.0 / np.maximum((np.abs(slope) ** 2 / np.maximum(noise, 1e-300)).sum(axis=0), 1e-300)
+    own = (gap * slope.conj()).real.sum(axis=0) / power
+    return float(np.quantile(own, 0.5, method="inverted_cdf", weights=1.0 / (error + SETTINGS.torque_step**2)))
+
+
+def _with_torque(at: Conditions, torque: FloatArray) -> Conditions:
+    return Conditions(at.sign, at.speed_rpm, torque, at.temperature_C)
 
 
 def _of_runs(data: Observations, rig: RigModel) -> list[Mistake]:
