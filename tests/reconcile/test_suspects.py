@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from st_codegen.reconcile.data.noise import Noise
+from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.judge.suspects import bad_runs, without_structure
 from st_codegen.rig.effects import Conditions
@@ -101,6 +101,16 @@ def test_what_happens_without_load_only_is_no_bad_run():
     data = residual(0, heavy=False)
     data.values[data.at.torque_Nm == 0, 0] += 0.02
     assert not found(data)
+
+
+def test_what_all_runs_of_a_speed_have_is_no_bad_run():
+    """Stick and slip at the lowest speed, another in each run: all 43 of its runs were called bad."""
+    data = residual(0, heavy=False)
+    slow = data.at.speed_rpm == 100
+    turn = np.exp(2j * np.pi * np.random.default_rng(1).random((slow.sum(), 3)))
+    data.values[np.ix_(slow, [3, 4, 5])] += 3e-4 * turn
+    assert found(data) == {}
+    assert not set(np.flatnonzero(slow)) & {row for row, _ in estimate(data, data.values).suspects}
 
 
 def test_more_than_a_few_are_something_else():

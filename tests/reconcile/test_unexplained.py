@@ -171,6 +171,15 @@ def curves(values, spectral, samples=0):
     return {s.order: s for s in signatures(target, values, 1.0, own)}, dict(zip(orders.tolist(), own, strict=True))
 
 
+def test_what_happens_at_one_speed_is_said_to():
+    """Stick and slip at 100 rpm has another phase in each run: it was said to have no pattern."""
+    values = white([1] * 6)
+    slow = grid().speed_rpm == 100
+    values[slow, 5] += 60 * SIGMA * np.exp(2j * np.pi * np.random.default_rng(4).random(slow.sum()))
+    (one,) = curves(values, SIGMA)[0].values()
+    assert "deg at 100 rpm, another in each run" in one.text and "no pattern" not in one.text
+
+
 def test_what_is_left_of_an_order_that_something_is_named_on_must_be_its_own_noise():
     """Friction left 1.7 floors of the mean below the noise of twenty other orders, and all of it was explained."""
     at = grid()

@@ -152,6 +152,19 @@ def repeats(at: Conditions, deviation: ComplexArray, row: int) -> bool:
     return 2 * alike >= len(others)
 
 
+def of_whole_levels(at: Conditions, bad: BoolArray) -> BoolArray:
+    """Which bad rows (n,) lie at a speed, torque or temperature at which most rows of a direction are bad, bool (n,).
+
+    What all runs of a level have, whatever it is in each of them, is no fault of these runs: something happens there.
+    """
+    found = np.zeros(len(at), bool)
+    for level in (speed_levels(at.speed_rpm), levels_of(at.torque_Nm), levels_of(at.temperature_C)):
+        code = 2 * level + (at.sign > 0)
+        count, wrong = (np.bincount(code, weights=weight) for weight in (np.ones(len(at)), bad.astype(float)))
+        found |= ((wrong >= SETTINGS.least_block) & (2 * wrong > count))[code]
+    return found & bad
+
+
 # --- which runs count as run at the same speed, torque or temperature
 
 

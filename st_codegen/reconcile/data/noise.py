@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from st_codegen.reconcile.data.contrasts import along_axes, contrasts, repeats, speed_levels
+from st_codegen.reconcile.data.contrasts import along_axes, contrasts, of_whole_levels, repeats, speed_levels
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.smooth import noise_beside
 from st_codegen.reconcile.settings import SETTINGS
@@ -75,6 +75,10 @@ def estimate(data: Observations, residual: ComplexArray, known_bad: BoolArray | 
         for row in map(int, worst):
             good[row] = False
             suspects[row] = float(distance[row] / usual)
+    level = of_whole_levels(data.at, np.isin(np.arange(len(data)), list(suspects)))
+    for row in [row for row in suspects if level[row]]:
+        good[row] = True
+        del suspects[row]
     local = contrasts(data.at, good)
     rows = good & local.usable
     if rows.sum() >= 8:

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
-from st_codegen.reconcile.data.contrasts import in_steps, repeats
+from st_codegen.reconcile.data.contrasts import in_steps, of_whole_levels, repeats
 from st_codegen.reconcile.data.noise import Noise
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
@@ -41,7 +41,9 @@ def bad_runs(data: Observations, residual: ComplexArray, sigma: FloatArray, stru
         else:
             # one direction by itself must be off in several orders
             found |= {int(row): score for row, score in off.items() if score > SETTINGS.off and row not in again}
-    return found if len(found) <= SETTINGS.most_suspects * len(data) else {}
+    level = of_whole_levels(data.at, np.isin(np.arange(len(data)), list(found)))
+    few = len(found) <= SETTINGS.most_suspects * len(data)
+    return {row: off for row, off in found.items() if few and not level[row]}
 
 
 def _alone(size: FloatArray) -> float:

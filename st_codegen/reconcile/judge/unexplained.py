@@ -379,9 +379,10 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
         own, what = differ, "what both directions of a run differ by"
     if floor**2 < own and not np.isclose(floor**2, own):
         own, what = floor**2, "what runs differ by from others like them"
+    where = _where_loud(target, residual[:, k]) or "with no pattern over the conditions"
     text = (
         f"{f'order {order}' if order else 'the mean'}: {np.sqrt(power):.2g} deg RMS, {np.sqrt(power / own):.1f} times "
-        f"{what}, with no pattern over the conditions: runs differ, or the structure is sharp; repeat some runs"
+        f"{what}, {where}: runs differ, or the structure is sharp; repeat some runs"
     )
     size = float(np.sqrt(max(power - own, 0.0)))
     share = min(1.0, size**2 / max(gap_power, 1e-300))
@@ -394,6 +395,31 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
         text,
         size * (np.sqrt(2) if order else 1.0),
     )
+
+
+def _where_loud(target: FitData, r: ComplexArray) -> str:
+    """The level of a condition at which a residual (n,) is clearly larger than at all others; empty where none is.
+
+    There it may have another phase in each run, so that no law of the conditions shows.
+    """
+    at, good = target.data.at, target.good
+    power = np.abs(r[good]) ** 2
+    for name, values, levels in (
+        ("speed", at.speed_rpm, speed_levels(at.speed_rpm)),
+        ("torque", at.torque_Nm, levels_of(at.torque_Nm)),
+        ("temperature", at.temperature_C, levels_of(at.temperature_C)),
+    ):
+        means = {n: float(power[levels[good] == n].mean()) for n in np.unique(levels[good])}
+        top = max(means, key=lambda n: means[n])
+        there = levels[good] == top
+        if there.all() or there.sum() < SETTINGS.least_block:
+            continue
+        # a single run is no level
+        usual, rest = float(np.median(power[there])), float(power[~there].mean())
+        if usual > SETTINGS.stands_out * rest:
+            size, level = np.sqrt(means[top]), np.median(values[good][there])
+            return f"{size:.2g} deg at {level:g} {_UNIT[name]}, another in each run"
+    return ""
 
 
 def _signature(
