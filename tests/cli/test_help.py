@@ -63,14 +63,19 @@ def test_help_of_single_commands_imports_nothing_large_but_what_prints_tables():
     assert not loaded & (LARGE | {"llvmlite"}) - {"rich"}
 
 
+def command_of(words):
+    """A command and what it is called in."""
+    command, context = cli, click.Context(cli, info_name="st-codegen", **cli.context_settings)
+    for word in words.split():
+        command = command.get_command(context, word)
+        context = click.Context(command, info_name=word, parent=context)
+    return command, context
+
+
 def test_help_shows_every_number_that_is_taken_where_none_is_given():
-    root = click.Context(cli, info_name="st-codegen", **cli.context_settings)
     shown = 0
     for words in [*_COMMANDS, *(f"simulate {name}" for name in _SUBCOMMANDS)]:
-        command, context = cli, root
-        for word in words.split():
-            command = command.get_command(context, word)
-            context = click.Context(command, info_name=word, parent=context)
+        command, context = command_of(words)
         text = " ".join(command.get_help(context).split())
         assert "None" not in text
         for option in command.params:
@@ -78,6 +83,27 @@ def test_help_shows_every_number_that_is_taken_where_none_is_given():
                 assert f"[default: {option.default}" in text, option.name
                 shown += 1
     assert shown > 20
+
+
+@pytest.mark.parametrize(
+    ("words", "module", "function"),
+    [
+        ("verify", "st_codegen", "verify"),
+        ("verify", "st_codegen.testing", "assert_equals_library"),
+        ("diff", "st_codegen", "diff"),
+        ("simulate campaign", "st_codegen", "simulate"),
+        ("compare", "st_codegen.live.compare", "compare"),
+    ],
+)
+def test_a_command_takes_the_same_numbers_as_its_function_where_none_is_given(words, module, function):
+    options = {option.name: option.default for option in command_of(words)[0].params}
+    taken = {
+        name: (parameter.default, options[name])
+        for name, parameter in inspect.signature(getattr(importlib.import_module(module), function)).parameters.items()
+        if type(parameter.default) in (int, float) and name in options
+    }
+    assert taken
+    assert all(one == other for one, other in taken.values()), taken
 
 
 def test_options_offer_what_the_rooms_have():

@@ -2,8 +2,9 @@
 
 First every test runs once below coverage, folder by folder, which shows the tests that execute a line, and their
 seconds. A mutant is tried in a copy of the repository with the tests of its own room first, most specific ones first.
-A mutant that no test executes has survived without a run. Templates are not Python, so theirs are all tests of their
-rooms. Limits are processor time, so that a busy machine does not turn a survivor into an endless loop.
+Coverage sees neither machine code nor other processes: a line that no test seems to execute is tried with the tests of
+its file, or else of its room. Templates are not Python, so theirs are all tests of their rooms. Limits are processor
+time, so that a busy machine does not turn a survivor into an endless loop.
 
 With `--rooms`, mutants of these rooms only are tried, and only with the tests of these rooms: what is found then is a
 lower limit of what the whole suite finds.
@@ -92,9 +93,10 @@ class Executed:
             return [tests for tests in _OF_TEMPLATES if self.seconds([tests])]
         found = self._tests[mutant.path, mutant.line]
         named = {test for test in found if test}
-        if not named and found:  # executed by the import: any test that uses the file
-            named = {test for (file, _), tests in self._tests.items() if file == mutant.path for test in tests if test}
         own = f"tests/{mutant.path.split('/')[1]}/"
+        if not named:  # executed by the import, or where coverage does not see it: any test that uses the file
+            named = {test for (file, _), tests in self._tests.items() if file == mutant.path for test in tests if test}
+            named = named or {test for test in self._seconds if test.startswith(own)}
         imported = "" in found
         # a line that only the import executes is no more one test's than another's: many short ones then
         size = self._size if self._tests[mutant.path, mutant.line] & named else self._seconds

@@ -58,7 +58,7 @@ def test_mutants_of_a_room_can_be_parsed():
 
 
 def test_a_declaration_is_tried_with_the_tests_that_read_sources(tmp_path):
-    """Line 1 is executed by the import and by no test, line 2 by one test."""
+    """Line 1 is executed by the import and by no test, line 2 by one test, line 3 by nothing that coverage sees."""
     name, of_sources = "st_codegen/st/tree.py", "tests/test_architecture.py"
     seconds = {"tests/st/test_a.py::one": 1.0, f"{of_sources}::rules": 1.0}
     data = coverage.CoverageData(str(tmp_path / "st.coverage"))
@@ -67,9 +67,12 @@ def test_a_declaration_is_tried_with_the_tests_that_read_sources(tmp_path):
         data.add_lines({str(ROOT / name): [line]})
     data.write()
     (tmp_path / "st.seconds").write_text(json.dumps(seconds))
-    declared, executed = (Executed(tmp_path).tests(Mutant(name, line, 0, 1, "1", "2")) for line in (1, 2))
+    declared, executed, unseen = (Executed(tmp_path).tests(Mutant(name, line, 0, 1, "1", "2")) for line in (1, 2, 3))
     assert declared == [of_sources, "tests/st/test_a.py::one"]
-    assert executed == ["tests/st/test_a.py::one"]
+    assert executed == unseen == ["tests/st/test_a.py::one"]
+    other = Mutant("st_codegen/st/types.py", 1, 0, 1, "1", "2")
+    assert Executed(tmp_path).tests(other) == ["tests/st/test_a.py::one"]
+    assert Executed(tmp_path).tests(replace(other, path="st_codegen/te/check.py")) == []
     assert Executed(tmp_path).seconds(declared) == 2.0
 
 

@@ -84,6 +84,8 @@ def test_a_layer_over_a_window_of_samples(tmp_path, op_type):
 
 
 REFUSED = {
+    # onnxruntime itself takes no other layout
+    "layout": (lambda: layer("GRU", layout=1), "attribute layout"),
     "clip": (lambda: layer("LSTM", clip=1.0), "attribute clip"),
     "activations": (lambda: layer("LSTM", activations=["Relu", "Tanh", "Tanh"]), "activations Relu, Tanh, Tanh"),
     "peepholes": (lambda: layer("LSTM", inputs=["", "", "", "W"]), "peepholes"),

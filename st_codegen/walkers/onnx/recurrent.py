@@ -96,8 +96,8 @@ def _check(call: NodeCall, directions: int) -> Function:
     usual = functions == _LAYERS[name][1] * directions
     if not usual and (name != "RNN" or len(set(functions)) > 1 or functions[0] not in _FUNCTIONS):
         raise UnsupportedModelError(f"activations {', '.join(map(printable, functions))}; the usual ones are supported")
-    for attribute in ("clip", "activation_alpha", "activation_beta", "input_forget"):
-        if attribute in node and (attribute != "input_forget" or node.integer(attribute)):
+    for attribute in ("clip", "activation_alpha", "activation_beta", "input_forget", "layout"):
+        if attribute in node and (attribute not in ("input_forget", "layout") or node.integer(attribute)):
             raise UnsupportedModelError(f"the attribute {attribute}; export the layer without it")
     if call.optional(7) is not None:
         raise UnsupportedModelError("peepholes; export the layer without them")
@@ -106,10 +106,9 @@ def _check(call: NodeCall, directions: int) -> Function:
 
 def _steps(call: NodeCall, tensor: Tensor) -> int:
     """The number of rounds."""
-    by_batch = bool(call.node.integer("layout"))
-    if len(tensor.shape) != 3 or tensor.shape[0 if by_batch else 1] != 1:
+    if len(tensor.shape) != 3 or tensor.shape[1] != 1:
         raise UnsupportedModelError(f"a sequence of shape {tensor.shape} (for one row); a batch of one is supported")
-    steps = tensor.shape[1 if by_batch else 0]
+    steps = tensor.shape[0]
     lengths = call.constant(4, "the lengths of the sequences")
     if lengths is not None and np.any(lengths != steps):
         raise UnsupportedModelError("sequences that are shorter than the window; leave sequence_lens out")
@@ -156,10 +155,10 @@ def _recurrent(call: NodeCall) -> Result:
         made = walk.builder.add(Scan((value,), tuple(body.ops), starts, read, initial))
         found = walk.computed(made, (steps, len(initial)), FLOAT32, special=False)
         results.append((found, backwards))
-    return _outputs(results, hidden, by_batch=bool(node.integer("layout")))
+    return _outputs(results, hidden)
 
 
-def _outputs(results: list[tuple[Tensor, bool]], hidden: int, *, by_batch: bool) -> tuple[Tensor, ...]:
+def _outputs(results: list[tuple[Tensor, bool]], hidden: int) -> tuple[Tensor, ...]:
     """Y (steps, directions, 1, hidden), and the last h and c of each direction (directions, 1, hidden)."""
 
     def stacked(parts: list[Tensor], axis: int) -> Tensor:
@@ -170,11 +169,8 @@ def _outputs(results: list[tuple[Tensor, bool]], hidden: int, *, by_batch: bool)
     all_h = [found.moved(lambda a: a[:, None, :hidden]) for found in turned]
     last = [found.moved(lambda a: a[-1:]) for found, _ in results]
     parts = [slice(start, start + hidden) for start in range(0, last[0].shape[1], hidden)]
-    y = stacked(all_h, 1)
     ends = [stacked([found.moved(partial(_columns, part=part)) for found in last], 0) for part in parts]
-    if by_batch:
-        y, *ends = y.moved(lambda a: a.transpose(2, 0, 1, 3)), *(end.moved(lambda a: a.swapaxes(0, 1)) for end in ends)
-    return (y, *ends)
+    return (stacked(all_h, 1), *ends)
 
 
 def _columns(array: AnyArray, part: slice) -> AnyArray:
