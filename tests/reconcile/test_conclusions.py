@@ -12,7 +12,7 @@ from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.candidates import Search, variants
 from st_codegen.reconcile.judge.conclusions import conclude, settled
-from st_codegen.reconcile.judge.peaks import bracket, spread
+from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, spread
 from st_codegen.reconcile.judge.plausible import bounds_met, is_no_form_error, law_holds
 from st_codegen.reconcile.judge.retuned import changes
 from st_codegen.reconcile.judge.unexplained import is_lacking
@@ -145,6 +145,27 @@ def test_peaks_bracket_a_frequency():
 
 def test_peaks_of_two_resonances_have_no_bracket():
     assert resonance(k156=42.0, k162=54.0) is None
+
+
+@pytest.mark.parametrize(
+    ("speeds", "orders", "seldom"),
+    [
+        (18, (156, 162), False),
+        (18, (156, 162, 240), True),
+        (6, (156, 162, 240), False),
+        (6, (78, 117, 156, 162, 240), True),
+    ],
+)
+def test_peaks_that_agree_say_more_the_more_speeds_and_orders_there_are(speeds, orders, seldom):
+    """Two of 18 speeds agree in one of ten cases, three in one of 100; with six speeds three do in one of 14."""
+    at = Conditions.of(*(axis.ravel() for axis in np.meshgrid([1.0, -1.0], np.linspace(100, 1800, speeds), 0.0, 30.0)))
+    data = observed(RIG, at)
+    target = FitData(data, np.ones(data.values.shape), np.ones(len(at), bool), groups_of(at))
+    chance = chance_of_bracket(target, orders)
+    assert (chance < SETTINGS.p_agree) is seldom
+    if orders == (156, 162):
+        # the second peak is where the first is, or partly in one of the intervals beside it
+        assert 1 / 18 < chance < 3 / 18
 
 
 def test_spread_of_a_frequency_in_a_bracket_is_that_of_an_equal_distribution():

@@ -12,6 +12,7 @@ from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.sentences import words
 from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.run import reconcile_observations
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import parse_rig
 
@@ -223,3 +224,14 @@ def test_what_a_form_lacks_stands_beside_the_name(two_thirds):
 
 def test_a_form_that_is_right_has_nothing_beside_it(two_states):
     assert report(two_states)["effects"][0]["form_error"] == []
+
+
+def test_a_sideband_on_one_side_alone_is_believed_less():
+    """It follows its mesh order as one of the carrier does; three of four such names were false."""
+    at = grid([300.0, 700.0, 1100.0, 1500.0], [0.0, 500.0, 1000.0, 1500.0], [25.0, 35.0])
+    lower = 0.4 * (1e-3 * np.exp(0.4j) * at.torque_Nm / 1000.0 + 5e-4 * np.exp(2.0j))
+    mesh = wave("cycloid_tooth_error", 39, 5e-4, 2.0) + slope(39, 1e-3)
+    (claim,) = reconciled(mesh, at, [0, 36, 39, 40, 42, 78], {36: lower}).conclusions.claims
+    true, of = SETTINGS.names_by_one_side
+    assert claim.piece.effect.name == "carrier_modulation"
+    assert claim.counted == (true, of) and claim.probability == (true + 1) / (of + 2) < 0.5

@@ -13,7 +13,7 @@ from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.judge.candidates import STAGES, Candidate, Search
 from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.held_out import unmeasured_states
-from st_codegen.reconcile.judge.peaks import bracket, has_a_frequency, spread
+from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, has_a_frequency, spread
 from st_codegen.reconcile.judge.plausible import bounds_met, explained, followers, inside_bounds, is_a_peak, misfit
 from st_codegen.reconcile.judge.retuned import Needed, changed_as_well, changes, offset_is_large, with_piece_held
 from st_codegen.reconcile.judge.selection import founded
@@ -137,8 +137,9 @@ def _over_its_limit(current: Fit, piece: Piece) -> float:
     ratio, of_peaks = misfit(current, piece), piece.effect.stage is Stage.STRUCTURE
     if ratio <= (SETTINGS.misfit_of_peaks if of_peaks else SETTINGS.misfit):
         return 0.0
-    agree = len(piece.effect.orders) >= SETTINGS.orders_that_agree and _peaks(current, piece) is not None
-    return 0.0 if of_peaks and agree else ratio
+    if not of_peaks or chance_of_bracket(current.target, piece.effect.orders) > SETTINGS.p_agree:
+        return ratio
+    return ratio if _peaks(current, piece) is None else 0.0
 
 
 def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
@@ -195,7 +196,9 @@ def _claim(rig: RigModel, joint: Fit, final: Fit, number: int, standing: Standin
     names = sorted({other.name for other in others} - {piece.effect.name})
     few = final.target.data.few_points
     alone = few or _by_order_alone(final, number)
+    one_side = piece.effect.stage is Stage.MODULATION and len(followers(piece)) == 1
     counted = SETTINGS.names_by_order if alone else SETTINGS.names_by_more
+    counted = SETTINGS.names_by_one_side if one_side else counted
     return Claim(
         piece=piece,
         stderr=stderr,
