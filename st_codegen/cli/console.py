@@ -190,7 +190,7 @@ def bytes_option(function: Command) -> Command:
 
 
 def layout_options(function: Command) -> Command:
-    """Add to a command the options --layout, --table-limit and --outputs-per-cycle."""
+    """Add to a command the options --layout and --table-limit, and that of `spread_option`."""
     layout = click.option(
         "--layout",
         type=click.Choice(LAYOUTS),
@@ -206,13 +206,18 @@ def layout_options(function: Command) -> Command:
         default=TABLE_KILOBYTES,
         help="Largest table of an output in KB; one that is in place may grow to a quarter more.",
     )
-    spread = click.option(
+    return layout(limit(spread_option(function)))
+
+
+def spread_option(function: Command) -> Command:
+    """Add to a command the option --outputs-per-cycle."""
+    return click.option(
         "--outputs-per-cycle",
         type=Whole(min=1),
         default=None,
-        help="Spread the models of a bundle over several calls, at most so many outputs in each. Default: all in each.",
-    )
-    return layout(limit(spread(function)))
+        help="Spread the models of a bundle over several calls of about equal cost, so many outputs in each in the "
+        "mean. Default: all in each.",
+    )(function)
 
 
 def table_of(title: str | None, *columns: str) -> Table:

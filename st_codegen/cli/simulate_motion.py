@@ -8,7 +8,16 @@ from pathlib import Path
 import click
 
 from st_codegen.cli.choices import TASK_FORMS
-from st_codegen.cli.console import Number, Whole, console, progress_bar, quiet_option, table_of, trust_option
+from st_codegen.cli.console import (
+    Number,
+    Whole,
+    console,
+    progress_bar,
+    quiet_option,
+    spread_option,
+    table_of,
+    trust_option,
+)
 
 
 @click.command(
@@ -71,6 +80,7 @@ Examples:
 @click.option("--drift", type=Number(-60, 60), help="Its drift, K a minute (default: the rig's).")
 @click.option("--seed", type=Whole(min=0), default=0, help="Seed of noise and jitter.")
 @click.option("--target", default="twincat", help="Dialect that is generated and run.")
+@spread_option
 @click.option(
     "--recording", is_flag=True, help="Also write recording.csv, the uncompensated motion as reconcile reads it."
 )
@@ -94,6 +104,7 @@ def command(
     drift: float | None,
     seed: int,
     target: str,
+    outputs_per_cycle: int | None,
     recording: bool,
     effects: tuple[Path, ...],
     as_json: bool,
@@ -125,6 +136,7 @@ def command(
         inputs=study.parse_inputs(inputs),
         load=LoadSource(load_source),
         ahead=ahead,
+        outputs_per_cycle=outputs_per_cycle,
     )
     with progress_bar("moving", quiet=quiet) as progress:
         result = study.simulate(machine, bundle, profile, wish, seed=seed, progress=progress)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
-from st_codegen.cost.memory import LINE, Touches, joined
+from st_codegen.cost.memory import LINE, Choice, Touches, joined
 from st_codegen.cost.operations import CostClass, Counts, no_counts, position, weighted
 
 
@@ -51,11 +51,17 @@ class CodeLines:
 
 @dataclass(frozen=True, eq=False)
 class PathCost:
-    """What one path costs: counts by the unit whose text they stand in, the memory it touches, and the code it runs."""
+    """What one path costs: counts by the unit whose text they stand in, the memory it touches, and the code it runs.
+
+    Of several branches `touches` has what any of them touches. `called` are those of it that stand in a call, which is
+    there once in the text, and `choices` which of those belong to one or the other of two branches.
+    """
 
     counts: Mapping[str, Counts] = field(default_factory=dict)
     touches: Touches = field(default_factory=dict)
     code: Mapping[str, CodeLines] = field(default_factory=dict)
+    called: frozenset[Hashable] = frozenset()
+    choices: tuple[Choice, ...] = ()
 
     def then(self, other: PathCost) -> PathCost:
         """The cost of this path followed by another one."""
@@ -67,7 +73,8 @@ class PathCost:
         code = dict(self.code)
         for unit, lines in other.code.items():
             code[unit] = code[unit].then(lines) if unit in code else lines
-        return PathCost(counts, joined(self.touches, other.touches), code)
+        together = joined(self.touches, other.touches)
+        return PathCost(counts, together, code, self.called | other.called, _both(self, other))
 
     def times(self, rounds: int) -> PathCost:
         """The counts of the path taken `rounds` times; what it touches and runs stays the same."""
@@ -77,6 +84,11 @@ class PathCost:
     def total(self) -> Counts:
         """The counts of all units together."""
         return sum(self.counts.values(), start=no_counts())
+
+
+def _both(first: PathCost, second: PathCost) -> tuple[Choice, ...]:
+    """The choices of two paths, which may have a part in common."""
+    return tuple(dict.fromkeys((*first.choices, *second.choices)))
 
 
 Outcomes = dict[Flow, PathCost]
@@ -97,7 +109,7 @@ class Costs:
         return PathCost({self.unit: counts})
 
     def worse(self, first: PathCost | None, second: PathCost | None) -> PathCost | None:
-        """The counts of the slower path, what either touches, and the most lines that one runs; None is no path."""
+        """The counts of the slower path, what either touches, and the most lines of code; None is no path."""
         if first is None or second is None:
             return first or second
         slower = first if self._cycles(first) >= self._cycles(second) else second
@@ -106,7 +118,11 @@ class Costs:
             unit: first.code.get(unit, none).or_else(second.code.get(unit, none))
             for unit in {**first.code, **second.code}
         }
-        return PathCost(slower.counts, joined(first.touches, second.touches), code)
+        choices, ways = _both(first, second), (first.called - second.called, second.called - first.called)
+        together = joined(first.touches, second.touches)
+        return PathCost(
+            slower.counts, together, code, first.called | second.called, (*choices, ways) if all(ways) else choices
+        )
 
     def _cycles(self, cost: PathCost) -> float:
         return weighted(cost.total, self._weights)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from st_codegen.cost.memory import LINE, lines_by_region
+from st_codegen.cost.memory import LINE, lines_by_region, of_one_way
 from st_codegen.cost.operations import as_mapping, no_counts, size_of, weighted
 from st_codegen.cost.paths import CodeLines, PathCost
 from st_codegen.cost.profile import Profile
@@ -163,7 +163,7 @@ def _is_native(project: t.Project, pou: t.Pou) -> bool:
 
 def _block_cost(pou: t.Pou, cost: UnitCost, units: Units, profile: Profile) -> BlockCost:
     lines: dict[str, int] = {}
-    for region, number in lines_by_region(cost.cost.touches).items():
+    for region, number in lines_by_region(of_one_way(cost.cost.touches, cost.cost.choices)).items():
         lines[region.owner] = lines.get(region.owner, 0) + number
     waiting = _warm_wait(sum(lines.values()) * LINE, profile)
     parts = [

@@ -250,7 +250,7 @@ class _Body:
             )
         number = 1 if count is None else count
 
-        def spread(cost: PathCost) -> PathCost:
+        def spread(cost: PathCost) -> PathCost:  # without choices: another round may take the other branch
             touches = {key: touch.repeated(max(number, 1), loop) for key, touch in cost.touches.items()}
             return PathCost(
                 cost.counts, touches, self._all_code(cost, begin) if count is None or number > 1 else cost.code
@@ -278,6 +278,11 @@ class _Body:
             self._unbounded.update(dict.fromkeys(unit.unbounded))
             site = new_version()
             touches: Touches = {(site, name): touch.called(path) for name, touch in unit.cost.touches.items()}
-            worst = self._costs.worse(worst, PathCost(unit.cost.counts, touches, unit.cost.code))
+            choices = tuple(
+                (frozenset((site, name) for name in one), frozenset((site, name) for name in other))
+                for one, other in unit.cost.choices
+            )
+            body = PathCost(unit.cost.counts, touches, unit.cost.code, frozenset(touches), choices)
+            worst = self._costs.worse(worst, body)
         state.after_call(call)
         return worst or PathCost()

@@ -50,8 +50,8 @@ class Options:
 
     `table_bytes`: no table has more for one output of a model. `merged_bytes`: no table of several models is larger.
     `max_array`: elements of an array that the target holds; longer lists of thresholds have no layout.
-    `outputs_per_cycle`: models are
-    spread over successive calls, at most so many outputs in each (one model is never cut); None: all in every call.
+    `outputs_per_cycle`: models are spread over successive calls, so many outputs in each in the mean, so that the
+    costliest call is about as cheap as can be (one model is never cut); None: all in every call.
     `data_bytes`: of all tables that are printed, more is an error; None: what the target says. Forests that need more
     memory to be faster stay as they are where it would be exceeded. `layouts`: what is asked for single models, by
     their names, in place of `layout`.

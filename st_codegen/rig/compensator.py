@@ -10,7 +10,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from st_codegen.driver import generate
+from st_codegen.driver import generate, wishes_of
 from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.targets import target_named
 from st_codegen.errors import GeneratedCodeError, InputError
@@ -97,11 +97,13 @@ class EmittedCompensator:
     Raises GeneratedCodeError where the text is not valid, or where a controller would stop.
     """
 
-    def __init__(self, bundle: Bundle, target: str = "twincat") -> None:
+    def __init__(self, bundle: Bundle, target: str = "twincat", outputs_per_cycle: int | None = None) -> None:
         self.te = transmission_error(bundle)
         self.roles = roles_of(self.te)
         with temporary_folder(Path(tempfile.gettempdir())) as folder:
-            generated = generate(bundle, target_named(target), folder)
+            form = target_named(target)
+            wishes = wishes_of({"outputs_per_cycle": outputs_per_cycle}, [form])[form.name]
+            generated = generate(bundle, form, folder, **wishes)
             self.project = _read(generated.folder, target)
         self._names = [variable.name for variable in input_variables(self.te.features)]
         self._machine = Machine(self.project)

@@ -25,7 +25,7 @@ _LONGEST_LEAD_US = 1e6
 class MotionWish:
     """What is asked for: sets of orders, laws, forms; `lead_s`, AUTO for all known delays.
 
-    `load`, `ahead`: as in CompensationCase.
+    `load`, `ahead`: as in CompensationCase; `outputs_per_cycle`: as `generate` takes it, None: no model waits.
     """
 
     orders: tuple[tuple[int, ...], ...]
@@ -36,6 +36,7 @@ class MotionWish:
     inputs: Mapping[str, float] = field(default_factory=dict)
     load: LoadSource = LoadSource.NONE
     ahead: bool = False
+    outputs_per_cycle: int | None = None
 
 
 def parse_orders(texts: Sequence[str], bundle: Bundle) -> tuple[tuple[int, ...], ...]:
@@ -100,8 +101,8 @@ def simulate(
 ) -> MotionStudy:
     """Move without compensation, then once for each set of orders, law and form.
 
-    `compensators`: the generated code by its orders, kept from study to study with the same bundle and target. Raises
-    InputError, GeneratedCodeError.
+    `compensators`: the generated code by its orders, kept from study to study with the same bundle, target and outputs
+    in a cycle. Raises InputError, GeneratedCodeError.
     """
     known = {} if compensators is None else compensators
     _check_ratio(rig, bundle)
@@ -119,7 +120,9 @@ def simulate(
     done = 1
     outcomes = []
     for orders in wish.orders:
-        compensator = known.get(orders) or EmittedCompensator(restricted(bundle, orders), wish.target)
+        compensator = known.get(orders) or EmittedCompensator(
+            restricted(bundle, orders), wish.target, wish.outputs_per_cycle
+        )
         known[orders] = compensator
         for law in wish.laws:
             for form in wish.forms:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +13,7 @@ from st_codegen.emit.blocks.comparison import CalledBlock
 from st_codegen.emit.blocks.tests import ReferenceVectors
 from st_codegen.errors import InputError
 from st_codegen.ir import ModelIR
-from st_codegen.passes.choose import Options
+from st_codegen.passes.choose import Options, simple_cost
 from st_codegen.passes.pipeline import Compiled, Location
 from st_codegen.project.bundle import Bundle
 from st_codegen.project.purpose import BlockCheck, DifferenceBound, RunsBlocks
@@ -130,17 +131,22 @@ def _moved(te: TransmissionError, locations: Mapping[str, Location]) -> Transmis
     return dataclasses.replace(te, outputs=outputs)
 
 
-def _cycles(te: TransmissionError, models: Sequence[ModelIR], most: int) -> tuple[tuple[str, ...], ...]:
-    """The models shared out among successive calls, at most so many outputs in each; empty where one call does."""
+def _cycles(te: TransmissionError, models: Sequence[ModelIR], mean: int) -> tuple[tuple[str, ...], ...]:
+    """The models shared out among successive calls, of so many outputs in the mean; empty where one call does.
+
+    The costliest call is the one that a cycle must bear: models go, the costliest first, into the call that costs least
+    so far. Costs count as the next power of the root of 2, so that a model that was trained again rarely moves.
+    """
     used = {output.model for output in te.outputs}
-    cycles: list[list[str]] = []
-    room = 0
-    for model in models:
-        if model.name not in used:
-            continue
-        if not cycles or len(model.outputs) > room:
-            cycles.append([])
-            room = most
-        cycles[-1].append(model.name)
-        room -= len(model.outputs)
-    return tuple(map(tuple, cycles)) if len(cycles) > 1 else ()
+    steps = {m.name: round(2 * math.log2(simple_cost(m).nanoseconds)) for m in models if m.name in used}
+    outputs = sum(len(model.outputs) for model in models if model.name in used)
+    number = min(-(-outputs // mean), len(steps))
+    names: list[list[str]] = [[] for _ in range(number)]
+    spent = [0.0] * number
+    for name in sorted(steps, key=lambda name: (-steps[name], name)):
+        cheapest = spent.index(min(spent))
+        names[cheapest].append(name)
+        spent[cheapest] += 2.0 ** (steps[name] / 2)
+    # the last call has the most to do beside its models: it makes harmonics of the answers
+    order = sorted(range(number), key=lambda cycle: -spent[cycle])
+    return tuple(tuple(sorted(names[cycle])) for cycle in order) if number > 1 else ()

@@ -2,7 +2,7 @@
 
 import pytest
 
-from st_codegen.cost.memory import lines_by_region
+from st_codegen.cost.memory import lines_by_region, of_one_way
 from tests.cost.helpers import CONSTANTS, VARIABLES, block, cost, counts, unit
 
 LINES = {
@@ -143,3 +143,45 @@ def test_the_scalars_of_a_unit_are_one_region_and_all_else_is_its_own(body, regi
     before = "VAR_GLOBAL G : LREAL; END_VAR\n" + SETTER
     found = unit(body, before=before, variables=VARIABLES + "fb : FB_S;" + CONSTANTS).cost.touches
     assert {touch.region.name for touch in found.values()} == regions
+
+
+def reading(name, lines):
+    """A block that reads a table of so many lines."""
+    last = 8 * lines - 1
+    return (
+        f"FUNCTION_BLOCK {name} VAR i : DINT; x : LREAL; END_VAR VAR CONSTANT T : ARRAY[0..{last}] OF LREAL := "
+        f"[{last + 1}(1.5)]; END_VAR FOR i := 0 TO {last} DO x := x + T[i]; END_FOR; END_FUNCTION_BLOCK\n"
+    )
+
+
+#: Lines of the tables of three blocks, of 20, 30 and 40 lines, that a call of FB_T touches at most.
+BRANCHES = {
+    "one(); two(); three();": 90,
+    "IF b THEN one(); ELSE two(); END_IF;": 30,
+    "IF b THEN one(); ELSIF c THEN two(); ELSE three(); END_IF;": 40,
+    "IF b THEN one(); two(); ELSE three(); END_IF;": 50,
+    "IF b THEN IF c THEN one(); ELSE two(); END_IF; ELSE three(); END_IF;": 40,
+    "CASE i OF 0: one(); 1: three(); ELSE two(); END_CASE;": 40,
+    "IF b THEN one(); RETURN; END_IF; three();": 40,
+    "IF b THEN one(); END_IF; IF c THEN two(); END_IF;": 50,
+    # what is touched on both ways, or before, is there whichever is taken
+    "IF b THEN one(); ELSE two(); END_IF; one();": 50,
+    "two(); IF b THEN one(); ELSE two(); END_IF;": 50,
+    "IF b THEN one(); ELSE again(); END_IF;": 20,
+    # rounds may take one branch after the other
+    "FOR i := 1 TO 2 DO IF b THEN one(); ELSE two(); END_IF; END_FOR;": 50,
+    "WHILE b DO IF c THEN one(); CONTINUE; END_IF; two(); END_WHILE;": 50,
+    "outer();": 30,
+    "IF b THEN outer(); ELSE three(); END_IF;": 40,
+}
+
+
+@pytest.mark.parametrize(("body", "lines"), BRANCHES.items(), ids=range(len(BRANCHES)))
+def test_a_call_touches_the_tables_of_one_branch(body, lines):
+    outer = "FUNCTION_BLOCK FB_O VAR b : BOOL; one : FB_1; two : FB_2; END_VAR\n"
+    outer += "IF b THEN one(); ELSE two(); END_IF; END_FUNCTION_BLOCK\n"
+    text = reading("FB_1", 20) + reading("FB_2", 30) + reading("FB_3", 40) + outer
+    variables = VARIABLES + "one : FB_1; again : FB_1; two : FB_2; three : FB_3; outer : FB_O;"
+    found = unit(body, variables=variables, before=text).cost
+    regions = lines_by_region(of_one_way(found.touches, found.choices))
+    assert sum(number for region, number in regions.items() if region.name == "T") == lines

@@ -1,5 +1,7 @@
 """Models spread over several calls: the same answer after a whole round, and never half a set."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from st_codegen.project.bundle import load
 from st_codegen.proof.runner import GeneratedCode
 from st_codegen.proof.verify import verify
 from st_codegen.st import Machine
+from st_codegen.te import purpose
 
 
 @pytest.fixture(params=["twincat", "iec"])
@@ -65,3 +68,33 @@ def test_a_bundle_that_fits_into_a_call_is_not_spread(bundle_folder, tmp_path):
     made = generate(load(bundle_folder), "iec", tmp_path, options=Options(outputs_per_cycle=50))
     assert "calls" not in made.facts["transmission_error"]
     assert made.purpose.te.cycles == ()
+
+
+def shared_out(monkeypatch, costs, mean):
+    """The calls that models with one output each and such costs are shared out among."""
+    models = [SimpleNamespace(name=name, outputs=("y",)) for name in costs]
+    te = SimpleNamespace(outputs=[SimpleNamespace(model=name) for name in costs])
+    monkeypatch.setattr(purpose, "simple_cost", lambda model: SimpleNamespace(nanoseconds=costs[model.name]))
+    return purpose._cycles(te, models, mean)
+
+
+COSTS = {"a": 1e4, "b": 9e4, "c": 4e4, "d": 5e4, "e": 3e4, "f": 100.0}
+
+
+def test_the_costliest_call_is_as_cheap_as_its_costliest_model(monkeypatch):
+    calls = shared_out(monkeypatch, COSTS, 2)
+    assert sorted(name for call in calls for name in call) == sorted(COSTS)
+    spent = [sum(COSTS[name] for name in call) for call in calls]
+    assert len(spent) == 3  # 6 outputs, 2 in the mean
+    assert max(spent) == COSTS["b"]
+    assert spent[-1] == min(spent)  # the last call makes harmonics of all answers
+
+
+def test_a_model_that_costs_a_little_more_stays_where_it_is(monkeypatch):
+    more = COSTS | {"c": 4.3e4, "d": 4.8e4}
+    assert shared_out(monkeypatch, more, 2) == shared_out(monkeypatch, COSTS, 2)
+
+
+def test_no_call_is_empty(monkeypatch):
+    assert sorted(shared_out(monkeypatch, {"a": 5.0, "b": 1e6}, 1)) == [("a",), ("b",)]
+    assert shared_out(monkeypatch, {"a": 5.0}, 1) == ()

@@ -73,6 +73,17 @@ def test_a_lead_removes_what_latency_leaves(linear_rig, compensator, moved):
     assert ahead < 0.5 * late
 
 
+def test_models_that_are_spread_over_calls_take_off_nearly_as_much(linear_rig, linear_bundle, compensator, moved):
+    planned, before = moved
+    spread = EmittedCompensator(linear_bundle, outputs_per_cycle=1)
+    parts = {variable.key for variable in spread.project.pous["FB_TEPREDICT"].variables}
+    assert "NPART" in parts
+    case = CompensationCase(ORDERS, "full", TaskForm.ONE)
+    whole, late = (compare(linear_rig, planned, before, one, case).after.rms for one in (compensator, spread))
+    assert whole != late
+    assert late < 1.1 * whole
+
+
 def test_orders_left_out_stay(linear_rig, linear_bundle, moved):
     planned, before = moved
     some = EmittedCompensator(restricted(linear_bundle, (0, 1)))

@@ -12,6 +12,8 @@ pytest.importorskip("numba")
 pytest.importorskip("matplotlib")
 
 from st_codegen.cli.main import main
+from st_codegen.errors import InputError
+from st_codegen.rig import study
 from tests.browser import faults
 from tests.rig.conftest import LINEAR_RIG
 
@@ -62,6 +64,16 @@ def test_rows_curves_and_a_recording(out):
     recording = (out / "recording.csv").read_text().splitlines()
     assert recording[0] == "t,theta_ref,theta_mot,theta_in,theta_out,speed_rpm,torque_Nm,temperature_C"
     assert len(recording) == 1 + 2801
+
+
+def test_models_are_spread_as_they_will_be(files, linear_folder, monkeypatch, capsys):
+    def asked(bundle, target, outputs_per_cycle):
+        raise InputError(f"spread by {outputs_per_cycle}")
+
+    monkeypatch.setattr(study, "EmittedCompensator", asked)
+    with pytest.raises(SystemExit):
+        main([*arguments(files, linear_folder), "--outputs-per-cycle", "7"])
+    assert "spread by 7" in capsys.readouterr().err
 
 
 def test_the_page_in_a_browser(out, tmp_path):
