@@ -7,12 +7,14 @@ Needs NumPy and the standard library. docs/proof.md explains why what is done he
 """
 
 import ast
+import functools
 import hashlib
 import json
 import keyword
 import re
 import sys
 import tomllib
+from itertools import product
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -120,16 +122,23 @@ def read_block(folder, name):
     return *ports.values(), constants, values, translated(text[end:])
 
 
-# --- executing the text on many inputs at once ------------------------------------------------------------------------
+# --- executing the text on many boxes of inputs at once ---------------------------------------------------------------
 class V:
-    """A value in three corners of each box, `a` of shape (3, boxes): all inputs low, all high, all open ones NaN.
+    """What a value may be in each box: from `a[0]` to `a[1]` in the order of `keys`, or anything where `u` is set.
 
-    `d`: the inputs it depends on, as bits; bit 62: nothing is known of it, for a comparison was not the same in the
-    whole box. `src`: the input that it varies with inside of the box, between its values in the corners.
+    `raw`: computed from the number of an input, and not chosen from numbers of the text.
     """
 
-    def __init__(self, a, d, src=None, plain=False, conj=False):
-        self.a, self.d, self.src, self.plain, self.conj = a, d, src, plain, conj
+    def __init__(self, a, u, raw=False):
+        self.a, self.u, self.raw = a, u, raw
+
+    @property
+    def exact(self):
+        """Where it is one value, bit for bit."""
+        return ~self.u & (bits(self.a[0]) == bits(self.a[1]))
+
+    def surely(self, truth):
+        return ~self.u & (self.a[0] == truth)
 
 
 class Sum:
@@ -139,15 +148,14 @@ class Sum:
         self.key = key
 
 
-UNDECIDED = np.int64(1 << 62)
-COMPARE = {
-    ast.Lt: np.less,
-    ast.LtE: np.less_equal,
-    ast.Gt: np.greater,
-    ast.GtE: np.greater_equal,
-    ast.Eq: np.equal,
-    ast.NotEq: np.not_equal,
-}
+def kind(value):
+    """The type of a value: float, int or bool."""
+    value = value.a if isinstance(value, V) else value
+    return {"f": float, "i": int, "b": bool}[value.dtype.kind] if isinstance(value, np.ndarray) else type(value)
+
+
+COMPARE = {ast.Lt: np.less, ast.LtE: np.less_equal, ast.Gt: np.greater, ast.GtE: np.greater_equal}
+#: All are monotone in each operand, so that the ends of the operands have the ends of the result among their results.
 NUMERIC = {
     "+": np.add,
     "-": np.subtract,
@@ -159,46 +167,49 @@ NUMERIC = {
     "NEG": np.negative,
     "LREAL_TO_REAL": single,
 }
-
-
-CONVERSIONS = {"DINT_TO_LREAL": np.float64, "REAL_TO_LREAL": np.float64, "BOOL_TO_DINT": np.int64, "TRUNC": np.int64}
+CONVERSIONS = {"DINT_TO_LREAL": np.float64, "BOOL_TO_DINT": np.int64, "TRUNC": np.int64}
 CONVERSIONS |= {"SINT_TO_DINT": np.int64, "INT_TO_DINT": np.int64}
 #: Types and functions that no text may define anew.
 STANDARD = {"LREAL", "REAL", "DINT", "INT", "SINT", "BOOL", "DWORD", "LWORD", "DINT_TO_DWORD", "DWORD_TO_DINT"}
-STANDARD |= NUMERIC.keys() - set("+-*/") | CONVERSIONS.keys()
+STANDARD |= NUMERIC.keys() - set("+-*/") | CONVERSIONS.keys() | {"REAL_TO_LREAL"}
 
 
 class Machine:
-    """One call of a block in the corners `x` (2, boxes, inputs) of boxes."""
+    """One call of a block in all boxes; at the numbers in `covers` begins each cover of all inputs.
 
-    def __init__(self, block, x, has_isnan, profiles=None):
+    The boxes of one cover hold all inputs together: what is sure in each of them is sure. So an operation is `owed`
+    where it is executed, and `paid` where it cannot fail in any box of one cover. `known` gives elements of lists that
+    are functions of one input what they are in the boxes; in `never` are conditions that no input meets that the model
+    takes, and `taken` says which boxes have such inputs only.
+    """
+
+    def __init__(self, block, inputs, covers, has_isnan, taken=None, known=None, never=()):
         self.inputs, self.outputs, self.constants, values, self.statements = block
-        x = x if len(x) == 3 else np.concatenate([x, x[:1]])
-        self.x, self.n, self.has_isnan, self.terms, self.cuts = x, x.shape[1], has_isnan, [], []
-        self.profiles, self.seen, self.changed, self.quotients = profiles or {}, set(), set(), []
+        self.n, self.covers, self.has_isnan, self.taken = len(inputs[0].u), covers, has_isnan, taken
+        self.known, self.never, self.path = known or {}, set(never), ()
+        self.owed, self.paid, self.terms, self.cuts, self.quotients, self.lists = {}, set(), [], [], [], {}
         self.values = {k: list(v) if isinstance(v, list) else v for k, v in values.items()}
-        self.assigned, self.early, self.none = {(i, 0) for i in self.inputs}, set(), np.zeros(self.n, np.int64)
-        need(len(self.inputs) == x.shape[2] < 62, "another number of inputs")
-        for f, name in enumerate(self.inputs):
-            self.values[name] = V(x[:, :, f], self.none | (1 << f), f, plain=True)
+        self.kinds = {name: kind(v[0] if isinstance(v, list) else v) for name, v in values.items()}
+        self.assigned, self.early = {(i, 0) for i in self.inputs}, set()
+        need(len(self.inputs) == len(inputs), "another number of inputs")
+        self.values |= dict(zip(self.inputs, inputs))
         self.block(self.statements, True)
         need(not self.early & self.assigned, "a variable is read before it is assigned")
 
+    def owe(self, e, reason, fine, mask):
+        """An operation that must not fail: `fine` says in which boxes it does not."""
+        key = id(e), self.path, reason
+        self.owed[key] = reason
+        if self.everywhere(fine if mask is True else fine | mask.surely(False)):
+            self.paid.add(key)
+
+    def everywhere(self, fine):
+        """Whether something holds in all boxes of a cover."""
+        return bool(np.all(fine) or np.any(np.logical_and.reduceat(fine, self.covers)))
+
     def wide(self, v):
         need(isinstance(v, V | bool | int | float), "a sum of trees where a number is needed")
-        return v if isinstance(v, V) else V(np.full((3, self.n), v), self.none)
-
-    @staticmethod
-    def made(out, d, operands, **facts):
-        """A result. Of several inputs it must not tell NaN from numbers, nor may two operands: then what holds for all
-        open inputs NaN and for none holds for some of them, too."""
-        several = d & ~UNDECIDED & ((d & ~UNDECIDED) - 1) > 0
-        vary = sum((bits(o.a[0]) != bits(o.a[2])).astype(int) for o in operands)
-        wrong = several & ((bits(out[0]) != bits(out[2])) | (vary > 1))
-        return V(out, d | np.where(wrong, UNDECIDED, 0), **facts)
-
-    def holds(self, mask):
-        return np.ones((3, self.n), bool) if mask is True else mask.a
+        return v if isinstance(v, V) else V(np.full((2, self.n), v), np.zeros(self.n, bool))
 
     def block(self, statements, mask):
         left = False  # where a loop was left
@@ -209,34 +220,45 @@ class Machine:
             elif isinstance(s, ast.Break):
                 gone = mask
             elif isinstance(s, ast.If):
-                test = self.value(s.test, mask)
+                test, key = self.value(s.test, mask), (id(s), self.path)
                 if isinstance(test, Sum):
                     self.choose(s, test, mask)
                     continue
-                yes, no = self.logic(np.logical_and, mask, test), self.logic(np.logical_and, mask, self.opposite(test))
+                test = False if key in self.never else test
+                if self.taken is not None and isinstance(test, V) and self.everywhere(test.surely(False) | ~self.taken):
+                    self.never.add(key)
+                yes, no = self.both(mask, test), self.both(mask, self.opposite(test))
                 for body, where in ((s.body, yes), (s.orelse, no)):
-                    if body and where is not False and np.any(self.holds(where)):
-                        gone = self.logic(np.logical_or, gone, self.block(body, where))
+                    if body and where is not False:
+                        gone = self.either(gone, self.block(body, where))
             else:
-                need(isinstance(s, ast.For), "a statement of another kind")
-                bounds = [self.value(a, mask) for a in s.iter.args]
-                need(all(type(b) is int for b in bounds) and bounds[2] > 0, "a loop whose bounds depend on the inputs")
-                need(bounds[1] + bounds[2] < 2**31, "a loop that never ends")
-                names = [n for part in s.body for n in ast.walk(part) if isinstance(n, ast.Name)]
-                stores = {n.id for n in names if isinstance(n.ctx, ast.Store)}
-                need(s.target.id not in stores, "a counter that its loop assigns")
-                read = {n.id for part in s.iter.args for n in ast.walk(part) if isinstance(n, ast.Name)}
-                need(not read & {s.target.id, *stores}, "a loop whose bounds change in it")
-                inside = mask
-                for counter in range(bounds[0], bounds[1] + 1, bounds[2]):
-                    self.assign(s.target, counter, True)
-                    inside = self.logic(np.logical_and, inside, self.opposite(self.block(s.body, inside)))
-                    if inside is False or not np.any(self.holds(inside)):
-                        break
-                self.values[s.target.id] = None
-            left = self.logic(np.logical_or, left, gone)
-            mask = self.logic(np.logical_and, mask, self.opposite(gone))
+                gone = self.loop(s, mask)
+            left = self.either(left, gone)
+            mask = self.both(mask, self.opposite(gone))
+            if mask is False:
+                break
         return left
+
+    def loop(self, s, mask):
+        need(isinstance(s, ast.For), "a statement of another kind")
+        first, last, step = (self.value(a, mask) for a in s.iter.args)
+        need(all(type(b) is int for b in (first, last, step)) and step > 0, "a loop whose bounds depend on the inputs")
+        need(last + step < 2**31, "a loop that never ends")
+        stores = {
+            n.id for part in s.body for n in ast.walk(part) if isinstance(n, ast.Name) and type(n.ctx) is ast.Store
+        }
+        read = {n.id for part in s.iter.args for n in ast.walk(part) if isinstance(n, ast.Name)}
+        need(s.target.id not in stores, "a counter that its loop assigns")
+        need(not read & {s.target.id, *stores}, "a loop whose bounds change in it")
+        outside = self.path
+        for counter in range(first, last + 1, step):
+            self.path = (*outside, counter)
+            self.assign(s.target, counter, True)
+            mask = self.both(mask, self.opposite(self.block(s.body, mask)))
+            if mask is False:
+                break
+        self.path, self.values[s.target.id] = outside, None
+        return False
 
     def choose(self, s, test, mask):
         """Assignments under a condition on sums: both values are kept."""
@@ -246,46 +268,55 @@ class Machine:
             self.assign(part.targets[0], Sum(("if", test.key, new, old)), True)
 
     def assign(self, target, new, mask):
-        name = target.id if isinstance(target, ast.Name) else target.value.id
-        place = 0 if isinstance(target, ast.Name) else self.value(target.slice, mask)
+        array = isinstance(target, ast.Subscript)
+        name, place = (target.value.id, self.value(target.slice, mask)) if array else (target.id, 0)
         need(name in self.values and name not in self.constants and name not in self.inputs, f"{name} is assigned")
         need(name not in self.outputs or (name, place) not in self.assigned, f"{name} is assigned twice")
-        array = isinstance(target, ast.Subscript)
         need(type(place) is int and (not array or 0 <= place < len(self.values[name])), f"{name}: an index")
         old = self.values[name][place] if array else self.values[name]
+        fits = (
+            is_label(new.key) or self.kinds[name] is not int if isinstance(new, Sum) else kind(new) is self.kinds[name]
+        )
+        need(fits, f"{name}: a value of another type")
         if mask is not True and name in self.outputs:
             new = ("if", mask, new)
         elif mask is not True:
-            conj = new is False and (old is True or (isinstance(old, V) and old.conj))
-            new = self.wide(new)
-            old = (
-                self.wide(old)
-                if (name, place) in self.assigned and not isinstance(old, Sum)
-                else V(new.a, new.d | UNDECIDED)
-            )
-            src = new.src if old.src is None else old.src
-            need(new.src in (None, src), "a value of two inputs")
-            same = np.all(mask.a[0] == mask.a[1]) or not (conj and src is None)
-            single_input = conj and same and not np.any(mask.d & (mask.d - 1))
-            d = mask.d | np.where(np.any(mask.a, axis=0), new.d, 0) | np.where(np.all(mask.a, axis=0), 0, old.d)
-            facts = {"src": src, "plain": new.plain or old.plain, "conj": single_input}
-            new = self.made(np.where(mask.a, new.a, old.a), d, () if conj else (new, old, mask), **facts)
+            before = (name, place) in self.assigned and not isinstance(old, Sum)
+            new = self.joined(mask, self.wide(new), self.wide(old) if before else None)
+        if array and isinstance(new, V):
+            key = id(target), self.path
+            if key in self.known:
+                table, first, last = self.known[key]
+                new = V(np.array([table[0][first], table[1][last]]), np.zeros(self.n, bool), new.raw)
+            if self.taken is not None and np.any(np.logical_and.reduceat(~new.u, self.covers)):
+                self.lists[key] = new
         if array:
             self.values[name][place] = new
         else:
             self.values[name] = new
         self.assigned.add((name, place))
-        self.changed |= {(name, place)} & self.seen
 
-    def logic(self, how, a, b):
+    def joined(self, mask, new, old):
+        """A new value where the mask is true, the old one where it is false; if neither is sure, both must be equal."""
+        old = old or V(new.a, np.ones(self.n, bool))  # from an earlier call
+        on, off = mask.surely(True), mask.surely(False)
+        open_ = ~on & ~off & (new.u | old.u | np.any(bits(new.a) != bits(old.a), axis=0))
+        unknown = open_ | np.where(off, old.u, new.u)
+        return V(np.where(off, old.a, new.a), unknown, new.raw or old.raw)
+
+    def both(self, a, b):
         for one, other in ((a, b), (b, a)):
             if isinstance(one, bool):
-                return other if one is (how is np.logical_and) else one
-        open_ = np.any(a.a if how is np.logical_and else ~a.a, axis=0)  # elsewhere `a` alone decides
-        return self.made(how(a.a, b.a), a.d | np.where(open_, b.d, 0), (a, b))
+                return other if one else False
+        unknown = (a.u | b.u) & ~a.surely(False) & ~b.surely(False)
+        out = V(a.a & b.a & ~unknown, unknown)
+        return out if np.any(out.a[0] | unknown) else False
+
+    def either(self, a, b):
+        return self.opposite(self.both(self.opposite(a), self.opposite(b)))
 
     def opposite(self, v):
-        return not v if isinstance(v, bool) else V(~v.a.astype(bool), v.d)
+        return not v if isinstance(v, bool) else V(~v.a.astype(bool), v.u)
 
     def value(self, e, mask):
         if isinstance(e, ast.Constant):
@@ -293,118 +324,119 @@ class Machine:
         if isinstance(e, ast.Name):
             return self.read(e.id, 0, self.values.get(e.id))
         if isinstance(e, ast.Subscript):
-            return self.element(e.value.id, self.value(e.slice, mask), mask)
+            return self.element(e, self.value(e.slice, mask), mask)
         if isinstance(e, ast.BoolOp):
             if (place := tested(e)) is not None:
                 return self.opposite(self.is_nan(self.value(place, mask)))
-            parts = [self.value(v, mask) for v in e.values]
-            for part in parts[1:]:
-                parts[0] = self.logic(np.logical_and if isinstance(e.op, ast.And) else np.logical_or, parts[0], part)
-            return parts[0]
+            how = self.both if isinstance(e.op, ast.And) else self.either
+            return functools.reduce(how, [self.value(v, mask) for v in e.values])
         if isinstance(e, ast.UnaryOp):
             inner = self.value(e.operand, mask)
-            return self.opposite(inner) if isinstance(e.op, ast.Invert) else self.number("NEG", [inner], mask)
+            return self.opposite(inner) if isinstance(e.op, ast.Invert) else self.number(e, "NEG", [inner], mask)
         if isinstance(e, ast.BinOp):
             name = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}[type(e.op)]
-            return self.number(name, [self.value(e.left, mask), self.value(e.right, mask)], mask)
+            return self.number(e, name, [self.value(e.left, mask), self.value(e.right, mask)], mask)
         if isinstance(e, ast.Compare):
             need(len(e.ops) == 1, "comparisons in a row")
-            a, b = self.value(e.left, mask), self.value(e.comparators[0], mask)
-            return self.compare(COMPARE[type(e.ops[0])], a, b, mask)
-        name = e.func.id
+            a, b, how = self.value(e.left, mask), self.value(e.comparators[0], mask), type(e.ops[0])
+            if how in COMPARE:
+                return self.compare(e, COMPARE[how], a, b, mask)
+            same = self.both(*(self.compare(e, one, a, b, mask) for one in (np.less_equal, np.greater_equal)))
+            return same if how is ast.Eq else self.opposite(same)
+        return self.call(e, mask)
+
+    def call(self, e, mask):
+        name, inner = e.func.id, e.args[0]
+        if name == "REAL_TO_LREAL":  # arithmetic in REAL, or with literals that may be REAL, is not known
+            need(isinstance(inner, ast.Call) and inner.func.id == "LREAL_TO_REAL", "a REAL that was not just made")
+            return self.number(inner, "LREAL_TO_REAL", [self.value(inner.args[0], mask)], mask)
         if name == "DWORD_TO_DINT":
-            need(isinstance(e.args[0], ast.BoolOp) and isinstance(e.args[0].op, ast.And), "bits")
-            number, bits_ = e.args[0].values
-            a, b = self.wide(self.value(number.args[0], mask)), self.value(bits_, mask)
+            need(isinstance(inner, ast.BoolOp) and isinstance(inner.op, ast.And), "bits")
+            number, mask_ = inner.values
+            a, b = self.wide(self.value(number.args[0], mask)), self.value(mask_, mask)
             need(number.func.id == "DINT_TO_DWORD" and type(b) is int and 0 <= b < 2**31, "bits")
-            return V(a.a & b, a.d)
+            return V(a.a & b, ~a.exact)
         values = [self.value(a, mask) for a in e.args]
         if name == "F_IsNan":
             need(self.has_isnan, "F_IsNan is another function")
             return self.is_nan(values[0])
         if name in CONVERSIONS:
-            return self.converted(name, values[0], mask)
-        need(name in NUMERIC, f"the function {name}")
-        return self.number(name, values, mask)
+            return self.converted(e, name, values[0], mask)
+        need(name in ("ABS", "MIN", "MAX"), f"the function {name}")
+        return self.number(e, name, values, mask)
 
-    def converted(self, name, v, mask):
+    def converted(self, e, name, v, mask):
         """A number in another type. Of expressions only labels are cut to integers: a choice of whole numbers."""
         if isinstance(v, Sum):
             need(name != "TRUNC" or is_label(v.key), "TRUNC of a sum")
             return v
         v = self.wide(v)
-        fits = np.abs(v.a) < 2.0**31 if name == "TRUNC" else np.full(v.a.shape, True)
-        need(np.all(fits | ~self.holds(mask) | (v.d & UNDECIDED > 0)), "TRUNC of what is too large")
-        return V(np.where(fits, v.a, 0).astype(CONVERSIONS[name]), v.d, v.src)
+        fits = np.all(np.abs(v.a) < 2.0**31, axis=0) if name == "TRUNC" else np.full(self.n, True)
+        self.owe(e, "TRUNC of what is too large", fits & ~v.u, mask)
+        return V(np.where(fits, v.a, 0).astype(CONVERSIONS[name]), v.u | ~fits, v.raw)
 
     def read(self, name, place, value):
         need(value is not None and name not in self.outputs, f"{name} is read")
         if name not in self.constants and (name, place) not in self.assigned:
             self.early.add((name, place))  # its initial value, which nothing may change
-        self.seen.add((name, place))
-        if (name, place) in self.profiles and isinstance(value, V) and np.any(value.d & UNDECIDED):
-            f, ends, sides = self.profiles[name, place]  # what it is in each interval of its one input
-            lane = np.where(np.isnan(self.x[:, :, f]), len(ends), np.searchsorted(ends, keys(self.x[:, :, f])))
-            return V(np.array([sides[i][lane[i]] for i in (0, 1, 0)]), self.none | (1 << f), f)
         return value
 
-    def element(self, name, index, mask):
-        table = self.values[name]
+    def element(self, e, index, mask):
+        name, table = e.value.id, self.values[e.value.id]
         if type(index) is int:
             need(0 <= index < len(table), "an index out of range")
             return self.read(name, index, table[index] if isinstance(table, list) else table[index].item())
-        ok = (index.a >= 0) & (index.a < len(table))
-        need(index.src is None and np.all(ok | ~self.holds(mask) | (index.d & UNDECIDED > 0)), "an index out of range")
-        at = np.where(ok, index.a, 0)
+        inside = ~index.u & (index.a[0] >= 0) & (index.a[1] < len(table))
+        self.owe(e, "an index out of range", inside, mask)
+        sure = inside & index.exact
+        at = np.where(sure, index.a[0], 0)
         if isinstance(table, np.ndarray):
-            return self.made(table[at], index.d, ())
-        used = np.unique(at[ok & self.holds(mask)]).tolist()
-        if not used:
-            return V(np.zeros((3, self.n), bool), index.d | UNDECIDED)
-        items = {p: self.wide(self.read(name, p, table[p])) for p in used}
-        out = V(np.zeros((3, self.n), items[used[0]].a.dtype), index.d.copy(), "several")
+            return V(np.array([table[at]] * 2), ~sure)
+        items = {p: self.wide(self.read(name, p, table[p])) for p in np.unique(at[sure]).tolist()}
+        out = V(np.zeros((2, self.n), next(iter(items.values())).a.dtype if items else bool), ~sure)
         for p, item in items.items():
-            out.a = np.where(at == p, item.a, out.a)
-            out.d = out.d | np.where(np.any(at == p, axis=0), item.d, 0)
-        src = None if all(item.src is None for item in items.values()) else "several"
-        return V(out.a, out.d | np.where((bits(at[0]) != bits(at[2])), UNDECIDED, 0), src)
+            here = sure & (at == p)
+            out = V(np.where(here, item.a, out.a), np.where(here, item.u, out.u), out.raw or item.raw)
+        return out
 
-    def number(self, name, values, mask):
+    def number(self, e, name, values, mask):
         floats = any(isinstance(v, Sum | float) or (isinstance(v, V) and v.a.dtype == float) for v in values)
-        fixed = [v for v in values if isinstance(v, V) and v.src is None]
-        if name == "/" and not floats:
-            return self.quotient(*values)
-        if any(isinstance(v, Sum) for v in values) or (floats and name in ("+", "MIN", "MAX") and fixed):
+        chosen = [v for v in values if isinstance(v, V) and not v.raw]
+        if any(isinstance(v, Sum) for v in values) or (floats and name in ("+", "MIN", "MAX") and chosen):
             return Sum((name, *(self.term(v) for v in values)))
-        with np.errstate(all="ignore"):
-            if all(not isinstance(v, V) for v in values):
-                out = NUMERIC[name](*(np.float64(v) if floats else v for v in values))
-                need(np.isfinite(out) if floats else abs(out) < 2**31, "a constant that overflows")
-                return float(out) if floats else int(out)
-            wide = [self.wide(v) for v in values]
-            moving = [v.src for v in wide if v.src is not None]
-            need(len(moving) < 2 and (name != "/" or wide[1].src is None), "arithmetic on two inputs")
-            out = NUMERIC[name](*(v.a for v in wide))
-        d = np.bitwise_or.reduce([v.d for v in wide])
-        active = self.holds(mask) & (d & UNDECIDED == 0)
-        if floats:
-            fine = ~np.all([np.isfinite(v.a) for v in wide], axis=0) & ~np.any([np.isnan(v.a) for v in wide], axis=0)
-            need(np.all(np.isfinite(out) | fine | ~active), f"{name} can overflow or meet NaN")
-            if name == "ABS":  # on both sides of zero the values lie between 0 and the larger corner
-                across = (wide[0].a[0] < 0) != (wide[0].a[1] < 0)
-                out = np.where(across, np.array([np.zeros(self.n), np.max(out[:2], axis=0), out[2]]), out)
-        else:
-            need(np.all((np.abs(out) < 2**31) | ~active), "an integer overflows")
-        return self.made(out, d, wide, src=moving[0] if moving else None)
+        if name == "/" and not floats:
+            return self.quotient(e, *values, mask)
+        need(name != "/" or not isinstance(values[1], V), "a division by an input")
+        return self.computed(e, name, values, floats, mask)
 
-    def quotient(self, a, b):
-        """A whole number from 0 on by a constant, which rises with it: constant in a box where its corners agree."""
+    def computed(self, e, name, values, floats, mask):
+        """The ends of a result from all ends of its operands."""
+        wide, kind = [v for v in values if isinstance(v, V)], float if floats else int
+        ends = [v.a if isinstance(v, V) else [kind(v)] for v in values]
+        with np.errstate(all="ignore"):
+            outs = np.array([NUMERIC[name](*sides) for sides in product(*ends)])
+        if not wide:
+            need(np.isfinite(outs[0]) if floats else abs(outs[0]) < 2**31, "a constant that overflows")
+            return kind(outs[0])
+        if floats:
+            infinite = np.any([np.any(np.isinf(v.a), axis=0) for v in wide], axis=0)
+            fits, order = np.all(np.isfinite(outs) | (np.isinf(outs) & infinite), axis=0), keys(outs)
+        else:
+            fits, order = np.all(np.abs(outs) < 2**31, axis=0), outs
+        unknown = np.any([v.u for v in wide], axis=0)
+        self.owe(e, f"{name} can overflow or meet NaN", fits & ~unknown, mask)
+        out = np.array([np.min(order, axis=0), np.max(order, axis=0)])
+        crossed = (wide[0].a[0] < 0) & (wide[0].a[1] > 0) if name == "ABS" else False
+        return V(numbers(out) if floats else out, unknown | ~fits | crossed, any(v.raw for v in wide))
+
+    def quotient(self, e, a, b, mask):
+        """A whole number from 0 on by a constant, which rises with it."""
         need(type(b) is int and b > 0, "a division by a number that is no constant above 0")
         a = self.wide(a)
-        need(np.all((a.a >= 0) | (a.d & UNDECIDED > 0)), "a division of a number below 0")
-        out = a.a.astype(np.int64) // b
-        self.quotients.append(out)
-        return self.made(out, a.d | np.where(out[0] != out[1], UNDECIDED, 0), (a,))
+        fine = (a.a[0] >= 0) & ~a.u
+        self.owe(e, "a division of a number below 0", fine, mask)
+        self.quotients.append(V(np.where(fine, a.a, 0) // b, ~fine))
+        return self.quotients[-1]
 
     def term(self, v):
         if isinstance(v, Sum):
@@ -417,24 +449,21 @@ class Machine:
     def is_nan(self, v):
         need(isinstance(v, V), "a test for NaN of a computed number")
         nan = np.isnan(v.a)
-        return V(nan, v.d | np.where(nan[0] != nan[1], UNDECIDED, 0))
+        return V(nan, v.u | (nan[0] != nan[1]))
 
-    def compare(self, how, a, b, mask):
+    def compare(self, e, how, a, b, mask):
         if isinstance(a, Sum) or isinstance(b, Sum):
             return Sum((how.__name__, self.term(a), self.term(b)))
         if not isinstance(a, V) and not isinstance(b, V):
             return bool(how(a, b))
         a, b = self.wide(a), self.wide(b)
-        need(a.src is None or b.src is None, "a comparison of two inputs")
-        d = a.d | b.d
-        nan = (np.isnan(a.a) | np.isnan(b.a)) & self.holds(mask)
-        need(not np.any(nan & (d & UNDECIDED == 0)), "a comparison with NaN")
-        out = how(a.a, b.a)
-        differ = out[0] != out[1]
-        moving, other = (a, b) if a.src is not None else (b, a)
-        if moving.plain and np.any(differ):
-            self.cuts.append((moving.src, np.unique(other.a[:, differ])))
-        return self.made(out, d | np.where(differ, UNDECIDED, 0), (a, b))
+        unknown = a.u | b.u
+        self.owe(e, "a comparison with NaN", ~unknown & ~np.any(np.isnan(a.a) | np.isnan(b.a), axis=0), mask)
+        out = np.array([how(a.a[0], b.a[1]), how(a.a[1], b.a[0])])
+        differ = ~unknown & (out[0] != out[1])
+        if np.any(differ):
+            self.cuts.append((np.flatnonzero(differ), (b if a.raw else a).a[:, differ]))
+        return V(out, unknown | differ)
 
 
 def is_label(key):
@@ -450,7 +479,7 @@ class Check:
 
     def __init__(self, model, folder, entry):
         model.prepare()
-        self.made, self.forms = {}, {}
+        self.made, self.forms, self.entry = {}, {}, entry
         self.model, self.block, self.has_isnan = model, read_block(folder, entry["block"]), has_isnan(folder)
         self.ends, ports = [], [name.lower() for name in self.block[0]]
         for f, name in enumerate(entry["inputs"]):
@@ -460,28 +489,25 @@ class Check:
             edges = keys([model.lower[f], model.upper[f]])
             ends = [model.first_key[f] - 1, model.last_key[f], LOW, HIGH - 1, -2, -1, 0, HIGH]
             self.ends.append(np.unique(np.concatenate([*inner, edges - 1, edges, ends])))
-        machine, boxes = self.alone()
-        self.profiles = dict(self.rising(machine))
+        machine = self.alone()
+        self.valid(machine)
+        self.paid, self.known = machine.paid, dict(self.rising(machine))
         self.steps = list(self.changes(machine))
-        valid = machine.values["bValid"]
-        parts = [machine.values[name] for name in entry["outputs"]]
-        self.valid(valid, boxes, machine)
-        results = [o[2] if isinstance(o, tuple) else o for o in parts]
-        for o in parts:
-            same = isinstance(o, tuple) and isinstance(valid, V) and np.array_equal(o[1].a, valid.a)
-            need(same or (valid is True and not isinstance(o, tuple)), "an output that does not keep to bValid")
-        need(len(results) == (1 if model.label else len(model.base)), "another number of outputs")
+        need(len(entry["outputs"]) == (1 if model.label else len(model.base)), "another number of outputs")
         terms = [(t[5][:, c]) for t in model.trees for c in range(len(t[6]))]
         self.trees = sum(bool(np.any(bits(v) != bits(v[:1]))) for v in terms)
-        sums = any(isinstance(r, Sum) for r in results)
+        sums = any(isinstance(value, Sum) for _, value in self.results(machine))
         self.method = (BY_CLASS if model.label else "sums of trees, tree by tree") if sums else "all cells"
-        if sums:
-            self.sums(entry)
-        else:
-            used = np.bitwise_or.reduce([np.bitwise_or.reduce(machine.wide(r).d) for r in results])
-            self.cells(
-                entry, [f for f in range(model.features) if used >> f & 1 or any(f in t[0] for t in model.trees)]
-            )
+        self.sums() if sums else self.cells()
+        for key, reason in machine.owed.items():
+            need(key in self.paid, f"{reason}: not decided in the boxes of any tree")
+
+    def results(self, machine):
+        """For each output where it is assigned, and what."""
+        for name in self.entry["outputs"]:
+            need((name, 0) in machine.assigned, f"{name} is not assigned")
+            value = machine.values[name]
+            yield value[1:] if isinstance(value, tuple) else (True, value)
 
     def lanes(self, f):
         """Keys of the first and last number of each interval of an input, NaN behind them; which the model takes."""
@@ -491,44 +517,58 @@ class Check:
         return np.array([np.append(numbers(k), np.nan) for k in (starts, ends)]), taken
 
     def alone(self):
-        """Each input varies while the others are 0.0; intervals are cut until every comparison is decided."""
+        """Each input varies while the others are anything; intervals are cut until every comparison is decided."""
         while True:
-            sides = [self.lanes(f)[0] for f in range(self.model.features)]
-            x = np.zeros((2, sum(s.shape[1] for s in sides), len(sides)))
-            at = 0
-            for f, side in enumerate(sides):
-                x[:, at : at + side.shape[1], f] = side
-                at += side.shape[1]
-            machine = Machine(self.block, x, self.has_isnan)
+            sides, taken = zip(*map(self.lanes, range(self.model.features)))
+            count = [len(part) for part in taken]
+            owner, self.first = np.repeat(np.arange(len(count)), count), np.cumsum([0, *count])
+            every = np.concatenate(sides, axis=1)
+            inputs = [V(every, owner != f, raw=True) for f in range(len(count))]
+            machine = Machine(self.block, inputs, self.first[:-1], self.has_isnan, taken=np.concatenate(taken))
             if not machine.cuts:
-                return machine, x
-            before = sum(map(len, self.ends))
-            for f, given in machine.cuts:
-                k = keys(given)
-                self.ends[f] = np.unique(np.concatenate([self.ends[f], k - 1, k]))
-            need(sum(map(len, self.ends)) > before, "a comparison that is not decided, however an input is cut")
+                return machine
+            for lanes, given in machine.cuts:
+                for f in np.unique(owner[lanes]):
+                    k = keys(given[:, owner[lanes] == f].ravel())
+                    self.ends[f] = np.unique(np.concatenate([self.ends[f], k - 1, k]))
+            need(sum(map(len, self.ends)) + len(count) > len(owner), "not decided, however an input is cut")
+
+    def valid(self, machine):
+        """bValid is FALSE with any refused input, and TRUE without: then outputs are assigned, and only then."""
+        none = np.ones(1, bool)
+        anything = [V(np.zeros((2, 1)), none, raw=True)] * self.model.features
+        all_taken = Machine(self.block, anything, [0], self.has_isnan, never=machine.never)
+        for found, where, truth in ((machine, ~machine.taken, False), (all_taken, none, True)):
+            for answer in (found.values["bValid"], *(mask for mask, _ in self.results(found))):
+                sure = found.wide(answer).surely(truth)
+                need(
+                    np.all(sure[where]), "bValid is not decided as the model demands, or an output does not keep to it"
+                )
 
     def rising(self, machine):
-        """Elements of lists that rise with one input: the values at both ends of its intervals."""
-        first = np.cumsum([0] + [len(self.lanes(f)[1]) for f in range(self.model.features)])
-        for name, items in machine.values.items():
-            for place, v in enumerate(items) if isinstance(items, list) else ():
-                inputs = int(np.bitwise_or.reduce(v.d)) if isinstance(v, V) else 0
-                if inputs and not inputs & (inputs - 1) and (name, place) not in machine.changed:
-                    f = inputs.bit_length() - 1
-                    low, high = v.a[:2, first[f] : first[f + 1]]
-                    taken = self.lanes(f)[1][:-1]
-                    if np.all(low[:-1] <= high[:-1]) and np.all(low[:-1][taken][1:] >= high[:-1][taken][:-1]):
-                        yield (name, place), (f, self.ends[f], (low, high))
+        """Elements of lists that one input decides and that rise with it, with a refused input as with 0.0.
+
+        Their values at both ends of its intervals, with NaN, and the least and the largest of all.
+        """
+        for key, v in machine.lists.items():
+            for f in range(self.model.features):
+                lanes, taken = slice(*self.first[f : f + 2]), machine.taken[slice(*self.first[f : f + 2])]
+                table, zero = v.a[:, lanes], int(np.searchsorted(self.ends[f], 0))
+                if np.any(v.u[lanes]) or np.any(bits(table[:, ~taken]) != bits(table[:, zero : zero + 1])):
+                    continue
+                low, high = keys(table) if table.dtype == float else table
+                if np.all(low <= high) and np.all(low[:-1][taken[:-1]][1:] >= high[:-1][taken[:-1]][:-1]):
+                    every = [[table[0, np.argmin(low)]], [table[1, np.argmax(high)]]]
+                    yield key, (f, np.append(table, every, axis=1))
 
     def changes(self, machine):
-        """For each input the last key in front of which any quotient changes, where the others are 0.0."""
-        at = 0
+        """For each input the last keys in front of which a quotient of it changes."""
         for f in range(self.model.features):
-            stop = at + len(self.ends[f])
-            found = [self.ends[f][:-1][out[0, at : stop - 1] != out[0, at + 1 : stop]] for out in machine.quotients]
-            yield np.unique(np.concatenate([*found, np.zeros(0, np.int64)]))
-            at = stop + 1  # behind NaN
+            lanes, found = slice(self.first[f], self.first[f + 1] - 1), [np.zeros(0, np.int64)]
+            for out in machine.quotients:
+                if not np.any(out.u[lanes]):
+                    found.append(self.ends[f][:-1][out.a[0, lanes][1:] != out.a[0, lanes][:-1]])
+            yield np.unique(np.concatenate(found))
 
     def parts(self, f, owner, low, high, nan, leaf):
         """Boxes cut where a quotient of one input changes, so that each of its parts has one number of it."""
@@ -550,78 +590,76 @@ class Check:
         nan[:, f] = missing
         return owner[at], low, high, nan, leaf[at]
 
-    def valid(self, valid, x, machine):
-        """bValid is the conjunction of what each input alone demands; refused inputs count as 0.0 from there on."""
-        taken = np.concatenate([self.lanes(f)[1] for f in range(self.model.features)])
-        got = np.full((3, x.shape[1]), True) if valid is True else valid.a
-        need(valid is True or valid.conj, "bValid is no conjunction")
-        need(np.array_equal(got, np.array([taken] * 3)), "bValid is not what the model demands")
-        base = int(np.flatnonzero(np.all(bits(x) == 0, axis=(0, 2)))[0])
-        for name, value in machine.values.items():
-            for item in value if isinstance(value, list) else [value]:
-                if (
-                    isinstance(item, V)
-                    and name not in machine.inputs
-                    and not item.conj
-                    and not np.any(item.d & UNDECIDED)
-                ):
-                    alike = bits(item.a) == bits(np.repeat(item.a[:, base : base + 1], len(taken), axis=1))
-                    need(np.all(alike[:, ~taken]), f"{name}: a refused input counts")
+    def run(self, low, high, nan, covers):
+        """The text in boxes: keys of their first and last numbers, or NaN; an input with neither is not limited."""
+        ranges = []
+        for f, ends in enumerate(self.ends):
+            free = (low[:, f] > high[:, f]) & ~nan[:, f]
+            places = [np.where(nan[:, f], len(ends), np.searchsorted(ends, side[:, f])) for side in (low, high)]
+            ranges.append([np.where(free, -1, place) for place in places])
+        known = {key: (table, *ranges[f]) for key, (f, table) in self.known.items()}
+        inputs = [V(np.zeros((2, len(low))), np.ones(len(low), bool), raw=True)] * len(ranges)
+        machine = Machine(self.block, inputs, covers, self.has_isnan, known=known)
+        self.paid |= machine.paid
+        return machine
 
-    def cells(self, entry, used):
+    def cells(self):
         """A table: all combinations of intervals, each evaluated once by text and by model."""
+        model, used = self.model, sorted({int(f) for t in self.model.trees for f in t[0]})
         sides = [self.lanes(f) for f in used]
         shape = tuple(int(np.sum(taken)) for _, taken in sides)
         need(np.prod(shape, dtype=float) < 3e6, "too many cells")
-        x = np.zeros((2, int(np.prod(shape)), self.model.features))
-        for f, (side, taken), at in zip(used, sides, np.indices(shape).reshape(len(shape), x.shape[1])):
-            x[:, :, f] = side[:, taken][:, at]
-        machine = Machine(self.block, x, self.has_isnan)
-        for output, name in enumerate(entry["outputs"]):
-            got = machine.values[name]
-            got = machine.wide(got[2] if isinstance(got, tuple) else got)
-            need(not np.any(got.d & UNDECIDED), "a comparison that is not decided")
-            every = range(len(self.model.base)) if self.model.label else [output]
-            want = np.array([np.broadcast_to(self.model.evaluate(x[0], n), x.shape[1]) for n in every])
-            if self.model.label:
-                want = [np.argmax(want, axis=0) if len(want) > 1 else want[0] > 0]
-            want = np.asarray(want[0], float)
-            need(np.array_equal(bits(got.a.astype(float)), bits(np.array([want] * 3))), "a cell is another number")
+        n = int(np.prod(shape))
+        low, high, x = (
+            np.full((n, model.features), HIGH),
+            np.full((n, model.features), LOW),
+            np.zeros((n, model.features)),
+        )
+        for f, (side, taken), at in zip(used, sides, np.indices(shape).reshape(len(shape), n)):
+            x[:, f] = side[0, taken][at]
+            low[:, f], high[:, f] = (keys(one[taken])[at] for one in side)
+        machine = self.run(low, high, np.isnan(x), [0])
+        answers = np.array([np.broadcast_to(model.evaluate(x, c), n) for c in range(len(model.base))])
+        if model.label:
+            answers = [np.argmax(answers, axis=0) if len(answers) > 1 else answers[0] > 0]
+        for (_, got), want in zip(self.results(machine), answers, strict=True):
+            self.same(machine.wide(got), np.asarray(want, float), "a cell is another number")
 
-    def sums(self, entry):
+    @staticmethod
+    def same(got, want, reason):
+        need(np.all(got.exact), f"{reason}, or not decided")
+        need(np.array_equal(bits(got.a[0].astype(float)), bits(want)), reason)
+
+    def sums(self):
         """Sums of trees: in each box of a leaf the term of the text is that leaf; the additions are the library's."""
         model = self.model
         order = [(t, c) for t, (*_, outputs) in enumerate(model.trees) for c in range(len(outputs))]
         boxes = [model.boxes(t) for t in range(len(model.trees))]
-        step, same, shape = 0, {}, None
         owner = np.repeat(np.arange(len(boxes)), [len(b[3]) for b in boxes])
         low, high, nan, leaf = (np.concatenate([b[i] for b in boxes]) for i in range(4))
         for f, steps in enumerate(self.steps):
             if len(steps):
                 owner, low, high, nan, leaf = self.parts(f, owner, low, high, nan, leaf)
-        for step in range(0, len(owner), 100_000):
-            part = slice(step, step + 100_000)
-            free = (low[part] > high[part]) & ~nan[part]
-            ends = (model.first_key, low), (model.last_key, high)
-            x = np.array([numbers(np.where(free, everything, side[part])) for everything, side in ends])
-            x = np.where(nan[part], np.nan, x)
-            x = np.concatenate([x, np.where(free & model.nan, np.nan, x[:1])])
-            machine = Machine(self.block, x, self.has_isnan, self.profiles)
-            outs = [machine.values[name] for name in entry["outputs"]]
-            shape = [(o[2] if isinstance(o, tuple) else o) for o in outs]
-            at = 0
+        begins = np.searchsorted(owner, np.arange(len(boxes) + 1))
+        first = 0
+        while first < len(boxes):  # whole trees, in about 100,000 boxes
+            stop = max(first + 1, int(np.searchsorted(begins, begins[first] + 100_000, "right")) - 1)
+            part = slice(begins[first], begins[stop])
+            machine = self.run(low[part], high[part], nan[part], begins[first:stop] - begins[first])
+            same, terms = {}, iter(machine.terms)
             for t, c in order:
                 values = model.trees[t][5][:, c]
                 if np.all(bits(values) == bits(values[:1])):
                     same[t, c] = float(values[0])
                     continue
-                need(at < len(machine.terms), "the text has too few terms")
-                mine, term = owner[part] == t, machine.terms[at]
-                at += 1
-                need(not np.any(term.d[mine] & UNDECIDED), f"tree {t}: a comparison that is not decided")
-                want, got = np.array([values[leaf[part][mine]]] * 3), term.a[:, mine].astype(float)
-                need(np.array_equal(bits(got), bits(want)), f"tree {t} differs")
-            need(at == len(machine.terms), "the text has more terms than the model has trees")
+                term = next(terms, None)
+                need(term is not None, "the text has too few terms")
+                if first <= t < stop:
+                    mine = slice(*begins[t : t + 2] - begins[first])
+                    part_ = V(term.a[:, mine], term.u[mine])
+                    self.same(part_, values[leaf[begins[t] : begins[t + 1]]], f"tree {t} differs")
+            need(next(terms, None) is None, "the text has more terms than the model has trees")
+            first = stop
         names = {key: ("term", i) for i, key in enumerate(k for k in order if k not in same)}
         wanted = [self.total(output, names, same) for output in range(len(model.base))]
         if model.label:  # the first of the largest, or where the only score is above zero
@@ -631,7 +669,7 @@ class Check:
                 larger = "greater", score, largest
                 largest, best = ("if", larger, score, largest), ("if", larger, ("const", float(number).hex()), best)
             wanted = [best]
-        for got, want in zip(shape, wanted, strict=True):
+        for (_, got), want in zip(self.results(machine), wanted, strict=True):
             need(isinstance(got, Sum), "an output that is no sum")
             need(self.normal(got.key) == self.normal(want), "other operations than the model's")
 

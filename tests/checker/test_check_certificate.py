@@ -230,6 +230,42 @@ def test_a_label_that_was_changed_is_rejected(name, pattern, change, tmp_path):
         check_certificate.Check(model, text.parent, entry)
 
 
+#: Statements behind the trees that fail for few inputs only, and what is declared for them.
+FAILING = {
+    "an index that two inputs drive out, one of them low": (
+        "nA : DINT; nB : DINT; fDead : LREAL;",
+        "nA := 0;\nIF aInput[0] > 700.0 THEN nA := 2; END_IF;\nnB := 2;\nIF aInput[1] > 700.0 THEN nB := 0; END_IF;\n"
+        "fDead := DEAD[nA + nB];\n",
+    ),
+    "an index that two inputs drive out behind a refused one": (
+        "nA : DINT; nB : DINT; fDead : LREAL;",
+        "nA := 0;\nIF aInput[0] > 700.0 THEN nA := 2; END_IF;\nnB := 0;\nIF aInput[1] > 700.0 THEN nB := 2; END_IF;\n"
+        "IF NOT bUsable THEN\nfDead := DEAD[nA + nB];\nEND_IF;\n",
+    ),
+}
+
+
+@pytest.mark.parametrize("layout", [Layout.TREES, Layout.RANKED, Layout.TABLE])
+@pytest.mark.parametrize("name", FAILING)
+def test_a_statement_that_fails_for_a_few_inputs_is_rejected(name, layout, tmp_path):
+    models = folder_of(tmp_path, ["random_forest.skops"])
+    generate(load(models), "iec", tmp_path / "out", options=Options(layout=layout))
+    (text,) = tmp_path.rglob("FB_Random_forest.st")
+    variables, statements = FAILING[name]
+    changed = text.read_text().replace("\nVAR\n", f"\nVAR\n{variables}\n", 1)
+    dead = "DEAD : ARRAY[0..3] OF LREAL := [1.0, 2.0, 3.0, 4.0];"
+    changed = changed.replace("\nVAR CONSTANT\n", f"\nVAR CONSTANT\n{dead}\n", 1)
+    changed = changed.replace("bValid := bUsable;", f"{statements}bValid := bUsable;")
+    text.write_text(changed)
+    check_certificate = mutants.check_certificate
+    model = check_certificate.read_model(models / "random_forest.skops")
+    entry = {"block": text.stem, "outputs": ["fOut1"], "inputs": ["f0", "f1", "f2"]}
+    with pytest.raises(check_certificate.Reject):
+        check_certificate.Check(model, text.parent, entry)
+    text.write_text(changed.replace("nA + nB", "nA"))
+    check_certificate.Check(model, text.parent, entry)
+
+
 SETTINGS = """
 [project]
 prefix = "P1_"

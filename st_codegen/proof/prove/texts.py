@@ -77,7 +77,10 @@ def _check_scanned(scanned: Scanned) -> None:
 
 
 def _check_statements(unit: t.Pou) -> None:
-    """Raise NotProvedError for a loop that changes its own bounds, and for a block that changes its inputs."""
+    """Raise NotProvedError for loops that change their bounds, inputs that are changed, and arithmetic in REAL."""
+    for expression in walk.all_expressions(unit.body):
+        if isinstance(expression, t.Binary | t.StandardCall) and str(expression.type) == "REAL":
+            raise NotProvedError(f"{expression.position}: arithmetic in REAL, which rounds after each operation")
     for statement in walk.statements(unit.body):
         if isinstance(statement, t.For):
             changed = {statement.variable} | walk.assigned_variables(statement.body)

@@ -23,6 +23,7 @@ TEXTS = {
 }
 FIRST, LAST = r"(bUsable := TRUE;\n)", r"(bValid := bUsable;\n)"
 LOOP = r"(FOR nColumn := 0 TO 2 DO\n)"
+FEWER = "IF fMore < 16777216.5 THEN bUsable := FALSE; END_IF;\n"
 STATE = r"\1IF nCalls > 5 THEN bUsable := FALSE; END_IF;\n"
 
 
@@ -135,6 +136,20 @@ TRICKS = {
     "a division by zero": declared("fMore, fZero : LREAL;", (LAST, r"\1fMore := 1.0 / fZero;\n")),
     "a constant that is assigned": ((FIRST, r"\1INPUT_LIMIT[0] := 5.0;\n"),),
     "a constant that is declared twice": declared("INPUT_LIMIT : ARRAY[0..2] OF LREAL;"),
+    "a whole number that takes a fraction": declared(
+        "nHalf : DINT;", (FIRST, r"\1nHalf := 2.5;\nIF nHalf < 2.4 THEN bUsable := FALSE; END_IF;\n")
+    ),
+    "a sum of fewer digits": declared(
+        "fMore : LREAL;",
+        (FIRST, r"\1fMore := REAL_TO_LREAL(LREAL_TO_REAL(16777216.0) + LREAL_TO_REAL(1.0));\n" + FEWER),
+    ),
+    "an overflow that two inputs start beside a refused one": declared(
+        "fMore : LREAL;",
+        (
+            LAST,
+            r"IF NOT bUsable AND aInput[0] > 5.0 AND aInput[1] > 5.0 THEN fMore := fX * 1.0E308 * 1.0E308; END_IF;\n\1",
+        ),
+    ),
     "a test that no number passes": ((r"OR (aInput\[nColumn\] > -1.0)", r"AND \1"),),
     "no test for NaN": ((r"F_IsNan\(.*?\)", "FALSE"),),
 }
