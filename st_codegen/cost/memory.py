@@ -8,7 +8,7 @@ be somewhere else in every round.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import count
 
@@ -129,8 +129,6 @@ class Touch:
 
 
 Touches = dict[Hashable, Touch]
-#: The keys of touches that only the first, and only the second, of two branches has.
-Choice = tuple[frozenset[Hashable], frozenset[Hashable]]
 
 
 def joined(first: Touches, second: Touches) -> Touches:
@@ -148,26 +146,6 @@ def lines_by_region(touches: Touches) -> dict[Region, int]:
     for touch in touches.values():
         lines[touch.region] = min(lines.get(touch.region, 0) + touch.lines, touch.region.lines)
     return lines
-
-
-def of_one_way(touches: Touches, choices: Iterable[Choice]) -> Touches:
-    """The touches of a path that takes one branch of each choice: that which touches most.
-
-    What is compared are regions that one branch alone touches, so that whatever else a path touches is counted. Inner
-    choices come first.
-    """
-    left = dict(touches)
-    for choice in choices:
-        keys_of: dict[Region, set[Hashable]] = {}
-        for key, touch in left.items():
-            keys_of.setdefault(touch.region, set()).add(key)
-        number = lines_by_region(left)
-        alone = [[region for region, keys in keys_of.items() if keys <= way] for way in choice]
-        smaller = min(alone, key=lambda regions: sum(number[region] for region in regions))
-        for region in smaller:
-            for key in keys_of[region]:
-                del left[key]
-    return left
 
 
 class Versions:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
-from st_codegen.cost.memory import LINE, Choice, Touches, joined
+from st_codegen.cost.memory import LINE, Touches, joined, lines_by_region
 from st_codegen.cost.operations import CostClass, Counts, no_counts, position, weighted
 
 
@@ -49,19 +49,42 @@ class CodeLines:
         return CodeLines(both, max(self.number, other.number) - both.bit_count())
 
 
+Keys = frozenset[Hashable]
+
+
+@dataclass(frozen=True)
+class CodeOf:
+    """A key that says that a call runs a unit."""
+
+    unit: str
+
+
+def at_site(site: int, keys: Iterable[Hashable]) -> Keys:
+    """The keys of a called unit, seen from its caller: those of one call."""
+    return frozenset((site, key) for key in keys)
+
+
+def _unit_of(key: Hashable) -> str | None:
+    """The unit whose code a key stands for; seen from callers it is behind the numbers of their calls."""
+    while isinstance(key, tuple) and key:
+        key = key[-1]
+    return key.unit if isinstance(key, CodeOf) else None
+
+
 @dataclass(frozen=True, eq=False)
 class PathCost:
     """What one path costs: counts by the unit whose text they stand in, the memory it touches, and the code it runs.
 
-    Of several branches `touches` has what any of them touches. `called` are those of it that stand in a call, which is
-    there once in the text, and `choices` which of those belong to one or the other of two branches.
+    Of several branches `touches` and `code` have what any of them touches and runs. `called` are the keys of what calls
+    touch, and a CodeOf for each unit that they run: a call is there once in the text. `choices` are those that only
+    the first, and only the second, of two branches has.
     """
 
     counts: Mapping[str, Counts] = field(default_factory=dict)
     touches: Touches = field(default_factory=dict)
     code: Mapping[str, CodeLines] = field(default_factory=dict)
-    called: frozenset[Hashable] = frozenset()
-    choices: tuple[Choice, ...] = ()
+    called: Keys = frozenset()
+    choices: tuple[tuple[Keys, Keys], ...] = ()
 
     def then(self, other: PathCost) -> PathCost:
         """The cost of this path followed by another one."""
@@ -80,13 +103,37 @@ class PathCost:
         """The counts of the path taken `rounds` times; what it touches and runs stays the same."""
         return replace(self, counts={unit: counts * rounds for unit, counts in self.counts.items()})
 
+    def of_one_way(self) -> PathCost:
+        """The memory and the code of a path that takes one branch of each choice: that with the most lines.
+
+        What is compared is what one branch alone touches and runs, so that all else is counted. Inner choices come
+        first.
+        """
+        touches, code = dict(self.touches), dict(self.code)
+        for choice in self.choices:
+            keys_of: dict[Hashable, set[Hashable]] = {}
+            for key, touch in touches.items():
+                keys_of.setdefault(touch.region, set()).add(key)
+            for key in self.called:
+                if (unit := _unit_of(key)) in code:
+                    keys_of.setdefault(unit, set()).add(key)
+            lines: dict[Hashable, int] = {unit: run.number for unit, run in code.items()}
+            lines.update(lines_by_region(touches).items())
+            alone = [[what for what, keys in keys_of.items() if keys <= way] for way in choice]
+            for what in min(alone, key=lambda parts: sum(lines[part] for part in parts)):
+                if isinstance(what, str):
+                    del code[what]
+                for key in keys_of[what]:
+                    touches.pop(key, None)
+        return replace(self, touches=touches, code=code, choices=())
+
     @property
     def total(self) -> Counts:
         """The counts of all units together."""
         return sum(self.counts.values(), start=no_counts())
 
 
-def _both(first: PathCost, second: PathCost) -> tuple[Choice, ...]:
+def _both(first: PathCost, second: PathCost) -> tuple[tuple[Keys, Keys], ...]:
     """The choices of two paths, which may have a part in common."""
     return tuple(dict.fromkeys((*first.choices, *second.choices)))
 

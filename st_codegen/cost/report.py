@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from st_codegen.cost.memory import LINE, lines_by_region, of_one_way
+from st_codegen.cost.memory import LINE, lines_by_region
 from st_codegen.cost.operations import as_mapping, no_counts, size_of, weighted
 from st_codegen.cost.paths import CodeLines, PathCost
 from st_codegen.cost.profile import Profile
@@ -162,14 +162,12 @@ def _is_native(project: t.Project, pou: t.Pou) -> bool:
 
 
 def _block_cost(pou: t.Pou, cost: UnitCost, units: Units, profile: Profile) -> BlockCost:
+    worst = cost.cost.of_one_way()
     lines: dict[str, int] = {}
-    for region, number in lines_by_region(of_one_way(cost.cost.touches, cost.cost.choices)).items():
+    for region, number in lines_by_region(worst.touches).items():
         lines[region.owner] = lines.get(region.owner, 0) + number
     waiting = _warm_wait(sum(lines.values()) * LINE, profile)
-    parts = [
-        _part(key, cost.cost, lines.get(key, 0), waiting, units, profile)
-        for key in {pou.key, *cost.cost.counts, *lines}
-    ]
+    parts = [_part(key, worst, lines.get(key, 0), waiting, units, profile) for key in {pou.key, *worst.counts, *lines}]
     return BlockCost(pou.name, tuple(sorted(parts, key=lambda part: (-part.cold_us, part.unit))), cost.unbounded)
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from st_codegen.cost import rounds
 from st_codegen.cost.access import Accesses, PathState
 from st_codegen.cost.memory import Loop, Region, Touch, Touches, new_version
 from st_codegen.cost.operations import CostClass, size_of
-from st_codegen.cost.paths import CodeLines, Costs, Flow, Outcomes, PathCost
+from st_codegen.cost.paths import CodeLines, CodeOf, Costs, Flow, Outcomes, PathCost, at_site
 from st_codegen.cost.profile import Profile
 from st_codegen.cost.ranges import Interval
 from st_codegen.st import tree as t
@@ -250,14 +250,15 @@ class _Body:
             )
         number = 1 if count is None else count
 
-        def spread(cost: PathCost) -> PathCost:  # without choices: another round may take the other branch
+        def spread(cost: PathCost) -> PathCost:
             touches = {key: touch.repeated(max(number, 1), loop) for key, touch in cost.touches.items()}
-            return PathCost(
-                cost.counts, touches, self._all_code(cost, begin) if count is None or number > 1 else cost.code
-            )
+            code = self._all_code(cost, begin) if count is None or number > 1 else cost.code
+            return PathCost(cost.counts, touches, code, cost.called)
 
         spread_body = {flow: spread(cost) for flow, cost in body.items()}
-        return self._costs.loop(number, spread_body, each=spread(each), last=spread(last))
+        found = self._costs.loop(number, spread_body, each=spread(each), last=spread(last))
+        # no choice is left: another round may take the other branch
+        return {flow: replace(cost, choices=()) for flow, cost in found.items()}
 
     def _all_code(self, cost: PathCost, begin: float) -> dict[str, CodeLines]:
         """The code of a loop, whose rounds may go all ways: its own from `begin` on, all of the units that it calls."""
@@ -278,11 +279,8 @@ class _Body:
             self._unbounded.update(dict.fromkeys(unit.unbounded))
             site = new_version()
             touches: Touches = {(site, name): touch.called(path) for name, touch in unit.cost.touches.items()}
-            choices = tuple(
-                (frozenset((site, name) for name in one), frozenset((site, name) for name in other))
-                for one, other in unit.cost.choices
-            )
-            body = PathCost(unit.cost.counts, touches, unit.cost.code, frozenset(touches), choices)
-            worst = self._costs.worse(worst, body)
+            called = at_site(site, {*unit.cost.touches, *unit.cost.called, CodeOf(key)})
+            choices = tuple((at_site(site, one), at_site(site, other)) for one, other in unit.cost.choices)
+            worst = self._costs.worse(worst, PathCost(unit.cost.counts, touches, unit.cost.code, called, choices))
         state.after_call(call)
         return worst or PathCost()

@@ -2,7 +2,7 @@
 
 import pytest
 
-from st_codegen.cost.memory import lines_by_region, of_one_way
+from st_codegen.cost.memory import lines_by_region
 from tests.cost.helpers import CONSTANTS, VARIABLES, block, cost, counts, unit
 
 LINES = {
@@ -182,6 +182,29 @@ def test_a_call_touches_the_tables_of_one_branch(body, lines):
     outer += "IF b THEN one(); ELSE two(); END_IF; END_FUNCTION_BLOCK\n"
     text = reading("FB_1", 20) + reading("FB_2", 30) + reading("FB_3", 40) + outer
     variables = VARIABLES + "one : FB_1; again : FB_1; two : FB_2; three : FB_3; outer : FB_O;"
-    found = unit(body, variables=variables, before=text).cost
-    regions = lines_by_region(of_one_way(found.touches, found.choices))
+    found = unit(body, variables=variables, before=text).cost.of_one_way()
+    regions = lines_by_region(found.touches)
     assert sum(number for region, number in regions.items() if region.name == "T") == lines
+
+
+CALLED = {
+    "IF b THEN short(); ELSE long(); END_IF;": {"FB_L"},
+    "IF b THEN short(); ELSE long(); END_IF; short();": {"FB_S", "FB_L"},
+    "FOR i := 1 TO 2 DO IF b THEN short(); ELSE long(); END_IF; END_FOR;": {"FB_S", "FB_L"},
+    "FOR i := 1 TO 2 DO short(); END_FOR; IF b THEN short(); ELSE long(); END_IF;": {"FB_S", "FB_L"},
+    "IF b THEN FOR i := 1 TO 2 DO long(); END_FOR; ELSE short(); END_IF;": {"FB_L"},
+    "outer();": {"FB_O", "FB_L"},
+    # what is run at two places is counted
+    "IF b THEN outer(); ELSE short(); END_IF;": {"FB_O", "FB_S", "FB_L"},
+    "IF b THEN outer(); ELSE c := b; END_IF; short();": {"FB_O", "FB_S", "FB_L"},
+}
+
+
+@pytest.mark.parametrize(("body", "units"), CALLED.items(), ids=range(len(CALLED)))
+def test_a_call_runs_the_code_of_one_branch(body, units):
+    variables = "x : LREAL; y : LREAL;"
+    text = block("x := y;", variables).replace("FB_T", "FB_S") + block(LONG, variables).replace("FB_T", "FB_L")
+    outer = "IF b THEN short(); ELSE long(); END_IF;"
+    text += block(outer, "b : BOOL; short : FB_S; long : FB_L;").replace("FB_T", "FB_O")
+    found = unit(body, variables=VARIABLES + "short : FB_S; long : FB_L; outer : FB_O;", before=text).cost.of_one_way()
+    assert found.code.keys() - {"FB_T"} == units
