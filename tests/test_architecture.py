@@ -147,6 +147,11 @@ def test_every_room_has_its_floor():
     assert {room(name) for name in MODULES} == MAY_USE.keys() | TOP
 
 
+def test_the_page_names_every_room():
+    page = (PACKAGE.parent / "docs" / "architecture.md").read_text("utf-8")
+    assert not {name for name in MAY_USE if name and not re.search(rf"\b{name}\b", page)}
+
+
 def test_a_room_uses_only_rooms_that_stand_above_it_in_the_table():
     above = set()
     for name, used in MAY_USE.items():
