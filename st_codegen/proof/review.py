@@ -21,7 +21,7 @@ from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import FloatArray
 from st_codegen.proof.probes import RangeSource
-from st_codegen.proof.runner import GeneratedCode, target_folders
+from st_codegen.proof.runner import BlockResult, GeneratedCode, target_folders
 
 #: Called with (number done, total, what is next).
 Progress = Callable[[int, int, str], None]
@@ -254,10 +254,7 @@ def _compare_model(
     if len(old["features"]) != len(new["features"]) or not (same_shape or classifies) or not text_changed:
         return ModelChange(name, changes, (), 0, 0, 0, text_changed)
     x = _operating_points(old, new, rows, seed)
-    results = [
-        code.run_model(f["block"], x, f.get("block_outputs", len(f["outputs"])))
-        for code, f in zip(codes, facts, strict=True)
-    ]
+    results = _answers(facts, codes, x)
     both = results[0].valid & results[1].valid
     difference = np.zeros((int(both.sum()), 0))
     if same_shape:
@@ -274,24 +271,7 @@ def _compare_model(
     if new.get("shared"):  # the text is that of other models too
         text_changed = bool(changes or np.any(difference) or np.any(results[0].valid != results[1].valid))
     names = [feature["name"] for feature in new["features"]]
-    ends = x.min(axis=0), x.max(axis=0)
-
-    def sweep(point: FloatArray, number: int) -> tuple[Sweep, ...]:
-        """The output before and after along each feature through a point."""
-        lines = np.repeat(point[None], len(names) * _CURVE, axis=0).reshape(len(names), _CURVE, -1)
-        for feature, (low, high) in enumerate(zip(*ends, strict=True)):
-            lines[feature, :, feature] = np.linspace(low, high, _CURVE)
-        flat = lines.reshape(-1, len(names))
-        runs = [
-            code.run_model(f["block"], flat, f.get("block_outputs", len(f["outputs"])))
-            for code, f in zip(codes, facts, strict=True)
-        ]
-        values = [np.where(r.valid, r.values[:, number], np.nan).reshape(len(names), _CURVE) for r in runs]
-        return tuple(
-            Sweep(name, *(tuple(map(float, v)) for v in (lines[n, :, n], values[0][n], values[1][n])))
-            for n, name in enumerate(names)
-        )
-
+    sweep = _sweeps(facts, codes, x)
     return ModelChange(
         name,
         changes,
@@ -307,6 +287,35 @@ def _compare_model(
         tuple(f["name"] for f in new["features"] if f.get("range_from") == RangeSource.GUESS),
         labels,
     )
+
+
+def _answers(facts: tuple[dict[str, Any], ...], codes: list[GeneratedCode], x: FloatArray) -> list[BlockResult]:
+    """What the blocks before and after answer."""
+    return [
+        code.run_model(f["block"], x, f.get("block_outputs", len(f["outputs"])))
+        for code, f in zip(codes, facts, strict=True)
+    ]
+
+
+def _sweeps(
+    facts: tuple[dict[str, Any], ...], codes: list[GeneratedCode], x: FloatArray
+) -> Callable[[FloatArray, int], tuple[Sweep, ...]]:
+    """A function that gives an output before and after along each feature through a point, as far as `x` reaches."""
+    names = [feature["name"] for feature in facts[-1]["features"]]
+    ends = x.min(axis=0), x.max(axis=0)
+
+    def sweep(point: FloatArray, number: int) -> tuple[Sweep, ...]:
+        lines = np.repeat(point[None], len(names) * _CURVE, axis=0).reshape(len(names), _CURVE, -1)
+        for feature, (low, high) in enumerate(zip(*ends, strict=True)):
+            lines[feature, :, feature] = np.linspace(low, high, _CURVE)
+        runs = _answers(facts, codes, lines.reshape(-1, len(names)))
+        values = [np.where(r.valid, r.values[:, number], np.nan).reshape(len(names), _CURVE) for r in runs]
+        return tuple(
+            Sweep(name, *(tuple(map(float, v)) for v in (lines[n, :, n], values[0][n], values[1][n])))
+            for n, name in enumerate(names)
+        )
+
+    return sweep
 
 
 def _label_changes(before: list[Any], after: list[Any]) -> tuple[LabelChange, ...]:

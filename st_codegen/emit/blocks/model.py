@@ -400,6 +400,12 @@ def _operations(model: ModelIR, listing: Listing, *, aged: bool) -> list[ArrayEl
             ArrayElement(names[value], number) for value in last.inputs for number in range(model.value_width(value))
         ]
         results = [joined[column] for column in last.columns]
+    _write_outputs(model, listing, results, aged=aged)
+    return results
+
+
+def _write_outputs(model: ModelIR, listing: Listing, results: list[ArrayElement], *, aged: bool) -> None:
+    """The code that hands on the outputs, and asks whether they are plausible."""
     listing.section(
         "outputs",
         "outputs",
@@ -422,7 +428,6 @@ def _operations(model: ModelIR, listing: Listing, *, aged: bool) -> list[ArrayEl
             for number, port in enumerate(_plausible(model), 1)
         ],
     )
-    return results
 
 
 def _missing_inputs(model: ModelIR) -> list[Origins]:

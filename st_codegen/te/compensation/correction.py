@@ -108,8 +108,7 @@ def correction_block(te: TransmissionError) -> Block:
     """Correction of the motor's reference (Eq. 6) from an angle and a set of coefficients."""
     if not _RATIOS[0] <= te.reduction_ratio <= _RATIOS[1]:
         raise InputError(f"reduction ratio {te.reduction_ratio}: the compensator takes {_RATIOS[0]} .. {_RATIOS[1]:g}")
-    both, torque = len(te.directions) == 2, torque_variable(te)
-    suffixes = [SUFFIX[direction] for direction in te.directions]
+    both = len(te.directions) == 2
     names = ["NONE", "ANGLE", "OPERATING_POINT", "CYCLE_TIME", "PARAMETER", *([] if both else ["DIRECTION"])]
     return block(
         "FB_Correction",
@@ -146,34 +145,40 @@ def correction_block(te: TransmissionError) -> Block:
             lreal("RAD_PER_TURN", "2 * pi", "6.283185307179586"),
             *(_play_constants(te.play) if te.play else ()),
         ),
-        sections=(
-            CodeSection("inputs, checked", "te_checks", {"checks": _checks(te), "no_error": TE_ERROR["NONE"]}),
-            CodeSection(
-                "direction of rotation",
-                "te_direction",
-                {
-                    "both": both,
-                    "suffix": suffixes[0],
-                    "no_error": TE_ERROR["NONE"],
-                    "wrong": TE_ERROR["DIRECTION"],
-                    "torque": torque[0].name if torque else "",
-                },
-            ),
-            CodeSection(
-                "transmission error of Eq. 3",
-                "te_sum",
-                {
-                    "both": both,
-                    "suffix": suffixes[0],
-                    "last": len(te.orders) - 1,
-                    "no_error": TE_ERROR["NONE"],
-                    "mean": te.orders.index(0) if te.play else None,
-                },
-            ),
-            CodeSection("law of Eq. 6", "te_law", {"no_error": TE_ERROR["NONE"]}),
-            CodeSection("fading and limits", "te_limits", {"no_error": TE_ERROR["NONE"]}),
-        ),
+        sections=_sections(te),
         codes=TE_ERROR.some(*names),
+    )
+
+
+def _sections(te: TransmissionError) -> tuple[CodeSection, ...]:
+    """The steps of the correction, in their order."""
+    both, torque, suffix = len(te.directions) == 2, torque_variable(te), SUFFIX[te.directions[0]]
+    return (
+        CodeSection("inputs, checked", "te_checks", {"checks": _checks(te), "no_error": TE_ERROR["NONE"]}),
+        CodeSection(
+            "direction of rotation",
+            "te_direction",
+            {
+                "both": both,
+                "suffix": suffix,
+                "no_error": TE_ERROR["NONE"],
+                "wrong": TE_ERROR["DIRECTION"],
+                "torque": torque[0].name if torque else "",
+            },
+        ),
+        CodeSection(
+            "transmission error of Eq. 3",
+            "te_sum",
+            {
+                "both": both,
+                "suffix": suffix,
+                "last": len(te.orders) - 1,
+                "no_error": TE_ERROR["NONE"],
+                "mean": te.orders.index(0) if te.play else None,
+            },
+        ),
+        CodeSection("law of Eq. 6", "te_law", {"no_error": TE_ERROR["NONE"]}),
+        CodeSection("fading and limits", "te_limits", {"no_error": TE_ERROR["NONE"]}),
     )
 
 
