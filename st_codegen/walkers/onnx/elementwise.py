@@ -240,14 +240,27 @@ def _logical(operand: Operand) -> Tensor:
     return tensor
 
 
+def _folded(call: NodeCall, function: np.ufunc) -> ConstantOperand | None:
+    """A function of truth values that stand in the file, None where any is computed."""
+    given = [operand.array for operand in call.operands if isinstance(operand, ConstantOperand)]
+    if len(given) < len(call.operands) or any(array.dtype != TRUTH for array in given):
+        return None
+    return ConstantOperand(np.asarray(function(*given)))
+
+
 @operator("Not", 1)
 def _not(call: NodeCall) -> Operand:
+    if (known := _folded(call, np.logical_not)) is not None:
+        return known
     tensor = _logical(call.required())
     return _truths(call.walk, _opposite(call.walk, call.walk.settle(tensor)), tensor.shape)
 
 
 def _both_or_either(call: NodeCall) -> Operand:
-    code = Operator.MINIMUM if call.node.op_type == "And" else Operator.MAXIMUM
+    is_both = call.node.op_type == "And"
+    if (known := _folded(call, np.logical_and if is_both else np.logical_or)) is not None:
+        return known
+    code = Operator.MINIMUM if is_both else Operator.MAXIMUM
     pair = [_logical(call.required(number)) for number in (0, 1)]
     shape = np.broadcast_shapes(pair[0].shape, pair[1].shape)
     one, other = (call.walk.settle(side.moved(lambda array: np.broadcast_to(array, shape))) for side in pair)

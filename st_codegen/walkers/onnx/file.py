@@ -153,8 +153,10 @@ class GraphNode:
         ):
             if not low <= count <= high:
                 raise InputError(f"{count} {kind}, expected {low} to {high}; the model file is damaged")
-        for number, name in enumerate(self.proto.input[: self.schema.min_input]):
-            if not name:
+        optional = onnx.defs.OpSchema.FormalParameterOption.Optional
+        formal = self.schema.inputs[: self.schema.min_input]
+        for number, (name, input_) in enumerate(zip(self.proto.input, formal, strict=False)):
+            if not name and input_.option != optional:
                 raise InputError(f"input {number} is missing; the model file is damaged")
         if len(self.attributes) < len(self.proto.attribute):
             raise InputError("an attribute appears twice; the model file is damaged")

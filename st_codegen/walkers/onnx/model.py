@@ -20,6 +20,7 @@ from st_codegen.walkers.onnx import (  # noqa: F401  (they register operators)
     classifiers,
     convolution,
     elementwise,
+    loop,
     ml,
     nearest,
     operators,

@@ -1,0 +1,71 @@
+"""Loops that run equally often for all inputs, as tf2onnx writes recurrent layers that it has no operator for.
+
+The body is walked once for each round (onnx/defs/controlflow: Loop): its inputs are the round, the condition and what
+the round before it left; its outputs the condition, what it leaves, and a row of each result that grows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from st_codegen.errors import InputError, Problems, UnsupportedModelError
+from st_codegen.walkers.onnx.graph import NodeCall, Result, operator, read_initializers, run_nodes
+from st_codegen.walkers.onnx.operands import ConstantOperand, Operand
+from st_codegen.walkers.onnx.shapes import joined
+
+#: Rounds of one loop: each writes the code of its body.
+MAX_ROUNDS = 256
+
+
+@operator("Loop", 1, 11, 13, 16, 19, 21, 23, 24, 25)
+def _loop(call: NodeCall) -> Result:
+    body, walk = call.node.attributes["body"].g, call.walk
+    (most, condition), state = call.operands[:2], list(call.operands[2:])
+    if len(body.input) != len(state) + 2 or len(body.output) < len(state) + 1:
+        raise InputError("the body has not the inputs and outputs that a loop needs; the model file is damaged")
+    rows: list[list[Operand]] = [[] for _ in body.output[1 + len(state) :]]
+    limit, goes_on = _known(most, "how often the loop runs"), _known(condition, "whether the loop goes on")
+    outer, problems, count = walk.values, Problems("the body"), 0
+    try:
+        while (limit is None or count < limit) and goes_on != 0:
+            if count == MAX_ROUNDS:
+                raise UnsupportedModelError(f"a loop of more than {MAX_ROUNDS} rounds")
+            counter = ConstantOperand(np.array(count, np.int64))
+            given = zip(body.input, (counter, ConstantOperand(np.array(True)), *state), strict=True)
+            walk.values = outer | {value.name: operand for value, operand in given}
+            read_initializers(walk, body, problems)
+            run_nodes(walk, body, walk.opsets, problems)
+            problems.raise_if_any()
+            made = [walk.values.get(output.name) for output in body.output]
+            goes_on = _known(made[0], "whether the loop goes on")
+            state = made[1 : 1 + len(state)]
+            for row, operand in zip(rows, made[1 + len(state) :], strict=True):
+                row.append(_present(operand))
+            count += 1
+    finally:
+        walk.values = outer
+    if not count:
+        raise UnsupportedModelError("a loop that never runs")
+    return (*state, *(_stacked(call, row) for row in rows))
+
+
+def _known(operand: Operand | None, what: str) -> int | None:
+    """A number or truth value that stands in the file or follows from the round; None where it is absent."""
+    if operand is None:
+        return None
+    if not isinstance(operand, ConstantOperand) or operand.array.size != 1 or operand.dtype.kind not in "bi":
+        raise UnsupportedModelError(f"{what} depends on the inputs; it has to be a constant")
+    return int(operand.array.ravel()[0])
+
+
+def _present(operand: Operand | None) -> Operand:
+    if operand is None:
+        raise InputError("a result of the body is not computed; the model file is damaged")
+    return operand
+
+
+def _stacked(call: NodeCall, rows: Sequence[Operand]) -> Operand:
+    """The rows of all rounds, one below the other."""
+    return joined(call.walk, [row.moved(lambda array: array[None]) for row in rows], 0)

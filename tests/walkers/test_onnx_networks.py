@@ -1,0 +1,82 @@
+"""Networks as the exporters of PyTorch and Keras wrote them (`examples/networks`): each stays within its bound."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from onnx import helper
+
+from st_codegen import generate, load, verify
+from st_codegen.errors import InputError, UnsupportedModelError
+from tests.walkers import onnx_builders as build
+from tests.walkers.onnx_builders import constant, graph_model, info
+
+pytestmark = pytest.mark.usefixtures("tried_in_place")
+
+DATA = Path(__file__).parent / "data" / "networks"
+NETWORKS = sorted(path.stem for path in DATA.glob("*.onnx"))
+
+
+def test_every_exporter_has_its_files():
+    assert len(NETWORKS) == 38
+    assert {name.split("_")[0] for name in NETWORKS} == {"torch", "dynamo", "keras"}
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_networks_are_those_of_onnxruntime_within_their_bound(tmp_path, name):
+    loaded = build.load(onnx.load(DATA / f"{name}.onnx"), tmp_path)
+    build.assert_within_bound(loaded, build.rows(len(loaded.ir.features), n=60, spread=2.0))
+
+
+@pytest.mark.parametrize("name", ["keras_gru", "dynamo_lstm_two_layers", "torch_convolution"])
+def test_text_of_a_network_is_verified(tmp_path, name):
+    bundle = load(DATA / f"{name}.onnx")
+    generate(bundle, "iec", tmp_path)
+    assert verify(bundle, tmp_path, rows=100).passed
+
+
+def loop(most=4, *, condition=None, step=1.0, stays=True, names=("i", "on", "s")):
+    """A loop over a state of two numbers, which is doubled and moved by `step`; its rounds are kept."""
+    nodes = [
+        helper.make_node("Cast", ["i"], ["f"], to=build.FLOAT),
+        helper.make_node("Mul", ["s", "TWO"], ["d"]),
+        helper.make_node("Add", ["d", "STEP"], ["e"]),
+        helper.make_node("Add", ["e", "f"], ["left"]),
+        helper.make_node("Identity", ["left"], ["kept"]),
+        helper.make_node("Less", ["i", "LAST"], ["goes_on"]),
+    ]
+    given = [constant("TWO", [2.0]), constant("STEP", [step]), constant("LAST", stays, np.int64)]
+    outputs = [info("goes_on", None, onnx.TensorProto.BOOL), info("left", None), info("kept", None)]
+    types = {"i": onnx.TensorProto.INT64, "on": onnx.TensorProto.BOOL}
+    inputs = [info(name, () if name in types else None, types.get(name, build.FLOAT)) for name in names]
+    body = helper.make_graph(nodes, "body", inputs, outputs, given)
+    first = [constant("MOST", most, np.int64)] if most is not None else []
+    whole = helper.make_node("Loop", ["MOST" if first else "", condition or "", "X"], ["s_end", "rows"], body=body)
+    tail = [helper.make_node("Concat", ["s_end", "rows_flat"], ["Z"], axis=1)]
+    flat = helper.make_node("Reshape", ["rows", "SHAPE"], ["rows_flat"])
+    first.append(constant("SHAPE", [1, -1], np.int64))
+    return graph_model([whole, flat, *tail], [info("X", (1, 2))], [info("Z", None)], first)
+
+
+@pytest.mark.parametrize(("most", "last", "rounds"), [(4, 100, 4), (4, 1, 2), (None, 5, 6), (1, 100, 1)])
+def test_a_loop_runs_as_often_as_its_count_and_its_condition_say(tmp_path, most, last, rounds):
+    loaded = build.load(loop(most, stays=last), tmp_path)
+    assert len(loaded.ir.outputs) == 2 + 2 * rounds
+    build.assert_equal_bits(loaded, build.rows(2, n=40))
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "message"),
+    [
+        ({"most": 0}, UnsupportedModelError, "a loop that never runs"),
+        ({"most": None, "stays": 10**9}, UnsupportedModelError, "more than 256 rounds"),
+        ({"condition": "X"}, UnsupportedModelError, "whether the loop goes on depends on the inputs"),
+        ({"names": ("i", "on", "s", "more")}, InputError, "not the inputs and outputs that a loop needs"),
+    ],
+)
+def test_loops_that_are_refused(tmp_path, given, error, message):
+    with pytest.raises(error, match=message):
+        build.load(loop(**given), tmp_path)
