@@ -154,9 +154,8 @@ class GraphNode:
             if not low <= count <= high:
                 raise InputError(f"{count} {kind}, expected {low} to {high}; the model file is damaged")
         optional = onnx.defs.OpSchema.FormalParameterOption.Optional
-        formal = self.schema.inputs[: self.schema.min_input]
-        for number, (name, input_) in enumerate(zip(self.proto.input, formal, strict=False)):
-            if not name and input_.option != optional:
+        for number, formal in enumerate(self.schema.inputs[: self.schema.min_input]):
+            if not self.proto.input[number] and formal.option != optional:
                 raise InputError(f"input {number} is missing; the model file is damaged")
         if len(self.attributes) < len(self.proto.attribute):
             raise InputError("an attribute appears twice; the model file is damaged")
