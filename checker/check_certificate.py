@@ -91,6 +91,14 @@ def codes(folder):
     return found
 
 
+def literal(word, real):
+    """The number of a literal of digits: no names, no underscores, nothing beyond the largest number."""
+    need(re.fullmatch(r"-?\d+(\.\d+(E[-+]?\d+)?)?", word, re.A), f"the number {word}")
+    number = float(word) if real else int(word)
+    need(abs(number) < np.inf, f"{word} overflows")
+    return number
+
+
 def read_block(folder, name):
     """Inputs, outputs, constants, initial values and statements of a function block."""
     form = rf"^FUNCTION_BLOCK {name}$(.*?)(?:^END_FUNCTION_BLOCK|\Z)"
@@ -108,14 +116,16 @@ def read_block(folder, name):
                 r"(\w+) : (?:ARRAY\[0\.\.(\d+)\] OF )?(LREAL|[SD]?INT|BOOL|DWORD)(?:\s*:=\s*(.*))?", line, re.S
             )
             known = {name.lower() for name in values}
-            narrow = form and not section[2] and form[3] in ("SINT", "INT")
-            need(form and form[1].lower() not in known and not narrow, f"the declaration {line[:60]}")
-            kind = {"LREAL": float, "BOOL": bool}.get(form[3], int)
+            need(form and form[1].lower() not in known, f"the declaration {line[:60]}")
             size, given = int(form[2] or 0) + 1, re.sub(r"\w*#?16#(\w+)", lambda m: str(int(m[1], 16)), form[4] or "")
-            need(not (given and kind is bool), "an initial truth value")
-            items = [kind(n) for n in given.strip("[] \n").split(",")] if given else [kind(0)] * size
-            need(len(items) == size, f"{form[1]}: another number of elements")
-            values[form[1]] = (np.array(items) if section[2] else items) if form[2] else items[0]
+            kind = {"LREAL": np.float64, "BOOL": np.bool_, "SINT": np.int8, "INT": np.int16}.get(form[3], np.int32)
+            need(not (given and kind is np.bool_), "an initial truth value")
+            need(section[2] or kind not in (np.int8, np.int16), "a variable of a narrow type")
+            words = given.strip("[] \n").split(",") if given else ["0"] * size
+            need(len(words) == size, f"{form[1]}: another number of elements")
+            items = np.array([literal(word.strip(), kind is np.float64) for word in words], kind)  # OverflowError
+            items = items.astype(np.int64) if kind is np.int32 else items
+            values[form[1]] = (items if section[2] else items.tolist()) if form[2] else items[0].item()
             constants |= {form[1]} if section[2] else set()
             ports.get(section[1], []).append(form[1])
     need("VAR" not in text[end:].split(), "declarations behind statements")
@@ -168,10 +178,10 @@ NUMERIC = {
     "LREAL_TO_REAL": single,
 }
 CONVERSIONS = {"DINT_TO_LREAL": np.float64, "BOOL_TO_DINT": np.int64, "TRUNC": np.int64}
-CONVERSIONS |= {"SINT_TO_DINT": np.int64, "INT_TO_DINT": np.int64}
+NARROW = {"SINT_TO_DINT": np.int8, "INT_TO_DINT": np.int16}
 #: Types and functions that no text may define anew.
 STANDARD = {"LREAL", "REAL", "DINT", "INT", "SINT", "BOOL", "DWORD", "LWORD", "DINT_TO_DWORD", "DWORD_TO_DINT"}
-STANDARD |= NUMERIC.keys() - set("+-*/") | CONVERSIONS.keys() | {"REAL_TO_LREAL"}
+STANDARD |= NUMERIC.keys() - set("+-*/") | CONVERSIONS.keys() | NARROW.keys() | {"REAL_TO_LREAL"}
 
 
 class Machine:
@@ -320,6 +330,7 @@ class Machine:
 
     def value(self, e, mask):
         if isinstance(e, ast.Constant):
+            need(isinstance(e.value, bool) or abs(e.value) < (2**31 if type(e.value) is int else np.inf), "a number")
             return e.value
         if isinstance(e, ast.Name):
             return self.read(e.id, 0, self.values.get(e.id))
@@ -350,6 +361,10 @@ class Machine:
         if name == "REAL_TO_LREAL":  # arithmetic in REAL, or with literals that may be REAL, is not known
             need(isinstance(inner, ast.Call) and inner.func.id == "LREAL_TO_REAL", "a REAL that was not just made")
             return self.number(inner, "LREAL_TO_REAL", [self.value(inner.args[0], mask)], mask)
+        if name in NARROW:  # arithmetic on narrow integers may overflow: they are read as DINT only
+            need(isinstance(inner, ast.Subscript), "a narrow number that is computed")
+            need(self.values[inner.value.id].dtype == NARROW[name], "an element of another type")
+            return self.element(inner, self.value(inner.slice, mask), mask, narrow=True)
         if name == "DWORD_TO_DINT":
             need(isinstance(inner, ast.BoolOp) and isinstance(inner.op, ast.And), "bits")
             number, mask_ = inner.values
@@ -381,8 +396,10 @@ class Machine:
             self.early.add((name, place))  # its initial value, which nothing may change
         return value
 
-    def element(self, e, index, mask):
+    def element(self, e, index, mask, *, narrow=False):
         name, table = e.value.id, self.values[e.value.id]
+        if isinstance(table, np.ndarray):
+            need(narrow == (table.dtype.itemsize < 8), f"{name}: a narrow number that is not converted")
         if type(index) is int:
             need(0 <= index < len(table), "an index out of range")
             return self.read(name, index, table[index] if isinstance(table, list) else table[index].item())
@@ -391,7 +408,7 @@ class Machine:
         sure = inside & index.exact
         at = np.where(sure, index.a[0], 0)
         if isinstance(table, np.ndarray):
-            return V(np.array([table[at]] * 2), ~sure)
+            return V(np.array([table[at]] * 2, np.int64 if narrow else None), ~sure)
         items = {p: self.wide(self.read(name, p, table[p])) for p in np.unique(at[sure]).tolist()}
         out = V(np.zeros((2, self.n), next(iter(items.values())).a.dtype if items else bool), ~sure)
         for p, item in items.items():

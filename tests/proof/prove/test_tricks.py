@@ -23,6 +23,7 @@ TEXTS = {
 }
 FIRST, LAST = r"(bUsable := TRUE;\n)", r"(bValid := bUsable;\n)"
 LOOP = r"(FOR nColumn := 0 TO 2 DO\n)"
+CONSTANTS = r"(\nVAR CONSTANT\n)"
 FEWER = "IF fMore < 16777216.5 THEN bUsable := FALSE; END_IF;\n"
 STATE = r"\1IF nCalls > 5 THEN bUsable := FALSE; END_IF;\n"
 
@@ -138,6 +139,19 @@ TRICKS = {
     "a constant that is declared twice": declared("INPUT_LIMIT : ARRAY[0..2] OF LREAL;"),
     "a whole number that takes a fraction": declared(
         "nHalf : DINT;", (FIRST, r"\1nHalf := 2.5;\nIF nHalf < 2.4 THEN bUsable := FALSE; END_IF;\n")
+    ),
+    "a number that a constant of another file may be": (
+        (CONSTANTS, r"\1    MORE : ARRAY[0..0] OF LREAL := [inf];\n"),
+        (LAST, r"IF ABS(aInput[0]) > MORE[0] THEN bUsable := FALSE; END_IF;\n\1"),
+    ),
+    "a number beyond the largest": ((LAST, r"IF ABS(aInput[0]) > 1.0E400 THEN bUsable := FALSE; END_IF;\n\1"),),
+    "a whole number that its type cannot hold": (
+        (CONSTANTS, r"\1    MORE : ARRAY[0..0] OF SINT := [300];\n"),
+        (LAST, r"IF SINT_TO_DINT(MORE[0]) < 299 THEN bUsable := FALSE; END_IF;\n\1"),
+    ),
+    "a sum of whole numbers that its type cannot hold": (
+        (CONSTANTS, r"\1    MORE : ARRAY[0..0] OF SINT := [100];\n"),
+        (LAST, r"IF MORE[0] + MORE[0] < 199 THEN bUsable := FALSE; END_IF;\n\1"),
     ),
     "a sum of fewer digits": declared(
         "fMore : LREAL;",
