@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import shutil
 import statistics
 import subprocess
@@ -15,7 +16,7 @@ import numpy as np
 
 from benchmarks.contenders import Built
 
-WARM_ROWS, COLD_CALLS, PASSES, COUNTED = 256, 61, 31, 32
+WARM_ROWS, COLD_CALLS, PASSES, COUNTED = int(os.environ.get("RACE_WARM_ROWS", "256")), 61, 31, 32
 #: Runs of the program
 RUNS, COLD_RUNS = 3, 1
 #: Calls from Python that take longer are repeated less
