@@ -136,6 +136,8 @@ def read_block(folder, name):
 class V:
     """What a value may be in each box: from `a[0]` to `a[1]` in the order of `keys`, or anything where `u` is set.
 
+    Truth values that are not decided have `u` set.
+
     `raw`: computed from the number of an input, and not chosen from numbers of the text.
     """
 
@@ -297,7 +299,8 @@ class Machine:
             key = id(target), self.path
             if key in self.known:
                 table, first, last = self.known[key]
-                new = V(np.array([table[0][first], table[1][last]]), np.zeros(self.n, bool), new.raw)
+                a = np.array([table[0][first], table[1][last]])
+                new = V(a, (a[0] != a[1]) & (a.dtype == bool), new.raw)
             if self.taken is not None and np.any(np.logical_and.reduceat(~new.u, self.covers)):
                 self.lists[key] = new
         if array:

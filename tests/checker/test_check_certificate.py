@@ -266,6 +266,26 @@ def test_a_statement_that_fails_for_a_few_inputs_is_rejected(name, layout, tmp_p
     check_certificate.Check(model, text.parent, entry)
 
 
+@pytest.mark.parametrize("layout", [Layout.TREES, Layout.RANKED])
+@pytest.mark.parametrize("condition", ["abMissing[2]", "NOT abMissing[2]", "abMissing[2] AND NOT abMissing[2]"])
+def test_a_missing_value_of_an_input_that_no_tree_reads_changes_nothing(condition, layout, tmp_path):
+    models = folder_of(tmp_path, ["decision_tree.skops"])
+    generate(load(models), "iec", tmp_path / "out", options=Options(layout=layout))
+    (text,) = tmp_path.rglob("FB_Decision_tree.st")
+    node = "nNode" if layout is Layout.TREES else "nNode1"
+    changed, count = re.subn(
+        r"(\n *fX := (?:THRESHOLD|LEAF)_\d\[)", rf"\nIF {condition} THEN {node} := 0; END_IF;\1", text.read_text()
+    )
+    assert count == 1
+    text.write_text(changed)
+    check_certificate = mutants.check_certificate
+    model = check_certificate.read_model(models / "decision_tree.skops")
+    assert not any(2 in tree[0] for tree in model.trees)
+    entry = {"block": text.stem, "outputs": ["fOut1"], "inputs": ["f0", "f1", "f2"]}
+    with pytest.raises(check_certificate.Reject):
+        check_certificate.Check(model, text.parent, entry)
+
+
 SETTINGS = """
 [project]
 prefix = "P1_"
