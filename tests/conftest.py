@@ -1,5 +1,6 @@
 """Fixtures that many tests share, and the option that updates golden files."""
 
+import gc
 from functools import cache
 
 import numpy as np
@@ -20,6 +21,21 @@ def pytest_addoption(parser):
         action="store_true",
         help="rewrite the expected files in golden/ and show what changes (see tests/emit/test_golden.py)",
     )
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """What is imported and collected lives to the end: nobody looks through it for what could go, a third of that time.
+
+    Trees of texts are many small objects that do not refer to themselves, so the search for circles may be rarer.
+    """
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.set_threshold(50_000, 20, 10)
+        gc.enable()
 
 
 @pytest.fixture(scope="session")
