@@ -66,9 +66,11 @@ def translated(code):
         else:
             plain = token[0].isalnum() and not keyword.iskeyword(token)
             need(plain or token in WORDS or token in KNOWN, f"'{token}', which is a word of Python or not known")
-            words.append(
-                str(int(token.split("16#")[1].replace("_", ""), 16)) if "16#" in token else WORDS.get(token, token)
-            )
+            if "16#" in token:
+                need(token[:3] == "16#" or (token[:6] == "DWORD#" and words[-1:] == ["and"]), f"the type of {token}")
+                words.append(str(int(token.split("16#")[1].replace("_", ""), 16)))
+            else:
+                words.append(WORDS.get(token, token))
     need(not words, "the text ends in a statement")
     return ast.parse("\n".join(lines)).body
 
@@ -107,7 +109,7 @@ def read_block(folder, name):
     known = parts[0][0].isascii() and not re.search(r"[{'\"$^]|//|\*\)", parts[0][0])
     need(known, "attributes, strings, pointers, or a comment in a comment")
     text = parts[0][1]
-    ports, constants, values, end = {"VAR_INPUT": [], "VAR_OUTPUT": []}, set(), {}, 0
+    ports, constants, values, end = {"VAR_INPUT": [], "VAR_OUTPUT": []}, {}, {}, 0
     for section in re.finditer(r"\s*(VAR\w*)( CONSTANT)?\s(.*?)END_VAR", text, re.S):
         need(section.start() == end and section[1] in ("VAR", *ports), "text between declarations, or another section")
         end = section.end()
@@ -120,13 +122,15 @@ def read_block(folder, name):
             size, given = int(form[2] or 0) + 1, re.sub(r"\w*#?16#(\w+)", lambda m: str(int(m[1], 16)), form[4] or "")
             kind = {"LREAL": np.float64, "BOOL": np.bool_, "SINT": np.int8, "INT": np.int16}.get(form[3], np.int32)
             need(not (given and kind is np.bool_), "an initial truth value")
-            need(section[2] or kind not in (np.int8, np.int16), "a variable of a narrow type")
+            need(section[2] or form[3] not in ("SINT", "INT", "DWORD"), "a variable of a narrow type, or of bits")
+            need(section[1] != "VAR_INPUT" or form[3] == "LREAL", "an input that is no LREAL")
+            need(form[3] != "DWORD" or not form[2], "a list of bits")
             words = given.strip("[] \n").split(",") if given else ["0"] * size
             need(len(words) == size, f"{form[1]}: another number of elements")
             items = np.array([literal(word.strip(), kind is np.float64) for word in words], kind)  # OverflowError
             items = items.astype(np.int64) if kind is np.int32 else items
             values[form[1]] = (items if section[2] else items.tolist()) if form[2] else items[0].item()
-            constants |= {form[1]} if section[2] else set()
+            constants |= {form[1]: form[3]} if section[2] else {}
             ports.get(section[1], []).append(form[1])
     need("VAR" not in text[end:].split(), "declarations behind statements")
     return *ports.values(), constants, values, translated(text[end:])
@@ -179,7 +183,8 @@ NUMERIC = {
     "NEG": np.negative,
     "LREAL_TO_REAL": single,
 }
-CONVERSIONS = {"DINT_TO_LREAL": np.float64, "BOOL_TO_DINT": np.int64, "TRUNC": np.int64}
+#: From what type to what.
+CONVERSIONS = {"DINT_TO_LREAL": (int, np.float64), "BOOL_TO_DINT": (bool, np.int64), "TRUNC": (float, np.int64)}
 NARROW = {"SINT_TO_DINT": np.int8, "INT_TO_DINT": np.int16}
 #: Types and functions that no text may define anew.
 STANDARD = {"LREAL", "REAL", "DINT", "INT", "SINT", "BOOL", "DWORD", "LWORD", "DINT_TO_DWORD", "DWORD_TO_DINT"}
@@ -200,6 +205,7 @@ class Machine:
         self.n, self.covers, self.has_isnan, self.taken = len(inputs[0].u), covers, has_isnan, taken
         self.known, self.never, self.path = known or {}, set(never), ()
         self.owed, self.paid, self.terms, self.cuts, self.quotients, self.lists = {}, set(), [], [], [], {}
+        self.sums = []  # all operations on what trees give
         self.values = {k: list(v) if isinstance(v, list) else v for k, v in values.items()}
         self.kinds = {name: kind(v[0] if isinstance(v, list) else v) for name, v in values.items()}
         self.assigned, self.early = {(i, 0) for i in self.inputs}, set()
@@ -228,6 +234,7 @@ class Machine:
         for s in statements:
             gone = False
             if isinstance(s, ast.Assign):
+                need(len(s.targets) == 1, "two assignments in one")
                 self.assign(s.targets[0], self.value(s.value, mask), mask)
             elif isinstance(s, ast.Break):
                 gone = mask
@@ -261,7 +268,7 @@ class Machine:
         }
         read = {n.id for part in s.iter.args for n in ast.walk(part) if isinstance(n, ast.Name)}
         need(s.target.id not in stores, "a counter that its loop assigns")
-        need(not read & {s.target.id, *stores}, "a loop whose bounds change in it")
+        need(read <= self.constants.keys(), "a loop whose bounds may change in it")
         outside = self.path
         for counter in range(first, last + 1, step):
             self.path = (*outside, counter)
@@ -336,6 +343,7 @@ class Machine:
             need(isinstance(e.value, bool) or abs(e.value) < (2**31 if type(e.value) is int else np.inf), "a number")
             return e.value
         if isinstance(e, ast.Name):
+            need(self.constants.get(e.id) != "DWORD", f"{e.id}: bits as a number")
             return self.read(e.id, 0, self.values.get(e.id))
         if isinstance(e, ast.Subscript):
             return self.element(e, self.value(e.slice, mask), mask)
@@ -371,7 +379,8 @@ class Machine:
         if name == "DWORD_TO_DINT":
             need(isinstance(inner, ast.BoolOp) and isinstance(inner.op, ast.And), "bits")
             number, mask_ = inner.values
-            a, b = self.wide(self.value(number.args[0], mask)), self.value(mask_, mask)
+            a, b = self.wide(self.value(number.args[0], mask)), getattr(mask_, "value", None)
+            b = self.values[mask_.id] if isinstance(mask_, ast.Name) and mask_.id in self.constants else b
             need(number.func.id == "DINT_TO_DWORD" and type(b) is int and 0 <= b < 2**31, "bits")
             return V(a.a & b, ~a.exact)
         values = [self.value(a, mask) for a in e.args]
@@ -388,10 +397,11 @@ class Machine:
         if isinstance(v, Sum):
             need(name != "TRUNC" or is_label(v.key), "TRUNC of a sum")
             return v
+        need(kind(v) is CONVERSIONS[name][0], f"{name} of another type")
         v = self.wide(v)
         fits = np.all(np.abs(v.a) < 2.0**31, axis=0) if name == "TRUNC" else np.full(self.n, True)
         self.owe(e, "TRUNC of what is too large", fits & ~v.u, mask)
-        return V(np.where(fits, v.a, 0).astype(CONVERSIONS[name]), v.u | ~fits, v.raw)
+        return V(np.where(fits, v.a, 0).astype(CONVERSIONS[name][1]), v.u | ~fits, v.raw)
 
     def read(self, name, place, value):
         need(value is not None and name not in self.outputs, f"{name} is read")
@@ -423,7 +433,8 @@ class Machine:
         floats = any(isinstance(v, Sum | float) or (isinstance(v, V) and v.a.dtype == float) for v in values)
         chosen = [v for v in values if isinstance(v, V) and not v.raw]
         if any(isinstance(v, Sum) for v in values) or (floats and name in ("+", "MIN", "MAX") and chosen):
-            return Sum((name, *(self.term(v) for v in values)))
+            self.sums.append((name, *(self.term(v) for v in values)))
+            return Sum(self.sums[-1])
         if name == "/" and not floats:
             return self.quotient(e, *values, mask)
         need(name != "/" or not isinstance(values[1], V), "a division by an input")
@@ -642,6 +653,7 @@ class Check:
         answers = np.array([np.broadcast_to(model.evaluate(x, c), n) for c in range(len(model.base))])
         if model.label:
             answers = [np.argmax(answers, axis=0) if len(answers) > 1 else answers[0] > 0]
+        need(not machine.sums, "a sum beside a table")
         for (_, got), want in zip(self.results(machine), answers, strict=True):
             self.same(machine.wide(got), np.asarray(want, float), "a cell is another number")
 
@@ -666,6 +678,7 @@ class Check:
             stop = max(first + 1, int(np.searchsorted(begins, begins[first] + 100_000, "right")) - 1)
             part = slice(begins[first], begins[stop])
             machine = self.run(low[part], high[part], nan[part], begins[first:stop] - begins[first])
+            self.reached(machine)
             same, terms = {}, iter(machine.terms)
             for t, c in order:
                 values = model.trees[t][5][:, c]
@@ -692,6 +705,16 @@ class Check:
         for (_, got), want in zip(self.results(machine), wanted, strict=True):
             need(isinstance(got, Sum), "an output that is no sum")
             need(self.normal(got.key) == self.normal(want), "other operations than the model's")
+
+    def reached(self, machine):
+        """What trees give is added and divided for the outputs only: beside them it could overflow."""
+        todo, reached = [got.key for _, got in self.results(machine) if isinstance(got, Sum)], set()
+        while todo:
+            key = todo.pop()
+            if id(key) not in reached:
+                reached.add(id(key))
+                todo += [part for part in key if isinstance(part, tuple)]
+        need(all(id(key) in reached for key in machine.sums), "a sum beside the model's")
 
     def total(self, output, names, same):
         """The additions of one output in the library's order."""

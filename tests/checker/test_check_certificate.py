@@ -286,6 +286,63 @@ def test_a_missing_value_of_an_input_that_no_tree_reads_changes_nothing(conditio
         check_certificate.Check(model, text.parent, entry)
 
 
+END = "bValid := bUsable;\n"
+#: Pairs of a pattern in the text of a table and what stands in its place; each means something else to some compiler.
+TYPES = {
+    "two assignments in one": (END, "fX := fOut1 := 9.0;\n" + END),
+    "an end of a loop that changes in a list": (
+        "FOR nColumn := 0 TO 2 DO\n",
+        "anRank1[0] := 2;\nFOR nColumn := 0 TO anRank1[0] DO\nanRank1[0] := 1;\n",
+    ),
+    "a whole number as an input": ("fF0 : LREAL", "fF0 : DINT"),
+    "a real number that becomes whole": ("aInput[0] := fF0;", "aInput[0] := DINT_TO_LREAL(fF0);"),
+    "a literal of a type that is too small": (END, "nRank := SINT#16#FF;\n" + END),
+    "a comparison without signs": (
+        ("\nVAR CONSTANT\n", "\nVAR CONSTANT\nMASK : DWORD := 3;\n"),
+        (END, "nRank := -1;\nIF nRank > MASK THEN\nnRank := 0;\nEND_IF;\n" + END),
+    ),
+    "a variable without signs": ("\nVAR\n", "\nVAR\ndwMore : DWORD;\n"),
+}
+
+
+@pytest.mark.parametrize("name", TYPES)
+def test_a_text_whose_types_change_its_meaning_is_rejected(name, tmp_path):
+    text = (GOLDEN / "generated" / "iec" / "FB_Random_forest.st").read_text()
+    changes = TYPES[name] if isinstance(TYPES[name][0], tuple) else [TYPES[name]]
+    for old, new in changes:
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    (tmp_path / "FB_Random_forest.st").write_text(text)
+    check_certificate = mutants.check_certificate
+    model = check_certificate.read_model(GOLDEN / "models" / "random_forest.skops")
+    entry = {"block": "FB_Random_forest", "outputs": ["fOut1"], "inputs": ["f0", "f1", "f2"]}
+    with pytest.raises(check_certificate.Reject):
+        check_certificate.Check(model, tmp_path, entry)
+
+
+#: Statements beside the sum of the trees that stop some controllers and change nothing.
+BESIDE = {
+    "a product that overflows": "fX := aStep2[0] * 1.0E308 * 1.0E308;",
+    "a quotient by what may be zero": "fX := 1.0 / (aStep2[0] - aStep2[0]);",
+    "another tree": "fX := fX + LEAF_2[0];",
+}
+
+
+def test_a_sum_beside_the_sum_of_the_trees_is_rejected(tmp_path):
+    models = folder_of(tmp_path, ["random_forest.skops"])
+    generate(load(models), "iec", tmp_path / "out", options=Options(layout=Layout.RANKED))
+    check_certificate = mutants.check_certificate
+    model, text = check_certificate.read_model(models / "random_forest.skops"), tmp_path / "out/iec/FB_Random_forest.st"
+    entry = {"block": text.stem, "outputs": ["fOut1"], "inputs": ["f0", "f1", "f2"]}
+    check_certificate.Check(model, text.parent, entry)
+    before, original = "aStep2[0] := aStep2[0] / DIVISOR_2;\n", text.read_text()
+    assert original.count(before) == 1
+    for statement in BESIDE.values():
+        text.write_text(original.replace(before, f"{before}{statement}\n"))
+        with pytest.raises(check_certificate.Reject, match="a sum beside the model's"):
+            check_certificate.Check(model, text.parent, entry)
+
+
 SETTINGS = """
 [project]
 prefix = "P1_"

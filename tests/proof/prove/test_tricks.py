@@ -133,6 +133,8 @@ TRICKS = {
     "an output of another name": ((r"\bfOut1\b", "fOut2"),),
     "a parameter that is changed": ((r"(\nVAR_OUTPUT\n)", r"\nVAR_IN_OUT\n    fMore : LREAL;\nEND_VAR\1"),),
     "an index that runs over": ((r"nCell := (.*);", r"nCell := \1 + 2147483647 - 2147483647;"),),
+    "two assignments in one": declared("bMore : BOOL;", (LAST, r"bMore := bUsable := FALSE;\n\1")),
+    "an input that is a whole number": ((r"fF0 : LREAL", "fF0 : DINT"),),
     "an integer that runs over": declared("nMore : DINT;", (LAST, r"\1nMore := 2147483647;\nnMore := nMore + 1;\n")),
     "a division by zero": declared("fMore, fZero : LREAL;", (LAST, r"\1fMore := 1.0 / fZero;\n")),
     "a constant that is assigned": ((FIRST, r"\1INPUT_LIMIT[0] := 5.0;\n"),),
