@@ -80,6 +80,7 @@ MADE = {
     "axis": lambda data: misread(data, 0.3),
     "axis twice a turn": lambda data: misread(data, 0.3, 2),
     "torque 0.95 times": lambda data: torques(data, factor=0.95),
+    "torque 9.81 times": lambda data: torques(data, factor=9.81),
     "torque by 40 N m": lambda data: torques(data, offset=40.0),
 }
 

@@ -516,7 +516,9 @@ def _torque(data: Observations, rig: RigModel) -> list[Mistake]:
         for _ in range(3):
             at = (_with_torque(data.at, torque + (size + more) * shape) for more in (0.0, SETTINGS.torque_step))
             model, higher = (rig.coefficients(one, orders) for one in at)
-            size += _common_step(data.values - model, (higher - model) / SETTINGS.torque_step, noise)
+            step = _common_step(data.values - model, (higher - model) / SETTINGS.torque_step, noise)
+            # the torque keeps its sign
+            size = max(size + step, -0.95)
         right = _with_torque(data.at, torque + size * shape)
         said = text.format(1.0 / (1.0 + size) if text is _GAIN else -size * reach)
         found.append((_agreed(data, rig, rig.coefficients(right, orders), every), said, right))
