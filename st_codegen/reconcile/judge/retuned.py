@@ -54,10 +54,11 @@ def changed_as_well(joint: Fit, final: Fit, changed: dict[int, float]) -> tuple[
     of it comes first; with all others held, the data must refuse the rig's values.
     """
     found: dict[int, Needed] = {}
+    kept = is_lacking(joint.target, joint.residual)
     while True:
-        lacking = is_lacking(final.target, final.residual) & ~is_lacking(joint.target, joint.residual)
+        lacking = is_lacking(final.target, final.residual) & ~kept
         tried = {i: one for i in _own_pieces(joint) if i not in changed and i not in found
-                 if (one := _freed(joint, final, i, lacking)) is not None} if lacking.any() else {}  # fmt: skip
+                 if (one := _freed(joint, final, i, lacking, kept)) is not None} if lacking.any() else {}  # fmt: skip
         if not tried:
             return final, found
         best = min(tried, key=lambda i: _price(tried[i]))
@@ -71,8 +72,11 @@ def _price(one: Fit) -> float:
     return one.loss + SETTINGS.as_good * len(one.prior)
 
 
-def _freed(joint: Fit, final: Fit, number: int, lacking: BoolArray) -> Fit | None:
-    """The final fit with one more piece free, where that takes off what orders lack, and the data ask for it."""
+def _freed(joint: Fit, final: Fit, number: int, lacking: BoolArray, kept: BoolArray) -> Fit | None:
+    """The final fit with one more piece free, where that takes off what orders lack, and the data ask for it.
+
+    lacking: the orders that a change may bring to noise; kept: those that no change does, bool (K,).
+    """
     piece = joint.state.pieces[number]
     one = fit(final.target, final.state.replaced(number, piece), steps=SETTINGS.quick_steps)
     saved = (one.target.losses(final.residual) - one.target.losses(one.residual)).sum(axis=0)
@@ -82,7 +86,7 @@ def _freed(joint: Fit, final: Fit, number: int, lacking: BoolArray) -> Fit | Non
     sure = max(p, _p_alone(one, *_difference(one, number))) < SETTINGS.p_changed
     own = _shown(one, one.state.pieces[number])
     shows = np.abs(own).max(axis=0) > 0.0
-    return one if sure and is_no_form_error(final, one, shows=shows) and stands_out(one, own, lacking) else None
+    return one if sure and is_no_form_error(final, one, shows=shows) and stands_out(one, own, kept) else None
 
 
 def offset_is_large(joint: Fit) -> bool:
