@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from st_codegen.campaign.harmonic_table import HarmonicTable, write_table
 from st_codegen.cli.main import cli
-from st_codegen.reconcile.plan.next_runs import NextRuns, next_runs
+from st_codegen.reconcile.plan.next_runs import NextRuns, is_known, next_runs
 from st_codegen.reconcile.run import reconcile_observations
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.campaign import read_conditions
@@ -141,6 +141,17 @@ def test_other_orders_are_met_where_they_reach_a_frequency_that_was_found():
     (run,) = [run for run in next_runs(result).runs if "order 78" in run.purpose]
     assert run.purpose == "tells whether order 78, which meets 12.0 Hz there, is lifted as well"
     assert run.point.speed_rpm == pytest.approx(PEAKS[2], rel=0.1)
+
+
+def test_runs_go_on_until_sizes_are_known_whatever_else_is_open(resonance):
+    """A frequency that moves by nothing is known to no share of itself, and asks for no runs; a height does."""
+    (claim,) = resonance.conclusions.claims
+    still = claim.piece.effect.with_values(dict(claim.piece.effect.values) | {"frequency_per_kNm": 1e-9})
+    for height, known in ((1e-5, True), (1e-3, False)):
+        errors = {"frequency_per_kNm": 1e-3, "amplitude_deg[39]": height, "phase_rad[39]": 1.0}
+        other = replace(claim, piece=replace(claim.piece, effect=still), stderr=errors)
+        result = replace(resonance, conclusions=replace(resonance.conclusions, claims=(other,)))
+        assert is_known(result) is known
 
 
 def test_the_file_is_one_of_conditions(resonance, tmp_path):

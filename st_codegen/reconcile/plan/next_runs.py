@@ -29,6 +29,7 @@ from st_codegen.reconcile.plan.questions import (
 from st_codegen.reconcile.plan.rivals import other_models
 from st_codegen.reconcile.run import Reconciliation
 from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects import Form
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ def next_runs(result: Reconciliation) -> NextRuns:
         *([] if parameters is None else [parameters]),
     ]
     company = _Company(result)
-    chosen = _chosen(points, questions, company, least=SETTINGS.least_gain if _is_known(result) else 0.0)
+    chosen = _chosen(points, questions, company, least=SETTINGS.least_gain if is_known(result) else 0.0)
     rest = SETTINGS.most_next_runs - len(chosen)
     chosen += _chosen(points, peaks_between(result, rows), company, rest, {run.point for run in chosen})
     if not chosen:
@@ -106,18 +107,21 @@ def next_runs(result: Reconciliation) -> NextRuns:
     return NextRuns(tuple(chosen), () if parameters is None else _narrowed(result, parameters.ratios()))
 
 
-def _is_known(result: Reconciliation) -> bool:
-    """Whether every size of what was found is known well enough: its error is a small share of it."""
+def is_known(result: Reconciliation) -> bool:
+    """Whether the sizes of what was found are known well enough: each error is a small share of the largest like it."""
     found = result.conclusions
     pairs = [(claim.piece.effect, claim.stderr) for claim in found.claims]
     pairs += [(entry.after, entry.stderr) for entry in found.retuned]
-    shares = [
-        error / max(float(np.abs(effect.values[key]).max()), 1e-300)
-        for effect, errors in pairs
-        for key, error in ((key.split("[")[0], error) for key, error in errors.items() if "phase" not in key)
-        if key in effect.values
-    ]
-    return max(shares, default=0.0) < SETTINGS.well_known
+    for effect, errors in pairs:
+        units = {s.key: s.unit for s in effect.scalars if s.form in (Form.LINEAR, Form.INVERSE)}
+        units |= {phasor.keys(side)[0]: phasor.unit for phasor in effect.phasors for side in (False, True)}
+        largest: dict[str, float] = {}
+        for key in units.keys() & effect.values.keys():
+            largest[units[key]] = max(largest.get(units[key], 0.0), float(np.abs(effect.values[key]).max()))
+        own = [(error, units.get(key.partition("[")[0])) for key, error in errors.items()]
+        if any(error > SETTINGS.well_known * largest.get(unit, np.inf) for error, unit in own if unit is not None):
+            return False
+    return True
 
 
 def _narrowed(result: Reconciliation, ratios: Mapping[Name, float]) -> tuple[Narrowed, ...]:
