@@ -260,6 +260,21 @@ def test_an_addition_that_the_whole_data_refuse_is_taken_back():
     assert all(one.stands for one in standing.values())
 
 
+def test_what_a_motion_excites_is_no_force_beside_a_changed_wave():
+    """The two differ by a constant of each order: the wave of the teeth was called changed for it."""
+    shape = {"orders": [39, 40], "frequency_Hz": 9.0, "damping_ratio": 0.03}
+    motion = effect("structural_resonance", amplitude_deg=[3e-3, 2e-3], phase_rad=[0.4, 2.0], **shape)
+    data = observed(RigModel(effects=(*RIG.effects, motion)), grid(18, 3, 2))
+    forced = motion.with_values({**motion.values, "static_share": 1.0})
+    rig = fitted(RIG, data)
+    joint = fit(rig.target, rig.state.with_piece(piece_of(forced, added=True)))
+    assert [joint.state.pieces[i].effect.name for i in changes(joint)[0]] == ["cycloid_tooth_error"]
+    found = conclude(RIG, joint, KNOWN)
+    assert not found.retuned
+    (claim,) = found.claims
+    assert "static_share" not in claim.piece.effect.values
+
+
 def test_a_changed_parameter_names_what_would_do_in_its_place():
     """Where all runs have loads that seat the flanks, more dry friction looks like more backlash."""
     at = grid(4, 5, 2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -233,15 +234,21 @@ def _told_apart(joint: Fit) -> tuple[Fit, dict[int, float], bool]:
     state = joint.state
     for i in beside:
         state = state.replaced(i, state.pieces[i].held())
-    for i in found:
-        piece = state.pieces[i]
-        forced = piece.effect.with_values(dict(piece.effect.values) | {"static_share": 1.0})
-        state = state.replaced(i, replace(piece, effect=forced))
-    held = fit(joint.target, state)
+    held = min((fit(joint.target, _excited(state, found, share)) for share in (1.0, 0.0)), key=lambda one: one.loss)
     good, at = joint.target.good, np.isin(joint.target.data.orders, sorted(orders))
     power = sum(float((np.abs(explained(held, held.state.pieces[i])[good][:, at]) ** 2).sum()) for i in found)
     lost = float((np.abs(held.residual[good][:, at]) ** 2 - np.abs(joint.residual[good][:, at]) ** 2).sum())
     return (held, *changes(held)) if lost < SETTINGS.form**2 * power else (joint, changed, offset_changed)
+
+
+def _excited(state: State, numbers: Sequence[int], static_share: float) -> State:
+    """The state with some resonances excited by a force (1) or by a motion of their base (0)."""
+    for i in numbers:
+        piece = state.pieces[i]
+        values = {key: x for key, x in piece.effect.values.items() if key != "static_share"}
+        values |= {"static_share": static_share} if static_share else {}
+        state = state.replaced(i, replace(piece, effect=piece.effect.with_values(values)))
+    return state
 
 
 def _peaks(final: Fit, piece: Piece) -> tuple[float, float] | None:
