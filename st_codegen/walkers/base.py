@@ -369,6 +369,10 @@ def is_known(package: str, name: str) -> bool:
     return name in known_walkers(package) or name in known_transforms(package)
 
 
+_BEFORE_THRESHOLD = (
+    "what its estimator_ is, such as LogisticRegression, whose probability or decision (--outputs) the program "
+    "compares with the threshold"
+)
 #: What does the work of a class that is not compiled, for messages.
 _NEAR = {
     "GaussianProcessClassifier": "SVC with kernel='rbf'",
@@ -378,6 +382,9 @@ _NEAR = {
     "BisectingKMeans": "KMeans",
     "Birch": "KMeans",
     "KernelPCA": "Nystroem and PCA",
+    "OutputCodeClassifier": "OneVsRestClassifier",
+    "FixedThresholdClassifier": _BEFORE_THRESHOLD,
+    "TunedThresholdClassifierCV": _BEFORE_THRESHOLD,
 }
 
 

@@ -26,7 +26,7 @@ _LOADERS = {
 
 
 #: How the names of estimators end, as against those of their parts.
-_ESTIMATORS = ("Regressor", "Classifier", "Ridge", "SVC", "Features", "Transformer", "Encoder", "Imputer", "PCA")
+_ESTIMATORS = ("Regressor", "Classifier", "Ridge", "SVC", "Features", "Transformer", "Encoder", "Imputer", "PCA", "CV")
 #: In every classifier that is made of others; its labels are read elsewhere.
 _PART = "LabelEncoder"
 
