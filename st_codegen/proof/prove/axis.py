@@ -124,6 +124,8 @@ class AxisValue:
     alike: int = -1
 
     def __post_init__(self) -> None:
+        if self.constant.dtype == object:  # what one branch computed of several inputs, beside a number
+            raise NotProvedError("a variable that is computed of several inputs in some lanes of one")
         if self.version < 0:
             self.version = len(self.axis.parents)
 

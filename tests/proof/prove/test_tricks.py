@@ -36,6 +36,9 @@ def declared(line, *changes):
 #: What is changed in each text: pairs of a pattern and what stands in its place.
 TRICKS = {
     "an assignment before the result": ((FIRST, r"\1fOut1 := 9.0;\n"),),
+    "a rank of one input that another one changes": (
+        (r"(    nRank := nRank \+ 1;\n)(END_IF;\nanRank1\[1\])", r"\1IF bUsable THEN nRank := 1; END_IF;\n\2"),
+    ),
     "a loop whose end it assigns": declared(
         "nEnd : DINT;", (LOOP, "nEnd := 2;\nFOR nColumn := 0 TO nEnd DO\n    nEnd := 1;\n")
     ),
