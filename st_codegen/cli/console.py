@@ -159,7 +159,7 @@ def outputs_option(function: Command) -> Command:
         callback=parsed,
         metavar="KIND,..",
         help="What classifiers give: class (always), probability, decision (the library's scores); Gaussian processes: "
-        "mean (always), deviation.",
+        "mean (always), deviation; a PCA: column (always), reconstruction (the squared error of it).",
     )(function)
 
 

@@ -29,6 +29,8 @@ class OutputKind(StrEnum):
     DECISION = "decision"  # the library's own score
     MEAN = "mean"  # of a Gaussian process; always there
     DEVIATION = "deviation"  # its standard deviation
+    COLUMN = "column"  # of what transforms; always there
+    RECONSTRUCTION = "reconstruction"  # how far the inputs of a PCA lie from what its columns say of them, squared
 
 
 @dataclass(frozen=True)

@@ -89,7 +89,7 @@ class ModelIR:
     is an answer (None, or empty: no interval), once the feature is limited to its declared range. `ports`: the
     block's outputs that the user named, the first ones. `classes`: the labels of a classifier, whose first output is
     the number of one of them. `is_real`: its block computes in REAL, with REAL inputs
-    (`passes.real`). `estimates`: what each output of a Gaussian process is; `kinds` says it for all models.
+    (`passes.real`). `estimates`: what each output of a Gaussian process or a PCA is; `kinds` says it for all models.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Which outputs of a classifier or a Gaussian process are computed."""
+"""Which outputs of a classifier, a Gaussian process or a PCA are computed."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from st_codegen.ir import MAX_DEVIATION_ROWS, Classes, Int32Array, ModelIR, Outp
 from st_codegen.passes.unread import without_unread
 
 #: What is always computed, and what only other models have: classifiers or those of numbers.
-_ALWAYS = (OutputKind.CLASS, OutputKind.MEAN)
+_ALWAYS = (OutputKind.CLASS, OutputKind.MEAN, OutputKind.COLUMN)
 _OF_CLASSES = (OutputKind.CLASS, OutputKind.PROBABILITY, OutputKind.DECISION)
 
 
 def with_outputs(model: ModelIR, wanted: Collection[OutputKind]) -> tuple[ModelIR, Int32Array]:
-    """The model with the class (or the mean) and the wanted outputs only, and which of its outputs these are.
+    """The model with what it always gives and the wanted outputs only, and which of its outputs these are.
 
     What classifiers give is nothing to other models. Raises InputError for outputs that the model does not have.
     """

@@ -65,11 +65,18 @@ class Classified:
 
 @dataclass(frozen=True)
 class Estimated:
-    """The mean that a Gaussian process expects, and what adds its standard deviation (None: too large for a block)."""
+    """Numbers that are always there, and what adds others that are told on demand (None: too large for a block).
+
+    By default the mean of a Gaussian process and its standard deviation.
+    """
 
     mean: int
-    deviation: Callable[[], int] | None
+    on_demand: Callable[[], int] | None
+    kinds: tuple[OutputKind, OutputKind] = (OutputKind.MEAN, OutputKind.DEVIATION)
 
+
+#: What outputs are called whose kind has another name.
+_ESTIMATES = {OutputKind.DEVIATION: "standard deviation", OutputKind.RECONSTRUCTION: "squared reconstruction error"}
 
 #: What a walker adds to a builder: a value of numbers, or the values of a classifier.
 Walked = int | Classified | Estimated
@@ -78,6 +85,7 @@ Walked = int | Classified | Estimated
 class GraphBuilder:
     """Collects the operations of one model; value 0 is its inputs.
 
+    `on_demand`: what adds the reconstruction error of a value that is the columns of a PCA.
     `present` (inputs in which NaN is refused) and `magnitude_limits` start at "takes everything"; each part of the
     model narrows them.
     """
@@ -85,6 +93,7 @@ class GraphBuilder:
     def __init__(self, n_features: int) -> None:
         self.n_features = n_features
         self.ops: list[Operation] = []
+        self.on_demand: dict[int, Callable[[], int]] = {}
         self.present: set[int] = set()
         self.magnitude_limits: list[float | None] = [None] * n_features
         self._origins: list[Origins] = [tuple(range(n_features))]
@@ -201,14 +210,21 @@ class GraphBuilder:
         return set(range(self.n_features)) if direct else used
 
     def _select_estimates(self, result: Estimated) -> tuple[tuple[str, ...], tuple[OutputKind, ...]]:
-        """The means, and the standard deviation of each, as the last value; their names, and what each is."""
-        width = self.width(result.mean)
-        values = {OutputKind.MEAN: ("mean", result.mean)}
-        if result.deviation is not None:
-            values[OutputKind.DEVIATION] = ("standard deviation", result.deviation())
-        self.beside(*(value for _, value in values.values()))
-        names = [name if width == 1 else f"{name} {n + 1}" for name, _ in values.values() for n in range(width)]
-        return tuple(names), tuple(kind for kind in values for _ in range(width))
+        """The numbers, and those on demand behind them, as the last value; their names, and what each is."""
+        always, other = result.kinds
+        values = {always: result.mean}
+        if result.on_demand is not None:
+            values[other] = result.on_demand()
+        self.beside(*values.values())
+        kinds = tuple(kind for kind, value in values.items() for _ in range(self.width(value)))
+        counts = [kinds[: number + 1].count(kind) for number, kind in enumerate(kinds)]
+        names = [
+            f"out{count}"
+            if kind is OutputKind.COLUMN
+            else _ESTIMATES.get(kind, kind.value) + ("" if kinds.count(kind) == 1 else f" {count}")
+            for kind, count in zip(kinds, counts, strict=True)
+        ]
+        return tuple(names), kinds
 
     def _select_outputs(self, result: Classified) -> tuple[tuple[str, ...], Classes]:
         """Pick the outputs of a classifier as the last value; their names, and what each is."""

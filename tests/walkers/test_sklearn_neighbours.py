@@ -1,4 +1,4 @@
-"""Neighbours, Gaussian processes, weighted medians, chains of labels and mixtures against scikit-learn."""
+"""Neighbours, Gaussian processes, what PCA leaves, weighted medians, chains and mixtures against scikit-learn."""
 
 import warnings
 from fractions import Fraction
@@ -9,6 +9,7 @@ import pytest
 
 pytest.importorskip("sklearn")
 
+from sklearn.decomposition import PCA, IncrementalPCA
 from sklearn.ensemble import AdaBoostRegressor, VotingRegressor
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process import kernels as gp
@@ -23,7 +24,7 @@ from sklearn.neighbors import (
     RadiusNeighborsClassifier,
     RadiusNeighborsRegressor,
 )
-from sklearn.pipeline import make_pipeline
+from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import PowerTransformer, StandardScaler
 from sklearn.svm import SVC
 from sklearn.tree import DecisionTreeClassifier
@@ -112,6 +113,27 @@ def test_deviations_of_several_outputs_near_training_rows_and_in_a_pipeline(tmp_
     assert np.isfinite(report.max_abs_err)
     plain = loaded(process, (OutputKind.MEAN,)).ir
     assert plain.outputs == ("mean 1", "mean 2") and not any(getattr(op, "doubt", None) is not None for op in plain.ops)
+
+
+@pytest.mark.parametrize(
+    "components",
+    [PCA(2), PCA(1, whiten=True), IncrementalPCA(2), make_pipeline(StandardScaler(), make_pipeline(PCA(2)))],
+    ids=["PCA", "whitened", "incremental", "scaled"],
+)
+def test_what_principal_components_leave_of_their_inputs(components, tmp_path):
+    components.fit(X)
+    model = loaded(components, (OutputKind.RECONSTRUCTION,))
+    count = len(model.ir.outputs) - 1
+    assert model.ir.outputs == (*(f"out{n + 1}" for n in range(count)), "squared reconstruction error")
+    verified(model, tmp_path, rows=60)
+    _, bound = agrees(model, np.vstack([X, X[::-1, ::-1]]))
+    assert np.max(bound) < 1e-9
+    read = components[:-1].transform(X) if isinstance(components, Pipeline) else X
+    last = components[-1] if isinstance(components, Pipeline) else components
+    missed = read - last.inverse_transform(last.transform(read))
+    error = model.predict(X)[:, count]
+    assert np.allclose(error, (missed**2).sum(axis=1), rtol=1e-9) and np.max(error) > 1e-3
+    assert loaded(components, (OutputKind.COLUMN,)).ir.outputs == model.ir.outputs[:count]
 
 
 def test_the_bound_of_a_solved_equation_spans_what_substitution_in_any_order_gives():

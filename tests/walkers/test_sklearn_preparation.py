@@ -232,14 +232,15 @@ def test_transformers_alone_are_verified(name, tmp_path):
     estimator, y = TRANSFORMERS[name]
     verified(loaded(fit(estimator, X, y)), tmp_path, rows=300)
     fitted = fit(estimator, X, y)
-    assert np.array_equal(loaded(fitted).predict(X), np.asarray(fitted.transform(X)))
+    columns = np.asarray(fitted.transform(X))
+    assert np.array_equal(loaded(fitted).predict(X)[:, : columns.shape[1]], columns)
 
 
 def test_the_bound_of_principal_components_covers_a_mean_that_cancels():
     x = X + 1e7
     model = loaded(decomposition.PCA(2).fit(x))
     _, bound = agrees(model, x)
-    assert np.all(bound > 1e-10)
+    assert np.all(bound[:, :2] > 1e-10)
 
 
 def test_a_step_that_transforms_is_not_taken_for_one_that_predicts():

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.errors import InputError
-from st_codegen.ir import Feature, FloatArray, Source
+from st_codegen.ir import Feature, FloatArray, OutputKind, Source
 from st_codegen.walkers.base import (
     LIBRARIES,
     Classified,
@@ -38,6 +38,9 @@ def load_object(estimator: Any, name: str) -> LoadedModel:
     result = walk_any(estimator, builder, 0)
     if isinstance(result, Estimated) and not hasattr(_last(estimator), "L_"):  # whose predict takes no return_std
         result = result.mean
+    if isinstance(result, int) and result in builder.on_demand:
+        kinds = (OutputKind.COLUMN, OutputKind.RECONSTRUCTION)
+        result = Estimated(result, builder.on_demand[result], kinds)
     notes: tuple[str, ...] = ()
     if not hasattr(estimator, "predict"):
         builder.refuse_nan(len(builder.ops))  # the library hands NaN on, and the block has no output for it
@@ -126,7 +129,9 @@ def _predictor(estimator: Any, result: Walked) -> Predictor:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             rows = _with_names(x, names)
-            if isinstance(result, Estimated) and result.deviation is not None:
+            if isinstance(result, Estimated) and OutputKind.RECONSTRUCTION in result.kinds:
+                return _reconstructed(estimator, rows)
+            if isinstance(result, Estimated) and result.on_demand is not None:
                 return np.hstack([np.reshape(part, (len(x), -1)) for part in compute(rows, return_std=True)])
             found = compute(rows)
             if not isinstance(result, Classified):
@@ -141,6 +146,16 @@ def _predictor(estimator: Any, result: Walked) -> Predictor:
             return np.hstack(parts)
 
     return predict
+
+
+def _reconstructed(estimator: Any, rows: Any) -> FloatArray:
+    """The columns of a PCA, alone or at the end of a Pipeline, and how far what it read lies from them, squared."""
+    while hasattr(estimator, "steps"):
+        rows = estimator[:-1].transform(rows) if len(estimator.steps) > 1 else rows
+        estimator = estimator.steps[-1][1]
+    columns = estimator.transform(rows)
+    missed = np.asarray(rows, np.float64) - estimator.inverse_transform(columns)
+    return np.column_stack([columns, (missed * missed).sum(axis=1)])
 
 
 def _jobs(estimator: Any) -> dict[str, Any]:

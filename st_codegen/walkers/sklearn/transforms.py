@@ -14,7 +14,7 @@ from st_codegen.errors import UnsupportedModelError
 from st_codegen.ir import Clip, Distances, Exceeds, FloatArray, Kernel, KernelSum
 from st_codegen.walkers.base import GraphBuilder, transforms, walk_transform
 from st_codegen.walkers.fitted import SPARSE, Fitted
-from st_codegen.walkers.sklearn.linear import squares
+from st_codegen.walkers.sklearn.linear import block_sums, squares
 
 KERNELS = {name: Kernel(name.replace("poly", "polynomial")) for name in ("linear", "poly", "rbf", "sigmoid")}
 
@@ -94,18 +94,28 @@ def walk_discriminant(estimator: Any, builder: GraphBuilder, value: int) -> int:
 
 @transforms("PCA IncrementalPCA", finite=True, double="components_")
 def walk_principal_components(estimator: Any, builder: GraphBuilder, value: int) -> int:
-    """Projected columns, then minus the projected mean: that order (`decomposition/_base.py: _transform`)."""
+    """Projected columns, then minus the projected mean: that order (`decomposition/_base.py: _transform`).
+
+    On demand the squared distance of what is read to `inverse_transform` of the columns.
+    """
     fitted = Fitted(estimator)
     width = builder.width(value)
     weights = fitted.floats("components_", (None, width))
     mean = fitted.floats("mean_", (width,))
     # products of the mean that cancel in the sum err in the library as much as they are large
     lost = np.abs(weights) @ np.abs(mean)
-    value = builder.linear(value, weights, -(weights @ mean), bias_terms=lost)
-    if not fitted.flag("whiten"):
-        return value
-    scale = np.sqrt(fitted.floats("explained_variance_", (len(weights),)))
-    return builder.scale(value, "/", np.maximum(scale, np.finfo(np.float64).eps))
+    columns = builder.linear(value, weights, -(weights @ mean), bias_terms=lost)
+    scale = np.ones(len(weights))
+    if fitted.flag("whiten"):
+        scale = np.sqrt(fitted.floats("explained_variance_", (len(weights),)))
+        columns = builder.scale(columns, "/", np.maximum(scale, np.finfo(np.float64).eps))
+
+    def error() -> int:
+        back = builder.linear(columns, (weights * scale[:, None]).T, mean)
+        return block_sums(builder, squares(builder, builder.combine(value, "-", back)), 1, 1.0, np.zeros(1))
+
+    builder.on_demand[columns] = error
+    return columns
 
 
 @transforms("PolynomialFeatures", finite=True)
