@@ -288,6 +288,26 @@ def lleaves(case: Case, folder: Path) -> Built:
     return dataclasses.replace(built, compile_s=seconds, note="compiled by LLVM with its own flags")
 
 
+def emlearn(case: Case, folder: Path) -> Built:
+    """Nested IFs that vote, with thresholds of six decimals: other classes than the library's in some rows."""
+    import emlearn as peer
+
+    if case.library != "sklearn" or case.scores == 1 or not hasattr(case.estimator, "estimators_"):
+        raise NotImplementedError("forests of scikit-learn that give classes only")
+    start = time.perf_counter()
+    source = folder / "model.c"
+    peer.convert(case.estimator, method="inline", dtype="float").save(file=str(source), name="forest", format="c")
+    seconds = time.perf_counter() - start
+    features = case.rows.shape[1]
+    with source.open("a") as file:
+        file.write(
+            f"void race(const double *x, double *y)\n{{\n    float f[{features}];\n"
+            f"    for (int i = 0; i < {features}; i++) f[i] = (float)x[i];\n"
+            f"    y[0] = forest_predict(f, {features});\n}}\n"
+        )
+    return compiled([source], folder, seconds)
+
+
 # --- libraries ---
 
 
@@ -400,9 +420,10 @@ PEERS: dict[str, Callable[[Case, Path], Built]] = {
     "m2cgen": m2cgen,
     "tl2cgen": tl2cgen,
     "lleaves": lleaves,
+    "emlearn": emlearn,
     "ONNX Runtime": onnx_runtime,
     "library": library,
 }
 
 #: Those that wait for a compiler
-COMPILED_PEERS = (m2cgen, tl2cgen, lleaves)
+COMPILED_PEERS = (m2cgen, tl2cgen, lleaves, emlearn)
