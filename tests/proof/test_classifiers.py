@@ -179,8 +179,8 @@ def test_the_configuration_says_what_single_classifiers_give(tmp_path):
     file.write_text('[[model]]\nfile = "parts.skops"\nname = "Worn"\ngives = ["class", "probability"]\n')
     models = {model.ir.name: model.ir.outputs for model in load(tmp_path).models}
     assert models == {"Worn": ("class", "probability of class 0", "probability of class 1"), "others": ("class",)}
-    file.write_text('[[model]]\nfile = "parts.skops"\ngives = ["colour"]\n')
-    with pytest.raises(InputError, match=r"gives = 'colour'; known are class, probability, decision"):
+    file.write_text('[[model]]\nfile = "parts.skops"\ngives = ["shade"]\n')
+    with pytest.raises(InputError, match=r"gives = 'shade'; known are class, probability, decision"):
         load(tmp_path)
     file.unlink()
     (tmp_path / "bundle.toml").write_text('[outputs]\nparts = ["class"]\n')  # what describes a bundle has no such table
