@@ -48,6 +48,7 @@ def load_skops(path: Path, name: str) -> LoadedModel:
                     and not is_known(package, kind)
                     and kind.endswith(_ESTIMATORS)
                     and kind != _PART
+                    and not kind.startswith("_")  # a part of an estimator, which stands in the file, too
                 ):
                     raise unsupported(package, kind)
             raise UntrustedFileError(

@@ -6,6 +6,8 @@ import sys
 import numpy as np
 import pytest
 
+from st_codegen import load
+from st_codegen.errors import UntrustedFileError
 from st_codegen.walkers.base import trusted_types
 
 skops = pytest.importorskip("skops.io")
@@ -39,3 +41,12 @@ def test_to_know_them_no_library_is_imported():
         "sys.exit(bool({'sklearn', 'lightgbm', 'xgboost'} & sys.modules.keys()))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_part_of_an_estimator_is_not_called_the_class_that_is_missing(tmp_path):
+    calibration = pytest.importorskip("sklearn.calibration")
+    linear = pytest.importorskip("sklearn.linear_model")
+    model = calibration.CalibratedClassifierCV(linear.LogisticRegression(), method="temperature", cv=2)
+    skops.dump(model.fit(X, [0, 1, 0, 1]), tmp_path / "m.skops")
+    with pytest.raises(UntrustedFileError, match=r"run code: sklearn\.calibration\._TemperatureScaling; save"):
+        load(tmp_path)
