@@ -360,7 +360,7 @@ def test_init_refuses_a_table_that_a_model_was_not_trained_with(lone_folder, tmp
     table = tmp_path / "rows.csv"
 
     def init_with(ends):
-        rows = [",".join(f"{end[n]:.7g}" for end in ends) for n in (0, 1)]
+        rows = [",".join(f"{end[n]:.7g}" for end in ends) for n in range(len(ends[0]))]
         table.write_text("\n".join([",".join(names), *rows]) + "\n")
         return run("init", lone_folder, "--training-data", table)
 
@@ -371,7 +371,18 @@ def test_init_refuses_a_table_that_a_model_was_not_trained_with(lone_folder, tmp
     assert "te.txt was trained with" in said
     assert "torque_Nm" not in said
     assert not (lone_folder / "st-codegen.toml").exists()
-    assert init_with(known) == 0
+    # a missing number that LightGBM read as 0, as it does with use_missing=false
+    text = (lone_folder / "te.txt").read_text()
+    low, high = known[1]
+    infos = re.search(r"feature_infos=(.*)", text)[1].split()
+    infos[1] = f"[{low - high}:0]"
+    (lone_folder / "te.txt").write_text(re.sub(r"feature_infos=.*", f"feature_infos={' '.join(infos)}", text))
+    shifted = [known[0], (low - high, -50.0), known[2]]
+    assert init_with(shifted) == 2
+    assert "column 'torque_Nm' reaches" in capsys.readouterr().err
+    with_gap = [(*ends, ends[1]) for ends in shifted]
+    with_gap[1] = (*shifted[1], float("nan"))
+    assert init_with(with_gap) == 0
 
 
 def test_header_has_the_training_data_and_the_metrics_that_are_given(lone_folder, tmp_path):

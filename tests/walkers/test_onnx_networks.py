@@ -72,7 +72,7 @@ def test_a_loop_runs_as_often_as_its_count_and_its_condition_say(tmp_path, most,
     ("given", "error", "message"),
     [
         ({"most": 0}, UnsupportedModelError, "a loop that never runs"),
-        ({"most": None, "stays": 10**9}, UnsupportedModelError, "more than 256 rounds"),
+        ({"most": None, "stays": 10**9}, UnsupportedModelError, "more than 1024 rounds in all"),
         ({"condition": "X"}, UnsupportedModelError, "whether the loop goes on depends on the inputs"),
         ({"names": ("i", "on", "s", "more")}, InputError, "not the inputs and outputs that a loop needs"),
     ],
@@ -80,3 +80,20 @@ def test_a_loop_runs_as_often_as_its_count_and_its_condition_say(tmp_path, most,
 def test_loops_that_are_refused(tmp_path, given, error, message):
     with pytest.raises(error, match=message):
         build.load(loop(**given), tmp_path)
+
+
+def test_rounds_of_loops_inside_of_loops_count_together(tmp_path):
+    """Ten rounds in each of four depths are 11,110 in all."""
+    nodes = [helper.make_node("Identity", ["s4"], ["left4"])]
+    for depth in (4, 3, 2, 1):
+        types = {f"i{depth}": onnx.TensorProto.INT64, f"on{depth}": onnx.TensorProto.BOOL}
+        inputs = [info(name, (), kind) for name, kind in types.items()] + [info(f"s{depth}", None)]
+        outputs = [info("on" + str(depth) + "o", (), onnx.TensorProto.BOOL), info(f"left{depth}", None)]
+        keeps = helper.make_node("Identity", [f"on{depth}"], [f"on{depth}o"])
+        body = helper.make_graph([keeps, *nodes], f"body{depth}", inputs, outputs)
+        outer = "X" if depth == 1 else f"s{depth - 1}"
+        result = "Z" if depth == 1 else f"left{depth - 1}"
+        nodes = [helper.make_node("Loop", ["MOST", "", outer], [result], body=body)]
+    model = graph_model(nodes, [info("X", (1, 2))], [info("Z", None)], [constant("MOST", 10, np.int64)])
+    with pytest.raises(UnsupportedModelError, match="more than 1024 rounds in all"):
+        build.load(model, tmp_path)

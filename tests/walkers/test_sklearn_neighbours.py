@@ -9,6 +9,7 @@ import pytest
 
 pytest.importorskip("sklearn")
 
+from sklearn.compose import ColumnTransformer
 from sklearn.decomposition import PCA, IncrementalPCA
 from sklearn.ensemble import AdaBoostRegressor, VotingRegressor
 from sklearn.gaussian_process import GaussianProcessRegressor
@@ -24,7 +25,7 @@ from sklearn.neighbors import (
     RadiusNeighborsClassifier,
     RadiusNeighborsRegressor,
 )
-from sklearn.pipeline import Pipeline, make_pipeline
+from sklearn.pipeline import FeatureUnion, Pipeline, make_pipeline
 from sklearn.preprocessing import PowerTransformer, StandardScaler
 from sklearn.svm import SVC
 from sklearn.tree import DecisionTreeClassifier
@@ -134,6 +135,23 @@ def test_what_principal_components_leave_of_their_inputs(components, tmp_path):
     error = model.predict(X)[:, count]
     assert np.allclose(error, (missed**2).sum(axis=1), rtol=1e-9) and np.max(error) > 1e-3
     assert loaded(components, (OutputKind.COLUMN,)).ir.outputs == model.ir.outputs[:count]
+
+
+@pytest.mark.parametrize(
+    "columns",
+    [
+        make_pipeline(PCA(2), "passthrough"),
+        ColumnTransformer([("a", PCA(2), slice(0, 3))]),
+        FeatureUnion([("a", PCA(2))]),
+    ],
+    ids=["passed through", "of columns", "united"],
+)
+def test_columns_that_do_not_come_from_a_pca_at_the_end_leave_nothing(columns, tmp_path):
+    model = loaded(columns.fit(X))
+    assert model.ir.outputs == ("out1", "out2")
+    verified(model, tmp_path, rows=30)
+    with pytest.raises(InputError, match="gives no reconstruction; it has: numbers"):
+        loaded(columns, (OutputKind.RECONSTRUCTION,))
 
 
 def test_the_bound_of_a_solved_equation_spans_what_substitution_in_any_order_gives():

@@ -119,7 +119,8 @@ def operator(name: str, *versions: int, domain: str = "") -> Callable[[Handler],
 class GraphWalk:
     """One walk through a graph; `values` holds the tensors by name, None for what could not be computed or is left out.
 
-    `zipped` has the labels of outputs that are maps from labels to numbers, `notes` what the user has to know.
+    `zipped` has the labels of outputs that are maps from labels to numbers, `notes` what the user has to know. `rounds`
+    counts those of all loops.
     """
 
     def __init__(self, n_features: int) -> None:
@@ -129,6 +130,7 @@ class GraphWalk:
         self.notes: list[str] = []
         self.opsets: dict[str, int] = {}
         self.narrows = False
+        self.rounds = 0
         self._numbers = 0
         self._settled: dict[tuple[bytes, bytes, bool], int] = {}
 

@@ -15,8 +15,8 @@ from st_codegen.walkers.onnx.graph import NodeCall, Result, operator, read_initi
 from st_codegen.walkers.onnx.operands import ConstantOperand, Operand
 from st_codegen.walkers.onnx.shapes import joined
 
-#: Rounds of one loop: each writes the code of its body.
-MAX_ROUNDS = 256
+#: Rounds of all loops of a graph together, also of those inside of others: each writes the code of its body.
+MAX_ROUNDS = 1024
 
 
 @operator("Loop", 1, 11, 13, 16, 19, 21, 23, 24, 25)
@@ -30,8 +30,9 @@ def _loop(call: NodeCall) -> Result:
     outer, problems, count = walk.values, Problems("the body"), 0
     try:
         while (limit is None or count < limit) and goes_on != 0:
-            if count == MAX_ROUNDS:
-                raise UnsupportedModelError(f"a loop of more than {MAX_ROUNDS} rounds")
+            if walk.rounds == MAX_ROUNDS:
+                raise UnsupportedModelError(f"loops of more than {MAX_ROUNDS} rounds in all")
+            walk.rounds += 1
             counter = ConstantOperand(np.array(count, np.int64))
             given = zip(body.input, (counter, ConstantOperand(np.array(True)), *state), strict=True)
             walk.values = outer | {value.name: operand for value, operand in given}

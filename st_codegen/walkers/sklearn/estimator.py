@@ -38,7 +38,7 @@ def load_object(estimator: Any, name: str) -> LoadedModel:
     result = walk_any(estimator, builder, 0)
     if isinstance(result, Estimated) and not hasattr(_last(estimator), "L_"):  # whose predict takes no return_std
         result = result.mean
-    if isinstance(result, int) and result in builder.on_demand:
+    if isinstance(result, int) and type(_last(estimator)).__name__ in ("PCA", "IncrementalPCA"):
         kinds = (OutputKind.COLUMN, OutputKind.RECONSTRUCTION)
         result = Estimated(result, builder.on_demand[result], kinds)
     notes: tuple[str, ...] = ()
