@@ -117,7 +117,7 @@ def read_block(folder, name):
             form = re.fullmatch(
                 r"(\w+) : (?:ARRAY\[0\.\.(\d+)\] OF )?(LREAL|[SD]?INT|BOOL|DWORD)(?:\s*:=\s*(.*))?", line, re.S
             )
-            known = {name.lower() for name in values}
+            known = {"f_isnan", *map(str.lower, values)}
             need(form and form[1].lower() not in known, f"the declaration {line[:60]}")
             size, given = int(form[2] or 0) + 1, re.sub(r"\w*#?16#(\w+)", lambda m: str(int(m[1], 16)), form[4] or "")
             kind = {"LREAL": np.float64, "BOOL": np.bool_, "SINT": np.int8, "INT": np.int16}.get(form[3], np.int32)

@@ -320,6 +320,21 @@ def test_a_text_whose_types_change_its_meaning_is_rejected(name, tmp_path):
         check_certificate.Check(model, tmp_path, entry)
 
 
+def test_a_variable_with_the_name_of_the_test_for_nan_is_rejected(tmp_path):
+    for path in (GOLDEN / "generated" / "twincat").rglob("*.Tc*"):
+        if path.stem in ("FB_Random_forest", "F_IsNan", "U_LrealBits"):
+            (tmp_path / path.name).write_text(path.read_text())
+    model = mutants.check_certificate.read_model(GOLDEN / "models" / "random_forest.skops")
+    entry = {"block": "FB_Random_forest", "outputs": ["fOut1"], "inputs": ["f0", "f1", "f2"]}
+    mutants.check_certificate.Check(model, tmp_path, entry)
+    path = tmp_path / "FB_Random_forest.TcPOU"
+    text = path.read_text()
+    path.write_text(text.replace("\nVAR\n", "\nVAR\n  F_ISNAN : BOOL;\n", 1))
+    assert path.read_text() != text
+    with pytest.raises(mutants.check_certificate.Reject):
+        mutants.check_certificate.Check(model, tmp_path, entry)
+
+
 #: Statements beside the sum of the trees that stop some controllers and change nothing.
 BESIDE = {
     "a product that overflows": "fX := aStep2[0] * 1.0E308 * 1.0E308;",

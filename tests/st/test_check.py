@@ -436,10 +436,18 @@ def test_implicit_conversions_of_twincat_lose_nothing(source: object, target: ob
 
 
 def test_common_type_is_the_smallest_that_holds_both() -> None:
-    assert common_type(DINT, UDINT, TWINCAT).name == "LINT"
+    assert common_type(INT, DINT, TWINCAT) is DINT
     assert common_type(REAL, DINT, TWINCAT) is LREAL
     assert common_type(REAL, INT, TWINCAT) is REAL
     assert common_type(DINT, INT, IEC) is None
+
+
+def test_a_sign_and_no_sign_have_a_common_type_only_where_one_holds_the_other() -> None:
+    assert common_type(DINT, UDINT, TWINCAT) is None  # no documentation says which type TwinCAT computes in
+    assert common_type(UDINT, INT, TWINCAT) is None
+    assert common_type(TWINCAT.types["UINT"], DINT, TWINCAT) is DINT
+    source = block("b := n < w;", "b : BOOL; n : DINT; w : DWORD;")
+    assert problems(source, "twincat") == ["no operation between DINT and DWORD: convert one of them"]
 
 
 def test_untyped_real_literals_are_lreal_in_twincat_and_adapt_in_the_standard() -> None:

@@ -28,7 +28,8 @@ from st_codegen.st.types import (
 )
 
 _RING = frozenset({"ADD", "SUB", "MUL"})
-_NUMERIC = frozenset({Kind.BITS, Kind.SIGNED, Kind.UNSIGNED})
+_UNSIGNED = frozenset({Kind.BITS, Kind.UNSIGNED})
+_NUMERIC = _UNSIGNED | {Kind.SIGNED}
 
 
 def converts_implicitly(source: Type, target: Type, rules: Dialect) -> bool:  # noqa: PLR0911 - one return a case
@@ -52,12 +53,17 @@ def converts_implicitly(source: Type, target: Type, rules: Dialect) -> bool:  # 
 
 
 def common_type(left: Elementary, right: Elementary, rules: Dialect) -> Elementary | None:
-    """The smallest type that both operands of an operator convert to; None when there is none."""
+    """The smallest type that both operands of an operator convert to; None when there is none.
+
+    Where a sign meets a type without, as DINT and DWORD, no documentation says which type is taken: one must hold the
+    values of the other.
+    """
 
     def fits(type_: Elementary) -> bool:
         return all(side == type_ or converts_implicitly(side, type_, rules) for side in (left, right))
 
-    return next(filter(fits, (right, left, INT, DINT, LINT, LREAL)), None)
+    mixes_signs = Kind.SIGNED in (left.kind, right.kind) and not {left.kind, right.kind}.isdisjoint(_UNSIGNED)
+    return next(filter(fits, (right, left) if mixes_signs else (right, left, INT, DINT, LINT, LREAL)), None)
 
 
 def settle(expression: t.Expression) -> t.Expression:
