@@ -460,6 +460,12 @@ def test_unused_expressions_and_wrong_calls_do_not_hide_later_errors() -> None:
     assert len(problems(text("nX := zz; nY := yy; fbX(); xx();"))) == 4
 
 
+def test_of_very_many_problems_the_rest_is_counted() -> None:
+    with pytest.raises(StCheckError, match=r"^52 problems\n(.*\n){50}  and 2 more$") as caught:
+        project(text(" ".join(f"x{number}();" for number in range(52))))
+    assert len(caught.value.problems) == 52
+
+
 RULES = [
     ("has_widening", block("x := n;", "x : LREAL; n : DINT;"), "convert it with DINT_TO_LREAL"),
     ("has_loose_literals", block("x := 1;", "x : LREAL;"), "write a dot in the number"),

@@ -126,7 +126,7 @@ def _tree_classifier(call: NodeCall) -> Result:
 
 def _given(forest: Forest) -> tuple[BoolArray, BoolArray]:
     """For each class whether all leaves of some tree have a weight for it, and whether any leaf has one."""
-    tree: IntArray = np.searchsorted(forest.roots, np.flatnonzero(forest.leaf >= 0), side="right") - 1
+    tree: IntArray = np.searchsorted(forest.roots, np.flatnonzero(forest.leaf >= 0), side="right")
     key, times = np.unique(tree[forest.weight_leaf] * forest.n_targets + forest.weight_target, return_counts=True)
     of_tree, target = np.divmod(key, forest.n_targets)
     classes = np.arange(forest.n_targets)
