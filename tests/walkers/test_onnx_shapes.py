@@ -147,6 +147,16 @@ def test_constants_are_folded_in_their_own_type(tmp_path):
     assert_equal_bits(loaded, rows(2))
 
 
+def test_products_of_constants_are_taken_where_each_is_rounded_once(tmp_path):
+    make = helper.make_node
+    nodes = [make("MatMul", ["A", "B"], ["C"]), make("Flatten", ["C"], ["D"], axis=0), make("Add", ["X", "D"], ["Y"])]
+    column, row = constant("A", [[2.0], [3.0]], np.float64), constant("B", [[1.0, 10.0, 100.0]], np.float64)
+    assert moved(tmp_path, nodes, [column, row]) == [2.0, 21.0, 202.0, 6.0, 34.0, 305.0]
+    sums = [constant("A", np.ones((2, 2)), np.float64), constant("B", np.ones((2, 3)), np.float64)]
+    with pytest.raises(InputError, match="multiplies constants, in an order that is open"):
+        moved(tmp_path, nodes, sums)
+
+
 def test_casts_between_float_and_double(tmp_path):
     nodes = [
         helper.make_node("Cast", ["X"], ["narrow"], to=FLOAT),
