@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import hashlib
 import multiprocessing
+import os
 import tempfile
 import time
 from collections.abc import Callable
@@ -56,10 +58,33 @@ def bare_polars(folder: Path, _cache: Path) -> None:
         polars.read_csv(path)
 
 
-def reader(folder: Path, cache: Path, jobs: int = 1, keep: bool = False) -> None:
+def reader(folder: Path, cache: Path, jobs: int = 1, keep: bool = False) -> str:
     from st_codegen.campaign.reader import read_campaign
 
-    read_campaign(folder, jobs=jobs, cache=cache if keep else None)
+    return digest(read_campaign(folder, jobs=jobs, cache=cache if keep else None))
+
+
+def on_cluster(folder: Path, _cache: Path) -> str:
+    """The files read by two workers of a Dask cluster, each a process with one thread."""
+    from distributed import LocalCluster
+
+    from st_codegen.campaign.reader import AROUND, read_campaign
+    from st_codegen.training.search import Backend
+
+    with (
+        LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
+        Backend(1, cluster.scheduler_address).configured(),
+    ):
+        return digest(read_campaign(folder, jobs=AROUND))
+
+
+def digest(campaign: Any) -> str:
+    """A hash of all bits that were kept of a campaign."""
+    found = hashlib.sha256()
+    for curve in campaign.curves:
+        for sums in (curve.sums.angle, curve.sums.te, curve.sums.plain_fft):
+            found.update(sums.tobytes())
+    return f"bits {found.hexdigest()[:12]}"
 
 
 def plain_fft(folder: Path, _cache: Path) -> None:
@@ -78,37 +103,39 @@ def analysed(folder: Path, cache: Path) -> None:
     read_campaign(folder, jobs=1, cache=cache).fits(ORDERS)
 
 
-def measured(work: Callable[[Path, Path], None], folder: Path, cache: Path, results: Any) -> None:
+def measured(work: Callable[[Path, Path], str | None], folder: Path, cache: Path, results: Any) -> None:
     import joblib  # imports are not measured
     import polars  # noqa: F401
     import scipy  # noqa: F401
 
-    started = time.perf_counter()
-    work(folder, cache)
-    results.put(time.perf_counter() - started)
+    started, before = time.perf_counter(), os.times()
+    bits = work(folder, cache)
+    after = os.times()
+    results.put((time.perf_counter() - started, sum(after[:4]) - sum(before[:4]), bits or ""))
     joblib.externals.loky.get_reusable_executor().shutdown()  # else this process waits until its workers are tired
 
 
-def peak_memory(process: Any) -> float:
-    """Largest sum of the resident memory of a process and all it started, MB, until it ends."""
+def peak_memory(process: Any) -> tuple[float, float]:
+    """Largest sum of the resident memory of a process and all it started, and the largest of one of them, MB."""
     import psutil
 
-    peak, root = 0, psutil.Process(process.pid)
+    peak, largest, root = 0, 0, psutil.Process(process.pid)
     while process.is_alive():
-        total = 0
+        each = []
         with contextlib.suppress(psutil.NoSuchProcess):
             for one in (root, *root.children(recursive=True)):
                 with contextlib.suppress(psutil.NoSuchProcess):
-                    total += one.memory_info().rss
-        peak = max(peak, total)
+                    each.append(one.memory_info().rss)
+        peak, largest = max(peak, sum(each)), max(largest, *each, 0)
         process.join(0.2)
-    return peak / 1e6
+    return peak / 1e6, largest / 1e6
 
 
-CASES: dict[str, Callable[[Path, Path], None]] = {
+CASES: dict[str, Callable[[Path, Path], str | None]] = {
     "polars.read_csv": bare_polars,
     "reader, 1 process, no cache": reader,
     "reader, 2 processes, no cache": partial(reader, jobs=2),
+    "reader, 2 workers of a cluster": on_cluster,
     "reader, 2 processes, writes the cache": partial(reader, jobs=2, keep=True),
     "reader, from the cache": partial(reader, keep=True),
     "reader, from the cache, and least squares": analysed,
@@ -134,10 +161,11 @@ def main() -> None:
             results = context.Queue()
             process = context.Process(target=measured, args=(CASES[title], folder, cache, results))
             process.start()
-            memory = peak_memory(process)
-            elapsed = results.get(timeout=1)
+            memory, largest = peak_memory(process)
+            elapsed, seconds, bits = results.get(timeout=1)
             print(
-                f"{title:<45} {elapsed:8.2f} s {rows / elapsed / 1e6:8.2f} million rows/s {memory:6.0f} MB",
+                f"{title:<45} {elapsed:8.2f} s {seconds:8.2f} CPU s {rows / elapsed / 1e6:8.2f} million rows/s "
+                f"{memory:6.0f} MB, one process {largest:6.0f} MB {bits}",
                 flush=True,
             )
 
