@@ -107,7 +107,7 @@ def fit_orders(curve: Curve | Sums, orders: Sequence[int]) -> OrderFit:
     for _ in range(_ROUNDS):
         coefficients = _solve(sums, fitted)
         residual = _residual(sums, fitted, coefficients)
-        floor = _noise_floor(np.abs(residual), fitted)
+        floor = _noise_floor(sums, residual, fitted, coefficients)
         new = np.setdiff1d(np.flatnonzero(np.abs(residual) > SIGNIFICANT * floor), fitted)
         if not len(new):
             break
@@ -116,7 +116,7 @@ def fit_orders(curve: Curve | Sums, orders: Sequence[int]) -> OrderFit:
         # the last round found orders that are not fitted yet
         coefficients = _solve(sums, fitted)
         residual = _residual(sums, fitted, coefficients)
-        floor = _noise_floor(np.abs(residual), fitted)
+        floor = _noise_floor(sums, residual, fitted, coefficients)
     residual[fitted] = coefficients
     columns = np.searchsorted(fitted, wanted)
     chosen = coefficients[columns]
@@ -170,20 +170,25 @@ def _residual(sums: Sums, orders: npt.NDArray[np.intp], coefficients: ComplexArr
     return waves
 
 
-def _noise_floor(residual: FloatArray, fitted: npt.NDArray[np.intp]) -> FloatArray:
+def _noise_floor(
+    sums: Sums, residual: ComplexArray, fitted: npt.NDArray[np.intp], coefficients: ComplexArray
+) -> FloatArray:
     """Root mean square amplitude of noise at each order, from the median of the neighbours that are not fitted.
 
     Amplitudes of noise have a Rayleigh distribution: its root mean square is its median over sqrt(ln 2). The mean
-    (order 0) is one real number with a quarter of the variance of an amplitude.
+    (order 0) is one real number with a quarter of the variance of an amplitude. Where every order of the band is
+    fitted, what all of them leave of the samples is the noise, as much at every order.
     """
     free = np.setdiff1d(np.arange(1, len(residual)), fitted)
-    if not len(free):
-        return np.zeros(len(residual))
-    width = min(2 * _NEIGHBOURS, len(free))
-    start = np.searchsorted(free, np.arange(len(residual))) - width // 2
-    windows = np.clip(start, 0, len(free) - width)[:, None] + np.arange(width)
-    floor: FloatArray = np.median(residual[free[windows]], axis=1)
-    floor /= math.sqrt(math.log(2.0))
+    if len(free):
+        width = min(2 * _NEIGHBOURS, len(free))
+        start = np.searchsorted(free, np.arange(len(residual))) - width // 2
+        windows = np.clip(start, 0, len(free) - width)[:, None] + np.arange(width)
+        floor: FloatArray = np.median(np.abs(residual[free[windows]]), axis=1) / math.sqrt(math.log(2.0))
+    else:
+        # an amplitude has 4/N of the variance of a sample; the band is a quarter of the samples at most
+        left = max(_square_error(sums, fitted, coefficients), 0.0) / max(sums.samples - 2 * len(fitted) + 1, 1)
+        floor = np.full(len(residual), math.sqrt(4.0 * left / sums.samples))
     floor[0] /= 2.0
     return floor
 

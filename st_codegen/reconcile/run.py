@@ -111,8 +111,8 @@ class Reconciliation:
 
     @property
     def held_out_is_bound(self) -> bool:
-        """Whether the held-out gap may be larger: few runs were made, or few of them carry it."""
-        return self.data.few_points or self.carriers < SETTINGS.least_curves
+        """Whether the held-out gap may be larger: few runs carry it, or at other speeds a hum meets other orders."""
+        return self.data.few_points or bool(self.data.hums) or self.carriers < SETTINGS.least_curves
 
     @property
     def verdict(self) -> str:

@@ -187,8 +187,6 @@ class Settings:
     #: such a name true. Counted on 501 cases of the suite of other physics (make blind-form)
     names_by_order: tuple[int, int] = (50, 60)
     names_by_more: tuple[int, int] = (153, 155)
-    #: the same of a modulation with a sideband on one side alone, counted on 940 cases
-    names_by_one_side: tuple[int, int] = (1, 4)
     #: damping ratio whose peak fits between two speeds of a campaign
     narrow: float = 0.006
     #: chance that a parameter of the rig is called changed although it is not
@@ -375,7 +373,7 @@ CHOSEN_ON: dict[str, tuple[str, ...]] = {
         "state_reach", "formula_explains", "formula_whole", "term_price", "term_share",
     ),
     "all counted cases of other physics, development and held out": (
-        "names_by_order", "names_by_more", "names_by_one_side",
+        "names_by_order", "names_by_more",
     ),
     "simulated joints of seeds below 500 (tests/reconcile/joint)": (
         "joint_speeds", "joint_better", "joint_most", "joint_share", "joint_told", "joint_noise", "joint_least_waves",

@@ -123,6 +123,15 @@ def test_noise_floor_is_that_of_the_noise():
     assert all(fit.significant.all() for fit in fits)
 
 
+def test_noise_floor_is_that_of_the_noise_where_every_order_of_the_band_is_fitted():
+    """What happens at one angle stands in all orders; the floor of such curves was zero."""
+    random = np.random.default_rng(0)
+    curves = [Curve(np.arange(400) * 0.9, 1e-3 * random.standard_normal(400)) for _ in range(10)]
+    floor = np.mean([fit_orders(curve, range(101)).noise_floor for curve in curves], axis=0)
+    # ten times 199 degrees of freedom: 1.6 %
+    assert np.allclose(floor[1:], 2e-3 / np.sqrt(400), rtol=0.05) and np.isclose(floor[0], 1e-3 / 20, rtol=0.05)
+
+
 def test_square_error_is_that_of_the_samples():
     values = coefficients()
     curve = a_curve(values, noise=1e-4)

@@ -12,7 +12,6 @@ from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.sentences import words
 from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.run import reconcile_observations
-from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import parse_rig
 
@@ -226,12 +225,27 @@ def test_a_form_that_is_right_has_nothing_beside_it(two_states):
     assert report(two_states)["effects"][0]["form_error"] == []
 
 
-def test_a_sideband_on_one_side_alone_is_believed_less():
-    """It follows its mesh order as one of the carrier does; three of four such names were false."""
+GROWING = wave("cycloid_tooth_error", 39, 5e-4, 2.0) + slope(39, 1e-3)
+
+
+def beside_mesh(sides):
+    """The result on a mesh order 39 that grows with the load, with waves beside it that follow it."""
     at = grid([300.0, 700.0, 1100.0, 1500.0], [0.0, 500.0, 1000.0, 1500.0], [25.0, 35.0])
-    lower = 0.4 * (1e-3 * np.exp(0.4j) * at.torque_Nm / 1000.0 + 5e-4 * np.exp(2.0j))
-    mesh = wave("cycloid_tooth_error", 39, 5e-4, 2.0) + slope(39, 1e-3)
-    (claim,) = reconciled(mesh, at, [0, 36, 39, 40, 42, 78], {36: lower}).conclusions.claims
-    true, of = SETTINGS.names_by_one_side
+    mesh = 1e-3 * np.exp(0.4j) * at.torque_Nm / 1000.0 + 5e-4 * np.exp(2.0j)
+    return reconciled(
+        GROWING, at, [0, *range(19, 60), 78], {39 + k: part * np.exp(1j * k) * mesh for k, part in sides.items()}
+    )
+
+
+def test_a_sideband_on_one_side_alone_is_no_name():
+    """It follows its mesh order as one of the carrier does; three of four such names were false."""
+    found = beside_mesh({-3: 0.2})
+    assert not found.conclusions.claims and [s.order for s in found.unexplained] == [36]
+    (claim,) = beside_mesh({-3: 0.2, 3: 0.2}).conclusions.claims
     assert claim.piece.effect.name == "carrier_modulation"
-    assert claim.counted == (true, of) and claim.probability == (true + 1) / (of + 2) < 0.5
+
+
+def test_sidebands_at_every_distance_are_not_those_of_the_carrier():
+    """A crack makes them: those three orders away are hardly louder than the ones beside them."""
+    found = beside_mesh({-4: 0.16, -3: 0.2, -2: 0.16, 2: 0.16, 3: 0.2, 4: 0.16})
+    assert not found.conclusions.claims and len(found.unexplained) == 6

@@ -12,6 +12,7 @@ from st_codegen.campaign.orders import curve_sums
 from st_codegen.errors import InputError
 from st_codegen.reconcile.data.hum import without_hums
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
+from st_codegen.reconcile.judge.each_run import ramps
 from st_codegen.reconcile.judge.measurement import examine
 from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import read_rig
@@ -162,6 +163,18 @@ def test_a_drift_within_the_turn_is_taken_out_and_the_mean_is_not_looked_at(star
     assert np.abs(examined.values - data.values[:, 1:]).max() < 3e-4
 
 
+def test_a_drift_is_told_from_a_random_walk_where_there_is_noise_as_well():
+    """Of a walk a ramp is half of each order; noise stays in each of them and says nothing against ramps."""
+    random, orders, samples = np.random.default_rng(2), np.arange(1, 13), 500
+    walk = 9e-3 * np.cumsum(random.standard_normal((120, samples)), axis=1) / np.sqrt(samples)
+    drift = 0.02 * random.standard_normal((120, 1)) * np.arange(samples) / samples
+    noise = np.full((120, 12), 3.3e-7)
+    white = np.sqrt(noise / 2) * (random.standard_normal((120, 12)) + 1j * random.standard_normal((120, 12)))
+    wandering, both = (2 / samples * np.fft.rfft(te, axis=1)[:, orders] + white for te in (walk, walk + drift))
+    assert ramps(both, noise, orders, 0.0).std() == pytest.approx(0.022, rel=0.1)
+    assert not ramps(wandering, noise, orders, 0.0).any()
+
+
 @pytest.mark.parametrize(("factor", "word"), [(60.0, "arcmin"), (3600.0, "arcsec"), (np.pi / 180, "in rad")])
 def test_units_are_asked_about_with_the_factor_that_undoes_them(factor, word):
     with pytest.raises(InputError, match=word) as asked:
@@ -220,6 +233,13 @@ def test_where_few_orders_tell_mistakes_are_said_not_to_be_told():
     assert examine(data, RIG, PATH).untold == ()
     (said,) = examine(replace(data, orders=ORDERS[:2], values=data.values[:, :2]), RIG, PATH).untold
     assert "exchanged directions" in said and "a factor on one column" in said
+
+
+def test_where_noise_hides_a_misread_angle_that_is_said():
+    """With ten times the noise, the sidebands of an angle that is off by ten times as much."""
+    assert examine(of_curves(1e-4), RIG, PATH).untold == ()
+    (said,) = examine(of_curves(3e-3), RIG, PATH).untold
+    assert "an angle that is read wrong by up to" in said
 
 
 def test_wrong_labels_are_left_out_and_named():
@@ -324,10 +344,16 @@ def humming(waves, start_deg=7.0, samples=400, sigma=1e-5):
     return turns, clean, made
 
 
-@pytest.mark.parametrize("waves", [[(8.0, 1e-3)], [(8.0, 1e-3), (23.7, 5e-4)], [(150.0, 1e-3)]])
-def test_a_hum_is_taken_out_of_all_curves(waves):
-    """One of 150 Hz is above half the samples of a turn at each speed and shows mirrored."""
-    turns, clean, made = humming(waves)
+@pytest.mark.parametrize(
+    ("waves", "sigma"),
+    [([(8.0, 1e-3)], 1e-5), ([(8.0, 1e-3), (23.7, 5e-4)], 1e-5), ([(150.0, 1e-3)], 1e-5), ([(8.0, 1e-3)], 1e-8)],
+)
+def test_a_hum_is_taken_out_of_all_curves(waves, sigma):
+    """One of 150 Hz is above half the samples of a turn at each speed and shows mirrored.
+
+    Where there is hardly any noise a hum is louder than that in all orders around its own.
+    """
+    turns, clean, made = humming(waves, sigma=sigma)
     left, hums = without_hums(made, turns, [0, 1, 40])
     assert sorted(hum.frequency_Hz for hum in hums) == pytest.approx([hertz for hertz, _ in waves], rel=1e-3)
     assert max(hum.amplitude_deg for hum in hums) == pytest.approx(waves[0][1], rel=0.05)

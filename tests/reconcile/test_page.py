@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from st_codegen.reconcile.data.hum import Hum
-from st_codegen.reconcile.judge.unexplained import of_a_hum
+from st_codegen.reconcile.judge.unexplained import of_a_hum, signatures
 from st_codegen.reconcile.plan.next_runs import next_runs
 from st_codegen.reconcile.report.findings import findings, share_text
 from st_codegen.reconcile.report.output import report
@@ -92,6 +92,21 @@ def test_a_hum_stands_with_its_frequency(result):
     assert "<td>50 Hz</td>" in page and html.escape(hum.text) in page
     entry = report(found)["unexplained"][0]
     assert entry["order"] is None and entry["frequency_Hz"] == 50.0 and hum.text in summary(found)
+
+
+def test_what_a_hum_made_of_an_order_is_unexplained_there_too(result):
+    """Half of what is left was said to be all of it; and at other speeds the hum meets other orders."""
+    target, orders = result.target, result.data.orders
+    with_it = replace(target, data=replace(target.data, hums=(Hum(50.0, 2e-3, (40, 60), np.full(200, 4e-4)),)))
+    alone, beside = (
+        next(s for s in signatures(one, result.conclusions.final.residual, 1.0, np.full(len(orders), 1e-6)))
+        for one in (target, with_it)
+    )
+    assert beside.order == alone.order and beside.rms_deg == pytest.approx(np.hypot(alone.rms_deg, 4e-4))
+    assert "(beside 0.0004 deg RMS of a wave of one frequency" in beside.text
+    humming = replace(result, data=with_it.data)
+    assert humming.held_out_is_bound and not result.held_out_is_bound
+    assert "at other speeds" in summary(humming)
 
 
 def test_no_words_of_statisticians(page):

@@ -62,6 +62,18 @@ def test_what_is_off_only_where_the_model_lacks_something_is_no_bad_run():
     assert [row for row, _ in kept.suspects] == [99]
 
 
+def test_having_more_of_what_the_model_lacks_everywhere_is_no_fault_of_a_run():
+    """A crack shows in all orders and grows with the load: runs with hardly any load were called bad."""
+    data, count = residual(0, heavy=False), len(GRID)
+    crack = np.array([0, 3e-4, 2e-4j, -3e-4, 1e-4 + 1e-4j, 2e-4])
+    data.values[:] += crack * (data.at.torque_Nm[:, None] / 1000 + 1)
+    data.values[[60, 60 + count]] -= 3 * crack
+    assert set(found(data)) == {60, 60 + count}
+    assert not found(data, structured=ORDERS)
+    data.values[[99, 99 + count], 1:] += 3e-4j
+    assert set(found(data, structured=ORDERS)) == {99, 99 + count}
+
+
 def test_one_order_beside_those_that_the_model_lacks_is_no_bad_run():
     """One direction of a run near a peak: what the model lacks there does not count among the orders that are off."""
     data = residual(0, heavy=False)

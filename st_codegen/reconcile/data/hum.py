@@ -64,7 +64,7 @@ def without_hums(
         power /= np.maximum(np.median(power, axis=1, keepdims=True) / np.log(2.0), 1e-300)
         free = np.median(power, axis=0) < SETTINGS.stands_out
         free[[order for order in (*range(SETTINGS.wander_orders), *known) if order <= band]] = False
-        frequency = _frequency(np.where(free, power, 0.0), np.array([one.samples for one in kept]), turns_Hz)
+        frequency = _frequency(power, free, np.array([one.samples for one in kept]), turns_Hz)
         if frequency is None:
             break
         told = [_wave(*row, free) for row in zip(kept, lines, frequency / turns_Hz, strict=True)]
@@ -84,17 +84,21 @@ def without_hums(
     return kept, tuple(found)
 
 
-def _frequency(power: FloatArray, samples: IntArray, turns_Hz: FloatArray) -> float | None:
+def _frequency(power: FloatArray, free: BoolArray, samples: IntArray, turns_Hz: FloatArray) -> float | None:
     """The frequency (Hz) at which most curves that could show it have a line, or None.
 
-    power: over the noise, (n, band + 1), 0 where a line may be the machine's; samples, turns_Hz: of each curve, (n,).
+    power: over the noise, (n, band + 1); free: orders at which a line is not the machine's; samples, turns_Hz: of each
+    curve, (n,).
     """
     rows, band = np.arange(len(power)), power.shape[1] - 1
+    # where there is little noise a hum is loud far beside its line: it is where it is louder than at both sides
+    around = np.pad(power, ((0, 0), (1, 1)))
+    loud = free & (power > SETTINGS.loud_line) & (power >= np.maximum(around[:, :-2], around[:, 2:]))
+    power = np.where(free, power, 0.0)
     top = np.clip(power.argmax(axis=1), 1, band - 1)
     size, left, right = (np.sqrt(power[rows, top + step]) for step in (0, -1, 1))
     beside = np.where(right > left, right, -left)
     line = top + beside / np.maximum(size + np.abs(beside), 1e-300)
-    loud = power > SETTINGS.loud_line
     told = loud[rows, top]
     mirrored = [times * samples[told] + side * line[told] for times in range(3) for side in (1, -1)]
     tried = np.unique(np.concatenate(mirrored) * np.tile(turns_Hz[told], len(mirrored)))

@@ -197,9 +197,7 @@ def _claim(rig: RigModel, joint: Fit, final: Fit, number: int, standing: Standin
     names = sorted({other.name for other in others} - {piece.effect.name})
     few = final.target.data.few_points
     alone = few or _by_order_alone(final, number)
-    one_side = piece.effect.stage is Stage.MODULATION and len(followers(piece)) == 1
     counted = SETTINGS.names_by_order if alone else SETTINGS.names_by_more
-    counted = SETTINGS.names_by_one_side if one_side else counted
     return Claim(
         piece=piece,
         stderr=stderr,
@@ -281,7 +279,7 @@ def _by_order_alone(final: Fit, number: int) -> bool:
     """Whether nothing but its order ties a wave to the part that it is named after.
 
     Growth with the load or sidebands of the carrier on the same order do; an error of a shaft has no such company, nor
-    has a sideband without the other one.
+    have two sidebands that do not both follow their mesh order.
     """
     piece = final.state.pieces[number]
     if piece.effect.stage is Stage.MODULATION:
@@ -304,9 +302,7 @@ def _of_its_order(final: Fit, number: int) -> tuple[str, ...]:
     piece = final.state.pieces[number]
     order = piece.effect.orders[0]
     if piece.effect.stage is Stage.MODULATION:
-        what = "one sideband" if followers(piece) else "two constant sidebands"
-        alike = "without the other: a wave of that order" if followers(piece) else "that do not follow it: two waves"
-        return (f"{what} of order {order} {alike} from elsewhere is as likely",)
+        return (f"two sidebands of order {order} that do not both follow it: two waves from elsewhere are as likely",)
     return (
         f"order {order} is one that this part makes; a constant wave of that order from elsewhere would look the same",
     )

@@ -104,11 +104,13 @@ def zeros(
 def _most_gain(before: ComplexArray, after: ComplexArray, noise: FloatArray, vote: float) -> bool:
     """Whether the gap of most orders that show one falls by a factor of exp(vote) in power, over all rows."""
     left, right = ((np.abs(part) ** 2).mean(axis=0) for part in (before, after))
-    least = noise.mean(axis=0)
-    # an order whose gap could not fall by as much has no vote: noise stays
+    least = np.maximum(noise.mean(axis=0), 1e-300)
+    # an order whose gap could not fall by as much has no vote
     told: BoolArray = left > max(SETTINGS.told, float(np.exp(vote))) * least
-    gain = np.log(np.maximum(left, 1e-300) / np.maximum(right, np.maximum(least, 1e-300)))
-    return bool(told.sum() >= SETTINGS.least_votes and (gain[told] > vote).mean() > SETTINGS.most_orders)
+    # noise stays; how much of it there is many rows tell
+    unsure = min(1.0, SETTINGS.told / np.sqrt(len(noise))) * least
+    gain = np.log((left - least + unsure)[told] / (np.maximum(right - least, 0.0) + unsure)[told])
+    return bool(told.sum() >= SETTINGS.least_votes and (gain > vote).mean() > SETTINGS.most_orders)
 
 
 @dataclass(frozen=True)

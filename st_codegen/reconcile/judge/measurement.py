@@ -95,6 +95,8 @@ def examine(
     problems.raise_if_any()
     left_out = tuple(sorted({row for mistake in runs for row in mistake.rows}))
     untold = (_UNTOLD,) if data.both_directions() and not can_vote else ()
+    if all(mistake.name != "axis" for mistake in found):
+        untold += _hidden_axis(data, rig)
     return Examined(data, (*found, *runs), left_out, untold)
 
 
@@ -381,6 +383,10 @@ _DRIFT = (
 
 _GAIN = "all torques seem to be {:.3g} times what they were: every order that depends on the load agrees"
 _ZERO_TORQUE = "all torques seem to be off by {:.3g} N m: every order that depends on the load agrees"
+_HIDDEN_AXIS = (
+    "in this noise an angle that is read wrong by up to {:.2g} deg once a turn may not show: its sidebands are too "
+    "small"
+)
 _AXIS = (
     "the angle seems to be read wrong by {} a turn: every order k has sidebands that grow with k in all runs, "
     "as an encoder off centre makes them, or all parts of the gear off centre alike"
@@ -484,6 +490,27 @@ def _axis(data: Observations, rig: RigModel) -> list[Mistake]:
     ]
     text = _AXIS.format(" and ".join(told))
     return [Mistake("axis", text, corrected, remedy="take it out of the angle")]
+
+
+def _hidden_axis(data: Observations, rig: RigModel) -> tuple[str, ...]:
+    """What is said where noise hides the sidebands of an angle that is read wrong by what turns the highest order.
+
+    They show where as many as a vote asks for stand above what the mean of the runs tells; a table has few of them.
+    """
+    its = np.array([order for order in rig.orders() if order > 0], np.int64)
+    if not data.both_directions() or not len(its) or data.spectral_deg is None:
+        return ()
+    near = np.abs(data.orders[None, :] - its[:, None]).argmin(axis=1)
+    size, noise = np.abs(rig.coefficients(data.at, its.tolist())) * its / 2.0, _noise_power(data)
+    needed = []
+    for _, sign in _ROWS:
+        rows = data.at.sign == sign
+        # order k has two sidebands
+        needed += 2 * list(
+            np.sqrt(2.0 * _least(noise[rows])[near] / np.maximum((size[rows] ** 2).mean(axis=0), 1e-300))
+        )
+    hidden = float(np.sort(needed)[: SETTINGS.least_orders_of_zero][-1])
+    return (_HIDDEN_AXIS.format(np.degrees(hidden)),) if hidden * its.max() > SETTINGS.told_turn else ()
 
 
 def _agreed(data: Observations, rig: RigModel, seen: ComplexArray, asked: BoolArray) -> float:

@@ -11,7 +11,6 @@ from st_codegen.ir.arrays import BoolArray, ComplexArray
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.judge.peaks import has_a_frequency
-from st_codegen.reconcile.judge.unexplained import is_lacking
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Form, Scalar, Stage
 
@@ -112,11 +111,10 @@ def followers(piece: Piece) -> list[str]:
 
 
 def law_holds(without: Fit, fitted: Fit, number: int) -> bool:
-    """Whether a name that rests on its law alone leaves nothing beyond the noise; true for all others.
+    """Whether more than the order speaks for a name that others could have as well; true for most.
 
-    A wave beside a mesh order, without its twin on the other side, is a sideband only as far as it follows the mesh,
-    and where the mesh does not make that order itself. A resonance is one only where it explains more than a constant
-    wave of each of its orders and directions would.
+    A modulation shows on both sides of its mesh order: one wave beside it may come from anywhere, whatever it follows.
+    A resonance is one only where it explains more than a constant wave of each of its orders and directions would.
     """
     piece, target = fitted.state.pieces[number], fitted.target
     if has_a_frequency(piece.effect):
@@ -124,12 +122,7 @@ def law_holds(without: Fit, fitted: Fit, number: int) -> bool:
     if piece.effect.stage is not Stage.MODULATION:
         return True
     size = np.sqrt((np.abs(explained(fitted, piece)[target.good] / target.sigma[target.good]) ** 2).mean(axis=0))
-    own = size > SETTINGS.least_size
-    if own.sum() != 1:
-        return bool(own.any())
-    follows = not any(piece.effect.constant(order) for order in piece.effect.touched_orders())
-    foreign = not np.isin(target.data.orders[own], piece.effect.constants.mesh_orders()).any()
-    return follows and foreign and not (own & is_lacking(target, fitted.residual)).any()
+    return int((size > SETTINGS.least_size).sum()) > 1
 
 
 def _beats_constants(without: Fit, fitted: Fit, piece: Piece) -> bool:

@@ -34,8 +34,9 @@ def stands_out(current: Fit, own: ComplexArray, lacking: BoolArray | None = None
     nobodys = ~np.isin(orders, list(made))
     size = (np.abs(own[rows]) ** 2).mean(axis=0)
     for k in np.flatnonzero(size > SETTINGS.part_of_change * size.max(initial=0.0)):
-        around = nobodys & (np.abs(orders - orders[k]) <= SETTINGS.around_order)
-        if around.sum() < SETTINGS.shared_orders or size[k] > SETTINGS.stands_out * left[:, around].mean():
+        around = np.flatnonzero(nobodys & (np.abs(orders - orders[k]) <= SETTINGS.around_order))
+        near = around[np.argsort(np.abs(orders[around] - orders[k]), kind="stable")][: SETTINGS.shared_orders]
+        if len(near) < SETTINGS.shared_orders or size[k] > SETTINGS.stands_out * left[:, near].mean():
             return True
     return False
 

@@ -25,6 +25,8 @@ def bad_runs(data: Observations, residual: ComplexArray, sigma: FloatArray, stru
     """
     if data.angle_rad is not None or _nothing_to_compare(data, structured):
         return {}
+    if _lacks_everywhere(structured):
+        residual = _beyond_shared(data, residual, sigma)
     size = _scaled(data, residual, sigma)
     size = np.where(_like_neighbours(data, residual), 0.0, size)
     deviation = residual / sigma
@@ -54,8 +56,7 @@ def _alone(size: FloatArray) -> float:
 
 def _told(size: FloatArray, structured: BoolArray) -> float:
     """How far off several orders of a row are, not counting the few in which the model lacks something."""
-    few = 2 * structured.sum() < len(structured)
-    return _alone(size[~structured] if few else size)
+    return _alone(size if _lacks_everywhere(structured) else size[~structured])
 
 
 def _largest(size: FloatArray, structured: BoolArray) -> float:
@@ -65,26 +66,46 @@ def _largest(size: FloatArray, structured: BoolArray) -> float:
 
 def without_structure(data: Observations, residual: ComplexArray, noise: Noise, structured: BoolArray) -> Noise:
     """The noise without those of its suspects that are off in nothing but orders in which the model lacks something."""
-    size = _scaled(data, residual, noise.sigma)
-    nothing = _nothing_to_compare(data, structured)
-    if 2 * structured.sum() >= len(structured) and not nothing:
-        # a model that lacks something nearly everywhere excuses no run
-        return noise
-    off = size > SETTINGS.off
+    nothing, everywhere = _nothing_to_compare(data, structured), _lacks_everywhere(structured)
+    if everywhere:
+        residual = _beyond_shared(data, residual, noise.sigma)
+    off = _scaled(data, residual, noise.sigma) > SETTINGS.off
     # off in half of all orders is more than what a model lacks in some
     right = [
         row
         for row, _ in noise.suspects
-        if nothing or (not (off[row] & ~structured).any() and 2 * off[row].sum() < len(structured))
+        if nothing
+        or (everywhere and off[row].sum() < SETTINGS.orders_alone)
+        or (not everywhere and not (off[row] & ~structured).any() and 2 * off[row].sum() < len(structured))
     ]
     good = noise.good.copy()
     good[right] = True
     return replace(noise, good=good, suspects=tuple(entry for entry in noise.suspects if entry[0] not in right))
 
 
+def _beyond_shared(data: Observations, residual: ComplexArray, sigma: FloatArray) -> ComplexArray:
+    """The residual (n, K) without the forms over the orders that more rows of a direction have than there can be bad.
+
+    A matrix of noise has no singular value above the sum of the roots of its sides: what is below that is no form.
+    """
+    found = residual.copy()
+    for sign in np.unique(data.at.sign):
+        rows = np.flatnonzero(data.at.sign == sign)
+        carried, size, forms = np.linalg.svd(residual[rows] / sigma[rows], full_matrices=False)
+        shared = 1.0 / np.maximum((np.abs(carried) ** 4).sum(axis=0), 1e-300) > SETTINGS.most_suspects * len(rows)
+        shared &= size > np.sqrt(2.0) * (np.sqrt(len(rows)) + np.sqrt(residual.shape[1]))
+        found[rows] -= sigma[rows] * ((carried * size)[:, shared] @ forms[shared])
+    return found
+
+
 def _nothing_to_compare(data: Observations, structured: BoolArray) -> bool:
     """Whether runs have neither a model to be compared with nor others like them: a dozen runs, most orders wrong."""
-    return data.few_points and bool(2 * structured.sum() >= len(structured))
+    return data.few_points and _lacks_everywhere(structured)
+
+
+def _lacks_everywhere(structured: BoolArray) -> bool:
+    """Whether the model lacks something nearly everywhere: runs are then told by what others do not have as well."""
+    return bool(2 * structured.sum() >= len(structured))
 
 
 def _scaled(data: Observations, residual: ComplexArray, sigma: FloatArray) -> FloatArray:

@@ -8,7 +8,8 @@ the residual as it is.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -167,6 +168,16 @@ def of_a_hum(hum: Hum, gap_power: float, orders: IntArray) -> Signature:
     return Signature(-1, rms, share, {"time": 1.0}, "both", hum.text, hum.amplitude_deg, hertz=hum.frequency_Hz)
 
 
+def _with_hums(one: Signature, hums: Sequence[Hum]) -> Signature:
+    """The signature of an order with what hums made of it before they were taken out: that is unexplained there too."""
+    made = float(np.linalg.norm([hum.by_order[one.order] for hum in hums]))
+    if made < SETTINGS.form * one.rms_deg:
+        return one
+    whole = float(np.hypot(one.rms_deg, made))
+    text = f"{one.text} (beside {made:.2g} deg RMS of a wave of one frequency: this may be left of that)"
+    return replace(one, rms_deg=whole, share=min(1.0, one.share * (whole / max(one.rms_deg, 1e-300)) ** 2), text=text)
+
+
 def signatures(
     target: FitData, residual: ComplexArray, gap_power: float, floor: FloatArray, claimed: BoolArray | None = None
 ) -> list[Signature]:
@@ -185,7 +196,7 @@ def signatures(
         _scattered(target, residual, int(k), gap_power, floor[k])
         for k in np.flatnonzero(loud & ~found.significant & (of_an_encoder(target.data) == 0))
     ]
-    return sorted(out, key=lambda signature: -signature.rms_deg)
+    return sorted((_with_hums(one, target.data.hums) for one in out), key=lambda signature: -signature.rms_deg)
 
 
 def _component(target: FitData, residual: ComplexArray) -> FloatArray:

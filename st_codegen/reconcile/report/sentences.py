@@ -75,6 +75,10 @@ def between_text(result: Reconciliation) -> str:
     texts = []
     if result.data.few_points:
         texts.append("The gap on held-out runs is a least value: so few runs say nothing of what lies between them.")
+    elif result.data.hums:
+        texts.append(
+            "The gap on held-out runs is a least value: at other speeds the wave of one frequency makes other orders."
+        )
     elif result.held_out_is_bound:
         texts.append(
             f"The gap on held-out runs is a least value: few runs carry most of it (it scatters as if there were "

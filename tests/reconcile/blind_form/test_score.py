@@ -217,6 +217,13 @@ def test_no_folder_gives_away_the_answer():
         assert not [kind for kind in (case.kind, *case.mistakes, case.trouble) if kind and kind in case.number]
 
 
+def test_a_mistake_that_is_said_to_be_hidden_by_noise_is_not_denied():
+    truth = truth_of(mistakes=("eccentric_angle",), kind="nothing")
+    assert kinds(judged(truth, report_of("nothing_missing"))) == {"verdict"}
+    said = judged(truth, report_of("nothing_missing", cannot_show=["an angle that is read wrong may not show"]))
+    assert not said.false and not said.right, "it is not named either"
+
+
 def test_words_of_mistakes_do_not_contain_each_other():
     assert set(measuring.WORDS) == set(measuring.MISTAKES)
     assert says("the sign of TE", measuring.WORDS["sign"])
