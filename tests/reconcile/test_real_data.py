@@ -190,4 +190,6 @@ def test_what_the_paper_s_ten_orders_lack(tmp_path):
     assert pins >= {80, 120}
     assert len(named(report, "output_shaft_ovality")) == 1
     touched = {order for found in named(report, "carrier_modulation") for order in found["orders"]}
-    assert {39, 162, 240} <= touched or {36, 42, 159, 237} <= touched
+    # nothing but its order ties 159 to the constant wave 162, which has no sideband on the other side
+    assert {39, 240} <= touched or {36, 42, 237} <= touched
+    assert 159 in {entry["order"] for entry in report["unexplained"]} or {162, 159} & touched

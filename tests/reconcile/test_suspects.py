@@ -64,14 +64,17 @@ def test_what_is_off_only_where_the_model_lacks_something_is_no_bad_run():
 
 def test_having_more_of_what_the_model_lacks_everywhere_is_no_fault_of_a_run():
     """A crack shows in all orders and grows with the load: runs with hardly any load were called bad."""
-    data, count = residual(0, heavy=False), len(GRID)
-    crack = np.array([0, 3e-4, 2e-4j, -3e-4, 1e-4 + 1e-4j, 2e-4])
-    data.values[:] += crack * (data.at.torque_Nm[:, None] / 1000 + 1)
-    data.values[[60, 60 + count]] -= 3 * crack
-    assert set(found(data)) == {60, 60 + count}
-    assert not found(data, structured=ORDERS)
-    data.values[[99, 99 + count], 1:] += 3e-4j
-    assert set(found(data, structured=ORDERS)) == {99, 99 + count}
+    data, count, random = residual(0, heavy=False), len(GRID), np.random.default_rng(1)
+    orders, sigma = np.arange(30, 42), np.full((2 * count, 12), 1e-5)
+    crack = 1e-4 * (random.standard_normal(12) + 1j * random.standard_normal(12))
+    values = np.tile(data.values[:, 1:4], 4) + crack * (data.at.torque_Nm[:, None] / 1000 + 1)
+    values[[60, 60 + count]] -= 3 * crack
+    data = Observations(data.at, labels(data.at), orders, values)
+    everywhere = np.ones(12, bool)
+    assert set(bad_runs(data, values, sigma, ~everywhere)) == {60, 60 + count}
+    assert not bad_runs(data, values, sigma, everywhere)
+    values[[99, 99 + count]] += 3e-4j
+    assert set(bad_runs(data, values, sigma, everywhere)) == {99, 99 + count}
 
 
 def test_one_order_beside_those_that_the_model_lacks_is_no_bad_run():

@@ -198,6 +198,8 @@ def _claim(rig: RigModel, joint: Fit, final: Fit, number: int, standing: Standin
     few = final.target.data.few_points
     alone = few or _by_order_alone(final, number)
     counted = SETTINGS.names_by_order if alone else SETTINGS.names_by_more
+    # nobody has counted how often a sideband without its twin is one
+    one_side = piece.effect.stage is Stage.MODULATION and len(followers(piece)) == 1
     return Claim(
         piece=piece,
         stderr=stderr,
@@ -213,7 +215,7 @@ def _claim(rig: RigModel, joint: Fit, final: Fit, number: int, standing: Standin
             *((_FEW,) if few else ()),
         ),
         peaks=peaks,
-        counted=counted if joint.target.data.angle_rad is None else None,
+        counted=None if one_side or joint.target.data.angle_rad is not None else counted,
     )
 
 
@@ -279,7 +281,7 @@ def _by_order_alone(final: Fit, number: int) -> bool:
     """Whether nothing but its order ties a wave to the part that it is named after.
 
     Growth with the load or sidebands of the carrier on the same order do; an error of a shaft has no such company, nor
-    have two sidebands that do not both follow their mesh order.
+    has a sideband without the other one.
     """
     piece = final.state.pieces[number]
     if piece.effect.stage is Stage.MODULATION:
@@ -302,7 +304,9 @@ def _of_its_order(final: Fit, number: int) -> tuple[str, ...]:
     piece = final.state.pieces[number]
     order = piece.effect.orders[0]
     if piece.effect.stage is Stage.MODULATION:
-        return (f"two sidebands of order {order} that do not both follow it: two waves from elsewhere are as likely",)
+        what = "one sideband" if followers(piece) else "two constant sidebands"
+        alike = "without the other: a wave of that order" if followers(piece) else "that do not follow it: two waves"
+        return (f"{what} of order {order} {alike} from elsewhere is as likely",)
     return (
         f"order {order} is one that this part makes; a constant wave of that order from elsewhere would look the same",
     )

@@ -7,10 +7,11 @@ import itertools
 
 import numpy as np
 
-from st_codegen.ir.arrays import BoolArray, ComplexArray
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.judge.peaks import has_a_frequency
+from st_codegen.reconcile.judge.unexplained import is_lacking
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Form, Scalar, Stage
 
@@ -111,29 +112,42 @@ def followers(piece: Piece) -> list[str]:
 
 
 def law_holds(without: Fit, fitted: Fit, number: int) -> bool:
-    """Whether more than the order speaks for a name that others could have as well; true for most.
+    """Whether more than its orders speaks for a name that others could have as well; true for most.
 
-    A modulation shows on both sides of its mesh order: one wave beside it may come from anywhere, whatever it follows.
-    A resonance is one only where it explains more than a constant wave of each of its orders and directions would.
+    A wave beside a mesh order, without its twin on the other side, is a sideband only where the mesh does not make that
+    order itself, and as far as it follows the mesh: to within the noise, and better than a wave of its own that is
+    constant and grows with the load. A resonance is one only where it explains more than constant waves would.
     """
     piece, target = fitted.state.pieces[number], fitted.target
     if has_a_frequency(piece.effect):
-        return _beats_constants(without, fitted, piece)
+        own = np.isin(target.data.orders, piece.effect.orders)
+        return _beats_waves(without, fitted, own, np.ones((len(target.data), 1)))
     if piece.effect.stage is not Stage.MODULATION:
         return True
     size = np.sqrt((np.abs(explained(fitted, piece)[target.good] / target.sigma[target.good]) ** 2).mean(axis=0))
-    return int((size > SETTINGS.least_size).sum()) > 1
+    own = size > SETTINGS.least_size
+    if own.sum() != 1:
+        return bool(own.any())
+    foreign = not np.isin(target.data.orders[own], piece.effect.constants.mesh_orders()).any()
+    loads = np.stack([np.ones(len(target.data)), target.data.at.torque_Nm], axis=1)
+    follows = _beats_waves(without, fitted, own, loads) and not (own & is_lacking(target, fitted.residual)).any()
+    return foreign and follows
 
 
-def _beats_constants(without: Fit, fitted: Fit, piece: Piece) -> bool:
-    """Whether a resonance saves clearly more than constant waves of its orders do."""
-    target, own = fitted.target, np.isin(fitted.target.data.orders, piece.effect.orders)
-    constant, weights = without.residual.copy(), target.weights(without.residual)
+def _beats_waves(without: Fit, fitted: Fit, own: BoolArray, laws: FloatArray) -> bool:
+    """Whether a fit explains orders clearly better than waves of these orders and of each direction that follow laws.
+
+    own: bool (K,); laws: (n, m), what the waves may be made of over the operating points.
+    """
+    target = fitted.target
+    left, weights = without.residual.copy(), target.weights(without.residual)
     for sign in np.unique(target.data.at.sign):
         rows = target.data.at.sign == sign
-        total = np.maximum(weights[rows].sum(axis=0), 1e-300)
-        constant[rows] -= (weights[rows] * without.residual[rows]).sum(axis=0) / total
-    return bool((target.losses(constant) - target.losses(fitted.residual))[:, own].sum() > SETTINGS.order_gain)
+        for k in np.flatnonzero(own):
+            root = np.sqrt(weights[rows, k])
+            wave = np.linalg.lstsq(root[:, None] * laws[rows], root * left[rows, k], rcond=None)[0]
+            left[rows, k] -= laws[rows] @ wave
+    return bool((target.losses(left) - target.losses(fitted.residual))[:, own].sum() > SETTINGS.order_gain)
 
 
 def is_no_form_error(without: Fit, with_it: Fit, number: int | None = None, shows: BoolArray | None = None) -> bool:

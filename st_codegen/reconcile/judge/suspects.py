@@ -87,6 +87,7 @@ def _beyond_shared(data: Observations, residual: ComplexArray, sigma: FloatArray
     """The residual (n, K) without the forms over the orders that more rows of a direction have than there can be bad.
 
     A matrix of noise has no singular value above the sum of the roots of its sides: what is below that is no form.
+    The largest ones count, as many as make up only a small part of any other deviation.
     """
     found = residual.copy()
     for sign in np.unique(data.at.sign):
@@ -94,6 +95,7 @@ def _beyond_shared(data: Observations, residual: ComplexArray, sigma: FloatArray
         carried, size, forms = np.linalg.svd(residual[rows] / sigma[rows], full_matrices=False)
         shared = 1.0 / np.maximum((np.abs(carried) ** 4).sum(axis=0), 1e-300) > SETTINGS.most_suspects * len(rows)
         shared &= size > np.sqrt(2.0) * (np.sqrt(len(rows)) + np.sqrt(residual.shape[1]))
+        shared &= np.cumsum(shared) <= SETTINGS.left_of_place * residual.shape[1]
         found[rows] -= sigma[rows] * ((carried * size)[:, shared] @ forms[shared])
     return found
 
