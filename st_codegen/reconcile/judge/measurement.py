@@ -94,7 +94,7 @@ def examine(
             problems.add(f"{mistake.text} (they will be left out)")
     problems.raise_if_any()
     left_out = tuple(sorted({row for mistake in runs for row in mistake.rows}))
-    untold = (_UNTOLD,) if data.both_directions() and not can_vote else ()
+    untold: tuple[str, ...] = (_UNTOLD,) if data.both_directions() and not can_vote else ()
     if all(mistake.name != "axis" for mistake in found):
         untold += _hidden_axis(data, rig)
     return Examined(data, (*found, *runs), left_out, untold)
