@@ -141,6 +141,9 @@ def test_what_both_directions_of_a_run_have_is_no_noise():
     assert one.rms_deg == pytest.approx(runs.std(), rel=0.05)
     alone = 20 * SIGMA * np.random.default_rng(7).standard_normal(len(at))
     assert found(at, {0: alone}) == {}
+    # what a twentieth of the runs have is those runs' fault
+    few = np.random.default_rng(7).permutation(pairs.max() + 1)[: pairs.max() // 20]
+    assert found(at, {0: np.where(np.isin(pairs, few), 0.03, 0.0)}) == {}
 
 
 def test_noise_that_lasts_over_runs_is_not_alike_in_both_directions():

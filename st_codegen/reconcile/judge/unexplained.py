@@ -275,12 +275,15 @@ def _by_directions(target: FitData, residual: ComplexArray) -> tuple[BoolArray, 
     z *= np.minimum(1.0, SETTINGS.cut / np.maximum(np.abs(z), 1e-300))
     first, second = z[pairs[:, 0]], z[pairs[:, 1]]
     alike = (first * second.conj()).real - known[pairs[:, 0]] * known[pairs[:, 1]]
+    # the mean has no peaks that few runs meet: what no more of them have than there can be bad ones is their own
+    carried = (alike.sum(axis=0) ** 2) / np.maximum((alike**2).sum(axis=0), 1e-300)
+    shared = (carried > SETTINGS.most_suspects * len(pairs)) | (data.orders > 0)
     sizes = np.sqrt((np.abs(first) ** 2).mean(axis=0) * (np.abs(second) ** 2).mean(axis=0))
     # Fisher's transform of a correlation is normal
     correlation = np.clip(alike.mean(axis=0) / np.maximum(sizes, 1e-300), 1e-9 - 1.0, 1.0 - 1e-9)
     p = normal_tail(np.arctanh(correlation) * np.sqrt(parts * len(pairs)) / _by_chance(first, second, sizes, parts))
     large = alike.mean(axis=0) > SETTINGS.least_excess * parts
-    return false_discoveries(p, SETTINGS.discovery_rate) & large, differ
+    return false_discoveries(p, SETTINGS.discovery_rate) & large & shared, differ
 
 
 def _by_chance(
