@@ -88,7 +88,7 @@ def codes(folder):
     every = "\n".join(found)
     names = [name.upper() for name in re.findall(r"\b(?:FUNCTION|FUNCTION_BLOCK)\s+(\w+)", every, re.I)]
     names += [name.upper() for name in re.findall(r"\b(\w+)\s*:\s*(?:STRUCT|UNION)\b", every, re.I)]
-    other = rf"(?i)\b(?:{'|'.join(STANDARD)})\s*:(?!=)|\bFUNCTION\s+(?:{'|'.join(STANDARD)})\b"
+    other = rf"(?i)\b(?:{'|'.join(TYPES)})\s*:(?!=)|\b(?:{'|'.join(FUNCTIONS)})\b(?!\()"
     need(len(set(names)) == len(names) and not re.search(other, every), "a name of two meanings")
     return found
 
@@ -117,9 +117,10 @@ def read_block(folder, name):
             form = re.fullmatch(
                 r"(\w+) : (?:ARRAY\[0\.\.(\d+)\] OF )?(LREAL|[SD]?INT|BOOL|DWORD)(?:\s*:=\s*(.*))?", line, re.S
             )
-            known = {"f_isnan", *map(str.lower, values)}
+            known = {"f_isnan", "true", "false", *map(str.lower, values)}
             need(form and form[1].lower() not in known, f"the declaration {line[:60]}")
-            size, given = int(form[2] or 0) + 1, re.sub(r"\w*#?16#(\w+)", lambda m: str(int(m[1], 16)), form[4] or "")
+            size, given = int(form[2] or 0) + 1, form[4] or ""
+            given = re.sub(r"\b(?:DWORD#)?16#(\w+)", lambda m: str(int(m[1], 16)), given)
             kind = {"LREAL": np.float64, "BOOL": np.bool_, "SINT": np.int8, "INT": np.int16}.get(form[3], np.int32)
             need(not (given and kind is np.bool_), "an initial truth value")
             need(section[2] or form[3] not in ("SINT", "INT", "DWORD"), "a variable of a narrow type, or of bits")
@@ -166,7 +167,7 @@ class Sum:
 
 def kind(value):
     """The type of a value: float, int or bool."""
-    value = value.a if isinstance(value, V) else value
+    value = value.a if isinstance(value, V) else 0.0 if isinstance(value, Sum) else value
     return {"f": float, "i": int, "b": bool}[value.dtype.kind] if isinstance(value, np.ndarray) else type(value)
 
 
@@ -186,9 +187,10 @@ NUMERIC = {
 #: From what type to what.
 CONVERSIONS = {"DINT_TO_LREAL": (int, np.float64), "BOOL_TO_DINT": (bool, np.int64), "TRUNC": (float, np.int64)}
 NARROW = {"SINT_TO_DINT": np.int8, "INT_TO_DINT": np.int16}
-#: Types and functions that no text may define anew.
-STANDARD = {"LREAL", "REAL", "DINT", "INT", "SINT", "BOOL", "DWORD", "LWORD", "DINT_TO_DWORD", "DWORD_TO_DINT"}
-STANDARD |= NUMERIC.keys() - set("+-*/") | CONVERSIONS.keys() | NARROW.keys() | {"REAL_TO_LREAL"}
+#: Types that no text may define anew, and functions, whose names stand in calls only.
+TYPES = {"LREAL", "REAL", "DINT", "INT", "SINT", "BOOL", "DWORD", "LWORD"}
+FUNCTIONS = NUMERIC.keys() - {*"+-*/", "NEG"} | CONVERSIONS.keys() | NARROW.keys()
+FUNCTIONS |= {"DINT_TO_DWORD", "DWORD_TO_DINT", "REAL_TO_LREAL"}
 
 
 class Machine:
@@ -262,7 +264,7 @@ class Machine:
         need(isinstance(s, ast.For), "a statement of another kind")
         first, last, step = (self.value(a, mask) for a in s.iter.args)
         need(all(type(b) is int for b in (first, last, step)) and step > 0, "a loop whose bounds depend on the inputs")
-        need(last + step < 2**31, "a loop that never ends")
+        need(last + step < 2**31 and first != last, "a loop that never ends, or whose round a compiler leaves out")
         stores = {
             n.id for part in s.body for n in ast.walk(part) if isinstance(n, ast.Name) and type(n.ctx) is ast.Store
         }
@@ -325,6 +327,7 @@ class Machine:
         return V(np.where(off, old.a, new.a), unknown, new.raw or old.raw)
 
     def both(self, a, b):
+        need(kind(a) is kind(b) is bool, "a number as a condition")
         for one, other in ((a, b), (b, a)):
             if isinstance(one, bool):
                 return other if one else False
@@ -348,13 +351,14 @@ class Machine:
         if isinstance(e, ast.Subscript):
             return self.element(e, self.value(e.slice, mask), mask)
         if isinstance(e, ast.BoolOp):
-            if (place := tested(e)) is not None:
+            if not self.has_isnan and (place := tested(e)) is not None:
                 return self.opposite(self.is_nan(self.value(place, mask)))
             how = self.both if isinstance(e.op, ast.And) else self.either
             return functools.reduce(how, [self.value(v, mask) for v in e.values])
         if isinstance(e, ast.UnaryOp):
-            inner = self.value(e.operand, mask)
-            return self.opposite(inner) if isinstance(e.op, ast.Invert) else self.number(e, "NEG", [inner], mask)
+            inner, name = self.value(e.operand, mask), {ast.Invert: "NOT", ast.USub: "NEG"}[type(e.op)]
+            need(name != "NOT" or kind(inner) is bool, "NOT of a number")
+            return self.opposite(inner) if name == "NOT" else self.number(e, name, [inner], mask)
         if isinstance(e, ast.BinOp):
             name = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}[type(e.op)]
             return self.number(e, name, [self.value(e.left, mask), self.value(e.right, mask)], mask)
@@ -369,6 +373,7 @@ class Machine:
 
     def call(self, e, mask):
         name, inner = e.func.id, e.args[0]
+        need(not e.keywords and len(e.args) == 1 + (name in ("MIN", "MAX")), f"the arguments of {name}")
         if name == "REAL_TO_LREAL":  # arithmetic in REAL, or with literals that may be REAL, is not known
             need(isinstance(inner, ast.Call) and inner.func.id == "LREAL_TO_REAL", "a REAL that was not just made")
             return self.number(inner, "LREAL_TO_REAL", [self.value(inner.args[0], mask)], mask)
@@ -411,6 +416,7 @@ class Machine:
 
     def element(self, e, index, mask, *, narrow=False):
         name, table = e.value.id, self.values[e.value.id]
+        need(kind(index) is int, "an index that is no whole number")
         if isinstance(table, np.ndarray):
             need(narrow == (table.dtype.itemsize < 8), f"{name}: a narrow number that is not converted")
         if type(index) is int:
@@ -423,14 +429,15 @@ class Machine:
         if isinstance(table, np.ndarray):
             return V(np.array([table[at]] * 2, np.int64 if narrow else None), ~sure)
         items = {p: self.wide(self.read(name, p, table[p])) for p in np.unique(at[sure]).tolist()}
-        out = V(np.zeros((2, self.n), next(iter(items.values())).a.dtype if items else bool), ~sure)
+        out = V(np.zeros((2, self.n), self.kinds[name]), ~sure)
         for p, item in items.items():
             here = sure & (at == p)
             out = V(np.where(here, item.a, out.a), np.where(here, item.u, out.u), out.raw or item.raw)
         return out
 
     def number(self, e, name, values, mask):
-        floats = any(isinstance(v, Sum | float) or (isinstance(v, V) and v.a.dtype == float) for v in values)
+        floats = kind(values[0]) is float
+        need({kind(v) for v in values} in ({int}, {float}), f"{name} of different types")
         chosen = [v for v in values if isinstance(v, V) and not v.raw]
         if any(isinstance(v, Sum) for v in values) or (floats and name in ("+", "MIN", "MAX") and chosen):
             self.sums.append((name, *(self.term(v) for v in values)))
@@ -483,6 +490,7 @@ class Machine:
         return V(nan, v.u | (nan[0] != nan[1]))
 
     def compare(self, e, how, a, b, mask):
+        need(kind(a) is kind(b), "a comparison of different types")
         if isinstance(a, Sum) or isinstance(b, Sum):
             return Sum((how.__name__, self.term(a), self.term(b)))
         if not isinstance(a, V) and not isinstance(b, V):
@@ -549,7 +557,7 @@ class Check:
 
     def alone(self):
         """Each input varies while the others are anything; intervals are cut until every comparison is decided."""
-        while True:
+        for _ in range(64):
             sides, taken = zip(*map(self.lanes, range(self.model.features)))
             count = [len(part) for part in taken]
             owner, self.first = np.repeat(np.arange(len(count)), count), np.cumsum([0, *count])
@@ -562,7 +570,9 @@ class Check:
                 for f in np.unique(owner[lanes]):
                     k = keys(given[:, owner[lanes] == f].ravel())
                     self.ends[f] = np.unique(np.concatenate([self.ends[f], k - 1, k]))
-            need(sum(map(len, self.ends)) + len(count) > len(owner), "not decided, however an input is cut")
+            if sum(map(len, self.ends)) + len(count) == len(owner):
+                break
+        raise Reject("not decided, however an input is cut")
 
     def valid(self, machine):
         """bValid is FALSE with any refused input, and TRUE without: then outputs are assigned, and only then."""
@@ -572,9 +582,7 @@ class Check:
         for found, where, truth in ((machine, ~machine.taken, False), (all_taken, none, True)):
             for answer in (found.values["bValid"], *(mask for mask, _ in self.results(found))):
                 sure = found.wide(answer).surely(truth)
-                need(
-                    np.all(sure[where]), "bValid is not decided as the model demands, or an output does not keep to it"
-                )
+                need(np.all(sure[where]), "bValid, or where an output is assigned, is not as the model demands")
 
     def rising(self, machine):
         """Elements of lists that one input decides and that rise with it, with a refused input as with 0.0.
@@ -641,11 +649,7 @@ class Check:
         shape = tuple(int(np.sum(taken)) for _, taken in sides)
         need(np.prod(shape, dtype=float) < 3e6, "too many cells")
         n = int(np.prod(shape))
-        low, high, x = (
-            np.full((n, model.features), HIGH),
-            np.full((n, model.features), LOW),
-            np.zeros((n, model.features)),
-        )
+        low, high, x = (np.full((n, model.features), number) for number in (HIGH, LOW, 0.0))
         for f, (side, taken), at in zip(used, sides, np.indices(shape).reshape(len(shape), n)):
             x[:, f] = side[0, taken][at]
             low[:, f], high[:, f] = (keys(one[taken])[at] for one in side)
@@ -779,9 +783,11 @@ def tested(e):
 
 
 def has_isnan(folder):
-    """Whether the text tests NaN by the bits, in the one way that is known."""
+    """Whether the text tests NaN by the bits, in the one way that is known; else comparisons with it must not stop."""
     texts = [" ".join(text.split()) for text in codes(folder)]
-    return all(any(re.fullmatch(form.replace("\n", " "), text) for text in texts) for form in (ISNAN, UNION))
+    found = all(any(re.fullmatch(form.replace("\n", " "), text) for text in texts) for form in (ISNAN, UNION))
+    need(found or not list(folder.rglob("*.[Tt][Cc][Pp][Oo][Uu]")), "no test for NaN by its bits")
+    return found
 
 
 STATEMENT = (

@@ -307,10 +307,7 @@ def read_xgboost(document):
         nodes = [int(t["tree_param"]["num_nodes"]), *(len(t[name]) for name in names)]
         need(all(isinstance(number, float) for number in t["split_conditions"]), "whole numbers as conditions")
         plain = t["tree_param"]["num_deleted"] == "0" and set(t["default_left"]) <= {0, 1}
-        need(
-            plain and set(nodes) == {len(left)} and np.all(left >= -1),
-            "arrays of other lengths, or nodes of other kinds",
-        )
+        need(plain and set(nodes) == {len(left)} and np.all(left >= -1), "nodes of other kinds or lengths")
         value = condition * weight[number] if len(weight) else condition
         columns = t["split_indices"], condition, left, t["right_children"], t["default_left"]
         trees.append(flat(columns, value, left < 0, [group]))
@@ -373,20 +370,14 @@ def read_skops(data):
     trees = []
     for member in members:
         n, value = member["tree_"]["nodes"], member["tree_"]["values"]
-        kinds = (
-            {"DecisionTreeClassifier", "ExtraTreeClassifier"}
-            if label
-            else {"DecisionTreeRegressor", "ExtraTreeRegressor"}
-        )
-        need(member["class"] in kinds, "members of another class")
+        need(member["class"] in {f"{tree}Tree{kind[len(name) :]}" for tree in ("Decision", "Extra")}, "other members")
         need(value.shape[1:] == ((1, width) if label else (width, 1)) and np.all(n["left_child"] >= -1), "other leaves")
         takes_nan = member["criterion"] in CRITERIA and member["monotonic_cst"] is None
         need(boosting or takes_nan, "whether NaN is taken is not known")
         go = n["missing_go_to_left"] if "missing_go_to_left" in n.dtype.names else np.zeros(len(n))
         columns = *(n[k] for k in ("feature", "threshold", "left_child", "right_child")), go
-        trees.append(
-            flat(columns, rate * (value[:, 0] if label else value[:, :, 0]), n["left_child"] < 0, range(width))
-        )
+        value = rate * (value[:, 0] if label else value[:, :, 0])
+        trees.append(flat(columns, value, n["left_child"] < 0, range(width)))
     rules = {"divisor": float(len(trees)) if forest else 1.0, "nan": not boosting, "limit": F32_LIMIT, "label": label}
     return Model(features, trees, base if boosting else [0.0] * width, names, single_in=True, **rules)
 

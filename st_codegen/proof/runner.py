@@ -7,6 +7,7 @@ import shlex
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,17 @@ from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.ir import BoolArray, FloatArray
 from st_codegen.proof.arithmetic import libraries_of
-from st_codegen.st import Machine, Project, StError, StRuntimeError, check_source, read_paths
+from st_codegen.st import (
+    DIALECTS,
+    Machine,
+    Problem,
+    Project,
+    StCheckError,
+    StError,
+    StRuntimeError,
+    check_source,
+    read_paths,
+)
 from st_codegen.st.run.machine import Instance
 from st_codegen.st.syntax.source import PLAIN
 from st_codegen.st.tree import Pou, Section
@@ -73,7 +84,7 @@ class GeneratedCode:
         """Parse and check. Raises GeneratedCodeError that lists what is wrong with the text."""
         if not folder.is_dir():
             raise GeneratedCodeError(f"{folder}: no generated files; run st-codegen generate first")
-        self.folder = folder
+        self.folder, self._dialect = folder, DIALECTS[dialect]
         self.libraries = libraries_of(folder)
         self._optimised: set[str] = set()
         try:
@@ -81,6 +92,15 @@ class GeneratedCode:
             self.project: Project = check_source(self.source, dialect, self.libraries)
         except StError as error:
             raise _InvalidTextError(f"{folder}: the text is not valid Structured Text\n{error}") from error
+
+    @cached_property
+    def implicit_conversions(self) -> tuple[Problem, ...]:
+        """Where the text leaves a conversion to the compiler, or computes with bit strings."""
+        try:
+            check_source(self.source, self._dialect.without_implicit_conversions(), self.libraries)
+        except StCheckError as error:
+            return tuple(error.problems)
+        return ()
 
     @property
     def task_programs(self) -> tuple[str, ...]:

@@ -28,8 +28,13 @@ _UNCALLED = {"FB_INIT", "FB_REINIT", "FB_EXIT"}
 #: Siemens: where the variables of a block lie in memory, not what is in them.
 _MEMORY = re.compile(r"\{\s*S7_Optimized_Access\s*:=\s*'(?:TRUE|FALSE)'\s*\}")
 
-#: Conversions of real numbers to integers; TRUNC cuts, and is the same everywhere.
-_ROUNDED = re.compile(r"\bL?REAL_TO_U?[LDS]?INT\b|\bL?REAL_TO_L?D?WORD\b|\bTO_U?[LDS]?INT\b", re.IGNORECASE)
+#: Conversions by their types, and those that are the same everywhere, as TRUNC is: of bits, or nothing is lost.
+_TYPE = r"(?:BOOL|BYTE|[DL]?WORD|U?[SDL]?INT|L?REAL|L?TIME)"
+_CONVERSION = re.compile(rf"\b(?:{_TYPE}_)?TO_{_TYPE}\b", re.IGNORECASE)
+_EXACT = {"LREAL_TO_REAL", "REAL_TO_LREAL", "BOOL_TO_DINT", "DINT_TO_DWORD", "DWORD_TO_DINT", "DINT_TO_LREAL"}
+_EXACT |= {f"{narrow}_TO_DINT" for narrow in ("SINT", "USINT", "INT", "UINT")}
+#: Attributes that change no value; others may keep it over a restart, or let something else write it.
+_HARMLESS = {"qualified_only", "strict"}
 #: What ends a line, and so a comment, for some compilers only.
 _LINE_ENDS = re.compile("[\x0b\x0c\x1c-\x1e\x85\u2028\u2029]|\r(?!\n)")
 
@@ -45,6 +50,9 @@ def check_text(code: GeneratedCode, block: str) -> None:
     declared = [item for item in code.source.declarations if isinstance(item, d.PouDeclaration | d.GlobalDeclarations)]
     owners = [item for item in declared if isinstance(item, d.GlobalDeclarations) or item.name.upper() in keys]
     files = {item.position.file for item in owners}
+    for problem in code.implicit_conversions:
+        if problem.position.file in files:
+            raise NotProvedError(f"{problem}: a conversion that is left to the compiler")
     names = {Path(file).name for file in files}
     for path in code.folder.rglob("*"):
         if path.name in names and _LINE_ENDS.search(path.read_bytes().decode("utf-8", "replace")):
@@ -59,19 +67,16 @@ def check_text(code: GeneratedCode, block: str) -> None:
 
 def _check_scanned(scanned: Scanned) -> None:
     """Raise NotProvedError for conversions, comments and pragmas that compilers read differently."""
-    rounded = _ROUNDED.search(scanned.segment.text)
-    if rounded is not None:
-        where = scanned.segment.position(rounded.start())
-        raise NotProvedError(f"{where}: {rounded[0]}: compilers round halves differently")
+    for found in _CONVERSION.finditer(scanned.segment.text):
+        if found[0].upper() not in _EXACT:
+            where = scanned.segment.position(found.start())
+            raise NotProvedError(f"{where}: {found[0]}: what the type does not hold, compilers convert differently")
     for comment in scanned.comments:
         if comment.kind is CommentKind.NESTED:
             where = scanned.segment.position(comment.start)
             raise NotProvedError(f"{where}: a comment in a comment, which compilers end at different places")
     for pragma in scanned.pragmas:
-        name = pragma.attribute
-        if _MEMORY.fullmatch(pragma.text):
-            continue
-        if name is None or "init" in name or name.startswith("call_"):
+        if not _MEMORY.fullmatch(pragma.text) and pragma.attribute not in _HARMLESS:
             where = scanned.segment.position(pragma.start)
             raise NotProvedError(f"{where}: the pragma {pragma.text} may change what the text does")
 
@@ -83,6 +88,10 @@ def _check_statements(unit: t.Pou) -> None:
             raise NotProvedError(f"{expression.position}: arithmetic in REAL, which rounds after each operation")
     for statement in walk.statements(unit.body):
         if isinstance(statement, t.For):
+            if isinstance(statement.start, t.Constant) and statement.start == statement.stop:
+                raise NotProvedError(
+                    f"{statement.position}: a loop of one round, which a compiler is known to leave out"
+                )
             changed = {statement.variable} | walk.assigned_variables(statement.body)
             if changed & set().union(*map(walk.variables, (statement.start, statement.stop, statement.step))):
                 raise NotProvedError(

@@ -125,6 +125,8 @@ class Symbols:
             self.configurations.append(declaration)
         else:
             self.types[key] = declaration
+            for value in declaration.values if isinstance(declaration, d.EnumDeclaration) else ():
+                self._check_name(value.name, value.position, is_offered="qualified_only" in declaration.attributes)
 
     def _unit(self, pou: d.PouDeclaration, key: str, block: DeclaredUnit | None, is_native: bool) -> DeclaredUnit:
         unit = DeclaredUnit(pou.name, key, pou.position, {}, pou.kind, pou, block, is_native=is_native)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 from st_codegen.st.syntax.scan import CommentKind
@@ -49,3 +49,7 @@ class Dialect:
     comments: frozenset[CommentKind] = frozenset(CommentKind)
     #: Whether pragmas and attributes may be written.
     has_pragmas: bool = True
+
+    def without_implicit_conversions(self) -> Dialect:
+        """The same rules, but every conversion has to be written, and bit strings are not computed with."""
+        return replace(self, has_widening=False, has_loose_literals=False, has_numeric_bits=False)

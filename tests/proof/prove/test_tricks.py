@@ -35,6 +35,46 @@ def declared(line, *changes):
 
 #: What is changed in each text: pairs of a pattern and what stands in its place.
 TRICKS = {
+    "a plus in front of numbers of the other sign": (
+        (
+            r"(?s)((?:CELL_2|COEFFICIENT_3) : .*?:= \[)(.*?\])",
+            lambda m: m[1] + re.sub(r"(?<![\w.])-?(\d+\.\d+)", r"-\1", m[2]),
+        ),
+        (r"fOut1 := aStep", "fOut1 := +aStep"),
+    ),
+    "the largest of three numbers": (
+        (
+            r"(anRank1\[0\] := )nRank;",
+            r"nMore := 8;\nIF fX > EDGE_1_0[1] THEN nMore := 9; END_IF;\n\1MAX(nRank, 0, nMore);",
+        ),
+        (r"(\nVAR\n)", r"\1    nMore : DINT;\n"),
+    ),
+    "a comparison with bits": (
+        (CONSTANTS, r"\1    MORE : DWORD := DWORD#16#5;\n"),
+        (LAST, r"IF nCell > MORE THEN bUsable := bUsable; END_IF;\n\1"),
+    ),
+    "NOT of a whole number": declared("bMore : BOOL;", (LAST, r"bMore := NOT nRank >= 0;\n\1")),
+    "OR of whole numbers": ((LAST, r"IF (nRank OR nCell) < 0 THEN bUsable := bUsable; END_IF;\n\1"),),
+    "a whole number as a condition": ((LAST, r"IF nRank THEN bUsable := bUsable; END_IF;\n\1"),),
+    "a whole number below a fraction": ((LAST, r"IF nRank < 2.5 THEN bUsable := bUsable; END_IF;\n\1"),),
+    "a sum with a truth value": declared("nMore : DINT;", (LAST, r"nMore := bUsable + 1;\n\1")),
+    "a place that is a truth value": declared("fMore : LREAL;", (LAST, r"fMore := CELL_2[bUsable];\n\1")),
+    "a test for NaN that stops": (
+        (r"F_IsNan\(aInput\[nColumn\]\)", "NOT (aInput[nColumn] < 1.0 OR aInput[nColumn] > -1.0)"),
+    ),
+    "hexadecimal digits of a narrow type": ((r"(SKIP_2_0 [^;]*?)8, 16", r"\1SINT#16#8, 16"),),
+    "a variable named as the test for NaN": ((r"(?s)(\nVAR\n)(?=.*F_IsNan)", r"\1    f_isnan : DINT;\n"),),
+    "a variable named as a truth value": declared("FALSE : BOOL;"),
+    "a negative number without a sign": declared(
+        "nMore : UDINT;", (LAST, r"nMore := DINT_TO_UDINT(-1);\nIF nMore = 0 THEN bUsable := FALSE; END_IF;\n\1")
+    ),
+    "two as a truth value": ((LAST, r"IF NOT DINT_TO_BOOL(2) THEN bUsable := FALSE; END_IF;\n\1"),),
+    "a number that survives a restart by its attribute": declared(
+        "{attribute 'TcRetain' := '1'} nCalls : DINT;", (FIRST, STATE)
+    ),
+    "a loop of one round": declared(
+        "nMore : DINT;", (FIRST, "bUsable := FALSE;\nFOR nMore := 0 TO 0 DO\n    bUsable := TRUE;\nEND_FOR;\n")
+    ),
     "an assignment before the result": ((FIRST, r"\1fOut1 := 9.0;\n"),),
     "a rank of one input that another one changes": (
         (r"(    nRank := nRank \+ 1;\n)(END_IF;\nanRank1\[1\])", r"\1IF bUsable THEN nRank := 1; END_IF;\n\2"),
@@ -254,6 +294,13 @@ def test_a_text_that_means_something_else_is_accepted_by_nobody(trick, made):
     assert tried
 
 
+def test_the_checker_gives_up_on_a_comparison_that_no_cut_decides(made):
+    new = re.sub(
+        LAST, r"IF aInput[0] = aInput[0] THEN bUsable := bUsable; END_IF;\n\1", made["iec"][-1].read_text("utf-8")
+    )
+    assert verdicts(*made["iec"], new) == (False, False)
+
+
 #: Changes of what the test for NaN is made of, in files beside the block's.
 HELPERS = {
     "a structure is no union": ("DUTs/U_LrealBits.TcDUT", "UNION", "STRUCT"),
@@ -284,6 +331,8 @@ BESIDE = {
         _unit("DUT", "U_LrealBits", "TYPE U_LrealBits : STRUCT\nfValue : LREAL;\nEND_STRUCT\nEND_TYPE", ""),
     ),
     "a block in another file": ("twincat", "POUs/A.TcPOU", _unit("POU", "FB_Random_forest", EMPTY, "bValid := TRUE;")),
+    "a value named as a function": ("iec", "Z.st", "TYPE E_Size : (ABS, LREAL_TO_REAL); END_TYPE\n"),
+    "a block named as a function": ("iec", "Z.st", EMPTY.replace("FB_Random_forest", "ABS") + "END_FUNCTION_BLOCK\n"),
     "another ABS": ("twincat", "POUs/ABS.TcPOU", _unit("POU", "ABS", SIZE, "ABS := 0.0;")),
 }
 
