@@ -89,10 +89,10 @@ class TreeProof:
         self.model, self.outputs = model, [numbers_of(code.project, block)[number] for number in outputs]
         inputs = InputTerms(Terms(), model)
         self.before: set[int] = set()
-        self.side = ModelSide(model, lambda op, place: self._computed(inputs, op, place))
         self.trees = TreeTerms(inputs.terms, inputs, model)
         self.fixed: dict[TreeKey, float] = {}
         self.expected = list(self._expected_terms())
+        self.side = ModelSide(model, lambda op, place: self._computed(inputs, op, place))
         self.open: dict[tuple[int, int], list[TreeKey]] = {}
         for key in reversed(self.expected):
             self.open.setdefault((key[0], key[2]), []).append(key)
@@ -112,7 +112,9 @@ class TreeProof:
         """The axis and the interval of a column that is computed in front of trees: what holds for all of its numbers
         there holds for those that the inputs lead to.
         """
-        demand = Demand.of_trees(inputs.terms, self.model, inputs, {}, True, op.inputs)
+        before = [n for n in _ensembles(self.model) if n <= max(op.inputs)]
+        sums = {n: self.trees.sums(_ensembles(self.model)[n], n, self.fixed) for n in before}
+        demand = Demand.of_trees(inputs.terms, self.model, inputs, sums, True, op.inputs)
         term = [column for value in op.inputs for column in demand.values[value]][place]
         if [flag for value in op.inputs for flag in demand.missing[value]][place] is not False:
             raise NotProvedError("it may be missing")
@@ -126,6 +128,13 @@ class TreeProof:
             inputs.computed.append(term)
         return len(inputs.features) + inputs.computed.index(term), interval
 
+    def _decided_in_cells(self) -> bool:
+        """Whether trees compare no numbers but inputs and, without a rounding, what other trees give."""
+        leaves = {term for key, term in self.trees.leaves.items() if self.side.ensembles[key[0]].op.linear is None}
+        computed = self.run.executor.inputs.computed
+        known = all(part in leaves for part in parts_of(computed) if part.operation == "leaf")
+        return not computed or (known and not largest_jump(self.model))
+
     def _axes(self) -> list[InputAxis]:
         domain = self.side.domain
         ends = zip(domain.low.tolist(), domain.high.tolist(), strict=True)
@@ -133,8 +142,7 @@ class TreeProof:
 
     def _expected_terms(self) -> Iterator[tuple[int, int, int]]:
         """(operation, tree, output) in the order in which the library adds; constant trees are noted in `fixed`."""
-        for number, ensemble in self.side.ensembles.items():
-            op = ensemble.op
+        for number, op in _ensembles(self.model).items():
             stops = np.append(op.roots[1:], op.n_nodes)
             bits = np.ascontiguousarray(op.leaf_value).view(np.int64)
             for tree in range(op.n_trees):
@@ -450,7 +458,7 @@ class TreeProof:
 
     def _check_cells(self, output: int, value: Value) -> None:
         """In every box of the text and of the model together one evaluation of the model decides."""
-        if self.run.executor.inputs.computed:
+        if not self._decided_in_cells():
             raise NotProvedError("a table of numbers that are computed in front of trees is not followed")
         if isinstance(value, Lanes):
             space = value.lift().space.copy()
@@ -472,12 +480,16 @@ class TreeProof:
         got.lift()
         if got.known is not None and not np.all(got.known):
             raise NotProvedError("an output is read before it is assigned")
-        points = space.points(np.arange(space.lanes))
+        points = space.points(np.arange(space.lanes))[:, : len(self.model.features)]
         batches = range(0, len(points), _BATCH)
         wanted = np.concatenate([reference.evaluate(self.model, points[at : at + _BATCH])[:, output] for at in batches])
         wrong = np.flatnonzero((bits(got.value.astype(np.float64)) != bits(wanted)) & taken)
         if wrong.size:
             raise Difference("a cell of the table differs from the model", points[wrong[:1000]], to_the_bit=True)
+
+
+def _ensembles(model: ModelIR) -> dict[int, TreeEnsemble]:
+    return {number: op for number, op in enumerate(model.ops, 1) if isinstance(op, TreeEnsemble)}
 
 
 def _condition_parts(value: Value) -> dict[int, AxisValue]:

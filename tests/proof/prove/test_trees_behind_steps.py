@@ -9,8 +9,9 @@ pytest.importorskip("sklearn")
 
 from sklearn.compose import ColumnTransformer
 from sklearn.decomposition import PCA
-from sklearn.ensemble import RandomForestClassifier, RandomForestRegressor, StackingRegressor
+from sklearn.ensemble import RandomForestClassifier, RandomForestRegressor, StackingClassifier, StackingRegressor
 from sklearn.impute import SimpleImputer
+from sklearn.linear_model import Ridge
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import (
     Binarizer,
@@ -22,7 +23,7 @@ from sklearn.preprocessing import (
     SplineTransformer,
     StandardScaler,
 )
-from sklearn.tree import DecisionTreeRegressor
+from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
 
 from st_codegen.driver import generate
 from st_codegen.passes.choose import Layout, Options
@@ -30,7 +31,7 @@ from st_codegen.passes.domain import limit_inputs
 from st_codegen.passes.jumps import largest_jump
 from st_codegen.project.bundle import Bundle
 from st_codegen.proof.prove.prove import Verdict, prove
-from st_codegen.proof.prove.tree_proof import TAIL
+from st_codegen.proof.prove.tree_proof import CELLS, TAIL
 from st_codegen.walkers.base import LoadedModel
 from tests.classifiers import GAPS, SCORE, THREE, X, loaded
 
@@ -202,9 +203,53 @@ def test_what_is_changed_in_front_of_trees_is_not_proved(name, tmp_path):
     assert result.verdict is Verdict.REFUTED or name not in ("an answer without the tree", "a threshold"), result
 
 
-def test_trees_behind_trees_are_not_followed(tmp_path):
-    stack = StackingRegressor([("tree", TREE), ("other", DecisionTreeRegressor(max_depth=2))], FOREST, passthrough=True)
-    bundle, _ = behind("passthrough", tmp_path, stack)
+#: Trees behind trees: with the inputs beside them, behind a linear model, for labels.
+STACKS = {
+    "trees": StackingRegressor([("tree", TREE), ("few", FOREST)], FOREST, passthrough=True, cv=2),
+    "a linear model": StackingRegressor([("tree", TREE), ("line", Ridge())], TREE, cv=2),
+    "labels": StackingClassifier([("tree", DecisionTreeClassifier(max_depth=2))], DecisionTreeClassifier(), cv=2),
+}
+
+
+@pytest.mark.parametrize("layout", [Layout.AUTO, Layout.TREES, Layout.RANKED])
+@pytest.mark.parametrize("name", STACKS)
+def test_trees_behind_trees_are_proved(name, layout, tmp_path):
+    bundle, _ = behind("passthrough", tmp_path, STACKS[name], THREE if name == "labels" else SCORE, layout)
     (result,) = prove(bundle, tmp_path).results
-    assert result.verdict is Verdict.NOT_PROVED
-    assert "TreeEnsemble" in result.reason
+    assert (result.verdict, len(result.claims)) == (Verdict.PROVED, name == "a linear model"), result
+
+
+def small_table(folder):
+    first, last = (DecisionTreeRegressor(max_depth=depth, random_state=0) for depth in (2, 1))
+    stack = StackingRegressor([("tree", first), ("other", last)], DecisionTreeRegressor(max_depth=2), cv=2)
+    return behind("passthrough", folder, stack, layout=Layout.TABLE)
+
+
+def test_trees_behind_trees_are_proved_as_a_table(tmp_path):
+    bundle, path = small_table(tmp_path)
+    (result,) = prove(bundle, tmp_path).results
+    assert (result.verdict, result.method) == (Verdict.PROVED, CELLS)
+    changed, count = re.subn(r"( CELL_\d+ : .*\n(?:\s+\(\*.*\*\)\n)?\s+)(-?[0-9.E-]+)", ulp, path.read_text(), count=1)
+    assert count == 1
+    path.write_text(changed)
+    assert prove(bundle, tmp_path).results[0].verdict is Verdict.REFUTED
+
+
+STACK_CHANGES = {
+    "a leaf of a tree in front": (r"(?s)( THRESHOLD_1 : .*?)(-?\d+\.\d+(?:E-?\d+)?)(?=\s*\];)", ulp),
+    "a threshold behind": (r"( THRESHOLD_4 : .*\n\s+\(\*.*\*\)\n\s+)(-?[0-9.E-]+)", r"\g<1>0.5"),
+    "the comparison behind": (r"<= (THRESHOLD_4)", r"< \1"),
+    "columns that are exchanged": (r"aStep3\[0\] := aStep1\[0\]", "aStep3[0] := aStep2[0]"),
+    "the division in front": (r"aStep2\[0\] / DIVISOR_2", "aStep2[0] * (1.0 / DIVISOR_2)"),
+    "no rounding behind": (r"(aStep3.*;\n(?:.*\n){1,3})(.*)REAL_TO_LREAL\(LREAL_TO_REAL\(fX\)\)", r"\1\2fX"),
+    "an answer of the trees in front": (r"fOut1 := aStep4", "fOut1 := aStep1"),
+}
+
+
+@pytest.mark.parametrize("name", STACK_CHANGES)
+def test_a_stack_that_was_changed_is_not_proved(name, tmp_path):
+    bundle, path = behind("passthrough", tmp_path, STACKS["trees"], layout=Layout.TREES)
+    changed, count = re.subn(*STACK_CHANGES[name], path.read_text(), count=1)
+    assert count == 1
+    path.write_text(changed)
+    assert prove(bundle, tmp_path).results[0].verdict is not Verdict.PROVED
