@@ -38,6 +38,7 @@ WORDS = {
     "EXIT": "break",
 }
 KNOWN = {*"+-*/()[],<>", "<=", ">="}
+ELEMENTS = {"TcPlcObject", "POU", "DUT", "Declaration", "Implementation", "ST"}
 TOKEN = re.compile(r"\s*((?:\w+#)?16#[0-9A-Fa-f_]+|\d+\.\d+(?:E[-+]?\d+)?|\d+|[A-Za-z_]\w*|:=|<=|>=|<>|\S)")
 
 
@@ -81,9 +82,10 @@ def codes(folder):
     for path in sorted(path for path in folder.rglob("*") if path.suffix.lower() in (".st", ".tcpou", ".tcdut")):
         text = path.read_text("utf-8-sig")
         if path.suffix.lower() != ".st":
-            parts = [e for e in ElementTree.fromstring(text.encode()).iter() if e.tag in ("Declaration", "ST")]
-            need(len(parts) < 3, f"{path.name}: methods, or several units")
-            text = "\n".join(e.text for e in parts)
+            elements = list(ElementTree.fromstring(text.encode()).iter())
+            parts = {e.tag: e.text for e in elements}
+            need(len(parts) == len(elements) and parts.keys() <= ELEMENTS, f"{path.name}: methods, or several units")
+            text = "\n".join(parts[name] for name in ("Declaration", "ST") if name in parts)
         found.append(re.sub(r"\(\*.*?\*\)", " ", text, flags=re.S))
     every = "\n".join(found)
     names = [name.upper() for name in re.findall(r"\b(?:FUNCTION|FUNCTION_BLOCK)\s+(\w+)", every, re.I)]

@@ -354,6 +354,10 @@ AROUND = {
     "a statement in front of the text": ("<ST>", "<ST>fOut1 := 9.0; "),
     "a statement behind the text": ("</ST>", "fOut1 := 1.0;</ST>"),
     "a second text": ("</Implementation>", "</Implementation><Implementation><ST>fOut1 := 1.0;</ST></Implementation>"),
+    "another language in front of the text": (
+        "<Implementation>",
+        "<Implementation><NWL /></Implementation><Implementation>",
+    ),
     "a method named as a variable": (
         "</POU>",
         f"{METHOD}<Implementation><ST>fX := 1.0;</ST></Implementation></Method></POU>",
