@@ -17,6 +17,9 @@ TASK_FORMS = ("one", "two", "split")
 FAMILIES = ("SVM", "MLP", "RF", "DT", "ET", "ERT", "GBM", "HGBM", "LGBM", "XGBM", "ELM")
 MODEL_FORMS = ("native", "skops", "onnx")
 #: Mistakes of measuring that `reconcile --accept` corrects.
-MISTAKES = ("sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "block", "labels")
+MISTAKES = (
+    "sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "low_pass",
+    "block", "labels",
+)  # fmt: skip
 #: Where `reconcile --update-models` puts models and code.
 UPDATED_MODELS, UPDATED_CODE = "models", "plc"

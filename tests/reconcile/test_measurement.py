@@ -71,6 +71,12 @@ def torques(data, factor=1.0, offset=0.0):
     return replace(data, at=replace(data.at, torque_Nm=factor * data.at.torque_Nm + offset))
 
 
+def through(data, hertz):
+    """What a low pass of first order makes of the curves."""
+    frequency = data.orders * (data.at.sign * data.at.speed_rpm / 60 / 81)[:, None]
+    return replace(data, values=data.values / (1 + 1j * frequency / hertz))
+
+
 MADE = {
     "home_offset": lambda data: turned(data, 17.2),
     "sign": lambda data: data.scaled(-1.0),
@@ -83,6 +89,7 @@ MADE = {
     "torque 0.95 times": lambda data: torques(data, factor=0.95),
     "torque 9.81 times": lambda data: torques(data, factor=9.81),
     "torque by 40 N m": lambda data: torques(data, offset=40.0),
+    "low_pass of 60": lambda data: through(data, 60.0),
 }
 
 
@@ -180,6 +187,13 @@ def test_units_are_asked_about_with_the_factor_that_undoes_them(factor, word):
     with pytest.raises(InputError, match=word) as asked:
         examine(measured().scaled(factor), RIG, PATH)
     assert f"--scale {1 / factor:.8g}" in str(asked.value)
+
+
+def test_a_delay_is_no_low_pass():
+    """It makes every order later and none smaller: an effect of the catalogue."""
+    data = measured(3e-6)
+    late = data.orders * (data.at.sign * data.at.speed_rpm / 60 / 81)[:, None] * 2e-3
+    assert examine(replace(data, values=data.values * np.exp(-2j * np.pi * late)), RIG, PATH).mistakes == ()
 
 
 def test_two_mistakes_at_once_are_two_questions():

@@ -26,7 +26,10 @@ from st_codegen.rig.model import RigModel
 from st_codegen.threads import one_thread
 
 #: what `--accept` takes
-NAMES = ("sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "block", "labels")
+NAMES = (
+    "sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "low_pass",
+    "block", "labels",
+)  # fmt: skip
 _ROWS = (("forward", 1.0), ("backward", -1.0))
 
 
@@ -74,10 +77,10 @@ def examine(
         return Examined(data)
     problems = Problems(str(path))
     found: list[Mistake] = []
-    for look in (_drift, _ratio, partial(_common, scale=scale), _zeros, _axis, _torque):
+    for look in (_drift, _ratio, partial(_common, scale=scale), _zeros, _axis, _torque, _low_pass):
         # a torque is told by sizes, of which those in another unit say nothing
         is_unit = any(mistake.name == "unit" for mistake in found)
-        for mistake in () if is_unit and look is _torque else look(data, rig):
+        for mistake in () if is_unit and look in (_torque, _low_pass) else look(data, rig):
             if mistake.corrected is not None:
                 data = mistake.corrected(data)
             found.append(replace(mistake, text=f"{mistake.text} (corrected)"))
@@ -383,6 +386,9 @@ _DRIFT = (
 
 _GAIN = "all torques seem to be {:.3g} times what they were: every order that depends on the load agrees"
 _ZERO_TORQUE = "all torques seem to be off by {:.3g} N m: every order that depends on the load agrees"
+_LOW_PASS = (
+    "TE seems to have passed a low pass of {:.3g} Hz: every order is smaller and later, the faster it is the more"
+)
 _HIDDEN_AXIS = (
     "in this noise an angle that is read wrong by up to {:.2g} deg once a turn may not show: its sidebands are too "
     "small"
@@ -513,18 +519,20 @@ def _hidden_axis(data: Observations, rig: RigModel) -> tuple[str, ...]:
     return (_HIDDEN_AXIS.format(np.degrees(hidden)),) if hidden * its.max() > SETTINGS.told_turn else ()
 
 
-def _agreed(data: Observations, rig: RigModel, seen: ComplexArray, asked: BoolArray) -> float:
+def _agreed(
+    data: Observations, rig: RigModel, seen: ComplexArray, asked: BoolArray, plain: ComplexArray | None = None
+) -> float:
     """By how much gaps fall with `seen` (n, K) in place of what the rig says, a mean logarithm; 0 where they do not.
 
     asked: the orders (K,) that have a vote where it changes them visibly: what has a gap for another reason says
-    nothing of it.
+    nothing of it. plain: what stands against `seen` in place of the rig.
     """
-    sums, plain = _sums(data, rig, asked, swapped=False), rig.coefficients(data.at, data.orders.tolist())
-    after, changed = (
+    sums = _sums(data, rig, asked, swapped=False)
+    plain = rig.coefficients(data.at, data.orders.tolist()) if plain is None else plain
+    before, after, changed = (
         np.array([(np.abs(part[data.at.sign == sign][:, asked]) ** 2).mean(axis=0) for _, sign in _ROWS])
-        for part in (data.values - seen, seen - plain)
+        for part in (data.values - plain, data.values - seen, seen - plain)
     )
-    before = sums.gap(np.ones((2, 1)), np.ones(sums.orders.shape, np.complex128))
     left, right = (np.where(changed > sums.least, sums.beyond_noise(gap), sums.least) for gap in (before, after))
     better = _better(left, right, sums.least, SETTINGS.least_orders_of_zero)
     return float(np.log(left / right).mean()) if better else 0.0
@@ -551,6 +559,44 @@ def _torque(data: Observations, rig: RigModel) -> list[Mistake]:
         found.append((_agreed(data, rig, rig.coefficients(right, orders), every), said, right))
     gain, said, right = max(found, key=lambda one: one[0])
     return [Mistake("torque", said, lambda given: replace(given, at=right), remedy="correct them")] if gain else []
+
+
+def _low_pass(data: Observations, rig: RigModel) -> list[Mistake]:
+    """A low pass of first order that TE went through: every order is smaller and late by its frequency, not late alone.
+
+    Effects could not say so: a delay and smaller sizes of all that is fast would stand for it.
+    """
+    if not data.both_directions():
+        return []
+    model, noise = rig.coefficients(data.at, data.orders.tolist()), _noise_power(data)
+    turns = data.at.sign * data.at.speed_rpm / (60.0 * rig.constants.reduction_ratio)
+    rate = 2j * np.pi * turns[:, None] * data.orders
+
+    def passed(seconds: float) -> ComplexArray:
+        return np.asarray(1.0 / (1.0 + rate * seconds))
+
+    def late(seconds: float) -> ComplexArray:
+        return np.asarray(np.exp(-rate * seconds))
+
+    def fitted(response: Callable[[float], ComplexArray]) -> float:
+        seconds, small = 0.0, 1e-6
+        for _ in range(SETTINGS.quick_steps):
+            seen = model * response(seconds)
+            slope = (model * response(seconds + small) - seen) / small
+            seconds = max(seconds + _common_step(data.values - seen, slope, noise), 0.0)
+        return seconds
+
+    every, seconds = data.orders > 0, fitted(passed)
+    seen = model * passed(seconds)
+    if not (_agreed(data, rig, seen, every) and _agreed(data, rig, seen, every, model * late(fitted(late)))):
+        return []
+
+    def corrected(given: Observations) -> Observations:
+        spectral = None if given.spectral_deg is None else given.spectral_deg / np.abs(passed(seconds))
+        return replace(given, values=given.values / passed(seconds), spectral_deg=spectral)
+
+    text = _LOW_PASS.format(1.0 / (2.0 * np.pi * seconds))
+    return [Mistake("low_pass", text, corrected, remedy="undo it")]
 
 
 def _common_step(gap: ComplexArray, slope: ComplexArray, noise: FloatArray) -> float:

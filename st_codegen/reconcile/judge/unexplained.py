@@ -473,7 +473,7 @@ _CAUSE = {
     "speed": "depends on the speed",
     "torque": "depends on the torque",
     "temperature": "depends on the oil temperature",
-    "combination": "depends on the conditions in a way that no single one explains",
+    "combination": "depends on the conditions, or on when it was measured, in a way that no single one explains",
 }
 _UNIT = {"speed": "rpm", "torque": "N m", "temperature": "degC"}
 
