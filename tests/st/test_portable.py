@@ -2,9 +2,13 @@
 from __future__ import annotations
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as s
 
 from st_codegen.st import StCheckError
+from st_codegen.st.check import portable
 from st_codegen.st.check.portable import violations
+from st_codegen.st.syntax.scan import Segment
 from st_codegen.st.syntax.source import read_texts
 
 GOOD = """
@@ -137,6 +141,30 @@ def test_violations_have_their_place() -> None:
         read_texts({"a.st": "FUNCTION_BLOCK A\nVAR x : LREAL; END_VAR\n  x := 2E5;\nEND_FUNCTION_BLOCK"})
     )
     assert str(problem) == "a.st:3:8 (A): '2E5' is a real literal without a dot"
+
+
+NUMBERS = ", ".join(["-1.5E3"] * 20)
+
+
+def test_violations_beside_and_in_long_tables_are_found() -> None:
+    table = "VAR CONSTANT\n  T : ARRAY[0..20] OF LREAL := [{numbers}, {last}];\nEND_VAR\n"
+    unit = "FUNCTION_BLOCK {name}\n" + table + "VAR x : LREAL; END_VAR\nx := {value};\nEND_FUNCTION_BLOCK\n"
+    text = unit.format(name="A", numbers=NUMBERS, last="1.0", value="2E5")
+    text += unit.format(name="B", numbers=NUMBERS, last="3E5", value="4E5")
+    assert [str(problem) for problem in violations(read_texts({"a.st": text}))] == [
+        f"a.st:{place}' is a real literal without a dot"
+        for place in ("6:6 (A): '2E5", f"10:{33 + len(NUMBERS) + 2} (B): '3E5", "13:6 (B): '4E5")
+    ]
+
+
+@given(
+    s.lists(s.sampled_from(["[", "]", ", ", "1", ".", "E5", "-", " ", "__", "x", "**", "TO", NUMBERS, f"[{NUMBERS}]"]))
+)
+def test_nothing_that_is_refused_stands_in_a_list_of_numbers(pieces: list[str]) -> None:
+    text = "".join(pieces)
+    for pattern, _ in portable._REFUSED:
+        parts = (match.span() for span in Segment(text, "a.st").spans for match in pattern.finditer(text, *span))
+        assert list(parts) == [match.span() for match in pattern.finditer(text)]
 
 
 def test_text_that_the_checker_refuses_is_refused() -> None:

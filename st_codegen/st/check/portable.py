@@ -118,7 +118,7 @@ def pieces_of_text(text: Text) -> Iterator[Problem]:
             yield _at(scanned, pragma.start, "pragmas and attributes are not portable")
         code = _CODE.sub(lambda match: "'" + " " * (len(match[0]) - 2) + "'", scanned.segment.text)
         for pattern, reason in _REFUSED:
-            for match in pattern.finditer(code):
+            for match in (match for span in scanned.segment.spans for match in pattern.finditer(code, *span)):
                 yield _at(scanned, match.start(), f"'{match[0]}' {reason}")
 
 
