@@ -101,6 +101,34 @@ def test_a_dozen_runs_name_what_is_large_and_leave_open_what_else_it_may_be(powe
     assert "noise floor at most" in said and "-> at least" in said
 
 
+def test_a_dozen_runs_that_meet_a_resonance_at_one_point_each_name_it():
+    """What the peak makes of an order once passed for the order's noise, so that nothing was tried there."""
+    random = np.random.default_rng(0)
+    speed = np.repeat(np.concatenate([random.uniform(*ends, 4) for ends in ((250, 400), (800, 1050), (1500, 1700))]), 2)
+    torque = np.repeat(np.tile([50.0, 1300.0, 1300.0, 50.0], 3), 2)
+    oil = np.repeat(np.tile([25.0, 35.0], 6), 2)
+    at = Conditions.of(np.tile([1.0, -1.0], 12), speed, torque, oil)
+    hertz = 44.0 * (1 - 0.06 * torque / 1000)
+    orders = [0, 1, 39, 40, 78, 80, 81, 156, 162, 240]
+    text = "".join(wave("cycloid_tooth_error", order, 1e-3, 0.1) for order in (39, 78, 156))
+    found = reconciled(text, at, orders, {k: 5e-3 * by_force(at, k, hertz, 0.03) for k in (156, 240)})
+    (claim,) = found.conclusions.claims
+    assert claim.piece.effect.name == "structural_resonance" and claim.piece.effect.orders == (156, 240)
+    assert claim.piece.effect.scalar("frequency_Hz") == pytest.approx(44.0, rel=0.005)
+    assert claim.piece.effect.scalar("frequency_per_kNm") == pytest.approx(-0.06, rel=0.05)
+    assert "something_else" in claim.alternatives and found.verdict == "partly_explained"
+
+
+def test_a_dozen_runs_name_no_resonance_where_a_wave_has_another_phase_in_each():
+    random = np.random.default_rng(4)
+    at = grid([300.0, 900.0, 1600.0], [100.0, 1300.0], [25.0, 35.0])
+    loose = 1e-3 * np.exp(1j * np.repeat(random.uniform(-np.pi, np.pi, 12), 2) * at.sign)
+    orders = [0, 1, 39, 40, 78, 80, 81, 156, 162, 240]
+    found = reconciled(wave("pin_error", 40, 1e-3, 0.1), at, orders, {162: loose})
+    assert not found.conclusions.claims
+    assert [one.order for one in found.unexplained] == [162]
+
+
 def test_the_report_of_two_states_has_both(two_states):
     (entry,) = report(two_states)["effects"]
     keys = {key for key in entry["parameters"] if key.startswith("frequency_Hz")}

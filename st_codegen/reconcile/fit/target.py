@@ -102,6 +102,18 @@ class FitData:
                 wide[rows] = np.maximum(wide[rows], sigma_of(residual[rows & self.good], self.data.orders))
         return replace(self, wide=wide)
 
+    def as_quiet_as_others(self) -> FitData:
+        """This target, of whose orders none has more noise than orders usually have, where operating points are few.
+
+        Of a dozen runs none lies next to another: what a peak makes of an order passes for noise there, so that
+        nothing would be tried. How far the runs scatter about what is tried still counts.
+        """
+        waves = self.data.orders > 0
+        if not self.data.few_points or waves.sum() < SETTINGS.least_orders_beside:
+            return self
+        usual = np.median(self.sigma[:, waves], axis=1)[:, None]
+        return replace(self, sigma=np.where(waves, np.minimum(self.sigma, usual), self.sigma))
+
     def subset(self, rows: BoolArray) -> FitData:
         """This target, of which only good rows inside `rows` count."""
         return replace(self, good=self.good & rows)

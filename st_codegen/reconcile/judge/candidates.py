@@ -10,10 +10,11 @@ import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from st_codegen.ir.arrays import ComplexArray, FloatArray
+from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.fit.propagation import Propagation
@@ -305,6 +306,8 @@ class Search:
             gain = np.abs((h.conj() * sums).sum(axis=1)) ** 2 / np.maximum((weight * power).sum(axis=1), 1e-300)
             turns = grid[:, None] / loud * 60 * self.constants.reduction_ratio
             gains[:, promising] += gain * ((turns > 0.9 * speeds[0]) & (turns < 1.1 * speeds[-1]))
+        if self.data.few_points:
+            gains = _worth(gains, *self.scorer.powers(np.searchsorted(self.data.orders, orders)))
         found = []
         for i, f in enumerate(grid):
             chosen = [order for j, order in enumerate(orders) if gains[i, j] > SETTINGS.order_gain]
@@ -331,7 +334,9 @@ class Search:
 
     def _loud_orders(self, orders: list[int]) -> list[int]:
         """Places of orders whose residual could hold a gain at all."""
-        z2 = self.scorer.weights * np.abs(self.fit.residual) ** 2
+        # weighed by how far they scatter themselves, few runs are never loud
+        weights = self.target.counts / self.target.sigma**2 if self.data.few_points else self.scorer.weights
+        z2 = weights * np.abs(self.fit.residual) ** 2
         rows = max(int(self.target.good.sum()), 1)
         excess = z2.sum(axis=0) - 2 * rows
         loud = excess > max(SETTINGS.order_gain, 2 * np.sqrt(rows))
@@ -429,22 +434,17 @@ class Scorer:
                 vector[place] += taken[number]
         gain = float(2 * taken @ pull - taken @ matrix @ taken)
         if self.fit.target.data.few_points:
-            gain = self._worth(columns, gain)
+            places = np.unique(np.concatenate([places for places, _ in columns]))
+            gain = float(_worth(gain, *(part.sum() for part in self.powers(places))))
         return Candidate(candidate.piece.with_vector(vector), candidate.number, candidate.grown, gain)
 
-    def _worth(self, columns: Sequence[Column], saved: float) -> float:
-        """What loss saved is worth where few runs have told the scatter that it is weighed by.
-
-        Orders are weighed by how far they scatter about a model that lacks what is looked for, so that of few runs
-        nothing could save much. With an unknown scatter likelihoods differ by the logarithm of what is left.
-        """
+    def powers(self, places: IntArray) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Of chosen orders: power of the residual and of the noise, in the weights of the fit, and how many numbers."""
         target = self.fit.target
-        places = np.unique(np.concatenate([places for places, _ in columns]))
         weights, parts = self.weights[:, places], np.where(target.data.orders[places] == 0, 1, 2)
-        whole = float((weights * np.abs(self.fit.residual[:, places]) ** 2).sum())
-        noise = float((weights * parts * target.sigma[:, places] ** 2).sum())
-        left = max(whole - saved, min(whole, noise), 1e-300)
-        return float((target.counts[:, places] * parts).sum() * np.log(max(whole, left) / left))
+        whole = (weights * np.abs(self.fit.residual[:, places]) ** 2).sum(axis=0)
+        noise = (weights * parts * target.sigma[:, places] ** 2).sum(axis=0)
+        return whole, noise, (target.counts[:, places] * parts).sum(axis=0)
 
     def step(self, columns: Sequence[Column]) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Linear step of new columns beside all fitted ones, their reduced normal matrix, and right side."""
@@ -471,6 +471,16 @@ class Scorer:
             right = (pull / scale)[seen]
             step[seen] = np.linalg.pinv(matrix, rcond=1e-8, hermitian=True) @ right
         return step / scale, reduced, pull
+
+
+def _worth(saved: Any, whole: Any, noise: Any, numbers: Any) -> Any:
+    """What loss saved is worth where few runs have told the scatter that it is weighed by; arrays element by element.
+
+    Orders are weighed by how far they scatter about a model that lacks what is looked for, so that of few runs
+    nothing could save much. With an unknown scatter likelihoods differ by the logarithm of what is left.
+    """
+    left = np.maximum(whole - saved, np.maximum(np.minimum(whole, noise), 1e-300))
+    return numbers * np.log(np.maximum(whole, left) / left)
 
 
 def _real(values: ComplexArray) -> FloatArray:

@@ -136,7 +136,11 @@ def _over_its_limit(current: Fit, piece: Piece) -> float:
     if bounds_met(piece) or not is_a_peak(piece):
         return np.inf
     ratio, of_peaks = misfit(current, piece), piece.effect.stage is Stage.STRUCTURE
-    if ratio <= (SETTINGS.misfit_of_peaks if of_peaks else SETTINGS.misfit):
+    limit = SETTINGS.misfit_of_peaks if of_peaks else SETTINGS.misfit
+    if of_peaks and current.target.data.few_points:
+        # runs that meet a peak at one point each tell it by its form alone
+        limit, of_peaks = SETTINGS.form**2, False
+    if ratio <= limit:
         return 0.0
     if not of_peaks or chance_of_bracket(current.target, piece.effect.orders) > SETTINGS.p_agree:
         return ratio

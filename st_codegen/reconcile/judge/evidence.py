@@ -108,8 +108,9 @@ def p_of_clusters(fit: Fit, places: list[int], difference: FloatArray, *, with_f
     square = float(difference @ inverse(covariance[np.ix_(places, places)]) @ difference)
     gradient = by_group(fit.normal.gradient, fit.target.groups.clusters)
     clusters, count = int((np.abs(gradient).sum(axis=1) > 0).sum()), len(places)
-    if clusters <= count + 1:
-        # fewer clusters than parameters: independent runs are all that can be assumed
+    if clusters <= count + 1 or (fit.target.data.few_points and clusters < 2 * count):
+        # fewer clusters than tell so many parameters: independent runs, of which few are alike, are all that can be
+        # assumed
         return chi_square_tail(square, count)
     return f_tail(square * (clusters - count) / (count * (clusters - 1)), count, clusters - count)
 

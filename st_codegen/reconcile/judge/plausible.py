@@ -4,12 +4,14 @@ nobody's expense."""
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
+from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.peaks import has_a_frequency
 from st_codegen.reconcile.judge.unexplained import is_lacking
 from st_codegen.reconcile.settings import SETTINGS
@@ -75,8 +77,11 @@ def explained(current: Fit, piece: Piece) -> ComplexArray:
 
 def misfit(current: Fit, piece: Piece) -> float:
     """Power left where a piece acts, beyond the noise, over the power that it takes off there."""
-    # a peak says nothing of what lies far from it; all else must hold where it is small too
-    return _left_of(current, explained(current, piece), SETTINGS.acts if has_a_frequency(piece.effect) else 0.0)
+    # a peak says nothing of what lies far from it, unless few runs meet it; all else must hold where it is small too
+    least, target = 0.0, current.target
+    if has_a_frequency(piece.effect):
+        least, target = (0.0 if target.data.few_points else SETTINGS.acts), target.as_quiet_as_others()
+    return _left_of(replace(current, target=target), explained(current, piece), least)
 
 
 def is_its_own(current: Fit, piece: Piece, held: Fit) -> bool:
@@ -157,16 +162,22 @@ def is_no_form_error(without: Fit, with_it: Fit, number: int | None = None, show
     lose elsewhere for want of it is theirs. In each run a form may be off by a share of what the other added
     effects contribute there: so much of what is left counts for nothing.
     """
-    target = with_it.target
-    if target.data.few_points:
-        # weighed by how far they scatter about the model that lacks something, few runs could save too little
-        target = target.about(with_it.residual)
+    target = _sharp(with_it)
     others = [piece for i, piece in enumerate(with_it.state.pieces) if piece.added and i != number]
     slack = SETTINGS.form * np.abs(sum((explained(with_it, one) for one in others), np.zeros_like(with_it.residual)))
     left = [np.maximum(np.abs(one.residual) - slack, 0.0).astype(np.complex128) for one in (without, with_it)]
     saved = (target.losses(left[0]) - target.losses(left[1])).sum(axis=0)
     there = saved if shows is None else saved[shows]
     return bool(min(saved.sum(), there.sum()) > SETTINGS.order_gain)
+
+
+def _sharp(fitted: Fit) -> FitData:
+    """What a fit was fitted to, of few runs weighed by how far they scatter about it.
+
+    Weighed by how far they scatter about a model that lacks something, few runs could save too little.
+    """
+    target = fitted.target
+    return target.about(fitted.residual) if target.data.few_points else target
 
 
 def at_nobodys_expense(without: Fit, with_it: Fit) -> bool:
@@ -182,7 +193,8 @@ def at_two_frequencies(without: Fit, with_it: Fit, number: int) -> bool:
     if not has_a_frequency(effect):
         return True
     data = with_it.target.data
-    saved = with_it.target.losses(without.residual) - with_it.target.losses(with_it.residual)
+    target = _sharp(with_it)
+    saved = target.losses(without.residual) - target.losses(with_it.residual)
     points = set()
     low, high = np.inf, 0.0
     turn = data.at.speed_rpm / (60 * effect.constants.reduction_ratio)

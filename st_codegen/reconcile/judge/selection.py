@@ -34,6 +34,7 @@ def search(
     target: FitData, state: State, known: Catalogue, progress: Progress | None = None
 ) -> tuple[Fit, list[tuple[Candidate, Evidence]]]:
     """Add effects until nothing passes. Returns the last fit, and everything that was judged, in order."""
+    target = target.as_quiet_as_others()
     current = fit(target, state)
     current = fit(target.about(current.residual), current.state, steps=SETTINGS.long_steps)
     judged: list[tuple[Candidate, Evidence]] = []
@@ -46,7 +47,8 @@ def search(
             break
         current = in_their_forms(found)
         # on coarse grids a missing effect passes for noise until it is named
-        current = fit(with_noise_of(current)[0], current.state, steps=SETTINGS.long_steps)
+        target = with_noise_of(current)[0].as_quiet_as_others()
+        current = fit(target.about(current.residual), current.state, steps=SETTINGS.long_steps)
     return current, judged
 
 
