@@ -76,12 +76,15 @@ def explained(current: Fit, piece: Piece) -> ComplexArray:
 
 
 def misfit(current: Fit, piece: Piece) -> float:
-    """Power left where a piece acts, beyond the noise, over the power that it takes off there."""
-    # a peak says nothing of what lies far from it, unless few runs meet it; all else must hold where it is small too
-    least, target = 0.0, current.target
-    if has_a_frequency(piece.effect):
-        least, target = (0.0 if target.data.few_points else SETTINGS.acts), target.as_quiet_as_others()
-    return _left_of(replace(current, target=target), explained(current, piece), least)
+    """Power left where a piece acts, over the power that it takes off there: beyond the noise, or all of a peak's that
+    few runs tell."""
+    target, peaks = current.target, has_a_frequency(piece.effect)
+    if peaks and target.data.few_points:
+        # few runs tell a peak by its form alone, and where noise hides that, they tell nothing
+        current = replace(current, target=replace(target, sigma=np.zeros_like(target.sigma), wide=target.spread))
+        peaks = False
+    # a peak says nothing of what lies far from it; all else must hold where it is small too
+    return _left_of(current, explained(current, piece), SETTINGS.acts if peaks else 0.0)
 
 
 def is_its_own(current: Fit, piece: Piece, held: Fit) -> bool:
