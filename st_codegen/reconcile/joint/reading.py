@@ -79,7 +79,6 @@ def _read(path: Path) -> JointRecording:
         for kind in ("q", "tau"):
             if (kind, joint) not in columns:
                 problems.add(f"the column '{kind}{joint}' is missing: a joint needs q and tau")
-    problems.raise_if_any()
     time = next(name for name in _TIME if name in table.names)
     names = [time, *(name for name, _ in columns.values())]
     values = dict(zip(names, table.numbers(names, problems, is_finite=False).T, strict=True))
