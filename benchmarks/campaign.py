@@ -1,7 +1,8 @@
 """The campaign reader against a bare `polars.read_csv`, and order analysis against a plain FFT; `make bench`.
 
 Writes a campaign of the rig's shape (fewer runs) to a temporary folder. Rates are rows of the files a second; a row has
-a sample of each direction. Each case runs in a process of its own; memory is the peak of it and all it started.
+a sample of each direction. Each case runs in a process of its own; memory is the peak of it and all it started, of
+itself alone, and of the largest that it started.
 """
 
 from __future__ import annotations
@@ -115,20 +116,21 @@ def measured(work: Callable[[Path, Path], str | None], folder: Path, cache: Path
     joblib.externals.loky.get_reusable_executor().shutdown()  # else this process waits until its workers are tired
 
 
-def peak_memory(process: Any) -> tuple[float, float]:
-    """Largest sum of the resident memory of a process and all it started, and the largest of one of them, MB."""
+def peak_memory(process: Any) -> tuple[float, float, float]:
+    """Most resident memory, MB: of a process and all it started, of itself, and of the largest that it started."""
     import psutil
 
-    peak, largest, root = 0, 0, psutil.Process(process.pid)
+    total, own, largest, root = 0, 0, 0, psutil.Process(process.pid)
     while process.is_alive():
-        each = []
+        started = []
         with contextlib.suppress(psutil.NoSuchProcess):
-            for one in (root, *root.children(recursive=True)):
+            itself = root.memory_info().rss
+            for one in root.children(recursive=True):
                 with contextlib.suppress(psutil.NoSuchProcess):
-                    each.append(one.memory_info().rss)
-        peak, largest = max(peak, sum(each)), max(largest, *each, 0)
+                    started.append(one.memory_info().rss)
+            total, own, largest = max(total, itself + sum(started)), max(own, itself), max(largest, *started, 0)
         process.join(0.2)
-    return peak / 1e6, largest / 1e6
+    return total / 1e6, own / 1e6, largest / 1e6
 
 
 CASES: dict[str, Callable[[Path, Path], str | None]] = {
@@ -161,11 +163,11 @@ def main() -> None:
             results = context.Queue()
             process = context.Process(target=measured, args=(CASES[title], folder, cache, results))
             process.start()
-            memory, largest = peak_memory(process)
+            total, own, largest = peak_memory(process)
             elapsed, seconds, bits = results.get(timeout=1)
             print(
                 f"{title:<45} {elapsed:8.2f} s {seconds:8.2f} CPU s {rows / elapsed / 1e6:8.2f} million rows/s "
-                f"{memory:6.0f} MB, one process {largest:6.0f} MB {bits}",
+                f"{total:6.0f} MB, {own:.0f} MB itself, {largest:.0f} MB the largest it started {bits}",
                 flush=True,
             )
 

@@ -67,6 +67,7 @@ class AxisOptions:
     format: str = FORMATS[0]
     skip_bad: bool = False
     keep_faulty: bool = False
+    share: bool = False
 
     def settings(self) -> SearchSettings:
         """The search. Raises InputError where no family can be saved in the format."""
@@ -75,7 +76,10 @@ class AxisOptions:
 
 @dataclass(frozen=True)
 class FleetAxis:
-    """One axis: name, type, the newest campaign and those before it (the oldest first), its rig, and its options."""
+    """One axis: name, type, the newest campaign and those before it (the oldest first), its rig, and its options.
+
+    shared: below the fleet's folder, where the models stand that it may share; empty: it shares none.
+    """
 
     name: str
     type: str
@@ -83,6 +87,7 @@ class FleetAxis:
     earlier: tuple[Path, ...]
     rig: Path
     options: AxisOptions
+    shared: str = ""
 
 
 def read_fleet(path: Path) -> tuple[FleetAxis, ...]:
@@ -219,6 +224,7 @@ def _options(table: TomlTable, base: AxisOptions) -> AxisOptions:
         test_share=table.number("test_share", base.test_share, low=0.01, high=0.9),
         skip_bad=table.flag("skip_bad", base.skip_bad),
         keep_faulty=table.flag("keep_faulty", base.keep_faulty),
+        share=table.flag("share", base.share),
         target=table.text("target", base.target),
         format=table.text("format", base.format),
     )
@@ -239,6 +245,8 @@ def _options(table: TomlTable, base: AxisOptions) -> AxisOptions:
     table.declare("limit_us", "check", "orders", "families", "earlier")
     with table.collect():
         target_named(options.target)
+    if options.share and options.orders is None and table.is_sound:
+        table.note("share: axes share models of the same orders only; give orders = [..]")
     if options.format not in FORMATS:
         table.note(f"format = {shown(options.format)}; known are {', '.join(FORMATS)}")
     elif table.is_sound:

@@ -15,6 +15,7 @@ from st_codegen.files.folders import write_texts
 from st_codegen.fleet.axes import FleetAxis
 from st_codegen.fleet.compare import FALSE_ALARM, LEAST_AXES, Campaigns, FleetComparison, Spread, compare
 from st_codegen.fleet.estimates import Estimate
+from st_codegen.fleet.shared import RULE as SHARING
 from st_codegen.fleet.stages import CHECK, EARLIER, RECONCILE, TRAIN, AxisResult
 from st_codegen.report import COLOURS, PageSection, PageTable, page
 from st_codegen.report.picture import panels
@@ -70,7 +71,7 @@ class FleetReport:
         return (
             *self.comparison.not_looked_at,
             "phases, which depend on how an axis was mounted: they are in effects.csv",
-            "whether models of axes of a type could be shared",
+            *([] if self._shared() else ["whether models of axes of a type could be shared: share = true"]),
             *(f"{line}: {_named(names)}" for line, names in by_text.items()),
         )
 
@@ -147,7 +148,11 @@ class FleetReport:
 
     def html(self) -> str:
         """The page."""
-        return page("Fleet", [*self._findings(), self._axes(), *self._spread(), self._unseen()], summary=self.summary())
+        return page(
+            "Fleet",
+            [*self._findings(), self._axes(), *self._sharing(), *self._spread(), self._unseen()],
+            summary=self.summary(),
+        )
 
     def _row(self, name: str) -> list[Any]:
         """What came of an axis, in the columns of `_COLUMNS`."""
@@ -201,6 +206,25 @@ class FleetReport:
             history = ("axis", "effect", "parameter", "campaigns, the oldest first", "unit", "standard errors")
             sections.append(_listed("What has grown", text, history, grown))
         return sections
+
+    def _shared(self) -> dict[str, dict[str, Any]]:
+        """What was decided of shared models, by axis."""
+        facts = {name: result.facts.get(TRAIN, {}) for name, result in self.results.items()}
+        return {name: own["shared"] for name, own in facts.items() if "shared" in own}
+
+    def _sharing(self) -> list[PageSection]:
+        decided = self._shared()
+        if not decided:
+            return []
+        rows = [
+            (name, "of the type" if own["taken"] else "own", own.get("rms_deg"), own.get("own_rms_deg"),
+             own.get("own", own["why_not"]))
+            for name, own in decided.items()
+        ]  # fmt: skip
+        taken = sum(own["taken"] for own in decided.values())
+        columns = ("axis", "models", "left with those of the type", "left otherwise", "otherwise")
+        title = f"Models of the type: taken by {taken} of {len(decided)} axes"
+        return [PageSection(title, f"{SHARING} Root mean squares in deg.", PageTable(columns, rows))]
 
     def _spread(self) -> list[PageSection]:
         rows = [

@@ -9,6 +9,7 @@ from pathlib import Path
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.text import make_folder, write_text
 from st_codegen.fleet.axes import FleetAxis
+from st_codegen.fleet.shared import with_shared
 from st_codegen.fleet.stages import RECORD, TRAIN, AxisResult, do_axis
 from st_codegen.training.search import Backend, spread
 
@@ -33,6 +34,7 @@ def run_fleet(
     out = out.resolve()
     _check_place(axes, out)
     write_text(out / MARK, _MARK_TEXT)
+    axes = _sharing(axes, out, backend)
     results: dict[str, AxisResult] = {}
     for name, result in _results(axes, out, backend, results):
         is_here = not result.facts or (out / name / RECORD).is_file()
@@ -42,6 +44,16 @@ def run_fleet(
         if progress:
             progress(len(results), len(axes), name, results[name])
     return {axis.name: results[axis.name] for axis in axes}
+
+
+def _sharing(axes: Sequence[FleetAxis], out: Path, backend: Backend) -> Sequence[FleetAxis]:
+    """The axes with what they share; where workers end again and again, each has models of its own."""
+    for _ in range(_TOGETHER):
+        try:
+            return with_shared(axes, out, backend)
+        except _ends_of_workers(backend):
+            continue
+    return axes
 
 
 def _results(

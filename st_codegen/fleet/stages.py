@@ -7,9 +7,8 @@ entry goes before its files change: a kill in between costs that stage alone.
 
 from __future__ import annotations
 
-import csv
-import hashlib
 import json
+import math
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
@@ -17,13 +16,17 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from st_codegen.campaign.harmonic_table import HarmonicTable
 from st_codegen.driver import generate
-from st_codegen.errors import InputError, StCodegenError
+from st_codegen.errors import InputError
 from st_codegen.files.folders import write_texts
 from st_codegen.files.made_by import MADE_BY, VERSION
 from st_codegen.files.text import make_folder, read_text, write_text
 from st_codegen.fleet.axes import FleetAxis, TextCheck
 from st_codegen.fleet.estimates import estimates
+from st_codegen.fleet.failures import failure
+from st_codegen.fleet.hashes import LIBRARIES, content_hash, file_hashes, sha256_of
+from st_codegen.fleet.shared import axis_plan, axis_table, copy_models, shared_part
 from st_codegen.project.bundle import load
 from st_codegen.proof.prove.certificate import certificate
 from st_codegen.proof.prove.prove import prove
@@ -36,9 +39,9 @@ from st_codegen.rig.effects import catalogue
 from st_codegen.rig.model import read_rig
 from st_codegen.threads import one_thread
 from st_codegen.training.export import write_bundle
-from st_codegen.training.learn import LearningPlan, bundle_head, learn
-from st_codegen.training.measured import measured_table
+from st_codegen.training.learn import LEAST_ROWS, bundle_head, learn
 from st_codegen.training.search import LEARNERS, Backend, versions
+from st_codegen.training.shared import own_errors
 from st_codegen.training.store import FitStore
 
 RECORD = "stages.json"
@@ -46,7 +49,6 @@ TRAIN, COMPILE, CHECK, RECONCILE = "train", "compile", "check", "reconcile"
 EARLIER = "earlier"
 #: What a stage writes, below the folder of the axis.
 PLACES = {TRAIN: "models", COMPILE: "plc", CHECK: "certificate.json", RECONCILE: "reconcile"}
-_LIBRARIES = ("numpy", "scipy", "scikit-learn", "lightgbm", "xgboost-cpu", "skops", "onnx", "skl2onnx", "polars")
 
 
 @dataclass(frozen=True)
@@ -89,9 +91,9 @@ def do_axis(job: tuple[FleetAxis, Path]) -> AxisResult:
     try:
         make_folder(folder)
         with one_thread(*LEARNERS, "scipy.linalg"):
-            return _done(list(_Stages(axis, folder).all()), folder)
+            return _done(list(_Stages(axis, folder, out).all()), folder)
     except Exception as error:  # one axis stops no other
-        text, defect = _failure(error)
+        text, defect = failure(error)
         return AxisResult(errors={TRAIN: text}, defect=defect)
     finally:
         MADE_BY.reset(token)
@@ -108,21 +110,21 @@ def _done(stages: list[AxisStage], folder: Path) -> AxisResult:
             _forget(kept, stage, folder)
             continue
         needed = keys.get(stage.needs, "")
-        key = keys[stage.name] = _sha256_of(VERSION, versions(_LIBRARIES), needed, stage.name, *stage.decides)
+        key = keys[stage.name] = sha256_of(VERSION, versions(LIBRARIES), needed, stage.name, *stage.decides)
         entry = kept.get(stage.name)
-        if entry is not None and entry["key"] == key and entry["files"] == _hashes(folder, stage.place):
+        if entry is not None and entry["key"] == key and entry["files"] == file_hashes(folder, stage.place):
             facts[stage.name] = entry["facts"]
             continue
         _forget(kept, stage, folder)
         try:
             # as it is read where the run goes on, the order of keys included
             found = json.loads(json.dumps(stage.work(), sort_keys=True, allow_nan=False))
-            kept[stage.name] = {"key": key, "files": _hashes(folder, stage.place), "facts": found}
+            kept[stage.name] = {"key": key, "files": file_hashes(folder, stage.place), "facts": found}
             _write_record(folder, kept)
             facts[stage.name] = found
             done.append(stage.name)
         except Exception as error:  # the next stage may not need this one
-            errors[stage.name], is_ours = _failure(error)
+            errors[stage.name], is_ours = failure(error)
             defect |= is_ours
             _remove(folder / stage.place)
     return AxisResult(facts, errors, tuple(done), defect)
@@ -131,18 +133,20 @@ def _done(stages: list[AxisStage], folder: Path) -> AxisResult:
 class _Stages:
     """The stages of an axis, with what decides each."""
 
-    def __init__(self, axis: FleetAxis, folder: Path) -> None:
+    def __init__(self, axis: FleetAxis, folder: Path, out: Path) -> None:
         self.axis, self.folder = axis, folder
+        self.shared = out / axis.shared if axis.shared else None
         self.options = axis.options
 
     def all(self) -> Iterator[AxisStage]:
         """In the order in which they are done."""
         options = asdict(self.options)
         target, check = options.pop("target"), options.pop("check")
-        reads, ratio = _content(self.axis.campaign), repr(self._rig.constants.reduction_ratio)
-        yield AxisStage(
-            TRAIN, PLACES[TRAIN], (reads, ratio, self.axis.name, repr(sorted(options.items()))), self._train
-        )
+        reads, ratio = content_hash(self.axis.campaign), repr(self._rig.constants.reduction_ratio)
+        decides = [reads, ratio, self.axis.name, repr(sorted(options.items()))]
+        if self.shared is not None:
+            decides.append(shared_part(self.shared, self.axis.name).key)
+        yield AxisStage(TRAIN, PLACES[TRAIN], tuple(decides), self._train)
         yield AxisStage(COMPILE, PLACES[COMPILE], (target,), self._compile, TRAIN)
         yield AxisStage(CHECK, PLACES[CHECK], (check,), self._check, COMPILE)
         rig, skip = self._rig.text(), repr(self.options.skip_bad)
@@ -150,7 +154,7 @@ class _Stages:
             is_last = path == self.axis.campaign
             name = RECONCILE if is_last else f"{EARLIER} {number}"
             place = PLACES[RECONCILE] if is_last else f"{EARLIER}/{number}"
-            reads = _content(path) if path.exists() else ""
+            reads = content_hash(path) if path.exists() else ""
 
             def work(path: Path = path, place: str = place) -> dict[str, Any]:
                 return self._reconcile(path, place)
@@ -162,29 +166,48 @@ class _Stages:
         return read_rig(self.axis.rig)
 
     def _train(self) -> dict[str, Any]:
-        options = self.options
-        plan = LearningPlan(
-            options.settings(), options.test_share, None, options.limit_us, keep_faulty=options.keep_faulty
-        )
-        alone = Backend(1)
-        measured = measured_table(
-            self.axis.campaign, options.orders, options.most_orders, skip_bad=options.skip_bad, where=alone
-        )
+        plan, alone = axis_plan(self.options), Backend(1)
+        measured = axis_table(self.axis)
         table = measured.table
+        left_out = {"left_out": [str(error) for error in measured.bad]}
         with FitStore(None) as store:
+            shared = self._shared(self.shared, table, store) if self.shared is not None else {}
+            if shared.get("shared", {}).get("taken"):
+                return left_out | shared
             lessons = [learn(table, direction, plan, store, alone) for direction in table.directions()]
         head = bundle_head(table, self.axis.name, self._rig.constants.reduction_ratio)
         models = [model for lesson in lessons for model in lesson.models]
-        write_bundle(self.folder / PLACES[TRAIN], head, models, options.format)
+        write_bundle(self.folder / PLACES[TRAIN], head, models, self.options.format)
         return {
             "models": len(models),
-            "left_out": [str(error) for error in measured.bad],
+            **left_out,
+            **shared,
             "test_complex_mae_deg": {
                 f"{lesson.direction} {order}": errors.complex_mae
                 for lesson in lessons
                 for order, errors in lesson.test_errors.items()
             },
         }
+
+    def _shared(self, shared: Path, table: HarmonicTable, store: FitStore) -> dict[str, Any]:
+        """Decide by `shared.RULE` whether the axis takes the models of its type, and write them where it does."""
+        part = shared_part(shared, self.axis.name)
+        found: dict[str, Any] = {"taken": False, "why_not": part.error}
+        if not part.error:
+            try:
+                own = float(own_errors(table, axis_plan(self.options), part.points, store, Backend(1)).mean())
+            except InputError as error:
+                return {"shared": found | {"why_not": str(error)}}
+            few = min(len(table.direction(direction)) for direction in table.directions()) < LEAST_ROWS
+            found |= {
+                "taken": part.mean_square <= own,
+                "rms_deg": math.sqrt(part.mean_square),
+                "own_rms_deg": math.sqrt(own),
+                "own": "average of its training runs" if few else "own models",
+            }
+        if not found["taken"]:
+            return {"shared": found}
+        return {"models": copy_models(shared, part, self.folder / PLACES[TRAIN]), "shared": found}
 
     def _compile(self) -> dict[str, Any]:
         # layouts are chosen afresh: the text depends on nothing that stood here before
@@ -223,34 +246,6 @@ class _Stages:
     @cached_property
     def _bundle(self) -> Any:
         return load(self.folder / PLACES[TRAIN])
-
-
-def _failure(error: Exception) -> tuple[str, bool]:
-    """What went wrong, and whether it is a defect of ours: nothing that a user can mend."""
-    if isinstance(error, StCodegenError | OSError | UnicodeError | csv.Error | MemoryError | RecursionError):
-        return str(error) or type(error).__name__, False
-    return f"a defect of st-codegen: {type(error).__name__}: {error}", True
-
-
-def _sha256_of(*texts: str) -> str:
-    return hashlib.sha256(json.dumps(texts).encode()).hexdigest()
-
-
-def _content(path: Path) -> str:
-    """The SHA-256 of a file, or of all files below a folder and their paths."""
-    return _sha256_of(*(f"{name} {digest}" for name, digest in _hashes(path.parent, path.name).items()))
-
-
-def _hashes(folder: Path, place: str) -> dict[str, str]:
-    """The SHA-256 of a file, or of each below a folder, by its path relative to `folder`; empty where there is none."""
-    root = folder / place
-    files = sorted(root.rglob("*")) if root.is_dir() else [root]
-    found = {}
-    for path in files:
-        if path.is_file():
-            with path.open("rb") as file:
-                found[path.relative_to(root).as_posix()] = hashlib.file_digest(file, "sha256").hexdigest()
-    return found
 
 
 def _read_record(folder: Path) -> dict[str, Any]:

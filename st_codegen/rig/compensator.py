@@ -85,9 +85,11 @@ def restricted(bundle: Bundle, orders: Sequence[int]) -> Bundle:
     chosen = tuple(order for order in te.orders if order in set(orders))
     outputs = tuple(output for output in te.outputs if output.order in chosen)
     used = {output.model for output in outputs}
+    own = tuple(correction for correction in te.corrections if correction.order in chosen)
+    play = te.play if 0 in chosen else None
     return Bundle(
         tuple(model for model in bundle.models if model.ir.name in used),
-        Compensation(dataclasses.replace(te, orders=chosen, outputs=outputs, play=te.play if 0 in chosen else None)),
+        Compensation(dataclasses.replace(te, orders=chosen, outputs=outputs, play=play, corrections=own)),
     )
 
 

@@ -42,6 +42,7 @@ def read_bundle(path: Path, reading: Reading) -> Bundle:
         outputs=outputs,
         tasks=description.tasks,
         play=description.play,
+        corrections=description.corrections,
     )
     return Bundle(tuple(models.values()), Compensation(te))
 

@@ -29,6 +29,8 @@ direction = "forward"
 order = 39
 cosine = {file = "parts39_forward.onnx", output = 0}     # A*cos(phi), deg
 sine = {file = "parts39_forward.onnx", output = 1}       # A*sin(phi), deg
+factor = 1.03                        # optional, where the models are those of several axes: what this axis has of them
+turn_rad = -0.02                     # added to the phase; order 0: offset_deg, added to the mean
 
 [[term]]                             # added to the harmonic of its order and direction; as many as needed
 direction = "forward"
@@ -47,11 +49,13 @@ from st_codegen.emit.literals import identifier
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.toml_tables import TomlTable, read_toml, shown
 from st_codegen.ir import Feature
-from st_codegen.te.harmonics import Direction, Play, Quantity
+from st_codegen.te.harmonics import AxisCorrection, Direction, Play, Quantity
 
 BUNDLE_FILE = "bundle.toml"
 #: A play beyond this is no play of a gear, deg at the output.
 LARGEST_PLAY = 10.0
+#: No axis has more than this of what others of its type have, and none is turned by more.
+LARGEST_FACTOR, LARGEST_TURN_RAD, LARGEST_OFFSET_DEG = 100.0, 6.3, 360.0
 
 
 @dataclass(frozen=True)
@@ -79,6 +83,7 @@ class Description:
     references: tuple[OutputReference, ...]
     tasks: int = 1
     play: Play | None = None
+    corrections: tuple[AxisCorrection, ...] = ()
 
 
 def read_description(path: Path) -> Description:
@@ -110,11 +115,12 @@ def _description(file: TomlTable) -> Description:
     named = [str(table.values.get("name", "")) for table in TomlTable(file.values, "", Problems("")).tables("feature")]
     if speed and speed not in named:
         bundle.note(f"speed_feature = '{speed}' is none of the features ({', '.join(named)})")
-    references = _harmonics(file, orders, directions) + _terms(file, orders, directions)
+    harmonics, corrections = _harmonics(file, orders, directions)
+    references = harmonics + _terms(file, orders, directions)
     _check_files(references, file.problems)
     number = named.index(speed) if speed in named else 0
     play = _play(file, named, speed, orders, directions) if "play" in file else None
-    return Description(name, ratio, number, directions, orders, features, references, tasks, play)
+    return Description(name, ratio, number, directions, orders, features, references, tasks, play, corrections)
 
 
 def _play(
@@ -148,9 +154,15 @@ def _features(file: TomlTable) -> tuple[Feature, ...]:
     return tuple(features.values())
 
 
-def _harmonics(file: TomlTable, orders: Sequence[int], directions: Sequence[Direction]) -> tuple[OutputReference, ...]:
-    """The references of all [[harmonic]] tables, in the order of directions and orders; each must be complete."""
+def _harmonics(
+    file: TomlTable, orders: Sequence[int], directions: Sequence[Direction]
+) -> tuple[tuple[OutputReference, ...], tuple[AxisCorrection, ...]]:
+    """The references of all [[harmonic]] tables, in the order of directions and orders; each must be complete.
+
+    With the corrections of those that have one.
+    """
     found: dict[tuple[Direction, int], tuple[OutputReference, ...]] = {}
+    corrections: list[AxisCorrection] = []
     for table in file.tables("harmonic", required=True):
         with table:
             direction, order = _direction_and_order(table)
@@ -160,11 +172,25 @@ def _harmonics(file: TomlTable, orders: Sequence[int], directions: Sequence[Dire
             if table.is_sound and (direction, order) in found:
                 table.note(f"order {order} {direction} is given twice")
             references = _references(table, direction, order, tuple(Quantity), _complete(order))
+            corrections += _correction(table, direction, order)
         found.setdefault((direction, order), references)
     missing = [f"order {o} {d}" for d in directions for o in orders if (d, o) not in found]
     if missing:
         file.note(f"harmonics announced in [bundle] without a [[harmonic]] table: {', '.join(missing)}")
-    return tuple(reference for d in directions for o in orders for reference in found.get((d, o), ()))
+    references = tuple(reference for d in directions for o in orders for reference in found.get((d, o), ()))
+    return references, tuple(corrections)
+
+
+def _correction(table: TomlTable, direction: Direction, order: int) -> list[AxisCorrection]:
+    """What the axis has of a harmonic; none where the table says nothing of it."""
+    key, limit, unit = ("turn_rad", LARGEST_TURN_RAD, "rad") if order else ("offset_deg", LARGEST_OFFSET_DEG, "deg")
+    if "factor" not in table and key not in table:
+        table.declare("factor", key)
+        return []
+    factor = table.number("factor", 1.0, low=0.0, high=LARGEST_FACTOR)
+    return [
+        AxisCorrection(direction, order, factor, **{key: table.number(key, 0.0, low=-limit, high=limit, unit=unit)})
+    ]
 
 
 def _terms(file: TomlTable, orders: Sequence[int], directions: Sequence[Direction]) -> tuple[OutputReference, ...]:

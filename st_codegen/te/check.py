@@ -19,7 +19,7 @@ from st_codegen.proof import bounds
 from st_codegen.te.compensation.correction import LEAST_TORQUE, SIGNED_LOAD
 from st_codegen.te.compensation.harmonic_sum import ERROR_PER_ORDER
 from st_codegen.te.compensation.parts import SUFFIX
-from st_codegen.te.harmonics import Direction, Play, Quantity, TransmissionError
+from st_codegen.te.harmonics import AxisCorrection, Direction, Play, Quantity, TransmissionError
 
 PREDICT, COMPENSATOR = "FB_TEPredict", "FB_Compensator"
 #: Inputs of FB_Compensator beside the operating point.
@@ -68,6 +68,9 @@ def harmonics(
         outputs = te.quantities(direction, order)
         value = {quantity: values[of.model][:, of.output] for quantity, of in outputs.items()}
         error = {quantity: errors[of.model][:, of.output] for quantity, of in outputs.items()}
+        correction = te.correction(direction, order)
+        if correction is not None:
+            value, error = _corrected(value, error, correction)
         terms = te.terms(direction, order)
         if terms and Quantity.PHASE in value:
             value, error = _as_parts(value, error)
@@ -91,6 +94,28 @@ def harmonics(
                 )
             )
     return HarmonicSet(*(np.column_stack(part) for part in zip(*columns, strict=True)))
+
+
+def _corrected(value: _Values, error: _Values, correction: AxisCorrection) -> tuple[_Values, _Values]:
+    """What an axis has of a harmonic, with what two products and a sum may be rounded by in the block and here."""
+
+    def combined(terms: Sequence[tuple[float, Quantity]], constant: float = 0.0) -> tuple[FloatArray, FloatArray]:
+        total = sum((weight * value[quantity] for weight, quantity in terms), np.float64(0.0)) + constant
+        size = sum((abs(weight) * np.abs(value[quantity]) for weight, quantity in terms), np.float64(abs(constant)))
+        own = sum((abs(weight) * error[quantity] for weight, quantity in terms), np.float64(0.0))
+        return np.asarray(total), np.asarray(own * (1 + 4 * _UNIT) + 8 * _UNIT * size)
+
+    if Quantity.COSINE in value:
+        along, across = correction.parts
+        made = {
+            Quantity.COSINE: combined([(along, Quantity.COSINE), (-across, Quantity.SINE)]),
+            Quantity.SINE: combined([(along, Quantity.SINE), (across, Quantity.COSINE)]),
+        }
+    else:
+        made = {Quantity.AMPLITUDE: combined([(correction.factor, Quantity.AMPLITUDE)], correction.offset_deg)}
+        if Quantity.PHASE in value:
+            made[Quantity.PHASE] = combined([(1.0, Quantity.PHASE)], correction.turn_rad)
+    return {q: found for q, (found, _) in made.items()}, {q: bound for q, (_, bound) in made.items()}
 
 
 def _as_parts(value: _Values, error: _Values) -> tuple[_Values, _Values]:

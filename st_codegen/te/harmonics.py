@@ -42,6 +42,31 @@ class HarmonicOutput:
 
 
 @dataclass(frozen=True)
+class AxisCorrection:
+    """What one axis has of a harmonic that models of its type predict: c * factor * exp(i * turn_rad).
+
+    Of the mean, order 0: factor * mean + offset_deg. Terms are added behind it.
+    """
+
+    direction: Direction
+    order: int
+    factor: float
+    turn_rad: float = 0.0
+    offset_deg: float = 0.0
+
+    @property
+    def parts(self) -> tuple[float, float]:
+        """factor * cos(turn_rad) and factor * sin(turn_rad), as generated code has them."""
+        return self.factor * math.cos(self.turn_rad), self.factor * math.sin(self.turn_rad)
+
+    def __str__(self) -> str:
+        """The correction in words, for headers and pages."""
+        if self.order == 0:
+            return f"{self.factor!r} times the mean, plus {self.offset_deg!r} deg"
+        return f"{self.factor!r} times the amplitude, phase plus {self.turn_rad!r} rad"
+
+
+@dataclass(frozen=True)
 class Play:
     """What the means of both directions differ by without load, and the feature that holds the load's magnitude.
 
@@ -61,7 +86,8 @@ class TransmissionError:
     theta_in / theta_out. `outputs` has, for every order and direction, amplitude and phase or cosine and sine part
     (order 0: amplitude only). `tasks`: 1, or 2 where the models run in a slow task and the sum in a fast one.
     `cycles`: the models that each of several successive calls computes; empty: every call computes all of them.
-    `play`: None where it is not known; it needs both directions and order 0.
+    `play`: None where it is not known; it needs both directions and order 0. `corrections`: of an axis whose models
+    were learned on several axes of its type.
     """
 
     name: str
@@ -74,6 +100,7 @@ class TransmissionError:
     tasks: int = 1
     cycles: tuple[tuple[str, ...], ...] = ()
     play: Play | None = None
+    corrections: tuple[AxisCorrection, ...] = ()
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.reduction_ratio) and self.reduction_ratio > 0):
@@ -97,6 +124,11 @@ class TransmissionError:
             if output.added:
                 found[output.quantity] = (*found.get(output.quantity, ()), output)
         return found
+
+    def correction(self, direction: Direction, order: int) -> AxisCorrection | None:
+        """What the axis has of a harmonic; None where it has what the models predict."""
+        own = (c for c in self.corrections if (c.direction, c.order) == (direction, order))
+        return next(own, None)
 
     def _of(self, direction: Direction, order: int) -> list[HarmonicOutput]:
         return [o for o in self.outputs if o.direction is direction and o.order == order]

@@ -51,7 +51,7 @@ class Compensation:
         return {model: "_".join(sorted(found)) for model, found in quantities.items()}
 
     def facts(self) -> dict[str, Any]:
-        """Name, ratio, orders and directions, added terms, and the calls that the models are spread over."""
+        """Name, ratio, orders, directions, added terms, corrections of an axis, calls that models are spread over."""
         te = self.te
         terms = [f"order {o.order} {o.direction} {o.quantity}: {o.model}" for o in te.outputs if o.added]
         return {
@@ -61,6 +61,11 @@ class Compensation:
             "directions": [str(direction) for direction in te.directions],
             **({"calls": len(te.cycles)} if te.cycles else {}),
             **({"terms": terms} if terms else {}),
+            **(
+                {"corrections": [f"order {c.order} {c.direction}: {c}" for c in te.corrections]}
+                if te.corrections
+                else {}
+            ),
             **({"play_deg": te.play.angle_deg} if te.play else {}),
         }
 

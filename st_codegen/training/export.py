@@ -17,7 +17,7 @@ from st_codegen.files.text import make_folder
 from st_codegen.files.toml_text import table_lines
 from st_codegen.ir.arrays import FloatArray
 from st_codegen.te.bundle_file import BUNDLE_FILE
-from st_codegen.te.harmonics import Direction, Quantity
+from st_codegen.te.harmonics import AxisCorrection, Direction, Quantity
 
 #: name, unit
 FEATURES = (("speed_rpm", "rpm"), ("torque_Nm", "N m"), ("temperature_C", "degC"))
@@ -80,8 +80,13 @@ def check_place(folder: Path) -> None:
         raise InputError(f"{folder} exists and is no bundle: name another folder")
 
 
-def bundle_text(head: BundleHead, models: Sequence[FittedModel], files: Mapping[str, str]) -> str:
-    """The text of `bundle.toml`; `files` gives the file of each stem."""
+def bundle_text(
+    head: BundleHead,
+    models: Sequence[FittedModel],
+    files: Mapping[str, str],
+    corrections: Sequence[AxisCorrection] = (),
+) -> str:
+    """The text of `bundle.toml`; `files` gives the file of each stem, `corrections`: what an axis has of them."""
     directions = list(dict.fromkeys(model.direction for model in models))
     orders = sorted({model.order for model in models})
     tables = [
@@ -103,7 +108,11 @@ def bundle_text(head: BundleHead, models: Sequence[FittedModel], files: Mapping[
     for direction in directions:
         for order in orders:
             own = [model for model in models if (model.direction, model.order) == (direction, order)]
-            named = {model.quantity.value: files[model.stem] for model in own}
+            named: dict[str, Any] = {model.quantity.value: files[model.stem] for model in own}
+            for correction in corrections:
+                if (correction.direction, correction.order) == (direction, order):
+                    key = "turn_rad" if order else "offset_deg"
+                    named |= {"factor": correction.factor, key: getattr(correction, key)}
             tables.append(table_lines("[[harmonic]]", {"direction": direction.value, "order": order, **named}))
     return "\n\n".join("\n".join(lines) for lines in tables) + "\n"
 

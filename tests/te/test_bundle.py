@@ -3,6 +3,7 @@ import functools
 import pickle
 import re
 
+import numpy as np
 import pytest
 
 from st_codegen.emit.blocks.model import feature_text
@@ -207,6 +208,58 @@ def test_terms_are_added_and_proven(bundle_folder, tmp_path, tasks):
 def test_what_is_wrong_with_a_term_is_named(bundle_folder, replace, by, reason):
     path = bundle_folder / "bundle.toml"
     path.write_text(path.read_text(encoding="utf-8") + bad(TERMS, replace, by), encoding="utf-8")
+    with pytest.raises(InputError, match=reason):
+        load(bundle_folder)
+
+
+FACTORS = [
+    ("order = 0\n", "order = 0\nfactor = 1.25\noffset_deg = -0.5\n"),
+    ("order = 1\n", "order = 1\nfactor = 0.8\nturn_rad = 2.5\n"),
+]
+
+
+@pytest.mark.parametrize("terms", ["", TERMS])
+def test_an_axis_has_its_own_part_of_what_models_of_several_predict(bundle_folder, tmp_path, terms):
+    """A factor and an offset of the mean, a factor and a turn of amplitude and phase, and of cosine and sine part."""
+    from st_codegen.driver import generate
+    from st_codegen.proof.verify import verify
+    from st_codegen.reconcile.models.terms import _by_bundle
+    from st_codegen.te.check import harmonics
+
+    path = bundle_folder / "bundle.toml"
+    text, plain = path.read_text(encoding="utf-8") + terms, load(bundle_folder)
+    for replace, by in FACTORS:
+        text = text.replace(replace, by, 2)  # of both directions, not of terms
+    path.write_text(text, encoding="utf-8")
+    bundle = load(bundle_folder)
+    if not terms:
+        x = np.array([[900.0, 300.0, 30.0]])
+        for direction in Direction:
+            was, now = (harmonics([m.ir for m in b.models], b.purpose.te, direction, x) for b in (plain, bundle))
+            c, d = (one.amplitude * np.exp(1j * one.phase) for one in (was, now))
+            assert d[0, 0] == pytest.approx(1.25 * c[0, 0] - 0.5, rel=1e-12)
+            assert d[0, 1] == pytest.approx(0.8 * np.exp(2.5j) * c[0, 1], rel=1e-12)
+            sign = np.array([-1.0 if direction is Direction.BACKWARD else 1.0])
+            assert _by_bundle(bundle, bundle.purpose.te, np.array([0, 1]), sign, x) == pytest.approx(d, rel=1e-12)
+    for target in ("twincat", "iec"):
+        generate(bundle, target, tmp_path)
+    report = verify(bundle, tmp_path, rows=200)
+    assert report.passed
+    assert any(model.name.startswith("FB_TEPredict") for model in report.models)
+
+
+@pytest.mark.parametrize(
+    ("order", "key", "reason"),
+    [
+        (0, "turn_rad = 1.0", "unknown key 'turn_rad'"),
+        (1, "offset_deg = 1.0", "unknown key 'offset_deg'"),
+        (1, "factor = -1.0", "factor = -1.0 is outside"),
+        (1, "turn_rad = 7.0", "turn_rad = 7.0 is outside"),
+    ],
+)
+def test_what_is_wrong_with_an_axis_s_part_is_named(bundle_folder, order, key, reason):
+    path = bundle_folder / "bundle.toml"
+    path.write_text(bad(path.read_text(encoding="utf-8"), f"order = {order}\n", f"order = {order}\n{key}\n"))
     with pytest.raises(InputError, match=reason):
         load(bundle_folder)
 

@@ -184,6 +184,9 @@ def _by_bundle(
                 total = value[Quantity.COSINE] + 1j * value[Quantity.SINE]
             else:
                 total = value[Quantity.AMPLITUDE] * np.exp(1j * value.get(Quantity.PHASE, np.zeros(len(x))))
+            correction = te.correction(direction, int(orders[place]))
+            if correction is not None:
+                total = complex(*correction.parts) * total + correction.offset_deg
             for quantity, added in te.terms(direction, int(orders[place])).items():
                 turn = 1j if quantity is Quantity.SINE else 1.0
                 total = total + turn * sum(values[o.model][:, o.output] for o in added)

@@ -6,8 +6,9 @@ from collections.abc import Iterable
 
 from st_codegen.emit.blocks.listing import Block, BlockVariable, CodeSection
 from st_codegen.emit.blocks.model import block_name, feature_text, input_variables
+from st_codegen.emit.literals import real
 from st_codegen.te.compensation.parts import HARMONICS_TYPE, SUFFIX, block, boolean, lreal, set_variables
-from st_codegen.te.harmonics import Direction, Quantity, TransmissionError
+from st_codegen.te.harmonics import AxisCorrection, Direction, Quantity, TransmissionError
 
 
 def predict_block(te: TransmissionError) -> Block:
@@ -83,6 +84,9 @@ def _harmonic(te: TransmissionError, direction: Direction, number: int, instance
         quantity.value: f"{instances[output.model]}.fOut{output.output + 1}"
         for quantity, output in te.quantities(direction, order).items()
     }
+    correction = te.correction(direction, order)
+    if correction is not None:
+        of = _corrected(of, correction)
     added = te.terms(direction, order)
     terms = {
         quantity.value: [f"{instances[term.model]}.fOut{term.output + 1}" for term in added.get(quantity, ())]
@@ -97,6 +101,30 @@ def _harmonic(te: TransmissionError, direction: Direction, number: int, instance
         "added": bool(added),
         "terms": terms,
     }
+
+
+def _corrected(of: dict[str, str], correction: AxisCorrection) -> dict[str, str]:
+    """The expressions of a harmonic's quantities as the axis has them."""
+    if Quantity.COSINE in of:
+        along, across = correction.parts
+        cosine, sine = of[Quantity.COSINE], of[Quantity.SINE]
+        return {
+            Quantity.COSINE.value: _sum(f"{real(along)} * {cosine}", -across, sine),
+            Quantity.SINE.value: _sum(f"{real(along)} * {sine}", across, cosine),
+        }
+    amplitude = f"{real(correction.factor)} * {of[Quantity.AMPLITUDE]}"
+    if Quantity.PHASE in of:
+        return {
+            Quantity.AMPLITUDE.value: amplitude,
+            Quantity.PHASE.value: _sum(of[Quantity.PHASE], correction.turn_rad),
+        }
+    return {Quantity.AMPLITUDE.value: _sum(amplitude, correction.offset_deg)}
+
+
+def _sum(first: str, constant: float, factor: str = "") -> str:
+    """first + constant [* factor], with the sign of the constant as the operator."""
+    product = f" * {factor}" if factor else ""
+    return f"{first} {'-' if constant < 0 else '+'} {real(abs(constant))}{product}"
 
 
 def _outputs(te: TransmissionError) -> tuple[BlockVariable, ...]:
@@ -128,5 +156,7 @@ def _header(te: TransmissionError) -> tuple[str, ...]:
             else []
         ),
         *(f"Index {number}: order {order}" for number, order in enumerate(te.orders)),
+        *(["The models are those of several axes; this axis has of what they predict:"] if te.corrections else []),
+        *(f"Order {own.order} {own.direction}: {own}" for own in te.corrections),
         *(f"Input {number}: {feature_text(feature)}" for number, feature in enumerate(te.features, 1)),
     )

@@ -1,0 +1,32 @@
+"""SHA-256 of what decides a result, by which it is known to be done."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+#: What else decides results beside the version of st-codegen.
+LIBRARIES = ("numpy", "scipy", "scikit-learn", "lightgbm", "xgboost-cpu", "skops", "onnx", "skl2onnx", "polars")
+
+
+def sha256_of(*texts: str) -> str:
+    """The SHA-256 of some texts, in their order."""
+    return hashlib.sha256(json.dumps(texts).encode()).hexdigest()
+
+
+def content_hash(path: Path) -> str:
+    """The SHA-256 of a file, or of all files below a folder and their paths."""
+    return sha256_of(*(f"{name} {digest}" for name, digest in file_hashes(path.parent, path.name).items()))
+
+
+def file_hashes(folder: Path, place: str) -> dict[str, str]:
+    """The SHA-256 of a file, or of each below a folder, by its path relative to `folder`; empty where there is none."""
+    root = folder / place
+    files = sorted(root.rglob("*")) if root.is_dir() else [root]
+    found = {}
+    for path in files:
+        if path.is_file():
+            with path.open("rb") as file:
+                found[path.relative_to(root).as_posix()] = hashlib.file_digest(file, "sha256").hexdigest()
+    return found
