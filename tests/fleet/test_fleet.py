@@ -184,7 +184,7 @@ def test_a_rig_that_does_not_fit(inputs, tmp_path, monkeypatch):
 
 def test_what_decides_a_stage(inputs, done, tmp_path):
     def keys(axis):
-        return {stage.name: stage.decides for stage in stages._Stages(axis, tmp_path).all()}
+        return {stage.name: stage.decides for stage in stages._Stages(axis, tmp_path, tmp_path).all()}
 
     axis = read_fleet(inputs)[0]
     for name, value in (("seed", 1), ("folds", 3), ("orders", (0,)), ("limit_us", 1.0), ("keep_faulty", True)):

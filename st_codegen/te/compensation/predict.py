@@ -85,8 +85,6 @@ def _harmonic(te: TransmissionError, direction: Direction, number: int, instance
         for quantity, output in te.quantities(direction, order).items()
     }
     correction = te.correction(direction, order)
-    if correction is not None:
-        of = _corrected(of, correction)
     added = te.terms(direction, order)
     terms = {
         quantity.value: [f"{instances[term.model]}.fOut{term.output + 1}" for term in added.get(quantity, ())]
@@ -98,33 +96,24 @@ def _harmonic(te: TransmissionError, direction: Direction, number: int, instance
         "suffix": SUFFIX[direction],
         "direction": direction,
         "of": of,
+        "own": _numbers(correction) if correction is not None else None,
         "added": bool(added),
         "terms": terms,
     }
 
 
-def _corrected(of: dict[str, str], correction: AxisCorrection) -> dict[str, str]:
-    """The expressions of a harmonic's quantities as the axis has them."""
-    if Quantity.COSINE in of:
-        along, across = correction.parts
-        cosine, sine = of[Quantity.COSINE], of[Quantity.SINE]
-        return {
-            Quantity.COSINE.value: _sum(f"{real(along)} * {cosine}", -across, sine),
-            Quantity.SINE.value: _sum(f"{real(along)} * {sine}", across, cosine),
-        }
-    amplitude = f"{real(correction.factor)} * {of[Quantity.AMPLITUDE]}"
-    if Quantity.PHASE in of:
-        return {
-            Quantity.AMPLITUDE.value: amplitude,
-            Quantity.PHASE.value: _sum(of[Quantity.PHASE], correction.turn_rad),
-        }
-    return {Quantity.AMPLITUDE.value: _sum(amplitude, correction.offset_deg)}
-
-
-def _sum(first: str, constant: float, factor: str = "") -> str:
-    """first + constant [* factor], with the sign of the constant as the operator."""
-    product = f" * {factor}" if factor else ""
-    return f"{first} {'-' if constant < 0 else '+'} {real(abs(constant))}{product}"
+def _numbers(correction: AxisCorrection) -> dict[str, object]:
+    """The numbers of a correction; of those that are added, magnitude and sign."""
+    along, across = correction.parts
+    added = correction.turn_rad if correction.order else correction.offset_deg
+    return {
+        "factor": real(correction.factor),
+        "along": real(along),
+        "across": real(abs(across)),
+        "across_negative": across < 0,
+        "added": real(abs(added)),
+        "added_negative": added < 0,
+    }
 
 
 def _outputs(te: TransmissionError) -> tuple[BlockVariable, ...]:
