@@ -87,6 +87,19 @@ def test_an_axis_has_its_size_and_its_phase_of_the_models(done):
     assert "times the amplitude, phase plus" in (out / "few/plc/iec/few.st").read_text()
 
 
+def test_the_blocks_of_the_models_are_the_same_for_all_that_take_them(done):
+    out, results = done
+    taken = [name for name, result in results.items() if result.facts[TRAIN]["shared"]["taken"]]
+    tables = {name: [m.ir.ops for m in load(out / name / "models").models] for name in taken}
+    blocks = set()
+    for name in taken:
+        text = (out / name / "plc/iec" / f"{name}.st").read_text()
+        blocks.add(text[text.index("FUNCTION_BLOCK FB_Tables") :].split("END_FUNCTION_BLOCK")[0])
+        assert repr(tables[name]) == repr(tables[taken[0]])
+    assert len(taken) == 2
+    assert len(blocks) == 1
+
+
 def test_the_same_with_two_processes_and_not_learned_again(done, inputs, tmp_path):
     out, _ = done
     axes = read_fleet(inputs)
