@@ -12,6 +12,7 @@ import contextlib
 import hashlib
 import multiprocessing
 import os
+import shutil
 import tempfile
 import time
 from collections.abc import Callable
@@ -27,7 +28,7 @@ ORDERS = (0, 1, 3, 39, 40, 78, 81, 156, 162, 240)
 def write_campaign(folder: Path, runs: int, density: float) -> int:
     """Runs of all speeds with 194,400 samples at 100 rpm, down to 10,800 at 1800; returns the number of rows.
 
-    `density` multiplies these numbers.
+    `density` multiplies these numbers. Runs of one speed are the same curves under another torque; no reader can tell.
     """
     from st_codegen.campaign.conditions import OperatingPoint
     from st_codegen.campaign.curves import Curve, Run, write_run
@@ -35,9 +36,17 @@ def write_campaign(folder: Path, runs: int, density: float) -> int:
 
     random = np.random.default_rng(0)
     sizes = np.array([-0.03, 1.7e-2, 8e-4, 1e-3, 8e-4, 9e-4, 3e-4, 3e-4, 1e-3, 3e-4])
+    written: dict[float, tuple[Path, int]] = {}
     rows = 0
     for number in range(runs):
         speed = 100.0 * (1 + number % 18)
+        conditions = OperatingPoint(speed, 100.0 * (number // 18), 25.0)
+        path = folder / conditions.rig_path()
+        if speed in written:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(written[speed][0], path)
+            rows += written[speed][1]
+            continue
         samples = int(density * 194_400 * 100 / speed)
         theta = np.linspace(0, 2 * np.pi, samples, endpoint=False)
         theta += 0.002 * np.sin(5 * theta)
@@ -46,8 +55,8 @@ def write_campaign(folder: Path, runs: int, density: float) -> int:
             angle = theta if direction is Direction.FORWARD else 2 * np.pi - theta
             te = (np.exp(1j * np.outer(angle, ORDERS)) @ sizes).real + 1e-4 * random.normal(size=samples)
             curves[direction] = Curve(np.rad2deg(angle), te)
-        conditions = OperatingPoint(speed, 100.0 * (number // 18), 25.0)
-        write_run(Run(conditions, curves), folder / conditions.rig_path(), digits=9)
+        write_run(Run(conditions, curves), path, digits=9)
+        written[speed] = path, samples
         rows += samples
     return rows
 
