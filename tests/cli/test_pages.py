@@ -73,7 +73,7 @@ def test_a_page_says_what_is_not_proved_and_what_refutes(lone_folder, tmp_path, 
     assert "te, twincat: not proved: the block checks itself (--self-check)" in page.read_text(encoding="utf-8")
     assert run(lone_folder, "--out", tmp_path, "-q", "--layout", "trees") == 0
     text = block.read_text(encoding="utf-8-sig")
-    changed = "    fOut1 := aStep1[0] + BOOL_TO_DINT(aInput[0] = 1234567.25);"
+    changed = "    fOut1 := aStep1[0] + DINT_TO_LREAL(BOOL_TO_DINT(aInput[0] = 1234567.25));"
     block.write_text(text.replace("    fOut1 := aStep1[0];", changed, 1), encoding="utf-8")
     assert run(*command) == 1
     assert "refuted" in capsys.readouterr().err

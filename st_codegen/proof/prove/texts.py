@@ -34,7 +34,7 @@ _CONVERSION = re.compile(rf"\b(?:{_TYPE}_)?TO_{_TYPE}\b", re.IGNORECASE)
 _EXACT = {"LREAL_TO_REAL", "REAL_TO_LREAL", "BOOL_TO_DINT", "DINT_TO_DWORD", "DWORD_TO_DINT", "DINT_TO_LREAL"}
 _EXACT |= {f"{narrow}_TO_DINT" for narrow in ("SINT", "USINT", "INT", "UINT")}
 #: Attributes that change no value; others may keep it over a restart, or let something else write it.
-_HARMLESS = {"qualified_only", "strict"}
+_HARMLESS = {"hide", "linkalways", "no_check", "qualified_only", "strict"}
 #: What ends a line, and so a comment, for some compilers only.
 _LINE_ENDS = re.compile("[\x0b\x0c\x1c-\x1e\x85\u2028\u2029]|\r(?!\n)")
 
