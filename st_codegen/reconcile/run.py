@@ -31,7 +31,8 @@ from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.held_out import between_states, held_out_rms
 from st_codegen.reconcile.judge.lines import lines_in_samples
 from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unmeasured_links
-from st_codegen.reconcile.judge.measurement import Examined, Mistake, examine
+from st_codegen.reconcile.judge.measurement import Examined, examine
+from st_codegen.reconcile.judge.mistakes import Mistake
 from st_codegen.reconcile.judge.selection import search, with_noise_of
 from st_codegen.reconcile.judge.suspects import bad_runs, without_structure
 from st_codegen.reconcile.judge.unexplained import (

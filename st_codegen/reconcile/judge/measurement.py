@@ -20,6 +20,7 @@ from st_codegen.reconcile.data.noise import MEDIAN_1, estimate
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.reading import begin_text, check_units, ramp_deg, start_of_ramp, unit_choices
 from st_codegen.reconcile.judge.each_run import distortion, ramp, ramps, zeros
+from st_codegen.reconcile.judge.mistakes import Mistake, mistaken_runs
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
@@ -31,25 +32,6 @@ NAMES = (
     "block", "labels",
 )  # fmt: skip
 _ROWS = (("forward", 1.0), ("backward", -1.0))
-
-
-@dataclass(frozen=True)
-class Mistake:
-    """A mistake of measuring: its name for `--accept`, a sentence, what corrects the data, and rows to leave out.
-
-    remedy: what is done where it is accepted, to stand behind "to".
-    """
-
-    name: str
-    text: str
-    corrected: Callable[[Observations], Observations] | None = None
-    rows: tuple[int, ...] = ()
-    remedy: str = ""
-
-    @property
-    def question(self) -> str:
-        """The sentence with what to do."""
-        return f"{self.text}; give --accept {self.name} to {self.remedy}" if self.remedy else self.text
 
 
 @dataclass(frozen=True)
@@ -90,7 +72,7 @@ def examine(
     if scale is None and not can_vote:
         with problems.collect():
             check_units(data, rig, path)
-    runs = _of_runs(data, rig)
+    runs = mistaken_runs(data, rig)
     if problems.errors:
         # what concerns single runs is told in the same message
         for mistake in runs:
@@ -609,97 +591,3 @@ def _common_step(gap: ComplexArray, slope: ComplexArray, noise: FloatArray) -> f
 
 def _with_torque(at: Conditions, torque: FloatArray) -> Conditions:
     return Conditions(at.sign, at.speed_rpm, torque, at.temperature_C)
-
-
-def _of_runs(data: Observations, rig: RigModel) -> list[Mistake]:
-    """A block of runs with a factor of its own, and runs that agree with the rig under another label than theirs."""
-    model = rig.coefficients(data.at, data.orders.tolist())
-    sigma = estimate(data, data.values - model).sigma
-    z = np.abs(data.values - model) / sigma
-    usual = np.median(z, axis=0)
-    power = np.median(np.abs(model), axis=0)
-    # orders in which the rig is right for most runs, and loud
-    sure = (usual < SETTINGS.sure_order) & (power > 3 * np.median(sigma, axis=0))
-    if sure.sum() < SETTINGS.least_votes:
-        return []
-    values, known, weight = data.values[:, sure], model[:, sure], 1 / sigma[:, sure] ** 2
-    blocks = _block(data, values, known, weight)
-    out = {row for mistake in blocks for row in mistake.rows}
-    rest = np.array([row not in out for row in range(len(data))])
-    return [*blocks, *_labels(data, values, known, weight, rest)]
-
-
-def _block(data: Observations, values: ComplexArray, known: ComplexArray, weight: FloatArray) -> list[Mistake]:
-    factor = []
-    runs = data.runs
-    for rows in runs:
-        products = (values[rows] * known[rows].conj()).real / np.maximum(np.abs(known[rows]) ** 2, 1e-300)
-        worth = weight[rows] * np.abs(known[rows]) ** 2
-        loud = worth > SETTINGS.loud_order
-        factor.append(float(np.median(products[loud])) if loud.sum() >= SETTINGS.least_votes else np.nan)
-    size = np.array(factor)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        off = np.abs(np.log(np.maximum(size, 1e-6))) > np.log(SETTINGS.block_factor)
-    off &= np.isfinite(size)
-    if off.sum() < SETTINGS.least_block or off.mean() > SETTINGS.most_of_block:
-        return []
-    common = float(np.median(size[off]))
-    near = off & (np.abs(np.log(np.maximum(size, 1e-6) / common)) < np.log(SETTINGS.block_factor))
-    if near.sum() < SETTINGS.least_block:
-        return []
-    rows = np.concatenate([runs[i] for i in np.flatnonzero(near)])
-    where = ""
-    if data.run is not None:
-        first, last = int(np.flatnonzero(near)[0]), int(np.flatnonzero(near)[-1])
-        if last - first + 1 > 1.5 * near.sum():
-            return []
-        where = f", run {first + 1} to run {last + 1} in their order"
-    text = f"a block of {int(near.sum())} runs is {common:.3g} times as large as the rig in all orders{where}"
-    return [Mistake("block", text, rows=tuple(map(int, rows)))]
-
-
-def _labels(
-    data: Observations, values: ComplexArray, known: ComplexArray, weight: FloatArray, rest: BoolArray
-) -> list[Mistake]:
-    """Runs that the rig explains well under the label of another run, and badly under their own."""
-    loss = (weight * np.abs(values - known) ** 2).sum(axis=1)
-    usual = float(np.median(loss[rest])) if rest.any() else 0.0
-    limit = SETTINGS.label_loss * max(usual, 2.0 * values.shape[1])
-    wrong: list[int] = []
-    texts = []
-    runs = data.runs
-    for rows in runs:
-        if not rest[rows].all() or loss[rows].min() < limit:
-            continue
-        other = _other_label(data, values, known, weight, rows)
-        if other is None or other[0] > SETTINGS.label_gain * float(loss[rows].sum()):
-            continue
-        wrong += map(int, rows)
-        at, row = data.at, other[1]
-        texts.append(
-            f"{data.labels[rows[0]]} agrees with {at.speed_rpm[row]:g} rpm, {at.torque_Nm[row]:g} N m, "
-            f"{at.temperature_C[row]:g} degC"
-        )
-    if not wrong or len(texts) > SETTINGS.most_labels * len(runs):
-        return []
-    shown = "; ".join(texts[:6]) + ("; .." if len(texts) > 6 else "")
-    return [Mistake("labels", f"{len(texts)} runs seem to carry the label of another run: {shown}", rows=tuple(wrong))]
-
-
-def _other_label(
-    data: Observations, values: ComplexArray, known: ComplexArray, weight: FloatArray, rows: IntArray
-) -> tuple[float, int] | None:
-    """The least loss of a run under any label of the campaign, and a row that carries it."""
-    total: dict[tuple[float, float, float], tuple[float, int]] = {}
-    at = data.at
-    for row in rows:
-        same = np.flatnonzero(at.sign == at.sign[row])
-        losses = (weight[row] * np.abs(values[row] - known[same]) ** 2).sum(axis=1)
-        for other, value in zip(same, losses, strict=True):
-            point = (float(at.speed_rpm[other]), float(at.torque_Nm[other]), float(at.temperature_C[other]))
-            before = total.get(point, (0.0, int(other)))[0]
-            if point not in total or row == rows[0]:
-                total[point] = (float(value), int(other))
-            else:
-                total[point] = (before + float(value), int(other))
-    return min(total.values()) if total else None
