@@ -228,10 +228,14 @@ class Settings:
     term_price: float = 2.0
     term_share: float = 0.02
     most_terms: int = 3
-    #: blocks that are left out of a formula in turn; what it must explain, and from where on that is all of it
+    #: parts of the levels of a condition that are left out of a formula in turn at most; what it must explain of them,
+    #: and from where on that is all of it
     formula_blocks: int = 10
     formula_explains: float = 0.8
     formula_whole: float = 0.97
+    #: share of the variance of a condition that another one tells, from which on the two go together: the error of what
+    #: each does alone is three times as large
+    together: float = 0.9
     #: waves that are told of samples over time
     most_lines: int = 8
 

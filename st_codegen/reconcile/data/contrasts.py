@@ -6,6 +6,7 @@ straight line or plane follows. So each kind of contrast bounds the noise from a
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -163,6 +164,23 @@ def of_whole_levels(at: Conditions, bad: BoolArray) -> BoolArray:
         count, wrong = (np.bincount(code, weights=weight) for weight in (np.ones(len(at)), bad.astype(float)))
         found |= ((wrong >= SETTINGS.least_block) & (2 * wrong > count))[code]
     return found & bad
+
+
+# --- which conditions go together
+
+#: names of the conditions, in the order of `Conditions`
+AXES = ("speed", "torque", "oil temperature")
+
+
+def axes_together(at: Conditions) -> list[tuple[str, str]]:
+    """Pairs of conditions of which each is told by the other: what depends on the one may depend on the other."""
+    columns = (at.speed_rpm, at.torque_Nm, at.temperature_C)
+    found = []
+    for one, other in itertools.combinations(range(3), 2):
+        if np.ptp(columns[one]) > 0 and np.ptp(columns[other]) > 0:
+            told = np.corrcoef(columns[one], columns[other])[0, 1] ** 2
+            found += [(AXES[one], AXES[other])] if told > SETTINGS.together else []
+    return found
 
 
 # --- which runs count as run at the same speed, torque or temperature

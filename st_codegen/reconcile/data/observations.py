@@ -98,6 +98,12 @@ class Observations:
         return self.angle_rad is None and np.unique(points, axis=1).shape[1] < SETTINGS.least_contrasts
 
     @cached_property
+    def repeated(self) -> bool:
+        """Whether an operating point was measured more than once in one direction."""
+        points = np.stack([self.at.sign, self.at.speed_rpm, self.at.torque_Nm, self.at.temperature_C])
+        return bool(np.unique(points, axis=1).shape[1] < len(self))
+
+    @cached_property
     def runs(self) -> tuple[IntArray, ...]:
         """The rows of each run, one or both directions of it: of one file, or of one place among those of a table."""
         at = self.at

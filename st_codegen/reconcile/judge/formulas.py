@@ -1,18 +1,22 @@
 """The simplest expression that the data hold for what no effect explains: sparse regression over a small library.
 
 Each term is a function of the operating point with a complex amplitude of its own for each direction. Terms are taken
-one after the other as long as they predict left-out runs better by more than their parameters cost. Terms that the
-runs cannot tell from one that was taken are said beside it: of two temperatures nobody can say whether something grows
-in proportion or with the square.
+one after the other as long as they save more than their parameters cost. A term is said only where levels of speed,
+torque and oil temperature that are left out in turn are predicted better with it than without it; and the whole only
+where a search among the other runs predicts those that are left out. Terms that the runs cannot tell from one that was
+taken are said beside it: of two temperatures nobody can say whether something grows in proportion or with the square.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from st_codegen.ir.arrays import ComplexArray, FloatArray
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
+from st_codegen.reconcile.data.contrasts import AXES, axes_together, levels_of, speed_levels
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
@@ -26,133 +30,249 @@ class Formula:
     """An expression for one order.
 
     terms: name -> complex amplitude (deg) forward and backward, of the term at 1; explains: share of the power that
-    is no noise; stable: share of left-out blocks that it predicts better than nothing does; text: a sentence without
-    its subject; amplitude_deg: the largest over the measured runs.
+    is no noise, of runs that were left out; text: a sentence without its subject; amplitude_deg: the largest over the
+    measured runs.
     """
 
     terms: dict[str, tuple[complex, complex]]
     explains: float
-    stable: float
     text: str
     amplitude_deg: float
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Runs of one order, by direction: the matrices of the normal equations of the whole library.
+
+    gram: (directions, m, m), right: complex (directions, m), power: (directions,), of rows weighed by their noise;
+    count: rows; parts: numbers that each has.
+    """
+
+    gram: FloatArray
+    right: ComplexArray
+    power: FloatArray
+    count: int
+    parts: int
+
+    def __sub__(self, other: _Rows) -> _Rows:
+        return _Rows(
+            self.gram - other.gram, self.right - other.right, self.power - other.power, self.count - other.count,
+            self.parts,
+        )  # fmt: skip
+
+    def solved(self, terms: Sequence[int]) -> ComplexArray:
+        """Amplitudes of terms, (directions, terms)."""
+        found = np.zeros((len(self.gram), len(terms)), np.complex128)
+        pairs = zip(self.gram, self.right, strict=True)
+        for side, (gram, right) in enumerate(pairs if terms else ()):
+            found[side] = np.linalg.lstsq(gram[np.ix_(terms, terms)].astype(np.complex128), right[terms], rcond=1e-10)[
+                0
+            ]
+        return found
+
+    def tells(self, terms: Sequence[int]) -> bool:
+        """Whether these rows determine the amplitudes of terms."""
+        ranks = [np.linalg.matrix_rank(gram[np.ix_(terms, terms)], 1e-8, hermitian=True) for gram in self.gram]
+        return bool(min(ranks) == len(terms))
+
+    def loss(self, terms: Sequence[int], amplitudes: ComplexArray) -> float:
+        """The sum of squares in noises that these amplitudes leave of the rows."""
+        total = float(self.power.sum())
+        for gram, right, x in zip(self.gram, self.right, amplitudes, strict=True):
+            total += float((x.conj() @ gram[np.ix_(terms, terms)] @ x - 2.0 * (x.conj() @ right[terms])).real)
+        return max(total, 0.0)
+
+    def least(self, terms: Sequence[int]) -> float:
+        """The loss with the best amplitudes of terms."""
+        return self.loss(terms, self.solved(terms))
+
+    @property
+    def noise(self) -> float:
+        """The loss that noise alone leaves."""
+        return float(self.parts * self.count)
+
+    @property
+    def price(self) -> float:
+        """What a term must save."""
+        return float(SETTINGS.term_price * (np.log(max(self.count, 1)) + 2.0) * self.parts * len(self.gram))
+
+
+@dataclass(frozen=True)
+class _Fold:
+    """Rows that are left out: these, the others, and whether enough levels stay to tell one law from another."""
+
+    out: _Rows
+    rest: _Rows
+    tells_laws: bool
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """The good runs of one order and what terms are at each: y complex (n,), sigma (n,), columns (n, m)."""
+
+    at: Conditions
+    y: ComplexArray
+    sigma: FloatArray
+    columns: FloatArray
+    names: tuple[str, ...]
+    parts: int
+
+    def rows(self, choice: BoolArray) -> _Rows:
+        """The runs that a mask chooses."""
+        grams, rights, powers = [], [], []
+        for sign in np.unique(self.at.sign):
+            rows = choice & (self.at.sign == sign)
+            design, y = self.columns[rows] / self.sigma[rows, None], self.y[rows] / self.sigma[rows]
+            grams.append(design.T @ design)
+            rights.append(design.T @ y)
+            powers.append(float((np.abs(y) ** 2).sum()))
+        return _Rows(np.array(grams), np.array(rights), np.array(powers), int(choice.sum()), self.parts)
+
+    @cached_property
+    def all(self) -> _Rows:
+        """All runs."""
+        return self.rows(np.ones(len(self.y), bool))
+
+    @cached_property
+    def folds(self) -> dict[str, list[_Fold]]:
+        """By axis the levels that are left out in turn; of two levels the one says nothing of the other."""
+        at, found = self.at, {}
+        axes = {"speed": speed_levels(at.speed_rpm), "torque": levels_of(at.torque_Nm),
+                "temperature": levels_of(at.temperature_C)}  # fmt: skip
+        for name, level in axes.items():
+            count = len(np.unique(level))
+            block = level * SETTINGS.formula_blocks // count if count > SETTINGS.formula_blocks else level
+            blocks = [block == n for n in np.unique(block)] if count > 2 else []
+            tells = count > 3
+            found[name] = [_Fold(rows := self.rows(out), self.all - rows, tells) for out in blocks]
+        return found
 
 
 def formula_of(target: FitData, r: ComplexArray, column: int) -> Formula | None:
     """The formula of the residual r (n,) of one order (its column), or None where no short one holds."""
     good = target.good
-    at, y = target.data.at.rows(good), r[good]
-    sigma = target.sigma[good, column]
-    parts = 1 if target.data.orders[column] == 0 else 2
+    at = target.data.at.rows(good)
     library = {name: term_values(name, at, target.reference_temperature_C) for name in TERMS}
     library = {name: values for name, values in library.items() if name == "constant" or np.ptp(values) > 1e-9}
-    chosen: list[str] = []
-    noise = parts * len(y)
-    loss = float((np.abs(y / sigma) ** 2).sum())
-    whole = loss
-    price = SETTINGS.term_price * (np.log(len(y)) + 2.0) * parts * len(np.unique(at.sign))
-    while len(chosen) < SETTINGS.most_terms:
-        trials = {
-            name: _loss([*(library[n] for n in chosen), values], at, y, sigma)
-            for name, values in library.items()
-            if name not in chosen
-        }
-        best = min(trials, key=lambda name: trials[name])
+    problem = _Problem(
+        at, r[good], target.sigma[good, column], np.stack(list(library.values()), axis=1), tuple(library),
+        1 if target.data.orders[column] == 0 else 2,
+    )  # fmt: skip
+    chosen = _held(problem, _search(problem.all, problem.names)[0])
+    if not chosen:
+        return None
+    chosen, as_well = _search(problem.all, problem.names, chosen)
+    explains = _explains(problem, chosen)
+    if explains < SETTINGS.formula_explains:
+        return None
+    return _formula(problem, chosen, as_well, explains)
+
+
+def _search(
+    rows: _Rows, names: Sequence[str], given: Sequence[int] | None = None, most: int = SETTINGS.most_terms
+) -> tuple[list[int], dict[int, list[int]]]:
+    """The terms that rows hold, at most so many, or the `given` ones; and what does as well in the place of each.
+
+    Each is the simplest of those that do.
+    """
+    chosen: list[int] = list(given or ())
+    loss = whole = float(rows.power.sum())
+    while given is None and len(chosen) < most:
+        trials = {term: rows.least([*chosen, term]) for term in range(len(names)) if term not in chosen}
+        best = min(trials, key=lambda term: trials[term])
         # what is still structure after a term must be worth another one
-        if loss - trials[best] < max(price, SETTINGS.term_share * max(whole - noise, 0.0)):
+        if loss - trials[best] < max(rows.price, SETTINGS.term_share * max(whole - rows.noise, 0.0)):
             break
         chosen.append(best)
         loss = trials[best]
-    if not chosen:
-        return None
-    margin = price * max(loss / noise, 1.0)
+    margin = rows.price * max(rows.least(chosen) / max(rows.noise, 1.0), 1.0) if chosen else 0.0
+    found: dict[int, list[int]] = {}
     # what is said beside a term holds beside the simplest of the others: a second time, when these are known
-    as_well = [_as_well(chosen, library, at, y, sigma, margin) for _ in range(2)][-1]
-    loss = _loss([library[name] for name in chosen], at, y, sigma)
-    explains = float(np.clip((whole - loss) / max(whole - noise, 1e-300), 0.0, 1.0))
-    if explains < SETTINGS.formula_explains:
-        return None
-    return _formula(chosen, as_well, library, at, y, sigma, explains)
+    for _ in range(2):
+        found = {}
+        for place, term in enumerate(list(chosen)):
+            others = [other for other in chosen if other != term]
+            free = [other for other in range(len(names)) if other == term or other not in chosen]
+            losses = {other: rows.least([*others, other]) for other in free}
+            good = [other for other in free if losses[other] <= min(losses.values()) + margin]
+            powers = {other: sum(map(abs, TERMS[names[other]][0])) for other in good}
+            chosen[place], *rest = sorted(good, key=lambda other: (powers[other], losses[other]))
+            found[chosen[place]] = rest
+    return chosen, found
 
 
-def _as_well(
-    chosen: list[str], library: dict[str, FloatArray], at: Conditions, y: ComplexArray, sigma: FloatArray, margin: float
-) -> dict[str, list[str]]:
-    """The terms in whose place others lose no more than `margin`, with these; the simplest of them is `chosen` then."""
-    found = {}
-    for place, name in enumerate(list(chosen)):
-        others = [library[other] for other in chosen if other != name]
-        free = [other for other in library if other == name or other not in chosen]
-        losses = {other: _loss([*others, library[other]], at, y, sigma) for other in free}
-        good = [other for other in free if losses[other] <= min(losses.values()) + margin]
-        chosen[place], *rest = sorted(good, key=lambda other: (sum(map(abs, TERMS[other][0])), losses[other]))
-        found[chosen[place]] = rest
-    return found
+def _held(problem: _Problem, chosen: list[int]) -> list[int]:
+    """The terms without which each kind of left-out runs is predicted worse; the poorest goes first."""
+    while chosen:
+        worth = {term: _worth(problem, chosen, term) for term in chosen}
+        poorest = min(worth, key=lambda term: worth[term])
+        if worth[poorest] > 0.0:
+            return chosen
+        chosen = [term for term in chosen if term != poorest]
+    return []
 
 
-def _solved(columns: list[FloatArray], at: Conditions, y: ComplexArray, sigma: FloatArray) -> dict[float, ComplexArray]:
-    """Amplitudes of terms for each direction, by weighted least squares."""
-    found = {}
-    for sign in np.unique(at.sign):
-        rows = at.sign == sign
-        design = np.stack([column[rows] / sigma[rows] for column in columns], axis=1)
-        found[float(sign)] = np.linalg.lstsq(design.astype(np.complex128), y[rows] / sigma[rows], rcond=1e-10)[0]
-    return found
+def _worth(problem: _Problem, chosen: list[int], term: int) -> float:
+    """What a term saves of left-out levels, on the axis where it saves least, in squared noises.
+
+    Levels that alone determine some of the amplitudes say nothing; an axis of which all do tells no law along it.
+    """
+    others, worst = [one for one in chosen if one != term], np.inf
+    for folds in problem.folds.values():
+        told = [fold for fold in folds if fold.rest.tells(chosen)]
+        saved = [
+            fold.out.loss(others, fold.rest.solved(others)) - fold.out.loss(chosen, fold.rest.solved(chosen))
+            for fold in told
+        ]
+        if folds:
+            worst = min(worst, sum(saved))
+    return float(worst)
 
 
-def _predicted(columns: list[FloatArray], at: Conditions, amplitudes: dict[float, ComplexArray]) -> ComplexArray:
-    design = np.stack(columns, axis=1)
-    found = np.zeros(len(at), np.complex128)
-    for sign, values in amplitudes.items():
-        rows = at.sign == sign
-        found[rows] = design[rows] @ values
-    return found
+def _explains(problem: _Problem, chosen: list[int]) -> float:
+    """Share of what is no noise that as many terms, searched among the other runs, predict of left-out ones.
+
+    That of the poorest axis, and no more than the chosen terms explain of all runs.
+    """
+    whole, noise = float(problem.all.power.sum()), problem.all.noise
+    shares = []
+    for folds in problem.folds.values():
+        left = 0.0
+        for fold in folds if all(fold.tells_laws for fold in folds) else ():
+            terms = _search(fold.rest, problem.names, most=len(chosen))[0]
+            left += fold.out.loss(terms, fold.rest.solved(terms))
+        if left:
+            shares.append((whole - left) / max(whole - noise, 1e-300))
+    own = (whole - problem.all.least(chosen)) / max(whole - noise, 1e-300)
+    return float(np.clip(min([own, *shares]), 0.0, 1.0))
 
 
-def _loss(columns: list[FloatArray], at: Conditions, y: ComplexArray, sigma: FloatArray) -> float:
-    return float((np.abs((y - _predicted(columns, at, _solved(columns, at, y, sigma))) / sigma) ** 2).sum())
-
-
-def _formula(
-    chosen: list[str],
-    as_well: dict[str, list[str]],
-    library: dict[str, FloatArray],
-    at: Conditions,
-    y: ComplexArray,
-    sigma: FloatArray,
-    explains: float,
-) -> Formula | None:
-    columns = [library[name] for name in chosen]
-    amplitudes = _solved(columns, at, y, sigma)
-    block = np.arange(len(y)) * SETTINGS.formula_blocks // len(y)
-    shuffled = np.random.default_rng(0).permutation(block)
-    better = []
-    for number in range(SETTINGS.formula_blocks):
-        out = shuffled == number
-        if not out.any() or len(np.unique(at.sign[~out])) < len(np.unique(at.sign)):
-            continue
-        own = _solved([c[~out] for c in columns], at.rows(~out), y[~out], sigma[~out])
-        left = y[out] - _predicted([c[out] for c in columns], at.rows(out), own)
-        better.append(float((np.abs(left / sigma[out]) ** 2).sum() < (np.abs(y[out] / sigma[out]) ** 2).sum()))
-    stable = float(np.mean(better)) if better else 0.0
-    if stable < SETTINGS.stable:
-        return None
-    size = np.abs(_predicted(columns, at, amplitudes))
+def _formula(problem: _Problem, chosen: list[int], as_well: dict[int, list[int]], explains: float) -> Formula:
+    """The sentence of a formula, and its amplitudes."""
+    at, names = problem.at, problem.names
+    solved = problem.all.solved(chosen)
+    place = np.searchsorted(np.unique(at.sign), at.sign)
+    size = np.abs((problem.columns[:, chosen] * solved[place]).sum(axis=1))
     row = int(np.argmax(size))
-    one, other = amplitudes[max(amplitudes)], amplitudes[min(amplitudes)]
-    terms = {name: (complex(one[i]), complex(other[i])) for i, name in enumerate(chosen)}
-    parts = [_words(name, as_well[name]) for name in sorted(chosen, key=lambda name: name == "constant")]
-    law = " and ".join(parts)
-    powers = np.array([TERMS[name][0] for name in chosen])
-    varying = np.flatnonzero(powers.any(axis=0))
+    terms = {names[term]: (complex(solved[-1, i]), complex(solved[0, i])) for i, term in enumerate(chosen)}
+    parts = [
+        _words(names[term], [names[other] for other in as_well[term]])
+        for term in sorted(chosen, key=lambda term: names[term] == "constant")
+    ]
+    powers = np.array([TERMS[name][0] for name in terms])
+    varying = [int(axis) for axis in np.flatnonzero(powers.any(axis=0))]
     words = (f"{at.speed_rpm[row]:g} rpm", f"{at.torque_Nm[row]:g} N m", f"{at.temperature_C[row]:g} degC")
-    where = "at " + ", ".join(words[i] for i in varying) if len(varying) else "at every operating point"
-    text = f"{law}: {size[row]:.3g} deg {where}"
+    where = "at " + ", ".join(words[i] for i in varying) if varying else "at every operating point"
+    text = f"{' and '.join(parts)}: {size[row]:.3g} deg {where}"
     levels = [len(np.unique(axis)) for axis in (at.speed_rpm, at.torque_Nm, at.temperature_C)]
     if few := [_CONDITIONS[i] for i in varying if levels[i] == 2]:
         text += f" (two {' and two '.join(few)} tell no law between them)"
+    for one, other in axes_together(at):
+        if (AXES.index(one) in varying) != (AXES.index(other) in varying):
+            text += f" ({one} and {other} go together in these runs: it may depend on either)"
     if explains < SETTINGS.formula_whole:
-        text += f" (that is {100 * explains:.0f} % of it)"
-    return Formula(terms, explains, stable, text, float(size[row]))
+        text += f" (that is {100 * explains:.0f} % of it: its law may be another)"
+    return Formula(terms, explains, text, float(size[row]))
 
 
 def _words(name: str, others: list[str]) -> str:

@@ -103,9 +103,11 @@ def _ratio(data: Observations, rig: RigModel) -> list[Mistake]:
         waves = 1j * size / (np.pi * np.maximum(order, 1)) * np.exp(-1j * start * order)
         return replace(given, values=given.values - np.where(order == 0, size / 2, waves))
 
+    # as many digits as it takes to tell the one from the other
+    digits = max(5, 2 - int(np.floor(np.log10(abs(size) / 360.0))))
     text = (
         f"TE rises by {size:.3g} deg over a turn{begin_text(start)} at every run, as if it had been computed with a "
-        f"reduction ratio of {used:.5g} instead of {ratio:g}"
+        f"reduction ratio of {used:.{digits}g} instead of {ratio:g}"
     )
     return [Mistake("ratio", text, corrected, remedy="take the ramp out")]
 

@@ -194,7 +194,7 @@ def signatures(
     loud[scatter(target, residual)] = True
     out += [
         _scattered(target, residual, int(k), gap_power, floor[k])
-        for k in np.flatnonzero(loud & ~found.significant & (of_an_encoder(target.data) == 0))
+        for k in np.flatnonzero(loud & ~found.significant & (of_an_encoder(target.data, residual, target.good) == 0))
     ]
     return sorted((_with_hums(one, target.data.hums) for one in out), key=lambda signature: -signature.rms_deg)
 
@@ -224,7 +224,9 @@ def floors(target: FitData, residual: ComplexArray, of_contrasts: FloatArray) ->
     if data.spectral_deg is not None:
         lasts = (data.orders <= SETTINGS.wander_orders) & (found < _beyond(target, residual) * own)
         walking = own * _wandering(target, _times_spectral(target, residual))
-        return np.where(lasts | (of_an_encoder(data) > 0), found, np.where(data.orders > 0, walking, own))
+        return np.where(
+            lasts | (of_an_encoder(data, residual, target.good) > 0), found, np.where(data.orders > 0, walking, own)
+        )
     left = is_lacking(target, residual)
     return np.where(left, np.minimum(np.minimum(found, own), _by_directions(target, residual)[1]), found)
 
@@ -357,23 +359,26 @@ def _wandering(target: FitData, times: FloatArray) -> FloatArray:
     return found
 
 
-def of_an_encoder(data: Observations) -> IntArray:
+def of_an_encoder(data: Observations, residual: ComplexArray, good: BoolArray) -> IntArray:
     """The number of lines of an encoder whose error between two lines shows at an order as it was sampled, (K,), or 0.
 
     With n samples a turn, order L of the lines shows as the distance of L from the next multiple of n; the waves of the
-    lowest orders make sidebands of it.
+    lowest orders make sidebands of it. What is louder right beside all these is not the encoder's.
     """
+    power = (np.abs(residual[good]) ** 2).mean(axis=0)
     found = np.zeros(len(data.orders), np.int64)
     for lines in SETTINGS.encoder_lines if data.samples else ():
         alias = min(lines % data.samples, -lines % data.samples)
-        near = np.abs(data.orders - alias) <= SETTINGS.sidebands_of_lines
-        found[near & (data.orders > SETTINGS.wander_orders)] = lines
+        off = np.abs(data.orders - alias)
+        near, beside = off <= SETTINGS.sidebands_of_lines, off <= 3 * SETTINGS.sidebands_of_lines
+        if power[near].max(initial=0.0) >= power[beside & ~near].max(initial=0.0):
+            found[near & (data.orders > SETTINGS.wander_orders)] = lines
     return found
 
 
 def scatter_of_encoder(target: FitData, residual: ComplexArray) -> tuple[str, ...]:
     """What is said of orders that differ from run to run as the error of an encoder between its lines does."""
-    data, lines = target.data, of_an_encoder(target.data)
+    data, lines = target.data, of_an_encoder(target.data, residual, target.good)
     columns = [k for k in scatter(target, residual) if lines[k]]
     return tuple(
         f"order {data.orders[k]} differs from run to run, as the error of an encoder of {lines[k]} lines between "
@@ -396,8 +401,9 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
     where = _where_loud(target, residual[:, k]) or "with no pattern over the conditions"
     text = (
         f"{f'order {order}' if order else 'the mean'}: {np.sqrt(power):.2g} deg RMS, {np.sqrt(power / own):.1f} times "
-        f"{what}, {where}: runs differ, or the structure is sharp; repeat some runs"
+        f"{what}, {where}: runs differ, or the structure is sharp"
     )
+    text += "" if target.data.repeated else "; repeat some runs"
     size = float(np.sqrt(max(power - own, 0.0)))
     share = min(1.0, size**2 / max(gap_power, 1e-300))
     return Signature(
@@ -513,5 +519,5 @@ def _sentence(
     text += f", most at {top:g} {_UNIT[main]}: {means[top]:.2g} deg"
     if main == "speed" and order:
         hertz = order * top / 60 / target.reduction_ratio
-        text += f" (order {order} is at {hertz:.1f} Hz there)"
+        text += f" (order {order} is at {hertz:.3g} Hz there)"
     return text, means[top]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from st_codegen.reconcile.data.contrasts import axes_together
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
 
@@ -25,13 +26,16 @@ def cannot_show(data: Observations) -> tuple[str, ...]:
             found.append(f"the {name} never varied ({levels[0]:g} {unit}): {effects} cannot be seen")
         elif len(levels) == 2:
             found.append(f"the {name} had two values only: no law of it can be told from another")
+    found += [
+        f"{one} and {other} go together: what depends on the one cannot be told from what depends on the other"
+        for one, other in axes_together(at)
+    ]
     if not data.both_directions():
         found.append("one direction only: what changes its sign with the direction cannot be told from a constant")
     if len(np.unique(at.torque_Nm)) > 1 and float(np.abs(at.torque_Nm).min()) > SETTINGS.near_no_load_Nm:
         found.append("no run near 0 N m: backlash cannot be told from dry friction")
     if data.angle_rad is None and data.run is None:
         found.append("the order in which the runs were made is not known: steps and drifts in time cannot be seen")
-    points = np.stack([at.sign, at.speed_rpm, at.torque_Nm, at.temperature_C])
-    if data.angle_rad is None and len(np.unique(points, axis=1).T) == len(data):
+    if data.angle_rad is None and not data.repeated:
         found.append("no run was repeated: what changes from run to run cannot be told from sharp structure")
     return tuple(found)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -153,9 +154,11 @@ def share_text(finding: Finding, *, first: bool) -> str:
 def _numbers(effect: Effect, stderr: Mapping[str, float], before: Effect | None = None) -> tuple[str, ...]:
     """The parameters that matter, with standard errors; of a changed effect those that changed, old and new."""
     old = {} if before is None else parameters_of(before, {})
-    listed = []
+    listed, turned = [], False
     for key, now in parameters_of(effect, dict(stderr)).items():
         if "phase" in key:
+            turn = now["value"] - old.get(key, now)["value"]
+            turned |= abs(math.remainder(turn, 2 * math.pi)) > CLEARLY * (now["stderr"] or 0.0)
             continue
         value, error, unit = now["value"], now["stderr"], now["unit"]
         text = f"{value:.4g}" + ("" if error is None else f" +- {error:.1g}") + (f" {unit}" if unit else "")
@@ -166,7 +169,7 @@ def _numbers(effect: Effect, stderr: Mapping[str, float], before: Effect | None 
             text = f"{was:.4g} -> {text}"
         listed.append(f"{key} {text}")
     if before is not None and not listed:
-        listed = ["its phases turned"]
+        listed = ["its phases turned" if turned else "its numbers together, none of them clearly alone"]
     shown = listed[:_MOST_NUMBERS]
     return (*shown, *([f"and {len(listed) - len(shown)} more"] if len(listed) > len(shown) else []))
 

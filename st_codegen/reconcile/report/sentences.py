@@ -60,7 +60,7 @@ def floor_text(result: Reconciliation) -> str:
         which = "" if len(kinds) == 1 else f" (orders {', '.join(orders[:8])}{', ..' if len(orders) > 8 else ''})"
         parts.append(_FLOOR[kind] + which)
     text = f"The floor is {'; '.join(parts)}"
-    if "repeats" not in kinds:
+    if not result.data.repeated:
         text += ". No run was repeated: what is sharper than the steps of the conditions counts as noise there"
     if result.floor_is_bound:
         also = "what is unexplained" if result.unexplained else "what differs between so few runs"

@@ -1,0 +1,127 @@
+"""What is said of a law that the catalogue does not have: no formula by chance, no word that the runs contradict."""
+
+import numpy as np
+import pytest
+
+from st_codegen.reconcile.data.observations import Observations, labels
+from st_codegen.reconcile.judge.measurement import examine
+from st_codegen.reconcile.judge.unseen import cannot_show
+from st_codegen.reconcile.report.findings import _numbers
+from st_codegen.reconcile.report.sentences import floor_text
+from st_codegen.rig.effects import Conditions
+
+from .test_core import effect
+from .test_forms import MESH, part, reconciled
+from .test_unexplained import ORDERS, SIGMA, curves, found, grid, white
+
+TURN = np.exp(0.3j)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        lambda at: np.tanh(at.torque_Nm / 300),
+        lambda at: at.torque_Nm > 0,
+        lambda at: at.torque_Nm > 1000,
+        lambda at: 1 / (1 + ((at.speed_rpm - 900) / 300) ** 2),
+        lambda at: np.sin(at.torque_Nm / 150),
+    ],
+)
+def test_a_law_that_no_terms_have_gets_no_formula(law):
+    """A saturation was said to grow with the cube, in proportion and with the square of the torque: 99 % of it."""
+    at = grid()
+    (one,) = found(at, {53: 3e-4 * law(at) * TURN}).values()
+    assert one.formula is None and ("depends on the torque" in one.text or "depends on the speed" in one.text)
+
+
+def read_by_a_sensor(true, play):
+    """What a sensor with play reads of torques that follow each other: it lags behind by up to `play`."""
+    read, now = np.empty_like(true), true[0]
+    for i, one in enumerate(true):
+        now = min(max(now, one - play), one + play)
+        read[i] = now
+    return read
+
+
+@pytest.mark.parametrize("share", [0.01, 0.02, 0.03])
+@pytest.mark.parametrize("swept", [True, False])
+def test_hysteresis_of_the_torque_sensor_gets_no_formula(swept, share):
+    """Torques up and down at each speed, or in any order: the mean is off by a loop, which is no law of the torque."""
+    random = np.random.default_rng(3)
+    up = np.linspace(0, 1800, 7)
+    sweep = np.concatenate([up, up[::-1]])
+    rows = [
+        (speed, torque, oil)
+        for oil in (25.0, 35.0)
+        for speed in np.arange(150, 1801, 150.0)
+        for torque in (sweep if swept else random.permutation(sweep))
+    ]
+    speed, torque, oil = (np.repeat(column, 2) for column in np.array(rows).T)
+    off = torque - np.repeat(read_by_a_sensor(torque[::2], share * 900), 2)
+    at = Conditions.of(np.tile([1.0, -1.0], len(rows)), speed, torque, oil)
+    left = found(at, {0: off / 454 / 60 + 0j, 53: off * 1e-6 * TURN})
+    # where the torque goes up and down again and again, what repeats differ by is the noise
+    assert (swept or 0 in left) and all(one.formula is None for one in left.values())
+
+
+def test_what_is_only_most_of_a_law_is_said_to_be():
+    at = grid()
+    (one,) = found(at, {53: 3e-4 * (at.torque_Nm > 700) * TURN}).values()
+    assert one.formula is None or "its law may be another" in one.text
+
+
+def test_conditions_that_go_together_are_said():
+    """The oil warmed with the speed: an order that grows with the oil was said to grow with the speed."""
+    at = grid()
+    warming = Conditions.of(at.sign, at.speed_rpm, at.torque_Nm, 25 + at.speed_rpm / 180)
+    (one,) = found(warming, {53: 2e-4 * (warming.temperature_C - 25) / 10 * TURN}).values()
+    assert "speed and oil temperature go together in these runs: it may depend on either" in one.text
+    data = Observations(warming, labels(warming), ORDERS, np.zeros((len(at), 3), complex))
+    assert any("speed and oil temperature go together" in text for text in cannot_show(data))
+    (one,) = found(at, {53: 2e-4 * at.speed_rpm / 1000 * TURN}).values()
+    assert "go together" not in one.text and not any("together" in text for text in cannot_show(curves_of(at)))
+
+
+def curves_of(at):
+    return Observations(at, labels(at), ORDERS, np.zeros((len(at), 3), complex))
+
+
+def test_runs_that_were_repeated_are_not_said_to_be_missing():
+    """A campaign whose torque went up and down was told that no run was repeated, and to repeat some."""
+    at, orders = grid(), [0, 39, 40, 78]
+    twice = Conditions.of(*(np.tile(x, 2) for x in (at.sign, at.speed_rpm, at.torque_Nm, at.temperature_C)))
+    late = np.repeat([0.0, 1.0], len(at))
+    for points, words in ((at, True), (twice, False)):
+        wave = late[: len(points)] * 4e-4 + 1e-4 * np.random.default_rng(2).standard_normal(len(points))
+        result = reconciled(part(MESH, orders), points, orders, {40: wave * TURN})
+        assert ("No run was repeated" in floor_text(result)) is words
+
+
+def test_a_wave_beside_the_alias_of_an_encoder_is_not_the_encoders():
+    """Stick and slip of orders 24 to 30: those next to the alias of 1024 lines were said to be the encoder's noise."""
+    left, _ = curves(white([1, 1, 1, 1, 5, 9]), SIGMA, samples=1000)
+    assert set(left) == {48, 53}
+    left, _ = curves(white([1, 1, 1, 1, 5, 1]), SIGMA, samples=1000)
+    assert left == {}
+
+
+def test_numbers_that_moved_only_together_are_said_to():
+    """Friction has no phase: "its phases turned" was said of it."""
+    before = effect("friction_windup", coulomb_arcmin=0.25, viscous_arcmin_per_krpm=0.02)
+    after = effect("friction_windup", coulomb_arcmin=0.251, viscous_arcmin_per_krpm=0.021)
+    errors = {"coulomb_arcmin": 0.01, "viscous_arcmin_per_krpm": 0.01}
+    assert _numbers(after, errors, before) == ("its numbers together, none of them clearly alone",)
+    before, after = (effect("pin_error", order=40, amplitude_deg=1e-3, phase_rad=turn) for turn in (0.0, 0.3))
+    errors = {"amplitude_deg": 1e-4, "phase_rad": 0.01}
+    assert _numbers(after, errors, before) == ("its phases turned",)
+
+
+def test_a_ratio_is_given_with_the_digits_that_tell_it_from_the_rigs(tmp_path):
+    """A ramp of 0.0014 deg was said to be a ratio of 81 instead of 81."""
+    at, orders = grid(), [0, 1, 2, 3, 39, 40, 78, 117]
+    rig = part(MESH, orders)
+    ramp = -0.0014 * np.array([0.5, *(1j / (np.pi * k) for k in orders[1:])])
+    noise = np.random.default_rng(0).standard_normal((len(at), len(orders)))
+    values = rig.coefficients(at, orders) + ramp + 1e-6 * noise
+    with pytest.raises(Exception, match=r"reduction ratio of 80\.9996\d+ instead of 81"):
+        examine(Observations(at, labels(at), np.array(orders), values), rig, tmp_path)
