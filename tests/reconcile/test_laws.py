@@ -8,10 +8,12 @@ from st_codegen.reconcile.judge.measurement import examine
 from st_codegen.reconcile.judge.unseen import cannot_show
 from st_codegen.reconcile.report.findings import _numbers
 from st_codegen.reconcile.report.sentences import floor_text
+from st_codegen.reconcile.run import reconcile_observations
 from st_codegen.rig.effects import Conditions
 
 from .test_core import effect
-from .test_forms import MESH, part, reconciled
+from .test_forms import KNOWN, MESH, part, reconciled
+from .test_forms import grid as forms_grid
 from .test_unexplained import ORDERS, SIGMA, curves, found, grid, white
 
 TURN = np.exp(0.3j)
@@ -125,3 +127,39 @@ def test_a_ratio_is_given_with_the_digits_that_tell_it_from_the_rigs(tmp_path):
     values = rig.coefficients(at, orders) + ramp + 1e-6 * noise
     with pytest.raises(Exception, match=r"reduction ratio of 80\.9996\d+ instead of 81"):
         examine(Observations(at, labels(at), np.array(orders), values), rig, tmp_path)
+
+
+def of_curves(rig, at, orders, added, run=None):
+    """The result on curves of `rig` plus `added` (order -> complex (n,)), in white noise that they tell."""
+    random = np.random.default_rng(0)
+    values = rig.coefficients(at, orders)
+    for order, wave in added.items():
+        values[:, orders.index(order)] += wave
+    noise = SIGMA * (random.standard_normal(values.shape) + 1j * random.standard_normal(values.shape))
+    noise[:, 0] = noise[:, 0].real
+    spectral = np.full(values.shape, SIGMA)
+    data = Observations(at, labels(at), np.array(orders), values + noise, run=run, spectral_deg=spectral)
+    return reconcile_observations(rig, data, KNOWN)
+
+
+def test_a_step_in_time_changes_no_parameter_and_no_zero():
+    """Runs made again after half a day: half of the step was called a change of the pins, and of the encoders' zero."""
+    at, orders = forms_grid(np.linspace(100, 1800, 6)), [0, 39, 40, 78, 117]
+    count = len(at) // 2
+    run = np.repeat(np.random.default_rng(1).permutation(count), 2)
+    late = run >= count // 2
+    result = of_curves(part(MESH, orders), at, orders, {0: 1.2e-2 * late + 0j, 40: 4e-4 * late * TURN}, run)
+    assert result.conclusions.retuned == () and not result.conclusions.offset_changed
+    said = {one.order: one.text for one in result.unexplained}
+    assert set(said) == {0, 40} and all("a step of 0.0" in text for text in said.values())
+
+
+def test_an_order_that_has_no_law_of_the_rig_changes_no_parameter_beside_it():
+    """A wave that is there at high torques alone bent the tooth error and the growth with the load, and sidebands."""
+    at, orders = forms_grid(np.linspace(100, 1800, 6)), [0, 36, 39, 40, 42, 78]
+    sides = effect("carrier_modulation", order=39, lower_ratio=0.11, upper_ratio=0.14)
+    rig = part(MESH, orders)
+    rig = rig.with_effects((*rig.effects, sides))
+    result = of_curves(rig, at, orders, {39: 6e-4 * (at.torque_Nm > 1000) * TURN})
+    assert result.conclusions.retuned == () and result.conclusions.claims == ()
+    assert [one.order for one in result.unexplained] == [39]

@@ -16,7 +16,14 @@ from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.held_out import unmeasured_states
 from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, has_a_frequency, spread
 from st_codegen.reconcile.judge.plausible import bounds_met, explained, followers, inside_bounds, is_a_peak, misfit
-from st_codegen.reconcile.judge.retuned import Needed, changed_as_well, changes, offset_is_large, with_piece_held
+from st_codegen.reconcile.judge.retuned import (
+    Needed,
+    changed_as_well,
+    changes,
+    offset_is_large,
+    with_piece_held,
+    without_misfits,
+)
 from st_codegen.reconcile.judge.selection import founded
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Effect, Form, Stage
@@ -165,6 +172,8 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
         final = fit(joint.target, _held(joint, changed, offset_changed))
     final, left = changed_as_well(joint, final, changed)
     changed |= {i: one.p for i, one in left.items()}
+    final, stand, offset_changed = without_misfits(final, changed, offset_changed)
+    changed = {i: p for i, p in changed.items() if i in stand}
     outside = [i for i in standing if bounds_met(final.state.pieces[i]) or not is_a_peak(final.state.pieces[i])]
     if outside:
         # what holds the rest of the rig put it there: then it was a part of the rest

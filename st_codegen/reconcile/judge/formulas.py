@@ -148,14 +148,19 @@ class _Problem:
         return found
 
 
-def formula_of(target: FitData, r: ComplexArray, column: int) -> Formula | None:
-    """The formula of the residual r (n,) of one order (its column), or None where no short one holds."""
+def formula_of(target: FitData, r: ComplexArray, column: int, floor: float) -> Formula | None:
+    """The formula of the residual r (n,) of one order (its column), or None where no short one holds.
+
+    floor: RMS of one component of the noise; how far runs scatter may be more of what is unexplained.
+    """
     good = target.good
+    sigma = target.sigma[good, column]
+    sigma = sigma * min(1.0, floor / float(np.sqrt((sigma**2).mean())))
     at = target.data.at.rows(good)
     library = {name: term_values(name, at, target.reference_temperature_C) for name in TERMS}
     library = {name: values for name, values in library.items() if name == "constant" or np.ptp(values) > 1e-9}
     problem = _Problem(
-        at, r[good], target.sigma[good, column], np.stack(list(library.values()), axis=1), tuple(library),
+        at, r[good], sigma, np.stack(list(library.values()), axis=1), tuple(library),
         1 if target.data.orders[column] == 0 else 2,
     )  # fmt: skip
     chosen = _held(problem, _search(problem.all, problem.names)[0])

@@ -46,10 +46,12 @@ def course_of(target: FitData, z: ComplexArray, parts: IntArray) -> list[Course 
     trends = _trends(sums, count)
     found = none
     total = sum(float(weight.sum()) for _, weight in sums.values())
+    # what is the same in all runs is no part of what a step leaves
+    constant = sum(np.abs(series.sum(axis=0)) ** 2 / max(float(weight.sum()), 1.0) for series, weight in sums.values())
     for k in range(z.shape[1]):
         gain = max(steps[k], trends[k])
         # where runs were made in any order of conditions, neighbours take a step for noise: what it leaves is the noise
-        left = max(float((np.abs(z[:, k]) ** 2).sum()) - gain, 1e-300)
+        left = max(float((np.abs(z[:, k]) ** 2).sum()) - float(np.asarray(constant)[k]) - gain, 1e-300)
         if gain < SETTINGS.least_excess_in_time * left:
             continue
         lasting = _lasting([series[:, k] for series, _ in sums.values()], int(cuts[k]))

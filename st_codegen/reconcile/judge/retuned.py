@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
+from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import inverse
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.evidence import chi_square_tail, p_of_clusters
 from st_codegen.reconcile.judge.plausible import is_its_own, is_no_form_error
 from st_codegen.reconcile.judge.surroundings import stands_out
-from st_codegen.reconcile.judge.unexplained import is_lacking
+from st_codegen.reconcile.judge.unexplained import floors, is_lacking
 from st_codegen.reconcile.settings import SETTINGS
 
 
@@ -65,6 +67,66 @@ def changed_as_well(joint: Fit, final: Fit, changed: dict[int, float]) -> tuple[
         as_good = {i: one for i, one in tried.items() if i != best and one.loss - tried[best].loss < SETTINGS.as_good}
         saved, more = final.loss - tried[best].loss, len(tried[best].prior) - len(final.prior)
         final, found[best] = tried[best], Needed(chi_square_tail(saved, more), as_good)
+
+
+def without_misfits(final: Fit, changed: Collection[int], offset_changed: bool) -> tuple[Fit, set[int], bool]:
+    """The final fit without the changes whose orders keep much of what they take off, and which changes stand.
+
+    Then something else is there, which bends what the rig has: a step in time moves a mean, a torque that is read wrong
+    all that depends on it. Changes of the same orders are judged together, since two that make up for each other each
+    take off what the other one adds; and by the noise of these orders, not by how far their runs scatter.
+    """
+    kept = set(changed)
+    while (kept or offset_changed) and final.target.data.angle_rad is None:
+        over = _misfits(final, kept, offset_changed)
+        # what made up for a change that is held now is none
+        over |= {i: np.inf for i in kept if not _is_refused(final, i)}
+        worst = max(over, key=lambda i: over[i])
+        if over[worst] <= SETTINGS.misfit:
+            break
+        if worst == _OFFSET:
+            offset_changed = False
+            state = replace(final.state, offset=final.state.rig.zero_offset_deg, offset_free=False)
+            final = fit(final.target, state)
+        else:
+            kept.remove(worst)
+            final = with_piece_held(final, worst)
+    return final, kept, offset_changed
+
+
+#: in the place of the number of a piece
+_OFFSET = -1
+
+
+def _is_refused(final: Fit, number: int) -> bool:
+    """Whether the data refuse the rig's own values of a piece, all else being as it is."""
+    held = with_piece_held(final, number)
+    return chi_square_tail(held.loss - final.loss, len(final.prior) - len(held.prior)) < SETTINGS.p_changed
+
+
+def _misfits(final: Fit, changed: Collection[int], offset_changed: bool) -> dict[int, float]:
+    """For each change the power beyond noise that its orders keep, over that which all changes take off them."""
+    target, data = final.target, final.target.data
+    state, own = final.state, {}
+    for i in changed:
+        own[i] = (np.abs(_shown(final, state.pieces[i])) ** 2).mean(axis=0)
+        state = state.replaced(i, state.pieces[i].held())
+    if offset_changed:
+        own[_OFFSET] = np.where(data.orders == 0, 1.0, 0.0)
+        state = replace(state, offset=state.rig.zero_offset_deg)
+    of_runs = estimate(data, final.residual).floor_rms
+    floor = np.maximum(floors(target, final.residual, of_runs), SETTINGS.least_noise_deg) ** 2
+    before, left = (
+        (np.abs(np.where(data.orders == 0, part.real, part)) ** 2 * target.counts).sum(axis=0) / floor
+        for part in (target.residual(state.model()), final.residual)
+    )
+    noise = SETTINGS.tails * np.where(data.orders == 0, 1, 2) * target.counts.sum(axis=0)
+    beyond, found = np.maximum(left - noise, 0.0), {}
+    for i, power in own.items():
+        mine = power / floor > SETTINGS.much * (power / floor).max()
+        saved = float((before - left)[mine].sum())
+        found[i] = float(beyond[mine].sum()) / saved if saved > 0.0 else np.inf
+    return found
 
 
 def _price(one: Fit) -> float:

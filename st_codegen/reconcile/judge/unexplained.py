@@ -452,7 +452,7 @@ def _signature(
     power = max(float((np.abs(r[target.good]) ** 2).mean()) - noise, 0.0 if course is None else course.power) / parts
     shares = dependence(target, r, noise, course)
     direction = _direction(target, r)
-    formula = formula_of(target, r, k)
+    formula = formula_of(target, r, k, max(floor, SETTINGS.least_noise_deg))
     said, amplitude = _sentence(target, r, order, shares, course, formula)
     side = "" if direction == "both" else f", {direction} only"
     # orders beside an order tell its noise, but nothing tells that of a table's mean
