@@ -71,6 +71,24 @@ def torques(data, factor=1.0, offset=0.0):
     return replace(data, at=replace(data.at, torque_Nm=factor * data.at.torque_Nm + offset))
 
 
+def lagging(data, size):
+    """A torque sensor with hysteresis: what it reads is off by where the torque came from, from run to run."""
+    torque = data.at.torque_Nm[:RUNS]
+    came = np.sign(np.diff(torque, prepend=900.0))
+    return replace(data, at=replace(data.at, torque_Nm=data.at.torque_Nm - size * of_runs(came)[:, 0]))
+
+
+def saturating(data, most):
+    return replace(data, at=replace(data.at, torque_Nm=np.minimum(data.at.torque_Nm, most)))
+
+
+def rubbing(data, share):
+    """A torque sensor with friction of its own: it reads too little forward and too much backward."""
+    true = replace(data.at, torque_Nm=data.at.torque_Nm * (1 + share * data.at.sign))
+    more = RIG.coefficients(true, ORDERS.tolist()) - RIG.coefficients(data.at, ORDERS.tolist())
+    return replace(data, values=data.values + more)
+
+
 def through(data, hertz):
     """What a low pass of first order makes of the curves."""
     frequency = data.orders * (data.at.sign * data.at.speed_rpm / 60 / 81)[:, None]
@@ -89,6 +107,9 @@ MADE = {
     "torque 0.95 times": lambda data: torques(data, factor=0.95),
     "torque 9.81 times": lambda data: torques(data, factor=9.81),
     "torque by 40 N m": lambda data: torques(data, offset=40.0),
+    "torque each by its own": lambda data: lagging(data, 18.0),
+    "torque each by its own, by up to 600 N m": lambda data: saturating(data, 1200.0),
+    "torque forward by another than backward": lambda data: rubbing(data, 0.015),
     "low_pass of 60": lambda data: through(data, 60.0),
 }
 
@@ -187,6 +208,20 @@ def test_units_are_asked_about_with_the_factor_that_undoes_them(factor, word):
     with pytest.raises(InputError, match=word) as asked:
         examine(measured().scaled(factor), RIG, PATH)
     assert f"--scale {1 / factor:.8g}" in str(asked.value)
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda off: of_runs(off) * np.where(ORDERS == 0, 1e-3, 0),
+        lambda off: of_runs(np.sign(off)) * np.where(np.isin(ORDERS, [0, 39, 78]), 1e-3, 0),
+    ],
+)
+def test_orders_that_differ_from_run_to_run_for_another_reason_are_no_torque(made):
+    """The others do not say of a run what they would if its torque were read wrong."""
+    data, off = measured(3e-6), np.random.default_rng(4).standard_normal(RUNS)
+    softer = replace(data, values=data.values + made(off) - np.where(ORDERS == 0, 2e-6, 0) * data.at.torque_Nm[:, None])
+    assert all(mistake.name != "torque" for mistake in examine(softer, RIG, PATH).mistakes)
 
 
 def test_a_delay_is_no_low_pass():

@@ -19,7 +19,7 @@ from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.noise import MEDIAN_1, estimate
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.reading import begin_text, check_units, ramp_deg, start_of_ramp, unit_choices
-from st_codegen.reconcile.judge.each_run import distortion, ramp, ramps, zeros
+from st_codegen.reconcile.judge.each_run import distortion, own_torques, ramp, ramps, zeros
 from st_codegen.reconcile.judge.mistakes import Mistake, mistaken_runs
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
@@ -370,6 +370,12 @@ _DRIFT = (
 
 _GAIN = "all torques seem to be {:.3g} times what they were: every order that depends on the load agrees"
 _ZERO_TORQUE = "all torques seem to be off by {:.3g} N m: every order that depends on the load agrees"
+_OWN_TORQUES = (
+    "the torques of the runs seem to be read wrong, each by its own, by up to {:.0f} N m and {:.0f} N m RMS: every "
+    "order that depends on the load agrees with the others on it"
+)
+_OWN_BY_DIRECTION = _OWN_TORQUES.replace("each by its own", "each by its own and forward by another than backward")
+_TAKE_OWN = "take the torques that the orders tell (what the load does to all orders alike cannot be seen then)"
 _LOW_PASS = (
     "TE seems to have passed a low pass of {:.3g} Hz: every order is smaller and later, the faster it is the more"
 )
@@ -419,9 +425,7 @@ def _times(forward: float, backward: float) -> Callable[[Observations], Observat
 
 def _zeros(data: Observations, rig: RigModel) -> list[Mistake]:
     """A zero of the angle of its own in some runs."""
-    number = np.empty(len(data), np.int64)
-    for place, rows in enumerate(data.runs):
-        number[rows] = place
+    number = _numbers_of_runs(data)
     model = rig.coefficients(data.at, data.orders.tolist())
     found = zeros(data.values, model, _noise_power(data), data.orders, number, data.spectral_deg is not None)
     angle = found.angle
@@ -523,7 +527,11 @@ def _agreed(
 
 
 def _torque(data: Observations, rig: RigModel) -> list[Mistake]:
-    """Torques that are all read wrong by one factor, or by one offset: every order that depends on the load says so."""
+    """Torques that are read wrong by one factor, by one offset, or each by its own: what depends on the load says so.
+
+    A torque of its own in each run, or in each direction of it, counts where every order is predicted by what the
+    others say of the run, and clearly better than by a factor or an offset.
+    """
     torque, reach = data.at.torque_Nm, float(np.ptp(data.at.torque_Nm))
     if not reach or not data.both_directions():
         return []
@@ -542,7 +550,43 @@ def _torque(data: Observations, rig: RigModel) -> list[Mistake]:
         said = text.format(1.0 / (1.0 + size) if text is _GAIN else -size * reach)
         found.append((_agreed(data, rig, rig.coefficients(right, orders), every), said, right))
     gain, said, right = max(found, key=lambda one: one[0])
-    return [Mistake("torque", said, lambda given: replace(given, at=right), remedy="correct them")] if gain else []
+    remedy = "correct them"
+    plain = rig.coefficients(right if gain else data.at, orders)
+    for number, text in ((_numbers_of_runs(data), _OWN_TORQUES), (np.arange(len(data)), _OWN_BY_DIRECTION)):
+        its, seen, told = _torque_of_each(data, rig, noise, number)
+        again = _agreed(data, rig, seen, every, plain) if told > SETTINGS.most_labels else 0.0
+        if again:
+            off = its.torque_Nm - torque
+            said, gain = text.format(np.abs(off).max(), np.sqrt((off**2).mean())), again
+            right, plain, remedy = its, seen, _TAKE_OWN
+    return [Mistake("torque", said, lambda given: replace(given, at=right), remedy=remedy)] if gain else []
+
+
+def _numbers_of_runs(data: Observations) -> IntArray:
+    """The number of the run of each row, (n,)."""
+    number = np.empty(len(data), np.int64)
+    for place, rows in enumerate(data.runs):
+        number[rows] = place
+    return number
+
+
+def _torque_of_each(
+    data: Observations, rig: RigModel, noise: FloatArray, number: IntArray
+) -> tuple[Conditions, ComplexArray, float]:
+    """Runs at the torques that their orders tell, what each order is by those of the others (n, K), and a share.
+
+    That is how many torques are off by more than their error leaves open.
+    """
+    torque, reach, orders = data.at.torque_Nm, float(np.ptp(data.at.torque_Nm)), data.orders.tolist()
+    step, its = SETTINGS.torque_step * reach, torque
+    # steps after the first are those of a model that is not linear in the torque
+    for _ in range(3):
+        model = rig.coefficients(_with_torque(data.at, its), orders)
+        slope = (rig.coefficients(_with_torque(data.at, its + step), orders) - model) / step
+        found = own_torques(data.values - model, slope, noise, number, step)
+        seen, its = model + slope * found.others, its + found.off
+    told = float(np.mean(np.abs(its - torque) > SETTINGS.told * found.error))
+    return _with_torque(data.at, its), seen, told
 
 
 def _low_pass(data: Observations, rig: RigModel) -> list[Mistake]:
