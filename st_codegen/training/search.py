@@ -28,6 +28,8 @@ from st_codegen.training.store import FitStore
 
 #: Called with (number of tasks done, number of tasks, name of the next one).
 Progress = Callable[[int, int, str], None]
+#: How long a Dask scheduler may take to answer.
+TIMEOUT = "10s"
 #: What must be loaded before its threads are limited.
 LEARNERS = ("sklearn.ensemble", "sklearn.svm")
 _LIBRARIES = ("numpy", "scikit-learn", "lightgbm", "xgboost-cpu")
@@ -129,7 +131,7 @@ class Backend:
         except ImportError:
             raise MissingExtraError("distributed", "dask", "training on a Dask cluster") from None
         try:
-            client: Any = Client(self.scheduler, timeout="10s", set_as_default=True)  # type: ignore[no-untyped-call]
+            client: Any = Client(self.scheduler, timeout=TIMEOUT, set_as_default=True)  # type: ignore[no-untyped-call]
         except (OSError, ValueError) as error:
             raise InputError(f"no Dask scheduler answers at '{self.scheduler}' ({error})") from None
         with client, joblib.parallel_config(backend="dask", n_jobs=-1):

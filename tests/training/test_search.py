@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from st_codegen.errors import InputError
+from st_codegen.training import search
 from st_codegen.training.cost import worst_case_us
 from st_codegen.training.families import FAMILIES, Learner, candidates, family_named
 from st_codegen.training.search import Backend, FitTask, fold_numbers, run_task, run_tasks, spread
@@ -169,8 +170,9 @@ def test_killed_and_resumed(tmp_path):
         assert same(resumed, run_tasks(tasks, store, Backend(1)))
 
 
-def test_no_scheduler_answers():
+def test_no_scheduler_answers(monkeypatch):
     pytest.importorskip("distributed")
+    monkeypatch.setattr(search, "TIMEOUT", "1s")
     backend = Backend(1, "tcp://127.0.0.1:1")
     with FitStore(None) as store, pytest.raises(InputError, match="no Dask scheduler answers"):
         run_tasks(the_tasks(), store, backend)
