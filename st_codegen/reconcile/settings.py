@@ -49,6 +49,8 @@ class Settings:
     least_orders_of_zero: int = 8
     #: error (rad) of the turn of an order up to which it is told: beyond, the mean of runs is smaller by a tenth
     told_turn: float = 0.5
+    #: and up to which one that noise may hide is not worth a sentence: its sidebands have a twentieth of the order
+    hidden_turn: float = 0.1
     #: noise is at most this share of what is measured, where too few runs tell it
     most_noise: float = 0.02
     #: the mean power of n runs of noise scatters by 1/sqrt(n): a gap below so many of these is not told
@@ -374,7 +376,7 @@ CHOSEN_ON: dict[str, tuple[str, ...]] = {
         "worse", "expense", "block_factor", "label_loss", "label_gain", "form", "acts", "tails", "varies", "vote",
         "clearly_larger", "misfit_of_peaks", "least_excess", "least_excess_in_time", "beyond_spectral", "told",
         "beyond_beside", "left_of_place", "part_of_change", "most_orders", "column_factor", "changed_gain", "clear",
-        "state_reach", "formula_explains", "formula_whole", "term_price", "term_share",
+        "state_reach", "formula_explains", "formula_whole", "term_price", "term_share", "hidden_turn",
     ),
     "all counted cases of other physics, development and held out": (
         "names_by_order", "names_by_more",

@@ -10,11 +10,14 @@ from st_codegen.reconcile.fit.fitting import fit
 from st_codegen.reconcile.fit.parameters import piece_of
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData, groups_of
+from st_codegen.reconcile.judge import conclusions
 from st_codegen.reconcile.judge.candidates import Search, variants
 from st_codegen.reconcile.judge.conclusions import conclude, settled
 from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, spread
-from st_codegen.reconcile.judge.plausible import bounds_met, is_no_form_error, law_holds
+from st_codegen.reconcile.judge.plausible import beyond_forms, bounds_met, is_no_form_error, law_holds
 from st_codegen.reconcile.judge.retuned import changes
+from st_codegen.reconcile.judge.states import in_their_forms
+from st_codegen.reconcile.judge.suspects import bad_runs
 from st_codegen.reconcile.judge.unexplained import is_lacking
 from st_codegen.reconcile.report.findings import Finding, share_text
 from st_codegen.reconcile.settings import CHOSEN_ON, SETTINGS
@@ -115,6 +118,52 @@ def test_the_falling_part_of_friction_comes_with_the_constant_one():
     for keys in variants(KNOWN["friction_windup"], True):
         assert ("stribeck_arcmin" in keys) <= ("coulomb_arcmin" in keys)
         assert ("stribeck_arcmin" in keys) == ("stribeck_speed_rpm" in keys)
+        assert "stribeck_exponent" not in keys
+
+
+def test_of_an_addition_that_fails_what_comes_on_top_of_it_goes_first(monkeypatch):
+    """Two slow runs may refuse how friction falls with speed; that there is friction all others say."""
+    friction = effect("friction_windup", coulomb_arcmin=0.14, viscous_arcmin_per_krpm=0.01)
+    known = fitted(RIG, observed(RigModel(effects=(*RIG.effects, friction)), grid()))
+    falling = {"stribeck_arcmin": 0.1, "stribeck_speed_rpm": 400.0, "stribeck_exponent": 1.6}
+    more = piece_of(friction.with_values(friction.values | falling), added=True)
+    judged = conclusions.founded
+
+    def founded(without, with_it, number, places):
+        evidence, stands = judged(without, with_it, number, places)
+        return evidence, stands and "stribeck_arcmin" not in with_it.state.pieces[number].effect.values
+
+    monkeypatch.setattr(conclusions, "founded", founded)
+    found, standing = settled(fit(known.target, known.state.with_piece(more)))
+    ((number, one),) = standing.items()
+    assert one.stands
+    assert set(found.state.pieces[number].effect.values) == {"coulomb_arcmin", "viscous_arcmin_per_krpm"}
+
+
+@pytest.mark.parametrize("is_known", [False, True])
+def test_a_run_is_not_bad_for_what_the_form_of_a_new_effect_may_lack(is_known):
+    """Both directions of a run have 8 % less friction than all others: for friction that the rig knew, too little."""
+    friction = effect("friction_windup", coulomb_arcmin=0.3)
+    data = observed(RigModel(effects=(*RIG.effects, friction)), grid())
+    rows = data.runs[100]
+    data.values[rows, 0] += 0.08 * 0.3 / 60 * data.at.sign[rows]
+    known = fitted(RIG, data)
+    piece = piece_of(friction, added=not is_known, origin=friction if is_known else None)
+    last = fit(known.target, known.state.with_piece(piece))
+    found = bad_runs(data, beyond_forms(last), last.target.sigma, np.zeros(len(data.orders), bool))
+    assert set(found) == set(rows if is_known else [])
+
+
+@pytest.mark.parametrize("form", [{}, {"stribeck_exponent": 2.0}])
+def test_how_suddenly_friction_falls_is_one_of_two_forms(form):
+    values = {"coulomb_arcmin": 0.14, "stribeck_arcmin": 0.3, "stribeck_speed_rpm": 400.0}
+    truth, begun = effect("friction_windup", **values, **form), effect("friction_windup", **values)
+    known = fitted(RIG, observed(RigModel(effects=(*RIG.effects, truth)), grid()))
+    found = in_their_forms(fit(known.target, known.state.with_piece(piece_of(begun, added=True))))
+    (piece,) = (piece for piece in found.state.pieces if piece.added)
+    assert {key: x for key, x in piece.effect.values.items() if key == "stribeck_exponent"} == form
+    assert "stribeck_exponent" not in piece.free
+    assert piece.effect.scalar("stribeck_arcmin") == pytest.approx(0.3, rel=0.1)
 
 
 def resonance(**frequency_of_order):

@@ -60,13 +60,14 @@ FORMULAS = {
             "viscosity_decay_per_K": 0.05,
             "stribeck_arcmin": 1.2,
             "stribeck_speed_rpm": 400,
+            "stribeck_exponent": 2,
         },
         lambda s, n, M, T: (
             -s
             * (
                 0.01
                 + 0.005 * n / 1000 * np.exp(-0.05 * (T - 30))
-                + 0.02 * np.exp(-n / 400 * np.exp(-0.05 * (T - 30)))
+                + 0.02 * np.exp(-((n / 400 * np.exp(-0.05 * (T - 30))) ** 2))
             )
             + 0 * X
         ),

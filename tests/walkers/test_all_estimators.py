@@ -59,6 +59,8 @@ def built(name):
         if key in parameters and (parameters[key].default is inspect.Parameter.empty or key == "estimators")
     }
     given |= {key: value for key, value in SMALLER.items() if key in parameters and "Theil" not in name}
+    if "HistGradient" in name:  # its rounds are trees, not steps of a solver
+        given["max_iter"] = 5
     return kind(**given)
 
 

@@ -94,7 +94,7 @@ def variants(effect: type[Effect], both_directions: bool) -> list[frozenset[str]
             if count > 1 and any(phasor.beside and phasor.key in keys for phasor in effect.phasors):
                 continue
             if keys & sizes:
-                found.append(keys | {s.key for s in effect.scalars if s.shapes and s.shapes in keys})
+                found.append(keys | {s.key for s in effect.scalars if s.shapes in keys and s.form is not Form.FIXED})
     return list(dict.fromkeys(found))
 
 

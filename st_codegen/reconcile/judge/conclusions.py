@@ -112,7 +112,20 @@ def settled(current: Fit) -> tuple[Fit, dict[int, Standing]]:
         if not failing:
             return current, standing
         weakest = min(failing, key=lambda i: standing[i].evidence.loss_saved)
-        current = fit(current.target, current.state.without(weakest))
+        simpler = _simpler(current.state.pieces[weakest])
+        state = current.state
+        current = fit(current.target, state.without(weakest) if simpler is None else state.replaced(weakest, simpler))
+
+
+def _simpler(piece: Piece) -> Piece | None:
+    """The piece without what comes on top of another part of it; None where nothing does."""
+    scalars = piece.effect.scalars
+    top = {scalar.key for scalar in scalars if scalar.beside in piece.free and scalar.key in piece.free}
+    top |= {scalar.key for scalar in scalars if scalar.shapes in top}
+    if not top:
+        return None
+    values = {key: value for key, value in piece.effect.values.items() if key not in top}
+    return replace(piece, effect=piece.effect.with_values(values), free=piece.free - top)
 
 
 def _standing(current: Fit, number: int) -> Standing:

@@ -504,7 +504,7 @@ def _hidden_axis(data: Observations, rig: RigModel) -> tuple[str, ...]:
             np.sqrt(2.0 * _least(noise[rows])[near] / np.maximum((size[rows] ** 2).mean(axis=0), 1e-300))
         )
     hidden = float(np.sort(needed)[: SETTINGS.least_orders_of_zero][-1])
-    return (_HIDDEN_AXIS.format(np.degrees(hidden)),) if hidden * its.max() > SETTINGS.told_turn else ()
+    return (_HIDDEN_AXIS.format(np.degrees(hidden)),) if hidden * its.max() > SETTINGS.hidden_turn else ()
 
 
 def _agreed(

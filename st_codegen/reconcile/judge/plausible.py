@@ -4,6 +4,7 @@ nobody's expense."""
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -167,11 +168,23 @@ def is_no_form_error(without: Fit, with_it: Fit, number: int | None = None, show
     """
     target = _sharp(with_it)
     others = [piece for i, piece in enumerate(with_it.state.pieces) if piece.added and i != number]
-    slack = SETTINGS.form * np.abs(sum((explained(with_it, one) for one in others), np.zeros_like(with_it.residual)))
+    slack = _slack(with_it, others)
     left = [np.maximum(np.abs(one.residual) - slack, 0.0).astype(np.complex128) for one in (without, with_it)]
     saved = (target.losses(left[0]) - target.losses(left[1])).sum(axis=0)
     there = saved if shows is None else saved[shows]
     return bool(min(saved.sum(), there.sum()) > SETTINGS.order_gain)
+
+
+def _slack(current: Fit, pieces: Sequence[Piece]) -> FloatArray:
+    """By how much the forms of pieces may be off in each run, (n, K): a share of what they contribute there."""
+    return SETTINGS.form * np.abs(sum((explained(current, one) for one in pieces), np.zeros_like(current.residual)))
+
+
+def beyond_forms(current: Fit) -> ComplexArray:
+    """What a fit leaves (n, K) beyond what the forms of the effects that it added may lack."""
+    slack = _slack(current, [piece for piece in current.state.pieces if piece.added])
+    size = np.abs(current.residual)
+    return current.residual * np.maximum(1.0 - slack / np.maximum(size, 1e-300), 0.0)
 
 
 def _sharp(fitted: Fit) -> FitData:

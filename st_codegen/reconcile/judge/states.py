@@ -1,8 +1,8 @@
-"""The form of a resonance that was found: what excites it, and whether the structure has two states.
+"""The form of what was found: what excites a resonance, how suddenly friction falls, whether there are two states.
 
-One that a force excites deflects under a slow force as well. One whose orders keep more than noise may be two, with
-another frequency above a temperature. Each temperature between two levels
-is tried, and for the part of the runs on either side of it each frequency around the one that was found.
+A resonance that a force excites deflects under a slow force as well. One whose orders keep more than noise may be two,
+with another frequency above a temperature. Each temperature between two levels is tried, and for the part of the runs
+on either side of it each frequency around the one that was found.
 """
 
 from __future__ import annotations
@@ -20,28 +20,43 @@ from st_codegen.reconcile.judge.peaks import has_a_frequency
 from st_codegen.reconcile.judge.plausible import at_nobodys_expense, bounds_met, is_a_peak
 from st_codegen.reconcile.judge.unexplained import is_lacking
 from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects import Effect, Form
 
 _SIDES = ("above_C", "below_C")
 
 
 def in_their_forms(current: Fit) -> Fit:
-    """The fit with each added resonance in the form that the data show."""
-    forced = _forced(current)
-    split = _with_states(forced)
-    return split if split is forced else _forced(split)
+    """The fit with each added effect in the form that the data show."""
+    formed = _in_other_forms(current)
+    split = _with_states(formed)
+    return split if split is formed else _in_other_forms(split)
 
 
-def _forced(current: Fit) -> Fit:
-    """The fit with added resonances excited by a force where that does clearly better."""
-    state = current.state
-    for number, piece in enumerate(state.pieces):
-        if piece.added and has_a_frequency(piece.effect) and "static_share" not in piece.effect.values:
-            forced = piece.effect.with_values(dict(piece.effect.values) | {"static_share": 1.0})
-            state = state.replaced(number, replace(piece, effect=forced))
-    if state is current.state:
-        return current
-    found = fit(current.target, state, steps=SETTINGS.long_steps)
-    return found if found.loss < current.loss - SETTINGS.as_good else current
+def _in_other_forms(current: Fit) -> Fit:
+    """The fit with added effects in another of the forms that their class has, where that does clearly better."""
+    forms = {
+        (scalar.key, float(start))
+        for piece in current.state.pieces
+        for scalar in piece.effect.scalars
+        if piece.added and scalar.form is Form.FIXED
+        for start in scalar.starts
+    }
+    for key, start in sorted(forms):
+        state = current.state
+        for number, piece in enumerate(state.pieces):
+            if piece.added and _may_take(piece.effect, key):
+                other = piece.effect.with_values(dict(piece.effect.values) | {key: start})
+                state = state.replaced(number, replace(piece, effect=other))
+        if state is not current.state:
+            found = fit(current.target, state, steps=SETTINGS.long_steps)
+            current = found if found.loss < current.loss - SETTINGS.as_good else current
+    return current
+
+
+def _may_take(effect: Effect, key: str) -> bool:
+    """Whether an effect has no form by this key yet, and has what the form is one of."""
+    known = {scalar.key: scalar for scalar in effect.scalars}
+    return key in known and key not in effect.values and known[key].shapes in ("", *effect.values)
 
 
 def _with_states(current: Fit) -> Fit:

@@ -61,7 +61,7 @@ class Form(Enum):
     LINEAR = "linear"
     INVERSE = "inverse"
     SHAPE = "shape"
-    #: where an effect acts: no fit moves it
+    #: where an effect acts, or which of its forms it has: no fit moves it
     FIXED = "fixed"
 
 
@@ -77,7 +77,9 @@ class Stage(IntEnum):
 
 @dataclass(frozen=True)
 class Scalar:
-    """A real parameter. `starts` are where a fit begins (SHAPE); `default` None: the key is required.
+    """A real parameter. `default` None: the key is required.
+
+    starts: where a fit begins (SHAPE), or the values beside the default that stand for other forms (FIXED).
 
     shapes: the key of the scalar that this one only shapes; without that it means nothing. beside: the key of the one
     on top of which this one comes; a search does not free it alone.

@@ -72,8 +72,9 @@ class Backlash(_MeanEffect):
 class FrictionWindup(_MeanEffect):
     """Drag winds the transmission up; its viscous part grows with speed and fades with warmth, its mixed part falls.
 
-    The part that falls with speed is the Stribeck curve's exponential form (Tustin 1947; Armstrong-Helouvry, Dupont and
-    Canudas de Wit, Automatica 30(7), 1994); it depends on speed times viscosity, as the oil film does.
+    The part that falls with speed is the Stribeck curve's, with an exponent of 1 (Tustin 1947), from 0.5 to 1 (Bo and
+    Pavelescu 1982) or 2 (Armstrong-Helouvry; all in Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30(7),
+    1994); it depends on speed times viscosity, as the oil film does.
     """
 
     name = "friction_windup"
@@ -111,6 +112,17 @@ class FrictionWindup(_MeanEffect):
             (100, 300, 800),
             "stribeck_arcmin",
         ),
+        Scalar(
+            "stribeck_exponent",
+            "1",
+            0.4,
+            4,
+            "how suddenly it falls: 1 as an exponential, 2 as a bell, more from one level to another",
+            1.0,
+            Form.FIXED,
+            (2,),
+            "stribeck_arcmin",
+        ),
     )
 
     def mean(self, at: Conditions) -> FloatArray:
@@ -118,7 +130,7 @@ class FrictionWindup(_MeanEffect):
         fading = np.exp(-self.scalar("viscosity_decay_per_K") * warmer)
         viscous = self.scalar("viscous_arcmin_per_krpm") * at.speed_rpm / 1000 * fading
         film = at.speed_rpm / self.scalar("stribeck_speed_rpm") * fading
-        mixed = self.scalar("stribeck_arcmin") * np.exp(-film)
+        mixed = self.scalar("stribeck_arcmin") * np.exp(-(film ** self.scalar("stribeck_exponent")))
         found: FloatArray = -at.sign * (self.scalar("coulomb_arcmin") + viscous + mixed) * ARCMIN
         return found
 

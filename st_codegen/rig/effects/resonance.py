@@ -47,7 +47,7 @@ class StructuralResonance(Effect):
             Form.SHAPE,
             (-0.1, -0.05, 0.05, 0.1),
         ),
-        Scalar("static_share", "", 0, 1, "0: excited by a motion of its base, 1: by a force", 0.0, Form.FIXED),
+        Scalar("static_share", "", 0, 1, "0: excited by a motion of its base, 1: by a force", 0.0, Form.FIXED, (1,)),
         Scalar("above_C", "degC", -100, 200, "oil temperature from which on it is there", -100.0, Form.FIXED),
         Scalar("below_C", "degC", -100, 200, "oil temperature up to which it is there", 200.0, Form.FIXED),
         Scalar("growth_per_kNm", "1/kNm", 0, 5, "relative growth with the load", 0.0, Form.SHAPE, (0.0, 0.5, 2.0)),
