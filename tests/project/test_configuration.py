@@ -99,6 +99,7 @@ def test_configured_blocks_are_proved_and_tested(configured, tmp_path):
     [
         (("[project]", '[project]\nreal = "REAL"'), "say real = true in [build]"),
         (('"fSpeed"', '"Speed"'), "f and a capital letter"),
+        (('"fSpeed"', f'"fS{"p" * 100}"'), "is longer than"),
         (('"fTorque"', '"fSpeed"'), "its input would be called fSpeed"),
         (('"te.txt"', '"tee.txt"'), "did you mean 'te.txt'"),
         (('feature = "speed_rpm"', 'feature = "speed"'), "did you mean 'speed_rpm'"),
