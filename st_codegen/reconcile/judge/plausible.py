@@ -99,7 +99,13 @@ def is_its_own(current: Fit, piece: Piece, held: Fit) -> bool:
     change = propagation.change(piece.effect) - propagation.change(piece.origin)
     seen = propagation.measured(change, piece.effect.stage)
     shows = np.abs(seen).max(axis=0) > 0.0
-    return _left_of(current, seen, 0.0) <= SETTINGS.misfit and is_no_form_error(held, current, shows=shows)
+    limit, target = SETTINGS.misfit, current.target
+    if target.data.few_points and target.data.spectral_deg is not None:
+        # several parameters together follow a dozen runs though none of them is what changed, and what they leave
+        # passes for noise: only that within the curves is noise for sure
+        limit, sigma = SETTINGS.form**2, np.minimum(target.sigma, target.data.spectral_deg)
+        current = replace(current, target=replace(target, sigma=sigma, wide=target.spread))
+    return _left_of(current, seen, 0.0) <= limit and is_no_form_error(held, current, shows=shows)
 
 
 def _left_of(current: Fit, own: ComplexArray, least: float) -> float:

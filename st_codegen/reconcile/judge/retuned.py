@@ -13,7 +13,7 @@ from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import inverse
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.evidence import chi_square_tail, p_of_clusters
-from st_codegen.reconcile.judge.plausible import is_its_own, is_no_form_error
+from st_codegen.reconcile.judge.plausible import is_its_own
 from st_codegen.reconcile.judge.surroundings import stands_out
 from st_codegen.reconcile.judge.unexplained import floors, is_lacking
 from st_codegen.reconcile.settings import SETTINGS
@@ -146,9 +146,8 @@ def _freed(joint: Fit, final: Fit, number: int, lacking: BoolArray, kept: BoolAr
         return None
     p = chi_square_tail(final.loss - one.loss, len(one.prior) - len(final.prior))
     sure = max(p, _p_alone(one, *_difference(one, number))) < SETTINGS.p_changed
-    own = _shown(one, one.state.pieces[number])
-    shows = np.abs(own).max(axis=0) > 0.0
-    return one if sure and is_no_form_error(final, one, shows=shows) and stands_out(one, own, kept) else None
+    changed = one.state.pieces[number]
+    return one if sure and is_its_own(one, changed, final) and stands_out(one, _shown(one, changed), kept) else None
 
 
 def offset_is_large(joint: Fit) -> bool:
