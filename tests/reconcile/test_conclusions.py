@@ -166,6 +166,17 @@ def test_how_suddenly_friction_falls_is_one_of_two_forms(form):
     assert piece.effect.scalar("stribeck_arcmin") == pytest.approx(0.3, rel=0.1)
 
 
+def test_of_a_dozen_runs_both_directions_tell_the_noise():
+    """One that seems quieter by chance would be followed by a fit that is weighed by it."""
+    random = np.random.default_rng(0)
+    speed, torque, oil = (np.tile(random.uniform(*ends, 12), 2) for ends in ((250, 1700), (20, 1350), (25, 35)))
+    data = observed(RIG, Conditions.of(np.repeat([1.0, -1.0], 12), speed, torque, oil))
+    left = data.values - RIG.coefficients(data.at, data.model_orders())
+    left[:12] /= 5.0
+    sigma = estimate(data, left).sigma
+    assert np.ptp(sigma, axis=0).max() == 0.0
+
+
 def resonance(**frequency_of_order):
     """One resonance for each order, with what the peaks say of all of them."""
     axes = np.meshgrid(np.arange(100.0, 1801.0, 100.0), [0.0, 900.0, 1800.0], [1.0, -1.0])
