@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 
@@ -104,11 +105,38 @@ def _trends(sums: dict[float, tuple[ComplexArray, FloatArray]], count: int) -> F
 
 
 def _lasting(series: list[ComplexArray], cut: int) -> float:
-    """How much longer noise lasts than one run: (1 + rho) / (1 - rho) of the neighbouring runs beside the step."""
-    up, down = 0.0, 0.0
-    for values in series:
-        left = np.concatenate([values[:cut] - values[:cut].mean(), values[cut:] - values[cut:].mean()])
-        up += float((left[1:] * left[:-1].conj()).real.sum())
-        down += float((np.abs(left) ** 2).sum())
-    rho = min(max(up / max(down, 1e-300), 0.0), 0.98)
-    return (1.0 + rho) / (1.0 - rho)
+    """How much longer noise lasts than one run, beside a step."""
+    beside = [np.concatenate([part - part.mean() for part in (one[:cut], one[cut:])])[:, None] for one in series]
+    return float(_length(_alike(beside))[0])
+
+
+def _alike(series: list[ComplexArray]) -> FloatArray:
+    """The correlation of runs that follow each other, of series (runs, K) about zero: (K,)."""
+    up = sum((one[1:] * one[:-1].conj()).real.sum(axis=0) for one in series)
+    return np.asarray(up / np.maximum(sum((np.abs(one) ** 2).sum(axis=0) for one in series), 1e-300))
+
+
+def _length(rho: FloatArray) -> FloatArray:
+    """How many runs noise of this correlation lasts."""
+    known = np.clip(rho, 0.0, 0.98)
+    return np.asarray((1.0 + known) / (1.0 - known))
+
+
+def lasting_mean(target: FitData, residual: ComplexArray) -> FloatArray:
+    """By how much (deg) the mean of an order may be off where its noise lasts over runs, (K,).
+
+    0 where runs that follow each other are no more alike than by chance, or their order is not known.
+    """
+    run, good = target.data.run, target.good
+    if run is None or good.sum() < SETTINGS.least_in_time:
+        return np.zeros(residual.shape[1])
+    series = []
+    for sign in np.unique(target.data.at.sign[good]):
+        rows = np.flatnonzero(good & (target.data.at.sign == sign))
+        own = residual[rows[np.argsort(run[rows], kind="stable")]]
+        series.append(own - own.mean(axis=0))
+    rho, count = _alike(series), sum(len(one) for one in series)
+    power = sum((np.abs(one) ** 2).sum(axis=0) for one in series) / count / np.where(target.data.orders == 0, 1, 2)
+    errors = NormalDist().inv_cdf(1.0 - SETTINGS.p_changed / 2)
+    sure = rho > SETTINGS.told / np.sqrt(count)
+    return np.asarray(np.where(sure, errors * np.sqrt(power * _length(rho) * len(series) / count), 0.0))

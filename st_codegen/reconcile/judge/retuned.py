@@ -13,6 +13,7 @@ from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import inverse
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.evidence import chi_square_tail, p_of_clusters
+from st_codegen.reconcile.judge.in_time import lasting_mean
 from st_codegen.reconcile.judge.plausible import is_its_own
 from st_codegen.reconcile.judge.surroundings import stands_out
 from st_codegen.reconcile.judge.unexplained import floors, is_lacking
@@ -147,7 +148,8 @@ def _freed(joint: Fit, final: Fit, number: int, lacking: BoolArray, kept: BoolAr
     p = chi_square_tail(final.loss - one.loss, len(one.prior) - len(final.prior))
     sure = max(p, _p_alone(one, *_difference(one, number))) < SETTINGS.p_changed
     changed = one.state.pieces[number]
-    return one if sure and is_its_own(one, changed, final) and stands_out(one, _shown(one, changed), kept) else None
+    sure = sure and not _lasting_noise(one, changed) and is_its_own(one, changed, final)
+    return one if sure and stands_out(one, _shown(one, changed), kept) else None
 
 
 def offset_is_large(joint: Fit) -> bool:
@@ -155,7 +157,8 @@ def offset_is_large(joint: Fit) -> bool:
     target = joint.target
     shift = joint.state.offset - joint.state.rig.zero_offset_deg
     sigma = target.sigma[:, target.data.orders == 0]
-    if not sigma.size or abs(shift) <= SETTINGS.least_constant * float(np.sqrt((sigma**2).mean())):
+    lasting = lasting_mean(target, joint.residual)[target.data.orders == 0].max(initial=0.0)
+    if not sigma.size or abs(shift) <= max(SETTINGS.least_constant * float(np.sqrt((sigma**2).mean())), lasting):
         return False
     return stands_out(joint, np.tile(np.where(target.data.orders == 0, shift + 0j, 0.0), (len(target.data), 1)))
 
@@ -194,8 +197,8 @@ def _difference(joint: Fit, number: int) -> tuple[list[int], FloatArray]:
 
 def _lasting_noise(joint: Fit, piece: Piece) -> bool:
     """Whether a change is so small and so much the same in all runs that noise which lasts would look like it."""
-    target = joint.target
-    part = _shown(joint, piece) / target.sigma
+    target, least = joint.target, SETTINGS.least_constant
+    part = _shown(joint, piece) / np.maximum(target.sigma, lasting_mean(target, joint.residual) / least)
     parts = np.where(target.data.orders == 0, 1, 2)
     size, varies = 0.0, 0.0
     for sign in (1.0, -1.0):
@@ -205,7 +208,7 @@ def _lasting_noise(joint: Fit, piece: Piece) -> bool:
             size = max(size, float(np.sqrt(power.max(initial=0.0))))
             spread = (np.abs(rows - rows.mean(axis=0)) ** 2).mean(axis=0) / parts
             varies = max(varies, float(spread.sum() / max(float(power.sum()), 1e-300)))
-    return size < SETTINGS.least_constant and varies < SETTINGS.varies
+    return size < least and varies < SETTINGS.varies
 
 
 def _p_of(joint: Fit, places: list[int], difference: FloatArray) -> float:
