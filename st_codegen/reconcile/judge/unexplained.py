@@ -402,7 +402,8 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
     what = "what orders beside it differ by" if target.data.spectral_deg is None else "the noise within the curves"
     if differ < own:
         own, what = differ, "what both directions of a run differ by"
-    if floor**2 < own and not np.isclose(floor**2, own):
+    of_runs = bool(floor**2 < own and not np.isclose(floor**2, own))
+    if of_runs:
         own, what = floor**2, "what runs differ by from others like them"
     where = _where_loud(target, residual[:, k]) or "with no pattern over the conditions"
     text = (
@@ -420,6 +421,8 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
         _direction(target, residual[:, k]),
         text,
         size * (np.sqrt(2) if order else 1.0),
+        # what runs differ by may be more of it
+        at_least=of_runs,
     )
 
 
