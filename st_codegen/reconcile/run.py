@@ -33,7 +33,7 @@ from st_codegen.reconcile.judge.lines import lines_in_samples
 from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unmeasured_links
 from st_codegen.reconcile.judge.measurement import Examined, examine
 from st_codegen.reconcile.judge.mistakes import Mistake
-from st_codegen.reconcile.judge.plausible import beyond_forms
+from st_codegen.reconcile.judge.plausible import lack_of_forms
 from st_codegen.reconcile.judge.selection import search, with_noise_of
 from st_codegen.reconcile.judge.suspects import bad_runs, without_structure
 from st_codegen.reconcile.judge.unexplained import (
@@ -358,14 +358,14 @@ def _with_suspects(target: FitData, final: Fit, noise: Noise) -> Noise:
     """The noise with the bad runs that only the fitted model shows: they are named, and stay out of gap and rest."""
     data = target.data
     # what the model lacks is no fault of a run
-    lacking, left = is_lacking(target, final.residual), beyond_forms(final)
-    noise = without_structure(data, left, noise, lacking)
-    found = bad_runs(data, left, noise.sigma, lacking)
+    lacking = is_lacking(target, final.residual)
+    noise = without_structure(data, final.residual, noise, lacking)
+    found = bad_runs(data, final.residual, noise.sigma, lacking, lack_of_forms(final))
     if not found:
         return noise
     bad = ~noise.good
     bad[list(found)] = True
-    again = without_structure(data, left, estimate(data, final.residual, bad), lacking)
+    again = without_structure(data, final.residual, estimate(data, final.residual, bad), lacking)
     ranked = sorted((dict(noise.suspects) | found | dict(again.suspects)).items(), key=lambda entry: -entry[1])
     return replace(again, suspects=tuple(ranked))
 

@@ -14,7 +14,7 @@ from st_codegen.reconcile.judge import conclusions
 from st_codegen.reconcile.judge.candidates import Search, variants
 from st_codegen.reconcile.judge.conclusions import conclude, settled
 from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, spread
-from st_codegen.reconcile.judge.plausible import beyond_forms, bounds_met, is_no_form_error, law_holds
+from st_codegen.reconcile.judge.plausible import bounds_met, is_no_form_error, lack_of_forms, law_holds
 from st_codegen.reconcile.judge.retuned import changes
 from st_codegen.reconcile.judge.states import in_their_forms
 from st_codegen.reconcile.judge.suspects import bad_runs
@@ -150,7 +150,7 @@ def test_a_run_is_not_bad_for_what_the_form_of_a_new_effect_may_lack(is_known):
     known = fitted(RIG, data)
     piece = piece_of(friction, added=not is_known, origin=friction if is_known else None)
     last = fit(known.target, known.state.with_piece(piece))
-    found = bad_runs(data, beyond_forms(last), last.target.sigma, np.zeros(len(data.orders), bool))
+    found = bad_runs(data, last.residual, last.target.sigma, np.zeros(len(data.orders), bool), lack_of_forms(last))
     assert set(found) == set(rows if is_known else [])
 
 

@@ -186,11 +186,9 @@ def _slack(current: Fit, pieces: Sequence[Piece]) -> FloatArray:
     return SETTINGS.form * np.abs(sum((explained(current, one) for one in pieces), np.zeros_like(current.residual)))
 
 
-def beyond_forms(current: Fit) -> ComplexArray:
-    """What a fit leaves (n, K) beyond what the forms of the effects that it added may lack."""
-    slack = _slack(current, [piece for piece in current.state.pieces if piece.added])
-    size = np.abs(current.residual)
-    return current.residual * np.maximum(1.0 - slack / np.maximum(size, 1e-300), 0.0)
+def lack_of_forms(current: Fit) -> FloatArray:
+    """By how much the forms of the effects that a fit added may be off in each run, (n, K), deg."""
+    return _slack(current, [piece for piece in current.state.pieces if piece.added])
 
 
 def _sharp(fitted: Fit) -> FitData:

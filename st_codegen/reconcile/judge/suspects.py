@@ -18,17 +18,24 @@ from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.settings import SETTINGS
 
 
-def bad_runs(data: Observations, residual: ComplexArray, sigma: FloatArray, structured: BoolArray) -> dict[int, float]:
+def bad_runs(
+    data: Observations,
+    residual: ComplexArray,
+    sigma: FloatArray,
+    structured: BoolArray,
+    lack: FloatArray | float = 0.0,
+) -> dict[int, float]:
     """Rows of bad runs and how far off they are, in standard deviations; residual (n, K), sigma (n, K).
 
-    structured: bool (K,), orders in which the model lacks something: being off in these alone is no fault of the run.
+    structured: bool (K,), orders in which the model lacks something: being off in these alone is no fault of the run;
+    lack: (n, K) deg, what the forms of new effects may lack in each run, which is no fault of it either.
     """
     if data.angle_rad is not None or _nothing_to_compare(data, structured):
         return {}
     if _lacks_everywhere(structured):
         residual = _beyond_shared(data, residual, sigma)
-    size = _scaled(data, residual, sigma)
-    size = np.where(_like_neighbours(data, residual), 0.0, size)
+    beyond = residual * np.maximum(1.0 - lack / np.maximum(np.abs(residual), 1e-300), 0.0)
+    size = np.where(_like_neighbours(data, residual), 0.0, _scaled(data, beyond, sigma))
     deviation = residual / sigma
     found: dict[int, float] = {}
     for rows in data.runs:
