@@ -35,7 +35,7 @@ from st_codegen.reconcile.judge.measurement import Examined, examine
 from st_codegen.reconcile.judge.mistakes import Mistake
 from st_codegen.reconcile.judge.plausible import lack_of_forms
 from st_codegen.reconcile.judge.selection import search, with_noise_of
-from st_codegen.reconcile.judge.suspects import bad_runs, without_structure
+from st_codegen.reconcile.judge.suspects import bad_runs, excused, without_structure
 from st_codegen.reconcile.judge.unexplained import (
     Signature,
     floors,
@@ -295,12 +295,7 @@ def _result(
     weight = np.where(data.orders == 0, 1.0, 0.5)
     hum = sum((one.by_order[data.orders] ** 2 for one in data.hums), np.zeros(len(data.orders)))
     gap_power = float((weight * (np.abs(before[good]) ** 2).mean(axis=0)).sum() + hum.sum())
-    if data.angle_rad is None:
-        floor_rms = floors(target, after, noise.floor_rms)
-        left = signatures(target, after, gap_power, floor_rms, (before != after).any(axis=0))
-        left = [*map(partial(of_a_hum, gap_power=gap_power, orders=data.orders), data.hums), *left]
-    else:
-        floor_rms, left = noise.floor_rms, lines_in_samples(target, after, gap_power)
+    floor_rms, left = _unexplained(target, final, before, noise, gap_power)
     floor_power = weight * np.where(data.orders == 0, 1, 2) * floor_rms**2
     floor = float(np.sqrt(floor_power.sum()))
     held_out, first = held_out_rms(replace(final, target=target)), rms_deg(before[good], data.orders)
@@ -346,6 +341,19 @@ def _result(
         unseen_curves=unseen_curves,
         carriers=math.inf if data.angle_rad is not None else _alike((weight * np.abs(left_out) ** 2).sum(axis=1)),
     )
+
+
+def _unexplained(
+    target: FitData, final: Fit, before: ComplexArray, noise: Noise, gap_power: float
+) -> tuple[FloatArray, list[Signature]]:
+    """The noise floor (K,) and what is left of a gap; before: what the rig leaves, (n, K)."""
+    data, after = target.data, final.residual
+    if data.angle_rad is not None:
+        return noise.floor_rms, lines_in_samples(target, after, gap_power)
+    floor_rms = floors(target, after, noise.floor_rms)
+    kept = excused(data, after, noise, is_lacking(target, after), lack_of_forms(final))
+    left = signatures(target, after, gap_power, floor_rms, (before != after).any(axis=0), kept)
+    return floor_rms, [*map(partial(of_a_hum, gap_power=gap_power, orders=data.orders), data.hums), *left]
 
 
 def _alike(powers: FloatArray) -> float:

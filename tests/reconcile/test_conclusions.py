@@ -17,7 +17,7 @@ from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, spread
 from st_codegen.reconcile.judge.plausible import bounds_met, is_no_form_error, lack_of_forms, law_holds
 from st_codegen.reconcile.judge.retuned import changes
 from st_codegen.reconcile.judge.states import in_their_forms
-from st_codegen.reconcile.judge.suspects import bad_runs
+from st_codegen.reconcile.judge.suspects import bad_runs, excused
 from st_codegen.reconcile.judge.unexplained import is_lacking
 from st_codegen.reconcile.report.findings import Finding, share_text
 from st_codegen.reconcile.settings import CHOSEN_ON, SETTINGS
@@ -152,6 +152,9 @@ def test_a_run_is_not_bad_for_what_the_form_of_a_new_effect_may_lack(is_known):
     last = fit(known.target, known.state.with_piece(piece))
     found = bad_runs(data, last.residual, last.target.sigma, np.zeros(len(data.orders), bool), lack_of_forms(last))
     assert set(found) == set(rows if is_known else [])
+    noise, nothing = estimate(data, last.residual), np.zeros(len(data.orders), bool)
+    kept = excused(data, last.residual, noise, nothing, lack_of_forms(last))
+    assert data.orders[kept].tolist() == ([] if is_known else [0]), "but then the form lacks something there"
 
 
 @pytest.mark.parametrize("form", [{}, {"stribeck_exponent": 2.0}])

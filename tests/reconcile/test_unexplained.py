@@ -193,6 +193,8 @@ def test_what_is_left_of_an_order_that_something_is_named_on_must_be_its_own_noi
     floor = np.full(3, SIGMA)
     assert signatures(target, values, 1.0, floor) == []
     assert signatures(target, values, 1.0, floor, np.array([False, True, True])) == []
+    (known,) = signatures(target, values, 1.0, floor, kept=np.array([False, True, False]))
+    assert known.order == target.data.orders[1]
     (one,) = signatures(target, values, 1.0, floor, np.array([True, False, True]))
     assert one.order == 0 and "times the noise within the curves" in one.text
     assert one.rms_deg == pytest.approx(SIGMA * np.sqrt(1.4**2 - 1), rel=0.15)

@@ -55,6 +55,15 @@ def bad_runs(
     return {row: off for row, off in found.items() if few and not level[row]}
 
 
+def excused(
+    data: Observations, residual: ComplexArray, noise: Noise, structured: BoolArray, lack: FloatArray
+) -> BoolArray:
+    """Orders (K,) in which runs are off that would be bad if the forms of new effects were right: they keep that."""
+    known = bad_runs(data, residual, noise.sigma, structured, lack)
+    rows = [row for row in bad_runs(data, residual, noise.sigma, structured) if row not in known and noise.good[row]]
+    return np.asarray((_scaled(data, residual, noise.sigma)[rows] > SETTINGS.off).any(axis=0))
+
+
 def _alone(size: FloatArray) -> float:
     """How far off a single row is: the size that several of its orders reach."""
     largest = np.sort(size)
