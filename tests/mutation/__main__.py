@@ -94,12 +94,14 @@ class Executed:
         found = self._tests[mutant.path, mutant.line]
         named = {test for test in found if test}
         own = f"tests/{mutant.path.split('/')[1]}/"
-        if not named:  # executed by the import, or where coverage does not see it: any test that uses the file
-            named = {test for (file, _), tests in self._tests.items() if file == mutant.path for test in tests if test}
-            named = named or {test for test in self._seconds if test.startswith(own)}
         imported = "" in found
-        # a line that only the import executes is no more one test's than another's: many short ones then
-        size = self._size if self._tests[mutant.path, mutant.line] & named else self._seconds
+        if (
+            imported or not named
+        ):  # executed by the import, or where coverage does not see it: any test that uses the file
+            named |= {test for (file, _), tests in self._tests.items() if file == mutant.path for test in tests if test}
+            named = named or {test for test in self._seconds if test.startswith(own)}
+        # a line that the import executes is no more one test's than another's: many short ones then
+        size = self._size if found and not imported else self._seconds
         ordered = sorted(named, key=lambda test: (not test.startswith(own), size.get(test, 0.0), test))
         # what a fixture of several tests executes counts as the first one's, so the others of a file follow
         beside = collections.defaultdict(list)
