@@ -179,3 +179,18 @@ def test_noise_that_lasts_over_ten_runs_changes_no_parameter(seed):
     rig = part((*MESH, "output_shaft_ovality"), orders)
     result = of_curves(rig, at, orders, {2: 10 * SIGMA * lasts, 39: 10 * SIGMA * np.roll(lasts, 40)}, run)
     assert result.conclusions.retuned == () and result.conclusions.claims == ()
+
+
+def test_a_wander_over_runs_in_the_order_of_the_grid_depends_on_no_condition():
+    """At 25 degC from speed to speed, then at 35: the mean was said to depend on the speed, most at 1050 rpm."""
+    axes = np.meshgrid([25.0, 35.0], np.arange(150, 1801, 150.0), np.arange(0, 1501, 300.0), [1.0, -1.0], indexing="ij")
+    oil, speed, torque, sign = (axis.ravel() for axis in axes)
+    at = Conditions.of(sign, speed, torque, oil)
+    for seed in (5, 10):
+        random, wander = np.random.default_rng(seed), np.zeros(len(at) // 2)
+        for i in range(1, len(wander)):
+            wander[i] = 0.95 * wander[i - 1] + random.standard_normal()
+        (one,) = found(at, {0: 2e-4 * np.repeat(wander, 2) + 0j}).values()
+        assert "depends on the conditions, or on when it was measured" in one.text
+    (one,) = found(at, {53: 2e-4 * np.sin(at.speed_rpm / 200) * TURN}).values()
+    assert "depends on the speed" in one.text

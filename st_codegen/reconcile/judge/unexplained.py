@@ -23,6 +23,7 @@ from st_codegen.reconcile.judge.evidence import chi_square_tail, false_discoveri
 from st_codegen.reconcile.judge.formulas import Formula, formula_of
 from st_codegen.reconcile.judge.in_time import Course, course_of, lasting_mean
 from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects import Conditions
 
 
 @dataclass(frozen=True)
@@ -101,11 +102,16 @@ def _between_neighbours(target: FitData, z: ComplexArray, parts: IntArray) -> tu
 def _designs(target: FitData) -> dict[str, FloatArray]:
     """For each factor one column a level and direction, of good rows."""
     at, good = target.data.at, target.good
+    levels = {"constant": np.zeros(len(at), np.int64), **_levels(at)}
+    return {name: _dummies(level, at.sign)[good] for name, level in levels.items()}
+
+
+def _levels(at: Conditions) -> dict[str, IntArray]:
+    """The level of each row by condition, (n,)."""
     return {
-        "constant": _dummies(np.zeros(len(at), np.int64), at.sign)[good],
-        "speed": _dummies(speed_levels(at.speed_rpm), at.sign)[good],
-        "torque": _dummies(levels_of(at.torque_Nm), at.sign)[good],
-        "temperature": _dummies(levels_of(at.temperature_C), at.sign)[good],
+        "speed": speed_levels(at.speed_rpm),
+        "torque": levels_of(at.torque_Nm),
+        "temperature": levels_of(at.temperature_C),
     }
 
 
@@ -140,6 +146,29 @@ def dependence(target: FitData, r: ComplexArray, noise_power: float, course: Cou
     found["combination"] = max(0.0, whole - sum(found.values()))
     total = sum(found.values()) or 1.0
     return {name: value / total for name, value in found.items()}
+
+
+def _holds_elsewhere(target: FitData, r: ComplexArray, name: str) -> bool:
+    """Whether the levels of one condition tell left-out levels of each other one better than a constant does.
+
+    What wanders while the runs are made differs between the levels of a condition that was set one after the other.
+    """
+    designs, y = _designs(target), r[target.good]
+    own, constant = designs[name], designs["constant"]
+    for other, levels in _levels(target.data.at).items():
+        level, gain = levels[target.good], 0.0
+        for n in np.unique(level) if other != name else ():
+            out, rest = level == n, level != n
+            # a level of its own that is not among the others is told by none of them
+            known = own[out] @ own[rest].any(axis=0) > 0
+            left = [
+                y[out] - design[out] @ np.linalg.lstsq(design[rest].astype(np.complex128), y[rest], rcond=None)[0]
+                for design in (constant, own)
+            ]
+            gain += float(((np.abs(left[0]) ** 2 - np.abs(left[1]) ** 2) * known).sum()) if rest.any() else 0.0
+        if gain < 0.0:
+            return False
+    return True
 
 
 @dataclass(frozen=True)
@@ -522,6 +551,8 @@ def _sentence(
         return course.text, course.amplitude_deg
     if formula is not None:
         return formula.text, formula.amplitude_deg
+    if main in _UNIT and not _holds_elsewhere(target, r, main):
+        main = "combination"
     text = _CAUSE[main if main in _CAUSE else "combination"]
     if main not in _UNIT:
         return text, float(np.sqrt((np.abs(r[good]) ** 2).mean()))
