@@ -224,6 +224,21 @@ def test_orders_that_differ_from_run_to_run_for_another_reason_are_no_torque(mad
     assert all(mistake.name != "torque" for mistake in examine(softer, RIG, PATH).mistakes)
 
 
+@pytest.mark.parametrize("made", [lambda data: lagging(data, 25.0), lambda data: rubbing(data, 0.02)])
+def test_torques_of_the_runs_are_told_where_noise_hides_them_in_most_orders(made):
+    """Hysteresis was called a changed growth of one order with the load, and a shift of the encoders' zero."""
+    with pytest.raises(InputError, match=r"torques of the runs .* --accept torque"):
+        examine(made(of_curves(2e-5)), RIG, PATH)
+
+
+def test_a_part_of_the_runs_with_a_factor_of_its_own_has_no_other_torques():
+    """All orders are larger there, whether they depend on the load or not."""
+    data = of_curves(2e-5)
+    late = of_runs(np.arange(RUNS) > RUNS // 2)
+    made = replace(data, values=data.values * np.where(late, 1.12, 1.0))
+    assert all(mistake.name != "torque" for mistake in examine(made, RIG, PATH).mistakes)
+
+
 def test_a_delay_is_no_low_pass():
     """It makes every order later and none smaller: an effect of the catalogue."""
     data = measured(3e-6)

@@ -38,21 +38,20 @@ def ramps(gap: ComplexArray, noise: FloatArray, orders: IntArray, start: float) 
 
 
 @dataclass(frozen=True)
-class OwnTorques:
-    """By how much torques are off (N m): off (n,), by all orders; others (n, K), by all but one; error (n,)."""
+class OwnSteps:
+    """By how much a number of each run is off: off (n,), by all orders; others (n, K), by all but one; error (n,)."""
 
     off: FloatArray
     others: FloatArray
     error: FloatArray
 
 
-def own_torques(
-    gap: ComplexArray, slope: ComplexArray, noise: FloatArray, number: IntArray, least: float
-) -> OwnTorques:
-    """What the orders say of the torque of each run, whose rows have the same number (n,).
+def own_steps(gap: ComplexArray, slope: ComplexArray, noise: FloatArray, number: IntArray, least: float) -> OwnSteps:
+    """What the orders say of a number of each run (its torque, a factor), whose rows have the same place (n,).
 
-    gap, noise: what the rig leaves of coefficients, and the power of their noise, (n, K); slope: d(rig)/d(torque),
-    (n, K); least: the error (N m) below which no order says more than another.
+    gap, noise: what the rig leaves of coefficients, and the power of their noise, (n, K); slope: d(rig)/d(number),
+    (n, K); least: the error below which no order says more than another. What all but one order say is brought nearer
+    to nothing by their error, against how far the runs differ.
     """
     told, along = np.zeros((2, number.max() + 1, gap.shape[1]))
     np.add.at(told, number, np.abs(slope) ** 2 / np.maximum(noise, 1e-300))
@@ -60,8 +59,10 @@ def own_torques(
     weight = 1.0 / (1.0 / np.maximum(told, 1e-300) + least**2)
     sums = weight * along / np.maximum(told, 1e-300)
     whole, all_of = weight.sum(axis=1, keepdims=True), sums.sum(axis=1, keepdims=True)
-    others = (all_of - sums) / np.maximum(whole - weight, 1e-300)
-    return OwnTorques((all_of / whole)[number, 0], others[number], np.sqrt(1.0 / whole)[number, 0])
+    power = max(float(((all_of / whole) ** 2 - 1.0 / whole).mean()), 0.0)
+    rest = np.maximum(whole - weight, 1e-300)
+    others = (all_of - sums) / rest * power / (power + 1.0 / rest)
+    return OwnSteps((all_of / whole)[number, 0], others[number], np.sqrt(1.0 / whole)[number, 0])
 
 
 @dataclass(frozen=True)

@@ -122,6 +122,16 @@ def _length(rho: FloatArray) -> FloatArray:
     return np.asarray((1.0 + known) / (1.0 - known))
 
 
+def without_lasting(target: FitData, residual: ComplexArray) -> ComplexArray:
+    """A residual (n, K) without the mean of each order and direction that noise which lasts over runs may have."""
+    found, lasting = residual.copy(), lasting_mean(target, residual)
+    for sign in np.unique(target.data.at.sign[target.good]):
+        rows = target.data.at.sign == sign
+        mean = residual[rows & target.good].mean(axis=0)
+        found[rows] -= np.where(np.abs(mean) < lasting, mean, 0.0)
+    return found
+
+
 def lasting_mean(target: FitData, residual: ComplexArray) -> FloatArray:
     """By how much (deg) the mean of an order may be off where its noise lasts over runs, (K,).
 

@@ -19,7 +19,7 @@ from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.noise import MEDIAN_1, estimate
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.reading import begin_text, check_units, ramp_deg, start_of_ramp, unit_choices
-from st_codegen.reconcile.judge.each_run import distortion, own_torques, ramp, ramps, zeros
+from st_codegen.reconcile.judge.each_run import distortion, own_steps, ramp, ramps, zeros
 from st_codegen.reconcile.judge.mistakes import Mistake, mistaken_runs
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
@@ -554,12 +554,31 @@ def _torque(data: Observations, rig: RigModel) -> list[Mistake]:
     plain = rig.coefficients(right if gain else data.at, orders)
     for number, text in ((_numbers_of_runs(data), _OWN_TORQUES), (np.arange(len(data)), _OWN_BY_DIRECTION)):
         its, seen, told = _torque_of_each(data, rig, noise, number)
-        again = _agreed(data, rig, seen, every, plain) if told > SETTINGS.most_labels else 0.0
-        if again:
+        again = _told_by_others(data, plain, seen) if told > SETTINGS.most_labels else 0.0
+        # what scales all of TE, whether it depends on the load or not, is no torque
+        model = rig.coefficients(data.at, orders)
+        scaled = model * (1.0 + own_steps(data.values - model, model, noise, number, SETTINGS.torque_step).others)
+        if again and not _told_by_others(data, seen, scaled):
             off = its.torque_Nm - torque
             said, gain = text.format(np.abs(off).max(), np.sqrt((off**2).mean())), again
             right, plain, remedy = its, seen, _TAKE_OWN
     return [Mistake("torque", said, lambda given: replace(given, at=right), remedy=remedy)] if gain else []
+
+
+def _told_by_others(data: Observations, plain: ComplexArray, seen: ComplexArray) -> float:
+    """By how much orders are told better by `seen` than by `plain` (n, K), a log likelihood; 0 where it may be chance.
+
+    Asked together but for the two that gain most, which an effect may explain: what others say of an order that has
+    nothing to do with it makes it worse by as much as it would be better.
+    """
+    before, after = (
+        np.array([(np.abs(data.values - one)[data.at.sign == sign] ** 2).sum(axis=0) for _, sign in _ROWS])
+        for one in (plain, seen)
+    )
+    rows = np.array([[(data.at.sign == sign).sum()] for _, sign in _ROWS])
+    gain = np.sort((rows * np.log(np.maximum(before, 1e-300) / np.maximum(after, 1e-300))).sum(axis=0))
+    rest = float(gain[:-2].sum())
+    return float(gain.sum()) if rest > SETTINGS.order_gain else 0.0
 
 
 def _numbers_of_runs(data: Observations) -> IntArray:
@@ -583,7 +602,7 @@ def _torque_of_each(
     for _ in range(3):
         model = rig.coefficients(_with_torque(data.at, its), orders)
         slope = (rig.coefficients(_with_torque(data.at, its + step), orders) - model) / step
-        found = own_torques(data.values - model, slope, noise, number, step)
+        found = own_steps(data.values - model, slope, noise, number, step)
         seen, its = model + slope * found.others, its + found.off
     told = float(np.mean(np.abs(its - torque) > SETTINGS.told * found.error))
     return _with_torque(data.at, its), seen, told

@@ -13,7 +13,7 @@ from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import inverse
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.evidence import chi_square_tail, p_of_clusters
-from st_codegen.reconcile.judge.in_time import lasting_mean
+from st_codegen.reconcile.judge.in_time import lasting_mean, without_lasting
 from st_codegen.reconcile.judge.plausible import is_its_own
 from st_codegen.reconcile.judge.surroundings import stands_out
 from st_codegen.reconcile.judge.unexplained import floors, is_lacking
@@ -102,7 +102,10 @@ _OFFSET = -1
 def _is_refused(final: Fit, number: int) -> bool:
     """Whether the data refuse the rig's own values of a piece, all else being as it is."""
     held = with_piece_held(final, number)
-    return chi_square_tail(held.loss - final.loss, len(final.prior) - len(held.prior)) < SETTINGS.p_changed
+    target, saved = final.target, held.loss - final.loss
+    # noise that lasts over runs has a mean of its own
+    left, right = (float(target.losses(without_lasting(target, one.residual)).sum()) for one in (held, final))
+    return chi_square_tail(min(saved, left - right), len(final.prior) - len(held.prior)) < SETTINGS.p_changed
 
 
 def _misfits(final: Fit, changed: Collection[int], offset_changed: bool) -> dict[int, float]:
@@ -121,7 +124,9 @@ def _misfits(final: Fit, changed: Collection[int], offset_changed: bool) -> dict
         (np.abs(np.where(data.orders == 0, part.real, part)) ** 2 * target.counts).sum(axis=0) / floor
         for part in (target.residual(state.model()), final.residual)
     )
-    noise = SETTINGS.tails * np.where(data.orders == 0, 1, 2) * target.counts.sum(axis=0)
+    # noise within curves is that of many samples, and has no heavy tails
+    tails = SETTINGS.tails if data.spectral_deg is None else 1.0
+    noise = tails * np.where(data.orders == 0, 1, 2) * target.counts.sum(axis=0)
     beyond, found = np.maximum(left - noise, 0.0), {}
     for i, power in own.items():
         mine = power / floor > SETTINGS.much * (power / floor).max()
@@ -148,7 +153,7 @@ def _freed(joint: Fit, final: Fit, number: int, lacking: BoolArray, kept: BoolAr
     p = chi_square_tail(final.loss - one.loss, len(one.prior) - len(final.prior))
     sure = max(p, _p_alone(one, *_difference(one, number))) < SETTINGS.p_changed
     changed = one.state.pieces[number]
-    sure = sure and not _lasting_noise(one, changed) and is_its_own(one, changed, final)
+    sure = sure and is_its_own(one, changed, final)
     return one if sure and stands_out(one, _shown(one, changed), kept) else None
 
 
@@ -197,8 +202,8 @@ def _difference(joint: Fit, number: int) -> tuple[list[int], FloatArray]:
 
 def _lasting_noise(joint: Fit, piece: Piece) -> bool:
     """Whether a change is so small and so much the same in all runs that noise which lasts would look like it."""
-    target, least = joint.target, SETTINGS.least_constant
-    part = _shown(joint, piece) / np.maximum(target.sigma, lasting_mean(target, joint.residual) / least)
+    target = joint.target
+    part = _shown(joint, piece) / target.sigma
     parts = np.where(target.data.orders == 0, 1, 2)
     size, varies = 0.0, 0.0
     for sign in (1.0, -1.0):
@@ -208,7 +213,7 @@ def _lasting_noise(joint: Fit, piece: Piece) -> bool:
             size = max(size, float(np.sqrt(power.max(initial=0.0))))
             spread = (np.abs(rows - rows.mean(axis=0)) ** 2).mean(axis=0) / parts
             varies = max(varies, float(spread.sum() / max(float(power.sum()), 1e-300)))
-    return size < least and varies < SETTINGS.varies
+    return size < SETTINGS.least_constant and varies < SETTINGS.varies
 
 
 def _p_of(joint: Fit, places: list[int], difference: FloatArray) -> float:

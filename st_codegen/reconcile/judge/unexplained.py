@@ -21,7 +21,7 @@ from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.evidence import chi_square_tail, false_discoveries, normal_tail
 from st_codegen.reconcile.judge.formulas import Formula, formula_of
-from st_codegen.reconcile.judge.in_time import Course, course_of, lasting_mean
+from st_codegen.reconcile.judge.in_time import Course, course_of, without_lasting
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 
@@ -44,13 +44,7 @@ def structure(target: FitData, residual: ComplexArray) -> ResidualStructure:
     data, good = target.data, target.good
     parts = np.where(data.orders == 0, 1, 2)
     r: ComplexArray = np.where(data.orders == 0, residual.real, residual).astype(np.complex128)
-    # noise that lasts over runs has a mean of its own
-    lasting = lasting_mean(target, r)
-    for sign in np.unique(data.at.sign[good]):
-        rows = data.at.sign == sign
-        mean = r[rows & good].mean(axis=0)
-        r[rows] -= np.where(np.abs(mean) < lasting, mean, 0.0)
-    z: ComplexArray = r / target.sigma
+    z: ComplexArray = without_lasting(target, r) / target.sigma
     z = (z * np.minimum(1.0, SETTINGS.cut / np.maximum(np.abs(z), 1e-300))) * good[:, None]
     p_levels, excess, scale = _between_levels(target, z[good], parts)
     p_shared, shared = _between_neighbours(target, z, parts)
