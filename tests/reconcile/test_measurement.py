@@ -239,6 +239,17 @@ def test_a_part_of_the_runs_with_a_factor_of_its_own_has_no_other_torques():
     assert all(mistake.name != "torque" for mistake in examine(made, RIG, PATH).mistakes)
 
 
+def test_wrong_labels_beside_a_small_factor_are_no_torques_of_their_own():
+    """A factor on a column that was corrected to 0.4 % left all torques a little off, and labels made it large."""
+    data = of_curves(3e-6)
+    order = np.arange(RUNS)
+    chosen = np.random.default_rng(3).choice(RUNS, RUNS // 12, replace=False)
+    order[chosen] = np.roll(chosen, 1)
+    moved = replace(data, at=data.at.rows(np.concatenate([order, order + RUNS])))
+    made = replace(moved, values=moved.values * np.where(data.at.sign > 0, 1.004, 1.0)[:, None])
+    assert {mistake.name for mistake in examine(made, RIG, PATH).mistakes} == {"labels"}
+
+
 def test_a_delay_is_no_low_pass():
     """It makes every order later and none smaller: an effect of the catalogue."""
     data = measured(3e-6)

@@ -554,28 +554,32 @@ def _torque(data: Observations, rig: RigModel) -> list[Mistake]:
     plain = rig.coefficients(right if gain else data.at, orders)
     for number, text in ((_numbers_of_runs(data), _OWN_TORQUES), (np.arange(len(data)), _OWN_BY_DIRECTION)):
         its, seen, told = _torque_of_each(data, rig, noise, number)
-        again = _told_by_others(data, plain, seen) if told > SETTINGS.most_labels else 0.0
+        # as many runs as may carry a wrong label say nothing
+        away = np.abs(its.torque_Nm - torque)
+        most = away <= np.quantile(away, 1.0 - SETTINGS.most_labels)
+        again = _told_by_others(data, plain, seen, most) if told > SETTINGS.most_labels else 0.0
         # what scales all of TE, whether it depends on the load or not, is no torque
         model = rig.coefficients(data.at, orders)
         scaled = model * (1.0 + own_steps(data.values - model, model, noise, number, SETTINGS.torque_step).others)
-        if again and not _told_by_others(data, seen, scaled):
+        if again and not _told_by_others(data, seen, scaled, most):
             off = its.torque_Nm - torque
             said, gain = text.format(np.abs(off).max(), np.sqrt((off**2).mean())), again
             right, plain, remedy = its, seen, _TAKE_OWN
     return [Mistake("torque", said, lambda given: replace(given, at=right), remedy=remedy)] if gain else []
 
 
-def _told_by_others(data: Observations, plain: ComplexArray, seen: ComplexArray) -> float:
+def _told_by_others(data: Observations, plain: ComplexArray, seen: ComplexArray, most: BoolArray) -> float:
     """By how much orders are told better by `seen` than by `plain` (n, K), a log likelihood; 0 where it may be chance.
 
+    most: the rows that are asked, bool (n,).
     Asked together but for the two that gain most, which an effect may explain: what others say of an order that has
     nothing to do with it makes it worse by as much as it would be better.
     """
     before, after = (
-        np.array([(np.abs(data.values - one)[data.at.sign == sign] ** 2).sum(axis=0) for _, sign in _ROWS])
+        np.array([(np.abs(data.values - one)[most & (data.at.sign == sign)] ** 2).sum(axis=0) for _, sign in _ROWS])
         for one in (plain, seen)
     )
-    rows = np.array([[(data.at.sign == sign).sum()] for _, sign in _ROWS])
+    rows = np.array([[(most & (data.at.sign == sign)).sum()] for _, sign in _ROWS])
     gain = np.sort((rows * np.log(np.maximum(before, 1e-300) / np.maximum(after, 1e-300))).sum(axis=0))
     rest = float(gain[:-2].sum())
     return float(gain.sum()) if rest > SETTINGS.order_gain else 0.0
