@@ -14,8 +14,8 @@ from st_codegen.reconcile.judge import conclusions
 from st_codegen.reconcile.judge.candidates import Search, variants
 from st_codegen.reconcile.judge.conclusions import conclude, settled
 from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, spread
-from st_codegen.reconcile.judge.plausible import bounds_met, is_no_form_error, lack_of_forms, law_holds
-from st_codegen.reconcile.judge.retuned import changes
+from st_codegen.reconcile.judge.plausible import bounds_met, is_its_own, is_no_form_error, lack_of_forms, law_holds
+from st_codegen.reconcile.judge.retuned import changes, with_piece_held
 from st_codegen.reconcile.judge.states import in_their_forms
 from st_codegen.reconcile.judge.suspects import bad_runs, excused
 from st_codegen.reconcile.judge.unexplained import is_lacking
@@ -167,6 +167,27 @@ def test_how_suddenly_friction_falls_is_one_of_two_forms(form):
     assert {key: x for key, x in piece.effect.values.items() if key == "stribeck_exponent"} == form
     assert "stribeck_exponent" not in piece.free
     assert piece.effect.scalar("stribeck_arcmin") == pytest.approx(0.3, rel=0.1)
+
+
+@pytest.mark.parametrize("is_delay", [True, False])
+def test_a_delay_is_not_changed_by_the_orders_of_a_new_effect_alone(is_delay):
+    """A delay turns orders 39 and 78; where 78 alone is turned it is the form of the new resonance, off its peak."""
+    new = effect("structural_resonance", frequency_Hz=15.0, damping_ratio=0.01, orders=[78], amplitude_deg=[1e-3])
+    wave = effect("cycloid_tooth_error", order=78, amplitude_deg=1e-2, phase_rad=1.0)
+
+    def data(delay_us):
+        late = effect("measurement_delay", delay_us=delay_us)
+        return observed(RigModel(effects=(*RIG.effects, wave, late, new)), grid(), sigma=SIGMA / 10)
+
+    turned, rig = data(500.0), RigModel(effects=(*RIG.effects, wave, effect("measurement_delay", delay_us=250.0)))
+    if not is_delay:
+        turned.values[:, :-1] = data(250.0).values[:, :-1]
+    known, number = fitted(rig, turned), len(rig.effects) - 1
+    state = known.state.replaced(number - 1, known.state.pieces[number - 1].held())
+    joint = fit(known.target, state.with_piece(piece_of(new, added=True)))
+    held = with_piece_held(joint, number)
+    assert joint.loss < held.loss - 100.0
+    assert is_its_own(joint, joint.state.pieces[number], held) is is_delay
 
 
 def test_of_a_dozen_runs_both_directions_tell_the_noise():

@@ -105,7 +105,20 @@ def is_its_own(current: Fit, piece: Piece, held: Fit) -> bool:
         # passes for noise: only that within the curves is noise for sure
         limit, sigma = SETTINGS.form**2, np.minimum(target.sigma, target.data.spectral_deg)
         current = replace(current, target=replace(target, sigma=sigma, wide=target.spread))
-    return _left_of(current, seen, 0.0) <= limit and is_no_form_error(held, current, shows=shows)
+    if _left_of(current, seen, 0.0) > limit or not is_no_form_error(held, current, shows=shows):
+        return False
+    return piece.effect.stage is not Stage.MEASURING or _shows_elsewhere(held, current)
+
+
+def _shows_elsewhere(held: Fit, current: Fit) -> bool:
+    """Whether a change saves loss on orders that no added effect makes, if there are added ones.
+
+    A chain of measurement changes all orders alike: what it takes off those of a new effect alone is that one's form.
+    """
+    made = {order for piece in current.state.pieces if piece.added for order in piece.effect.touched_orders()}
+    saved = (current.target.losses(held.residual) - current.target.losses(current.residual)).sum(axis=0)
+    others = ~np.isin(current.target.data.orders, sorted(made))
+    return not made or bool(saved[others].sum() > SETTINGS.order_gain)
 
 
 def _left_of(current: Fit, own: ComplexArray, least: float) -> float:
