@@ -62,6 +62,18 @@ def test_formulas_are_the_effects(seed, tmp_path):
         assert got[:, 1::2] == pytest.approx(expected.imag, abs=1e-13 * size)
 
 
+def test_both_forms_of_friction_that_falls_are_formulas_and_no_others():
+    head = "[rig]\nname = 't'\nreduction_ratio = 81\ncycloid_teeth = 39\npins = 40\ncranks = 3\n"
+    friction = '[[effect]]\nname = "friction_windup"\ncoulomb_arcmin = 0.2\nstribeck_arcmin = 0.5\n'
+    at = points().rows(points().sign > 0)
+    for exponent in (1, 2):
+        rig = parse_rig(head + friction + f"stribeck_exponent = {exponent}\n")
+        got = evaluate(formulas(rig, 1.0), {name: getattr(at, name) for name in QUANTITIES})
+        assert got[:, :1] == pytest.approx(rig.coefficients(at, [0]).real, abs=1e-15)
+    with pytest.raises(NoFormulaError, match=r"a power of 1\.5"):
+        formulas(parse_rig(head + friction + "stribeck_exponent = 1.5\n"), 1.0)
+
+
 def test_constant_sidebands_and_states_of_a_resonance_are_formulas():
     tables = (
         '[[effect]]\nname = "cycloid_tooth_error"\norder = 39\namplitude_deg = 1e-3\n',

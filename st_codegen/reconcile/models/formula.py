@@ -145,10 +145,10 @@ class Symbol:
     def __neg__(self) -> Symbol:
         return _applied(np.negative, self)
 
-    def __pow__(self, power: int) -> Symbol:
-        if power != 2:
+    def __pow__(self, power: float) -> Symbol:
+        if power not in (1, 2):
             raise NoFormulaError(f"a power of {power}")
-        return _applied(np.square, self)
+        return self if power == 1 else _applied(np.square, self)
 
 
 def _applied(ufunc: Any, *inputs: Any) -> Symbol:
