@@ -134,6 +134,15 @@ def test_what_data_cannot_show_is_listed():
     assert "torque never varied" not in said
 
 
+@pytest.mark.parametrize(("torques", "is_said"), [((0.0, 900.0), False), ((300.0, 900.0), True), ((900.0,), False)])
+def test_backlash_is_not_told_from_friction_where_torques_vary_and_none_is_small(torques, is_said):
+    axes = np.meshgrid([300.0, 900.0], torques, [25.0, 35.0], [1.0, -1.0])
+    speed, torque, oil, sign = (axis.ravel() for axis in axes)
+    at = Conditions.of(sign, speed, torque, oil)
+    said = cannot_show(Observations(at, labels(at), np.array([0]), np.zeros((len(sign), 1), complex)))
+    assert ("no run near 0 N m: backlash cannot be told from dry friction" in said) is is_said
+
+
 @pytest.fixture
 def campaign(tmp_path):
     """Curves of a small rig, of which one has few samples and one is broken."""
