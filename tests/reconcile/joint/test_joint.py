@@ -51,6 +51,8 @@ def test_friction_and_ripple_with_their_sizes(tmp_path):
         ("torque_ripple", "order_per_revolution", 40.0),
     ):
         assert found[name]["parameters"][key]["value"] == pytest.approx(truth, rel=0.03)
+    # no other friction would do in the place of one
+    assert [effect["alternatives"] for effect in joint["effects"]] == [[], [], []]
     # which part of a machine makes it is said only where there is a machine, and by its order alone
     assert "the pins (40)" in found["torque_ripple"]["remarks"][0]
     assert joint["verdict"] == "explained"
