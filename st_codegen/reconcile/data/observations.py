@@ -104,8 +104,11 @@ class Observations:
         return bool(np.unique(points, axis=1).shape[1] < len(self))
 
     @cached_property
-    def runs(self) -> tuple[IntArray, ...]:
-        """The rows of each run, one or both directions of it: of one file, or of one place among those of a table."""
+    def number_of_run(self) -> IntArray:
+        """The number of the run of each row, from 0 on, (n,).
+
+        A run is one or both directions: of one file, or of one place among those of a table.
+        """
         at = self.at
         points = np.stack([at.speed_rpm, at.torque_Nm, at.temperature_C])
         point = np.unique(points, axis=1, return_inverse=True)[1].ravel()
@@ -114,7 +117,12 @@ class Observations:
         place = np.empty(len(at), np.int64)
         place[order] = np.arange(len(at)) - np.searchsorted(side[order], side[order])
         kinds = (point, place) if self.run is None else (self.run, point)
-        number = np.unique(np.stack(kinds), axis=1, return_inverse=True)[1].ravel()
+        return np.unique(np.stack(kinds), axis=1, return_inverse=True)[1].ravel()
+
+    @cached_property
+    def runs(self) -> tuple[IntArray, ...]:
+        """The rows of each run."""
+        number = self.number_of_run
         return tuple(np.flatnonzero(number == n) for n in range(number.max(initial=-1) + 1))
 
     def both_directions(self) -> bool:

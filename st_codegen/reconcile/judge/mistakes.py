@@ -1,6 +1,6 @@
 """A mistake of measuring, and those of single runs: wrong labels, and a block of runs with a factor of its own.
 
-The mistakes that touch all runs are looked for in `measurement`.
+The mistakes that touch all runs are looked for in `measurement` and `sensors`.
 """
 
 from __future__ import annotations

@@ -1,0 +1,213 @@
+"""Sensors that read wrong: the torque, the angle within a turn, and a low pass that TE went through.
+
+Orders tell of them by how they depend on the load, by their sidebands and by the frequency at which they pass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.reconcile.data.observations import Observations
+from st_codegen.reconcile.judge.each_run import distortion, own_steps
+from st_codegen.reconcile.judge.mistakes import Mistake
+from st_codegen.reconcile.judge.votes import SIGNS, agreed_gain, noise_power, told_power
+from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects import Conditions
+from st_codegen.rig.model import RigModel
+
+_GAIN = "all torques seem to be {:.3g} times what they were: every order that depends on the load agrees"
+_ZERO_TORQUE = "all torques seem to be off by {:.3g} N m: every order that depends on the load agrees"
+_OWN_TORQUES = (
+    "the torques of the runs seem to be read wrong, each by its own, by up to {:.0f} N m and {:.0f} N m RMS: every "
+    "order that depends on the load agrees with the others on it"
+)
+_OWN_BY_DIRECTION = _OWN_TORQUES.replace("each by its own", "each by its own and forward by another than backward")
+_TAKE_OWN = "take the torques that the orders tell (what the load does to all orders alike cannot be seen then)"
+_LOW_PASS = (
+    "TE seems to have passed a low pass of {:.3g} Hz: every order is smaller and later, the faster it is the more"
+)
+_HIDDEN_AXIS = (
+    "in this noise an angle that is read wrong by up to {:.2g} deg once a turn may not show: its sidebands are too "
+    "small"
+)
+_AXIS = (
+    "the angle seems to be read wrong by {} a turn: every order k has sidebands that grow with k in all runs, "
+    "as an encoder off centre makes them, or all parts of the gear off centre alike"
+)
+
+
+def wrong_torques(data: Observations, rig: RigModel) -> list[Mistake]:
+    """Torques that are read wrong by one factor, by one offset, or each by its own: what depends on the load says so.
+
+    A torque of its own in each run, or in each direction of it, counts where every order is predicted by what the
+    others say of the run, and clearly better than by a factor or an offset.
+    """
+    torque, reach = data.at.torque_Nm, float(np.ptp(data.at.torque_Nm))
+    if not reach or not data.both_directions():
+        return []
+    noise, orders, every = noise_power(data), data.orders.tolist(), np.ones(len(data.orders), np.bool_)
+    found: list[tuple[float, str, Conditions]] = []
+    for shape, text in ((torque, _GAIN), (np.full(len(data), reach), _ZERO_TORQUE)):
+        size = 0.0
+        # steps after the first are those of a model that is not linear in the torque
+        for _ in range(3):
+            at = (replace(data.at, torque_Nm=torque + (size + more) * shape) for more in (0.0, SETTINGS.torque_step))
+            model, higher = (rig.coefficients(one, orders) for one in at)
+            step = _common_step(data.values - model, (higher - model) / SETTINGS.torque_step, noise)
+            # the torque keeps its sign
+            size = max(size + step, -0.95)
+        right = replace(data.at, torque_Nm=torque + size * shape)
+        said = text.format(1.0 / (1.0 + size) if text is _GAIN else -size * reach)
+        found.append((agreed_gain(data, rig, rig.coefficients(right, orders), every), said, right))
+    gain, said, right = max(found, key=lambda one: one[0])
+    remedy = "correct them"
+    plain = rig.coefficients(right if gain else data.at, orders)
+    for number, text in ((data.number_of_run, _OWN_TORQUES), (np.arange(len(data)), _OWN_BY_DIRECTION)):
+        its, seen, told = _torque_of_each(data, rig, noise, number)
+        # as many runs as may carry a wrong label say nothing
+        away = np.abs(its.torque_Nm - torque)
+        most = away <= np.quantile(away, 1.0 - SETTINGS.most_labels)
+        again = _told_by_others(data, plain, seen, most) if told > SETTINGS.most_labels else 0.0
+        # what scales all of TE, whether it depends on the load or not, is no torque
+        model = rig.coefficients(data.at, orders)
+        scaled = model * (1.0 + own_steps(data.values - model, model, noise, number, SETTINGS.torque_step).others)
+        if again and not _told_by_others(data, seen, scaled, most):
+            off = its.torque_Nm - torque
+            said, gain = text.format(np.abs(off).max(), np.sqrt((off**2).mean())), again
+            right, plain, remedy = its, seen, _TAKE_OWN
+    return [Mistake("torque", said, lambda given: replace(given, at=right), remedy=remedy)] if gain else []
+
+
+def _told_by_others(data: Observations, plain: ComplexArray, seen: ComplexArray, most: BoolArray) -> float:
+    """By how much orders are told better by `seen` than by `plain` (n, K), a log likelihood; 0 where it may be chance.
+
+    most: the rows that are asked, bool (n,).
+    Asked together but for the two that gain most, which an effect may explain: what others say of an order that has
+    nothing to do with it makes it worse by as much as it would be better.
+    """
+    before, after = (
+        np.array([(np.abs(data.values - one)[most & (data.at.sign == sign)] ** 2).sum(axis=0) for sign in SIGNS])
+        for one in (plain, seen)
+    )
+    rows = np.array([[(most & (data.at.sign == sign)).sum()] for sign in SIGNS])
+    gain = np.sort((rows * np.log(np.maximum(before, 1e-300) / np.maximum(after, 1e-300))).sum(axis=0))
+    rest = float(gain[:-2].sum())
+    return float(gain.sum()) if rest > SETTINGS.order_gain else 0.0
+
+
+def _torque_of_each(
+    data: Observations, rig: RigModel, noise: FloatArray, number: IntArray
+) -> tuple[Conditions, ComplexArray, float]:
+    """Runs at the torques that their orders tell, what each order is by those of the others (n, K), and a share.
+
+    That is how many torques are off by more than their error leaves open.
+    """
+    torque, reach, orders = data.at.torque_Nm, float(np.ptp(data.at.torque_Nm)), data.orders.tolist()
+    step, its = SETTINGS.torque_step * reach, torque
+    # steps after the first are those of a model that is not linear in the torque
+    for _ in range(3):
+        model = rig.coefficients(replace(data.at, torque_Nm=its), orders)
+        slope = (rig.coefficients(replace(data.at, torque_Nm=its + step), orders) - model) / step
+        found = own_steps(data.values - model, slope, noise, number, step)
+        seen, its = model + slope * found.others, its + found.off
+    told = float(np.mean(np.abs(its - torque) > SETTINGS.told * found.error))
+    return replace(data.at, torque_Nm=its), seen, told
+
+
+def low_pass(data: Observations, rig: RigModel) -> list[Mistake]:
+    """A low pass of first order that TE went through: every order is smaller and late by its frequency, not late alone.
+
+    Effects could not say so: a delay and smaller sizes of all that is fast would stand for it.
+    """
+    if not data.both_directions():
+        return []
+    model, noise = rig.coefficients(data.at, data.orders.tolist()), noise_power(data)
+    turns = data.at.sign * data.at.speed_rpm / (60.0 * rig.constants.reduction_ratio)
+    rate = 2j * np.pi * turns[:, None] * data.orders
+
+    def passed(seconds: float) -> ComplexArray:
+        return np.asarray(1.0 / (1.0 + rate * seconds))
+
+    def late(seconds: float) -> ComplexArray:
+        return np.asarray(np.exp(-rate * seconds))
+
+    def fitted(response: Callable[[float], ComplexArray]) -> float:
+        seconds, small = 0.0, 1e-6
+        for _ in range(SETTINGS.quick_steps):
+            seen = model * response(seconds)
+            slope = (model * response(seconds + small) - seen) / small
+            seconds = max(seconds + _common_step(data.values - seen, slope, noise), 0.0)
+        return seconds
+
+    every, seconds = data.orders > 0, fitted(passed)
+    seen = model * passed(seconds)
+    if not (agreed_gain(data, rig, seen, every) and agreed_gain(data, rig, seen, every, model * late(fitted(late)))):
+        return []
+
+    def corrected(given: Observations) -> Observations:
+        spectral = None if given.spectral_deg is None else given.spectral_deg / np.abs(passed(seconds))
+        return replace(given, values=given.values / passed(seconds), spectral_deg=spectral)
+
+    text = _LOW_PASS.format(1.0 / (2.0 * np.pi * seconds))
+    return [Mistake("low_pass", text, corrected, remedy="undo it")]
+
+
+def _common_step(gap: ComplexArray, slope: ComplexArray, noise: FloatArray) -> float:
+    """The step along a slope (n, K) that the middle one of the orders wants; none says more than a sensor can."""
+    power = np.maximum((np.abs(slope) ** 2).sum(axis=0), 1e-300)
+    error = 1.0 / np.maximum((np.abs(slope) ** 2 / np.maximum(noise, 1e-300)).sum(axis=0), 1e-300)
+    own = (gap * slope.conj()).real.sum(axis=0) / power
+    return float(np.quantile(own, 0.5, method="inverted_cdf", weights=1.0 / (error + SETTINGS.torque_step**2)))
+
+
+def wrong_angle(data: Observations, rig: RigModel) -> list[Mistake]:
+    """An angle that is read wrong within the turn, by the same waves of it in all runs."""
+    its = np.array(rig.orders(), np.int64)
+    known, noise = rig.coefficients(data.at, its.tolist()), noise_power(data)
+    some = slice(None, None, -(-len(data) // SETTINGS.rows_that_tell))
+    found = distortion(data.values[some], noise[some], data.orders, known[some], its)
+    waves = data.orders > 0
+    if found is None or not data.both_directions() or not waves.any():
+        return []
+    if not agreed_gain(data, rig, found.seen(known, its, data.orders), waves):
+        return []
+
+    def corrected(given: Observations) -> Observations:
+        # sidebands that were not looked at are those that the rig lets expect
+        orders = np.unique(np.concatenate([given.orders, *(np.abs(its + off) for off in range(-2, 3))]))
+        values, there = found.seen(known, its, orders), np.searchsorted(orders, given.orders)
+        seen = np.ones(given.values.shape, bool) if given.seen is None else given.seen
+        values[:, there] = np.where(seen, given.values, values[:, there])
+        return replace(given, values=np.where(seen, found.corrected(values, orders)[:, there], given.values))
+
+    sizes = np.degrees(np.abs(found.error))
+    told = [
+        f"{size:.2g} deg {often}" for size, often in zip(sizes, ("once", "twice"), strict=True) if 5 * size > max(sizes)
+    ]
+    text = _AXIS.format(" and ".join(told))
+    return [Mistake("axis", text, corrected, remedy="take it out of the angle")]
+
+
+def hidden_wrong_angle(data: Observations, rig: RigModel) -> tuple[str, ...]:
+    """What is said where noise hides the sidebands of an angle that is read wrong by what turns the highest order.
+
+    They show where as many as a vote asks for stand above what the mean of the runs tells; a table has few of them.
+    """
+    its = np.array([order for order in rig.orders() if order > 0], np.int64)
+    if not data.both_directions() or not len(its) or data.spectral_deg is None:
+        return ()
+    near = np.abs(data.orders[None, :] - its[:, None]).argmin(axis=1)
+    size, noise = np.abs(rig.coefficients(data.at, its.tolist())) * its / 2.0, noise_power(data)
+    needed = []
+    for sign in SIGNS:
+        rows = data.at.sign == sign
+        # order k has two sidebands
+        needed += 2 * list(
+            np.sqrt(2.0 * told_power(noise[rows])[near] / np.maximum((size[rows] ** 2).mean(axis=0), 1e-300))
+        )
+    hidden = float(np.sort(needed)[: SETTINGS.least_orders_of_zero][-1])
+    return (_HIDDEN_AXIS.format(np.degrees(hidden)),) if hidden * its.max() > SETTINGS.hidden_turn else ()
