@@ -254,6 +254,16 @@ def changes(
     return last, first
 
 
+def _read(rule: TreeColumn, value: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Numbers as trees read a column, 0.0 in place of NaN, and which of them count as missing."""
+    missing = np.isnan(value) & (rule.nan is NanRule.MISSING)
+    value = np.where(np.isnan(value), 0.0, value)
+    if rule.missing_interval is not None:
+        low, high = rule.missing_interval
+        missing |= (value >= low) & (value <= high)
+    return value, missing
+
+
 class Ensemble:
     """Decisions of an ensemble on its model's inputs: for each node the last key of one side, and what NaN does."""
 
@@ -297,21 +307,18 @@ class Ensemble:
         thresholds, back = np.unique(op.threshold[at], return_inverse=True)
         last, below = self._changes(column, thresholds, strict=op.comparison is Comparison.LESS)
         self.last[at], self.below[at] = last[back], below[back]
-        missing = op.missing_left[at]
-        zero = self._decision(np.zeros(len(at)), op.threshold[at])
+        (of_nan,), (is_missing,) = _read(rule, column.value(np.array([np.nan])))
+        self.nan[at] = op.missing_left[at] if is_missing else self._decision(np.full(len(at), of_nan), op.threshold[at])
         if rule.missing_interval is not None:
-            low, high = rule.missing_interval
-            ends = [
-                self._changes(column, np.array([end]), strict=strict) for end, strict in ((low, True), (high, False))
-            ]
-            if not ends[0][1][0] or not ends[1][1][0]:
-                raise NotProvedError("an interval of missing values behind operations that are not followed")
-            self.gap[number] = int(ends[0][0][0]) + 1, int(ends[1][0][0])
-            zero = np.where((low <= 0) & (high >= 0), missing, zero)
-        self.nan[at] = missing if rule.nan is NanRule.MISSING else zero
-        filled = column.value(np.array([np.nan]))
-        if not np.isnan(filled[0]):
-            self.nan[at] = self._decision(filled, op.threshold[at])
+            self.gap[number] = self._gap(column, *rule.missing_interval)
+
+    def _gap(self, column: Column, low: float, high: float) -> tuple[int, int]:
+        """The first and the last key at which a monotone column lies in an interval; none where the first is larger."""
+        limits, strict = np.array([low, high]), np.array([True, False])
+        ends, at_first = changes(column, limits, strict, self.domain)
+        first, last = sorted(ends.tolist())
+        # where the two comparisons differ at the smallest key, that is in the interval
+        return (LOWEST, first) if at_first[0] != at_first[1] else (first + 1, last)
 
     def _decision(self, value: FloatArray, threshold: FloatArray) -> BoolArray:
         left = value < threshold if self.op.comparison is Comparison.LESS else value <= threshold
@@ -322,12 +329,11 @@ class Ensemble:
 
     def _numbers(self, rule: TreeColumn, column: Column) -> AxisValue:
         """A column in steps, on an axis that is cut where it may change."""
-        if rule.missing_interval is not None or column.steps is None:
-            raise NotProvedError("an interval of missing values behind operations that are not followed")
+        assert column.steps is not None
         axis = InputAxis(column.feature)
         axis.cut(column.steps)
-        value = column.value(axis.low)
-        return AxisValue(axis, value if rule.nan is NanRule.MISSING else np.where(np.isnan(value), 0.0, value))
+        value, missing = _read(rule, column.value(axis.low))
+        return AxisValue(axis, np.where(missing, np.nan, value))
 
     def _category(self, number: int, column: Column) -> AxisValue:
         """The code of a category column on an axis that is cut where it changes."""
@@ -345,11 +351,7 @@ class Ensemble:
         points = points if gap is None else np.append(points, gap)
         for strict in (True, False):
             axis.cut(self._changes(column, points, strict=strict)[0])
-        value = column.value(axis.low)
-        missing = np.isnan(value) & (rule.nan is NanRule.MISSING)
-        value = np.where(np.isnan(value), 0.0, value)
-        if gap is not None:
-            missing |= (value >= gap[0]) & (value <= gap[1])
+        value, missing = _read(rule, column.value(axis.low))
         with np.errstate(invalid="ignore"):
             inside = np.clip(value, -(2.0**40), 2.0**40)
         codes = np.where(missing, rule.n_categories + 1, reference.category_code(rule, inside))

@@ -1,5 +1,6 @@
 """Trees behind encoders, bins and flags: columns that are constant between some numbers of one input."""
 
+import dataclasses
 import re
 
 import numpy as np
@@ -15,7 +16,9 @@ from sklearn.linear_model import Ridge
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import (
     Binarizer,
+    FunctionTransformer,
     KBinsDiscretizer,
+    MaxAbsScaler,
     Normalizer,
     OneHotEncoder,
     OrdinalEncoder,
@@ -33,7 +36,7 @@ from st_codegen.project.bundle import Bundle
 from st_codegen.proof.prove.prove import Verdict, prove
 from st_codegen.proof.prove.tree_proof import CELLS, TAIL
 from st_codegen.walkers.base import LoadedModel
-from tests.classifiers import GAPS, SCORE, THREE, X, loaded
+from tests.classifiers import GAPS, RANDOM, SCORE, THREE, X, loaded
 
 KINDS = np.column_stack([X[:, 0], np.digitize(X[:, 1], [-3, 0, 2]), X[:, 2]])
 TREE = DecisionTreeRegressor(max_depth=4, random_state=0)
@@ -253,3 +256,44 @@ def test_a_stack_that_was_changed_is_not_proved(name, tmp_path):
     assert count == 1
     path.write_text(changed)
     assert prove(bundle, tmp_path).results[0].verdict is not Verdict.PROVED
+
+
+#: Inputs from 0 on, a third of them 0, which trees take for missing.
+COUNTS = np.where(RANDOM.random(X.shape) < 0.3, 0.0, np.abs(X))
+
+
+def counts_missing(kind):
+    if kind == "lightgbm":
+        lightgbm = pytest.importorskip("lightgbm")
+        return lightgbm.LGBMRegressor(n_estimators=3, num_leaves=6, zero_as_missing=True, verbose=-1, n_jobs=1)
+    return pytest.importorskip("xgboost").XGBRegressor(n_estimators=3, max_depth=3, missing=0.0, n_jobs=1)
+
+
+FALLING = MaxAbsScaler().fit(COUNTS)
+FALLING.scale_ *= -1.0
+BINS = KBinsDiscretizer(4, encode="ordinal", quantile_method="averaged_inverted_cdf").fit(COUNTS)
+FILLED = SimpleImputer(strategy="constant", fill_value=0.0).fit(COUNTS)
+#: What stands before the trees, its inputs, and the least number of their declared range.
+BEFORE_GAPS = {
+    "nothing": (FunctionTransformer().fit(COUNTS), COUNTS, 0.0),
+    "nothing, numbers below": (FunctionTransformer().fit(COUNTS), COUNTS, -1.0),
+    "numbers that fall": (FALLING, COUNTS, -1.0),
+    "numbers that fall from it": (FALLING, COUNTS, 0.0),
+    "bins": (BINS, COUNTS, 0.0),
+    "a gap that is filled": (FILLED, np.where(COUNTS == 0, np.nan, COUNTS), 0.0),
+}
+
+
+@pytest.mark.parametrize("kind", ["lightgbm", "xgboost"])
+@pytest.mark.parametrize("name", BEFORE_GAPS)
+def test_numbers_that_count_as_missing_are_followed(name, kind, tmp_path):
+    step, x, lower = BEFORE_GAPS[name]
+    trees = counts_missing(kind).fit(step.transform(x), SCORE + 2.0 * (COUNTS == 0).sum(axis=1))
+    model = loaded(make_pipeline(step, trees))
+    within = tuple(dataclasses.replace(feature, lower=lower, upper=20.0) for feature in model.ir.features)
+    model = LoadedModel(limit_inputs(dataclasses.replace(model.ir, features=within)), model.predict)
+    assert any(column.missing_interval for op in model.ir.ops for column in getattr(op, "columns", ()))
+    bundle = Bundle((model,))
+    generate(bundle, "iec", tmp_path, options=Options(layout=Layout.TREES))
+    (result,) = prove(bundle, tmp_path).results
+    assert (result.verdict, result.reason) == (Verdict.PROVED, ""), result
