@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,6 +31,7 @@ from st_codegen.files.text import write_text
 
 if TYPE_CHECKING:
     from st_codegen.cost.profile import Profile
+    from st_codegen.live.controller import Controller
     from st_codegen.live.live_report import LiveReport
 
 
@@ -76,13 +78,11 @@ def command(
     models: Path,
     names: dict[str, str | None],
     generated: Path,
-    ads: str | None,
-    opcua: str | None,
+    connect: Callable[[], Controller],
     block: str | None,
     rows: int,
     seed: int,
     same_bits: bool,
-    timeout: float,
     times: Path | None,
     calibrated: Path | None,
     profile: str,
@@ -99,8 +99,7 @@ def command(
     """
     from st_codegen.cost.profile import load_profile
     from st_codegen.live.compare import compare, generated_folder
-    from st_codegen.live.controller import connected
-    from st_codegen.live.record_page import record_of, record_sections, times_csv
+    from st_codegen.live.record_page import times_csv
 
     base = load_profile(profile)
     if calibrated is not None:
@@ -108,23 +107,9 @@ def command(
     folder = generated_folder(generated)
     bundle = load_generated(models, generated, names, trust_pickle=trust_pickle, quiet=quiet)
     with progress_bar("comparing", quiet=quiet) as progress:
-        report = compare(
-            bundle,
-            folder,
-            lambda: connected(ads, opcua, timeout),
-            rows=rows,
-            seed=seed,
-            block=block,
-            progress=progress,
-        )
+        report = compare(bundle, folder, connect, rows=rows, seed=seed, block=block, progress=progress)
     report.same_bits = same_bits
-    if json_file is not None:
-        write_text(json_file, json.dumps(record_of(report), indent=1) + "\n")
-    if html is not None:
-        from st_codegen.cli.pages import write_pages
-
-        summary, sections = record_sections(report)
-        write_pages(f"Commissioning record of {models}", sections, summary, html, None)
+    _write(report, models, json_file, html)
     if times is not None:
         write_text(times, times_csv(report))
     if not quiet:
@@ -136,6 +121,19 @@ def command(
     if not report.passed:
         show_codes(["STC2003"])
     sys.exit(0 if report.passed else 1)
+
+
+def _write(report: LiveReport, models: Path, json_file: Path | None, html: Path | None) -> None:
+    """The record as JSON and as a page, where they are asked for."""
+    from st_codegen.live.record_page import record_of, record_sections
+
+    if json_file is not None:
+        write_text(json_file, json.dumps(record_of(report), indent=1) + "\n")
+    if html is not None:
+        from st_codegen.cli.pages import write_pages
+
+        summary, sections = record_sections(report)
+        write_pages(f"Commissioning record of {models}", sections, summary, html, None)
 
 
 def _calibrate(report: LiveReport, folder: Path, base: Profile, out: Path, *, quiet: bool) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -20,7 +21,9 @@ from st_codegen.walkers.limits import DEFAULT_MAX_MODEL_BYTES, set_features, set
 
 if TYPE_CHECKING:
     from st_codegen.ir import OutputKind
+    from st_codegen.live.controller import Controller
     from st_codegen.project.bundle import Bundle
+    from st_codegen.rig.effects import Effect
 
 
 class _Console(Console):
@@ -85,14 +88,6 @@ def generated_option(text: str) -> Callable[[Command], Command]:
     return click.option("-g", "--generated", type=folder, default=Path("generated"), help=text)
 
 
-def controller_options(function: Command) -> Command:
-    """The options by which a command reaches a controller."""
-    seconds, text = Number(min=0.01), "Seconds in which an answer must come."
-    function = click.option("--timeout", type=seconds, default=5.0, help=text)(function)
-    function = click.option("--opcua", metavar="URL", help="The controller over OPC UA.")(function)
-    return click.option("--ads", metavar="NETID:PORT[@HOST]", help="The controller over ADS.")(function)
-
-
 def trust_option(function: Command) -> Command:
     """Add the options by which model files are read: what is trusted, how large they may be, what they do not say."""
     with_limit = click.option(
@@ -116,18 +111,62 @@ def trust_option(function: Command) -> Command:
     )(with_limit)
 
 
-def names_options(function: Command) -> Command:
-    """Add the options --prefix and --block-name to a command, which gets both as `names`."""
+def gathered(name: str, make: Callable[..., Any], *options: Callable[[Any], Any]) -> Callable[[Command], Command]:
+    """Options that a command gets as one value: `make` is called with them, by their names, when the command runs."""
+    taken = inspect.signature(make).parameters
 
-    @functools.wraps(function)
-    def with_names(*arguments: Any, prefix: str | None, block_name: str | None, **others: Any) -> Any:
-        return function(*arguments, names={"prefix": prefix, "block_name": block_name}, **others)
+    def add(function: Command) -> Command:
+        @functools.wraps(function)
+        def command(*arguments: Any, **given: Any) -> Any:
+            value = make(**{option: given.pop(option) for option in taken})
+            return function(*arguments, **{name: value}, **given)
 
-    prefix = click.option(
+        return cast(Command, functools.reduce(lambda inner, option: option(inner), reversed(options), command))
+
+    return add
+
+
+#: The options --prefix and --block-name: `names`.
+names_options = gathered(
+    "names",
+    lambda prefix, block_name: {"prefix": prefix, "block_name": block_name},
+    click.option(
         "--prefix", metavar="TEXT", help="In front of the names of all models: FB_P1_Te. Default: that of [project]."
-    )
-    name = click.option("--block-name", metavar="NAME", help="Of a single model: FB_NAME instead of its file's name.")
-    return cast(Command, prefix(name(with_names)))
+    ),
+    click.option("--block-name", metavar="NAME", help="Of a single model: FB_NAME instead of its file's name."),
+)
+
+
+def _catalogue(effects: tuple[Path, ...]) -> Mapping[str, type[Effect]]:
+    from st_codegen.rig.effects import catalogue
+
+    return catalogue(effects)
+
+
+#: The option --effects: the effects that are known, by their names, as `known`.
+effects_option = gathered(
+    "known",
+    _catalogue,
+    click.option(
+        "--effects", type=click.Path(path_type=Path), multiple=True, help="Python file with effects of your own."
+    ),
+)
+
+
+def _connection(ads: str | None, opcua: str | None, timeout: float) -> Callable[[], Controller]:
+    from st_codegen.live.controller import connected
+
+    return functools.partial(connected, ads, opcua, timeout)
+
+
+#: The options by which a command reaches a controller: `connect`, which does so.
+controller_options = gathered(
+    "connect",
+    _connection,
+    click.option("--ads", metavar="NETID:PORT[@HOST]", help="The controller over ADS."),
+    click.option("--opcua", metavar="URL", help="The controller over OPC UA."),
+    click.option("--timeout", type=Number(min=0.01), default=5.0, help="Seconds in which an answer must come."),
+)
 
 
 def load_generated(

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 import click
 
 from st_codegen.cli.console import console, progress_bar, quiet_option
-from st_codegen.cli.training import backend_of, place_options
+from st_codegen.cli.training import place_options
 
 if TYPE_CHECKING:
     from st_codegen.fleet.stages import AxisResult
+    from st_codegen.training.search import Backend
 
 
 @click.command(
@@ -33,7 +34,7 @@ Examples:
 )
 @place_options
 @quiet_option
-def command(file: Path, out: Path, jobs: int | None, backend: str, scheduler: str | None, quiet: bool) -> None:
+def command(file: Path, out: Path, where: Backend, quiet: bool) -> None:
     """Train, compile, check and reconcile every axis of FLEET, a fleet.toml, and compare them with each other.
 
     Shows how far the effects of axes of a type spread, who stands out, and what has grown since earlier campaigns. What
@@ -44,7 +45,7 @@ def command(file: Path, out: Path, jobs: int | None, backend: str, scheduler: st
     from st_codegen.fleet.output import PAGE, FleetReport
     from st_codegen.fleet.run import run_fleet
 
-    axes, where = read_fleet(file), backend_of(backend, scheduler, jobs)
+    axes = read_fleet(file)
     with progress_bar("axes", quiet=quiet) as bar:
 
         def progress(done: int, total: int, name: str, result: AxisResult) -> None:

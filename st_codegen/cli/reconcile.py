@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from st_codegen.cli.choices import MISTAKES, UPDATED_CODE, UPDATED_MODELS
-from st_codegen.cli.console import Number, console, progress_bar, quiet_option, trust_option
+from st_codegen.cli.console import Number, console, effects_option, progress_bar, quiet_option, trust_option
 from st_codegen.errors import InputError
 from st_codegen.files.folders import write_texts
 from st_codegen.files.temporary import temporary_folder
 from st_codegen.files.text import make_folder
 
 if TYPE_CHECKING:
-    from st_codegen.reconcile.judge.spectrum import SpectrumResult
     from st_codegen.reconcile.models.update import Update, Wish
     from st_codegen.reconcile.plan.next_runs import NextRuns
     from st_codegen.reconcile.run import Reconciliation
+    from st_codegen.rig.effects import Effect
     from st_codegen.rig.model import RigModel
 
 
@@ -48,7 +49,7 @@ Examples:
     required=True,
     help="Folder for rig.toml, report.json, report.html, next_runs.csv.",
 )
-@click.option("--effects", type=click.Path(path_type=Path), multiple=True, help="Python file with effects of your own.")
+@effects_option
 @click.option(
     "--scale", type=Number(), help="Factor on the measured TE, or on a joint's torque; 1 to accept it as it is."
 )
@@ -81,7 +82,7 @@ def command(
     rig: Path | None,
     measured: Path,
     out: Path,
-    effects: tuple[Path, ...],
+    known: Mapping[str, type[Effect]],
     scale: float | None,
     accept: tuple[str, ...],
     empirical: bool,
@@ -96,22 +97,14 @@ def command(
 ) -> None:
     """Find what the rig model lacks: compare it with measured data, name the missing effects, and add them."""
     from st_codegen.reconcile.joint.reading import joint_files
-    from st_codegen.reconcile.judge.spectrum import (
-        is_spectrum,
-        read_spectrum,
-        reconcile_spectrum,
-        spectrum_report,
-        spectrum_summary,
-    )
+    from st_codegen.reconcile.judge.spectrum import is_spectrum
     from st_codegen.reconcile.models.update import check_models
     from st_codegen.reconcile.plan.next_runs import next_runs
     from st_codegen.reconcile.report.output import report
     from st_codegen.reconcile.report.summary import next_runs_summary, summary, update_summary
     from st_codegen.reconcile.run import reconcile_files, with_empirical
-    from st_codegen.rig.effects import catalogue
     from st_codegen.rig.model import RigModel, read_rig
 
-    known = catalogue(effects)
     joints = joint_files(measured)
     if rig is None and not joints:
         raise click.UsageError("Missing option '--rig': only recordings of joints (t,q,dq,tau) do without one.")
@@ -128,9 +121,7 @@ def command(
     elif is_spectrum(measured):
         if wish is not None:
             raise InputError(f"{measured}: a spectrum has no phases, so that no model can be made from it")
-        found = reconcile_spectrum(model, read_spectrum(measured), scale)
-        write_texts(out, _spectrum_texts(found))
-        content, text = spectrum_report(found), spectrum_summary(found)
+        content, text = _spectrum(model, measured, out, scale)
     else:
         with progress_bar("reconciling", quiet=quiet) as progress:
             result = reconcile_files(
@@ -198,16 +189,20 @@ def _joints(
     return content, joint_summary(content)
 
 
-def _spectrum_texts(found: SpectrumResult) -> dict[str, str]:
-    from st_codegen.reconcile.judge.spectrum import spectrum_report
+def _spectrum(model: RigModel, measured: Path, out: Path, scale: float | None) -> tuple[dict[str, Any], str]:
+    """Compare an order spectrum and write the report: what report.json holds, and the text."""
+    from st_codegen.reconcile.judge.spectrum import read_spectrum, reconcile_spectrum, spectrum_report, spectrum_summary
     from st_codegen.reconcile.plan.next_runs import NextRuns
     from st_codegen.reconcile.report.pages import spectrum_page
 
-    content = json.dumps(spectrum_report(found), indent=1, allow_nan=False) + "\n"
-    return {
+    found = reconcile_spectrum(model, read_spectrum(measured), scale)
+    content = spectrum_report(found)
+    texts = {
         "rig.toml": found.rig.text(),
         "rig.diff": "",
-        "report.json": content,
+        "report.json": json.dumps(content, indent=1, allow_nan=False) + "\n",
         "report.html": spectrum_page(found),
         "next_runs.csv": NextRuns().csv_text(),
     }
+    write_texts(out, texts)
+    return content, spectrum_summary(found)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -18,6 +20,9 @@ from st_codegen.cli.console import (
 )
 from st_codegen.errors import InputError
 from st_codegen.files.number_text import parse_number
+
+if TYPE_CHECKING:
+    from st_codegen.live.controller import Controller
 
 
 @click.command(
@@ -58,14 +63,12 @@ conditions.csv:
 @quiet_option
 def command(
     generated: Path,
-    ads: str | None,
-    opcua: str | None,
+    connect: Callable[[], Controller],
     plan: Path,
     out: Path,
     samples: int,
     inputs: tuple[str, ...],
     alive: float,
-    timeout: float,
     quiet: bool,
 ) -> None:
     """Measure a campaign: drive FB_Experiment on a controller through a plan and write the files that `train` reads.
@@ -75,7 +78,6 @@ def command(
     the axis by itself.
     """
     from st_codegen.live.compare import generated_folder
-    from st_codegen.live.controller import connected
     from st_codegen.live.record import RecordSettings, planned, record, recorded_project
     from st_codegen.rig.campaign import read_conditions
 
@@ -87,7 +89,7 @@ def command(
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, stop)
-    with connected(ads, opcua, timeout) as controller, progress_bar("recording", quiet=quiet) as progress:
+    with connect() as controller, progress_bar("recording", quiet=quiet) as progress:
         made = record(controller, project, runs, out, recording, progress)
     if not quiet:
         console.print(f"{out}: {made} run(s) measured now, {len(runs)} in all, both directions")

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from st_codegen.cli.console import Number, Whole, console, progress_bar, quiet_option
+from st_codegen.cli.console import Number, Whole, console, effects_option, progress_bar, quiet_option
+
+if TYPE_CHECKING:
+    from st_codegen.rig.effects import Effect
 
 
 @click.command(
@@ -29,7 +34,7 @@ Examples:
 @click.option("--samples", type=Whole(min=1), help="Samples of a revolution (default: 4000 a second, as on the rig).")
 @click.option("--noise", type=Number(min=0), help="Noise of a sample, deg (default: [noise] of the rig).")
 @click.option("--seed", type=Whole(min=0), default=0, help="Seed of the noise.")
-@click.option("--effects", type=click.Path(path_type=Path), multiple=True, help="Python file with effects of your own.")
+@effects_option
 @quiet_option
 def command(
     rig: Path,
@@ -38,15 +43,14 @@ def command(
     samples: int | None,
     noise: float | None,
     seed: int,
-    effects: tuple[Path, ...],
+    known: Mapping[str, type[Effect]],
     quiet: bool,
 ) -> None:
     """Write a measured campaign of the simulated rig: the files that `train` and `reconcile` read."""
     from st_codegen.rig.campaign import Measuring, read_conditions, simulate_campaign
-    from st_codegen.rig.effects import catalogue
     from st_codegen.rig.model import read_rig
 
-    model = read_rig(rig, catalogue(effects))
+    model = read_rig(rig, known)
     points = read_conditions(conditions)
     with progress_bar("simulating", quiet=quiet) as progress:
         simulate_campaign(model, points, out, Measuring(samples, noise, seed), progress)

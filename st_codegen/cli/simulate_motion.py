@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
+from rich.table import Table
 
 from st_codegen.cli.choices import TASK_FORMS
 from st_codegen.cli.console import (
     Number,
     Whole,
     console,
+    effects_option,
     progress_bar,
     quiet_option,
     spread_option,
     table_of,
     trust_option,
 )
+
+if TYPE_CHECKING:
+    from st_codegen.rig.effects import Effect
+    from st_codegen.rig.motion_files import MotionStudy
 
 
 @click.command(
@@ -84,7 +92,7 @@ Examples:
 @click.option(
     "--recording", is_flag=True, help="Also write recording.csv, the uncompensated motion as reconcile reads it."
 )
-@click.option("--effects", type=click.Path(path_type=Path), multiple=True, help="Python file with effects of your own.")
+@effects_option
 @click.option("--json", "as_json", is_flag=True, help="Print the rows as JSON.")
 @trust_option
 @quiet_option
@@ -106,7 +114,7 @@ def command(
     target: str,
     outputs_per_cycle: int | None,
     recording: bool,
-    effects: tuple[Path, ...],
+    known: Mapping[str, type[Effect]],
     as_json: bool,
     trust_pickle: bool,
     quiet: bool,
@@ -118,12 +126,11 @@ def command(
     """
     from st_codegen.project.bundle import load
     from st_codegen.rig import motion_files, study
-    from st_codegen.rig.effects import catalogue
     from st_codegen.rig.machine import read_machine
     from st_codegen.rig.motion import LoadSource
     from st_codegen.rig.tasks import TaskForm
 
-    _, machine = read_machine(rig, catalogue(effects))
+    _, machine = read_machine(rig, known)
     machine = study.with_oil(machine, temperature, drift)
     with progress_bar("loading", quiet=quiet) as progress:
         bundle = load(models, trust_pickle=trust_pickle, progress=progress)
@@ -145,15 +152,19 @@ def command(
     if as_json:
         click.echo(json.dumps(rows, indent=1))
     if not quiet:
-        numbers = (">RMS before", ">after", ">gone", ">max before", ">after", ">gone", ">latency")
-        table = table_of(f"{out}/report.html", "case", *numbers)
-        for entry, outcome in zip(rows, result.outcomes, strict=True):
-            table.add_row(
-                motion_files.label(outcome),
-                *(f"{entry[f'rms_{when}']:.5f}" for when in ("before", "after")),
-                f"{100 * entry['rms_reduction']:.1f} %",
-                *(f"{entry[f'max_{when}']:.5f}" for when in ("before", "after")),
-                f"{100 * entry['max_reduction']:.1f} %",
-                f"{entry['latency_us']:.1f} us",
-            )
-        console.print(table)
+        console.print(_table(f"{out}/report.html", result, rows))
+
+
+def _table(title: str, result: MotionStudy, rows: list[dict[str, Any]]) -> Table:
+    """A row a case: the errors before and after, and what of them is gone."""
+    from st_codegen.rig.motion_files import label
+
+    numbers = (">RMS before", ">after", ">gone", ">max before", ">after", ">gone", ">latency")
+    table = table_of(title, "case", *numbers)
+    for entry, outcome in zip(rows, result.outcomes, strict=True):
+        cells = [label(outcome)]
+        for kind in ("rms", "max"):
+            cells += [f"{entry[f'{kind}_{when}']:.5f}" for when in ("before", "after")]
+            cells.append(f"{100 * entry[f'{kind}_reduction']:.1f} %")
+        table.add_row(*cells, f"{entry['latency_us']:.1f} us")
+    return table

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from st_codegen.cli.console import Whole, console, progress_bar, quiet_option
-from st_codegen.cli.training import backend_of, search_options, settings_of
+from st_codegen.cli.training import search_options
 from st_codegen.errors import InputError
+
+if TYPE_CHECKING:
+    from st_codegen.training.search import Backend
+    from st_codegen.training.study import SearchSettings
 
 TABLE = "rv160n_harmonics.csv"
 PREDICTIONS = "rv160n_paper_test_predictions_hgbm.csv"
@@ -42,12 +47,8 @@ def command(
     data: Path,
     out: Path,
     repeats: int,
-    families: str,
-    folds: int,
-    seed: int,
-    jobs: int | None,
-    backend: str,
-    scheduler: str | None,
+    settings: SearchSettings,
+    where: Backend,
     work: Path,
     quiet: bool,
 ) -> None:
@@ -67,8 +68,7 @@ def command(
             f"{data}: {', '.join(missing)} not found. The measured tables are not part of this project: get them and "
             "name their folder (make tables DATA=FOLDER)"
         )
-    plan = LearningPlan(settings_of(families, folds, seed), repeats=repeats)
-    where = backend_of(backend, scheduler, jobs)
+    plan = LearningPlan(settings, repeats=repeats)
     table, paper = read_table(data / TABLE), read_paper(data / ERRORS, data / PREDICTIONS)
     with FitStore(work) as store, progress_bar("fits", quiet=quiet) as progress:
         comparison = compare(table, paper, plan, store, where, progress)

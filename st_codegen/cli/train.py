@@ -12,14 +12,17 @@ from rich.table import Table
 
 from st_codegen.cli.choices import MODEL_FORMS
 from st_codegen.cli.console import Number, Whole, console, progress_bar, quiet_option, table_of
-from st_codegen.cli.training import backend_of, search_options, settings_of
+from st_codegen.cli.training import search_options
 from st_codegen.errors import InputError
 from st_codegen.files.number_text import parse_whole
 from st_codegen.files.text import write_text
 
 if TYPE_CHECKING:
+    from st_codegen.training.export import BundleHead
     from st_codegen.training.learn import Lesson
     from st_codegen.training.measured import Measured
+    from st_codegen.training.search import Backend
+    from st_codegen.training.study import SearchSettings
 
 
 @click.command(
@@ -89,12 +92,8 @@ def command(
     cache: Path,
     table_out: Path | None,
     as_json: bool,
-    families: str,
-    folds: int,
-    seed: int,
-    jobs: int | None,
-    backend: str,
-    scheduler: str | None,
+    settings: SearchSettings,
+    where: Backend,
     work: Path,
     quiet: bool,
 ) -> None:
@@ -111,10 +110,8 @@ def command(
     from st_codegen.training.store import FitStore
 
     check_place(out)
-    settings = settings_of(families, folds, seed)
     settings = only_exportable(settings, form)
     plan = LearningPlan(settings, test_share, None, math.inf if limit_us is None else limit_us, repeats, keep_faulty)
-    where = backend_of(backend, scheduler, jobs)
     wanted = _orders(orders)
     with progress_bar("reading", quiet=quiet) as progress:
         measured = measured_table(
@@ -135,14 +132,19 @@ def command(
     if as_json:
         click.echo(json.dumps([_facts(lesson) for lesson in lessons], indent=1))
     if not quiet:
-        for lesson in lessons:
-            console.print(_summary(lesson))
-        for feature, value in head.constant().items():
-            console.print(
-                f"{feature} was {value:g} in all runs: the blocks compute with {value:g}, "
-                "and bInRange is FALSE at any other value"
-            )
-        console.print(f"{out}: {sum(len(lesson.models) for lesson in lessons)} models")
+        _print(lessons, head, out)
+
+
+def _print(lessons: list[Lesson], head: BundleHead, out: Path) -> None:
+    """What was learned, and what is the same in all runs."""
+    for lesson in lessons:
+        console.print(_summary(lesson))
+    for feature, value in head.constant().items():
+        console.print(
+            f"{feature} was {value:g} in all runs: the blocks compute with {value:g}, "
+            "and bInRange is FALSE at any other value"
+        )
+    console.print(f"{out}: {sum(len(lesson.models) for lesson in lessons)} models")
 
 
 def _orders(text: str) -> tuple[int, ...] | None:

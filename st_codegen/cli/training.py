@@ -2,69 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING
 
 import click
 
 from st_codegen.cli.choices import FAMILIES
-from st_codegen.cli.console import Whole
+from st_codegen.cli.console import Command, Whole, gathered
 from st_codegen.errors import InputError
 
 if TYPE_CHECKING:
     from st_codegen.training.search import Backend
     from st_codegen.training.study import SearchSettings
 
-Command = TypeVar("Command", bound=Callable[..., Any])
 
-_OPTIONS = (
-    click.option(
-        "--families",
-        default=",".join(FAMILIES),
-        metavar="NAMES",
-        help="Families to try, with commas between.",
-    ),
-    click.option("--folds", type=Whole(min=2), default=10, help="Parts of the validation."),
-    click.option("--seed", type=int, default=0, help="The same seed gives the same bits."),
-)
-_PLACES = (
-    click.option("-j", "--jobs", type=Whole(min=1), default=None, help="Worker processes (default: all cores)."),
-    click.option(
-        "--backend",
-        type=click.Choice(["local", "dask"]),
-        default="local",
-        help="Where work is done: processes of this machine, or the workers of a Dask cluster.",
-    ),
-    click.option("--scheduler", metavar="ADDRESS", help="Address of the Dask scheduler, as in tcp://host:8786."),
-)
-_KEPT = (
-    click.option(
-        "--work",
-        type=click.Path(path_type=Path, dir_okay=False),
-        default=Path("build/fits.sqlite"),
-        help="File of finished fits: a run that was stopped goes on where it was.",
-    ),
-)
-
-
-def search_options(function: Command) -> Command:
-    """The options --families, --folds, --seed, --jobs, --backend, --scheduler and --work."""
-    return _with(function, (*_OPTIONS, *_PLACES, *_KEPT))
-
-
-def place_options(function: Command) -> Command:
-    """The options --jobs, --backend and --scheduler."""
-    return _with(function, _PLACES)
-
-
-def _with(function: Command, options: Sequence[Callable[[Command], Command]]) -> Command:
-    for option in reversed(options):
-        function = option(function)
-    return function
-
-
-def settings_of(families: str, folds: int, seed: int) -> SearchSettings:
+def _settings(families: str, folds: int, seed: int) -> SearchSettings:
     """The settings of a search. Raises InputError for an unknown family."""
     from st_codegen.training.families import candidates
     from st_codegen.training.study import SearchSettings
@@ -75,10 +27,46 @@ def settings_of(families: str, folds: int, seed: int) -> SearchSettings:
     return SearchSettings(candidates(names), folds, seed)
 
 
-def backend_of(backend: str, scheduler: str | None, jobs: int | None) -> Backend:
+def _backend(backend: str, scheduler: str | None, jobs: int | None) -> Backend:
     """Where fits run. Raises InputError where backend and scheduler do not fit together."""
     from st_codegen.training.search import Backend
 
     if (backend == "dask") != (scheduler is not None):
         raise InputError("--backend dask and --scheduler ADDRESS go together: give both or none")
     return Backend(-1 if jobs is None else jobs, scheduler)
+
+
+#: The options --families, --folds and --seed: `settings`.
+_settings_options = gathered(
+    "settings",
+    _settings,
+    click.option(
+        "--families", default=",".join(FAMILIES), metavar="NAMES", help="Families to try, with commas between."
+    ),
+    click.option("--folds", type=Whole(min=2), default=10, help="Parts of the validation."),
+    click.option("--seed", type=int, default=0, help="The same seed gives the same bits."),
+)
+#: The options --backend, --scheduler and --jobs: `where`.
+place_options = gathered(
+    "where",
+    _backend,
+    click.option("-j", "--jobs", type=Whole(min=1), default=None, help="Worker processes (default: all cores)."),
+    click.option(
+        "--backend",
+        type=click.Choice(["local", "dask"]),
+        default="local",
+        help="Where work is done: processes of this machine, or the workers of a Dask cluster.",
+    ),
+    click.option("--scheduler", metavar="ADDRESS", help="Address of the Dask scheduler, as in tcp://host:8786."),
+)
+_work_option = click.option(
+    "--work",
+    type=click.Path(path_type=Path, dir_okay=False),
+    default=Path("build/fits.sqlite"),
+    help="File of finished fits: a run that was stopped goes on where it was.",
+)
+
+
+def search_options(function: Command) -> Command:
+    """The options of a search: `settings`, `where` and `work`."""
+    return _settings_options(place_options(_work_option(function)))
