@@ -26,6 +26,11 @@ def library(project, block, folder):
 
 
 @pytest.fixture(scope="module")
+def harness(tmp_path_factory):
+    return Harness(tmp_path_factory.mktemp("harness"))
+
+
+@pytest.fixture(scope="module")
 def code():
     return GeneratedCode(GOLDEN / "generated" / "twincat", "twincat")
 
@@ -34,11 +39,11 @@ def code():
     "model",
     ["decision_tree", "extra_trees", "hist_gradient_boosting_missing", "lightgbm_category", "xgboost_gbtree", "svr"],
 )
-def test_c_and_interpreter_agree(model, code, tmp_path):
+def test_c_and_interpreter_agree(model, code, harness, tmp_path):
     block = f"FB_{model.capitalize()}"
     rows = np.genfromtxt(GOLDEN / "inputs" / f"{model}.csv", delimiter=",", skip_header=1)
     rows = np.vstack([rows, np.full((1, rows.shape[1]), np.nan), np.full((1, rows.shape[1]), -np.inf)])
-    got = Harness(tmp_path).values(library(code.project, block, tmp_path), rows, tmp_path)
+    got = harness.values(library(code.project, block, tmp_path), rows, tmp_path)
     expected = code.run_model(block, rows, 1)
     assert np.array_equal(got[:, 1] != 0.0, expected.valid)
     mine, theirs = got[expected.valid, 0], expected.values[expected.valid, 0]
@@ -48,7 +53,7 @@ def test_c_and_interpreter_agree(model, code, tmp_path):
         assert np.array_equal(mine, theirs)
 
 
-def test_every_statement_and_operator_is_translated(tmp_path):
+def test_every_statement_and_operator_is_translated(harness, tmp_path):
     text = """TYPE U_Bits : UNION f : LREAL; n : LWORD; END_UNION END_TYPE
     FUNCTION F : DINT VAR_INPUT a : DINT; b : DINT := 3; END_VAR VAR c : DINT := 2; END_VAR
     IF a > 5 THEN F := a - c; RETURN; END_IF; F := a * b MOD 7; END_FUNCTION
@@ -75,7 +80,7 @@ def test_every_statement_and_operator_is_translated(tmp_path):
     """
     project = parse_project({"t.st": text}, "twincat")
     rows = np.array([[0.0], [0.5], [1.5], [2.5], [-2.5], [-1e3], [1e-300]])
-    got = Harness(tmp_path).values(library(project, "FB_T", tmp_path), rows, tmp_path)
+    got = harness.values(library(project, "FB_T", tmp_path), rows, tmp_path)
     machine = Machine(project, rows=1)
     instance = machine.instance("FB_T")  # one instance, as in C: the block inside counts its calls
     for row, values in zip(rows, got, strict=True):

@@ -37,12 +37,12 @@ def refused(capsys, *arguments):
 
 
 def test_a_table_becomes_a_bundle_that_compiles(tmp_path):
-    write_table(joined([a_table(), a_table(backward=True)]), tmp_path / "t.csv")
+    write_table(joined([a_table(), a_table(backward=True)]).only([0, 39]), tmp_path / "t.csv")
     arguments = ["train", tmp_path / "t.csv", "--out", tmp_path / "m", "--json", "--work", tmp_path / "fits.sqlite"]
     result = run(*arguments, "--report", tmp_path / "report.html", *FAST)
     facts = json.loads(result.stdout)
     assert [fact["direction"] for fact in facts] == ["forward", "backward"]
-    assert [order["order"] for order in facts[0]["orders"]] == list(ORDERS)
+    assert [order["order"] for order in facts[0]["orders"]] == [0, 39]
     assert "Models, backward" in (tmp_path / "report.html").read_text()
     first = {path.name: path.read_bytes() for path in (tmp_path / "m").iterdir()}
     run("generate", tmp_path / "m", "--target", "iec", "--out", tmp_path / "plc")
@@ -182,7 +182,7 @@ def test_tables_of_made_up_data(tmp_path):
     rows = ["method,quantity,harmonic,MAE,RMSE"]
     rows += [f"{f},{q},{k},1.0,2.0" for f in ("DT", "HGBM", "unnamed") for q in ("ampl", "phase") for k in ORDERS]
     (tmp_path / ERRORS).write_text("\n".join(rows) + "\n")
-    run("tables", tmp_path, "--out", tmp_path / "o", "--repeats", "2", "--work", tmp_path / "f.sqlite", *FAST)
+    run("tables", tmp_path, "--out", tmp_path / "o", "--repeats", "1", "--work", tmp_path / "f.sqlite", *FAST)
     with (tmp_path / "o" / "errors.csv").open(newline="") as file:
         lines = list(csv.DictReader(file))
     assert tuple(lines[0]) == COLUMNS

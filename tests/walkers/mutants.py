@@ -1,6 +1,7 @@
 """Damaged copies of a `.skops` file, each loaded in a process of its own with limits of time and memory.
 
-`python -m tests.walkers.mutants FILE COUNT SEED` prints how many were refused, accepted, or ended in another way.
+`python -m tests.walkers.mutants COUNT SEED FILE..` prints for each file how many were refused, accepted, or ended in
+another way.
 """
 
 import contextlib
@@ -139,12 +140,8 @@ def outcome(path: Path) -> str:
     return {0: "accepted", 2: "refused"}.get(os.WEXITSTATUS(status), f"exit {os.WEXITSTATUS(status)}")
 
 
-def main(source: Path, count: int, seed: int) -> None:
-    """Print the outcomes of `count` mutants as JSON; those that are neither accepted nor refused are kept."""
-    # imported once, not in each child; nothing is loaded here, for threads of a library do not survive a fork
-    for library in ("skops.io", "sklearn.ensemble", "lightgbm", "xgboost"):
-        with contextlib.suppress(ImportError):
-            importlib.import_module(library)
+def outcomes_of(source: Path, count: int, seed: int) -> Counter[str]:
+    """How `count` mutants of a file ended; those that are neither accepted nor refused are kept."""
     data, rng, outcomes = source.read_bytes(), random.Random(seed), Counter[str]()
     path = source.with_name(f"mutant_{source.name}")
     for number in range(count):
@@ -153,8 +150,17 @@ def main(source: Path, count: int, seed: int) -> None:
         outcomes[result] += 1
         if result not in ("accepted", "refused"):
             path.rename(source.with_name(f"bad_{number}_{source.name}"))
-    sys.stdout.write(json.dumps(outcomes))
+    return outcomes
+
+
+def main(count: int, seed: int, sources: list[Path]) -> None:
+    """Print the outcomes of the mutants of each file as JSON."""
+    # imported once, not in each child; nothing is loaded here, for threads of a library do not survive a fork
+    for library in ("skops.io", "sklearn.ensemble", "lightgbm", "xgboost"):
+        with contextlib.suppress(ImportError):
+            importlib.import_module(library)
+    sys.stdout.write(json.dumps({source.stem: outcomes_of(source, count, seed) for source in sources}))
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]))
+    main(int(sys.argv[1]), int(sys.argv[2]), list(map(Path, sys.argv[3:])))
