@@ -1,7 +1,7 @@
 """The expressions that a model demands, operation by operation, beside and behind its trees; what it refuses.
 
-A function of one number (tanh and its like) has one formula of +, -, *, / and EXP or LN here; docs/proof.md says how
-far each may lie from the function. Sums are added in the order of the model's numbers.
+A function of one number (tanh and its like) has one formula, in `formulas`. Sums are added in the order of the model's
+numbers.
 """
 
 from __future__ import annotations
@@ -45,22 +45,9 @@ from st_codegen.ir import (
 )
 from st_codegen.ir.base import COS_REACH, Elementwise
 from st_codegen.proof.prove.axis import NotProvedError
+from st_codegen.proof.prove.formulas import branch, erf, exp, expm1, log1p, logistic, rounded, softplus, tanh
 from st_codegen.proof.prove.inputs import InputTerms
 from st_codegen.proof.prove.terms import Term, Terms, Value
-
-#: Below minus this argument an exponential is taken as 0.
-_REACH = 708.0
-
-#: The polynomial of erf, written down a second time: how far the formula lies from erf is held by a test.
-LOG_ERFC: tuple[float, ...] = (
-    -0.133058616487942,
-    1.1011737068948,
-    -3.95934960079685,
-    8.02068737141864,
-    -9.89989849778988,
-)
-LOG_ERFC += (7.54980718974905, -3.61901364341873, 1.33647950696555, -0.405998888660434, -0.092662408805115)
-LOG_ERFC += (-0.0913157175380786, 0.0836727701850285, 0.374988806661786, 1.00000014555518, -1.26551212379872)
 
 _SYMBOL = {Operator.ADD: "add", Operator.SUBTRACT: "sub", Operator.MULTIPLY: "mul", Operator.DIVIDE: "div"}
 _SYMBOL |= {Operator.MAXIMUM: "max", Operator.MINIMUM: "min"}
@@ -136,22 +123,15 @@ class Demand:
         if declared.lower is None or declared.upper is None:
             return y
         low, high = declared.lower, declared.upper
-        return self._either("LT", y, low, lambda: low, lambda: self._either("GT", y, high, lambda: high, lambda: y))
+        return branch(
+            self.terms, "LT", y, low, lambda: low, lambda: branch(self.terms, "GT", y, high, lambda: high, lambda: y)
+        )
 
     # --- building blocks --------------------------------------------------------------------------------------------
-
-    def _either(
-        self, operator: str, one: Value, other: Value, then: Callable[[], Value], otherwise: Callable[[], Value]
-    ) -> Value:
-        """What `then` gives where a comparison holds, else what `otherwise` gives."""
-        return self.terms.where(self.terms.compare(operator, one, other), then, otherwise)
 
     def _refuse(self, operator: str, one: Value, other: Value) -> None:
         condition = self.terms.compare(operator, one, other)
         self.valid = self.terms.choice(condition, False, self.valid)
-
-    def _rounded(self, value: Value, precision: Precision) -> Value:
-        return self.terms.real("single", value) if precision is Precision.FLOAT32 else value
 
     def _sum(self, start: Value, terms: list[Value]) -> Value:
         for term in terms:
@@ -179,7 +159,7 @@ class Demand:
                 least = abs(constant) * (1.0 / op.ceiling)
                 result.append(self._guarded(pair, least, op.precision))
             else:
-                result.append(self._rounded(self.terms.real(_SYMBOL[op.operator], *pair), op.precision))
+                result.append(rounded(self.terms, self.terms.real(_SYMBOL[op.operator], *pair), op.precision))
         return result
 
     @value.register
@@ -190,14 +170,20 @@ class Demand:
                 least = self.terms.real("mul", self.terms.real("abs", pair[0]), 1.0 / op.ceiling)
                 result.append(self._guarded(pair, least, op.precision))
             else:
-                result.append(self._rounded(self.terms.real(_SYMBOL[op.operator], *pair), op.precision))
+                result.append(rounded(self.terms, self.terms.real(_SYMBOL[op.operator], *pair), op.precision))
         return result
 
     def _guarded(self, pair: tuple[Value, ...], least: Value, precision: Precision) -> Value:
-        size = self.terms.real("abs", pair[1])
+        terms = self.terms
+        size = terms.real("abs", pair[1])
         self._refuse("LE", size, least)
-        return self._either(
-            "LE", size, least, lambda: 0.0, lambda: self._rounded(self.terms.real("div", *pair), precision)
+        return branch(
+            self.terms,
+            "LE",
+            size,
+            least,
+            lambda: 0.0,
+            lambda: rounded(self.terms, self.terms.real("div", *pair), precision),
         )
 
     @value.register
@@ -213,7 +199,7 @@ class Demand:
     def _(self, op: Exceeds, given: list[list[Value]]) -> list[Value]:
         name = "GE" if op.inclusive else "GT"
         return [
-            self._either(name, x, cut, lambda: 1.0, lambda: 0.0)
+            branch(self.terms, name, x, cut, lambda: 1.0, lambda: 0.0)
             for x, cut in zip(given[0], op.cut.tolist(), strict=True)
         ]
 
@@ -244,12 +230,12 @@ class Demand:
     def _(self, op: Softmax, given: list[list[Value]]) -> list[Value]:
         largest, _ = self._largest(given[0])
         below = [self.terms.real("sub", x, largest) for x in given[0]]
-        powers = [self._exp(x, op.precision) for x in below]
+        powers = [exp(self.terms, x, op.precision) for x in below]
         total = self._sum(0.0, powers)
         if op.logarithm:
             total = self.terms.real("ln", total)
-            return [self._rounded(self.terms.real("sub", x, total), op.precision) for x in below]
-        return [self._rounded(self.terms.real("div", power, total), op.precision) for power in powers]
+            return [rounded(self.terms, self.terms.real("sub", x, total), op.precision) for x in below]
+        return [rounded(self.terms, self.terms.real("div", power, total), op.precision) for power in powers]
 
     @value.register
     def _(self, op: FillMissing, given: list[list[Value]]) -> list[Value]:
@@ -290,7 +276,8 @@ class Demand:
         if low == high:
             return then(low)
         middle = (low + high) // 2
-        return self._either(
+        return branch(
+            self.terms,
             "LT",
             float(knots[middle]),
             x,
@@ -339,7 +326,7 @@ class Demand:
                 product = self.terms.real("single", product) if single else product
                 total = self.terms.real("add", total, product)
                 total = self.terms.real("single", total) if single else total
-            result.append(total if single else self._rounded(total, op.precision))
+            result.append(total if single else rounded(self.terms, total, op.precision))
         return result
 
     @value.register
@@ -366,41 +353,43 @@ class Demand:
                 for column, weight in zip(columns, weights, strict=True):
                     product = self.terms.real("mul", given[0][column], weight)
                     total = self.terms.real("add", total, product)
-                result.append(self._rounded(total, op.precision))
+                result.append(rounded(self.terms, total, op.precision))
         return result
 
     @value.register
     def _(self, op: Activation, given: list[list[Value]]) -> list[Value]:
-        return [self._rounded(self._function(op, x), op.precision) for x in given[0]]
+        return [rounded(self.terms, self._function(op, x), op.precision) for x in given[0]]
 
     def _function(self, op: Activation, x: Value) -> Value:
-        real = self.terms.real
+        terms, real = self.terms, self.terms.real
         size = real("abs", x)
         #: Functions with a value for every number, and those that refuse some: which, as a comparison, and how.
         everywhere: dict[Function, Callable[[], Value]] = {
             Function.IDENTITY: lambda: x,
             Function.RELU: lambda: real("max", x, 0.0),
-            Function.LEAKY_RELU: lambda: self._either("LT", x, 0.0, lambda: real("mul", op.parameter, x), lambda: x),
+            Function.LEAKY_RELU: lambda: branch(
+                self.terms, "LT", x, 0.0, lambda: real("mul", op.parameter, x), lambda: x
+            ),
             Function.SIGNED_SQUARE: lambda: real("mul", x, real("abs", x)),
-            Function.TANH: lambda: self._tanh(x),
-            Function.LOGISTIC: lambda: self._logistic(x),
-            Function.SOFTPLUS: lambda: self._softplus(x),
-            Function.ELU: lambda: self._either(
-                "LT", x, 0.0, lambda: real("mul", op.parameter, self._expm1(x)), lambda: x
+            Function.TANH: lambda: tanh(terms, x),
+            Function.LOGISTIC: lambda: logistic(terms, x),
+            Function.SOFTPLUS: lambda: softplus(terms, x),
+            Function.ELU: lambda: branch(
+                self.terms, "LT", x, 0.0, lambda: real("mul", op.parameter, expm1(terms, x)), lambda: x
             ),
             Function.ABS: lambda: real("abs", x),
-            Function.ERF: lambda: self._erf(x, size),
+            Function.ERF: lambda: erf(terms, x, size),
             Function.GELU: lambda: real(
-                "mul", real("mul", 0.5, x), real("add", 1.0, self._erf(x, real("mul", size, math.sqrt(0.5))))
+                "mul", real("mul", 0.5, x), real("add", 1.0, erf(terms, x, real("mul", size, math.sqrt(0.5))))
             ),
             Function.SOFTSIGN: lambda: real("div", x, real("add", 1.0, real("abs", x))),
         }
         refusing: dict[Function, tuple[str, Value, float, Callable[[], Value]]] = {
-            Function.LOG1P: ("LE", x, -1.0, lambda: self._log1p(x)),
+            Function.LOG1P: ("LE", x, -1.0, lambda: log1p(terms, x)),
             Function.SQRT: ("LT", x, 0.0, lambda: real("sqrt", x)),
             Function.LOG: ("LE", x, 0.0, lambda: real("ln", x)),
-            Function.EXP: ("GT", x, op.limit, lambda: self._exp(x)),
-            Function.EXPM1: ("GT", x, op.limit, lambda: self._expm1(x)),
+            Function.EXP: ("GT", x, op.limit, lambda: exp(terms, x)),
+            Function.EXPM1: ("GT", x, op.limit, lambda: expm1(terms, x)),
             Function.SIN: ("GT", size, COS_REACH, lambda: real("sin", x)),
             Function.COS: ("GT", size, COS_REACH, lambda: real("cos", x)),
         }
@@ -413,9 +402,9 @@ class Demand:
         operator, number, end, formula = refusing[op.function]
         if not math.isfinite(end):
             return formula()
-        refused = self.terms.compare(operator, number, end)
-        self.valid = self.terms.choice(refused, False, self.valid)
-        return self.terms.where(refused, lambda: 0.0, formula)
+        refused = terms.compare(operator, number, end)
+        self.valid = terms.choice(refused, False, self.valid)
+        return terms.where(refused, lambda: 0.0, formula)
 
     def _power(self, op: Activation, x: Value) -> Value:
         """exp(exponent * log(|x|)) with the sign of x where the exponent is odd; 0.0 of 0.0."""
@@ -425,106 +414,13 @@ class Demand:
             refused = terms.either(terms.compare("LT", x, 0.0), refused)
 
         def power() -> Value:
-            y = self._exp(terms.real("mul", op.parameter, terms.real("ln", size)))
+            y = exp(self.terms, terms.real("mul", op.parameter, terms.real("ln", size)))
             if op.parameter % 2 != 1:
                 return y
-            return self._either("LT", x, 0.0, lambda: terms.real("neg", y), lambda: y)
+            return branch(self.terms, "LT", x, 0.0, lambda: terms.real("neg", y), lambda: y)
 
         self.valid = terms.choice(refused, False, self.valid)
-        return terms.where(refused, lambda: 0.0, lambda: self._either("GT", size, 0.0, power, lambda: 0.0))
-
-    def _exp(self, x: Value, precision: Precision = Precision.FLOAT64) -> Value:
-        return self._either("GT", x, -_REACH, lambda: self._rounded(self.terms.real("exp", x), precision), lambda: 0.0)
-
-    def _logistic(self, x: Value) -> Value:
-        terms = self.terms
-        size = terms.real("abs", x)
-        decay = self._either("GT", size, _REACH, lambda: 0.0, lambda: terms.real("exp", terms.real("neg", size)))
-        below = terms.real("add", 1.0, decay)
-        return self._either(
-            "GE", x, 0.0, lambda: terms.real("div", 1.0, below), lambda: terms.real("div", decay, below)
-        )
-
-    def _softplus(self, x: Value) -> Value:
-        terms = self.terms
-        size = terms.real("abs", x)
-        rest = self._either(
-            "LT", size, _REACH, lambda: self._log1p(terms.real("exp", terms.real("neg", size))), lambda: 0.0
-        )
-        return terms.real("add", terms.real("max", x, 0.0), rest)
-
-    def _log1p(self, x: Value) -> Value:
-        """log(u) * x / (u - 1) with u = 1 + x."""
-        terms = self.terms
-        u = terms.real("add", 1.0, x)
-        rest = terms.real("sub", u, 1.0)
-        return self._either(
-            "GT",
-            terms.real("abs", rest),
-            0.0,
-            lambda: terms.real("div", terms.real("mul", terms.real("ln", u), x), rest),
-            lambda: x,
-        )
-
-    def _expm1(self, x: Value) -> Value:
-        """(u - 1) * x / log(u) with u = exp(x)."""
-        terms = self.terms
-
-        def near() -> Value:
-            u = terms.real("exp", x)
-            rest = terms.real("sub", u, 1.0)
-            return self._either(
-                "GT",
-                terms.real("abs", rest),
-                0.0,
-                lambda: terms.real("div", terms.real("mul", rest, x), terms.real("ln", u)),
-                lambda: x,
-            )
-
-        def far() -> Value:
-            return terms.real("sub", terms.real("exp", x), 1.0)
-
-        return self._either(
-            "LT", x, -40.0, lambda: -1.0, lambda: self._either("GT", terms.real("abs", x), 1.0, far, near)
-        )
-
-    def _erf(self, x: Value, size: Value) -> Value:
-        """erf of a size, with the sign of x: 1 - t * exp(polynomial of t - size * size), t = 1 / (1 + size / 2)."""
-        real = self.terms.real
-        t = real("div", 1.0, real("add", 1.0, real("mul", 0.5, size)))
-        total: Value = 0.0
-        for coefficient in LOG_ERFC:
-            total = real("add", real("mul", total, t), coefficient)
-        power = real("sub", total, real("mul", size, size))
-        y = self._either(
-            "GT", power, -_REACH, lambda: real("sub", 1.0, real("mul", t, real("exp", power))), lambda: 1.0
-        )
-        return self._either("LT", x, 0.0, lambda: real("neg", y), lambda: y)
-
-    def _tanh(self, x: Value) -> Value:
-        """Lambert's continued fraction near 0, else 1 - 2 / (exp(2 * |x|) + 1) with the sign of x."""
-        terms = self.terms
-        size = terms.real("abs", x)
-
-        def near() -> Value:
-            square = terms.real("mul", x, x)
-            top: Value = terms.real("add", 990.0, square)
-            for constant in (135135.0, 4729725.0, 34459425.0):
-                top = terms.real("add", constant, terms.real("mul", square, top))
-            bottom: Value = terms.real("add", 13860.0, terms.real("mul", square, 45.0))
-            for constant in (945945.0, 16216200.0, 34459425.0):
-                bottom = terms.real("add", constant, terms.real("mul", square, bottom))
-            return terms.real("div", terms.real("mul", x, top), bottom)
-
-        def far() -> Value:
-            e = terms.real("exp", terms.real("mul", 2.0, size))
-            y = terms.real("sub", 1.0, terms.real("div", 2.0, terms.real("add", e, 1.0)))
-            return self._either("LT", x, 0.0, lambda: terms.real("neg", y), lambda: y)
-
-        def beyond() -> Value:
-            return self._either("LT", x, 0.0, lambda: -1.0, lambda: 1.0)
-
-        return self._either("LT", size, 0.75, near, lambda: self._either("GT", size, 22.0, beyond, far))
+        return terms.where(refused, lambda: 0.0, lambda: branch(self.terms, "GT", size, 0.0, power, lambda: 0.0))
 
     @value.register
     def _(self, op: Normalize, given: list[list[Value]]) -> list[Value]:
@@ -534,18 +430,18 @@ class Demand:
         total: Value = 0.0
         for column in x:
             square = terms.real("mul", column, column)
-            term = terms.real("abs", column) if op.norm is Norm.L1 else self._rounded(square, op.precision)
-            total = self._rounded(terms.real("add", total, term), op.precision)
+            term = terms.real("abs", column) if op.norm is Norm.L1 else rounded(self.terms, square, op.precision)
+            total = rounded(self.terms, terms.real("add", total, term), op.precision)
 
         def quotient(column: Value) -> Value:
             if op.norm is Norm.L1:
-                return self._rounded(terms.real("div", column, total), op.precision)
-            y = self._rounded(terms.real("mul", column, column), op.precision)
-            y = self._rounded(terms.real("div", y, total), op.precision)
-            y = self._rounded(terms.real("sqrt", y), op.precision)
-            return self._either("LT", column, 0.0, lambda: terms.real("neg", y), lambda: y)
+                return rounded(self.terms, terms.real("div", column, total), op.precision)
+            y = rounded(self.terms, terms.real("mul", column, column), op.precision)
+            y = rounded(self.terms, terms.real("div", y, total), op.precision)
+            y = rounded(self.terms, terms.real("sqrt", y), op.precision)
+            return branch(self.terms, "LT", column, 0.0, lambda: terms.real("neg", y), lambda: y)
 
-        return [self._either("GT", total, 0.0, lambda c=c: quotient(c), lambda c=c: c) for c in x]  # type: ignore[misc]
+        return [branch(self.terms, "GT", total, 0.0, lambda c=c: quotient(c), lambda c=c: c) for c in x]  # type: ignore[misc]
 
     def _by_largest(self, op: Normalize, x: list[Value]) -> list[Value]:
         terms = self.terms
@@ -560,7 +456,7 @@ class Demand:
             result.append(
                 self.terms.where(
                     above,
-                    lambda c=column: self._rounded(terms.real("div", c, largest), op.precision),  # type: ignore[misc]
+                    lambda c=column: rounded(self.terms, terms.real("div", c, largest), op.precision),  # type: ignore[misc]
                     lambda c=column: c,  # type: ignore[misc]
                 )
             )
@@ -590,18 +486,18 @@ class Demand:
             kernel = self._kernel(op, given[0], vector)
             for output, coefficient in enumerate(coefficients):
                 result[output] = self.terms.real("add", result[output], self.terms.real("mul", coefficient, kernel))
-        return [self._rounded(value, op.precision) for value in result]
+        return [rounded(self.terms, value, op.precision) for value in result]
 
     def _kernel(self, op: KernelSum, x: list[Value], vector: list[float]) -> Value:
         terms = self.terms
         if op.kernel is Kernel.RBF:
-            return self._exp(terms.real("mul", -op.gamma, self._distance(x, vector)))
+            return exp(self.terms, terms.real("mul", -op.gamma, self._distance(x, vector)))
         product = self._sum(0.0, [terms.real("mul", column, number) for column, number in zip(x, vector, strict=True)])
         if op.kernel is Kernel.LINEAR:
             return product
         argument = terms.real("add", terms.real("mul", op.gamma, product), op.coef0)
         if op.kernel is Kernel.SIGMOID:
-            return self._tanh(argument)
+            return tanh(self.terms, argument)
         power: Value = 1.0
         for _ in range(op.degree):
             power = terms.real("mul", power, argument)
@@ -613,7 +509,7 @@ class Demand:
         factors = []
         for column, axis in zip(op.columns, op.axes, strict=True):
             deltas = [terms.real("sub", given[0][column], number) for number in axis.tolist()]
-            factors.append([self._exp(terms.real("mul", -op.gamma, terms.real("mul", d, d))) for d in deltas])
+            factors.append([exp(self.terms, terms.real("mul", -op.gamma, terms.real("mul", d, d))) for d in deltas])
         work: list[Value] = list(op.coefficients.ravel().tolist())
         for factor in reversed(factors):
             size = len(factor)
@@ -622,7 +518,7 @@ class Demand:
                 for row in range(len(work) // size)
             ]
         sums = [terms.real("add", value, number) for value, number in zip(work, op.intercept.tolist(), strict=True)]
-        return [self._rounded(value, op.precision) for value in sums]
+        return [rounded(self.terms, value, op.precision) for value in sums]
 
 
 def _flags(op: Operation, flags: list[list[Value]]) -> list[Value]:
