@@ -41,11 +41,6 @@ class Calibration:
     modelled: tuple[float, ...]
     is_memory_known: bool
 
-    def largest_error(self, measurements: tuple[Measurement, ...]) -> float:
-        """The largest relative error of the fitted model among the measurements."""
-        pairs = zip(self.modelled, measurements, strict=True)
-        return max(abs(modelled / measured.microseconds - 1.0) for modelled, measured in pairs)
-
 
 def read_measurements(path: Path) -> tuple[Measurement, ...]:
     """A CSV with the columns `block,caches,us`, caches being `warm` or `cold`. Raises InputError with all problems."""

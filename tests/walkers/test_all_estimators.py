@@ -41,7 +41,7 @@ ARGUMENTS = {
     "param_grid": lambda kind: {},
     "param_distributions": lambda kind: {},
 }
-SMALLER = {"n_estimators": 5, "max_iter": 50, "n_components": 2, "max_depth": 4}
+SMALLER = {"n_estimators": 5, "max_iter": 50, "n_components": 2, "max_depth": 4, "bin_seeding": True}
 #: These build a model that is not fitted by rows of numbers and their answers.
 OTHER_DATA = {
     "SparseCoder": "takes a dictionary",
@@ -59,7 +59,8 @@ def built(name):
         if key in parameters and (parameters[key].default is inspect.Parameter.empty or key == "estimators")
     }
     given |= {key: value for key, value in SMALLER.items() if key in parameters and "Theil" not in name}
-    if "HistGradient" in name:  # its rounds are trees, not steps of a solver
+    # the rounds of the one are trees, not steps of a solver; the others are refused however well they are fitted
+    if any(part in name for part in ("HistGradient", "Dictionary", "LatentDirichlet")):
         given["max_iter"] = 5
     return kind(**given)
 
