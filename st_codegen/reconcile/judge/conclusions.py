@@ -157,8 +157,8 @@ def _over_its_limit(current: Fit, piece: Piece) -> float:
         return np.inf
     ratio, of_peaks = misfit(current, piece), piece.effect.stage is Stage.STRUCTURE
     limit = SETTINGS.misfit_of_peaks if of_peaks else SETTINGS.misfit
-    if of_peaks and current.target.data.few_points:
-        # runs that meet a peak at one point each tell it by its form alone
+    if current.target.data.few_points and (of_peaks or current.target.data.spectral_deg is not None):
+        # a dozen runs tell an effect by its form alone
         limit, of_peaks = SETTINGS.form**2, False
     if ratio <= limit:
         return 0.0

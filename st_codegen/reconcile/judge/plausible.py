@@ -84,6 +84,12 @@ def misfit(current: Fit, piece: Piece) -> float:
         # few runs tell a peak by its form alone, and where noise hides that, they tell nothing
         current = replace(current, target=replace(target, sigma=np.zeros_like(target.sigma), wide=target.spread))
         peaks = False
+    elif not peaks and target.data.spectral_deg is not None:
+        # what both directions of runs have alike, or what follows their order, is no noise, nor is what few runs leave
+        # of a form: only that within the curves is noise for sure
+        structured = is_lacking(target, current.residual) | target.data.few_points
+        sigma = np.minimum(np.where(structured, target.data.spectral_deg, np.inf), target.sigma)
+        current = replace(current, target=replace(target, sigma=sigma, wide=target.spread))
     # a peak says nothing of what lies far from it; all else must hold where it is small too
     return _left_of(current, explained(current, piece), SETTINGS.acts if peaks else 0.0)
 
