@@ -150,8 +150,8 @@ def _lags(
 ) -> list[_Lag]:
     """The lag that explains most of each order, (K,): in each direction a size of its own, beyond a constant, the oil's
     own temperature, and a start that nobody knows."""
-    oil = np.zeros(len(numbers))
-    oil[place] = target.data.at.temperature_C
+    oil, good = np.zeros(len(numbers)), target.good
+    oil[place[good]] = target.data.at.temperature_C[good]
     shape = next(iter(sums.values()))[0].shape
     best = [_Lag(0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1)] * shape[1]
     if np.ptp(oil) == 0.0:
