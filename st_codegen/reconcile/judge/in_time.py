@@ -1,4 +1,4 @@
-"""What the order of the runs tells: a tool exchanged in mid-campaign, a part that wears, a body that follows the oil."""
+"""What the order of the runs tells: a tool exchanged in mid-campaign, a part that wears, a body behind the oil."""
 
 from __future__ import annotations
 
@@ -118,8 +118,8 @@ _LAGS = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.7, 8.0, 11.0, 16.0, 23.0, 32.0, 45
 class _Lag:
     """What the temperature of a body that follows the oil late explains of an order, over what the oil's own does.
 
-    runs: that it takes; gain, left: of the sums of squares, by it and by nothing; per_K, reach: in noises, by kelvin and
-    from its least to its largest; lasting: how many runs the noise that is left lasts; count: numbers that tell it.
+    runs: that it takes; gain, left: of the sums of squares, by it and by nothing; per_K, reach: in noises, by kelvin
+    and from its least to its largest; lasting: how many runs the noise that is left lasts; count: numbers that tell it.
     """
 
     runs: float
