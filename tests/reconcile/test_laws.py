@@ -1,5 +1,8 @@
 """What is said of a law that the catalogue does not have: no formula by chance, no word that the runs contradict."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -194,3 +197,62 @@ def test_a_wander_over_runs_in_the_order_of_the_grid_depends_on_no_condition():
         assert "depends on the conditions, or on when it was measured" in one.text
     (one,) = found(at, {53: 2e-4 * np.sin(at.speed_rpm / 200) * TURN}).values()
     assert "depends on the speed" in one.text
+
+
+def behind(oil, runs):
+    """The temperature of a body that follows the oil run by run, 63 % of a change in `runs` of them."""
+    body = np.empty(len(oil))
+    body[0] = oil[0]
+    for i in range(1, len(oil)):
+        body[i] = oil[i] + (body[i - 1] - oil[i]) * np.exp(-1.0 / runs)
+    return body
+
+
+@pytest.mark.parametrize("lag", [1.5, 6.0])
+def test_a_body_that_lags_behind_the_oil_is_no_drift_with_the_oil(lag):
+    """Runs in any order: half of what the body does follows the oil of the run, and was named as a drift with it."""
+    at, orders = forms_grid(np.linspace(100, 1800, 6), 4, (22.0, 28.0, 34.0, 40.0)), [0, 39, 40, 78]
+    count = len(at) // 2
+    turn = np.random.default_rng(2).permutation(count)
+    oil, body = np.empty(count), np.empty(len(at))
+    run = np.repeat(turn, 2)
+    oil[run] = at.temperature_C
+    body[:] = behind(oil, lag)[run]
+    result = of_curves(part(MESH, orders), at, orders, {0: 3e-4 * (body - 30.0) + 0j}, run)
+    assert result.conclusions.claims == ()
+    (one,) = result.unexplained
+    assert one.order == 0 and "follows the oil temperature late" in one.text
+    assert re.search(r"0\.000(29|3|31) deg per kelvin", one.text) and one.dependence["time"] > 0.5
+    result = of_curves(part(MESH, orders), at, orders, {0: 3e-4 * (at.temperature_C - 30.0) + 0j}, run)
+    assert [claim.piece.effect.name for claim in result.conclusions.claims] == ["thermal_drift"]
+    assert result.unexplained == ()
+
+
+def test_a_run_that_was_stored_twice_counts_once():
+    """As repeats, copies have no noise: every order seemed to hold structure."""
+    at, orders = forms_grid(np.linspace(100, 1800, 6)), [0, 39, 40, 78]
+    rig = part(MESH, orders)
+    noise = SIGMA * np.random.default_rng(0).standard_normal((len(at), len(orders)))
+    once = Observations(at, labels(at), np.array(orders), rig.coefficients(at, orders) + noise)
+    twice = once.rows(np.tile(np.arange(len(at)), 2)).without_copies()
+    assert len(twice) == len(at) and f"and {len(at) - 1} more curves" in twice.not_looked_at[-1]
+    result = reconcile_observations(rig, twice, KNOWN)
+    assert result.verdict == "nothing_missing" and result.fitted.noise_floor > SIGMA
+    again = replace(once, values=once.values + 1e-9)
+    both = once.rows(np.tile(np.arange(len(at)), 2))
+    assert len(replace(both, values=np.concatenate([once.values, again.values])).without_copies()) == 2 * len(at)
+
+
+def test_a_changed_parameter_at_its_bound_is_no_finding():
+    """Friction whose viscosity falls faster with the oil than any oil's: 0.04 was said to have become 0.1 1/K."""
+    at, orders = forms_grid(np.linspace(100, 1800, 6), 4, (20.0, 25.0, 30.0, 35.0, 40.0)), [0, 39, 40, 78]
+    friction = effect("friction_windup", coulomb_arcmin=0.2, viscous_arcmin_per_krpm=0.02, viscosity_decay_per_K=0.04)
+    rig = part(MESH, orders)
+    rig = rig.with_effects((*rig.effects, friction))
+    extra = -at.sign * 0.4 / 60 * at.speed_rpm / 1000 * np.exp(-(at.temperature_C - 20) / 3)
+    for decay in (3.0, 12.0):
+        extra = -at.sign * 0.4 / 60 * at.speed_rpm / 1000 * np.exp(-(at.temperature_C - 20) / decay)
+        result = of_curves(rig, at, orders, {0: extra + 0j})
+        said = {key: new.after.scalar("viscosity_decay_per_K") for new in result.conclusions.retuned
+                for key in new.after.values if key == "viscosity_decay_per_K"}  # fmt: skip
+        assert all(0.04 < value < 0.19 for value in said.values()) and bool(said) == (decay > 10)

@@ -406,6 +406,17 @@ def test_sizes_that_are_modulated_once_a_turn_are_no_misread_angle(on, sigma):
     assert examine(made, RIG, PATH).mistakes == ()
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_rig_whose_numbers_are_all_a_little_wrong_is_no_misread_angle(seed):
+    """Orders one and two apart changed as an angle read wrong once a turn would; those the rig lacks stayed quiet."""
+    random, data = np.random.default_rng(seed), of_curves(1e-5)
+    effects = []
+    for one in RIG.effects:
+        values = {k: x * random.uniform(0.9, 1.1) if isinstance(x, float) else x for k, x in one.values.items()}
+        effects.append(one.with_values(values))
+    assert examine(data, RIG.with_effects(tuple(effects)), PATH).mistakes == ()
+
+
 def humming(waves, start_deg=7.0, samples=400, sigma=1e-5):
     """Sums of 20 curves of 100 orders at as many speeds (turns a second), without and with waves of (Hz, deg)."""
     random, turns = np.random.default_rng(8), np.linspace(0.05, 0.35, 20) + 0.0013

@@ -91,6 +91,19 @@ class Observations:
             not_looked_at=(*self.not_looked_at, why),
         )
 
+    def without_copies(self) -> Observations:
+        """The rows but those that repeat an earlier one digit by digit: as repeated runs they would have no noise."""
+        at = self.at
+        points = np.stack([at.sign, at.speed_rpm, at.torque_Nm, at.temperature_C], axis=1)
+        rows = np.concatenate([points, self.values.real, self.values.imag], axis=1)
+        first = np.sort(np.unique(rows, axis=0, return_index=True)[1])
+        if self.angle_rad is not None or len(first) == len(self):
+            return self
+        copies = np.setdiff1d(np.arange(len(self)), first)
+        more = f" and {len(copies) - 1} more curves" if len(copies) > 1 else ""
+        text = f"{self.labels[copies[0]]}{more}: the digits of an earlier curve, which counts once"
+        return replace(self.rows(first), not_looked_at=(*self.not_looked_at, text))
+
     @cached_property
     def few_points(self) -> bool:
         """Whether there are too few operating points to tell noise from what differs between them."""

@@ -54,7 +54,8 @@ def course_of(target: FitData, z: ComplexArray, parts: IntArray) -> list[Course 
         gain, varies = max(steps[k], trends[k]), float((np.abs(z[:, k]) ** 2).sum()) - float(np.asarray(constant)[k])
         # where runs were made in any order of conditions, neighbours take a step for noise: what it leaves is the noise
         left = max(varies - gain, 1e-300)
-        if (lag := lags[k]).left < left and lag.is_sure(int(parts[k]) * len(sums)):
+        lag = lags[k]
+        if lag is not None and lag.left < left and lag.is_sure(int(parts[k]) * len(sums)):
             sigma = float(np.sqrt((target.sigma[good, k] ** 2).mean()))
             power = (varies - lag.left) / total * sigma**2
             found[k] = Course(power, sigma * lag.reach, lag.text(sigma))
@@ -140,51 +141,64 @@ class _Lag:
     def text(self, sigma: float) -> str:
         """A phrase; sigma: the noise, deg."""
         return (
-            f"follows the oil temperature late, as a body that takes some {self.runs:g} runs to come near it: "
+            f"follows the oil temperature late, as a body that takes some {self.runs:.2g} runs to come near it: "
             f"{sigma * self.per_K:.2g} deg per kelvin"
         )
 
 
-def _lags(
-    target: FitData, sums: dict[float, tuple[ComplexArray, FloatArray]], numbers: IntArray, place: IntArray
-) -> list[_Lag]:
-    """The lag that explains most of each order, (K,): in each direction a size of its own, beyond a constant, the oil's
-    own temperature, and a start that nobody knows."""
-    oil, good = np.zeros(len(numbers)), target.good
-    oil[place[good]] = target.data.at.temperature_C[good]
-    shape = next(iter(sums.values()))[0].shape
-    best = [_Lag(0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1)] * shape[1]
-    if np.ptp(oil) == 0.0:
-        return best
-    for runs in _LAGS:
+@dataclass(frozen=True)
+class _Oil:
+    """The temperature of the oil run by run, and the sums of residuals of each run by direction (runs, K), weights."""
+
+    temperature_C: FloatArray
+    sums: tuple[tuple[ComplexArray, FloatArray], ...]
+
+    def lags(self, runs: float) -> list[_Lag]:
+        """What a body that takes so many runs explains of each order, (K,).
+
+        In each direction with a size of its own, beyond a constant, the oil itself, and a start that nobody knows.
+        """
+        oil, kept = self.temperature_C, np.exp(-1.0 / runs)
         body = np.empty(len(oil))
         body[0] = oil[0]
-        kept = np.exp(-1.0 / runs)
         for n in range(1, len(oil)):
             body[n] = kept * body[n - 1] + (1.0 - kept) * oil[n]
         base = np.stack([np.ones(len(oil)), oil, kept ** np.arange(len(oil))], axis=1)
-        gain, left, size, rest, count = np.zeros(shape[1]), np.zeros(shape[1]), np.zeros(shape[1]), [], 0
-        for series, weight in sums.values():
+        before, after, slopes, count = [], [], [], 0
+        for series, weight in self.sums:
             root = np.sqrt(weight)[:, None]
             q = np.linalg.qr(base * root)[0]
-            own = body[:, None] * root
-            own = own - q @ (q.T @ own)
-            y = series / np.where(root, root, 1.0)
-            y = y - q @ (q.T @ y)
-            slope = (own.T @ y)[0] / max(float((own**2).sum()), 1e-12 * float((body**2).sum()))
-            after = y - own * slope
-            gain += (np.abs(y) ** 2 - np.abs(after) ** 2).sum(axis=0)
-            left += (np.abs(after) ** 2).sum(axis=0)
-            size = np.maximum(size, np.abs(slope))
-            rest.append(after)
-            count += int((weight > 0).sum()) - base.shape[1] - 1
-        lasting = _length(_alike(rest))
-        for k in np.flatnonzero(gain > [one.gain for one in best]):
-            reach = float(size[k] * np.ptp(body))
-            best[k] = _Lag(
-                runs, float(gain[k]), float(left[k]), float(size[k]), reach, float(lasting[k]), max(count, 1)
-            )
-    return best
+            own, y = body[:, None] * root, series / np.where(root, root, 1.0)
+            own, y = (part - q @ (q.T @ part) for part in (own, y))
+            slopes.append((own.T @ y)[0] / max(float((own**2).sum()), 1e-12 * float((body**2).sum())))
+            before.append(y)
+            after.append(y - own * slopes[-1])
+            count += max(int((weight > 0).sum()) - base.shape[1] - 1, 0)
+        whole, left = (sum((np.abs(one) ** 2).sum(axis=0) for one in part) for part in (before, after))
+        size, lasting = np.abs(slopes).max(axis=0), _length(_alike(after))
+        columns = np.stack([whole - left, left, size, size * np.ptp(body), lasting], axis=1).tolist()
+        return [
+            _Lag(runs, gain, rest, per_K, reach, lasts, max(count, 1)) for gain, rest, per_K, reach, lasts in columns
+        ]
+
+
+def _lags(
+    target: FitData, sums: dict[float, tuple[ComplexArray, FloatArray]], numbers: IntArray, place: IntArray
+) -> list[_Lag | None]:
+    """The lag that explains most of each order, (K,); None where the oil was never warmer or colder."""
+    oil, good = np.zeros(len(numbers)), target.good
+    oil[place[good]] = target.data.at.temperature_C[good]
+    if np.ptp(oil) == 0.0:
+        return [None] * len(target.data.orders)
+    known, found = _Oil(oil, tuple(sums.values())), list[_Lag | None]()
+    for k, tried in enumerate(zip(*map(known.lags, _LAGS), strict=True)):
+        # how much a start explains as well differs from lag to lag: what is left decides
+        best = min(tried, key=lambda lag: lag.left)
+        for step in (0.15, 0.05, 0.015) if best.gain > SETTINGS.least_excess_in_time * best.left else ():
+            near = (known.lags(best.runs * float(np.exp(n * step)))[k] for n in range(-2, 3))
+            best = min(near, key=lambda lag: lag.left)
+        found.append(best)
+    return found
 
 
 def _lasting(series: list[ComplexArray], cut: int) -> float:

@@ -14,7 +14,7 @@ from st_codegen.reconcile.fit.normal import inverse
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.evidence import chi_square_tail, p_of_clusters
 from st_codegen.reconcile.judge.in_time import lasting_mean, without_lasting
-from st_codegen.reconcile.judge.plausible import is_its_own
+from st_codegen.reconcile.judge.plausible import bounds_met, is_its_own
 from st_codegen.reconcile.judge.surroundings import stands_out
 from st_codegen.reconcile.judge.unexplained import floors, is_lacking
 from st_codegen.reconcile.settings import SETTINGS
@@ -35,10 +35,17 @@ def changes(joint: Fit) -> tuple[dict[int, float], bool]:
             p = max(p, chi_square_tail(held.loss - joint.loss, len(places)))
             sure = p < SETTINGS.p_changed and _stands(joint, piece, held)
         grown = piece.effect.values.keys() != piece.origin.values.keys()
-        if sure and (grown or not _lasting_noise(joint, piece)):
+        if sure and (grown or not _lasting_noise(joint, piece)) and not _insists_on_a_bound(piece):
             found[i] = p
     shift = joint.state.vector()[:1] - joint.state.rig.zero_offset_deg
     return found, offset_is_large(joint) and _p_of(joint, [0], shift) < SETTINGS.p_changed
+
+
+def _insists_on_a_bound(piece: Piece) -> bool:
+    """Whether a change ends at a bound that the rig's own values keep clear of: then its form is not what changed."""
+    assert piece.origin is not None
+    before = {c.key for c in bounds_met(replace(piece, effect=piece.origin))}
+    return any(c.key not in before for c in bounds_met(piece))
 
 
 @dataclass(frozen=True)

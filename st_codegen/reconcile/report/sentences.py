@@ -84,12 +84,18 @@ def between_text(result: Reconciliation) -> str:
             f"The gap on held-out runs is a least value: few runs carry most of it (it scatters as if there were "
             f"{result.carriers:.1f} curves), and between the runs there may be more such places."
         )
-    if result.between_deg:
+    gap = result.held_out.after**2
+    # what does not move the gap by more than its scatter is not worth a sentence
+    if gap > SETTINGS.worse**2 * (gap - result.between_deg**2):
         texts.append(
             f"Between temperatures that were measured, where nobody knows which frequency a resonance has, the rig may "
             f"be off by {result.between_deg:.3g} deg RMS; the gap on held-out runs holds that."
         )
     return " ".join(texts)
+
+
+#: share of a gap below which an order is not listed among those that make it
+_LEAST_SHARE = 0.01
 
 
 def left_text(result: Reconciliation) -> str:
@@ -104,7 +110,8 @@ def left_text(result: Reconciliation) -> str:
     left = np.array([one.held_out for one in own]) ** 2
     shares, alike = left / gap.after**2, in_both_directions(result.target, result.conclusions.final.residual)
     parts = []
-    for k in np.argsort(-shares)[: int(np.searchsorted(np.cumsum(np.sort(shares)[::-1]), SETTINGS.most_of_gap)) + 1]:
+    most = int(np.searchsorted(np.cumsum(np.sort(shares)[::-1]), SETTINGS.most_of_gap)) + 1
+    for k in [k for n, k in enumerate(np.argsort(-shares)[:most]) if n == 0 or shares[k] >= _LEAST_SHARE]:
         name = f"order {own[k].order}" if own[k].order else "the mean"
         text = f"{100 * shares[k]:.0f} % of its power is {name}, {own[k].held_out:.2g} deg RMS"
         if alike[k] > SETTINGS.most_of_gap * own[k].after:

@@ -86,7 +86,7 @@ class FrictionWindup(_MeanEffect):
             "viscosity_decay_per_K",
             "1/K",
             0.01,
-            0.1,
+            0.2,
             "fall of the viscosity",
             0.04,
             Form.SHAPE,
