@@ -12,7 +12,7 @@ import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.observations import Observations
-from st_codegen.reconcile.judge.each_run import distortion, own_steps
+from st_codegen.reconcile.judge.each_run import Distorted, distortion, own_steps
 from st_codegen.reconcile.judge.mistakes import Mistake
 from st_codegen.reconcile.judge.votes import SIGNS, agreed_gain, noise_power, told_power
 from st_codegen.reconcile.settings import SETTINGS
@@ -75,8 +75,14 @@ def wrong_torques(data: Observations, rig: RigModel) -> list[Mistake]:
         # what scales all of TE, whether it depends on the load or not, is no torque
         model = rig.coefficients(data.at, orders)
         scaled = model * (1.0 + own_steps(data.values - model, model, noise, number, SETTINGS.torque_step).others)
-        if again and not _told_by_others(data, seen, scaled, most):
-            off = its.torque_Nm - torque
+        # nor is what one factor and one offset of all torques would tell as well: orders that the load moves by another
+        # amount than the rig's need not agree on these
+        off = its.torque_Nm - torque
+        basis = np.stack([np.ones(len(data)), torque], axis=1)
+        linear = torque + basis @ np.linalg.lstsq(basis[most], off[most], rcond=None)[0]
+        by_both = rig.coefficients(replace(data.at, torque_Nm=linear), orders)
+        own = again and _told_by_others(data, by_both, seen, most)
+        if own and not _told_by_others(data, seen, scaled, most):
             said, gain = text.format(np.abs(off).max(), np.sqrt((off**2).mean())), again
             right, plain, remedy = its, seen, _TAKE_OWN
     return [Mistake("torque", said, lambda given: replace(given, at=right), remedy=remedy)] if gain else []
@@ -173,7 +179,8 @@ def wrong_angle(data: Observations, rig: RigModel) -> list[Mistake]:
     waves = data.orders > 0
     if found is None or not data.both_directions() or not waves.any():
         return []
-    if not agreed_gain(data, rig, found.seen(known, its, data.orders), waves):
+    agreed = agreed_gain(data, rig, found.seen(known, its, data.orders), waves)
+    if not (agreed and _sidebands_show(data, found, known, its)):
         return []
 
     def corrected(given: Observations) -> Observations:
@@ -190,6 +197,21 @@ def wrong_angle(data: Observations, rig: RigModel) -> list[Mistake]:
     ]
     text = _AXIS.format(" and ".join(told))
     return [Mistake("axis", text, corrected, remedy="take it out of the angle")]
+
+
+def _sidebands_show(data: Observations, found: Distorted, known: ComplexArray, its: IntArray) -> bool:
+    """Whether most sidebands that an angle read wrong would lift above the noise of curves were seen above it.
+
+    What stands on orders of the rig alone may be the rig's own. known: coefficients (n, R) of its orders (R,). A table
+    has no orders but its own, so that what it lacks says nothing.
+    """
+    if data.spectral_deg is None:
+        return True
+    sides = np.setdiff1d(np.abs(its[:, None] + np.array([-2, -1, 1, 2])), [0, *its])
+    near = np.abs(data.orders[None, :] - sides[:, None]).argmin(axis=1)
+    expected, noise = np.abs(found.seen(known, its, sides)) ** 2, noise_power(data)[:, near]
+    loud = (expected.mean(axis=0) > noise.mean(axis=0)) & (sides <= data.orders.max())
+    return not loud.any() or float(np.isin(sides[loud], data.orders).mean()) >= SETTINGS.most_orders
 
 
 def hidden_wrong_angle(data: Observations, rig: RigModel) -> tuple[str, ...]:
