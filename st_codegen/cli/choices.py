@@ -18,7 +18,7 @@ FAMILIES = ("SVM", "MLP", "RF", "DT", "ET", "ERT", "GBM", "HGBM", "LGBM", "XGBM"
 MODEL_FORMS = ("native", "skops", "onnx")
 #: Mistakes of measuring that `reconcile --accept` corrects.
 MISTAKES = (
-    "sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "low_pass",
+    "sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "low_pass", "smoothing",
     "block", "labels",
 )  # fmt: skip
 #: Where `reconcile --update-models` puts models and code.

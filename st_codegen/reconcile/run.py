@@ -42,6 +42,7 @@ from st_codegen.reconcile.judge.unexplained import (
     is_lacking,
     of_a_hum,
     scatter_of_encoder,
+    scatter_within_turns,
     signatures,
 )
 from st_codegen.reconcile.judge.unseen import cannot_show
@@ -337,7 +338,12 @@ def _result(
         held_out=Gap(math.hypot(first, math.sqrt(float(hum.sum()))), float(np.sqrt((held_out**2).sum())), floor),
         orders=per_order,
         mistakes=examined.mistakes,
-        cannot_show=(*cannot_show(data), *examined.untold, *scatter_of_encoder(target, after)),
+        cannot_show=(
+            *cannot_show(data),
+            *examined.untold,
+            *scatter_of_encoder(target, after),
+            *scatter_within_turns(target, after),
+        ),
         unseen_curves=unseen_curves,
         carriers=math.inf if data.angle_rad is not None else _alike((weight * np.abs(left_out) ** 2).sum(axis=1)),
     )

@@ -89,6 +89,12 @@ def rubbing(data, share):
     return replace(data, values=data.values + more)
 
 
+def smoothed(data, degrees):
+    """The same curves, each value the mean of 501 over so many degrees around it."""
+    steps = np.radians(degrees) * np.linspace(-0.5, 0.5, 501)
+    return replace(data, values=data.values * np.exp(1j * np.outer(steps, data.orders)).mean(axis=0))
+
+
 def through(data, hertz):
     """What a low pass of first order makes of the curves."""
     frequency = data.orders * (data.at.sign * data.at.speed_rpm / 60 / 81)[:, None]
@@ -111,6 +117,7 @@ MADE = {
     "torque each by its own, by up to 600 N m": lambda data: saturating(data, 1200.0),
     "torque forward by another than backward": lambda data: rubbing(data, 0.015),
     "low_pass of 60": lambda data: through(data, 60.0),
+    "smoothing over 1": lambda data: smoothed(data, 1.0),
 }
 
 

@@ -21,7 +21,13 @@ from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.reading import begin_text, check_units, ramp_deg, start_of_ramp, unit_choices
 from st_codegen.reconcile.judge.each_run import ramp, ramps, zeros
 from st_codegen.reconcile.judge.mistakes import Mistake, mistaken_runs
-from st_codegen.reconcile.judge.sensors import hidden_wrong_angle, low_pass, wrong_angle, wrong_torques
+from st_codegen.reconcile.judge.sensors import (
+    hidden_wrong_angle,
+    low_pass,
+    mean_of_angles,
+    wrong_angle,
+    wrong_torques,
+)
 from st_codegen.reconcile.judge.votes import PowerSums, enough_orders, gaps_fall, loud_orders, noise_power, power_sums
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.model import RigModel
@@ -29,7 +35,7 @@ from st_codegen.threads import one_thread
 
 #: what `--accept` takes
 NAMES = (
-    "sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "low_pass",
+    "sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "low_pass", "smoothing",
     "block", "labels",
 )  # fmt: skip
 
@@ -59,10 +65,19 @@ def examine(
         return Examined(data)
     problems = Problems(str(path))
     found: list[Mistake] = []
-    for look in (_drift, _ratio, partial(_common, scale=scale), _zeros, wrong_angle, wrong_torques, low_pass):
+    for look in (
+        _drift,
+        _ratio,
+        partial(_common, scale=scale),
+        _zeros,
+        wrong_angle,
+        wrong_torques,
+        low_pass,
+        mean_of_angles,
+    ):
         # a torque is told by sizes, of which those in another unit say nothing
         is_unit = any(mistake.name == "unit" for mistake in found)
-        for mistake in () if is_unit and look in (wrong_torques, low_pass) else look(data, rig):
+        for mistake in () if is_unit and look in (wrong_torques, low_pass, mean_of_angles) else look(data, rig):
             if mistake.corrected is not None:
                 data = mistake.corrected(data)
             found.append(replace(mistake, text=f"{mistake.text} (corrected)"))

@@ -30,6 +30,10 @@ _TAKE_OWN = "take the torques that the orders tell (what the load does to all or
 _LOW_PASS = (
     "TE seems to have passed a low pass of {:.3g} Hz: every order is smaller and later, the faster it is the more"
 )
+_MEAN = (
+    "each value of TE seems to be a mean over {:.3g} deg of the angle: every order is smaller, the higher it is the "
+    "more, at all speeds alike"
+)
 _HIDDEN_AXIS = (
     "in this noise an angle that is read wrong by up to {:.2g} deg once a turn may not show: its sidebands are too "
     "small"
@@ -141,17 +145,9 @@ def low_pass(data: Observations, rig: RigModel) -> list[Mistake]:
     def late(seconds: float) -> ComplexArray:
         return np.asarray(np.exp(-rate * seconds))
 
-    def fitted(response: Callable[[float], ComplexArray]) -> float:
-        seconds, small = 0.0, 1e-6
-        for _ in range(SETTINGS.quick_steps):
-            seen = model * response(seconds)
-            slope = (model * response(seconds + small) - seen) / small
-            seconds = max(seconds + _common_step(data.values - seen, slope, noise), 0.0)
-        return seconds
-
-    every, seconds = data.orders > 0, fitted(passed)
+    every, (seconds, delay) = data.orders > 0, (_fitted(data, model, noise, one) for one in (passed, late))
     seen = model * passed(seconds)
-    if not (agreed_gain(data, rig, seen, every) and agreed_gain(data, rig, seen, every, model * late(fitted(late)))):
+    if not (agreed_gain(data, rig, seen, every) and agreed_gain(data, rig, seen, every, model * late(delay))):
         return []
 
     def corrected(given: Observations) -> Observations:
@@ -160,6 +156,48 @@ def low_pass(data: Observations, rig: RigModel) -> list[Mistake]:
 
     text = _LOW_PASS.format(1.0 / (2.0 * np.pi * seconds))
     return [Mistake("low_pass", text, corrected, remedy="undo it")]
+
+
+def mean_of_angles(data: Observations, rig: RigModel) -> list[Mistake]:
+    """TE that is its own mean over a piece of the turn: every order is smaller, the higher it is, at all speeds alike.
+
+    The mean over a width w of the turn is sinc(k w) times order k. What is left of orders that lose most of themselves
+    is not looked at.
+    """
+    if not data.both_directions() or not data.orders.max(initial=0):
+        return []
+    model, noise, highest = rig.coefficients(data.at, data.orders.tolist()), noise_power(data), int(data.orders.max())
+
+    def mean(square: float) -> ComplexArray:
+        return np.sinc(data.orders / highest * np.sqrt(square))[None, :].astype(np.complex128)
+
+    every, square = data.orders > 0, _fitted(data, model, noise, mean)
+    seen = model * mean(square)
+    alike = model * (1.0 + _common_step(data.values - model, model, noise))
+    if not (agreed_gain(data, rig, seen, every) and agreed_gain(data, rig, seen, every, alike)):
+        return []
+
+    def corrected(given: Observations) -> Observations:
+        kept = np.sinc(given.orders / highest * np.sqrt(square))
+        spectral = None if given.spectral_deg is None else given.spectral_deg / np.maximum(np.abs(kept), 1e-300)
+        whole = replace(given, values=given.values / np.where(kept, kept, 1.0), spectral_deg=spectral)
+        told = kept > SETTINGS.acts
+        lost = f"orders from {given.orders[~told].min(initial=highest)} on: a mean over the angle leaves little of them"
+        return whole if told.all() else whole.of_orders(told, lost)
+
+    return [Mistake("smoothing", _MEAN.format(360.0 * np.sqrt(square) / highest), corrected, remedy="undo it")]
+
+
+def _fitted(
+    data: Observations, model: ComplexArray, noise: FloatArray, response: Callable[[float], ComplexArray]
+) -> float:
+    """The parameter, 0 or more, of a response (n, K) or (1, K) that TE went through and that is 1 at 0."""
+    found, small = 0.0, 1e-6
+    for _ in range(SETTINGS.quick_steps):
+        seen = model * response(found)
+        slope = (model * response(found + small) - seen) / small
+        found = max(found + _common_step(data.values - seen, slope, noise), 0.0)
+    return found
 
 
 def _common_step(gap: ComplexArray, slope: ComplexArray, noise: FloatArray) -> float:

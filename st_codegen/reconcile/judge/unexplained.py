@@ -423,6 +423,19 @@ def scatter_of_encoder(target: FitData, residual: ComplexArray) -> tuple[str, ..
     )
 
 
+def scatter_within_turns(target: FitData, residual: ComplexArray) -> tuple[str, ...]:
+    """What is said of the lowest orders of curves where they differ from run to run as a walk within a turn does."""
+    data, times = target.data, _times_spectral(target, residual)
+    low = (data.orders > 0) & (data.orders <= SETTINGS.wander_orders)
+    walks = low & (_wandering(target, times) > SETTINGS.beyond_spectral) & (times > SETTINGS.beyond_spectral)
+    if data.spectral_deg is None or not walks.any():
+        return ()
+    return (
+        f"the lowest orders differ from run to run by up to {times[walks].max():.2g} times the noise within curves, "
+        "as where TE wanders within a turn, or jumps in some of them: it counts as noise; look at single curves",
+    )
+
+
 def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float, floor: float) -> Signature:
     """An order that keeps more than its noise, with no pattern that was found; floor: RMS of one component of that."""
     order = int(target.data.orders[k])
