@@ -105,7 +105,7 @@ def is_its_own(current: Fit, piece: Piece, held: Fit) -> bool:
     change = propagation.change(piece.effect) - propagation.change(piece.origin)
     seen = propagation.measured(change, piece.effect.stage)
     shows = np.abs(seen).max(axis=0) > 0.0
-    limit, target = SETTINGS.misfit, current.target
+    limit, target = SETTINGS.misfit_of_changes, current.target
     if target.data.few_points and target.data.spectral_deg is not None:
         # several parameters together follow a dozen runs though none of them is what changed, and what they leave
         # passes for noise: only that within the curves is noise for sure

@@ -90,7 +90,7 @@ def without_misfits(final: Fit, changed: Collection[int], offset_changed: bool) 
         # what made up for a change that is held now is none
         over |= {i: np.inf for i in kept if not _is_refused(final, i)}
         worst = max(over, key=lambda i: over[i])
-        if over[worst] <= SETTINGS.misfit:
+        if over[worst] <= SETTINGS.misfit_of_changes:
             break
         if worst == _OFFSET:
             offset_changed = False
