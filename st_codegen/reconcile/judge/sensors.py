@@ -169,7 +169,7 @@ def mean_of_angles(data: Observations, rig: RigModel) -> list[Mistake]:
     model, noise, highest = rig.coefficients(data.at, data.orders.tolist()), noise_power(data), int(data.orders.max())
 
     def mean(square: float) -> ComplexArray:
-        return np.sinc(data.orders / highest * np.sqrt(square))[None, :].astype(np.complex128)
+        return np.asarray(np.sinc(data.orders / highest * np.sqrt(square))[None, :], np.complex128)
 
     every, square = data.orders > 0, _fitted(data, model, noise, mean)
     seen = model * mean(square)

@@ -31,12 +31,16 @@ def stands_out(current: Fit, own: ComplexArray, lacking: BoolArray | None = None
     # an effect of one angle reaches all orders: what is left of them is its form's
     waves = [piece.effect for piece in current.state.pieces if not piece.effect.least_foreign]
     made = {order for effect in waves for order in effect.touched_orders()}
-    nobodys = ~np.isin(orders, list(made))
-    size = (np.abs(own[rows]) ** 2).mean(axis=0)
+    size, left = (np.abs(own[rows]) ** 2).mean(axis=0), left.mean(axis=0)
+    # orders of curves that are not looked at are no louder than noise; what a table lacks nobody knows
+    known = orders if target.data.spectral_deg is None else np.arange(1, orders.max(initial=0) + 1)
+    around = np.zeros(len(known))
+    around[np.isin(known, orders)] = left[np.isin(orders, known)]
+    nobodys = ~np.isin(known, list(made))
     for k in np.flatnonzero(size > SETTINGS.part_of_change * size.max(initial=0.0)):
-        around = np.flatnonzero(nobodys & (np.abs(orders - orders[k]) <= SETTINGS.around_order))
-        near = around[np.argsort(np.abs(orders[around] - orders[k]), kind="stable")][: SETTINGS.shared_orders]
-        if len(near) < SETTINGS.shared_orders or size[k] > SETTINGS.stands_out * left[:, near].mean():
+        near = np.flatnonzero(nobodys & (np.abs(known - orders[k]) <= SETTINGS.around_order))
+        near = near[np.argsort(np.abs(known[near] - orders[k]), kind="stable")][: SETTINGS.shared_orders]
+        if len(near) < SETTINGS.shared_orders or size[k] > SETTINGS.stands_out * around[near].mean():
             return True
     return False
 

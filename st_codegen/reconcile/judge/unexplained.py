@@ -415,7 +415,8 @@ def of_an_encoder(data: Observations, residual: ComplexArray, good: BoolArray) -
 def scatter_of_encoder(target: FitData, residual: ComplexArray) -> tuple[str, ...]:
     """What is said of orders that differ from run to run as the error of an encoder between its lines does."""
     data, lines = target.data, of_an_encoder(target.data, residual, target.good)
-    columns = [k for k in scatter(target, residual) if lines[k]]
+    follows = structure(target, residual).significant
+    columns = [k for k in scatter(target, residual) if lines[k] and not follows[k]]
     return tuple(
         f"order {data.orders[k]} differs from run to run, as the error of an encoder of {lines[k]} lines between "
         f"two of them would at {data.samples} samples a turn: it counts as noise"
