@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from st_codegen.reconcile.data.observations import Observations, labels
+from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.measurement import examine
+from st_codegen.reconcile.judge.unexplained import scatter_of_encoder
 from st_codegen.reconcile.judge.unseen import cannot_show
 from st_codegen.reconcile.report.findings import _numbers
 from st_codegen.reconcile.report.sentences import floor_text
@@ -256,3 +258,58 @@ def test_a_changed_parameter_at_its_bound_is_no_finding():
         said = {key: new.after.scalar("viscosity_decay_per_K") for new in result.conclusions.retuned
                 for key in new.after.values if key == "viscosity_decay_per_K"}  # fmt: skip
         assert all(0.04 < value < 0.19 for value in said.values()) and bool(said) == (decay > 10)
+
+
+def test_a_sideband_is_no_order_of_the_mesh():
+    """A brake whose torque ripples once a turn: beside 77 and 79, order 80 was named, and one to grow with the load."""
+    at, orders = forms_grid(np.linspace(100, 1800, 6)), [0, 39, 40, 76, 77, 78, 79, 80, 81, 82]
+    rig = part(("cycloid_tooth_error", "load_dependent_mesh"), [39, 78])
+    torque = at.torque_Nm / 1800
+    sides = {77: 3e-4 * torque * TURN, 79: 3e-4 * torque * TURN**2, 80: 6e-5 * torque + 0j}
+    assert of_curves(rig, at, orders, sides).conclusions.claims == ()
+    (claim,) = of_curves(rig, at, orders, {80: sides[80]}).conclusions.claims
+    assert claim.piece.effect.orders == (80,)
+
+
+def test_play_that_grows_over_the_campaign_changes_no_friction():
+    """The flanks wear: dry friction was said to have gone, the play and the torque that seats it to be others."""
+    at, orders = forms_grid(np.linspace(100, 1800, 6), 1, (25.0, 35.0)), [0, 39, 40, 78]
+    torques = np.tile([0.0, 20.0, 60.0, 150.0, 400.0, 900.0], len(at) // 2)
+    points = [np.repeat(x[::2], 6) for x in (at.speed_rpm, at.temperature_C)]
+    at = Conditions.of(np.tile([1.0, -1.0], len(torques)), np.repeat(points[0], 2), np.repeat(torques, 2),
+                       np.repeat(points[1], 2))  # fmt: skip
+    run = np.repeat(np.random.default_rng(3).permutation(len(torques)), 2)
+    own = (effect("backlash", gap_arcmin=0.3, seating_torque_Nm=60.0), effect("friction_windup", coulomb_arcmin=0.2))
+    rig = part(MESH, orders)
+    rig = rig.with_effects((*rig.effects, *own))
+    wear = at.sign * 0.6 / 60 / 2 * run / run.max() * np.exp(-at.torque_Nm / 60)
+    result = of_curves(rig, at, orders, {0: wear + 0j}, run)
+    assert result.conclusions.retuned == () and [one.order for one in result.unexplained] == [0]
+
+
+def test_an_order_that_follows_the_torque_is_not_an_encoders():
+    """It was listed as unexplained, with a formula, and as the noise of an encoder of 2048 lines."""
+    at, orders = forms_grid(np.linspace(100, 1800, 6)), [0, 39, 40, 52, 53, 78]
+    data = Observations(at, labels(at), np.array(orders), np.zeros((len(at), 6), complex), samples=300)
+    target = FitData(data, np.full((len(at), 6), SIGMA), np.ones(len(at), bool), groups_of(at))
+    random = np.random.default_rng(1)
+    left = SIGMA * (random.standard_normal((len(at), 6)) + 1j * random.standard_normal((len(at), 6)))
+    wave = np.zeros((len(at), 6), complex)
+    wave[:, 4] = 3e-4 * TURN * np.exp(2j * np.pi * random.random(len(at)))
+    spectral = replace(data, spectral_deg=np.full((len(at), 6), SIGMA))
+    target = replace(target, data=spectral)
+    assert "an encoder of 2048 lines" in scatter_of_encoder(target, left + wave)[0]
+    wave[:, 4] = 3e-4 * TURN * (at.torque_Nm / 1800) ** 2
+    assert scatter_of_encoder(target, left + wave) == ()
+
+
+def test_lowest_orders_that_jump_are_said_to_count_as_noise():
+    """Counts that an encoder lost within some turns were said to be nothing that these data show, and no more."""
+    at, orders = forms_grid(np.linspace(100, 1800, 6)), [0, 1, 2, 3, 4, 5, 39, 40, 78]
+    random = np.random.default_rng(0)
+    lost = 0.0027 * (random.random(len(at)) < 0.25) * np.exp(2j * np.pi * random.random(len(at)))
+    steps = {k: lost / (np.pi * k) * np.exp(1j * k) for k in orders[1:]}
+    said = of_curves(part(MESH, orders), at, orders, steps).cannot_show
+    assert any("wanders within a turn, or jumps" in text for text in said)
+    said = of_curves(part(MESH, orders), at, orders, {}).cannot_show
+    assert not any("within a turn" in text for text in said)
