@@ -40,6 +40,9 @@ class Settings:
     ramp_orders: tuple[int, int] = (5, 60)
     #: share of the torques by which a sensor of them may be off anyway; derivatives are taken by as much
     torque_step: float = 1e-3
+    #: share of a size that sensors are wrong by, within which each order must want it: numbers of a rig that are wrong
+    #: by a tenth want any
+    of_a_size: float = 0.25
     #: a coefficient of a run tells a factor where its power is so many times the noise's; fewer orders say nothing
     loud_order: float = 4.0
     least_votes: int = 4

@@ -118,7 +118,9 @@ def zeros(
     if hidden:
         # the loudest order alone could have any cause: what it says of the others must be right, but for one of them
         agreed = np.sort(gains[others])
-        sure[:] = agreed[:-1].sum() > SETTINGS.order_gain and agreed[-1] > SETTINGS.order_gain
+        clear = agreed[np.abs(agreed) > SETTINGS.order_gain]
+        most = (clear > 0.0).mean() >= SETTINGS.most_orders if len(clear) else False
+        sure[:] = most and agreed[:-1].sum() > SETTINGS.order_gain and agreed[-1] > SETTINGS.order_gain
     least = np.radians(SETTINGS.least_home_deg)
     kinds = [float((found * sure)[run == number][0]) for number in np.unique(run)]
     off = sum(abs(angle) > least for angle in kinds)
@@ -130,11 +132,11 @@ def zeros(
 
 
 def _most_gain(before: ComplexArray, after: ComplexArray, noise: FloatArray, vote: float) -> bool:
-    """Whether the gap of most orders that show one falls by a factor of exp(vote) in power, over all rows."""
+    """Whether most orders that show a gap before or after lose a factor of exp(vote) of its power, over all rows."""
     left, right = ((np.abs(part) ** 2).mean(axis=0) for part in (before, after))
     least = np.maximum(noise.mean(axis=0), 1e-300)
-    # an order whose gap could not fall by as much has no vote
-    told: BoolArray = left > max(SETTINGS.told, float(np.exp(vote))) * least
+    # an order whose gap could neither fall nor rise by as much has no vote
+    told: BoolArray = np.maximum(left, right) > max(SETTINGS.told, float(np.exp(vote))) * least
     # noise stays; how much of it there is many rows tell
     unsure = min(1.0, SETTINGS.told / np.sqrt(len(noise))) * least
     gain = np.log((left - least + unsure)[told] / (np.maximum(right - least, 0.0) + unsure)[told])

@@ -227,6 +227,7 @@ def _common(data: Observations, rig: RigModel, scale: float | None) -> list[Mist
     alike = found.left(np.full((2, 1), found.sign * both), found.angle)
     # two orders have the same factor by a mistake, hardly by two effects
     differ = _directions_differ(found.sums) or found.sums.gap_falls(alike, found.gap, effects=1)
+    differ = differ and _most_have(found.sums, forward / backward)
     if abs(np.log(forward / backward)) > np.log(SETTINGS.column_factor) and differ:
         louder = abs(np.log(forward)) > abs(np.log(backward))
         which, factor, both = ("forward", forward / backward, backward) if louder else (
@@ -249,6 +250,14 @@ def _directions_differ(sums: PowerSums) -> bool:
     middle = float(np.median(apart))
     error = float(np.median(np.abs(apart - middle))) / MEDIAN_1 * np.sqrt(np.pi / 2 / len(apart))
     return bool(abs(middle) > SETTINGS.ramp * error)
+
+
+def _most_have(sums: PowerSums, factor: float) -> bool:
+    """Whether most orders have this factor of forward over backward, each as well as its noise tells it."""
+    size = np.maximum(np.abs(sums.product) / np.maximum(sums.model, 1e-300), 1e-12)
+    error = np.sqrt((sums.noise / np.maximum(2 * sums.rows * sums.model, 1e-300) / size**2).sum(axis=0))
+    apart = np.abs(np.log(size[0] / size[1] / factor))
+    return bool((apart < np.hypot(np.log(SETTINGS.column_factor), SETTINGS.told * error)).mean() > 0.5)
 
 
 _UNTOLD = (

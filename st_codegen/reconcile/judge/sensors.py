@@ -66,7 +66,11 @@ def wrong_torques(data: Observations, rig: RigModel) -> list[Mistake]:
             size = max(size + step, -0.95)
         right = replace(data.at, torque_Nm=torque + size * shape)
         said = text.format(1.0 / (1.0 + size) if text is _GAIN else -size * reach)
-        found.append((agreed_gain(data, rig, rig.coefficients(right, orders), every), said, right))
+        seen = rig.coefficients(right, orders)
+        beyond = rig.coefficients(replace(right, torque_Nm=right.torque_Nm + SETTINGS.torque_step * shape), orders)
+        gain = agreed_gain(data, rig, seen, every)
+        alike = _orders_agree(data.values - seen, (beyond - seen) / SETTINGS.torque_step, noise, size)
+        found.append((gain if alike else 0.0, said, right))
     gain, said, right = max(found, key=lambda one: one[0])
     remedy = "correct them"
     plain = rig.coefficients(right if gain else data.at, orders)
@@ -174,7 +178,9 @@ def mean_of_angles(data: Observations, rig: RigModel) -> list[Mistake]:
     every, square = data.orders > 0, _fitted(data, model, noise, mean)
     seen = model * mean(square)
     alike = model * (1.0 + _common_step(data.values - model, model, noise))
-    if not (agreed_gain(data, rig, seen, every) and agreed_gain(data, rig, seen, every, alike)):
+    slope = model * (mean(square + _SMALL) - mean(square)) / _SMALL
+    told = _orders_agree(data.values - seen, slope, noise, square)
+    if not (told and agreed_gain(data, rig, seen, every) and agreed_gain(data, rig, seen, every, alike)):
         return []
 
     def corrected(given: Observations) -> Observations:
@@ -188,14 +194,18 @@ def mean_of_angles(data: Observations, rig: RigModel) -> list[Mistake]:
     return [Mistake("smoothing", _MEAN.format(360.0 * np.sqrt(square) / highest), corrected, remedy="undo it")]
 
 
+#: step of a derivative by the parameter of a response
+_SMALL = 1e-6
+
+
 def _fitted(
     data: Observations, model: ComplexArray, noise: FloatArray, response: Callable[[float], ComplexArray]
 ) -> float:
     """The parameter, 0 or more, of a response (n, K) or (1, K) that TE went through and that is 1 at 0."""
-    found, small = 0.0, 1e-6
+    found = 0.0
     for _ in range(SETTINGS.quick_steps):
         seen = model * response(found)
-        slope = (model * response(found + small) - seen) / small
+        slope = (model * response(found + _SMALL) - seen) / _SMALL
         found = max(found + _common_step(data.values - seen, slope, noise), 0.0)
     return found
 
@@ -206,6 +216,19 @@ def _common_step(gap: ComplexArray, slope: ComplexArray, noise: FloatArray) -> f
     error = 1.0 / np.maximum((np.abs(slope) ** 2 / np.maximum(noise, 1e-300)).sum(axis=0), 1e-300)
     own = (gap * slope.conj()).real.sum(axis=0) / power
     return float(np.quantile(own, 0.5, method="inverted_cdf", weights=1.0 / (error + SETTINGS.torque_step**2)))
+
+
+def _orders_agree(gap: ComplexArray, slope: ComplexArray, noise: FloatArray, size: float) -> bool:
+    """Whether most orders that tell a size along a slope (n, K) want about this one; gap: what it leaves of them.
+
+    A rig whose numbers are all a little wrong has gaps in all orders that one size makes smaller, each another.
+    """
+    power = np.maximum((np.abs(slope) ** 2).sum(axis=0), 1e-300)
+    error = 1.0 / np.sqrt(np.maximum((np.abs(slope) ** 2 / np.maximum(noise, 1e-300)).sum(axis=0), 1e-300))
+    more = np.abs((gap * slope.conj()).real.sum(axis=0) / power)
+    told = SETTINGS.told * error < abs(size)
+    near = more < np.hypot(SETTINGS.of_a_size * size, SETTINGS.told * error)
+    return bool(told.any() and near[told].mean() >= SETTINGS.most_orders)
 
 
 def wrong_angle(data: Observations, rig: RigModel) -> list[Mistake]:
