@@ -417,11 +417,12 @@ def test_sizes_that_are_modulated_once_a_turn_are_no_misread_angle(on, sigma):
 
 def a_little_wrong(rig, random):
     """The rig with each of its numbers but phases off by up to a tenth."""
-    return rig.with_effects(
-        one.with_values({key: value * random.uniform(0.9, 1.1) if isinstance(value, float) and "phase" not in key else value
-                         for key, value in one.values.items()})
-        for one in rig.effects
-    )  # fmt: skip
+    effects = []
+    for one in rig.effects:
+        numbers = {key: value for key, value in one.values.items() if isinstance(value, float) and "phase" not in key}
+        factors = {key: value * random.uniform(0.9, 1.1) for key, value in numbers.items()}
+        effects.append(one.with_values(dict(one.values) | factors))
+    return rig.with_effects(effects)
 
 
 @pytest.mark.parametrize("seed", [6, 11, 35, 45, 85, 98])
