@@ -22,88 +22,109 @@ class Course:
     text: str
 
 
-def course_of(target: FitData, z: ComplexArray, parts: IntArray) -> list[Course | None]:
-    """For each order the step, trend or lag of its residual z (n, K, in noises, zero for bad runs) over the runs.
+def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntArray) -> list[Course | None]:
+    """For each order the step, trend or lag of its residual over the runs; None where noise may look like it.
 
-    None where the order of the runs is not known, or where what is seen may be noise that lasts over runs: a wander as
-    large as the noise itself passes for that.
+    z: in noises (n, K), cut, so that single wild runs make no step; whole: the same as it is, which sizes come from;
+    both zero for bad runs. None where the order of the runs is not known as well. Noise that lasts over runs makes a
+    wander as large as itself.
     """
     run, good = target.data.run, target.good
-    none: list[Course | None] = [None] * z.shape[1]
+    found: list[Course | None] = [None] * z.shape[1]
     if run is None or good.sum() < SETTINGS.least_in_time:
-        return none
+        return found
     numbers = np.unique(run[good])
-    place = np.searchsorted(numbers, run)
-    count = len(numbers)
-    sums = {}
-    for sign in np.unique(target.data.at.sign[good]):
-        rows = good & (target.data.at.sign == sign)
-        series = np.zeros((count, z.shape[1]), np.complex128)
-        weight = np.zeros(count)
-        np.add.at(series, place[rows], z[rows])
-        np.add.at(weight, place[rows], 1.0)
-        sums[float(sign)] = (series, weight)
-    steps, cuts = _steps(sums, count)
-    trends = _trends(sums, count)
-    found = none
-    total = sum(float(weight.sum()) for _, weight in sums.values())
-    # what is the same in all runs is no part of what a step leaves
-    constant = sum(np.abs(series.sum(axis=0)) ** 2 / max(float(weight.sum()), 1.0) for series, weight in sums.values())
-    lags = _lags(target, sums, numbers, place)
+    place, count = np.searchsorted(numbers, run), len(numbers)
+    sums, sizes, in_deg = (_by_run(target, one, place, count) for one in (z, whole, whole * target.sigma))
+    (steps, cuts), trends = _steps(sums, count), _trends(sums, count)
+    varying, varying_whole = _varying(sums), _varying(sizes)
+    total = sum(float(weight.sum()) for _, weight in sums)
+    sigma = np.sqrt((target.sigma[good] ** 2).mean(axis=0))
+    lags = _lags(target, sizes, numbers, place)
     for k in range(z.shape[1]):
-        gain, varies = max(steps[k], trends[k]), float((np.abs(z[:, k]) ** 2).sum()) - float(np.asarray(constant)[k])
+        gain = max(steps[k], trends[k])
         # where runs were made in any order of conditions, neighbours take a step for noise: what it leaves is the noise
-        left = max(varies - gain, 1e-300)
+        left = max(varying[k] - gain, 1e-300)
         lag = lags[k]
-        if lag is not None and lag.left < left and lag.is_sure(int(parts[k]) * len(sums)):
-            sigma = float(np.sqrt((target.sigma[good, k] ** 2).mean()))
-            power = (varies - lag.left) / total * sigma**2
-            found[k] = Course(power, sigma * lag.reach, lag.text(sigma))
+        least = left / max(varying[k], 1e-300) * varying_whole[k]
+        if lag is not None and lag.left < least and lag.is_sure(int(parts[k]) * len(sums)):
+            power = (varying_whole[k] - lag.left) / total * sigma[k] ** 2
+            found[k] = Course(float(power), float(sigma[k]) * lag.reach, lag.text(float(sigma[k])))
             continue
         if gain < SETTINGS.least_excess_in_time * left:
             continue
-        lasting = _lasting([series[:, k] for series, _ in sums.values()], int(cuts[k]))
+        lasting = _lasting([series[:, k] for series, _ in sums], int(cuts[k]))
         scale = lasting * min(max(left / (total * parts[k]), 1e-6), 1.0)
         if chi_square_tail(gain / scale, int(parts[k]) * len(sums)) * count > SETTINGS.p_changed:
             continue
-        sigma = float(np.sqrt((target.sigma[good, k] ** 2).mean()))
-        power = float(gain / total) * sigma**2
         if steps[k] >= trends[k]:
-            size = sigma * max(_step_size(s[:, k], w, int(cuts[k])) for s, w in sums.values())
+            power = float(_gains_of_steps(in_deg)[cuts[k] - 1, k] / total)
+            size = max(_step_size(series[:, k], weight, int(cuts[k])) for series, weight in in_deg)
             text = f"a step of {size:.2g} deg between run {cuts[k]} and run {cuts[k] + 1} of {count}, in their order"
         else:
+            power = float(_trends(in_deg, count)[k] / total)
             size = float(np.sqrt(power * 12.0))
             text = f"a trend of {size:.2g} deg over the {count} runs in their order"
         found[k] = Course(power, size, text)
     return found
 
 
+#: Of each direction the sums of a residual by run (runs, K), and how many rows each run has there (runs,).
+_ByRun = tuple[tuple[ComplexArray, FloatArray], ...]
+
+
+def _by_run(target: FitData, z: ComplexArray, place: IntArray, count: int) -> _ByRun:
+    found = []
+    for sign in np.unique(target.data.at.sign[target.good]):
+        rows = target.good & (target.data.at.sign == sign)
+        series, weight = np.zeros((count, z.shape[1]), np.complex128), np.zeros(count)
+        np.add.at(series, place[rows], z[rows])
+        np.add.at(weight, place[rows], 1.0)
+        found.append((series, weight))
+    return tuple(found)
+
+
+def _varying(sums: _ByRun) -> FloatArray:
+    """The sum of squares of a residual about its mean in each direction, (K,): what all runs have is no step."""
+    powers = [
+        (np.abs(series) ** 2 / np.maximum(weight, 1.0)[:, None]).sum(axis=0)
+        - np.abs(series.sum(axis=0)) ** 2 / max(float(weight.sum()), 1.0)
+        for series, weight in sums
+    ]
+    return np.asarray(sum(powers))
+
+
 def _step_size(series: ComplexArray, weight: FloatArray, cut: int) -> float:
-    """How far the means before and behind a step differ, in noises."""
+    """How far the means before and behind a step differ."""
     before, after = (
         series[part].sum() / max(float(weight[part].sum()), 1.0) for part in (slice(cut), slice(cut, None))
     )
     return float(abs(after - before))
 
 
-def _steps(sums: dict[float, tuple[ComplexArray, FloatArray]], count: int) -> tuple[FloatArray, IntArray]:
-    """The largest gain of one step in each order (K,), and how many runs lie before it."""
+def _gains_of_steps(sums: _ByRun) -> FloatArray:
+    """The gain of one step in each order behind the first run, behind the second, ... (runs - 1, K)."""
     gains = 0.0
-    edge = max(2, count // 20)
-    for series, weight in sums.values():
+    for series, weight in sums:
         before, n = np.cumsum(series, axis=0)[:-1], np.cumsum(weight)[:-1, None]
         after, m = series.sum(axis=0) - before, weight.sum() - n
         whole = np.abs(series.sum(axis=0)) ** 2 / max(weight.sum(), 1.0)
         gains = gains + np.abs(before) ** 2 / np.maximum(n, 1) + np.abs(after) ** 2 / np.maximum(m, 1) - whole
-    inner = np.asarray(gains)[edge - 1 : count - edge]
+    return np.asarray(gains)
+
+
+def _steps(sums: _ByRun, count: int) -> tuple[FloatArray, IntArray]:
+    """The largest gain of one step in each order (K,), and how many runs lie before it."""
+    edge = max(2, count // 20)
+    inner = _gains_of_steps(sums)[edge - 1 : count - edge]
     best = inner.argmax(axis=0)
     return inner.max(axis=0), best + edge
 
 
-def _trends(sums: dict[float, tuple[ComplexArray, FloatArray]], count: int) -> FloatArray:
+def _trends(sums: _ByRun, count: int) -> FloatArray:
     """The gain of a straight line over the runs in each order (K,)."""
-    found: FloatArray = np.zeros(next(iter(sums.values()))[0].shape[1])
-    for series, weight in sums.values():
+    found: FloatArray = np.zeros(sums[0][0].shape[1])
+    for series, weight in sums:
         x = np.arange(count) - np.average(np.arange(count), weights=np.maximum(weight, 1e-9))
         mean = series.sum(axis=0) / max(weight.sum(), 1.0)
         pull = (x[:, None] * (series - weight[:, None] * mean)).sum(axis=0)
@@ -151,7 +172,7 @@ class _Oil:
     """The temperature of the oil run by run, and the sums of residuals of each run by direction (runs, K), weights."""
 
     temperature_C: FloatArray
-    sums: tuple[tuple[ComplexArray, FloatArray], ...]
+    sums: _ByRun
 
     def lags(self, runs: float) -> list[_Lag]:
         """What a body that takes so many runs explains of each order, (K,).
@@ -182,15 +203,13 @@ class _Oil:
         ]
 
 
-def _lags(
-    target: FitData, sums: dict[float, tuple[ComplexArray, FloatArray]], numbers: IntArray, place: IntArray
-) -> list[_Lag | None]:
+def _lags(target: FitData, sums: _ByRun, numbers: IntArray, place: IntArray) -> list[_Lag | None]:
     """The lag that explains most of each order, (K,); None where the oil was never warmer or colder."""
     oil, good = np.zeros(len(numbers)), target.good
     oil[place[good]] = target.data.at.temperature_C[good]
     if np.ptp(oil) == 0.0:
         return [None] * len(target.data.orders)
-    known, found = _Oil(oil, tuple(sums.values())), list[_Lag | None]()
+    known, found = _Oil(oil, sums), list[_Lag | None]()
     for k, tried in enumerate(zip(*map(known.lags, _LAGS), strict=True)):
         # how much a start explains as well differs from lag to lag: what is left decides
         best = min(tried, key=lambda lag: lag.left)

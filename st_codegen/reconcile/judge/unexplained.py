@@ -44,12 +44,12 @@ def structure(target: FitData, residual: ComplexArray) -> ResidualStructure:
     data, good = target.data, target.good
     parts = np.where(data.orders == 0, 1, 2)
     r: ComplexArray = np.where(data.orders == 0, residual.real, residual).astype(np.complex128)
-    z: ComplexArray = without_lasting(target, r) / target.sigma
-    z = (z * np.minimum(1.0, SETTINGS.cut / np.maximum(np.abs(z), 1e-300))) * good[:, None]
+    whole: ComplexArray = without_lasting(target, r) / target.sigma * good[:, None]
+    z: ComplexArray = whole * np.minimum(1.0, SETTINGS.cut / np.maximum(np.abs(whole), 1e-300))
     p_levels, excess, scale = _between_levels(target, z[good], parts)
     p_shared, shared = _between_neighbours(target, z, parts)
     large = np.maximum(excess / scale, shared) > SETTINGS.least_excess * parts
-    courses = course_of(target, z, parts)
+    courses = course_of(target, z, whole, parts)
     in_time = np.array([course is not None for course in courses])
     p = np.minimum(np.minimum(2 * p_levels, 2 * p_shared), 1.0)
     significant = (false_discoveries(p, SETTINGS.discovery_rate) & large) | in_time
