@@ -173,8 +173,8 @@ class Settings:
     # --- conclusions ---
     #: an effect is not named when its orders keep more loss, beyond noise, than this share of what it saves
     misfit: float = 0.3
-    #: the same for a change of the rig: what bends a parameter of it leaves more than a tenth, as a form may
-    misfit_of_changes: float = 0.1
+    #: the same for a change of the rig in curves, which tell their noise: what bends a parameter leaves more
+    misfit_in_curves: float = 0.1
     #: the same for a resonance, never quite that of one oscillator: it must explain more than it leaves
     misfit_of_peaks: float = 1.0
     #: unless the peaks of its orders agree on a frequency, each at its own speed, as by chance no more than so often

@@ -94,6 +94,11 @@ def misfit(current: Fit, piece: Piece) -> float:
     return _left_of(current, explained(current, piece), SETTINGS.acts if peaks else 0.0)
 
 
+def misfit_of_changes(target: FitData) -> float:
+    """The misfit up to which a change of the rig stands: smaller where curves tell their own noise."""
+    return SETTINGS.misfit if target.data.spectral_deg is None else SETTINGS.misfit_in_curves
+
+
 def is_its_own(current: Fit, piece: Piece, held: Fit) -> bool:
     """Whether a changed effect of the rig is what the data want changed; `held`: the fit without the change.
 
@@ -105,7 +110,8 @@ def is_its_own(current: Fit, piece: Piece, held: Fit) -> bool:
     change = propagation.change(piece.effect) - propagation.change(piece.origin)
     seen = propagation.measured(change, piece.effect.stage)
     shows = np.abs(seen).max(axis=0) > 0.0
-    limit, target = SETTINGS.misfit_of_changes, current.target
+    target = current.target
+    limit = misfit_of_changes(target)
     if target.data.few_points and target.data.spectral_deg is not None:
         # several parameters together follow a dozen runs though none of them is what changed, and what they leave
         # passes for noise: only that within the curves is noise for sure

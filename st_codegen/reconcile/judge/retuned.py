@@ -14,7 +14,7 @@ from st_codegen.reconcile.fit.normal import inverse
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.evidence import chi_square_tail, p_of_clusters
 from st_codegen.reconcile.judge.in_time import lasting_mean, without_lasting
-from st_codegen.reconcile.judge.plausible import bounds_met, is_its_own
+from st_codegen.reconcile.judge.plausible import bounds_met, is_its_own, misfit_of_changes
 from st_codegen.reconcile.judge.surroundings import stands_out
 from st_codegen.reconcile.judge.unexplained import floors, is_lacking
 from st_codegen.reconcile.settings import SETTINGS
@@ -90,7 +90,7 @@ def without_misfits(final: Fit, changed: Collection[int], offset_changed: bool) 
         # what made up for a change that is held now is none
         over |= {i: np.inf for i in kept if not _is_refused(final, i)}
         worst = max(over, key=lambda i: over[i])
-        if over[worst] <= SETTINGS.misfit_of_changes:
+        if over[worst] <= misfit_of_changes(final.target):
             break
         if worst == _OFFSET:
             offset_changed = False
