@@ -322,3 +322,18 @@ def test_the_size_of_a_step_is_that_of_the_residual_as_it_is():
     late = run >= len(at) // 4
     (one,) = of_curves(part(MESH, orders), at, orders, {40: 4e-3 * late * TURN}, run).unexplained
     assert one.order == 40 and one.amplitude_deg == pytest.approx(4e-3, rel=0.05) and "a step of 0.004 deg" in one.text
+
+
+@pytest.mark.parametrize("size", [3e-5, 4e-5])
+def test_noise_a_little_larger_than_that_within_curves_takes_no_change_back(size):
+    """An order whose slope had changed was unexplained: a sixth more noise than its curves tell was called structure."""
+    at, orders = forms_grid(np.linspace(100, 1800, 6)), [0, 39, 40, 78]
+    rig = part(MESH, orders)
+    (mesh,) = (one for one in rig.effects if one.name == "load_dependent_mesh" and 78 in one.orders)
+    change = mesh.contribution(at, np.array(orders))[:, 3]
+    noise = 0.4 * SIGMA * np.random.default_rng(7).standard_normal((2, len(at)))
+    added = size * change / np.abs(change).max() + noise[0] + 1j * noise[1]
+    result = of_curves(rig, at, orders, {78: added})
+    assert [one.after.name for one in result.conclusions.retuned] == [
+        "load_dependent_mesh"
+    ] and result.unexplained == ()

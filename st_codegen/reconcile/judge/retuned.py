@@ -133,7 +133,9 @@ def _misfits(final: Fit, changed: Collection[int], offset_changed: bool) -> dict
     )
     # noise within curves is that of many samples, and has no heavy tails
     tails = SETTINGS.tails if data.spectral_deg is None else 1.0
-    noise = tails * np.where(data.orders == 0, 1, 2) * target.counts.sum(axis=0)
+    numbers = np.where(data.orders == 0, 1, 2) * target.counts.sum(axis=0)
+    # the mean power of so many numbers of noise scatters: a gap below that is not told
+    noise = tails * (numbers + SETTINGS.told * np.sqrt(2.0 * numbers))
     beyond, found = np.maximum(left - noise, 0.0), {}
     for i, power in own.items():
         mine = power / floor > SETTINGS.much * (power / floor).max()
