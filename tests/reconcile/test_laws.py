@@ -326,7 +326,7 @@ def test_the_size_of_a_step_is_that_of_the_residual_as_it_is():
 
 @pytest.mark.parametrize("size", [3e-5, 4e-5])
 def test_noise_a_little_larger_than_that_within_curves_takes_no_change_back(size):
-    """An order whose slope had changed was unexplained: a sixth more noise than its curves tell was called structure."""
+    """An order whose slope had changed was unexplained: a sixth more noise than curves tell was called structure."""
     at, orders = forms_grid(np.linspace(100, 1800, 6)), [0, 39, 40, 78]
     rig = part(MESH, orders)
     (mesh,) = (one for one in rig.effects if one.name == "load_dependent_mesh" and 78 in one.orders)
