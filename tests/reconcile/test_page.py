@@ -14,7 +14,7 @@ from st_codegen.reconcile.report.findings import findings, share_text
 from st_codegen.reconcile.report.output import report
 from st_codegen.reconcile.report.pages import report_page
 from st_codegen.reconcile.report.ranking import outcome, ranking_section
-from st_codegen.reconcile.report.sentences import left_text
+from st_codegen.reconcile.report.sentences import between_text, left_text
 from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.run import OrderGap, reconcile_observations
 from tests import browser
@@ -83,6 +83,14 @@ def test_a_gap_well_above_the_floor_has_its_reason(result, page):
     assert re.search(r" 9\d % of its power is order 3, 0\.000\d+ deg RMS \(of the .* both directions share", text)
     assert html.escape(text) in page and text in summary(result)
     assert left_text(replace(result, held_out=replace(result.held_out, noise_floor=result.held_out.after))) == ""
+    # where most of the gap is none of the orders', those that make nothing of it are not listed
+    wide = replace(result, held_out=replace(result.held_out, after=20 * result.held_out.after))
+    assert left_text(wide).count("% of its power") == 1
+
+
+def test_a_gap_between_temperatures_that_does_not_move_the_whole_is_not_worth_a_sentence(result):
+    assert "Between temperatures" in between_text(replace(result, between_deg=0.5 * result.held_out.after))
+    assert between_text(replace(result, between_deg=1e-3 * result.held_out.after)) == between_text(result)
 
 
 def test_a_hum_stands_with_its_frequency(result):
