@@ -357,7 +357,7 @@ def _unexplained(
     if data.angle_rad is not None:
         return noise.floor_rms, lines_in_samples(target, after, gap_power)
     floor_rms = floors(target, after, noise.floor_rms)
-    kept = excused(data, after, noise, is_lacking(target, after), lack_of_forms(final))
+    kept = excused(data, after, noise, is_lacking(target, after))
     left = signatures(target, after, gap_power, floor_rms, (before != after).any(axis=0), kept)
     return floor_rms, [*map(partial(of_a_hum, gap_power=gap_power, orders=data.orders), data.hums), *left]
 

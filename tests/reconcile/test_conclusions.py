@@ -153,8 +153,45 @@ def test_a_run_is_not_bad_for_what_the_form_of_a_new_effect_may_lack(is_known):
     found = bad_runs(data, last.residual, last.target.sigma, np.zeros(len(data.orders), bool), lack_of_forms(last))
     assert set(found) == set(rows if is_known else [])
     noise, nothing = estimate(data, last.residual), np.zeros(len(data.orders), bool)
-    kept = excused(data, last.residual, noise, nothing, lack_of_forms(last))
+    noise.good[list(found)] = False
+    kept = excused(data, last.residual, noise, nothing)
     assert data.orders[kept].tolist() == ([] if is_known else [0]), "but then the form lacks something there"
+
+
+@pytest.mark.parametrize("is_near", [False, True])
+def test_a_run_is_not_bad_for_a_resonance_of_another_frequency(is_near):
+    """One run meets the peak elsewhere, as in a second state; far from the frequency that is no matter of its state."""
+    peak = effect("structural_resonance", frequency_Hz=15.0, damping_ratio=0.03, orders=[78], amplitude_deg=[2e-3])
+    data = observed(RigModel(effects=(*RIG.effects, peak)), grid(12, 4, 2))
+    frequency = 78 * data.at.speed_rpm / 60 / 81
+    (number,) = np.flatnonzero(data.orders == 78)
+    rows = min(data.runs, key=lambda rows: abs(frequency[rows[0]] - (16.5 if is_near else 24.0)))
+    data.values[rows, number] += 1e-3
+    known = fitted(RIG, data)
+    last = fit(known.target, known.state.with_piece(piece_of(peak, added=True)))
+    nothing = np.zeros(len(data.orders), bool)
+    found = bad_runs(data, last.residual, last.target.sigma, nothing, lack_of_forms(last))
+    assert set(found) == set([] if is_near else rows)
+    noise = replace(estimate(data, last.residual), good=~np.isin(np.arange(len(data)), list(found)))
+    assert data.orders[excused(data, last.residual, noise, nothing)].tolist() == ([78] if is_near else [])
+
+
+def test_what_a_few_runs_share_with_their_neighbours_is_said_of_their_order():
+    """Three runs that follow each other in speed are off alike: none is bad by itself, and none is noise."""
+    data = observed(RIG, grid())
+    first = data.runs[40]
+    near = [
+        rows
+        for rows in data.runs
+        if data.at.torque_Nm[rows[0]] == data.at.torque_Nm[first[0]]
+        and data.at.temperature_C[rows[0]] == data.at.temperature_C[first[0]]
+    ][1:4]
+    for size, rows in zip((20.0, 25.0, 30.0), near, strict=True):
+        data.values[rows, 0] += size * SIGMA * data.at.sign[rows]
+    known, nothing = fitted(RIG, data), np.zeros(len(data.orders), bool)
+    assert not bad_runs(data, known.residual, np.full_like(known.target.sigma, SIGMA), nothing)
+    noise = replace(estimate(data, known.residual), good=np.ones(len(data), bool))
+    assert data.orders[excused(data, known.residual, noise, nothing)].tolist() == [0]
 
 
 @pytest.mark.parametrize("form", [{}, {"stribeck_exponent": 2.0}])

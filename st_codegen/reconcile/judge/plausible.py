@@ -212,8 +212,21 @@ def _slack(current: Fit, pieces: Sequence[Piece]) -> FloatArray:
 
 
 def lack_of_forms(current: Fit) -> FloatArray:
-    """By how much the forms of the effects that a fit added may be off in each run, (n, K), deg."""
-    return _slack(current, [piece for piece in current.state.pieces if piece.added])
+    """By how much the forms of the effects that a fit added may be off in each run, (n, K), deg.
+
+    A resonance whose frequency is another in some runs, as in a second state, has its whole peak there.
+    """
+    added = [piece for piece in current.state.pieces if piece.added]
+    found, data = _slack(current, added), current.target.data
+    turns = 60.0 * current.target.reduction_ratio
+    for effect in (piece.effect for piece in added if has_a_frequency(piece.effect)):
+        frequency = effect.scalar("frequency_Hz")
+        for k in np.flatnonzero(np.isin(data.orders, effect.orders)):
+            order = int(data.orders[k])
+            its_peak = replace(data.at, speed_rpm=np.full(len(data), turns * frequency / order))
+            near = np.abs(order * data.at.speed_rpm / turns / frequency - 1.0) < SETTINGS.state_reach
+            found[near, k] += np.abs(effect.contribution(its_peak, data.orders[k : k + 1])[near, 0])
+    return found
 
 
 def _sharp(fitted: Fit) -> FitData:

@@ -55,13 +55,20 @@ def bad_runs(
     return {row: off for row, off in found.items() if few and not level[row]}
 
 
-def excused(
-    data: Observations, residual: ComplexArray, noise: Noise, structured: BoolArray, lack: FloatArray
-) -> BoolArray:
-    """Orders (K,) in which runs are off that would be bad if the forms of new effects were right: they keep that."""
-    known = bad_runs(data, residual, noise.sigma, structured, lack)
-    rows = [row for row in bad_runs(data, residual, noise.sigma, structured) if row not in known and noise.good[row]]
-    return np.asarray((_scaled(data, residual, noise.sigma)[rows] > SETTINGS.off).any(axis=0))
+def excused(data: Observations, residual: ComplexArray, noise: Noise, structured: BoolArray) -> BoolArray:
+    """Orders (K,) in which runs are off that are not called bad: others share it, or the form of a new effect lacks it.
+
+    Orders in which the model is known to lack something are not among them.
+    """
+    found = np.zeros(len(data.orders), bool)
+    if data.angle_rad is not None:
+        return found
+    off = _scaled(data, residual, noise.sigma) > SETTINGS.off
+    for rows in data.runs:
+        if noise.good[rows].all():
+            alone = off[rows][off[rows].sum(axis=1) >= SETTINGS.orders_alone].any(axis=0)
+            found |= alone | (off[rows].all(axis=0) if len({data.at.sign[row] for row in rows}) == 2 else False)
+    return found & ~structured
 
 
 def _alone(size: FloatArray) -> float:
