@@ -25,6 +25,10 @@ class Settings:
     shared_sure: float = 9.0
     shared_least: float = 0.25
     shared_orders: int = 8
+    #: widths of bumps that are looked for in the mean curves, and from how many standard errors on: at some 200,000
+    #: places, those of mesh orders included, noise reaches as many once in 100,000 campaigns
+    place_widths_deg: tuple[float, ...] = (0.7, 1.5, 3.0)
+    place_sure: float = 7.0
     #: waves of a frequency of their own that are looked for; power over noise of a line of one curve, which noise
     #: (exponential) reaches once in 1e13 orders; orders to each side by which its size is told
     most_hums: int = 3
@@ -169,6 +173,8 @@ class Settings:
     #: differs in form
     reach_of_place: float = 3.0
     left_of_place: float = 0.15
+    #: how far on both sides of an angle what many orders hold together may reach, deg
+    reaches_of_place_deg: tuple[float, ...] = (2.0, 4.0, 8.0, 16.0)
 
     # --- conclusions ---
     #: an effect is not named when its orders keep more loss, beyond noise, than this share of what it saves

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,10 +20,15 @@ from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.hum import without_hums
 from st_codegen.reconcile.data.observations import Observations, from_table, labels, order_of_runs
 from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects.wear import bump
 from st_codegen.rig.model import RigModel
 
 Progress = Callable[[int, int, str], None]
 _DEGREES = 57.29577951308232
+#: angles of a turn at which a bump is looked for
+_ANGLES = 2048
+#: order times width (rad) from which on a bump's waves are below a hundredth of its largest
+_TOLD_OF_BUMP = 3.0
 
 
 def read_measured(
@@ -58,7 +64,11 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
     waves[mistaken] = np.nan
     told = [k for k in rig.orders() if k <= band and not mistaken[:, k].all()]
     loud = np.flatnonzero(_loud(np.abs(waves / floor) ** 2)).tolist()
-    orders = sorted({0, *told, *loud, *_shared(waves, campaign.at.sign, {*told, *loud})})
+    known = {*told, *loud}
+    shared = _shared(waves, campaign.at.sign, known) or _of_a_place(
+        waves, floor, campaign.at.sign, known, rig.constants.mesh_orders()
+    )
+    orders = sorted({0, *known, *shared})
     fits = _fits(campaign, orders, bands, progress)
     values = np.zeros((len(fits), len(orders)), np.complex128)
     # an amplitude has the variance of two components; the floor of the mean is that of one number already
@@ -260,6 +270,41 @@ def _shared(waves: ComplexArray, sign: FloatArray, known: set[int]) -> list[int]
     found = np.flatnonzero((sure > SETTINGS.shared_sure) & (least > SETTINGS.shared_least))
     orders = sorted(set(found.tolist()) - known - {0})
     return orders if len(orders) >= SETTINGS.shared_orders else []
+
+
+def _of_a_place(
+    waves: ComplexArray, floor: FloatArray, sign: FloatArray, known: set[int], meshes: Iterable[int]
+) -> list[int]:
+    """Orders of a bump at one angle that no order shows by itself, but the mean curve of all runs of a direction does.
+
+    Asked at every angle for bumps of some widths, and for mesh orders that are larger there, alike in both directions
+    or of opposite sign. waves: (n, K), nan where a curve does not tell; floor: their noise as amplitudes; known: orders
+    that are looked at already.
+    """
+    # the lowest orders may wander from run to run
+    asked = np.array([k for k in range(SETTINGS.wander_orders + 1, waves.shape[1]) if k not in known], np.int64)
+    noise = np.where(np.isfinite(waves), floor, np.inf)[:, asked]
+    weights = [(1.0 / noise[sign == direction] ** 2).sum(axis=0) for direction in (1.0, -1.0)]
+    if not len(asked) or not (np.minimum(*weights) > 0).all():
+        return []
+    # the mean of each direction by the noise of its curves, and the power of noise in the sum of both
+    means = [
+        (np.nan_to_num(waves[sign == direction][:, asked]) / noise[sign == direction] ** 2).sum(axis=0) / weight
+        for direction, weight in zip((1.0, -1.0), weights, strict=True)
+    ]
+    power = 1.0 / weights[0] + 1.0 / weights[1]
+    best: tuple[float, list[int]] = (SETTINGS.place_sure, [])
+    for order, width in itertools.product((0, *meshes), SETTINGS.place_widths_deg):
+        shape = bump(asked - order, 0.0, width).real
+        reached = asked[np.abs(asked - order) * np.radians(width) <= _TOLD_OF_BUMP]
+        for other in (1.0, -1.0):
+            filtered = np.zeros(waves.shape[1], np.complex128)
+            filtered[asked] = (means[0] + other * means[1]) * shape / power
+            there = np.fft.ifft(filtered, _ANGLES) * _ANGLES
+            # a bump has one sign, a mesh order any phase
+            sure = np.abs(there if order else there.real).max() / np.sqrt(max((shape**2 / power).sum() / 2.0, 1e-300))
+            best = max(best, (float(sure), reached.tolist()))
+    return best[1]
 
 
 def check(data: Observations, rig: RigModel, path: Path, *, units: bool = True) -> None:

@@ -79,7 +79,10 @@ def _p_of_chance(without: Fit, with_it: Fit, places: list[int]) -> float:
 
 
 def size_in_noise(fit: Fit, places: list[int], number: int) -> float:
-    """RMS of what coordinates contribute, in standard deviations of one measured number, over the orders they touch."""
+    """RMS of what coordinates contribute, in standard deviations of one measured number, over the orders they touch.
+
+    What stands at one angle is in all its orders alike: these tell it together, as a curve does.
+    """
     piece, place = fit.state.pieces[number], fit.state.slices()[number]
     vector = piece.vector()
     without = vector.copy()
@@ -96,7 +99,8 @@ def size_in_noise(fit: Fit, places: list[int], number: int) -> float:
     squares = ((np.abs(part) / fit.target.sigma[fit.target.good]) ** 2).mean(axis=0)
     parts = np.where(fit.target.data.orders == 0, 1, 2)
     touched = squares / parts > 0.1 * (squares / parts).max(initial=0.0)
-    return float(np.sqrt(squares[touched].sum() / max(parts[touched].sum(), 1)))
+    count = 2 if piece.effect.least_foreign else parts[touched].sum()
+    return float(np.sqrt(squares[touched].sum() / max(count, 1)))
 
 
 def p_of_clusters(fit: Fit, places: list[int], difference: FloatArray, *, with_form: bool = False) -> float:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.fit.fitting import Fit
+from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.lines import stand_out, waves_of_angle
 from st_codegen.reconcile.judge.plausible import explained
+from st_codegen.reconcile.judge.votes import SIGNS
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect
 
@@ -85,6 +89,30 @@ def is_of_its_place(current: Fit, number: int) -> bool:
             alike = float(np.linalg.svd(form)[2][0] @ np.linalg.svd(there)[2][0]) ** 2
             left, power = left + (form**2).sum() * (1.0 - alike), power + (form**2).sum()
     return bool(left <= SETTINGS.left_of_place * power)
+
+
+def angle_of_rest(target: FitData, residual: ComplexArray, orders: Sequence[int]) -> tuple[float, float, float] | None:
+    """Where the waves of many orders stand together in the mean curve of all runs, and nowhere else; None for most.
+
+    Returns the angle of the output, to how far on both sides most of their power lies, and the largest deviation there
+    in a direction, all in deg. residual: (n, K); orders: those that keep more than noise.
+    """
+    columns = np.flatnonzero(np.isin(target.data.orders, [k for k in orders if k > 0]))
+    if target.data.angle_rad is not None or len(columns) < SETTINGS.shared_orders:
+        return None
+    turn = np.exp(1j * np.outer(target.data.orders[columns], _ANGLES))
+    signs = [target.good & (target.data.at.sign == sign) for sign in SIGNS]
+    curves = np.array([(residual[np.ix_(rows, columns)].mean(axis=0) @ turn).real for rows in signs if rows.any()])
+    power = (curves**2).sum(axis=0)
+    for reach in SETTINGS.reaches_of_place_deg:
+        width = 2 * round(reach * len(_ANGLES) / 360.0) + 1
+        inside = np.convolve(
+            np.concatenate([power[-(width // 2) :], power, power[: width // 2]]), np.ones(width), "valid"
+        )
+        if inside.max() > SETTINGS.most_of_gap * power.sum():
+            centre = int(np.argmax(inside))
+            return float(np.degrees(_ANGLES[centre])), reach, float(np.abs(curves).max())
+    return None
 
 
 def _place(effect: Effect) -> tuple[float, float]:

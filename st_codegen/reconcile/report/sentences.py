@@ -13,6 +13,7 @@ from st_codegen.reconcile.data.observations import rms_deg
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.conclusions import Claim
 from st_codegen.reconcile.judge.plausible import explained
+from st_codegen.reconcile.judge.surroundings import angle_of_rest
 from st_codegen.reconcile.judge.unexplained import in_both_directions
 from st_codegen.reconcile.run import Reconciliation, TakenBack
 from st_codegen.reconcile.settings import SETTINGS
@@ -96,6 +97,8 @@ def between_text(result: Reconciliation) -> str:
 
 #: share of a gap below which an order is not listed among those that make it
 _LEAST_SHARE = 0.01
+#: orders that are listed so
+_MOST_LISTED = 4
 
 
 def left_text(result: Reconciliation) -> str:
@@ -111,7 +114,8 @@ def left_text(result: Reconciliation) -> str:
     shares, alike = left / gap.after**2, in_both_directions(result.target, result.conclusions.final.residual)
     parts = []
     most = int(np.searchsorted(np.cumsum(np.sort(shares)[::-1]), SETTINGS.most_of_gap)) + 1
-    for k in [k for n, k in enumerate(np.argsort(-shares)[:most]) if n == 0 or shares[k] >= _LEAST_SHARE]:
+    most_of_it = [k for n, k in enumerate(np.argsort(-shares)[:most]) if n == 0 or shares[k] >= _LEAST_SHARE]
+    for k in most_of_it[:_MOST_LISTED]:
         name = f"order {own[k].order}" if own[k].order else "the mean"
         text = f"{100 * shares[k]:.0f} % of its power is {name}, {own[k].held_out:.2g} deg RMS"
         if alike[k] > SETTINGS.most_of_gap * own[k].after:
@@ -119,6 +123,20 @@ def left_text(result: Reconciliation) -> str:
             text += f" (of the {own[k].after:.2g} deg of the fitted runs both directions share {alike[k]:.2g}{moves})"
         parts.append(text)
     return f"The gap on held-out runs is {times:.3g} floors: {'; '.join(parts)}."
+
+
+def place_text(result: Reconciliation) -> str:
+    """Where in the turn most of what stays unexplained stands, where that is one angle; empty for most."""
+    orders = [one.order for one in result.unexplained]
+    found = angle_of_rest(result.target, result.conclusions.final.residual, orders)
+    if found is None:
+        return ""
+    angle, reach, size = found
+    return (
+        f"Most of what stays unexplained in orders stands at one angle of the output: {angle:.0f} deg, within "
+        f"{reach:g} deg on both sides, up to {size:.2g} deg in the mean of all runs of a direction. Look at pins, "
+        "teeth and bearings there, and at the encoder's disc."
+    )
 
 
 def taken_back_text(back: TakenBack) -> str:

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING
 
 from st_codegen.campaign.conditions import OperatingPoint
 from st_codegen.reconcile.report.findings import findings, share_text
-from st_codegen.reconcile.report.sentences import between_text, floor_text, left_text, taken_back_text, verdict_text
+from st_codegen.reconcile.report.sentences import (
+    between_text,
+    floor_text,
+    left_text,
+    place_text,
+    taken_back_text,
+    verdict_text,
+)
 from st_codegen.reconcile.run import Reconciliation
 
 if TYPE_CHECKING:
@@ -23,9 +30,12 @@ def summary(result: Reconciliation) -> str:
     lines += [f"- {finding_text(finding, first=number == 0)}" for number, finding in enumerate(findings(result))]
     lines += [f"- unexplained: {signature.text}" for signature in result.unexplained[:8]]
     if more := result.unexplained[8:]:
-        orders, together = [one.order for one in more], math.hypot(*(one.rms_deg for one in more))
-        which = f"from {min(orders)} to {max(orders)}, together {together:.2g} deg RMS"
+        orders, together = [one.order for one in more if not one.hertz], math.hypot(*(one.rms_deg for one in more))
+        span = f"from {min(orders)} to {max(orders)}, " if orders else ""
+        which = f"{span}together {together:.2g} deg RMS"
         lines.append(f"- and {len(more)} more unexplained orders {which}")
+    if place := place_text(result):
+        lines.append(f"- {place}")
     if result.taken_back is not None:
         lines.append(f"- {taken_back_text(result.taken_back)}")
     gap = result.held_out
