@@ -60,7 +60,9 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
     for row, fit in enumerate(first):
         waves[row, : bands[row] + 1] = fit.waves[: bands[row] + 1]
         floor[row, : bands[row] + 1] = np.maximum(fit.spectrum_floor[: bands[row] + 1], 1e-30)
-    mistaken = _mistaken(campaign, {*rig.orders(), *np.flatnonzero(_loud(np.abs(waves / floor) ** 2)).tolist()}, band)
+    power = np.abs(waves / floor) ** 2
+    mistaken = _mistaken(campaign, {*rig.orders(), *np.flatnonzero(_loud(power)).tolist()}, band)
+    mistaken |= _alone(power, np.array([curve.sums.samples for curve in campaign.curves]), rig.orders())
     waves[mistaken] = np.nan
     told = [k for k in rig.orders() if k <= band and not mistaken[:, k].all()]
     loud = np.flatnonzero(_loud(np.abs(waves / floor) ** 2)).tolist()
@@ -111,6 +113,18 @@ def _mistaken(campaign: Campaign, orders: set[int], band: int) -> BoolArray:
         shown = shown[(shown != high) & (shown <= band)]
         found[row, shown[shown > 0]] = True
     return found
+
+
+def _alone(power: FloatArray, samples: IntArray, known: Iterable[int]) -> BoolArray:
+    """Lines of curves with fewer samples than others that none of these show: they may be what is beyond all bands.
+
+    power: over noise, (n, K), nan where a curve does not tell; samples: (n,); known: orders of the rig, which curves
+    show that have few samples as well.
+    """
+    coarse = samples < samples.max()
+    found: BoolArray = (power > SETTINGS.loud_line) & coarse[:, None]
+    found[:, [order for order in known if order < power.shape[1]]] = False
+    return found & ~_loud(power[~coarse]) if coarse.any() else found
 
 
 def _mistaken_text(campaign: Campaign, mistaken: BoolArray, bands: IntArray, files: list[str]) -> list[str]:
