@@ -175,6 +175,8 @@ class Settings:
     left_of_place: float = 0.15
     #: how far on both sides of an angle what many orders hold together may reach, deg
     reaches_of_place_deg: tuple[float, ...] = (2.0, 4.0, 8.0, 16.0)
+    #: unexplained orders beside those of the rig of which is said that they lie so
+    least_beside: int = 3
 
     # --- conclusions ---
     #: an effect is not named when its orders keep more loss, beyond noise, than this share of what it saves

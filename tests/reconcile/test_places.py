@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+from st_codegen.reconcile.data.reading import _alone
+from st_codegen.reconcile.report.sentences import beside_text
+from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.run import reconcile_files
 from st_codegen.rig.effects import catalogue
 from st_codegen.rig.model import read_rig
@@ -61,6 +64,14 @@ HIDDEN = {
     "trapezoid": (*[1.5e-3 * np.clip(4 - np.abs(at(120)), 0, 1)] * 2, 0, 0),
     "burst": (1.5e-3 * bell(150, 5) * np.cos(39 * THETA), 1e-3 * bell(150, 5) * np.sin(39 * THETA), 0, 0),
     "texture": (texture(), texture(), 0, 0),
+    # in no order above the noise of a curve
+    "faint bump": (*[1.5e-4 * bell(74.5, 1.5)] * 2, 0, 0),
+    "faint burst": (*[2e-4 * bell(150, 3) * np.cos(39 * THETA)] * 2, 0, 0),
+    "of no form": (
+        *[1e-3 * np.where(np.abs(at(200)) < 10, np.random.default_rng(0).standard_normal(SAMPLES), 0)] * 2,
+        0,
+        0,
+    ),
 }
 
 
@@ -133,7 +144,51 @@ def test_waves_of_all_orders_alike_have_no_name_and_change_no_effect(tmp_path):
     assert result.verdict == "unexplained" and len(result.unexplained) > 30
 
 
+@pytest.mark.parametrize(
+    ("name", "effect", "place"),
+    [
+        ("faint bump", "local_defect", 74.5),
+        pytest.param("faint burst", "local_mesh_defect", 150, marks=pytest.mark.slow),
+    ],
+)
+def test_what_no_order_shows_the_mean_of_all_curves_may(name, effect, place, tmp_path):
+    result = reconciled(tmp_path, name)
+    (found,) = named(result)
+    assert (found.name, result.verdict) == (effect, "explained")
+    assert found.scalar("centre_deg") == pytest.approx(place, abs=1.0)
+
+
+def test_where_in_the_turn_unexplained_orders_stand_together_is_said(tmp_path):
+    result = reconciled(tmp_path, "of no form")
+    assert not named(result) and len(result.unexplained) > 30
+    assert "at one angle of the output: 20" in summary(result).replace("\n", " ")
+
+
 def test_noise_alone_has_no_shared_orders(tmp_path):
     result = reconciled(tmp_path, "nothing")
     assert result.verdict == "nothing_missing"
     assert set(result.data.orders.tolist()) == set(result.rig.orders())
+
+
+@pytest.mark.parametrize(
+    ("orders", "said"),
+    [
+        ([77, 79, 239, 241], "77, 79, 239, 241"),
+        ([77, 79, 241, 5, 6, 7, 8], ""),
+        ([77, 79], ""),
+        ([1, 77, 79, 240], ""),
+    ],
+)
+def test_unexplained_orders_beside_those_of_the_rig_are_said_to_lie_so(orders, said):
+    """Order 1 is beside the mean only, and 240 is the rig's own."""
+    text = beside_text(orders, [0, 78, 240])
+    assert text.startswith(f"Unexplained orders {said} lie one beside") if said else text == ""
+
+
+def test_a_line_that_only_a_curve_with_few_samples_shows_may_be_a_higher_order():
+    power = np.ones((10, 60))
+    power[0, [20, 30, 40]] = 100.0
+    power[1:, 30] = 100.0  # others show it as well
+    samples = np.array([150] + [4000] * 9)
+    assert np.argwhere(_alone(power, samples, [40])).tolist() == [[0, 20]]
+    assert not _alone(power, np.full(10, 150), [40]).any()

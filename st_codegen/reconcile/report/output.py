@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from st_codegen.reconcile.judge.conclusions import Claim, Retuned
 from st_codegen.reconcile.judge.evidence import Evidence, digits
-from st_codegen.reconcile.report.sentences import form_error, left_text, place_text
+from st_codegen.reconcile.report.sentences import form_error, left_text, together_text
 from st_codegen.reconcile.run import Gap, Reconciliation
 from st_codegen.rig.effects import Effect
 
@@ -44,7 +44,7 @@ def report(result: Reconciliation, update: Update | None = None, ahead: NextRuns
             }
             for s in result.unexplained
         ],
-        "unexplained_at": place_text(result) or None,
+        "unexplained_together": together_text(result) or None,
         "gap": {"fitted": _gap(result.fitted), "held_out": _gap(result.held_out)},
         "noise_floor_at_most": result.floor_is_bound,
         "held_out_at_least": result.held_out_is_bound,

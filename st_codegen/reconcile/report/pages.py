@@ -19,8 +19,8 @@ from st_codegen.reconcile.report.sentences import (
     between_text,
     floor_text,
     left_text,
-    place_text,
     taken_back_text,
+    together_text,
     verdict_text,
 )
 from st_codegen.reconcile.run import OrderGap, Reconciliation
@@ -221,7 +221,7 @@ def _unexplained(result: Reconciliation) -> PageSection | None:
         for s in result.unexplained
     ]
     text = "Parts that stand above the noise and that no effect of the catalogue explains: by their signature."
-    text += f" {place}" if (place := place_text(result)) else ""
+    text += f" {together}" if (together := together_text(result)) else ""
     shown = panels(unexplained_panels(result))
     text += " Pictures: medians and bands of 80 % of the runs." if shown else ""
     table = PageTable(["order", "RMS, deg", "of the gap", "direction", ""], rows)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterable
 from typing import Any
 
 import numpy as np
@@ -125,17 +125,29 @@ def left_text(result: Reconciliation) -> str:
     return f"The gap on held-out runs is {times:.3g} floors: {'; '.join(parts)}."
 
 
-def place_text(result: Reconciliation) -> str:
-    """Where in the turn most of what stays unexplained stands, where that is one angle; empty for most."""
-    orders = [one.order for one in result.unexplained]
+def together_text(result: Reconciliation) -> str:
+    """What most of the orders that stay unexplained have in common: an angle of the turn, or places; empty for most."""
+    orders = [one.order for one in result.unexplained if one.order > 0]
     found = angle_of_rest(result.target, result.conclusions.final.residual, orders)
-    if found is None:
+    if found is not None:
+        angle, reach, size = found
+        return (
+            f"Most of what stays unexplained in orders stands at one angle of the output: {angle:.0f} deg, within "
+            f"{reach:g} deg on both sides, up to {size:.2g} deg in the mean of all runs of a direction. Look at pins, "
+            "teeth and bearings there, and at the encoder's disc."
+        )
+    return beside_text(orders, result.rig.orders())
+
+
+def beside_text(orders: Collection[int], its: Iterable[int]) -> str:
+    """What is said of unexplained orders that lie beside those of the rig (`its`); empty where few or others do."""
+    made = set(its) - {0}
+    beside = sorted(k for k in orders if k not in made and {k - 1, k + 1} & made)
+    if len(beside) < SETTINGS.least_beside or 2 * len(beside) < len(orders):
         return ""
-    angle, reach, size = found
     return (
-        f"Most of what stays unexplained in orders stands at one angle of the output: {angle:.0f} deg, within "
-        f"{reach:g} deg on both sides, up to {size:.2g} deg in the mean of all runs of a direction. Look at pins, "
-        "teeth and bearings there, and at the encoder's disc."
+        f"Unexplained orders {', '.join(map(str, beside))} lie one beside orders of the rig: so they look where these "
+        "orders change once a turn of the output, or where the angle is read wrong once a turn."
     )
 
 

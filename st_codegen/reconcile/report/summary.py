@@ -11,8 +11,8 @@ from st_codegen.reconcile.report.sentences import (
     between_text,
     floor_text,
     left_text,
-    place_text,
     taken_back_text,
+    together_text,
     verdict_text,
 )
 from st_codegen.reconcile.run import Reconciliation
@@ -28,14 +28,14 @@ def summary(result: Reconciliation) -> str:
     lines = [verdict_text(result)]
     lines += [f"- the measurement: {mistake.text}" for mistake in result.mistakes]
     lines += [f"- {finding_text(finding, first=number == 0)}" for number, finding in enumerate(findings(result))]
+    if common := together_text(result):
+        lines.append(f"- {common}")
     lines += [f"- unexplained: {signature.text}" for signature in result.unexplained[:8]]
     if more := result.unexplained[8:]:
         orders, together = [one.order for one in more if not one.hertz], math.hypot(*(one.rms_deg for one in more))
         span = f"from {min(orders)} to {max(orders)}, " if orders else ""
         which = f"{span}together {together:.2g} deg RMS"
         lines.append(f"- and {len(more)} more unexplained orders {which}")
-    if place := place_text(result):
-        lines.append(f"- {place}")
     if result.taken_back is not None:
         lines.append(f"- {taken_back_text(result.taken_back)}")
     gap = result.held_out
