@@ -358,7 +358,11 @@ def _unexplained(
         return noise.floor_rms, lines_in_samples(target, after, gap_power)
     floor_rms = floors(target, after, noise.floor_rms)
     kept = excused(data, after, noise, is_lacking(target, after))
-    left = signatures(target, after, gap_power, floor_rms, (before != after).any(axis=0), kept)
+    asked = (before != after).any(axis=0)
+    if data.spectral_deg is not None:
+        # orders of curves that no effect makes are looked at since they are louder than noise
+        asked |= ~np.isin(data.orders, final.state.rig.orders()) & (data.orders > SETTINGS.wander_orders)
+    left = signatures(target, after, gap_power, floor_rms, asked, kept)
     return floor_rms, [*map(partial(of_a_hum, gap_power=gap_power, orders=data.orders), data.hums), *left]
 
 

@@ -212,20 +212,20 @@ def signatures(
     residual: ComplexArray,
     gap_power: float,
     floor: FloatArray,
-    claimed: BoolArray | None = None,
+    asked: BoolArray | None = None,
     kept: BoolArray | None = None,
 ) -> list[Signature]:
     """Signatures of all orders with significant structure, largest first.
 
-    gap_power: deg^2, of the whole gap; floor: RMS of one component of the noise by order, (K,); claimed: bool (K,), the
-    orders on which something is named or changed. What is left of these must be noise, each by its own: the noise of
-    the other orders may be many times as large and hide a form that is not quite right. kept: bool (K,), orders of
-    which it is known that they keep more than noise.
+    gap_power: deg^2, of the whole gap; floor: RMS of one component of the noise by order, (K,); asked: bool (K,), the
+    orders on which something is named or changed, or that were louder than noise. What is left of these must be noise,
+    each by its own: that of the other orders may be many times as large and hide a form that is not quite right. kept:
+    bool (K,), orders of which it is known that they keep more than noise.
     """
     found = structure(target, residual)
     out = [_signature(target, residual, found, int(k), gap_power, floor[k]) for k in np.flatnonzero(found.significant)]
     loud = _component(target, residual) > _sure_times(target) * floor
-    loud &= False if claimed is None else claimed
+    loud &= False if asked is None else asked
     loud[scatter(target, residual)] = True
     loud |= False if kept is None else kept
     out += [
