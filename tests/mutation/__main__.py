@@ -2,8 +2,9 @@
 
 First every test runs once below coverage, folder by folder, which shows the tests that execute a line, and their
 seconds. A mutant is tried in a copy of the repository with the tests of its own room first, most specific ones first.
-Coverage sees neither machine code nor other processes: a line that no test seems to execute is tried with the tests of
-its file, or else of its room. Templates are not Python, so theirs are all tests of their rooms. Limits are processor
+A declaration, which the import executes, is tried with the tests that execute its uses. Coverage sees neither machine
+code nor other processes: a line that no test seems to execute is tried with the tests of its file, or else of its room.
+Templates are not Python, so theirs are all tests of their rooms. Limits are processor
 time, so that a busy machine does not turn a survivor into an endless loop.
 
 With `--rooms`, mutants of these rooms only are tried, and only with the tests of these rooms: what is found then is a
@@ -20,7 +21,6 @@ import random
 import resource
 import shutil
 import signal
-import sqlite3
 import subprocess
 import sys
 import tempfile
@@ -30,17 +30,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import coverage
-from coverage.numbits import numbits_to_nums
 
+from tests.mutation.executed import Executed
 from tests.mutation.mutants import Mutant, sample
 
 ROOT = Path(__file__).resolve().parents[2]
-#: Tests of templates: the golden files first, they notice most.
-_OF_TEMPLATES = ("tests/emit/test_golden.py", "tests/emit", "tests/te", "tests/beckhoff_ml")
-_OF_SOURCES = "tests/test_architecture.py"
-#: Most tests of one mutant, and the seconds that they take unchanged: what these do not notice counts as survived.
-_MOST_TESTS = 2000
-_MOST_SECONDS = 60.0
 #: A test run counts as too slow beyond so many times its seconds unchanged, and so many seconds for its start.
 _SLOWER = 4
 _START_SECONDS = 60
@@ -60,68 +54,6 @@ class Verdict:
     def found(self) -> bool:
         """Whether the tests noticed it."""
         return self.verdict in ("noticed", "too slow", "stuck")
-
-
-def _file_of(test: str) -> str:
-    return test.partition("::")[0]
-
-
-class Executed:
-    """Which tests execute a line, from runs below coverage."""
-
-    def __init__(self, folder: Path) -> None:
-        self._tests: dict[tuple[str, int], set[str]] = collections.defaultdict(set)
-        self._size: collections.Counter[str] = collections.Counter()
-        self._seconds: dict[str, float] = {}
-        for path in sorted(folder.glob("*.seconds")):
-            self._seconds |= json.loads(path.read_text())
-        for path in sorted(folder.glob("*.coverage")):
-            with sqlite3.connect(path) as data:
-                rows = data.execute(
-                    "select path, context, numbits from line_bits join file on file.id = file_id "
-                    "join context on context.id = context_id"
-                )
-                for name, context, bits in rows:
-                    file = Path(name).relative_to(ROOT).as_posix()
-                    for line in numbits_to_nums(bits):
-                        self._tests[file, line].add(context)
-                        self._size[context] += 1
-
-    def tests(self, mutant: Mutant) -> list[str]:
-        """The tests to run, those of the mutant's own room first, then by how little else they execute."""
-        if mutant.path.endswith(".j2"):
-            return [tests for tests in _OF_TEMPLATES if self.seconds([tests])]
-        found = self._tests[mutant.path, mutant.line]
-        named = {test for test in found if test}
-        own = f"tests/{mutant.path.split('/')[1]}/"
-        imported = "" in found
-        if (
-            imported or not named
-        ):  # executed by the import, or where coverage does not see it: any test that uses the file
-            named |= {test for (file, _), tests in self._tests.items() if file == mutant.path for test in tests if test}
-            named = named or {test for test in self._seconds if test.startswith(own)}
-        # a line that the import executes is no more one test's than another's: many short ones then
-        size = self._size if found and not imported else self._seconds
-        ordered = sorted(named, key=lambda test: (not test.startswith(own), size.get(test, 0.0), test))
-        # what a fixture of several tests executes counts as the first one's, so the others of a file follow
-        beside = collections.defaultdict(list)
-        for test in self._seconds:
-            beside[_file_of(test)].append(test)
-        ordered += [test for file in dict.fromkeys(map(_file_of, ordered)) for test in beside[file]]
-        if imported and beside[_OF_SOURCES]:  # declarations are held by tests that read sources, too
-            ordered = [_OF_SOURCES, *ordered]
-        chosen, seconds = [], 0.0
-        for test in list(dict.fromkeys(ordered))[:_MOST_TESTS]:
-            if not chosen or seconds + self._seconds.get(test, 0.0) <= _MOST_SECONDS:
-                chosen.append(test)
-                seconds += self._seconds.get(test, 0.0)
-        return chosen
-
-    def seconds(self, tests: list[str]) -> float:
-        """Processor time of these tests, or of all tests of these folders and files, in the unchanged program."""
-        return sum(
-            seconds for test, seconds in self._seconds.items() if any(test.startswith(chosen) for chosen in tests)
-        )
 
 
 def measure(folder: Path, jobs: int, rooms: list[str]) -> None:

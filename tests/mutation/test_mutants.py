@@ -8,7 +8,9 @@ from pathlib import Path
 import coverage
 import pytest
 
-from tests.mutation.__main__ import Executed, try_mutant
+from tests.mutation import executed
+from tests.mutation.__main__ import try_mutant
+from tests.mutation.executed import Executed
 from tests.mutation.mutants import Mutant, _of_python, _of_template, sample
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -28,6 +30,11 @@ def test_each_kind_of_change_is_made():
     assert {("+", "-"), ("in", "not in"), ("1", "2"), ("==", "!=")} <= made
     assert any(text == "pass" for _, text in made)
     assert ("|", "&") not in made and not any("1 + 1" in before for before, _ in made)
+
+
+def test_a_guard_is_left():
+    source = "a = zip(b, c, strict=True)\n@dataclass(frozen=True, order=True)\nclass D:\n    pass\n"
+    assert [(mutant.line, mutant.before) for mutant in _of_python("f.py", source)] == [(2, "True")]
 
 
 def test_a_negated_parenthesis_stays_closed():
@@ -57,23 +64,57 @@ def test_mutants_of_a_room_can_be_parsed():
             ast.parse(changed)
 
 
-def test_a_declaration_is_tried_with_the_tests_that_read_sources(tmp_path):
+@pytest.fixture
+def measured(tmp_path, monkeypatch):
+    """Run `measured(name, source, seconds, lines)` for what coverage saw: contexts with their lines of one file."""
+    monkeypatch.setattr(executed, "ROOT", tmp_path)
+
+    def write(name, source, seconds, lines):
+        file = tmp_path / name
+        file.parent.mkdir(parents=True)
+        file.write_text(source)
+        executed._parsed.cache_clear()
+        (tmp_path / "data.seconds").write_text(json.dumps(seconds))
+        data = coverage.CoverageData(str(tmp_path / "data.coverage"))
+        for context, numbers in lines.items():
+            data.set_context(context)
+            data.add_lines({str(file): numbers})
+        data.write()
+        return Executed(tmp_path)
+
+    yield write
+    executed._parsed.cache_clear()
+
+
+def test_a_declaration_is_tried_with_the_tests_that_read_sources(measured):
     """Line 1 is executed by the import and by no test, line 2 by one test, line 3 by nothing that coverage sees."""
     name, of_sources = "st_codegen/st/tree.py", "tests/test_architecture.py"
     seconds = {"tests/st/test_a.py::one": 1.0, f"{of_sources}::rules": 1.0}
-    data = coverage.CoverageData(str(tmp_path / "st.coverage"))
-    for context, line in (("", 1), ("tests/st/test_a.py::one", 2)):
-        data.set_context(context)
-        data.add_lines({str(ROOT / name): [line]})
-    data.write()
-    (tmp_path / "st.seconds").write_text(json.dumps(seconds))
-    declared, executed, unseen = (Executed(tmp_path).tests(Mutant(name, line, 0, 1, "1", "2")) for line in (1, 2, 3))
+    found = measured(name, "\n\n\n", seconds, {"": [1], "tests/st/test_a.py::one": [2]})
+    declared, ran, unseen = (found.tests(Mutant(name, line, 0, 1, "1", "2")) for line in (1, 2, 3))
     assert declared == [of_sources, "tests/st/test_a.py::one"]
-    assert executed == unseen == ["tests/st/test_a.py::one"]
+    assert ran == unseen == ["tests/st/test_a.py::one"]
     other = Mutant("st_codegen/st/types.py", 1, 0, 1, "1", "2")
-    assert Executed(tmp_path).tests(other) == ["tests/st/test_a.py::one"]
-    assert Executed(tmp_path).tests(replace(other, path="st_codegen/te/check.py")) == []
-    assert Executed(tmp_path).seconds(declared) == 2.0
+    assert found.tests(other) == ["tests/st/test_a.py::one"]
+    assert found.tests(replace(other, path="st_codegen/te/check.py")) == []
+    assert found.seconds(declared) == 2.0
+
+
+def test_a_constant_is_tried_with_the_tests_of_its_uses_and_a_line_with_those_of_its_statement(measured):
+    source = "LIMIT = 3\n\ndef f(x, at=1):\n    return g(\n        x,\n        2,\n    ) < LIMIT\n"
+    source += "\ndef g(*x):\n    return 4\n"
+    f, g = "tests/st/test_z.py::f", "tests/st/test_a.py::g"
+    name = "st_codegen/st/tree.py"
+    found = measured(name, source, {f: 5.0, g: 1.0}, {"": [1, 3, 9], f: [4, 7], g: [10]})
+    for line, first in {1: f, 3: f, 4: f, 6: f, 9: g, 10: g}.items():
+        assert found.tests(Mutant(name, line, 0, 1, "1", "2"))[0] == first, line
+
+
+def test_whole_texts_are_compared_first(measured):
+    own, golden = "tests/emit/test_a.py::own", "tests/emit/test_golden.py::test_the_generated_text[iec]"
+    lines = {own: [1], golden: [1, 2]}
+    found = measured("st_codegen/emit/a.py", "f()\ng()\n", {own: 0.1, golden: 9.0}, lines)
+    assert found.tests(Mutant("st_codegen/emit/a.py", 1, 0, 1, "1", "2")) == [golden, own]
 
 
 @pytest.mark.parametrize(
