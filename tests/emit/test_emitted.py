@@ -68,6 +68,9 @@ def test_each_operation_computes_what_the_reference_computes(name, target, tmp_p
     expected = assert_same(limit_inputs(SMALL_MODELS[name]), target, tmp_path)
     # one of the models has no number for most of its pieces; all others answer more than a third of the rows
     assert np.isfinite(expected).all(axis=1).mean() > (0.2 if name == "piecewise constant" else 0.3)
+    # it alone refuses what some of its pieces and knots would answer
+    refuses = any("_REFUSED" in path.read_text("utf-8") for path in tmp_path.rglob("*") if path.is_file())
+    assert refuses == (name == "piecewise constant")
 
 
 @pytest.mark.parametrize("name", SMALL_MODELS)

@@ -121,6 +121,16 @@ def test_a_model_that_was_retrained_does_not_match_old_text(lone_folder, generat
     assert not report.passed
 
 
+def test_a_library_that_answers_otherwise_than_what_was_read_of_it_is_found(tmp_path):
+    """Text and reference agree then: that the model was read rightly is the library's word alone."""
+    trees = model(random_trees(np.random.default_rng(0), comparison=Comparison.LESS))
+    bundle = Bundle((LoadedModel(trees, lambda x: np.nextafter(reference.evaluate(trees, x), np.inf)),), None)
+    generate(bundle, "iec", tmp_path)
+    (found,) = verify(bundle, tmp_path, rows=50).models
+    assert not found.passed
+    assert found.failures[0].between == "library and reference"
+
+
 def test_missing_blocks_and_missing_folders_are_named(lone_folder, generated, lightgbm_text, tmp_path):
     (lone_folder / "other.txt").write_text(lightgbm_text)
     with pytest.raises(GeneratedCodeError, match="no block FB_Other; the models have changed"):

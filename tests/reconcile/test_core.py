@@ -158,6 +158,19 @@ def test_standard_errors_of_the_joint_fit_are_those_of_repeated_data():
     assert 0.6 < np.mean(errors) / np.std(found) < 1.8
 
 
+def test_errors_grow_where_the_form_is_wrong_and_keep_their_correlations():
+    """Torques beyond the rig's own law: each level left out moves the stiffness farther than noise does."""
+    at = grid(5, 5, 2)
+    data = observed(RIG, at, sigma=2e-5)
+    data.values[:, 0] += 4e-3 * (at.torque_Nm / 1800) ** 2 * at.sign
+    result = fit(*started(RIG, data))
+    known, wide = result.covariance, result.covariance_with_form
+    times = np.diag(wide) / np.diag(known)
+    assert times.min() >= 1.0
+    assert times[1] > 10.0
+    assert wide == pytest.approx(known * np.sqrt(np.outer(times, times)), rel=1e-9, abs=0.0)
+
+
 def test_a_linear_column_is_what_a_small_step_changes():
     """Beside a delay the skew of the encoders had a column with all that the delay turns, and was never found."""
     rig = RigModel(effects=(*RIG.effects, effect("measurement_delay", delay_us=250.0, skew_us=10.0)))

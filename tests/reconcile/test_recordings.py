@@ -7,7 +7,8 @@ import pytest
 
 from st_codegen.errors import InputError
 from st_codegen.reconcile.data.recordings import ANGLES, is_recording, observations, read_recordings
-from st_codegen.reconcile.judge.lines import stand_out, waves_of_angle
+from st_codegen.reconcile.fit.target import FitData, groups_of
+from st_codegen.reconcile.judge.lines import lines_in_samples, stand_out, waves_of_angle
 from st_codegen.reconcile.report.sentences import left_text
 from st_codegen.reconcile.run import reconcile_files, reconcile_recordings
 from st_codegen.rig.effects import catalogue
@@ -110,6 +111,15 @@ def test_samples_have_the_waves_that_were_put_in(tmp_path):
     assert waves[0].real == pytest.approx(0.3)
     assert waves[5] == pytest.approx(2e-3 * np.exp(0.4j), abs=1e-12)
     assert waves[77] == pytest.approx(1e-3 * np.exp(-2.0j), abs=1e-12)
+    # each as one RMS: that of the mean is its size
+    target = FitData(turns, np.full((9000, 1), 1e-9), np.ones(9000, bool), groups_of(turns.at))
+    noise = 1e-9 * np.random.default_rng(0).standard_normal(9000)
+    lines = lines_in_samples(target, (samples + noise)[:, None].astype(complex), 1.0, 90)
+    assert {one.order: one.rms_deg for one in lines} == {
+        0: pytest.approx(0.3, rel=1e-6),
+        5: pytest.approx(2e-3 / np.sqrt(2), rel=1e-4),
+        77: pytest.approx(1e-3 / np.sqrt(2), rel=1e-4),
+    }
 
 
 def test_a_step_in_the_middle_of_a_recording_is_no_order_and_no_changed_parameter(tmp_path):

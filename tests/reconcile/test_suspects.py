@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
+from st_codegen.reconcile.data.contrasts import repeats
 from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.judge.suspects import bad_runs, without_structure
@@ -116,6 +117,17 @@ def test_what_happens_without_load_only_is_no_bad_run():
     data = residual(0, heavy=False)
     data.values[data.at.torque_Nm == 0, 0] += 0.02
     assert not found(data)
+
+
+def test_a_deviation_that_other_temperatures_repeat_is_no_bad_run():
+    """Row 0 has the one at 30 degrees beside it; what other speeds, torques or directions do says nothing of it."""
+    at = Conditions.of([1.0, 1.0, 1.0, 1.0, -1.0], [5, 5, 9, 5, 5], [7, 7, 7, 8, 7], [25, 30, 30, 30, 30])
+    deviation = np.array([[4j, 2], [4j, 2], [-4, 9], [-4, 9], [-4, 9]])
+    assert repeats(at, deviation, 0)
+    deviation[1] = [4, 2j]
+    deviation[2:] = [4j, 2]
+    assert not repeats(at, deviation, 0)
+    assert not repeats(at, deviation, 2)
 
 
 def test_what_all_runs_of_a_speed_have_is_no_bad_run():

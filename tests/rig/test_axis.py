@@ -186,6 +186,8 @@ def test_the_load_side_reaches_its_set_point_and_ripples_as_stated():
     ripple = controlled_torque(np.zeros(200_000), Load(torque_ripple_Nm=2.0), 250e-6, random)
     # 50 s at 40 Hz are some 2000 independent values: 5 % are three standard deviations
     assert ripple[4000:].std() == pytest.approx(2.0, rel=0.05)
+    # the mean of as many has a standard error of 2 / sqrt(2000)
+    assert abs(ripple[4000:].mean()) < 4 * 2.0 / np.sqrt(2000)
 
 
 @pytest.mark.parametrize(

@@ -445,6 +445,8 @@ def test_wrong_uses_are_explained(index: int, action: object, message: str) -> N
 def test_a_machine_has_rows() -> None:
     with pytest.raises(StUsageError, match="at least one row, not 0"):
         Machine(project(API), 0)
+    instance = Machine(project(API), 1).instance("FB_Api")
+    assert np.shape(instance["fIn"]) == (1,)
 
 
 def test_values_given_by_the_user_are_copied() -> None:

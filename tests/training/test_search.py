@@ -80,6 +80,12 @@ def test_cost_counts_levels_and_vectors(table):
     assert 0.0 < call < level
 
 
+def test_a_split_of_the_first_feature_costs_what_one_of_the_last_does():
+    x = np.arange(8.0)[:, None] * np.eye(3)[:, None]
+    first, _, last = (worst_case_us(Learner("DT", {"max_depth": 3}).fit(one, np.arange(8.0), 0)) for one in x)
+    assert first == last
+
+
 def test_folds_are_of_one_size_and_cover_all():
     numbers = fold_numbers(103, 10, 0)
     sizes = np.bincount(numbers)

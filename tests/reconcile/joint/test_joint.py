@@ -8,7 +8,9 @@ import pytest
 
 from st_codegen.errors import InputError
 from st_codegen.reconcile.joint.findings import joint_report
+from st_codegen.reconcile.joint.parts import KINDS
 from st_codegen.reconcile.joint.reading import joint_files, read_joints
+from st_codegen.reconcile.joint.rows import JointRows
 from st_codegen.reconcile.joint.run import reconcile_joints
 from st_codegen.rig.effects import Constants
 from tests.cli.helpers import run
@@ -38,6 +40,35 @@ def report(columns, folder, constants=None, **options):
 
 def named(joint):
     return {effect["name"]: effect for effect in joint["effects"]}
+
+
+def test_each_part_is_the_torque_of_its_law():
+    """Two rows, one of each direction, at the first and the last second; laws with a scale have it at 2."""
+    speed, two = np.array([1.0, -3.0]), np.zeros(2)
+    rows = JointRows(
+        np.array([0.0, 4.0]), two, speed, two, two, np.array([2.0, 4.0]), np.array([6.0, 1.0]), np.zeros((2, 0)),
+        np.zeros(2, int), 0.01, (0.0, 0.0), 0, STEP,
+    )  # fmt: skip
+    load = np.array([[5.0, 7.0], [-2.0, 3.0]])
+    drift = np.array([-0.5, 0.5])
+    expected = {
+        "dry_friction": [[1, -1]],
+        "viscous_friction": [speed],
+        "curved_friction": [
+            [np.exp(-0.5), -np.exp(-1.5)],
+            [np.exp(-0.25), -np.exp(-2.25)],
+            [1 / 1.5, -1 / 2.5],
+        ],
+        "direction_dependent_friction": [[1, 3]],
+        "load_dependent_friction": [[5, -2], [7, -3]],
+        "dry_friction_drift": [[1, -1] * drift],
+        "viscous_friction_drift": [speed * drift],
+        "torque_zero_drift": [drift],
+        "reversal_travel": [[np.exp(-1.0), -np.exp(-2.0)]],
+        "reversal_time": [[np.exp(-3.0), -np.exp(-0.5)]],
+    }
+    found = {name: [law(rows, 2.0, load).tolist() for law in kind.laws] for name, kind in KINDS.items()}
+    assert found == {name: [pytest.approx(np.array(law, float)) for law in laws] for name, laws in expected.items()}
 
 
 def test_friction_and_ripple_with_their_sizes(tmp_path):
