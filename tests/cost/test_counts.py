@@ -270,6 +270,13 @@ def test_only_a_search_that_leaves_half_is_bounded(compare, middle, low, high, i
     assert (unit(SEARCH.format(compare, middle, low, high)).unbounded == ()) is is_bounded
 
 
+def test_a_search_whose_middle_is_an_element_is_not_bounded():
+    body = SEARCH.format("<", "(i + n) / 2", "m + 1", "m").replace("m :=", "k[0] :=")
+    assert unit(
+        body, variables=f"{VARIABLES} k : ARRAY[0..3] OF DINT; END_VAR VAR CONSTANT T : ARRAY[0..99] OF LREAL;"
+    ).unbounded
+
+
 def test_no_run_takes_more_rounds_than_the_bound():
     """Loops with derived bounds, run on many values of what is not known."""
     bodies = [body for body, rounds in BOUNDED.items() if rounds is not None]

@@ -27,6 +27,7 @@ from st_codegen.ir import (
     TreeEnsemble,
     reference,
 )
+from st_codegen.ir.preorder import preorder
 from st_codegen.passes import domain
 from st_codegen.proof import bounds
 from tests.models import SMALL_MODELS
@@ -98,3 +99,13 @@ def test_sums_at_places_stay_inside_their_operand(starts, offsets):
     op = SlidingLinear((0,), [[1.0, 2.0]], [0.0], starts, offsets)
     with pytest.raises(InputError, match="SlidingLinear"):
         op.check_operands(3)
+
+
+def test_any_node_may_be_the_left_child_of_any_other():
+    """Two trees, the nodes of the first behind those of the second; the root of neither is node 0."""
+    found = preorder(np.array([4, 2]), np.array([-1, -1, 0, -1, 3, -1]), np.array([-1, -1, 1, -1, 5, -1]))
+    assert found.order.tolist() == [4, 3, 5, 2, 0, 1]
+    assert found.roots.tolist() == [0, 3]
+    assert found.left.tolist() == [1, -1, -1, 4, -1, -1]
+    assert found.right.tolist() == [2, -1, -1, 5, -1, -1]
+    assert found.size.tolist() == [3, 1, 1, 3, 1, 1]

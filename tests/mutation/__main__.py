@@ -4,8 +4,8 @@ First every test runs once below coverage, folder by folder, which shows the tes
 seconds. A mutant is tried in a copy of the repository with the tests of its own room first, most specific ones first.
 A declaration, which the import executes, is tried with the tests that execute its uses. Coverage sees neither machine
 code nor other processes: a line that no test seems to execute is tried with the tests of its file, or else of its room.
-Templates are not Python, so theirs are all tests of their rooms. Limits are processor
-time, so that a busy machine does not turn a survivor into an endless loop.
+Templates are not Python, so theirs are all tests of their rooms. Limits are processor time, so that a busy machine does
+not turn a survivor into an endless loop.
 
 With `--rooms`, mutants of these rooms only are tried, and only with the tests of these rooms: what is found then is a
 lower limit of what the whole suite finds.

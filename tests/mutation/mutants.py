@@ -15,8 +15,6 @@ from pathlib import Path
 _COMPARED = {"==": "!=", "!=": "==", "<": "<=", "<=": "<", ">": ">=", ">=": ">", "is": "is not", "in": "not in"}
 _COMPUTED = {"+": "-", "-": "+", "*": "/", "/": "*", "//": "*", "%": "*", "@": "*"}
 _JOINED = {"and": "or", "or": "and"}
-#: Arguments that refuse what no line of the program does: without them it does the same.
-_GUARDS = ("strict", "frozen")
 #: In templates: what stands between spaces, or a whole number.
 _PRINTED = re.compile(r"(?<= )(<=|>=|<>|<|>|=|\+|-|\*|AND|OR|TRUE|FALSE)(?= |;|\))|(?<![\w#.'\"$])\d+(?![\w.])")
 _PRINTED_AS = {"<=": "<", "<": "<=", ">=": ">", ">": ">=", "=": "<>", "<>": "=", "+": "-", "-": "+", "*": "+"}
@@ -125,13 +123,11 @@ def _other_value(value: bool | int | float) -> str:
 
 
 def _code(tree: ast.AST) -> Iterator[ast.AST]:
-    """Yield the nodes of a file that decide what it does: no annotations, no guards, nothing inside f-strings."""
+    """Yield the nodes of a file that decide what it does: no annotations, nothing inside f-strings."""
     for field, value in ast.iter_fields(tree):
         if field in ("annotation", "returns", "type_params"):
             continue
         for node in value if isinstance(value, list) else [value]:
-            if isinstance(node, ast.keyword) and node.arg in _GUARDS:
-                continue
             if isinstance(node, ast.AST) and not isinstance(node, ast.JoinedStr):
                 yield node
                 yield from _code(node)

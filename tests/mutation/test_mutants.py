@@ -32,11 +32,6 @@ def test_each_kind_of_change_is_made():
     assert ("|", "&") not in made and not any("1 + 1" in before for before, _ in made)
 
 
-def test_a_guard_is_left():
-    source = "a = zip(b, c, strict=True)\n@dataclass(frozen=True, order=True)\nclass D:\n    pass\n"
-    assert [(mutant.line, mutant.before) for mutant in _of_python("f.py", source)] == [(2, "True")]
-
-
 def test_a_negated_parenthesis_stays_closed():
     source = "f = 1 if not (a or b) else 2\n"
     (negation,) = (mutant for mutant in _of_python("f.py", source) if mutant.before.startswith("not"))

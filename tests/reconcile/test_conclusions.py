@@ -1,6 +1,7 @@
 """What is concluded from a fit: changed parameters, errors of what no run sees, a resonance placed by its peaks."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge import conclusions
 from st_codegen.reconcile.judge.candidates import Search, variants
-from st_codegen.reconcile.judge.conclusions import conclude, settled
+from st_codegen.reconcile.judge.conclusions import _by_order_alone, conclude, settled
 from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, spread
 from st_codegen.reconcile.judge.plausible import bounds_met, is_its_own, is_no_form_error, lack_of_forms, law_holds
 from st_codegen.reconcile.judge.retuned import changes, with_piece_held
@@ -38,6 +39,14 @@ def with_values(rig, number, **values):
     effects = list(rig.effects)
     effects[number] = effects[number].with_values({**effects[number].values, **values})
     return RigModel(effects=tuple(effects))
+
+
+@pytest.mark.parametrize(("upper", "alone"), [(0.2, False), (0.0, True)])
+def test_two_sidebands_are_company_and_one_is_none(upper, alone):
+    values = {"lower_ratio": 0.1, "lower_phase_rad": 0.2, "upper_ratio": upper, "upper_phase_rad": 0.3}
+    sidebands = effect("carrier_modulation", order=39, **values)
+    piece = piece_of(sidebands, added=True, origin=sidebands)
+    assert _by_order_alone(SimpleNamespace(state=SimpleNamespace(pieces=[piece])), 0) is alone
 
 
 def test_a_shift_that_noise_could_be_is_no_changed_parameter():
@@ -102,6 +111,17 @@ def test_what_no_run_sees_has_a_large_error():
     place = result.state.slices()[-1].stop - 1
     # a value of the rig is believed to its own size before the data speak
     assert np.sqrt(result.covariance[place, place]) == pytest.approx(25.0, rel=1e-6)
+
+
+@pytest.mark.parametrize(("excess", "loud"), [(1.8, []), (2.2, [0, 2])])
+def test_orders_are_loud_beyond_the_scatter_of_their_power(excess, loud):
+    """Twice the square root of the rows, where these are many: both parts of a coefficient have a noise of one."""
+    search = Search(KNOWN, fitted(RIG, observed(RIG, grid(), orders=(1, 39, 40))))
+    rows = len(search.data)
+    assert excess * np.sqrt(rows) > SETTINGS.order_gain
+    power = 2.0 + np.array([excess, 0.0, excess]) / np.sqrt(rows)
+    search.fit = replace(search.fit, residual=np.sqrt(power / search.scorer.weights).astype(complex))
+    assert search._loud_orders([1, 39, 40]) == loud
 
 
 def test_free_keys_stand_in_the_order_of_the_catalogue():

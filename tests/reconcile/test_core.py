@@ -67,6 +67,18 @@ def started(rig, data):
     return target, State(rig, 0.0, tuple(piece_of(one, added=False, origin=one) for one in rig.effects))
 
 
+def test_losses_are_squares_of_what_an_order_may_have_and_straight_beyond_three():
+    """A mean has no imaginary part."""
+    at = grid(2, 2, 1)
+    data = observed(RIG, at, orders=(0, 5))
+    target = FitData(data, np.full((len(at), 2), 2.0), np.arange(len(at)) > 0, groups_of(at))
+    losses = target.losses(np.tile([2 + 90j, 1.2 + 1.6j], (len(at), 1)))
+    assert losses[0].tolist() == [0.0, 0.0]
+    assert losses[1:] == pytest.approx(1.0)
+    assert target.losses(np.tile([-10 + 0j, 6 + 8j], (len(at), 1)))[1:] == pytest.approx(2 * 3 * 5 - 9)
+    assert target.weights(np.tile([-10 + 90j, 6 + 8j], (len(at), 1)))[1:] == pytest.approx(3 / 5 / 4)
+
+
 @pytest.mark.parametrize("size", [2e-4, 5e-5])
 def test_a_mesh_order_and_its_sidebands_are_fitted_together(size):
     """A step that takes both at once overshoots: sidebands are a ratio times the size of their mesh order."""

@@ -12,7 +12,7 @@ from st_codegen.campaign.orders import curve_sums
 from st_codegen.errors import InputError
 from st_codegen.reconcile.data.hum import without_hums
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
-from st_codegen.reconcile.judge.each_run import ramps
+from st_codegen.reconcile.judge.each_run import _most_gain, ramps
 from st_codegen.reconcile.judge.measurement import examine
 from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import read_rig
@@ -492,3 +492,10 @@ def test_noise_waves_of_the_machine_and_a_resonance_are_no_hum():
         for at in [1e-3 * (np.arange(101) == round(8.0 / turn))]
     ]
     assert without_hums(lifted, turns, [0, 1, 40])[1] == ()
+
+
+@pytest.mark.parametrize(("right", "most"), [(2.2, False), (1.9, True)])
+def test_a_gain_is_what_is_left_of_power_less_the_noise(right, most):
+    """From six noises to 2.2: of the five that are no noise less than a fifth is gone if noise counts, more if not."""
+    before, after = (np.full((10_000, 4), np.sqrt(power), complex) for power in (6.0, right))
+    assert _most_gain(before, after, np.ones((10_000, 4)), float(np.log(5.0))) is most

@@ -10,6 +10,7 @@ from click.testing import CliRunner
 from st_codegen.campaign.harmonic_table import HarmonicTable, write_table
 from st_codegen.cli.main import cli
 from st_codegen.reconcile.plan.next_runs import NextRuns, is_known, next_runs
+from st_codegen.reconcile.plan.points import _peak_speeds
 from st_codegen.reconcile.run import reconcile_observations
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.campaign import read_conditions
@@ -182,3 +183,12 @@ def test_from_the_command_line_to_the_next_campaign(resonance, coarse, tmp_path)
     names = {row["file"] for row in csv.DictReader((tmp_path / "found" / "next_runs.csv").open(encoding="utf-8"))}
     assert {path.name for path in (tmp_path / "next").rglob("*.csv")} == names
     assert "The next measurement" in (tmp_path / "found" / "report.html").read_text(encoding="utf-8")
+
+
+def test_speeds_around_a_peak_are_those_of_its_frequency():
+    """At 20 Hz of the output's order 40 the output turns at 30 rpm, and the motor 81 times as fast."""
+    peak = effect("structural_resonance", frequency_Hz=20.0, damping_ratio=0.02, orders=[40],
+                  amplitude_deg=[1e-3], phase_rad=[0.0])  # fmt: skip
+    found = _peak_speeds([replace(RIG, effects=(*RIG.effects, peak))], np.array([0, 10, 80]))
+    around = 81 * 30.0 * (1.0 + 0.02 * np.array(SETTINGS.around_peak))
+    assert found == pytest.approx(np.array([81 * 120.0, 81 * 15.0, *around]))

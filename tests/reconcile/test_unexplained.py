@@ -1,12 +1,15 @@
 """What no effect explains: its size, what it depends on, and its formula, against numbers known beforehand."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.unexplained import floors, main_cause, scatter, signatures
+from st_codegen.reconcile.judge.unexplained import _wandering, floors, main_cause, scatter, signatures
+from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 
 SIGMA = 1.3e-5
@@ -284,3 +287,13 @@ def test_nothing_tells_the_noise_of_a_mean_that_keeps_structure():
     found = {s.order: s for s in signatures(target, values, 1.0, floors(target, values, noise.floor_rms))}
     assert found[0].at_least and "at least" in found[0].text
     assert not found[53].at_least and "at least" not in found[53].text
+
+
+def test_a_walk_within_the_turn_is_told_by_the_other_low_orders():
+    """Its power falls with the square of the order; that of the mean is 2 pi^2 / 3 times that of order 1."""
+    orders = np.array([0, 1, 2, 3, 40])
+    walk, scatter_of_power = 50.0 / np.maximum(orders, 1) ** 2, SETTINGS.clearly_smaller / np.sqrt(400)
+    times = np.sqrt(1.0 + scatter_of_power + walk)
+    target = SimpleNamespace(data=SimpleNamespace(orders=orders), good=np.ones(400, bool))
+    walk[0] = 50.0 * 2 * np.pi**2 / 3
+    assert _wandering(target, times) == pytest.approx(np.sqrt(1.0 + walk))
