@@ -34,6 +34,8 @@ class Settings:
     most_hums: int = 3
     loud_line: float = 30.0
     orders_of_line: int = 8
+    #: -log of the chance of what the slow curves, and the fast ones, say by themselves of a hum that none of them shows
+    half_of_hum: float = 5.0
 
     # --- mistakes of measuring ---
     #: rows from which an angle that all have in common is fitted: more tell it better than the vote that follows asks

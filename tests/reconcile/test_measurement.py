@@ -481,6 +481,17 @@ def test_a_hum_is_taken_out_of_all_curves(waves, sigma):
     assert off.mean() < 0.05 * before.mean()
 
 
+def test_a_hum_that_no_curve_shows_is_told_by_all_and_left_in_them():
+    turns, _, made = humming([(8.0, 2.2e-5)], sigma=1e-4)
+    left, (hum,) = without_hums(made, turns, [0, 1, 40])
+    assert hum.is_faint and "none shows it by itself" in hum.text
+    assert hum.frequency_Hz == pytest.approx(8.0, abs=0.02)
+    assert hum.amplitude_deg == pytest.approx(2.2e-5, rel=0.2)
+    assert all(one is two for one, two in zip(left, made, strict=True)) and not hum.by_order.any()
+    # nor does the noise of the same curves tell of one
+    assert without_hums(humming([], sigma=1e-4)[1], turns, [0, 1, 40])[1] == ()
+
+
 def test_noise_waves_of_the_machine_and_a_resonance_are_no_hum():
     turns, clean, _ = humming([])
     assert without_hums(clean, turns, [0, 1])[1] == ()

@@ -18,6 +18,8 @@ from st_codegen.reconcile.settings import SETTINGS
 
 #: distance from the order that a frequency lets expect, of which whole numbers have a quarter in the median
 _WHOLE = 0.1
+#: median of the sum of two exponential numbers
+_MEDIAN_OF_TWO = 1.678
 
 
 @dataclass(frozen=True)
@@ -25,13 +27,15 @@ class Hum:
     """A wave of one frequency in time that was taken out of curves.
 
     amplitude_deg: root mean square over the curves in which it was seen; curves: how many these are, and all; by_order:
-    (band + 1,) RMS over angle and all curves of what it had made of each order, deg.
+    (band + 1,) RMS over angle and all curves of what it had made of each order, deg; is_faint: it shows in no curve by
+    itself, and was not taken out.
     """
 
     frequency_Hz: float
     amplitude_deg: float
     curves: tuple[int, int]
     by_order: FloatArray
+    is_faint: bool = False
 
     def scaled(self, factor: float) -> Hum:
         """The same wave in another unit."""
@@ -41,6 +45,12 @@ class Hum:
     def text(self) -> str:
         """What is said of it."""
         seen, of = self.curves
+        if self.is_faint:
+            return (
+                f"at {self.frequency_Hz:.3g} Hz there is more than at others, {self.amplitude_deg:.2g} deg in "
+                f"the mean of {seen} of {of} curves, of which none shows it by itself: a wave of that frequency "
+                "whatever the speed, as of the mains or another drive, or a resonance that lifts many orders"
+            )
         return (
             f"a wave of {self.frequency_Hz:.4g} Hz whatever the speed, {self.amplitude_deg:.2g} deg in {seen} of {of} "
             "curves (in others it is weaker, or outside of the orders that were looked at): it does not turn with the "
@@ -66,7 +76,8 @@ def without_hums(
         free[[order for order in (*range(SETTINGS.wander_orders), *known) if order <= band]] = False
         frequency = _frequency(power, free, np.array([one.samples for one in kept]), turns_Hz)
         if frequency is None:
-            break
+            faint = None if found else _faint(kept, turns_Hz, known)
+            return kept, (*found, *([] if faint is None else [faint]))
         told = [_wave(*row, free) for row in zip(kept, lines, frequency / turns_Hz, strict=True)]
         sizes, orders = np.array([wave[0] for wave in told]), np.array([wave[1] for wave in told])
         seen = sizes > 0
@@ -82,6 +93,68 @@ def without_hums(
         sizes = np.array([size for size, _, _ in fits if size])
         found.append(Hum(frequency, float(np.sqrt((sizes**2).mean())), (len(sizes), len(kept)), np.sqrt(made)))
     return kept, tuple(found)
+
+
+def _faint(sums: Sequence[Sums], turns_Hz: FloatArray, known: Collection[int]) -> Hum | None:
+    """A wave of a frequency of its own that all curves together show and none by itself, if there is one.
+
+    Over the noise the power of two orders beside each other is Gamma distributed: of n curves with mean 2 n.
+    """
+    band, rows = min(one.band for one in sums), np.arange(len(sums))
+    lines = np.stack([one.plain_fft[: band + 1] for one in sums])
+    noise = np.median(np.abs(lines) ** 2, axis=1) / np.log(2.0)
+    lines /= np.sqrt(np.maximum(noise[:, None], 1e-300))
+    # an order that is louder than others in most curves is one of the machine, or its noise
+    lines /= np.sqrt(np.maximum(np.median(np.abs(lines) ** 2, axis=0) / np.log(2.0), 1.0))
+    power = np.minimum(np.abs(lines) ** 2, SETTINGS.loud_line)
+    free = np.ones(band + 1, bool)
+    free[[order for order in (*range(SETTINGS.wander_orders + 1), *known) if order <= band]] = False
+    samples, step = np.array([one.samples for one in sums]), 0.25 * float(turns_Hz.min())
+    tried = np.arange((SETTINGS.wander_orders + 1) * turns_Hz.min(), band * turns_Hz.max(), step)
+    least, best, shown = float(np.log(max(len(tried), 1) / SETTINGS.p_chance)), 0.0, np.zeros(len(rows), bool)
+    for frequency in tried.tolist():
+        low = _mirrored(frequency / turns_Hz, samples).astype(np.int64)
+        could = low < band
+        could[could] = free[low[could]] & free[low[could] + 1]
+        both = power[rows[could], low[could]] + power[rows[could], low[could] + 1]
+        sure = _beyond_noise(both)
+        if sure > least and _is_alike(both, low[could], turns_Hz[could]):
+            least, best, shown = sure, frequency, could
+    if not best:
+        return None
+
+    def told(frequency: float) -> FloatArray:
+        """The amplitude (square, over the noise) that each curve has of a frequency, with its noise."""
+        found = []
+        for row in np.flatnonzero(shown):
+            order = float(_mirrored(np.array(frequency / turns_Hz[row]), samples[row]))
+            near = np.arange(max(int(order) - 1, 1), min(int(order) + 3, band + 1))
+            leaks = _leaks(order, near, int(samples[row]))
+            found.append((_told(lines[row, near], leaks) - 1.0) / _power(leaks))
+        return np.array(found)
+
+    # the two orders beside a line are the same over a whole order
+    reach = 0.5 * float(turns_Hz[shown].max())
+    best = max(np.arange(best - reach, best + reach, 0.4 * step), key=lambda frequency: float(told(frequency).sum()))
+    size = float(np.sqrt(max(float((told(best) * noise[shown]).mean()), 0.0)))
+    return Hum(float(best), size, (int(shown.sum()), len(sums)), np.zeros(band + 1), True)
+
+
+def _beyond_noise(both: FloatArray) -> float:
+    """How sure the sum of powers of two orders each is no noise: Chernoff's bound on its chance, as -log."""
+    usual, whole = 2.0 * len(both), float(both.sum())
+    return whole - usual - usual * float(np.log(whole / usual)) if whole > usual else 0.0
+
+
+def _is_alike(both: FloatArray, order: IntArray, turns_Hz: FloatArray) -> bool:
+    """Whether most curves show it, slow ones and fast ones, at many orders: what turns with the machine does not."""
+    slow = turns_Hz < np.median(turns_Hz)
+    halves = [both[slow], both[~slow]]
+    return (
+        len(np.unique(order)) >= SETTINGS.shared_orders
+        and float(np.mean(both > _MEDIAN_OF_TWO)) > 0.5 + 1.5 / np.sqrt(len(both))
+        and all(_beyond_noise(half) > SETTINGS.half_of_hum for half in halves)
+    )
 
 
 def _frequency(power: FloatArray, free: BoolArray, samples: IntArray, turns_Hz: FloatArray) -> float | None:
