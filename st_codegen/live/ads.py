@@ -126,7 +126,7 @@ class AdsServer:
     def symbol(self, name: bytes) -> WireVariable:
         """A variable by the name that a client sent."""
         try:
-            return self.plc.symbols[name.split(b"\0", 1)[0].decode("cp1252")]
+            return self.plc.symbols[name.partition(b"\0")[0].decode("cp1252")]
         except KeyError:
             raise AdsRefusalError(_NO_SYMBOL) from None
 

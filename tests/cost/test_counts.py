@@ -227,6 +227,16 @@ def test_a_bound_is_known_only_while_nothing_else_can_assign_it(before, limit, b
     assert bool(found.unbounded) is not is_bounded
 
 
+@pytest.mark.parametrize("loop", ["WHILE b DO {} END_WHILE;", "REPEAT {} UNTIL b END_REPEAT;"])
+def test_what_a_loop_assigns_is_known_neither_at_its_start_nor_behind_it(loop):
+    """Rounds that follow of a number are those of this number in the first round, or behind none, only."""
+    body = "FOR m := 0 TO n DO y := y + 1.0; END_FOR;"
+    assert len(unit("n := 3; " + loop.format("x := y;") + body).unbounded) == 1
+    assert len(unit("n := 3; " + loop.format("n := 1;") + body).unbounded) == 2
+    assert len(unit("n := 3; " + loop.format(body)).unbounded) == 1
+    assert len(unit("n := 3; " + loop.format(body + "n := i;")).unbounded) == 2
+
+
 def test_a_search_that_halves_is_bounded():
     body = (
         "i := 0; n := 99; WHILE i < n DO m := (i + n) / 2; IF T[m] < x THEN i := m + 1; ELSE n := m; END_IF; END_WHILE;"

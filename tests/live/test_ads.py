@@ -3,6 +3,7 @@
 import ctypes
 import struct
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -121,6 +122,15 @@ def test_a_client_is_told_of_changes(client):
             time.sleep(0.005)
     assert seen[-3:] == [("GVL_Record.nEvery", value) for value in (7, 8, 1)]
     client.del_device_notification(*handles)
+
+
+def test_a_notification_that_nobody_asked_for_is_not_ended():
+    """The library of a client knows its own ones and does not ask: another client may."""
+    from st_codegen.live.ads import AdsRefusalError, _Client
+
+    with pytest.raises(AdsRefusalError) as caught:
+        _Client.delete_notification(SimpleNamespace(_notifications={}), struct.pack("<I", 7))
+    assert ERROR_CODES[caught.value.code].startswith("Notification handle is invalid")
 
 
 def test_another_ams_port_is_not_there(shared_plc):

@@ -175,6 +175,23 @@ def test_play_of_the_coupling_is_felt():
     assert axis.theta_mot_deg - axis.theta_in_deg > 0.25  # half the play, and the twist
 
 
+def test_flanks_push_and_do_not_pull():
+    """Just beyond the play the coupling's damping would hold flanks together that part: on both sides alike."""
+    axis = Axis(dataclasses.replace(AxisParameters(), coupling=Coupling(backlash_arcmin=30.0)), RATIO)
+    axis.place(0.0, Harmonics.none(1))
+    at_rest = kernel.accelerations.py_func(axis.state, axis.packed, 0.0)
+    for side in (1.0, -1.0):
+        state = axis.state.copy()
+        state[kernel.TH_MOT] = state[kernel.TH_IN] + side * (axis.packed[kernel.HALF_PLAY] + 1e-9)
+        state[kernel.W_MOT], state[kernel.W_IN] = 0.0, side * 1e-3
+        motor, _ = kernel.accelerations.py_func(state, axis.packed, 0.0)
+        assert motor == pytest.approx(0.0, abs=1e-12)
+        state[kernel.W_IN] *= -1.0
+        motor, _ = kernel.accelerations.py_func(state, axis.packed, 0.0)
+        assert side * motor < -1e-3
+    assert at_rest == pytest.approx((0.0, 0.0), abs=1e-12)
+
+
 def test_the_load_side_reaches_its_set_point_and_ripples_as_stated():
     random = np.random.default_rng(3)
     steady = controlled_torque(np.full(4000, 300.0), Load(torque_ripple_Nm=0.0), 250e-6, random)

@@ -60,7 +60,8 @@ def test_what_is_left_is_bounded_by_the_known_delays(linear_rig, compensator, mo
     slope = 0.0172 + 39 * (0.0007 + 0.0007 * 0.2)
     # the correction itself moves the output by less than 0.05 deg / 81; the loops' own lag is below a millisecond
     assert outcome.after.maximum < slope * np.radians(60.0) * (delay + 1e-3) + 1e-5
-    assert outcome.reduction[0] > 0.99
+    assert 0.99 < outcome.reduction[0] < 1.0
+    assert outcome.reduction[1] == 1.0 - outcome.after.maximum / outcome.before.maximum
 
 
 def test_a_lead_removes_what_latency_leaves(linear_rig, compensator, moved):

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,12 +18,13 @@ from st_codegen.training.errors import errors_of
 from st_codegen.training.export import write_bundle
 from st_codegen.training.families import Learner
 from st_codegen.training.faulty import Faulty, faulty_runs
-from st_codegen.training.faulty_gain import gains, near_to
+from st_codegen.training.faulty_gain import Gain, gains, near_to
 from st_codegen.training.learn import LearningPlan, bundle_head, interval, learn, only_exportable, play_deg, split_rows
 from st_codegen.training.paper import reconstruction
 from st_codegen.training.search import Backend
 from st_codegen.training.store import FitStore
 from st_codegen.training.study import SearchSettings, Solution, study
+from st_codegen.training.tables import _gain_section
 from st_codegen.training.targets import Coordinates, RobustUnit, combined, kinds, mean_direction, values
 from st_codegen.walkers.objects import from_estimator
 from tests.training.conftest import ORDERS, a_table
@@ -317,3 +319,13 @@ def test_interval():
     made = interval([1.0, 2.0, 3.0])
     assert made.mean == 2.0
     assert made.half_width == pytest.approx(4.3026527 / math.sqrt(3))
+
+
+def test_what_is_better_without_the_faulty_runs_is_bold():
+    mae = [{1: SimpleNamespace(complex_mae=size), 39: SimpleNamespace(complex_mae=1.0)} for size in (6.0, 5.0)]
+    comparison = SimpleNamespace(
+        gains={1: Gain(4.0, 3.0, 2.0, 1.0), 39: Gain(3.0, 4.0, 1.0, 1.0)}, with_faulty=mae[0], chosen_errors=mae[1]
+    )
+    table = _gain_section(comparison).table
+    assert [float(value) for value in table.rows[0]] == [1, 2, 1, 4, 3, 6, 5]
+    assert table.strong == {(0, 2), (0, 4), (0, 6)}

@@ -214,6 +214,10 @@ REFUSED = {
     "a kernel that does not fit": (lambda: one("Conv", (None, 1, 2), [kernel(1, 1, 3)]), "does not fit"),
     "ceiling": (lambda: one("MaxPool", (None, 1, 6), kernel_shape=[3], strides=[2], ceil_mode=1), "ceil_mode"),
     "positions of maxima": (lambda: one("MaxPool", (None, 1, 6), kernel_shape=[3], outputs=2), "second output"),
+    "padding beyond all tensors": (
+        lambda: one("Conv", (None, 1, 9), [kernel(1, 1, 3)], pads=[2**16 + 1, 0]),
+        "the model file is damaged",
+    ),
     "channels": (lambda: one("Conv", (None, 2, 9), [kernel(1, 3, 3)]), "for 2 channels"),
     "a dimension that is open": (lambda: one("Conv", (None, 2, None), [kernel(1, 2, 3)]), "say --features N"),
 }

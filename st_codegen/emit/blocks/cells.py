@@ -154,7 +154,7 @@ def _runs_of_bits(counts: list[int]) -> list[tuple[int, int, int]]:
 def _(op: CellTable, step: Step, listing: Listing) -> None:
     kind, stored = "LREAL", "LREAL"
     if step.whole:
-        kind, stored = "DINT", "SINT" if np.max(op.values, initial=0) < _SINT_END else "DINT"
+        kind, stored = "DINT", "SINT" if np.all(op.values < _SINT_END) else "DINT"
     listing.local(step.result, kind, op.width)
     cells, width = op.values.shape
     if width:

@@ -120,6 +120,10 @@ def test_a_table_that_is_written_to_is_no_table(text):
         ('DATA_BLOCK "D"\nVAR\n x : DINT;\nEND_VAR\nBEGIN\nEND_DATA_BLOCK', r"a.scl:1:1.*only instances"),
         ('FUNCTION_BLOCK "A B"\nBEGIN\nEND_FUNCTION_BLOCK', r'a.scl:1:16.*"A B" is not read'),
         ('FUNCTION_BLOCK "A"\nBEGIN\n#x := ;\nEND_FUNCTION_BLOCK', r"a.scl:3:7.*unexpected ';'"),
+        (
+            'FUNCTION_BLOCK "A"\nBEGIN\n#x := MIN(IN1 := 1, IN2 := );\nEND_FUNCTION_BLOCK',
+            r"a.scl:3:28.*unexpected '\)'",
+        ),
     ],
 )
 def test_what_is_not_read_is_named_at_its_place(text, message):

@@ -380,3 +380,11 @@ def test_comparing_what_may_be_nan_is_not_proved():
         terms.compare("LT", x, 1.0)
     with terms.assuming(terms.is_number(x)):
         terms.compare("LT", x, 1.0)
+
+
+@pytest.mark.parametrize("condition", [True, False])
+def test_what_holds_anyway_is_assumed_and_the_other_branch_is_not_reached(condition):
+    terms = Terms()
+    for truth in (True, False):
+        with terms.assuming(condition, truth) as reached:
+            assert reached is (condition is truth)
