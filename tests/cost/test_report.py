@@ -1,15 +1,17 @@
 """Budgets, profiles and calibration."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from st_codegen.cli.costs import cost_table
 from st_codegen.cost.calibrate import Measurement, calibrate, read_measurements, with_factors
 from st_codegen.cost.operations import CostClass
 from st_codegen.cost.profile import load_profile, profiles_folder
 from st_codegen.cost.profile_files import profile_names
-from st_codegen.cost.report import project_cost
+from st_codegen.cost.report import UnitPart, project_cost
 from st_codegen.errors import InputError
 from tests.cost.helpers import CONSTANTS, PROFILE, VARIABLES, block, cost, project
 from tests.cost.test_counts import STATEMENTS
@@ -176,3 +178,11 @@ def test_measured_times_are_read_with_all_their_problems(tmp_path):
             PROFILE,
             (Measurement("FB_T", False, 1.0),),
         )
+
+
+def test_parts_of_less_than_a_five_hundredth_are_added_up_in_one_row():
+    times = {"FB_A": 995.0, "FB_B": 2.5, "FB_C": 1.5, "FB_D": 1.0}
+    parts = tuple(UnitPart(name, {}, 1, 1, 0, 0, cold, cold) for name, cold in times.items())
+    table = cost_table("all", [SimpleNamespace(parts=parts)])
+    assert list(table.columns[0].cells) == ["FB_A", "FB_B", "2 others", "sum"]
+    assert list(table.columns[-1].cells) == ["99.5%", "0.2%", "0.2%", "100.0%"]

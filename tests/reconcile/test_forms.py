@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from click.testing import CliRunner
 from st_codegen.cli.main import cli
 from st_codegen.errors import InputError
 from st_codegen.reconcile.data.observations import Observations, labels
-from st_codegen.reconcile.data.reading import read_measured
+from st_codegen.reconcile.data.reading import _mistaken, read_measured
 from st_codegen.reconcile.judge.unseen import cannot_show
 from st_codegen.reconcile.report.findings import findings
 from st_codegen.reconcile.report.output import report
@@ -213,3 +214,10 @@ def test_nothing_is_explained_where_more_than_noise_is_left():
     floor = result.fitted.noise_floor
     assert replace(result, fitted=replace(result.fitted, after=1.2 * floor)).verdict == "explained"
     assert replace(result, fitted=replace(result.fitted, after=1.4 * floor)).verdict == "partly_explained"
+
+
+def test_what_few_samples_show_in_the_place_of_a_lower_order():
+    """Of 100 steps order 98 looks like 2 and 240 like 40; 100 looks like the mean, of which nothing is said."""
+    few, many = (SimpleNamespace(sums=SimpleNamespace(samples=samples)) for samples in (100, 1000))
+    found = _mistaken(SimpleNamespace(curves=[few, many]), {0, 3, 98, 100, 240}, 45)
+    assert [np.flatnonzero(row).tolist() for row in found] == [[2, 40], []]

@@ -9,6 +9,7 @@ from st_codegen.errors import InputError
 from st_codegen.reconcile.data.recordings import ANGLES, is_recording, observations, read_recordings
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.lines import lines_in_samples, stand_out, waves_of_angle
+from st_codegen.reconcile.judge.links import _judged
 from st_codegen.reconcile.report.sentences import left_text
 from st_codegen.reconcile.run import reconcile_files, reconcile_recordings
 from st_codegen.rig.effects import catalogue
@@ -155,3 +156,15 @@ def test_a_changed_wave_is_told_of_samples_and_other_names_are_asked(tmp_path):
         np.savetxt(paths[-1], columns, "%.12g", ",", header="t,theta_in,theta_out,torque_Nm,temperature_C", comments="")
     result = reconcile_recordings(parse_rig(RIG, known=known), read_recordings(paths), known)
     assert "output_shaft_eccentricity" in [entry.after.name for entry in result.conclusions.retuned]
+
+
+@pytest.mark.parametrize(("left", "claimed"), [(0.0, True), (1.9, False)])
+def test_what_a_link_saves_counts_in_noises(left, claimed):
+    """Half a degree of noise, two degrees before: (2 / 0.5)^2 a sample."""
+    rig = parse_rig(RIG)
+    lag = catalogue()["control_lag"]({"lag_ms": 5.0}, rig.constants)
+    link = _judged([np.full(50, 2.0)], [np.full(50, left)], 0.5, rig, lag, None, {"lag_ms": 0.1})
+    assert (link.claim is not None) is claimed
+    if claimed:
+        assert link.claim.evidence.loss_saved == pytest.approx(50 * 16.0)
+    assert (link.before, link.after, link.floor) == pytest.approx((2.0 / 81, (left if claimed else 2.0) / 81, 0.5 / 81))

@@ -181,7 +181,7 @@ def test_only_sets_with_the_mean_keep_it(bundle_folder):
         ("0.008", "nan", "angle_deg"),
         ("0.008", "11.0", "angle_deg"),
         ("torque_Nm", "speed_rpm", "torque_feature = 'speed_rpm' is none of the features beside the speed"),
-        ("torque_Nm", "load", "torque_feature = 'load' is none of the features beside the speed"),
+        ("torque_Nm", "load", "torque_feature = 'load' is none of the features beside the speed (torque_Nm, "),
         ("angle_deg = 0.008\n", "", "angle_deg"),
         ("[play]", "[play]\nwidth = 1", "width"),
     ],

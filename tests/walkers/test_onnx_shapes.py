@@ -90,6 +90,14 @@ def test_shapes_computed_in_the_graph(tmp_path):
     assert moved(tmp_path, nodes) == picked
 
 
+@pytest.mark.parametrize("odd", ["ends", "axes", "steps"])
+def test_a_slice_with_one_list_longer_than_the_others_is_refused(tmp_path, odd):
+    names = ["starts", "ends", "axes", "steps"]
+    lists = [constant(name, [1, 1] if name == odd else [1], np.int64) for name in names]
+    with pytest.raises(InputError, match="missing or of different lengths"):
+        moved(tmp_path, [helper.make_node("Slice", ["X", *names], ["Y"])], lists)
+
+
 def test_reshape_copies_dimensions_and_infers_one(tmp_path):
     reshape = helper.make_node("Reshape", ["X", "shape"], ["Y"])
     for shape in ([0, -1], [-1, 6], [1, 2, 3], [0, 0]):

@@ -35,7 +35,7 @@ from st_codegen.proof.prove.formulas import LOG_ERFC
 from st_codegen.proof.prove.intervals import INTEGER
 from st_codegen.proof.prove.prove import Verdict, prove
 from st_codegen.proof.prove.range_bound import interval, range_bound
-from st_codegen.proof.prove.terms import Terms
+from st_codegen.proof.prove.terms import Terms, _exponent
 from st_codegen.proof.runner import GeneratedCode
 from tests.emit.test_emitted import generated
 from tests.models import SMALL_MODELS
@@ -388,3 +388,15 @@ def test_what_holds_anyway_is_assumed_and_the_other_branch_is_not_reached(condit
     for truth in (True, False):
         with terms.assuming(condition, truth) as reached:
             assert reached is (condition is truth)
+
+
+def test_an_exponential_below_the_largest_is_one_where_its_cut_lies_below_zero():
+    """With a cut at zero the largest itself would count as nothing."""
+    terms = Terms()
+    x, largest = terms.leaf("x", "real", (-9.0, 9.0, False)), terms.leaf("y", "real", (-9.0, 9.0, False))
+    apart = terms.real("sub", x, largest)
+    found = [
+        _exponent(terms.where(terms.compare("GT", apart, cut), lambda: terms.real("exp", apart), lambda: 0.0))
+        for cut in (-0.5, 0.0)
+    ]
+    assert found == [(x, largest), None]
