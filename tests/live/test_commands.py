@@ -1,16 +1,19 @@
 """The command lines: a server that stops cleanly, the comparison against it, one message with exit code 2."""
 
+import asyncio
 import json
 import re
 import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
 from st_codegen import generate, load
 from st_codegen.cost.calibrate import read_measurements
 from st_codegen.cost.profile import load_profile
+from st_codegen.live import plc
 from tests.cli.helpers import run
 from tests.live.conftest import NET_IDS, Running, soft_plc
 
@@ -101,3 +104,18 @@ def test_wrong_use(lone, arguments, message, capsys):
     shown = capsys.readouterr().err
     assert code == 2
     assert message in shown
+
+
+def test_ticks_that_are_left_out_are_those_that_time_went_on_by(monkeypatch):
+    """The machine stood still for ten seconds: 10,000 ticks of a millisecond, of which one is made up for."""
+    times = iter([0.0, *[10.0] * 10])
+    monkeypatch.setattr(plc, "time", SimpleNamespace(perf_counter=lambda: next(times)))
+    stopping = asyncio.Event()
+    late = SimpleNamespace(ticks=1000, speed=1.0, tick_us=1000, late=0, after_batch=stopping.set)
+
+    def tick():
+        late.ticks += 1
+
+    late.tick = tick
+    asyncio.run(plc.SoftPlc.run(late, stopping))
+    assert (late.late, late.ticks) == (10_000, 1001)

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from st_codegen.reconcile.fit.propagation import Propagation
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.candidates import variants
-from st_codegen.reconcile.judge.evidence import false_discoveries
+from st_codegen.reconcile.judge.evidence import _p_of_chance, f_tail, false_discoveries
 from st_codegen.rig.effects import Conditions, Constants, catalogue
 from st_codegen.rig.model import RigModel
 
@@ -194,6 +195,21 @@ def test_a_linear_column_is_what_a_small_step_changes():
     expected = more.coefficients(data.at, data.model_orders()) - rig.coefficients(data.at, data.model_orders())
     assert touched.tolist() == [0]
     assert column[:, 0] == pytest.approx(expected[:, 0], rel=1e-6)
+
+
+def test_chance_counts_one_number_of_a_mean_and_two_of_a_wave():
+    """Of five runs: ten numbers of order 1 beside one coordinate, five of the mean."""
+    losses = {"before": 13.0, "after": 3.0}
+    target = SimpleNamespace(
+        losses=lambda name: np.array([losses[name]]),
+        counts=np.ones((5, 2), bool),
+        data=SimpleNamespace(orders=np.arange(2)),
+    )
+    columns = [(np.array([1]),), (np.array([0]),), (np.array([0, 1]),)]
+    without, with_it = (SimpleNamespace(target=target, columns=columns, residual=name) for name in losses)
+    for places, rest in (([0], 9), ([1], 4), ([0, 1], 13), ([2], 14)):
+        expected = f_tail(10.0 / len(places), len(places), rest)
+        assert _p_of_chance(without, with_it, places) == pytest.approx(expected, rel=1e-12)
 
 
 def test_false_discovery_rate_by_hand():
