@@ -30,7 +30,7 @@ _MEANING = (
 
 @dataclass(frozen=True)
 class MotionStudy:
-    """The motion of a profile without compensation, and all cases with it."""
+    """The motion of a profile without compensation, and all cases with it, one at least."""
 
     rig: Rig
     plan: MotionPlan
@@ -209,7 +209,7 @@ def _facts(study: MotionStudy) -> PageTable:
 
 def _timing(study: MotionStudy) -> PageTable:
     tasks = study.rig.tasks
-    top = max((order for outcome in study.outcomes for order in outcome.case.orders), default=0)
+    top = max(order for outcome in study.outcomes for order in outcome.case.orders)
     rows = []
     for form in dict.fromkeys(outcome.case.form for outcome in study.outcomes):
         timing = tasks.latency(form)
@@ -228,14 +228,8 @@ def _error_picture(study: MotionStudy) -> str:
     thin = _thin(len(time))
 
     def draw(axes: Any) -> None:
-        if study.outcomes:
-            axes.plot(
-                time[thin],
-                study.outcomes[0].error_before_deg[thin],
-                color="#999999",
-                linewidth=1.0,
-                label="not compensated",
-            )
+        before = study.outcomes[0].error_before_deg
+        axes.plot(time[thin], before[thin], color="#999999", linewidth=1.0, label="not compensated")
         for outcome in study.outcomes[:6]:
             axes.plot(time[thin], outcome.error_after_deg[thin], linewidth=0.8, label=label(outcome))
         axes.legend(fontsize=7, loc="best")
@@ -248,10 +242,9 @@ def _prediction_picture(study: MotionStudy) -> str:
     thin = _thin(len(angle))
 
     def draw(axes: Any) -> None:
-        if study.outcomes:
-            best = max(study.outcomes, key=lambda o: len(o.case.orders))
-            axes.plot(angle[thin], best.error_before_deg[thin], linewidth=1.0, label="measured")
-            axes.plot(angle[thin], best.predicted_deg[thin], linewidth=0.8, label="predicted")
+        best = max(study.outcomes, key=lambda o: len(o.case.orders))
+        axes.plot(angle[thin], best.error_before_deg[thin], linewidth=1.0, label="measured")
+        axes.plot(angle[thin], best.predicted_deg[thin], linewidth=0.8, label="predicted")
 
     return figure(draw, xlabel="angle of the output in deg", ylabel="TE in deg", size_cm=(18, 7))
 
