@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from st_codegen.reconcile.data.reading import _alone
+from st_codegen.reconcile.data.reading import _alone, _of_a_place
 from st_codegen.reconcile.report.sentences import beside_text
 from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.run import reconcile_files
@@ -192,3 +192,17 @@ def test_a_line_that_only_a_curve_with_few_samples_shows_may_be_a_higher_order()
     samples = np.array([150] + [4000] * 9)
     assert np.argwhere(_alone(power, samples, [40])).tolist() == [[0, 20]]
     assert not _alone(power, np.full(10, 150), [40]).any()
+
+
+@pytest.mark.parametrize("directions", [(1.0, -1.0), (1.0,)])
+def test_a_bump_of_the_mean_curves_gives_orders_and_noise_none(directions):
+    """Twenty curves of a direction, of which none shows any order of a bump above its noise."""
+    random, sign = np.random.default_rng(0), np.repeat(directions, 20)
+    noise = random.standard_normal((2, len(sign), 101))
+    waves = (noise[0] + 1j * noise[1]) / np.sqrt(2.0)
+    floor, orders = np.ones(waves.shape), np.arange(101)
+    assert _of_a_place(waves, floor, sign, {10}, [39]) == []
+    for order, phase in ((0, 1.0), (39, 1j)):
+        shape = 0.6 * phase * np.exp(-0.5 * ((orders - order) * np.radians(3.0)) ** 2 - 1j * (orders - order) * 2.0)
+        found = _of_a_place(waves + shape, floor, sign, {10}, [39])
+        assert found == [k for k in range(6, 101) if abs(k - order) <= 57 and k != 10], order

@@ -298,22 +298,23 @@ def _of_a_place(
     # the lowest orders may wander from run to run
     asked = np.array([k for k in range(SETTINGS.wander_orders + 1, waves.shape[1]) if k not in known], np.int64)
     noise = np.where(np.isfinite(waves), floor, np.inf)[:, asked]
-    weights = [(1.0 / noise[sign == direction] ** 2).sum(axis=0) for direction in (1.0, -1.0)]
-    if not len(asked) or not (np.minimum(*weights) > 0).all():
+    own = [sign == direction for direction in np.unique(sign)]
+    weights = [(1.0 / noise[rows] ** 2).sum(axis=0) for rows in own]
+    if not len(asked) or not (np.min(weights, axis=0) > 0).all():
         return []
     # the mean of each direction by the noise of its curves, and the power of noise in the sum of both
     means = [
-        (np.nan_to_num(waves[sign == direction][:, asked]) / noise[sign == direction] ** 2).sum(axis=0) / weight
-        for direction, weight in zip((1.0, -1.0), weights, strict=True)
+        (np.nan_to_num(waves[rows][:, asked]) / noise[rows] ** 2).sum(axis=0) / weight
+        for rows, weight in zip(own, weights, strict=True)
     ]
-    power = 1.0 / weights[0] + 1.0 / weights[1]
+    power = np.sum([1.0 / weight for weight in weights], axis=0)
     best: tuple[float, list[int]] = (SETTINGS.place_sure, [])
     for order, width in itertools.product((0, *meshes), SETTINGS.place_widths_deg):
         shape = bump(asked - order, 0.0, width).real
         reached = asked[np.abs(asked - order) * np.radians(width) <= _TOLD_OF_BUMP]
-        for other in (1.0, -1.0):
+        for other in (1.0, -1.0)[: len(means)]:
             filtered = np.zeros(waves.shape[1], np.complex128)
-            filtered[asked] = (means[0] + other * means[1]) * shape / power
+            filtered[asked] = (means[0] + other * sum(means[1:])) * shape / power
             there = np.fft.ifft(filtered, _ANGLES) * _ANGLES
             # a bump has one sign, a mesh order any phase
             sure = np.abs(there if order else there.real).max() / np.sqrt(max((shape**2 / power).sum() / 2.0, 1e-300))
