@@ -139,7 +139,7 @@ def _most_gain(before: ComplexArray, after: ComplexArray, noise: FloatArray, vot
     told: BoolArray = np.maximum(left, right) > max(SETTINGS.told, float(np.exp(vote))) * least
     # noise stays; how much of it there is many rows tell
     unsure = min(1.0, SETTINGS.told / np.sqrt(len(noise))) * least
-    gain = np.log((left - least + unsure)[told] / (np.maximum(right - least, 0.0) + unsure)[told])
+    gain = np.log((np.maximum(left - least, 0.0) + unsure)[told] / (np.maximum(right - least, 0.0) + unsure)[told])
     return bool(told.sum() >= SETTINGS.least_votes and (gain > vote).mean() > SETTINGS.most_orders)
 
 

@@ -1,8 +1,9 @@
 """Mistakes of measuring, looked for before any effect: each has one parameter for all orders.
 
 Unit, sign, exchanged directions, a factor on one column, another zero of the angle, a drift, another reduction ratio;
-what sensors read wrong is in `sensors`, wrong labels and blocks of runs in `mistakes`. A missing effect changes its own
-orders; a mistake changes all of them alike, so that every order has one vote (`votes`).
+what columns hold in place of what is meant is in `columns`, what sensors read wrong in `sensors`, wrong labels and
+blocks of runs in `mistakes`. A missing effect changes its own orders; a mistake changes all of them alike, so that
+every order has one vote (`votes`).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from st_codegen.ir.arrays import FloatArray
 from st_codegen.reconcile.data.noise import MEDIAN_1
 from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.data.reading import begin_text, check_units, ramp_deg, start_of_ramp, unit_choices
+from st_codegen.reconcile.judge.columns import copied_columns, other_conditions, taken_off
 from st_codegen.reconcile.judge.each_run import ramp, ramps, zeros
 from st_codegen.reconcile.judge.mistakes import Mistake, mistaken_runs
 from st_codegen.reconcile.judge.sensors import (
@@ -36,7 +38,7 @@ from st_codegen.threads import one_thread
 #: what `--accept` takes
 NAMES = (
     "sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "low_pass", "smoothing",
-    "block", "labels",
+    "block", "labels", "conditions", "taken_off", "copied",
 )  # fmt: skip
 
 
@@ -66,11 +68,14 @@ def examine(
     problems = Problems(str(path))
     found: list[Mistake] = []
     for look in (
+        copied_columns,
+        taken_off,
         _drift,
         _ratio,
         partial(_common, scale=scale),
         _zeros,
         wrong_angle,
+        other_conditions,
         wrong_torques,
         low_pass,
         mean_of_angles,

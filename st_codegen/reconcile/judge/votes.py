@@ -120,7 +120,7 @@ def gaps_fall(before: FloatArray, after: FloatArray, least: FloatArray, votes: i
 
     An order without a gap before or after has no vote: the question does not touch it, or noise hides it.
     """
-    gain, told = np.log(before / after), np.maximum(before, after) > 2.0 * least
+    gain, told = np.log(np.maximum(before, 1e-300) / np.maximum(after, 1e-300)), np.maximum(before, after) > 2.0 * least
     sides = np.array([min(np.median(g[t]), g[t].mean()) if t.any() else 0.0 for g, t in zip(gain, told, strict=True)])
     return bool(told.sum() >= votes and sides.max() > SETTINGS.vote and sides.min() > -SETTINGS.vote)
 

@@ -1,0 +1,94 @@
+"""Columns in another unit, curves whose lowest orders were taken off, and a direction that is a copy of the other."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from st_codegen.errors import InputError
+from st_codegen.reconcile.judge.measurement import examine
+from st_codegen.rig.model import RigModel
+
+from .test_core import RIG, effect, grid, observed
+
+PATH = Path("campaign")
+RICH = RigModel(
+    effects=(
+        *RIG.effects,
+        effect("thermal_drift", drift_arcmin_per_K=0.02),
+        effect("friction_windup", coulomb_arcmin=0.2, viscous_arcmin_per_krpm=0.1, viscosity_decay_per_K=0.03),
+        effect("load_dependent_mesh", order=78, slope_deg_per_kNm=1e-3),
+    )
+)
+
+
+def asked(data, rig=RICH, accept=()):
+    """What is asked, or the data with what is accepted."""
+    try:
+        return examine(data, rig, PATH, accept=accept)
+    except InputError as error:
+        return str(error)
+
+
+READINGS = {
+    "temperatures seem to be in degF": lambda at: replace(at, temperature_C=at.temperature_C * 1.8 + 32),
+    "temperatures seem to be in K": lambda at: replace(at, temperature_C=at.temperature_C + 273.15),
+    "speeds seem to be those of the output": lambda at: replace(at, speed_rpm=at.speed_rpm / 81),
+    "speeds seem to be in turns a second": lambda at: replace(at, speed_rpm=at.speed_rpm / 60),
+    "speeds seem to be in rad/s": lambda at: replace(at, speed_rpm=at.speed_rpm * 2 * np.pi / 60),
+    "speeds seem to be in deg/s of the output": lambda at: replace(at, speed_rpm=at.speed_rpm * 6 / 81),
+    "torques seem to be those of the input": lambda at: replace(at, torque_Nm=at.torque_Nm / 81),
+    "torques seem to be of the other sign": lambda at: replace(at, torque_Nm=-at.torque_Nm),
+    "torques seem to be in kN m": lambda at: replace(at, torque_Nm=at.torque_Nm / 1000),
+}
+
+
+@pytest.mark.parametrize("said", READINGS)
+def test_conditions_in_another_unit_are_asked_about_and_read_so(said):
+    data = observed(RICH, grid())
+    wrong = replace(data, at=READINGS[said](data.at))
+    text = asked(wrong)
+    assert f"the {said}" in text and "--accept conditions" in text
+    right = asked(wrong, accept=["conditions"]).data.at
+    for key in ("speed_rpm", "torque_Nm", "temperature_C"):
+        assert getattr(right, key) == pytest.approx(getattr(data.at, key), abs=1e-9)
+
+
+def test_of_right_conditions_and_of_a_missing_effect_nothing_is_asked():
+    """A drift that the rig does not have is no other unit of the temperature."""
+    drift = effect("thermal_drift", drift_arcmin_per_K=0.05)
+    for truth in (RICH, RigModel(effects=(*RICH.effects, drift))):
+        assert asked(observed(truth, grid())).mistakes == ()
+
+
+@pytest.mark.parametrize(("last", "what"), [(0, "the mean"), (1, "the orders up to 1")])
+def test_orders_that_were_taken_off_are_asked_about_and_left_out(last, what):
+    data = observed(RICH, grid())
+    gone = data.orders <= last
+    cut = replace(data, values=np.where(gone, 1e-9, data.values))
+    text = asked(cut)
+    assert f"nothing is left of {what} in any run" in text and "--accept taken_off" in text
+    found = asked(cut, accept=["taken_off"]).data
+    assert found.orders.tolist() == data.orders[~gone].tolist()
+    assert found.not_looked_at == (f"{what}: taken off the curves",)
+
+
+@pytest.mark.filterwarnings("error")
+def test_an_order_alone_that_is_gone_is_no_filter():
+    """An eccentricity may have been mended; a mean that follows no load cannot be."""
+    data = observed(RICH, grid())
+    mended = replace(data, values=np.where(data.orders == 1, 0.0, data.values))
+    assert asked(mended).mistakes == ()
+
+
+def test_a_direction_with_the_digits_of_the_other_is_asked_about():
+    data = observed(RICH, grid())
+    values = data.values.copy()
+    for first, second in data.runs:
+        values[second] = values[first]
+    copied = replace(data, values=values)
+    text = asked(copied, accept=["direction", "column_scale", "sign"])
+    assert "the same digits in 126 of 126 runs" in text and "--accept copied" in text
+    found = asked(copied, accept=["copied"]).data
+    assert set(found.at.sign) == {1.0} and len(found) == len(data) / 2
