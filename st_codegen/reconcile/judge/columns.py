@@ -94,14 +94,15 @@ def taken_off(data: Observations, rig: RigModel) -> list[Mistake]:
     model = rig.coefficients(data.at, data.orders.tolist())
     noise = noise_power(data)
     measured, known = ((np.abs(part) ** 2).mean(axis=0) for part in (data.values, model))
-    # what the runs could tell must be far below the rig's as well, or they say nothing
+    made = np.flatnonzero(known > 0.0)
+    # in the unit of the data, whatever it is; what the runs could tell must be far below the rig's as well
+    unit = float(np.median(measured[made] / known[made])) if len(made) else 0.0
     left = np.maximum(measured - noise.mean(axis=0), told_power(noise))
-    gone = left < SETTINGS.taken_off**2 * known
+    gone = left < SETTINGS.taken_off**2 * unit * known
     if not len(gone) or data.orders[0] != 0 or not gone[0]:
         return []
     # an order that the rig does not make tells nothing of a filter
-    made = np.flatnonzero(known > 0.0)
-    count = int(np.argmin(gone[made])) if not gone[made].all() else len(made)
+    count = int(np.argmin(gone[made]))
     last = int(data.orders[made[count - 1]])
     chosen = data.orders <= last
     what = "the mean" if last == 0 else f"the orders up to {last}"
