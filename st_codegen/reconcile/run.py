@@ -40,6 +40,7 @@ from st_codegen.reconcile.judge.unexplained import (
     Signature,
     floors,
     is_lacking,
+    loud_and_foreign,
     of_a_hum,
     scatter_of_encoder,
     scatter_within_turns,
@@ -358,11 +359,8 @@ def _unexplained(
         return noise.floor_rms, lines_in_samples(target, after, gap_power)
     floor_rms = floors(target, after, noise.floor_rms)
     kept = excused(data, after, noise, is_lacking(target, after))
-    asked = (before != after).any(axis=0)
-    if data.spectral_deg is not None:
-        # orders of curves that no effect makes are looked at since they are louder than noise
-        asked |= ~np.isin(data.orders, final.state.rig.orders()) & (data.orders > SETTINGS.wander_orders)
-    left = signatures(target, after, gap_power, floor_rms, asked, kept)
+    kept |= loud_and_foreign(target, after, final.state.rig.orders())
+    left = signatures(target, after, gap_power, floor_rms, (before != after).any(axis=0), kept)
     return floor_rms, [*map(partial(of_a_hum, gap_power=gap_power, orders=data.orders), data.hums), *left]
 
 
@@ -377,6 +375,7 @@ def _with_suspects(target: FitData, final: Fit, noise: Noise) -> Noise:
     data = target.data
     # what the model lacks is no fault of a run
     lacking = is_lacking(target, final.residual)
+    lacking |= loud_and_foreign(target, final.residual, final.state.rig.orders())
     noise = without_structure(data, final.residual, noise, lacking)
     found = bad_runs(data, final.residual, noise.sigma, lacking, lack_of_forms(final))
     if not found:

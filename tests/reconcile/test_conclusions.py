@@ -19,7 +19,7 @@ from st_codegen.reconcile.judge.plausible import bounds_met, is_its_own, is_no_f
 from st_codegen.reconcile.judge.retuned import changes, with_piece_held
 from st_codegen.reconcile.judge.states import in_their_forms
 from st_codegen.reconcile.judge.suspects import bad_runs, excused
-from st_codegen.reconcile.judge.unexplained import is_lacking
+from st_codegen.reconcile.judge.unexplained import is_lacking, loud_and_foreign
 from st_codegen.reconcile.report.findings import Finding, share_text
 from st_codegen.reconcile.settings import CHOSEN_ON, SETTINGS
 from st_codegen.rig.effects import Conditions
@@ -455,3 +455,18 @@ def test_a_burst_of_a_mesh_order_is_asked_for_only_where_the_orders_around_it_we
 
     assert bursts(few) == set()
     assert (78,) in bursts((0, 1, *range(60, 97))) <= {(78,), (80,), (81,)}
+
+
+def test_a_foreign_order_that_single_runs_have_is_lacking_and_not_their_fault():
+    """Play makes sums of orders where a resonance is loud: the run is right, and order 57 is unexplained."""
+    data = observed(RIG, grid(), orders=(0, 1, 2, 3, 39, 40, 57, 78))
+    data = replace(data, spectral_deg=np.full(data.values.shape, SIGMA))
+    rows = data.runs[100]
+    data.values[np.ix_(rows, [6])] += 20 * SIGMA
+    known = fitted(RIG, data)
+    left, nothing = known.residual, np.zeros(len(data.orders), bool)
+    lacking = loud_and_foreign(known.target, left, RIG.orders())
+    assert data.orders[lacking].tolist() == [57]
+    sigma = np.full(left.shape, SIGMA)
+    assert set(bad_runs(data, left, sigma, nothing)) == set(rows) and not bad_runs(data, left, sigma, lacking)
+    assert not loud_and_foreign(known.target, left, [*RIG.orders(), 57]).any()

@@ -63,6 +63,18 @@ def is_lacking(target: FitData, residual: ComplexArray) -> BoolArray:
     return found
 
 
+def loud_and_foreign(target: FitData, residual: ComplexArray, made: Sequence[int]) -> BoolArray:
+    """Orders of curves that no effect makes (`made`: those of the rig) and that are louder than noise, bool (K,).
+
+    They are looked at since they are: in a few runs, or in no phase with the output.
+    """
+    orders = target.data.orders
+    if target.data.spectral_deg is None or not target.good.any():
+        return np.zeros(len(orders), bool)
+    loud = _times_spectral(target, residual) > _sure_times(target)
+    return loud & ~np.isin(orders, made) & (orders > SETTINGS.wander_orders)
+
+
 def _between_levels(target: FitData, z: ComplexArray, parts: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Chance of the differences between levels; their power in noises; the noise that is left, each (K,)."""
     basis = _basis(np.concatenate(list(_designs(target).values()), axis=1))
@@ -212,20 +224,20 @@ def signatures(
     residual: ComplexArray,
     gap_power: float,
     floor: FloatArray,
-    asked: BoolArray | None = None,
+    claimed: BoolArray | None = None,
     kept: BoolArray | None = None,
 ) -> list[Signature]:
     """Signatures of all orders with significant structure, largest first.
 
-    gap_power: deg^2, of the whole gap; floor: RMS of one component of the noise by order, (K,); asked: bool (K,), the
-    orders on which something is named or changed, or that were louder than noise. What is left of these must be noise,
-    each by its own: that of the other orders may be many times as large and hide a form that is not quite right. kept:
-    bool (K,), orders of which it is known that they keep more than noise.
+    gap_power: deg^2, of the whole gap; floor: RMS of one component of the noise by order, (K,); claimed: bool (K,), the
+    orders on which something is named or changed. What is left of these must be noise, each by its own: the noise of
+    the other orders may be many times as large and hide a form that is not quite right. kept: bool (K,), orders of
+    which it is known that they keep more than noise.
     """
     found = structure(target, residual)
     out = [_signature(target, residual, found, int(k), gap_power, floor[k]) for k in np.flatnonzero(found.significant)]
     loud = _component(target, residual) > _sure_times(target) * floor
-    loud &= False if asked is None else asked
+    loud &= False if claimed is None else claimed
     loud[scatter(target, residual)] = True
     loud |= False if kept is None else kept
     out += [
