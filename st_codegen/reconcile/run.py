@@ -35,17 +35,15 @@ from st_codegen.reconcile.judge.measurement import Examined, examine
 from st_codegen.reconcile.judge.mistakes import Mistake
 from st_codegen.reconcile.judge.plausible import lack_of_forms
 from st_codegen.reconcile.judge.selection import search, with_noise_of
-from st_codegen.reconcile.judge.suspects import bad_runs, excused, without_structure
-from st_codegen.reconcile.judge.unexplained import (
-    Signature,
+from st_codegen.reconcile.judge.structure import (
     floors,
     is_lacking,
     loud_and_foreign,
-    of_a_hum,
     scatter_of_encoder,
     scatter_within_turns,
-    signatures,
 )
+from st_codegen.reconcile.judge.suspects import bad_runs, excused, without_structure
+from st_codegen.reconcile.judge.unexplained import Signature, of_a_hum, signatures
 from st_codegen.reconcile.judge.unseen import cannot_show
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Effect, Stage

@@ -18,8 +18,8 @@ from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, spread
 from st_codegen.reconcile.judge.plausible import bounds_met, is_its_own, is_no_form_error, lack_of_forms, law_holds
 from st_codegen.reconcile.judge.retuned import changes, with_piece_held
 from st_codegen.reconcile.judge.states import in_their_forms
+from st_codegen.reconcile.judge.structure import is_lacking, loud_and_foreign
 from st_codegen.reconcile.judge.suspects import bad_runs, excused
-from st_codegen.reconcile.judge.unexplained import is_lacking, loud_and_foreign
 from st_codegen.reconcile.report.findings import Finding, share_text
 from st_codegen.reconcile.settings import CHOSEN_ON, SETTINGS
 from st_codegen.rig.effects import Conditions
@@ -470,3 +470,16 @@ def test_a_foreign_order_that_single_runs_have_is_lacking_and_not_their_fault():
     sigma = np.full(left.shape, SIGMA)
     assert set(bad_runs(data, left, sigma, nothing)) == set(rows) and not bad_runs(data, left, sigma, lacking)
     assert not loud_and_foreign(known.target, left, [*RIG.orders(), 57]).any()
+
+
+def test_foreign_orders_of_a_walk_within_the_turn_are_noise():
+    orders = (0, 1, 2, 3, 4, 5, 6, 7, 8, 39)
+    data = observed(RIG, grid(), orders=orders)
+    data = replace(data, spectral_deg=np.full(data.values.shape, SIGMA))
+    random, size = np.random.default_rng(1), 30.0 * SIGMA / np.maximum(np.array(orders), 1) * (np.array(orders) > 0)
+    known = fitted(RIG, data)
+    walk = random.standard_normal((2, *data.values.shape)) * np.where(np.array(orders) == 39, 0.0, size)
+    left = known.residual + walk[0] + 1j * walk[1]
+    assert not loud_and_foreign(known.target, left, RIG.orders()).any()
+    left[:, 7] *= 3.0
+    assert data.orders[loud_and_foreign(known.target, left, RIG.orders())].tolist() == [7]

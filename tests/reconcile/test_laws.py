@@ -9,7 +9,7 @@ import pytest
 from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.measurement import examine
-from st_codegen.reconcile.judge.unexplained import scatter_of_encoder
+from st_codegen.reconcile.judge.structure import scatter_of_encoder
 from st_codegen.reconcile.judge.unseen import cannot_show
 from st_codegen.reconcile.report.findings import _numbers
 from st_codegen.reconcile.report.sentences import floor_text

@@ -8,7 +8,8 @@ import pytest
 from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
 from st_codegen.reconcile.fit.target import FitData, groups_of
-from st_codegen.reconcile.judge.unexplained import _wandering, floors, main_cause, scatter, signatures
+from st_codegen.reconcile.judge.structure import _wandering, floors, scatter
+from st_codegen.reconcile.judge.unexplained import main_cause, signatures
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 

@@ -14,7 +14,7 @@ from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.peaks import has_a_frequency
-from st_codegen.reconcile.judge.unexplained import is_lacking
+from st_codegen.reconcile.judge.structure import is_lacking
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Form, Scalar, Stage
 

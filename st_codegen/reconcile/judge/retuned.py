@@ -15,8 +15,8 @@ from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.evidence import chi_square_tail, p_of_clusters
 from st_codegen.reconcile.judge.in_time import lasting_mean, without_lasting
 from st_codegen.reconcile.judge.plausible import bounds_met, is_its_own, misfit_of_changes
+from st_codegen.reconcile.judge.structure import floors, is_lacking
 from st_codegen.reconcile.judge.surroundings import stands_out
-from st_codegen.reconcile.judge.unexplained import floors, is_lacking
 from st_codegen.reconcile.settings import SETTINGS
 
 

@@ -18,7 +18,7 @@ from st_codegen.reconcile.judge.candidates import Candidate, Scorer
 from st_codegen.reconcile.judge.evidence import judge
 from st_codegen.reconcile.judge.peaks import has_a_frequency
 from st_codegen.reconcile.judge.plausible import at_nobodys_expense, bounds_met, is_a_peak
-from st_codegen.reconcile.judge.unexplained import is_lacking
+from st_codegen.reconcile.judge.structure import is_lacking
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect, Form
 

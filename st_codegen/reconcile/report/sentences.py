@@ -13,8 +13,8 @@ from st_codegen.reconcile.data.observations import rms_deg
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.conclusions import Claim
 from st_codegen.reconcile.judge.plausible import explained
+from st_codegen.reconcile.judge.structure import in_both_directions
 from st_codegen.reconcile.judge.surroundings import angle_of_rest
-from st_codegen.reconcile.judge.unexplained import in_both_directions
 from st_codegen.reconcile.run import Reconciliation, TakenBack
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, Effect

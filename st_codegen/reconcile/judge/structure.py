@@ -1,0 +1,335 @@
+"""Whether an order keeps more than noise, and how large that noise is.
+
+Three questions are put to the residual of an order: does it differ between levels of speed, torque and temperature;
+do neighbouring runs share it (structure that is sharper than any level); does it step or drift in the order of the
+runs. Decisions are made on cut residuals, so that single wild runs make no structure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.reconcile.data.contrasts import levels_of, neighbours, speed_levels
+from st_codegen.reconcile.data.noise import MEDIAN_1
+from st_codegen.reconcile.data.observations import Observations
+from st_codegen.reconcile.fit.target import FitData
+from st_codegen.reconcile.judge.evidence import chi_square_tail, false_discoveries, normal_tail
+from st_codegen.reconcile.judge.in_time import Course, course_of, without_lasting
+from st_codegen.reconcile.settings import SETTINGS
+from st_codegen.rig.effects import Conditions
+
+
+@dataclass(frozen=True)
+class ResidualStructure:
+    """How much of a residual is structure.
+
+    orders: int (K,); significant: after control of the false discovery rate; courses: by order the step or trend over
+    the runs, or None.
+    """
+
+    orders: IntArray
+    significant: BoolArray
+    courses: tuple[Course | None, ...]
+
+
+def structure(target: FitData, residual: ComplexArray) -> ResidualStructure:
+    """Test the residual (n, K) of every order for what noise that is independent from run to run has not."""
+    data, good = target.data, target.good
+    parts = np.where(data.orders == 0, 1, 2)
+    r: ComplexArray = np.where(data.orders == 0, residual.real, residual).astype(np.complex128)
+    whole: ComplexArray = without_lasting(target, r) / target.sigma * good[:, None]
+    z: ComplexArray = whole * np.minimum(1.0, SETTINGS.cut / np.maximum(np.abs(whole), 1e-300))
+    p_levels, excess, scale = _between_levels(target, z[good], parts)
+    p_shared, shared = _between_neighbours(target, z, parts)
+    large = np.maximum(excess / scale, shared) > SETTINGS.least_excess * parts
+    courses = course_of(target, z, whole, parts)
+    in_time = np.array([course is not None for course in courses])
+    p = np.minimum(np.minimum(2 * p_levels, 2 * p_shared), 1.0)
+    significant = (false_discoveries(p, SETTINGS.discovery_rate) & large) | in_time
+    return ResidualStructure(data.orders, significant, tuple(courses))
+
+
+def is_lacking(target: FitData, residual: ComplexArray) -> BoolArray:
+    """Whether an order keeps more than noise, with a pattern or without one, bool (K,)."""
+    found = structure(target, residual).significant.copy()
+    found[scatter(target, residual)] = True
+    return found
+
+
+def loud_and_foreign(target: FitData, residual: ComplexArray, made: Sequence[int]) -> BoolArray:
+    """Orders of curves that no effect makes (`made`: those of the rig) and that are louder than noise, bool (K,).
+
+    They are looked at since they are: in a few runs, or in no phase with the output. What a walk within a turn makes of
+    the low ones is noise.
+    """
+    orders = target.data.orders
+    if target.data.spectral_deg is None or not target.good.any():
+        return np.zeros(len(orders), bool)
+    times = _times_spectral(target, residual)
+    loud = times > sure_times(target) * _wandering(target, times)
+    return loud & ~np.isin(orders, made) & (orders > SETTINGS.wander_orders)
+
+
+def _between_levels(target: FitData, z: ComplexArray, parts: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Chance of the differences between levels; their power in noises; the noise that is left, each (K,)."""
+    basis = orthogonal_basis(np.concatenate(list(level_designs(target).values()), axis=1))
+    rows, rank = len(basis), basis.shape[1]
+    explained = (np.abs(basis.T @ z) ** 2).sum(axis=0)
+    left = np.maximum((np.abs(z) ** 2).sum(axis=0) - explained, 1e-12) / np.maximum(parts * (rows - rank), 1)
+    # noise that is larger than believed must not look like structure
+    scale = np.maximum(left, 1.0)
+    p = np.array([chi_square_tail(float(x), int(k * rank)) for x, k in zip(explained / scale, parts, strict=True)])
+    return p, np.maximum(explained - parts * rank * scale, 0.0) / rows, scale
+
+
+def _between_neighbours(target: FitData, z: ComplexArray, parts: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Chance that neighbours along an axis share as much by noise alone, and the power that they share, each (K,).
+
+    Noise that is independent from run to run gives products of neighbours any phase: their sum over its own root mean
+    square is normal.
+    """
+    best, power = np.ones(z.shape[1]), np.zeros(z.shape[1])
+    kinds = [pairs for _, pairs in neighbours(target.data.at, target.good) if len(pairs) >= SETTINGS.least_contrasts]
+    for pairs in kinds:
+        products = (z[pairs[:, 0]] * z[pairs[:, 1]].conj()).real
+        spread = np.sqrt(((np.abs(z[pairs[:, 0]]) * np.abs(z[pairs[:, 1]])) ** 2).sum(axis=0) / parts)
+        score = products.sum(axis=0) / np.maximum(spread, 1e-300)
+        own = normal_tail(score) * len(kinds)
+        power = np.where(own < best, products.mean(axis=0), power)
+        best = np.minimum(best, own)
+    return best, power
+
+
+def level_designs(target: FitData) -> dict[str, FloatArray]:
+    """For each factor one column a level and direction, of good rows."""
+    at, good = target.data.at, target.good
+    levels = {"constant": np.zeros(len(at), np.int64), **levels_by_condition(at)}
+    return {name: _dummies(level, at.sign)[good] for name, level in levels.items()}
+
+
+def levels_by_condition(at: Conditions) -> dict[str, IntArray]:
+    """The level of each row by condition, (n,)."""
+    return {
+        "speed": speed_levels(at.speed_rpm),
+        "torque": levels_of(at.torque_Nm),
+        "temperature": levels_of(at.temperature_C),
+    }
+
+
+def _dummies(level: IntArray, sign: FloatArray) -> FloatArray:
+    code = level * 2 + (sign > 0)
+    found: FloatArray = (code[:, None] == np.unique(code)[None, :]).astype(np.float64)
+    return found
+
+
+def orthogonal_basis(design: FloatArray) -> FloatArray:
+    """Orthonormal columns that span those of a design (n, m), float64 (n, rank)."""
+    u, s, _ = np.linalg.svd(design, full_matrices=False)
+    found: FloatArray = u[:, s > 1e-8 * s[0]]
+    return found
+
+
+def rms_of_component(target: FitData, residual: ComplexArray) -> FloatArray:
+    """RMS of one component of a residual by order, (K,)."""
+    power = (np.abs(residual[target.good]) ** 2).mean(axis=0) / np.where(target.data.orders == 0, 1, 2)
+    return np.asarray(np.sqrt(power))
+
+
+def sure_times(target: FitData) -> FloatArray:
+    """From how many times the noise on what so many runs leave is more than noise, (K,)."""
+    count = np.where(target.data.orders == 0, 1, 2) * int(target.good.sum())
+    return np.asarray(np.maximum(SETTINGS.clearly_larger, 1.0 + SETTINGS.told / np.sqrt(2.0 * count)))
+
+
+def floors(target: FitData, residual: ComplexArray, of_contrasts: FloatArray) -> FloatArray:
+    """RMS of one component of the noise by order, (K,), from that of contrasts between runs.
+
+    Of curves it is that between their orders, but where noise lasts over a turn or comes from the lines of an encoder.
+    Contrasts hold what structure is left; where there is some, the noise is that of the orders next to it.
+    """
+    data, found = target.data, of_contrasts.copy()
+    if not target.good.any():
+        return found
+    own = noise_within(target)
+    if data.spectral_deg is not None:
+        lasts = (data.orders <= SETTINGS.wander_orders) & (found < _beyond(target, residual) * own)
+        walking = own * _wandering(target, _times_spectral(target, residual))
+        return np.where(
+            lasts | (of_an_encoder(data, residual, target.good) > 0), found, np.where(data.orders > 0, walking, own)
+        )
+    left = is_lacking(target, residual)
+    return np.where(left, np.minimum(np.minimum(found, own), by_directions(target, residual)[1]), found)
+
+
+def noise_within(target: FitData) -> FloatArray:
+    """RMS of one component of the noise that is no structure, (K,): that within the curves, of tables that beside.
+
+    The orders beside an order differ from run to run by about as much; those of the mean say nothing of it (inf).
+    """
+    data, good = target.data, target.good
+    if data.spectral_deg is not None:
+        return np.asarray(np.sqrt((data.spectral_deg[good] ** 2).mean(axis=0)))
+    sizes, found = np.sqrt((target.sigma[good] ** 2).mean(axis=0)), np.full(len(data.orders), np.inf)
+    waves = np.flatnonzero(data.orders > 0)
+    for k in waves if len(waves) > SETTINGS.near_floors else ():
+        others = waves[waves != k]
+        near = np.argsort(np.abs(data.orders[others] - data.orders[k]), kind="stable")[: SETTINGS.near_floors]
+        found[k] = np.median(sizes[others[near]])
+    return found
+
+
+def scatter(target: FitData, residual: ComplexArray) -> IntArray:
+    """Columns of orders whose residual is larger than the noise can be, or alike in both directions of the runs."""
+    if not target.good.any():
+        return np.zeros(0, np.int64)
+    # single wild runs are no structure of the mean, which has no peaks that few runs meet
+    mean, near = target.data.orders == 0, residual.copy()
+    near[:, mean] *= np.minimum(1.0, SETTINGS.cut * target.sigma[:, mean] / np.maximum(np.abs(near[:, mean]), 1e-300))
+    loud = _times_spectral(target, near) > _beyond(target, near)
+    found: IntArray = np.flatnonzero(loud | by_directions(target, residual)[0])
+    return found
+
+
+def by_directions(target: FitData, residual: ComplexArray) -> tuple[BoolArray, FloatArray]:
+    """Whether both directions of runs are more alike than noise makes them, and the noise by what they differ, (K,).
+
+    What a run has in both directions is no noise of the measurement, whatever its pattern over the conditions.
+    """
+    data, pairs = target.data, _pairs(target)
+    if data.angle_rad is not None or len(pairs) < SETTINGS.least_contrasts:
+        return np.zeros(len(data.orders), bool), np.full(len(data.orders), np.inf)
+    parts = np.where(data.orders == 0, 1, 2)
+    r = np.where(data.orders == 0, residual.real, residual)
+    differ = np.sqrt((np.abs(r[pairs[:, 0]] - r[pairs[:, 1]]) ** 2).mean(axis=0) / (2 * parts))
+    # the mean differs from run to run as the rig says
+    known = np.where(data.orders == 0, target.run_offset_deg, 0.0) / target.sigma
+    z = r / target.sigma
+    z *= np.minimum(1.0, SETTINGS.cut / np.maximum(np.abs(z), 1e-300))
+    first, second = z[pairs[:, 0]], z[pairs[:, 1]]
+    alike = (first * second.conj()).real - known[pairs[:, 0]] * known[pairs[:, 1]]
+    # the mean has no peaks that few runs meet: what no more of them have than there can be bad ones is their own
+    carried = (alike.sum(axis=0) ** 2) / np.maximum((alike**2).sum(axis=0), 1e-300)
+    shared = (carried > SETTINGS.most_suspects * len(pairs)) | (data.orders > 0)
+    sizes = np.sqrt((np.abs(first) ** 2).mean(axis=0) * (np.abs(second) ** 2).mean(axis=0))
+    # Fisher's transform of a correlation is normal
+    correlation = np.clip(alike.mean(axis=0) / np.maximum(sizes, 1e-300), 1e-9 - 1.0, 1.0 - 1e-9)
+    p = normal_tail(np.arctanh(correlation) * np.sqrt(parts * len(pairs)) / _by_chance(first, second, sizes, parts))
+    large = alike.mean(axis=0) > SETTINGS.least_excess * parts
+    return false_discoveries(p, SETTINGS.discovery_rate) & large & shared, differ
+
+
+def _by_chance(
+    first: ComplexArray | FloatArray, second: ComplexArray | FloatArray, sizes: FloatArray, parts: IntArray
+) -> FloatArray:
+    """How many times as alike as white noise makes them two series of runs (n, K) are by chance, (K,), at least 1.
+
+    Noise that lasts over runs is alike in both directions without sharing anything: so it is with one direction shifted
+    against the other by any number of runs.
+    """
+    turned = np.fft.ifft(np.fft.fft(first, axis=0) * np.fft.fft(second, axis=0).conj(), axis=0).real[1:]
+    alike = np.sqrt((turned**2).mean(axis=0)) / len(first) / np.maximum(sizes, 1e-300)
+    return np.asarray(np.maximum(1.0, alike * np.sqrt(parts * len(first))))
+
+
+def _pairs(target: FitData) -> IntArray:
+    """The rows of good runs that have two, (n, 2)."""
+    rows = [rows for rows in target.data.runs if len(rows) == 2 and target.good[rows].all()]
+    return np.array(rows, np.int64).reshape(-1, 2)
+
+
+def in_both_directions(target: FitData, residual: ComplexArray) -> FloatArray:
+    """RMS over the angle (deg) of what runs have alike in both directions, by order (K,); 0 where too few runs tell."""
+    pairs = _pairs(target)
+    if target.data.angle_rad is not None or len(pairs) < SETTINGS.least_contrasts:
+        return np.zeros(residual.shape[1])
+    alike = (residual[pairs[:, 0]] * residual[pairs[:, 1]].conj()).real.mean(axis=0)
+    return np.asarray(np.sqrt(np.maximum(alike, 0.0) / np.where(target.data.orders == 0, 1, 2)))
+
+
+def _times_spectral(target: FitData, residual: ComplexArray) -> FloatArray:
+    """How many times the noise that is no structure a residual is, by order (K,)."""
+    found: FloatArray = rms_of_component(target, residual) / np.maximum(noise_within(target), 1e-150)
+    return found
+
+
+def _beyond(target: FitData, residual: ComplexArray) -> FloatArray:
+    """How many times the noise that is no structure a residual may be, (K,).
+
+    Of curves: twice what a slow wander makes of it. Of tables: no farther above the orders beside it than these
+    scatter about each other, but for the lowest, where a wander would show and no curve tells how strong it is.
+    """
+    orders, times = target.data.orders, _times_spectral(target, residual)
+    if target.data.spectral_deg is not None:
+        found = SETTINGS.beyond_spectral * _wandering(target, times)
+        found[orders == 0] *= np.maximum(1.0, target.run_offset_deg / noise_within(target)[orders == 0])
+        return found
+    apart = np.abs(np.log(np.maximum(times[orders > 0], 1e-9)))
+    if len(apart) < SETTINGS.least_orders_beside:
+        return np.full(len(orders), SETTINGS.beyond_beside)
+    usual = float(np.exp(SETTINGS.beyond_usual * np.median(apart) / MEDIAN_1))
+    usual = float(np.clip(usual, SETTINGS.beyond_spectral, SETTINGS.beyond_beside))
+    return np.where(orders > SETTINGS.wander_orders, usual, SETTINGS.beyond_beside)
+
+
+def _wandering(target: FitData, times: FloatArray) -> FloatArray:
+    """How much louder than the noise between orders a walk within one turn makes each order, (K,).
+
+    The power of a walk falls with the square of the order; that of its mean over a turn is 2 pi^2 / 3 times that of
+    order 1. How strong it is the lowest orders say where they are clearly louder, each but the one asked about.
+    """
+    orders, found = target.data.orders, np.ones(len(times))
+    # the mean power of n runs of noise scatters by 1/sqrt(n)
+    power = times**2 - 1.0 - SETTINGS.clearly_smaller / np.sqrt(max(int(target.good.sum()), 1))
+    low = np.flatnonzero((orders > 0) & (orders <= SETTINGS.wander_orders))
+    for k, order in enumerate(orders):
+        others = low[low != k]
+        if len(others) > 1:
+            walk = max(0.0, float(np.median(power[others] * orders[others] ** 2)))
+            found[k] = np.sqrt(1.0 + walk * (2 * np.pi**2 / 3 if order == 0 else 1.0 / order**2))
+    return found
+
+
+def of_an_encoder(data: Observations, residual: ComplexArray, good: BoolArray) -> IntArray:
+    """The number of lines of an encoder whose error between two lines shows at an order as it was sampled, (K,), or 0.
+
+    With n samples a turn, order L of the lines shows as the distance of L from the next multiple of n; the waves of the
+    lowest orders make sidebands of it. What is louder right beside all these is not the encoder's.
+    """
+    power = (np.abs(residual[good]) ** 2).mean(axis=0)
+    found = np.zeros(len(data.orders), np.int64)
+    for lines in SETTINGS.encoder_lines if data.samples else ():
+        alias = min(lines % data.samples, -lines % data.samples)
+        off = np.abs(data.orders - alias)
+        near, beside = off <= SETTINGS.sidebands_of_lines, off <= 3 * SETTINGS.sidebands_of_lines
+        if power[near].max(initial=0.0) >= power[beside & ~near].max(initial=0.0):
+            found[near & (data.orders > SETTINGS.wander_orders)] = lines
+    return found
+
+
+def scatter_of_encoder(target: FitData, residual: ComplexArray) -> tuple[str, ...]:
+    """What is said of orders that differ from run to run as the error of an encoder between its lines does."""
+    data, lines = target.data, of_an_encoder(target.data, residual, target.good)
+    follows = structure(target, residual).significant
+    columns = [k for k in scatter(target, residual) if lines[k] and not follows[k]]
+    return tuple(
+        f"order {data.orders[k]} differs from run to run, as the error of an encoder of {lines[k]} lines between "
+        f"two of them would at {data.samples} samples a turn: it counts as noise"
+        for k in columns
+    )
+
+
+def scatter_within_turns(target: FitData, residual: ComplexArray) -> tuple[str, ...]:
+    """What is said of the lowest orders of curves where they differ from run to run as a walk within a turn does."""
+    data, times = target.data, _times_spectral(target, residual)
+    low = (data.orders > 0) & (data.orders <= SETTINGS.wander_orders)
+    walks = low & (_wandering(target, times) > SETTINGS.beyond_spectral) & (times > SETTINGS.beyond_spectral)
+    if data.spectral_deg is None or not walks.any():
+        return ()
+    return (
+        f"the lowest orders differ from run to run by up to {times[walks].max():.2g} times the noise within curves, "
+        "as where TE wanders within a turn, or jumps in some of them: it counts as noise; look at single curves",
+    )
