@@ -20,6 +20,8 @@ from st_codegen.reconcile.settings import SETTINGS
 _WHOLE = 0.1
 #: median of the sum of two exponential numbers
 _MEDIAN_OF_TWO = 1.678
+#: steps to each side in which the frequency of a hum that is known to an order is looked for
+_FINEST = 200
 
 
 @dataclass(frozen=True)
@@ -27,8 +29,8 @@ class Hum:
     """A wave of one frequency in time that was taken out of curves.
 
     amplitude_deg: root mean square over the curves in which it was seen; curves: how many these are, and all; by_order:
-    (band + 1,) RMS over angle and all curves of what it had made of each order, deg; is_faint: it shows in no curve by
-    itself, and was not taken out.
+    (band + 1,) RMS over angle and all curves of what it had made of each order, deg; is_faint: too few curves show it
+    by themselves for it to be taken out of them.
     """
 
     frequency_Hz: float
@@ -48,8 +50,9 @@ class Hum:
         if self.is_faint:
             return (
                 f"at {self.frequency_Hz:.3g} Hz there is more than at others, {self.amplitude_deg:.2g} deg in "
-                f"the mean of {seen} of {of} curves, of which none shows it by itself: a wave of that frequency "
-                "whatever the speed, as of the mains or another drive, or a resonance that lifts many orders"
+                f"the mean of {seen} of {of} curves: a wave of that frequency whatever the speed, as of the mains or "
+                "another drive, or a resonance that lifts many orders; too few curves show it by themselves, and it "
+                "was not taken out"
             )
         return (
             f"a wave of {self.frequency_Hz:.4g} Hz whatever the speed, {self.amplitude_deg:.2g} deg in {seen} of {of} "
@@ -96,7 +99,7 @@ def without_hums(
 
 
 def _faint(sums: Sequence[Sums], turns_Hz: FloatArray, known: Collection[int]) -> Hum | None:
-    """A wave of a frequency of its own that all curves together show and none by itself, if there is one.
+    """A wave of a frequency of its own that curves show together and too few of them by themselves, if there is one.
 
     Over the noise the power of two orders beside each other is Gamma distributed: of n curves with mean 2 n.
     """
@@ -109,8 +112,10 @@ def _faint(sums: Sequence[Sums], turns_Hz: FloatArray, known: Collection[int]) -
     power = np.minimum(np.abs(lines) ** 2, SETTINGS.loud_line)
     free = np.ones(band + 1, bool)
     free[[order for order in (*range(SETTINGS.wander_orders + 1), *known) if order <= band]] = False
-    samples, step = np.array([one.samples for one in sums]), 0.25 * float(turns_Hz.min())
-    tried = np.arange((SETTINGS.wander_orders + 1) * turns_Hz.min(), band * turns_Hz.max(), step)
+    samples = np.array([one.samples for one in sums])
+    lowest, highest = (SETTINGS.wander_orders + 1) * float(turns_Hz.min()), band * float(turns_Hz.max())
+    # a quarter of an order in the slowest curve that could show it
+    tried = lowest * (1.0 + 0.25 / band) ** np.arange(np.log(max(highest / lowest, 1.0)) / np.log1p(0.25 / band))
     least, best, shown = float(np.log(max(len(tried), 1) / SETTINGS.p_chance)), 0.0, np.zeros(len(rows), bool)
     for frequency in tried.tolist():
         low = _mirrored(frequency / turns_Hz, samples).astype(np.int64)
@@ -135,7 +140,8 @@ def _faint(sums: Sequence[Sums], turns_Hz: FloatArray, known: Collection[int]) -
 
     # the two orders beside a line are the same over a whole order
     reach = 0.5 * float(turns_Hz[shown].max())
-    best = max(np.arange(best - reach, best + reach, 0.4 * step), key=lambda frequency: float(told(frequency).sum()))
+    step = max(0.1 * float(turns_Hz[shown].min()), reach / _FINEST)
+    best = max(np.arange(best - reach, best + reach, step), key=lambda frequency: float(told(frequency).sum()))
     size = float(np.sqrt(max(float((told(best) * noise[shown]).mean()), 0.0)))
     return Hum(float(best), size, (int(shown.sum()), len(sums)), np.zeros(band + 1), True)
 

@@ -138,7 +138,8 @@ def _mistaken_text(campaign: Campaign, mistaken: BoolArray, bands: IntArray, fil
     shown = ", ".join(named[:5]) + (", .." if len(named) > 5 else "")
     most = max(campaign.curves[row].sums.samples for row in rows)
     return [
-        f"orders {orders} of {len(named)} files: {most} or fewer samples a turn show higher orders as these: {shown}"
+        f"orders {orders} of {len(named)} files: {most} or fewer samples a turn may show higher orders as these: "
+        f"{shown}"
     ]
 
 

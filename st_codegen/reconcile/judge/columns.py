@@ -19,9 +19,10 @@ from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions
 from st_codegen.rig.model import RigModel
 
-_UNIT = "the {} seem to be {}: with that the rig predicts what is measured, and as they are it does not"
+_UNIT = "the {} seem to be {}: with that the rig predicts every order on which it matters, and as they are it does not"
 _TAKEN_OFF = (
-    "nothing is left of {} in any run, where the rig has {:.2g} deg RMS: {} seems to have been taken off the curves"
+    "hardly anything is left of {} in the runs, where the rig has {:.2g} deg RMS: {} seems to have been taken off the "
+    "curves"
 )
 _COPIED = (
     "forward and backward have the same digits in {} of {} runs, noise included: one of the columns seems to be a copy "

@@ -132,9 +132,9 @@ def together_text(result: Reconciliation) -> str:
     if found is not None:
         angle, reach, size = found
         return (
-            f"Most of what stays unexplained in orders stands at one angle of the output: {angle:.0f} deg, within "
-            f"{reach:g} deg on both sides, up to {size:.2g} deg in the mean of all runs of a direction. Look at pins, "
-            "teeth and bearings there, and at the encoder's disc."
+            "In the mean of all runs, most of what stays unexplained in orders stands at one angle of the output: "
+            f"{angle:.0f} deg, within {reach:g} deg on both sides, up to {size:.2g} deg. Look at pins, teeth and "
+            "bearings there, and at the encoder's disc."
         )
     return beside_text(orders, result.rig.orders())
 
