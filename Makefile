@@ -29,7 +29,7 @@ blark: $(INSTALLED)  ## every generated TwinCAT file through an independent pars
 DATA ?= ../shared/data
 FOLDS ?= 3
 
-tables: $(INSTALLED)  ## tables 2 to 6 of the paper, ours beside theirs; some 25 minutes of two cores, stopped runs go on
+tables: $(INSTALLED)  ## tables 2 to 6 of the paper, ours beside theirs; some 3 minutes of two cores, stopped runs go on
 	$(BIN)/st-codegen tables $(DATA) --folds $(FOLDS) --out build/tables --work build/fits.sqlite
 
 train-long: $(INSTALLED)  ## the search and a fleet on a Dask cluster of which a worker is killed

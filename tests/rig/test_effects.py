@@ -266,7 +266,8 @@ amplitude_deg = [0.1]
         "unknown table [efect]; did you mean 'effect'?", "reduction_ratio = 0.5",
         "unknown key 'pin'; did you mean 'pins'?",
         "no effect 'backlsh'; did you mean 'backlash'?", "gap_arcmin = 30 is outside 0 .. 20 arcmin",
-        "'seating_torque_Nm' is missing", "order: 81 is none of 40, 80",
+        "'seating_torque_Nm' is missing",
+        "order: 81 is no order of this effect: ratio, teeth and pins of [rig] give 40, 80",
         "unknown key 'phase'; did you mean 'phase_rad'?",
         "an order stands there twice", "has 1 entries, orders has 2",
     ):  # fmt: skip

@@ -298,7 +298,8 @@ class Effect(ABC):
         allowed = self.allowed_orders(self.constants)
         for order in orders:
             if allowed is not None and order not in allowed:
-                table.note(f"{key}: {order} is none of {', '.join(map(str, allowed))}")
+                given = ", ".join(map(str, allowed)) or "none"
+                table.note(f"{key}: {order} is no order of this effect: ratio, teeth and pins of [rig] give {given}")
         if len(set(orders)) != len(orders):
             table.note(f"{key}: an order stands there twice")
         return len(orders)
