@@ -28,6 +28,7 @@ from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.candidates import Candidate
 from st_codegen.reconcile.judge.conclusions import Conclusions, conclude, unchanged
 from st_codegen.reconcile.judge.evidence import Evidence
+from st_codegen.reconcile.judge.faint import faint
 from st_codegen.reconcile.judge.held_out import between_states, held_out_rms
 from st_codegen.reconcile.judge.lines import lines_in_samples
 from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unmeasured_links
@@ -296,6 +297,7 @@ def _result(
     hum = sum((one.by_order[data.orders] ** 2 for one in data.hums), np.zeros(len(data.orders)))
     gap_power = float((weight * (np.abs(before[good]) ** 2).mean(axis=0)).sum() + hum.sum())
     floor_rms, left = _unexplained(target, final, before, noise, gap_power)
+    left = left or faint(replace(final, target=target), judged, gap_power)
     floor_power = weight * np.where(data.orders == 0, 1, 2) * floor_rms**2
     floor = float(np.sqrt(floor_power.sum()))
     held_out, first = held_out_rms(replace(final, target=target)), rms_deg(before[good], data.orders)

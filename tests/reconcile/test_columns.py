@@ -62,6 +62,14 @@ def test_of_right_conditions_and_of_a_missing_effect_nothing_is_asked():
         assert asked(observed(truth, grid())).mistakes == ()
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_zero_that_moved_is_no_other_unit(seed):
+    """In noise that hides the drift with the oil, what degF would shift all means by was said to be degF."""
+    data = observed(RICH, grid(), seed=seed, sigma=3e-3)
+    moved = replace(data, values=data.values + np.where(data.orders == 0, -0.012, 0.0))
+    assert asked(moved).mistakes == ()
+
+
 @pytest.mark.parametrize(("last", "what"), [(0, "the mean"), (1, "the orders up to 1")])
 def test_orders_that_were_taken_off_are_asked_about_and_left_out(last, what):
     data = observed(RICH, grid())

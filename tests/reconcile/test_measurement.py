@@ -1,5 +1,6 @@
 """Mistakes of measuring are named before any effect is looked for, and corrected when that is accepted."""
 
+import contextlib
 import itertools
 from dataclasses import replace
 from pathlib import Path
@@ -285,6 +286,36 @@ def test_a_ramp_is_told_by_the_orders_that_stand_above_the_noise():
     with pytest.raises(InputError, match="--accept ratio") as asked:
         examine(ramp(missing, 81.005), RIG, PATH)
     assert "rises by 0.0222 deg" in str(asked.value)
+
+
+def wandering(values, orders, sigma, knee, seed):
+    """Values in noise that grows from order `knee` down, as where TE wanders within a turn."""
+    random = np.random.default_rng(seed)
+    noise = random.standard_normal(values.shape) + 1j * random.standard_normal(values.shape)
+    return values + np.where(orders > 0, sigma * np.hypot(1, knee / np.maximum(orders, 1)) * noise, 0.0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_ramp_that_begins_at_some_angle_is_told_by_all_orders_together(seed):
+    """Noise hid it in most orders: its jump was called a damaged tooth at that angle, and the rest another zero."""
+    sigma, orders, at = 5e-4, np.arange(251), measured(seed=seed).rows(slice(None, None, 5)).at
+    jump = -0.015 * 1j / (np.pi * np.maximum(orders, 1)) * np.exp(-1j * np.deg2rad(213) * orders)
+    known = RIG.coefficients(at, orders.tolist())
+    spectral = np.full(known.shape, sigma)
+    for size in (0.0, 1.0):
+        values = wandering(known + size * np.where(orders > 0, jump, -0.0075), orders, sigma, 12.0, seed)
+        asked = size and pytest.raises(InputError, match=r"from 21[23]\.\d deg on at every run.*--accept ratio")
+        with asked or contextlib.nullcontext():
+            examine(Observations(at, labels(at), orders, values, spectral_deg=spectral), RIG, PATH)
+
+
+def test_a_wander_within_the_turn_is_no_factor_on_a_column():
+    """Of a ramp that it hides the lowest orders, which differ by more than the noise between orders, made a factor."""
+    data = ramp(measured(2e-3, 1).rows(slice(None, None, 5)), 81.0045, 213.0)
+    random = np.random.default_rng(1)
+    walk = random.standard_normal(data.values.shape) + 1j * random.standard_normal(data.values.shape)
+    values = data.values + np.where(ORDERS > 0, 0.02 / np.maximum(ORDERS, 1) * walk, 0.0)
+    assert examine(replace(data, values=values, spectral_deg=np.full(values.shape, 2e-3)), RIG, PATH).mistakes == ()
 
 
 LOUD = [("home_offset", 1e-3), ("direction", 1e-3), ("column_scale", 2e-4), ("home_offset", 5e-3), ("direction", 5e-3)]

@@ -239,6 +239,8 @@ def test_the_error_between_lines_of_an_encoder_is_noise_where_it_shows():
     left, floor = curves(values, SIGMA, samples=1000)
     assert left == {} and floor[48] == pytest.approx(14 * SIGMA, rel=0.1)
     assert list(curves(values, SIGMA, samples=1024)[0]) == [48]
+    values[:, 5] += 40 * SIGMA * grid().torque_Nm / 1000  # a louder order beside it that has a law of its own
+    assert list(curves(values, SIGMA, samples=1000)[0]) == [53]
 
 
 def test_an_order_of_a_table_far_louder_than_those_beside_it_is_not_called_noise():

@@ -72,14 +72,18 @@ def _readings(ratio: float) -> list[tuple[str, str, Callable[[Conditions], Condi
 
 def _gain(data: Observations, noise: FloatArray, plain: ComplexArray, seen: ComplexArray) -> float:
     """The logarithm by which another model takes power off the gaps of the orders that it changes; 0 where it leaves
-    more than a part of any."""
-    gain = 0.0
+    more than a part of any.
+
+    A mean that is off by the same in all runs of a direction speaks for none: a zero may have moved.
+    """
+    gain, mean = 0.0, data.orders == 0
     for sign in SIGNS:
         rows = data.at.sign == sign
         if not rows.any():
             continue
         before, after, changes = (
-            (np.abs(part[rows]) ** 2).mean(axis=0) for part in (data.values - plain, data.values - seen, seen - plain)
+            (np.abs(part[rows] - mean * part[rows].mean(axis=0)) ** 2).mean(axis=0)
+            for part in (data.values - plain, data.values - seen, seen - plain)
         )
         least = told_power(noise[rows])
         left, right = (np.maximum(power - noise[rows].mean(axis=0), 0.0) + least for power in (before, after))

@@ -40,13 +40,22 @@ class Evidence:
     @property
     def passed(self) -> bool:
         """Whether all tests agree."""
+        return self._likely and self.size_in_noise >= SETTINGS.least_size
+
+    @property
+    def passed_but_for_size(self) -> bool:
+        """Whether only the size speaks against it."""
+        return self._likely and self.size_in_noise < SETTINGS.least_size
+
+    @property
+    def _likely(self) -> bool:
         losses = list(self.held_out.values())
         # one axis may fail: a level can hold all that is known of something
         held = not losses or (
             sum(x > 0 for x in losses) >= max(1, len(losses) - 1) and 2 * self.votes[0] > self.votes[1]
         )
         likely = self.p_chance < SETTINGS.p_chance and self.p_clusters < SETTINGS.p_clusters
-        return likely and held and self.stability >= SETTINGS.stable and self.size_in_noise >= SETTINGS.least_size
+        return likely and held and self.stability >= SETTINGS.stable
 
 
 def judge(without: Fit, with_it: Fit, places: list[int], number: int, seed: int = 0) -> Evidence:

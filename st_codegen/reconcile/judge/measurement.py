@@ -67,22 +67,12 @@ def examine(
         return Examined(data)
     problems = Problems(str(path))
     found: list[Mistake] = []
-    for look in (
-        copied_columns,
-        taken_off,
-        _drift,
-        _ratio,
-        partial(_common, scale=scale),
-        _zeros,
-        wrong_angle,
-        other_conditions,
-        wrong_torques,
-        low_pass,
-        mean_of_angles,
-    ):
-        # a torque is told by sizes, of which those in another unit say nothing
+    # conditions are told by sizes, of which those in another unit say nothing
+    of_sizes = (other_conditions, wrong_torques, low_pass, mean_of_angles)
+    of_forms = (copied_columns, taken_off, _drift, _ratio, partial(_common, scale=scale), _zeros, wrong_angle)
+    for look in (*of_forms, *of_sizes):
         is_unit = any(mistake.name == "unit" for mistake in found)
-        for mistake in () if is_unit and look in (wrong_torques, low_pass, mean_of_angles) else look(data, rig):
+        for mistake in () if is_unit and look in of_sizes else look(data, rig):
             if mistake.corrected is not None:
                 data = mistake.corrected(data)
             found.append(replace(mistake, text=f"{mistake.text} (corrected)"))
@@ -157,7 +147,11 @@ def _ramp_of_gap(data: Observations, rig: RigModel) -> tuple[float, float]:
     # what happens at one angle has the phases of a ramp there, but no ramp is what most orders have
     told = left > np.exp(2 * SETTINGS.vote) * 2.0 * least
     most = np.mean(left[told] > np.exp(2 * SETTINGS.vote) * right[told]) if told.any() else 0.0
-    return (size, start) if told.sum() >= SETTINGS.least_orders_of_zero and most > SETTINGS.most_orders else (0.0, 0.0)
+    most_fall = told.sum() >= SETTINGS.least_orders_of_zero and most > SETTINGS.most_orders
+    # where noise hides most orders: together they save much, and what is left of all of them is noise
+    before, after = (float(SETTINGS.told * (part / least - 1.0).sum()) for part in (left, right))
+    only_noise = after < len(orders) + SETTINGS.told * np.sqrt(len(orders))
+    return (size, start) if most_fall or (only_noise and before - after > 2 * SETTINGS.order_gain) else (0.0, 0.0)
 
 
 # --- what all runs have in common
@@ -258,11 +252,16 @@ def _directions_differ(sums: PowerSums) -> bool:
 
 
 def _most_have(sums: PowerSums, factor: float) -> bool:
-    """Whether most orders have this factor of forward over backward, each as well as its noise tells it."""
+    """Whether most orders have this factor of forward over backward, each as well as its noise tells it.
+
+    Of those that could tell it from no factor most must lie nearer to it.
+    """
     size = np.maximum(np.abs(sums.product) / np.maximum(sums.model, 1e-300), 1e-12)
-    error = np.sqrt((sums.noise / np.maximum(2 * sums.rows * sums.model, 1e-300) / size**2).sum(axis=0))
-    apart = np.abs(np.log(size[0] / size[1] / factor))
-    return bool((apart < np.hypot(np.log(SETTINGS.column_factor), SETTINGS.told * error)).mean() > 0.5)
+    error = np.sqrt((sums.scatter / np.maximum(2 * sums.rows * sums.model, 1e-300) / size**2).sum(axis=0))
+    own, whole = np.log(size[0] / size[1]), np.log(factor)
+    apart, tells = np.abs(own - whole), SETTINGS.told * error < abs(whole)
+    near = bool((apart < np.hypot(np.log(SETTINGS.column_factor), SETTINGS.told * error)).mean() > 0.5)
+    return near and (not tells.any() or bool((apart < np.abs(own))[tells].mean() > 0.5))
 
 
 _UNTOLD = (

@@ -15,7 +15,6 @@ import numpy as np
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.data.contrasts import levels_of, neighbours, speed_levels
 from st_codegen.reconcile.data.noise import MEDIAN_1
-from st_codegen.reconcile.data.observations import Observations
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.evidence import chi_square_tail, false_discoveries, normal_tail
 from st_codegen.reconcile.judge.in_time import Course, course_of, without_lasting
@@ -158,9 +157,7 @@ def floors(target: FitData, residual: ComplexArray, of_contrasts: FloatArray) ->
     if data.spectral_deg is not None:
         lasts = (data.orders <= SETTINGS.wander_orders) & (found < _beyond(target, residual) * own)
         walking = own * _wandering(target, _times_spectral(target, residual))
-        return np.where(
-            lasts | (of_an_encoder(data, residual, target.good) > 0), found, np.where(data.orders > 0, walking, own)
-        )
+        return np.where(lasts | (of_an_encoder(target, residual) > 0), found, np.where(data.orders > 0, walking, own))
     left = is_lacking(target, residual)
     return np.where(left, np.minimum(np.minimum(found, own), by_directions(target, residual)[1]), found)
 
@@ -293,15 +290,19 @@ def _wandering(target: FitData, times: FloatArray) -> FloatArray:
     return found
 
 
-def of_an_encoder(data: Observations, residual: ComplexArray, good: BoolArray) -> IntArray:
+def of_an_encoder(target: FitData, residual: ComplexArray) -> IntArray:
     """The number of lines of an encoder whose error between two lines shows at an order as it was sampled, (K,), or 0.
 
     With n samples a turn, order L of the lines shows as the distance of L from the next multiple of n; the waves of the
-    lowest orders make sidebands of it. What is louder right beside all these is not the encoder's.
+    lowest orders make sidebands of it. What is louder right beside all these, without a law of its own, is not the
+    encoder's.
     """
-    power = (np.abs(residual[good]) ** 2).mean(axis=0)
+    data = target.data
     found = np.zeros(len(data.orders), np.int64)
-    for lines in SETTINGS.encoder_lines if data.samples else ():
+    if not data.samples or not target.good.any():
+        return found
+    power = (np.abs(residual[target.good]) ** 2).mean(axis=0) * ~structure(target, residual).significant
+    for lines in SETTINGS.encoder_lines:
         alias = min(lines % data.samples, -lines % data.samples)
         off = np.abs(data.orders - alias)
         near, beside = off <= SETTINGS.sidebands_of_lines, off <= 3 * SETTINGS.sidebands_of_lines
@@ -312,7 +313,7 @@ def of_an_encoder(data: Observations, residual: ComplexArray, good: BoolArray) -
 
 def scatter_of_encoder(target: FitData, residual: ComplexArray) -> tuple[str, ...]:
     """What is said of orders that differ from run to run as the error of an encoder between its lines does."""
-    data, lines = target.data, of_an_encoder(target.data, residual, target.good)
+    data, lines = target.data, of_an_encoder(target, residual)
     follows = structure(target, residual).significant
     columns = [k for k in scatter(target, residual) if lines[k] and not follows[k]]
     return tuple(
@@ -322,14 +323,26 @@ def scatter_of_encoder(target: FitData, residual: ComplexArray) -> tuple[str, ..
     )
 
 
-def scatter_within_turns(target: FitData, residual: ComplexArray) -> tuple[str, ...]:
-    """What is said of the lowest orders of curves where they differ from run to run as a walk within a turn does."""
-    data, times = target.data, _times_spectral(target, residual)
+def wander_within_turns(target: FitData, residual: ComplexArray) -> float:
+    """How many times the noise within curves the lowest orders are, where a walk within the turn makes them; else 0.
+
+    Such a curve does not end where it began: it has a jump at the zero of the angle.
+    """
+    data = target.data
+    if data.spectral_deg is None or not target.good.any():
+        return 0.0
+    times = _times_spectral(target, residual)
     low = (data.orders > 0) & (data.orders <= SETTINGS.wander_orders)
     walks = low & (_wandering(target, times) > SETTINGS.beyond_spectral) & (times > SETTINGS.beyond_spectral)
-    if data.spectral_deg is None or not walks.any():
+    return float(times[walks].max(initial=0.0))
+
+
+def scatter_within_turns(target: FitData, residual: ComplexArray) -> tuple[str, ...]:
+    """What is said of the lowest orders of curves where they differ from run to run as a walk within a turn does."""
+    times = wander_within_turns(target, residual)
+    if not times:
         return ()
     return (
-        f"the lowest orders differ from run to run by up to {times[walks].max():.2g} times the noise within curves, "
+        f"the lowest orders differ from run to run by up to {times:.2g} times the noise within curves, "
         "as where TE wanders within a turn, or jumps in some of them: it counts as noise; look at single curves",
     )

@@ -11,6 +11,7 @@ from st_codegen.reconcile.fit.fitting import Fit
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.lines import stand_out, waves_of_angle
 from st_codegen.reconcile.judge.plausible import explained
+from st_codegen.reconcile.judge.structure import wander_within_turns
 from st_codegen.reconcile.judge.votes import SIGNS
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Effect
@@ -70,6 +71,8 @@ def is_of_its_place(current: Fit, number: int) -> bool:
     """
     piece, target = current.state.pieces[number], current.target
     centre, width = _place(piece.effect)
+    if abs(_turned(centre)) < SETTINGS.reach_of_place * width and wander_within_turns(target, current.residual):
+        return False  # where curves begin and end, they jump
     for other in current.state.pieces[:number]:
         if other.effect.least_foreign:
             beside, its_width = _place(other.effect)

@@ -80,12 +80,13 @@ def _holds_elsewhere(target: FitData, r: ComplexArray, name: str) -> bool:
 class Signature:
     """One unexplained part.
 
-    order: -1 where it has a frequency (`hertz`) instead; rms_deg: of what is no noise, over all runs and angles; share
-    of the gap (power); dependence: shares by factor; direction: `both`, `forward`, `backward`; text: a sentence;
-    amplitude_deg: the largest of the formula, or of the levels of the factor on which it depends most; formula: the
-    simplest expression that the data hold, or None; at_least: the noise beside it is known no better than by how far
-    runs lie from their neighbours, which holds what is unexplained as well, so that the size may be larger and the
-    noise smaller.
+    order: -1 where it has a frequency (`hertz`) instead, or where several tell it together; rms_deg: of what is no
+    noise, over all runs and angles; share of the gap (power); dependence: shares by factor; direction: `both`,
+    `forward`, `backward`; text: a sentence; amplitude_deg: the largest of the formula, or of the levels of the
+    factor on which it depends most; formula: the simplest expression that the data hold, or None; at_least: the
+    noise beside it is known no better than by how far runs lie from their neighbours, which holds what is
+    unexplained as well, so that the size may be larger and the noise smaller; would_be: the effect that it would
+    be, were it not fainter than the noise of a run.
     """
 
     order: int
@@ -98,6 +99,7 @@ class Signature:
     formula: Formula | None = None
     at_least: bool = False
     hertz: float = 0.0
+    would_be: str = ""
 
 
 def of_a_hum(hum: Hum, gap_power: float, orders: IntArray) -> Signature:
@@ -141,7 +143,7 @@ def signatures(
     loud |= False if kept is None else kept
     out += [
         _scattered(target, residual, int(k), gap_power, floor[k])
-        for k in np.flatnonzero(loud & ~found.significant & (of_an_encoder(target.data, residual, target.good) == 0))
+        for k in np.flatnonzero(loud & ~found.significant & (of_an_encoder(target, residual) == 0))
     ]
     return sorted((_with_hums(one, target.data.hums) for one in out), key=lambda signature: -signature.rms_deg)
 

@@ -73,6 +73,16 @@ class PowerSums:
     rows: FloatArray
 
     @property
+    def scatter(self) -> FloatArray:
+        """Power by which runs differ from the model with a factor and a turn of its order, (2, K): the noise at least.
+
+        Where TE wanders within a turn the lowest orders have more of it than the noise within curves says.
+        """
+        left = self.measured - np.abs(self.product) ** 2 / np.maximum(self.model, 1e-300)
+        found: FloatArray = np.maximum(left, self.noise)
+        return found
+
+    @property
     def worth(self) -> FloatArray:
         """What each order tells of a factor, (2, K): by its error, as long as that is larger than what is sought."""
         error = self.noise / np.maximum(2 * self.rows * self.model, 1e-300)
@@ -98,7 +108,7 @@ class PowerSums:
         told = np.maximum(left, right) > 2.0 * self.least
         if 2 * told.sum() >= told.size:
             return gaps_fall(left, right, self.least)
-        saved = np.sort((self.rows * (before - after) / self.noise).sum(axis=0))
+        saved = np.sort((self.rows * (before - after) / self.scatter).sum(axis=0))
         return bool(saved[:-effects].sum() > SETTINGS.order_gain)
 
 

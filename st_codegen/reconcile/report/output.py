@@ -29,7 +29,7 @@ def report(result: Reconciliation, update: Update | None = None, ahead: NextRuns
         "retuned": [_retuned(entry) for entry in result.conclusions.retuned],
         "unexplained": [
             {
-                "order": None if s.hertz else s.order,
+                "order": None if s.order < 0 else s.order,
                 "frequency_Hz": s.hertz or None,
                 "dependence": {name: round(share, 4) for name, share in s.dependence.items()},
                 "direction": s.direction,
@@ -41,6 +41,7 @@ def report(result: Reconciliation, update: Update | None = None, ahead: NextRuns
                     name: [[c.real, c.imag] for c in sides] for name, sides in s.formula.terms.items()
                 },
                 "text": s.text,
+                "would_be": s.would_be or None,
             }
             for s in result.unexplained
         ],

@@ -35,6 +35,9 @@ def verdict_text(result: Reconciliation) -> str:
     """The verdict in words."""
     if result.verdict == "partly_explained" and result.data.few_points and not result.unexplained:
         return "What is named was missing; the runs are too few to tell whether what is left of them is noise."
+    if result.unexplained and all(one.would_be for one in result.unexplained):
+        named = "What was missing is named; what is left" if result.verdict == "partly_explained" else "What differs"
+        return f"{named} has a faint pattern, which may be noise that lasts over runs."
     return VERDICT_TEXT[result.verdict]
 
 

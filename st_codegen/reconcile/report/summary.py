@@ -32,7 +32,7 @@ def summary(result: Reconciliation) -> str:
         lines.append(f"- {common}")
     lines += [f"- unexplained: {signature.text}" for signature in result.unexplained[:8]]
     if more := result.unexplained[8:]:
-        orders, together = [one.order for one in more if not one.hertz], math.hypot(*(one.rms_deg for one in more))
+        orders, together = [one.order for one in more if one.order >= 0], math.hypot(*(one.rms_deg for one in more))
         span = f"from {min(orders)} to {max(orders)}, " if orders else ""
         which = f"{span}together {together:.2g} deg RMS"
         lines.append(f"- and {len(more)} more unexplained orders {which}")

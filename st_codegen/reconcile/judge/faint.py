@@ -1,0 +1,54 @@
+"""What passes every test of an effect but that of its size: it has no name, and is no noise either."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from st_codegen.reconcile.fit.fitting import Fit, fit
+from st_codegen.reconcile.judge.candidates import Candidate
+from st_codegen.reconcile.judge.evidence import Evidence, judge
+from st_codegen.reconcile.judge.plausible import explained
+from st_codegen.reconcile.judge.unexplained import Signature
+from st_codegen.reconcile.settings import SETTINGS
+
+
+def faint(final: Fit, judged: Sequence[tuple[Candidate, Evidence]], gap_power: float) -> list[Signature]:
+    """The clearest of the refused candidates that only their size spoke against, and still does; one at most.
+
+    Where nothing else is unexplained, what is left would be called noise, and has a pattern that noise has by chance no
+    more often than a name may be wrong. gap_power: deg^2, of the whole gap.
+    """
+    own = sum(not piece.added for piece in final.state.pieces)
+    likely: dict[object, tuple[float, Candidate]] = {}
+    for candidate, evidence in judged:
+        known = likely.get(candidate.name, (0.0, candidate))
+        if evidence.passed_but_for_size and (candidate.number is None or candidate.number < own):
+            likely[candidate.name] = max((evidence.loss_saved, candidate), known, key=lambda entry: entry[0])
+    for _, candidate in sorted(likely.values(), key=lambda entry: -entry[0])[: SETTINGS.tries]:
+        with_it = fit(final.target, candidate.put_into(final.state), steps=SETTINGS.quick_steps)
+        number = candidate.place(with_it.state)
+        start = with_it.state.slices()[number].start
+        places = [start + i for i, _ in candidate.coordinates()]
+        evidence = judge(final, with_it, places, number)
+        if evidence.passed_but_for_size:
+            return [_signature(final, with_it, number, evidence, gap_power)]
+    return []
+
+
+def _signature(final: Fit, with_it: Fit, number: int, evidence: Evidence, gap_power: float) -> Signature:
+    piece, good, orders = with_it.state.pieces[number], final.target.good, final.target.data.orders
+    before = explained(with_it, final.state.pieces[number]) if number < len(final.state.pieces) else 0.0
+    powers = (np.abs(explained(with_it, piece) - before)[good] ** 2).mean(axis=0) / np.where(orders == 0, 1, 2)
+    told = np.flatnonzero(powers > SETTINGS.part_of_change * powers.max(initial=0.0))
+    order = int(orders[told[0]]) if len(told) == 1 else -1
+    size, what = float(np.sqrt(powers.sum())), f"order {order}" if order > 0 else "several orders"
+    effect = piece.effect
+    where = f" ({effect.scalar('centre_deg'):.0f} deg)" if effect.least_foreign else ""
+    text = (
+        f"{what if order else 'the mean'}: {size:.2g} deg RMS that {effect.title}{where} would explain, "
+        f"{evidence.size_in_noise:.2g} times the noise of a run; noise that lasts over runs may look like it"
+    )
+    share = min(1.0, size**2 / max(gap_power, 1e-300))
+    return Signature(order, size, share, {"combination": 1.0}, "both", text, size, at_least=True, would_be=effect.name)
