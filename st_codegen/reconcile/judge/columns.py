@@ -90,7 +90,7 @@ def _gain(data: Observations, noise: FloatArray, plain: ComplexArray, seen: Comp
         asked = changes > SETTINGS.acts_of_unit * least
         if (right > SETTINGS.left_of_unit * left)[asked].any():
             return 0.0
-        gain += float(rows.sum() * np.log(left / right)[asked].sum())
+        gain += float(rows.sum() * np.log(left[asked] / right[asked]).sum())
     return gain
 
 

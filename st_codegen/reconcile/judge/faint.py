@@ -6,10 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from st_codegen.ir.arrays import ComplexArray
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.judge.candidates import Candidate
 from st_codegen.reconcile.judge.evidence import Evidence, judge
 from st_codegen.reconcile.judge.plausible import explained
+from st_codegen.reconcile.judge.retuned import is_constant
+from st_codegen.reconcile.judge.selection import is_sound
 from st_codegen.reconcile.judge.unexplained import Signature
 from st_codegen.reconcile.settings import SETTINGS
 
@@ -18,7 +21,8 @@ def faint(final: Fit, judged: Sequence[tuple[Candidate, Evidence]], gap_power: f
     """The clearest of the refused candidates that only their size spoke against, and still does; one at most.
 
     Where nothing else is unexplained, what is left would be called noise, and has a pattern that noise has by chance no
-    more often than a name may be wrong. gap_power: deg^2, of the whole gap.
+    more often than a name may be wrong. What is the same in all runs is not among them: noise that lasts over runs has
+    a mean of its own. gap_power: deg^2, of the whole gap.
     """
     own = sum(not piece.added for piece in final.state.pieces)
     likely: dict[object, tuple[float, Candidate]] = {}
@@ -32,15 +36,22 @@ def faint(final: Fit, judged: Sequence[tuple[Candidate, Evidence]], gap_power: f
         start = with_it.state.slices()[number].start
         places = [start + i for i, _ in candidate.coordinates()]
         evidence = judge(final, with_it, places, number)
-        if evidence.passed_but_for_size:
+        lasting = is_constant(final.target, _added(final, with_it, number))
+        if evidence.passed_but_for_size and not lasting and is_sound(final, with_it, number):
             return [_signature(final, with_it, number, evidence, gap_power)]
     return []
 
 
-def _signature(final: Fit, with_it: Fit, number: int, evidence: Evidence, gap_power: float) -> Signature:
-    piece, good, orders = with_it.state.pieces[number], final.target.good, final.target.data.orders
+def _added(final: Fit, with_it: Fit, number: int) -> ComplexArray:
+    """What piece `number` contributes, or a piece that is there already contributes more, (n, K)."""
     before = explained(with_it, final.state.pieces[number]) if number < len(final.state.pieces) else 0.0
-    powers = (np.abs(explained(with_it, piece) - before)[good] ** 2).mean(axis=0) / np.where(orders == 0, 1, 2)
+    return explained(with_it, with_it.state.pieces[number]) - before
+
+
+def _signature(final: Fit, with_it: Fit, number: int, evidence: Evidence, gap_power: float) -> Signature:
+    piece, orders = with_it.state.pieces[number], final.target.data.orders
+    added = _added(final, with_it, number)[final.target.good]
+    powers = (np.abs(added) ** 2).mean(axis=0) / np.where(orders == 0, 1, 2)
     told = np.flatnonzero(powers > SETTINGS.part_of_change * powers.max(initial=0.0))
     order = int(orders[told[0]]) if len(told) == 1 else -1
     size, what = float(np.sqrt(powers.sum())), f"order {order}" if order > 0 else "several orders"

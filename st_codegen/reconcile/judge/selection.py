@@ -113,6 +113,11 @@ def _first_that_passes(
 def founded(without: Fit, with_it: Fit, number: int, places: list[int]) -> tuple[Evidence, bool]:
     """Evidence of piece `number` of a fit (its coordinates `places`) against the fit without, and whether it stands."""
     evidence = judge(without, with_it, places, number)
+    return evidence, evidence.passed and is_sound(without, with_it, number)
+
+
+def is_sound(without: Fit, with_it: Fit, number: int) -> bool:
+    """Whether piece `number` of a fit is of its form, at nobody's expense, and more than what lies around it."""
     # a part that grows on an effect is no other effect
     grown = len(without.state.pieces) == len(with_it.state.pieces)
     sound = at_two_frequencies(without, with_it, number) and at_nobodys_expense(without, with_it)
@@ -121,7 +126,7 @@ def founded(without: Fit, with_it: Fit, number: int, places: list[int]) -> tuple
     own = explained(with_it, piece) - (explained(with_it, without.state.pieces[number]) if grown else 0.0)
     at_one_angle = bool(piece.effect.least_foreign)
     sound = sound and (is_of_its_place(with_it, number) if at_one_angle else stands_out(with_it, own))
-    return evidence, evidence.passed and sound and law_holds(without, with_it, number)
+    return sound and law_holds(without, with_it, number)
 
 
 def with_noise_of(current: Fit) -> tuple[FitData, Noise]:
