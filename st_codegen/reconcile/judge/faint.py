@@ -22,8 +22,10 @@ def faint(final: Fit, judged: Sequence[tuple[Candidate, Evidence]], gap_power: f
 
     Where nothing else is unexplained, what is left would be called noise, and has a pattern that noise has by chance no
     more often than a name may be wrong. What is the same in all runs is not among them: noise that lasts over runs has
-    a mean of its own. gap_power: deg^2, of the whole gap.
+    a mean of its own. Samples over time have no runs to tell that by. gap_power: deg^2, of the whole gap.
     """
+    if final.target.data.angle_rad is not None:
+        return []
     own = sum(not piece.added for piece in final.state.pieces)
     likely: dict[object, tuple[float, Candidate]] = {}
     for candidate, evidence in judged:
@@ -54,12 +56,16 @@ def _signature(final: Fit, with_it: Fit, number: int, evidence: Evidence, gap_po
     powers = (np.abs(added) ** 2).mean(axis=0) / np.where(orders == 0, 1, 2)
     told = np.flatnonzero(powers > SETTINGS.part_of_change * powers.max(initial=0.0))
     order = int(orders[told[0]]) if len(told) == 1 else -1
-    size, what = float(np.sqrt(powers.sum())), f"order {order}" if order > 0 else "several orders"
-    effect = piece.effect
+    size, effect = float(np.sqrt(powers.sum())), piece.effect
+    what = f"order {order}" if order > 0 else "several orders" if order else "the mean"
     where = f" ({effect.scalar('centre_deg'):.0f} deg)" if effect.least_foreign else ""
     text = (
-        f"{what if order else 'the mean'}: {size:.2g} deg RMS that {effect.title}{where} would explain, "
+        f"{what}: {size:.2g} deg RMS that {effect.title}{where} would explain, "
         f"{evidence.size_in_noise:.2g} times the noise of a run; noise that lasts over runs may look like it"
     )
     share = min(1.0, size**2 / max(gap_power, 1e-300))
-    return Signature(order, size, share, {"combination": 1.0}, "both", text, size, at_least=True, would_be=effect.name)
+    # RMS over the angle: of a wave half the square of its amplitude
+    largest = size * (np.sqrt(2) if order > 0 else 1.0)
+    return Signature(
+        order, size, share, {"combination": 1.0}, "both", text, largest, at_least=True, would_be=effect.name
+    )

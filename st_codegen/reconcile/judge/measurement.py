@@ -148,7 +148,8 @@ def _ramp_of_gap(data: Observations, rig: RigModel) -> tuple[float, float]:
     told = left > np.exp(2 * SETTINGS.vote) * 2.0 * least
     most = np.mean(left[told] > np.exp(2 * SETTINGS.vote) * right[told]) if told.any() else 0.0
     most_fall = told.sum() >= SETTINGS.least_orders_of_zero and most > SETTINGS.most_orders
-    # where noise hides most orders: together they save much, and what is left of all of them is noise
+    # where noise hides most orders: together they save much, and what is left of all of them is noise (of each the
+    # power over its own is exponential, with mean and deviation 1)
     before, after = (float(SETTINGS.told * (part / least - 1.0).sum()) for part in (left, right))
     only_noise = after < len(orders) + SETTINGS.told * np.sqrt(len(orders))
     return (size, start) if most_fall or (only_noise and before - after > 2 * SETTINGS.order_gain) else (0.0, 0.0)
