@@ -10,8 +10,7 @@ from st_codegen.ir.arrays import ComplexArray
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.judge.candidates import Candidate
 from st_codegen.reconcile.judge.evidence import Evidence, judge
-from st_codegen.reconcile.judge.plausible import explained
-from st_codegen.reconcile.judge.retuned import is_constant
+from st_codegen.reconcile.judge.plausible import beats_waves, explained
 from st_codegen.reconcile.judge.selection import is_sound
 from st_codegen.reconcile.judge.unexplained import Signature
 from st_codegen.reconcile.settings import SETTINGS
@@ -21,8 +20,8 @@ def faint(final: Fit, judged: Sequence[tuple[Candidate, Evidence]], gap_power: f
     """The clearest of the refused candidates that only their size spoke against, and still does; one at most.
 
     Where nothing else is unexplained, what is left would be called noise, and has a pattern that noise has by chance no
-    more often than a name may be wrong. What is the same in all runs is not among them: noise that lasts over runs has
-    a mean of its own. Samples over time have no runs to tell that by. gap_power: deg^2, of the whole gap.
+    more often than a name may be wrong. It must do clearly better than constant waves of its orders: noise that lasts
+    over runs has a mean of its own. Samples over time have no runs to tell that by. gap_power: deg^2, of the whole gap.
     """
     if final.target.data.angle_rad is not None:
         return []
@@ -38,8 +37,9 @@ def faint(final: Fit, judged: Sequence[tuple[Candidate, Evidence]], gap_power: f
         start = with_it.state.slices()[number].start
         places = [start + i for i, _ in candidate.coordinates()]
         evidence = judge(final, with_it, places, number)
-        lasting = is_constant(final.target, _added(final, with_it, number))
-        if evidence.passed_but_for_size and not lasting and is_sound(final, with_it, number):
+        touched = np.abs(_added(final, with_it, number)).max(axis=0) > 0.0
+        varies = beats_waves(final, with_it, touched, np.ones((len(final.target.data), 1)))
+        if evidence.passed_but_for_size and varies and is_sound(final, with_it, number):
             return [_signature(final, with_it, number, evidence, gap_power)]
     return []
 
@@ -58,9 +58,8 @@ def _signature(final: Fit, with_it: Fit, number: int, evidence: Evidence, gap_po
     order = int(orders[told[0]]) if len(told) == 1 else -1
     size, effect = float(np.sqrt(powers.sum())), piece.effect
     what = f"order {order}" if order > 0 else "several orders" if order else "the mean"
-    where = f" ({effect.scalar('centre_deg'):.0f} deg)" if effect.least_foreign else ""
     text = (
-        f"{what}: {size:.2g} deg RMS that {effect.title}{where} would explain, "
+        f"{what}: {size:.2g} deg RMS that {effect.title} would explain, "
         f"{evidence.size_in_noise:.2g} times the noise of a run; noise that lasts over runs may look like it"
     )
     share = min(1.0, size**2 / max(gap_power, 1e-300))

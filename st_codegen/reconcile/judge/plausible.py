@@ -161,7 +161,7 @@ def law_holds(without: Fit, fitted: Fit, number: int) -> bool:
     piece, target = fitted.state.pieces[number], fitted.target
     if has_a_frequency(piece.effect):
         own = np.isin(target.data.orders, piece.effect.orders)
-        return _beats_waves(without, fitted, own, np.ones((len(target.data), 1)))
+        return beats_waves(without, fitted, own, np.ones((len(target.data), 1)))
     if piece.effect.stage is not Stage.MODULATION:
         return True
     size = np.sqrt((np.abs(explained(fitted, piece)[target.good] / target.sigma[target.good]) ** 2).mean(axis=0))
@@ -170,11 +170,11 @@ def law_holds(without: Fit, fitted: Fit, number: int) -> bool:
         return bool(own.any())
     foreign = not np.isin(target.data.orders[own], piece.effect.constants.mesh_orders()).any()
     loads = np.stack([np.ones(len(target.data)), target.data.at.torque_Nm], axis=1)
-    follows = _beats_waves(without, fitted, own, loads) and not (own & is_lacking(target, fitted.residual)).any()
+    follows = beats_waves(without, fitted, own, loads) and not (own & is_lacking(target, fitted.residual)).any()
     return foreign and follows
 
 
-def _beats_waves(without: Fit, fitted: Fit, own: BoolArray, laws: FloatArray) -> bool:
+def beats_waves(without: Fit, fitted: Fit, own: BoolArray, laws: FloatArray) -> bool:
     """Whether a fit explains orders clearly better than waves of these orders and of each direction that follow laws.
 
     own: bool (K,); laws: (n, m), what the waves may be made of over the operating points.

@@ -12,7 +12,6 @@ from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import inverse
 from st_codegen.reconcile.fit.parameters import Piece
-from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.evidence import chi_square_tail, p_of_clusters
 from st_codegen.reconcile.judge.in_time import lasting_mean, without_lasting
 from st_codegen.reconcile.judge.plausible import bounds_met, is_its_own, misfit_of_changes
@@ -237,12 +236,8 @@ def _difference(joint: Fit, number: int) -> tuple[list[int], FloatArray]:
 
 def _lasting_noise(joint: Fit, piece: Piece) -> bool:
     """Whether a change is so small and so much the same in all runs that noise which lasts would look like it."""
-    return is_constant(joint.target, _shown(joint, piece))
-
-
-def is_constant(target: FitData, part: ComplexArray) -> bool:
-    """Whether a contribution (n, K) is so small and so much the same in all runs as the mean of lasting noise is."""
-    part = part / target.sigma
+    target = joint.target
+    part = _shown(joint, piece) / target.sigma
     parts = np.where(target.data.orders == 0, 1, 2)
     size, varies = 0.0, 0.0
     for sign in (1.0, -1.0):
