@@ -6,9 +6,10 @@ import math
 from dataclasses import dataclass
 
 from st_codegen.errors import InputError
-from st_codegen.ir.base import Operation
+from st_codegen.ir.base import Operation, Operator
 from st_codegen.ir.cells import Rank
 from st_codegen.ir.decisions import Classes, OutputKind
+from st_codegen.ir.operations import Combine, Scale
 
 
 @dataclass(frozen=True)
@@ -193,5 +194,11 @@ class ModelIR:
 
     @property
     def exact(self) -> bool:
-        """Whether every output equals the source library's bit for bit."""
+        """Whether every output equals the source library's: bit for bit where `signs_zeros`."""
         return all(op.exact for op in self.ops)
+
+    @property
+    def signs_zeros(self) -> bool:
+        """Whether the sign of a zero is the library's too: which of 0 and -0 Max and Min give, ONNX leaves open."""
+        extremes = (Operator.MAXIMUM, Operator.MINIMUM)
+        return not any(isinstance(op, Scale | Combine) and op.operator in extremes for op in self.ops)

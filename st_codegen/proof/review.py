@@ -37,7 +37,7 @@ _FACTS = {
     "outputs": "outputs",
     "labels": "labels",
     "accepts_nan": "takes missing values",
-    "exact": "equals the library bit for bit",
+    "exact": "equals the library",
     "layout": "layout",
     "block": "block",
     "trees": "trees",

@@ -82,15 +82,15 @@ class OpenRow:
 class ModelReport:
     """What verification found for one model (or block) over all generated targets.
 
-    `n` rows were tried in each target, and each must agree. `proved`: the text was proved for all inputs
-    (`prove`) instead of being tried on every threshold, and these rows are a sample, for the library. `exact`: every
-    bit did. `max_abs_err`, `max_ulp` and `worst_input` (the row with the largest error) compare the emitted text with
-    the library on the rows inside the declared range, `bound` is the largest error that the derivation allows there:
-    the error of a sum at an input of 1E30 says nothing. Units in the last place are those of float32 where the library
-    or the text answers in float32. `unbounded` rows lie so close to a threshold behind an inexact operation that no
-    finite bound holds; they do not count. By `jump` at most the sum of the trees behind such an operation may
-    differ, where the number that a split compares lies within `jump_width` of its threshold (the largest width on
-    these rows, in the declared range).
+    `n` rows were tried in each target, and each must agree. `proved`: the text was proved for all inputs (`prove`)
+    instead of being tried on every threshold, and these rows are a sample, for the library. `exact`: every number
+    did; on `zero_signs` rows the sign of a zero did not. `max_abs_err`, `max_ulp` and `worst_input` (the row with
+    the largest error) compare the emitted text with the library on the rows inside the declared range, `bound` is
+    the largest error that the derivation allows there: the error of a sum at an input of 1E30 says nothing. Units
+    in the last place are those of float32 where the library or the text answers in float32. `unbounded` rows lie so
+    close to a threshold behind an inexact operation that no finite bound holds; they do not count. By `jump` at
+    most the sum of the trees behind such an operation may differ, where the number that a split compares lies
+    within `jump_width` of its threshold (the largest width on these rows, in the declared range).
 
     Of a classifier every row must have the library's label, but for the `open_rows`: rows on which the bound leaves
     more than one label possible. The first of them are in `open_examples`.
@@ -103,6 +103,7 @@ class ModelReport:
     max_abs_err: float = 0.0
     max_ulp: int = 0
     exact: bool = True
+    zero_signs: int = 0
     worst_input: list[float] | None = None
     bound: float = 0.0
     unbounded: int = 0
@@ -128,7 +129,11 @@ class ModelReport:
     @property
     def verdict(self) -> str:
         """In a word or two."""
-        return ("exact" if self.exact else "within bound") if self.passed else "FAILED"
+        if not self.passed:
+            return "FAILED"
+        if not (self.exact and self.must_be_exact):
+            return "within bound"
+        return "equal but for -0" if self.zero_signs else "exact"
 
     def as_json(self) -> dict[str, Any]:
         """For reports: numbers that JSON has no way to write become text."""
@@ -385,6 +390,7 @@ def model_report(
         report.bound = max(report.bound, float(np.max(near, initial=0.0)))
         _compare(report, f"reference and {name}", x, np.where(answered[:, None], expected, np.nan), got, allowed)
         report.exact &= not np.any(library[answered] != got[answered])
+        report.zero_signs = max(report.zero_signs, _other_zeros(library[answered], got[answered]))
         near = inside & answered & result.valid
         _measure(report, x, library[:, numbers:], got[:, numbers:], near, is_real=ir.is_real)
     return report
@@ -436,6 +442,12 @@ def _compare(
         )
 
 
+def _other_zeros(expected: FloatArray, got: FloatArray) -> int:
+    """Rows with a zero on both sides whose signs differ: equal numbers, of which a division by them would tell."""
+    differ = (expected == 0.0) & (got == 0.0) & (np.signbit(expected) != np.signbit(got))
+    return int(differ.any(axis=1).sum())
+
+
 def _measure(
     report: ModelReport, x: FloatArray, library: FloatArray, got: FloatArray, rows: BoolArray, *, is_real: bool = False
 ) -> None:
@@ -481,6 +493,7 @@ def block_report(check: BlockCheck, target: str) -> ModelReport:
     _compare(report, f"models and {target}", check.inputs, check.expected, check.got, check.bound)
     answered = np.all(np.isfinite(check.expected) & np.isfinite(check.got), axis=1)
     report.exact = bool(np.array_equal(check.expected, check.got, equal_nan=True))
+    report.zero_signs = _other_zeros(check.expected, check.got)
     _measure(report, check.inputs, check.expected, check.got, answered)
     return report
 
@@ -495,6 +508,7 @@ def _merged(reports: list[ModelReport]) -> list[ModelReport]:
         known.targets += report.targets
         known.failures += report.failures
         known.exact &= report.exact
+        known.zero_signs = max(known.zero_signs, report.zero_signs)
         known.bound = max(known.bound, report.bound)
         known.max_ulp = max(known.max_ulp, report.max_ulp)
         if report.max_abs_err > known.max_abs_err:

@@ -370,3 +370,15 @@ def test_a_dozen_runs_change_no_two_parameters_of_the_mean(seed):
     moved = replace(data, values=data.values + np.where(data.orders == 0, play[:, None], 0.0))
     result = reconcile_observations(rig, moved, KNOWN)
     assert len(result.conclusions.retuned) < 2 and result.unexplained
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_the_mean_of_noise_that_lasts_is_no_faint_pattern(seed):
+    """Each order and direction has a constant of its own, of a third of the noise of a run."""
+    data = observed(RIG, core_grid(), (0, 1, 2, 3, 36, 39, 40, 42, 78, 80, 117, 120), seed=seed, sigma=1e-3)
+    random = np.random.default_rng(50 + seed)
+    mean = 3e-4 * (random.standard_normal((2, 12)) + 1j * random.standard_normal((2, 12)))
+    lasts = np.where((data.at.sign > 0)[:, None], *mean)
+    lasts = np.where(data.orders == 0, lasts.real, lasts)
+    result = reconcile_observations(RIG, replace(data, values=data.values + lasts), KNOWN)
+    assert result.verdict == "nothing_missing" and result.unexplained == ()

@@ -271,9 +271,8 @@ def model_header(model: ModelIR, *closing: str, remarks: Iterable[str] = ()) -> 
     )
     if model.classes is not None:
         lines.extend(class_lines(model.classes))
-    exact = (
-        "Equals the library bit for bit." if model.exact else "Equals the library within the bound that verify states."
-    )
+    exact = "Equals the library bit for bit." if model.signs_zeros else "Equals the library, but perhaps for -0."
+    exact = exact if model.exact else "Equals the library within the bound that verify states."
     lines.extend(closing or (exact,))
     return header_lines(lines)
 

@@ -138,11 +138,12 @@ def _check_range(model: ModelIR, terms: Terms, inputs: list[Term], held: dict[st
         return
     inside: Value = True
     for feature, x in zip(model.features, inputs, strict=True):
-        if feature.lower is None or feature.upper is None:
+        if feature.checked is None:
             continue
-        inside = terms.choice(terms.compare("LT", x, feature.lower), False, inside)
-        with terms.assuming(terms.compare("LT", x, feature.lower), False):
-            above = terms.compare("GT", x, feature.upper)
+        low, high = feature.checked
+        inside = terms.choice(terms.compare("LT", x, low), False, inside)
+        with terms.assuming(terms.compare("LT", x, low), False):
+            above = terms.compare("GT", x, high)
         inside = terms.choice(above, False, inside)
     if not _same_conditions(held["bInRange"], inside):
         raise NotProvedError("bInRange is not what the declared ranges demand")

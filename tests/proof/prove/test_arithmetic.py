@@ -72,6 +72,20 @@ def test_each_operation_is_the_expression_that_its_model_demands(name, tmp_path)
     assert (proof.operations > 0) == (name not in CONSTANT)
 
 
+def test_a_range_that_only_flags_is_followed(tmp_path):
+    """It was said that bInRange is not what the declared ranges demand, and it is."""
+    model = SMALL_MODELS["linear"]
+    first, *others = model.features
+    model = limit_inputs(
+        dataclasses.replace(model, features=(dataclasses.replace(first, flagged=(-1.0, 1.0)), *others))
+    )
+    code, outputs = generated(model, "iec", tmp_path), tuple(range(len(model.outputs)))
+    assert prove_arithmetic(model, code.project, "FB_M", outputs).operations > 0
+    wider = dataclasses.replace(model, features=(dataclasses.replace(first, flagged=(-1.0, 2.0)), *others))
+    with pytest.raises(NotProvedError, match="bInRange is not what"):
+        prove_arithmetic(limit_inputs(wider), code.project, "FB_M", outputs)
+
+
 def test_a_bound_that_nobody_knows_is_infinite():
     model = SMALL_MODELS["distances"]
     features = tuple(dataclasses.replace(feature, lower=-1.0, upper=1.0) for feature in model.features)
