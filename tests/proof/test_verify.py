@@ -8,8 +8,9 @@ import pytest
 from st_codegen.driver import generate
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
-from st_codegen.ir import Comparison, reference
+from st_codegen.ir import Comparison, Operator, Scale, reference
 from st_codegen.passes.choose import Layout
+from st_codegen.passes.domain import limit_inputs
 from st_codegen.project.bundle import Bundle, load
 from st_codegen.proof.verify import ulps_between, verify
 from st_codegen.walkers.base import LoadedModel
@@ -129,6 +130,17 @@ def test_a_library_that_answers_otherwise_than_what_was_read_of_it_is_found(tmp_
     (found,) = verify(bundle, tmp_path, rows=50).models
     assert not found.passed
     assert found.failures[0].between == "library and reference"
+
+
+def test_the_other_sign_of_a_zero_is_not_called_exact(tmp_path):
+    """Of Max(x, 0) ONNX leaves open which zero it gives for -0; the numbers are equal, the bits are not."""
+    largest = limit_inputs(model(Scale((0,), Operator.MAXIMUM, np.zeros(3))))
+    bundle = Bundle((LoadedModel(largest, lambda x: reference.evaluate(largest, x)),), None)
+    generate(bundle, "iec", tmp_path)
+    assert "Equals the library, but perhaps for -0." in "".join(p.read_text() for p in tmp_path.rglob("*.st"))
+    (found,) = verify(bundle, tmp_path, rows=300).models
+    assert (found.passed, found.exact, found.verdict) == (True, True, "equal but for -0")
+    assert 0 < found.zero_signs < found.n
 
 
 def test_missing_blocks_and_missing_folders_are_named(lone_folder, generated, lightgbm_text, tmp_path):
