@@ -185,6 +185,7 @@ def command(
     from st_codegen.cost.profile import load_profile
     from st_codegen.cost.profile_files import DEFAULT
     from st_codegen.driver import generate, limits_for, wishes_of
+    from st_codegen.emit.output import check_place
     from st_codegen.emit.targets import target_named
     from st_codegen.project.bundle import load
     from st_codegen.proof.explain import Pricing, real_remarks
@@ -193,6 +194,8 @@ def command(
         raise click.UsageError("--html is a page of what --explain says: give --explain, without --check.")
     machine = load_profile(profile or DEFAULT)
     chosen = [target_named(name) for name in targets or ("twincat",)]
+    for target in chosen:
+        check_place(out / target.name)
     wishes = wishes_of(wished, chosen)
     with progress_bar("loading", quiet=quiet) as progress:
         bundle = load(models, trust_pickle=trust_pickle, outputs=outputs, progress=progress, real=real, **names)

@@ -18,6 +18,12 @@ def test_a_folder_without_a_command_is_compiled(lone_folder, tmp_path, monkeypat
     assert (tmp_path / "plc" / "iec" / "FB_Te.st").is_file()
 
 
+def test_a_second_target_without_a_place_leaves_the_first_unwritten(lone_folder, tmp_path):
+    (tmp_path / "iec").touch()
+    assert run(lone_folder, "--target", "twincat", "--target", "iec", "--out", tmp_path) == 2
+    assert not (tmp_path / "twincat").exists()
+
+
 def test_the_program_runs_as_a_module_and_says_its_version(lone_folder, tmp_path):
     def module(*arguments):
         return subprocess.run(
