@@ -18,7 +18,6 @@ from st_codegen.reconcile.judge.plausible import bounds_met, is_its_own, misfit_
 from st_codegen.reconcile.judge.structure import floors, is_lacking
 from st_codegen.reconcile.judge.surroundings import stands_out
 from st_codegen.reconcile.settings import SETTINGS
-from st_codegen.rig.effects import Form
 
 
 def changes(joint: Fit) -> tuple[dict[int, float], bool]:
@@ -47,16 +46,6 @@ def _insists_on_a_bound(piece: Piece) -> bool:
     assert piece.origin is not None
     before = {c.key for c in bounds_met(replace(piece, effect=piece.origin))}
     return any(c.key not in before for c in bounds_met(piece))
-
-
-def _wanted_below_zero(final: Fit, number: int) -> bool:
-    """Whether a dozen runs put a size that the rig has to zero, as if it were negative: many would show what it is."""
-    piece = final.state.pieces[number]
-    assert piece.origin is not None
-    pairs = zip(piece.coordinates(), piece.vector(), replace(piece, effect=piece.origin).vector(), strict=True)
-    return final.target.data.few_points and any(
-        c.part == 0 and c.form is Form.LINEAR and c.lower == 0.0 and x <= 0.0 < had for c, x, had in pairs
-    )
 
 
 @dataclass(frozen=True)
@@ -99,7 +88,7 @@ def without_misfits(final: Fit, changed: Collection[int], offset_changed: bool) 
     while (kept or offset_changed) and final.target.data.angle_rad is None:
         over = _misfits(final, kept, offset_changed)
         # what made up for a change that is held now is none
-        over |= {i: np.inf for i in kept if not _is_refused(final, i) or _wanted_below_zero(final, i)}
+        over |= {i: np.inf for i in kept if not _is_refused(final, i)}
         together = _together(final, kept)
         if together:
             over[min(together, key=lambda i: with_piece_held(final, i).loss)] = np.inf
