@@ -19,7 +19,7 @@ MODEL_FORMS = ("native", "skops", "onnx")
 #: Mistakes of measuring that `reconcile --accept` corrects.
 MISTAKES = (
     "sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "low_pass", "smoothing",
-    "block", "labels", "conditions", "taken_off", "copied",
+    "filter", "block", "labels", "conditions", "taken_off", "copied",
 )  # fmt: skip
 #: Where `reconcile --update-models` puts models and code.
 UPDATED_MODELS, UPDATED_CODE = "models", "plc"

@@ -26,7 +26,7 @@ from st_codegen.reconcile.fit.parameters import Piece, piece_of
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.candidates import Candidate
-from st_codegen.reconcile.judge.conclusions import Conclusions, conclude, unchanged
+from st_codegen.reconcile.judge.conclusions import Conclusions, conclude, doubted, unchanged
 from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.faint import faint
 from st_codegen.reconcile.judge.held_out import between_states, held_out_rms
@@ -44,8 +44,8 @@ from st_codegen.reconcile.judge.structure import (
     scatter_within_turns,
 )
 from st_codegen.reconcile.judge.suspects import bad_runs, excused, without_structure
-from st_codegen.reconcile.judge.unexplained import Signature, of_a_hum, signatures
-from st_codegen.reconcile.judge.unseen import cannot_show
+from st_codegen.reconcile.judge.unexplained import Signature, beside_the_rigs, of_a_hum, signatures
+from st_codegen.reconcile.judge.unseen import below_noise, cannot_show
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue, Effect, Stage
 from st_codegen.rig.effects.base import BACKWARD
@@ -316,6 +316,7 @@ def _result(
         """The RMS of the chosen orders with the hum that was taken out of the curves."""
         return math.hypot(rms_deg(values[good][:, chosen], data.orders[chosen]), math.sqrt(float(hum[chosen].sum())))
 
+    orders = [one.order for one in left if one.order >= 0]
     per_order = tuple(
         OrderGap(
             int(order),
@@ -332,7 +333,7 @@ def _result(
         data=data,
         target=target,
         noise=noise,
-        conclusions=conclusions,
+        conclusions=doubted(conclusions, orders, beside_the_rigs(orders, rig.orders())),
         judged=judged,
         unexplained=tuple(left),
         fitted=Gap(with_hum(before), with_hum(after), floor),
@@ -341,6 +342,7 @@ def _result(
         mistakes=examined.mistakes,
         cannot_show=(
             *cannot_show(data),
+            *below_noise(target),
             *examined.untold,
             *scatter_of_encoder(target, after),
             *scatter_within_turns(target, after),

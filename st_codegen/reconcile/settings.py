@@ -46,6 +46,8 @@ class Settings:
     ramp_orders: tuple[int, int] = (5, 60)
     #: share of the torques by which a sensor of them may be off anyway; derivatives are taken by as much
     torque_step: float = 1e-3
+    #: knots over the frequency between which the response of a filter is a straight line: ten orders and more tell each
+    knots_of_filter: int = 12
     #: share of a size that sensors are wrong by, within which each order must want it: numbers of a rig that are wrong
     #: by a tenth want any
     of_a_size: float = 0.25
@@ -102,6 +104,8 @@ class Settings:
     huber: float = 3.0
     #: a value of the rig is believed this far (relative) before the data speak: what they do not see stays in place
     prior: float = 1.0
+    #: rows by which the kernel of a discrepancy is approximated: it is smooth, and far fewer would do
+    most_of_kernel: int = 200
     #: a parameter moves with the levels that are left out when its moves are so many times the variance that noise
     #: gives them: of three folds, the fewest, noise does that once in 1000
     moved: float = 5.0
@@ -244,6 +248,10 @@ class Settings:
     #: leaves it must explain: a wander as large as the noise passes for noise that lasts
     least_in_time: int = 24
     least_excess_in_time: float = 1.5
+    #: chance of a step below which an order wanders over the runs, and share of the other orders that may: of 40
+    #: campaigns of ten orders and no step three at most had one, in walks of 0.25 to 5 noises, 1/f and other noise
+    p_wander: float = 0.01
+    most_wandering: float = 0.25
     #: share of an unexplained part from which on a condition is called what it depends on
     cause: float = 0.1
     #: a term of a formula must save this many times the logarithm of the runs, and this share of what is left to save

@@ -1,6 +1,7 @@
 """What is nearly of the catalogue's form; what must not be named; and what a report says of its own limits."""
 
 import json
+import re
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -12,8 +13,15 @@ from click.testing import CliRunner
 
 from st_codegen.cli.main import cli
 from st_codegen.errors import InputError
+from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.data.observations import Observations, labels
 from st_codegen.reconcile.data.reading import _mistaken, read_measured
+from st_codegen.reconcile.fit.fitting import fit
+from st_codegen.reconcile.fit.parameters import piece_of
+from st_codegen.reconcile.fit.state import State
+from st_codegen.reconcile.fit.target import FitData, groups_of
+from st_codegen.reconcile.judge.plausible import with_its_orders
+from st_codegen.reconcile.judge.unexplained import beside_the_rigs
 from st_codegen.reconcile.judge.unseen import cannot_show
 from st_codegen.reconcile.report.findings import findings
 from st_codegen.reconcile.report.output import report
@@ -221,3 +229,72 @@ def test_what_few_samples_show_in_the_place_of_a_lower_order():
     few, many = (SimpleNamespace(sums=SimpleNamespace(samples=samples)) for samples in (100, 1000))
     found = _mistaken(SimpleNamespace(curves=[few, many]), {0, 3, 98, 100, 240}, 45)
     assert [np.flatnonzero(row).tolist() for row in found] == [[2, 40], []]
+
+
+def test_the_size_below_which_nothing_has_a_name_is_said():
+    """A wave of half the noise of a run was in every run, and nothing said that it could be."""
+    at, orders = grid(np.linspace(100, 1800, 6)), [0, 39, 40, 78]
+    result = reconciled(part(MESH, orders), at, orders, {40: np.full(len(at), SIGMA / 2 + 0j)})
+    (said,) = (text for text in result.cannot_show if "smaller than the noise of a run has no name" in text)
+    sizes = [float(number) for number in re.findall(r"([-.0-9e]+) deg RMS", said)]
+    assert len(sizes) == 2 and all(0.8 * SIGMA < size < 1.25 * SIGMA for size in sizes)
+
+
+def test_errors_hold_what_the_form_lacks():
+    """A mesh order that saturates: a line through it has a constant part, and its error said nothing of the form.
+
+    The rig's own wave of that order was "changed" by ten of its errors, although nothing of it was.
+    """
+    at, orders = grid(np.linspace(100, 1800, 6)), [0, 39, 40, 80, 120]
+    law = 5e-4 * np.tanh(at.torque_Nm / 400)
+    result = reconciled(part(MESH, orders), at, orders, {120: law * np.exp(0.4j)})
+    assert 120 in {one.order for one in result.unexplained}
+    assert all(120 not in one.after.touched_orders() or "something_else" in one.alternatives
+               for one in result.conclusions.retuned)  # fmt: skip
+    for claim in result.conclusions.claims:
+        slope = claim.piece.effect.values["slope_deg_per_kNm"]
+        # the error covers the slopes at small loads and at large ones
+        assert claim.stderr["slope_deg_per_kNm"] > 0.1 * slope
+
+
+def test_a_delay_that_an_order_refuses_is_none():
+    """Orders from 30 up pass an antiresonance: a delay was "changed", which made order 1 worse, and it unexplained."""
+    at, orders = grid(np.arange(100, 1801, 100.0), 3, (30.0,)), [0, 1, 2, 3, 39, 40, 78, 81, 120]
+    names = ("measurement_delay", "output_shaft_eccentricity", "crank_misalignment", *MESH)
+    rig = part(names, orders).with_effects(e for e in RIG.effects if e.name in names)
+    f = (at.speed_rpm / 60 / 81)[:, None] * np.array(orders) / 60.0
+    passed = np.where(np.array(orders) < 30, 1.0, (1 - f**2 + 0.1j * f) / (1 - f**2 + 0.6j * f))
+    passed = np.where(at.sign[:, None] > 0, passed, passed.conj())
+    change = rig.coefficients(at, orders) * (passed - 1.0)
+    result = reconciled(rig, at, orders, {k: change[:, n] for n, k in enumerate(orders) if k})
+    assert all(one.after.name != "measurement_delay" for one in result.conclusions.retuned)
+    assert not {one.order for one in result.unexplained} & {1, 2, 3}
+
+
+def test_names_beside_an_angle_that_is_read_wrong_have_an_alternative():
+    """The load twists the angle: the turn of each order was a new effect without an alternative, with 0.98."""
+    assert beside_the_rigs([38, 77], [39, 40, 78]) == []
+    assert beside_the_rigs([38, 77, 79, 121], [39, 40, 78, 120]) == [38, 77, 79, 121]
+    at, orders = grid(np.linspace(100, 1800, 6)), [0, 38, 39, 40, 41, 77, 78, 79]
+    wave = 2e-4 * at.torque_Nm / 1000 * np.exp(0.3j)
+    beside = {k: 0.5 * wave * (1 + 0.5 * np.sin(at.speed_rpm / 200)) for k in (38, 41, 77, 79)}
+    result = reconciled(part(MESH[:1], [39, 78]), at, orders, {78: wave, **beside})
+    assert {38, 77, 79} <= {one.order for one in result.unexplained}
+    named = [claim for claim in result.conclusions.claims if claim.piece.effect.name == "load_dependent_mesh"]
+    assert named and all("something_else" in claim.alternatives for claim in named)
+    assert all(claim.probability < 0.9 for claim in named)
+
+
+def test_an_order_that_a_resonance_does_nothing_for_is_none_of_its_own():
+    """Of a mode at 95 Hz the runs show the flank: order 240 was "lifted at 541 rpm", by a resonance at 27 Hz."""
+    at, orders = grid(np.arange(100, 1801, 100.0), 5), [0, 78, 80, 240]
+    keys = {"frequency_Hz": 27.0, "damping_ratio": 0.03, "orders": (78, 80, 240), "phase_rad": (0.0, 0.3, 0.0)}
+    mode = effect("structural_resonance", amplitude_deg=(1e-3, 2e-3, 0.0), **keys)
+    values = RIG.with_effects([mode]).coefficients(at, orders)
+    random = np.random.default_rng(0)
+    values += SIGMA * (random.standard_normal(values.shape) + 1j * random.standard_normal(values.shape))
+    data = Observations(at, labels(at), np.array(orders), values)
+    noise = estimate(data, values)
+    target, piece = FitData(data, noise.sigma, noise.good, groups_of(at)), piece_of(mode, added=True)
+    found = with_its_orders(fit(target, State(RIG.with_effects([]), 0.0, (piece,))), 0).state.pieces[0].effect
+    assert found.orders == (78, 80) and found.scalar("frequency_Hz") == pytest.approx(27.0, rel=1e-3)

@@ -104,6 +104,12 @@ def through(data, hertz):
     return replace(data, values=data.values / (1 + 1j * frequency / hertz))
 
 
+def led(data, hertz):
+    """What a lead filter makes of the curves: all is larger and earlier from one frequency on, to three times that."""
+    f = data.orders * (data.at.sign * data.at.speed_rpm / 60 / 81)[:, None] / hertz
+    return replace(data, values=data.values * (1 + 1j * f) / (1 + 1j * f / 3))
+
+
 MADE = {
     "home_offset": lambda data: turned(data, 17.2),
     "sign": lambda data: data.scaled(-1.0),
@@ -121,6 +127,7 @@ MADE = {
     "torque forward by another than backward": lambda data: rubbing(data, 0.015),
     "low_pass of 60": lambda data: through(data, 60.0),
     "smoothing over 1": lambda data: smoothed(data, 1.0),
+    "filter": lambda data: led(data, 20.0),
 }
 
 
@@ -265,6 +272,14 @@ def test_a_delay_is_no_low_pass():
     data = measured(3e-6)
     late = data.orders * (data.at.sign * data.at.speed_rpm / 60 / 81)[:, None] * 2e-3
     assert examine(replace(data, values=data.values * np.exp(-2j * np.pi * late)), RIG, PATH).mistakes == ()
+
+
+def test_a_resonance_of_three_orders_is_no_filter():
+    data = measured(3e-6)
+    f = data.orders * (data.at.speed_rpm / 60 / 81)[:, None] / 30.0
+    lifted = 2e-3 * np.isin(data.orders, (156, 162, 240)) * (0.1j * f / (1 - f**2 + 0.1j * f))
+    made = replace(data, values=data.values + np.where(data.at.sign[:, None] > 0, lifted, lifted.conj()))
+    assert examine(made, RIG, PATH).mistakes == ()
 
 
 def test_two_mistakes_at_once_are_two_questions():
@@ -543,3 +558,14 @@ def test_a_gain_is_what_is_left_of_power_less_the_noise(right, most):
     """From six noises to 2.2: of the five that are no noise less than a fifth is gone if noise counts, more if not."""
     before, after = (np.full((10_000, 4), np.sqrt(power), complex) for power in (6.0, right))
     assert _most_gain(before, after, np.ones((10_000, 4)), float(np.log(5.0))) is most
+
+
+def test_a_label_is_no_matter_of_one_order():
+    """The mean lagged behind the load's history: runs "agreed" with another temperature, by nothing but their mean."""
+    data = of_curves(3e-5)
+    mean = RIG.coefficients(data.at, [0])[:, 0]
+    other = np.roll(mean[:RUNS], 1)
+    moved = of_runs(np.arange(RUNS) % 9 == 4)[:, 0]
+    values = data.values.copy()
+    values[:, 0] += np.where(moved, np.tile(other, 2)[: len(mean)] - mean, 0.0)
+    assert all(mistake.name != "labels" for mistake in examine(replace(data, values=values), RIG, PATH).mistakes)

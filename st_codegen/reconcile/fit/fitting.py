@@ -37,9 +37,9 @@ class Fold:
     variance: FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fit:
-    """A finished fit."""
+    """A finished fit; one is equal to itself alone, so that what is computed of it can be kept."""
 
     target: FitData
     state: State

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,11 +11,20 @@ from st_codegen.reconcile.data.observations import rms_deg
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.parameters import Coordinate, Piece
 from st_codegen.reconcile.fit.state import State
+from st_codegen.reconcile.judge import discrepancy
 from st_codegen.reconcile.judge.candidates import STAGES, Candidate, Search
 from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.held_out import unmeasured_states
 from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, has_a_frequency, spread
-from st_codegen.reconcile.judge.plausible import bounds_met, explained, followers, inside_bounds, is_a_peak, misfit
+from st_codegen.reconcile.judge.plausible import (
+    bounds_met,
+    explained,
+    followers,
+    inside_bounds,
+    is_a_peak,
+    misfit,
+    with_its_orders,
+)
 from st_codegen.reconcile.judge.retuned import (
     Needed,
     changed_as_well,
@@ -73,11 +82,15 @@ class Retuned:
     stderr: dict[str, float]
     p: float
     others: tuple[Other, ...] = ()
+    is_open: bool = False
 
     @property
     def alternatives(self) -> tuple[str, ...]:
-        """Names of effects that explain the data as well as the change does."""
-        return tuple(sorted({other.name for other in self.others}))
+        """Names of effects that explain the data as well as the change does.
+
+        `something_else` is among them (is_open) where its orders stay unexplained: what is there may have moved it.
+        """
+        return (*sorted({other.name for other in self.others}), *((SOMETHING_ELSE,) if self.is_open else ()))
 
 
 @dataclass(frozen=True)
@@ -141,6 +154,7 @@ def _without_misfits(current: Fit) -> Fit:
         for i in added:
             # a shape that another form of the effect does not need is left out of it
             current = inside_bounds(current, i) or current
+            current = with_its_orders(current, i)
         over = {i: _over_its_limit(current, current.state.pieces[i]) for i in added}
         worst = max(over, key=lambda i: over[i], default=None)
         if worst is None or not over[worst]:
@@ -361,7 +375,7 @@ def _held(joint: Fit, changed: dict[int, float], offset_changed: bool) -> State:
 def standard_errors(joint: Fit, number: int) -> dict[str, float]:
     """Standard errors of the free keys of a piece, from the covariance of the joint fit; lists: `key[order]`."""
     piece, place = joint.state.pieces[number], joint.state.slices()[number]
-    covariance = joint.covariance_with_form[place, place]
+    covariance = discrepancy.covariance(joint)[place, place]
     coordinates, vector = piece.coordinates(), piece.vector()
     found: dict[str, float] = {}
     listed = piece.effect.orders_key == "orders"
@@ -406,6 +420,28 @@ def _own_gap(rig: RigModel, final: Fit, piece: Piece) -> tuple[float, float]:
         for residual in (final.target.residual(rig), final.residual)
     )
     return before, after
+
+
+def doubted(found: Conclusions, left: Collection[int], beside: Collection[int]) -> Conclusions:
+    """Conclusions whose names have the alternative `something_else` where what stays unexplained says so.
+
+    left: orders that stay unexplained: what is there may have changed a parameter of the rig on them as well; beside:
+    those of them that lie one beside the rig's orders, as where an angle is read wrong: what does that changes the
+    orders between them, too.
+    """
+    near = {order + off for order in beside for off in (-1, 1)}
+
+    def is_open(effect: Effect, orders: Collection[int]) -> bool:
+        return bool(set(effect.touched_orders()) & set(orders))
+
+    claims = tuple(
+        replace(claim, alternatives=(*claim.alternatives, SOMETHING_ELSE), counted=SETTINGS.names_by_order)
+        if is_open(claim.piece.effect, near) and SOMETHING_ELSE not in claim.alternatives and claim.counted
+        else claim
+        for claim in found.claims
+    )
+    retuned = tuple(replace(one, is_open=is_open(one.after, near | set(left))) for one in found.retuned)
+    return replace(found, claims=claims, retuned=retuned)
 
 
 def _as_good(smaller: Fit, joint: Fit, number: int, known: Catalogue) -> tuple[Other, ...]:

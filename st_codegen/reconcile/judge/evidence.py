@@ -112,12 +112,12 @@ def size_in_noise(fit: Fit, places: list[int], number: int) -> float:
     return float(np.sqrt(squares[touched].sum() / max(count, 1)))
 
 
-def p_of_clusters(fit: Fit, places: list[int], difference: FloatArray, *, with_form: bool = False) -> float:
+def p_of_clusters(fit: Fit, places: list[int], difference: FloatArray, covariance: FloatArray | None = None) -> float:
     """Chance of a difference from zero by noise that is shared within clusters of runs (Hotelling's T squared).
 
-    with_form: also where it may come from a form of the model that is not right.
+    covariance: of all coordinates, (p, p), where it is to allow for more than that noise.
     """
-    covariance = fit.covariance_with_form if with_form else fit.covariance
+    covariance = fit.covariance if covariance is None else covariance
     square = float(difference @ inverse(covariance[np.ix_(places, places)]) @ difference)
     gradient = by_group(fit.normal.gradient, fit.target.groups.clusters)
     clusters, count = int((np.abs(gradient).sum(axis=1) > 0).sum()), len(places)

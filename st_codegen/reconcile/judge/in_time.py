@@ -7,7 +7,7 @@ from statistics import NormalDist
 
 import numpy as np
 
-from st_codegen.ir.arrays import ComplexArray, FloatArray, IntArray
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.judge.evidence import chi_square_tail
 from st_codegen.reconcile.settings import SETTINGS
@@ -26,8 +26,9 @@ def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntA
     """For each order the step, trend or lag of its residual over the runs; None where noise may look like it.
 
     z: in noises (n, K), cut, so that single wild runs make no step; whole: the same as it is, which sizes come from;
-    both zero for bad runs. None where the order of the runs is not known as well. Noise that lasts over runs makes a
-    wander as large as itself.
+    both zero for bad runs. None where the order of the runs is not known as well. Noise that lasts over runs wanders:
+    a step or a trend is more than that where it takes off most of an order, or where it leaves noise that is
+    independent from run to run, and the other orders do not wander either.
     """
     run, good = target.data.run, target.good
     found: list[Course | None] = [None] * z.shape[1]
@@ -40,22 +41,27 @@ def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntA
     varying, varying_whole = _varying(sums), _varying(sizes)
     total = sum(float(weight.sum()) for _, weight in sums)
     sigma = np.sqrt((target.sigma[good] ** 2).mean(axis=0))
+    gains = np.maximum(steps, trends)
+    # where runs were made in any order of conditions, neighbours take a step for noise: what it leaves is the noise
+    lefts = np.maximum(varying - gains, 1e-300)
+    scales = np.clip(lefts / (total * parts), 1e-6, 1.0)
+    rest = _without_courses(sums, cuts, steps >= trends)
+    again = np.maximum(_steps(rest, count)[0], _trends(rest, count))
+    degrees = parts * len(sums)
+    p_white, p_again = (_p_of_gains(one, scales, degrees, count) for one in (gains, again))
+    alone = _others_are_quiet(p_white, cuts, count) & (p_again > SETTINGS.p_wander)
     lags = _lags(target, sizes, numbers, place)
     for k in range(z.shape[1]):
-        gain = max(steps[k], trends[k])
-        # where runs were made in any order of conditions, neighbours take a step for noise: what it leaves is the noise
-        left = max(varying[k] - gain, 1e-300)
         lag = lags[k]
-        least = left / max(varying[k], 1e-300) * varying_whole[k]
-        if lag is not None and lag.left < least and lag.is_sure(int(parts[k]) * len(sums)):
+        least = lefts[k] / max(varying[k], 1e-300) * varying_whole[k]
+        if lag is not None and lag.left < least and lag.is_sure(int(degrees[k])):
             power = (varying_whole[k] - lag.left) / total * sigma[k] ** 2
             found[k] = Course(float(power), float(sigma[k]) * lag.reach, lag.text(float(sigma[k])))
             continue
-        if gain < SETTINGS.least_excess_in_time * left:
+        if gains[k] < SETTINGS.least_excess_in_time * lefts[k] and not alone[k]:
             continue
         lasting = _lasting([series[:, k] for series, _ in sums], int(cuts[k]))
-        scale = lasting * min(max(left / (total * parts[k]), 1e-6), 1.0)
-        if chi_square_tail(gain / scale, int(parts[k]) * len(sums)) * count > SETTINGS.p_changed:
+        if chi_square_tail(gains[k] / (lasting * scales[k]), int(degrees[k])) * count > SETTINGS.p_changed:
             continue
         if steps[k] >= trends[k]:
             power = float(_gains_of_steps(in_deg)[cuts[k] - 1, k] / total)
@@ -65,8 +71,26 @@ def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntA
             power = float(_trends(in_deg, count)[k] / total)
             size = float(np.sqrt(power * 12.0))
             text = f"a trend of {size:.2g} deg over the {count} runs in their order"
-        found[k] = Course(power, size, text)
+        found[k] = Course(power, size, text if alone[k] else f"{text}, which noise that lasts over runs may look like")
     return found
+
+
+def _p_of_gains(gains: FloatArray, scales: FloatArray, degrees: IntArray, count: int) -> FloatArray:
+    """Chance of the best of so many steps in noise that is independent from run to run, (K,)."""
+    tails = [chi_square_tail(float(x), int(n)) for x, n in zip(gains / scales, degrees, strict=True)]
+    return np.asarray(np.minimum(1.0, np.array(tails) * count))
+
+
+def _others_are_quiet(p: FloatArray, cuts: IntArray, count: int) -> BoolArray:
+    """Whether few of the other orders wander over the runs, (K,), of chances that each does not.
+
+    Noise that lasts makes all orders wander, each in its own way; what was mounted anew makes them step at one run.
+    False where there are too few others to tell.
+    """
+    wanders, near = p < SETTINGS.p_wander, np.abs(cuts[:, None] - cuts[None, :]) <= max(1, count // 50)
+    others = wanders[None, :] & ~near
+    few = others.sum(axis=1) <= SETTINGS.most_wandering * (len(p) - 1)
+    return np.asarray(few & (len(p) > SETTINGS.near_floors))
 
 
 #: Of each direction the sums of a residual by run (runs, K), and how many rows each run has there (runs,).
@@ -130,6 +154,22 @@ def _trends(sums: _ByRun, count: int) -> FloatArray:
         pull = (x[:, None] * (series - weight[:, None] * mean)).sum(axis=0)
         found = found + np.abs(pull) ** 2 / max(float((weight * x * x).sum()), 1e-300)
     return found
+
+
+def _without_courses(sums: _ByRun, cuts: IntArray, is_step: BoolArray) -> _ByRun:
+    """The sums by run without the best step, or the straight line, of each order and direction."""
+    found = []
+    for series, weight in sums:
+        before = np.arange(len(series))[:, None] < cuts[None, :]
+        level = np.zeros_like(series)
+        for part in (before, ~before):
+            rows = (weight[:, None] * part).sum(axis=0)
+            level += part * (series * part).sum(axis=0) / np.maximum(rows, 1e-9)
+        x = np.arange(len(series)) - np.average(np.arange(len(series)), weights=np.maximum(weight, 1e-9))
+        mean = series.sum(axis=0) / max(float(weight.sum()), 1e-9)
+        slope = (x[:, None] * (series - weight[:, None] * mean)).sum(axis=0) / max(float((weight * x * x).sum()), 1e-9)
+        found.append((series - weight[:, None] * np.where(is_step, level, mean + x[:, None] * slope), weight))
+    return tuple(found)
 
 
 #: runs that a body may take to come near the oil: to 63 % of a change

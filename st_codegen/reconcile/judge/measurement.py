@@ -24,6 +24,7 @@ from st_codegen.reconcile.judge.columns import copied_columns, other_conditions,
 from st_codegen.reconcile.judge.each_run import ramp, ramps, zeros
 from st_codegen.reconcile.judge.mistakes import Mistake, mistaken_runs
 from st_codegen.reconcile.judge.sensors import (
+    any_filter,
     hidden_wrong_angle,
     low_pass,
     mean_of_angles,
@@ -38,7 +39,7 @@ from st_codegen.threads import one_thread
 #: what `--accept` takes
 NAMES = (
     "sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "low_pass", "smoothing",
-    "block", "labels", "conditions", "taken_off", "copied",
+    "filter", "block", "labels", "conditions", "taken_off", "copied",
 )  # fmt: skip
 
 
@@ -68,7 +69,7 @@ def examine(
     problems = Problems(str(path))
     found: list[Mistake] = []
     # conditions are told by sizes, of which those in another unit say nothing
-    of_sizes = (other_conditions, wrong_torques, low_pass, mean_of_angles)
+    of_sizes = (other_conditions, wrong_torques, low_pass, mean_of_angles, any_filter)
     of_forms = (copied_columns, taken_off, _drift, _ratio, partial(_common, scale=scale), _zeros, wrong_angle)
     for look in (*of_forms, *of_sizes):
         is_unit = any(mistake.name == "unit" for mistake in found)
@@ -82,7 +83,8 @@ def examine(
     if scale is None and not is_told:
         with problems.collect():
             check_units(data, rig, path)
-    runs = mistaken_runs(data, rig)
+    # what a filter has taken from single runs says nothing of their labels
+    runs = [] if any(mistake.name == "filter" for mistake in found) else mistaken_runs(data, rig)
     if problems.errors:
         # what concerns single runs is told in the same message
         for mistake in runs:

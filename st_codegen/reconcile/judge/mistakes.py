@@ -79,7 +79,7 @@ def _block(data: Observations, values: ComplexArray, known: ComplexArray, weight
         if last - first + 1 > 1.5 * near.sum():
             return []
         where = f", run {first + 1} to run {last + 1} in their order"
-    text = f"a block of {int(near.sum())} runs is {common:.3g} times as large as the rig in all orders{where}"
+    text = f"a block of {int(near.sum())} runs is {common:.3g} times as large as the rig in most orders{where}"
     return [Mistake("block", text, rows=tuple(map(int, rows)))]
 
 
@@ -99,8 +99,10 @@ def _labels(
         other = _other_label(data, values, known, weight, rows)
         if other is None or other[0] > SETTINGS.label_gain * float(loss[rows].sum()):
             continue
-        wrong += map(int, rows)
         at, row = data.at, other[1]
+        if not _most_agree(data, values, known, weight, rows, row):
+            continue
+        wrong += map(int, rows)
         texts.append(
             f"{data.labels[rows[0]]} agrees with {at.speed_rpm[row]:g} rpm, {at.torque_Nm[row]:g} N m, "
             f"{at.temperature_C[row]:g} degC"
@@ -109,6 +111,23 @@ def _labels(
         return []
     shown = "; ".join(texts[:6]) + ("; .." if len(texts) > 6 else "")
     return [Mistake("labels", f"{len(texts)} runs seem to carry the label of another run: {shown}", rows=tuple(wrong))]
+
+
+def _most_agree(
+    data: Observations, values: ComplexArray, known: ComplexArray, weight: FloatArray, rows: IntArray, other: int
+) -> bool:
+    """Whether the label of another row explains a run better by more than the one order that gains most.
+
+    A missing effect moves one order, the mean above all, in any way.
+    """
+    at, gain = data.at, np.zeros(values.shape[1])
+    for row in rows:
+        same = (at.sign == at.sign[row]) & (at.speed_rpm == at.speed_rpm[other])
+        same &= (at.torque_Nm == at.torque_Nm[other]) & (at.temperature_C == at.temperature_C[other])
+        if same.any():
+            there = known[np.flatnonzero(same)[0]]
+            gain += weight[row] * (np.abs(values[row] - known[row]) ** 2 - np.abs(values[row] - there) ** 2)
+    return float(np.sort(gain)[:-1].sum()) > SETTINGS.order_gain
 
 
 def _other_label(

@@ -70,6 +70,27 @@ def _inner(scalar: Scalar, c: Coordinate) -> list[float | None]:
     return [float(x) for x in scalar.starts if c.lower < x < c.upper] or [(c.lower + c.upper) / 2]
 
 
+def with_its_orders(current: Fit, number: int) -> Fit:
+    """The fit with an added resonance on those of its orders alone that it explains more of than chance would.
+
+    In the search an order may seem to gain by what another effect explains later.
+    """
+    piece, target = current.state.pieces[number], current.target
+    if piece.effect.orders_key != "orders":
+        return current
+    without = target.losses(current.residual + explained(current, piece)) - target.losses(current.residual)
+    gains = dict(zip(target.data.orders.tolist(), without.sum(axis=0), strict=True))
+    idle = [k for k in piece.effect.orders if gains.get(k, 0.0) < SETTINGS.order_gain]
+    if not idle or len(idle) == len(piece.effect.orders):
+        return current
+    kept = [place for place, order in enumerate(piece.effect.orders) if order not in idle]
+    values = {
+        key: tuple(value[place] for place in kept) if isinstance(value, tuple) else value
+        for key, value in piece.effect.values.items()
+    }
+    return fit(target, current.state.replaced(number, replace(piece, effect=piece.effect.with_values(values))))
+
+
 def explained(current: Fit, piece: Piece) -> ComplexArray:
     """What a piece contributes to the measured coefficients, (n, K)."""
     propagation = current.propagation

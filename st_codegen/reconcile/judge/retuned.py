@@ -12,6 +12,7 @@ from st_codegen.reconcile.data.noise import estimate
 from st_codegen.reconcile.fit.fitting import Fit, fit
 from st_codegen.reconcile.fit.normal import inverse
 from st_codegen.reconcile.fit.parameters import Piece
+from st_codegen.reconcile.judge import discrepancy
 from st_codegen.reconcile.judge.evidence import chi_square_tail, p_of_clusters
 from st_codegen.reconcile.judge.in_time import lasting_mean, without_lasting
 from st_codegen.reconcile.judge.plausible import bounds_met, is_its_own, misfit_of_changes
@@ -121,9 +122,15 @@ def _together(final: Fit, changed: Collection[int]) -> list[int]:
 
 
 def _is_refused(final: Fit, number: int) -> bool:
-    """Whether the data refuse the rig's own values of a piece, all else being as it is."""
+    """Whether the data refuse the rig's own values of a piece, all else being as it is, and no order refuses the new.
+
+    What one order asks for and another one, which was noise without it, does not bear is not what changed.
+    """
     held = with_piece_held(final, number)
     target, saved = final.target, held.loss - final.loss
+    worse = (target.losses(final.residual) - target.losses(held.residual)).sum(axis=0) > SETTINGS.order_gain
+    if (worse & is_lacking(target, final.residual) & ~is_lacking(target, held.residual)).any():
+        return False
     # noise that lasts over runs has a mean of its own
     left, right = (float(target.losses(without_lasting(target, one.residual)).sum()) for one in (held, final))
     return chi_square_tail(min(saved, left - right), len(final.prior) - len(held.prior)) < SETTINGS.p_changed
@@ -241,7 +248,10 @@ def _lasting_noise(joint: Fit, piece: Piece) -> bool:
 
 def _p_of(joint: Fit, places: list[int], difference: FloatArray) -> float:
     """The larger chance of both tests; the one by clusters is brought to the scale of the other."""
-    plain, clusters = _p_alone(joint, places, difference), p_of_clusters(joint, places, difference, with_form=True)
+    plain, clusters = (
+        _p_alone(joint, places, difference),
+        p_of_clusters(joint, places, difference, discrepancy.covariance(joint)),
+    )
     return plain if clusters < SETTINGS.p_clusters else max(plain, clusters)
 
 

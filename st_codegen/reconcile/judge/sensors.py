@@ -30,6 +30,10 @@ _TAKE_OWN = "take the torques that the orders tell (what the load does to all or
 _LOW_PASS = (
     "TE seems to have passed a low pass of {:.3g} Hz: every order is smaller and later, the faster it is the more"
 )
+_FILTER = (
+    "TE seems to have passed a filter: what is left of every order depends on its frequency alone, most at {:.3g} Hz, "
+    "where it is {:.2g} times as large and {:.0f} deg ahead"
+)
 _MEAN = (
     "each value of TE seems to be a mean over {:.3g} deg of the angle: every order is smaller, the higher it is the "
     "more, at all speeds alike"
@@ -74,8 +78,11 @@ def wrong_torques(data: Observations, rig: RigModel) -> list[Mistake]:
     gain, said, right = max(found, key=lambda one: one[0])
     remedy = "correct them"
     plain = rig.coefficients(right if gain else data.at, orders)
+    of_runs = torque
     for number, text in ((data.number_of_run, _OWN_TORQUES), (np.arange(len(data)), _OWN_BY_DIRECTION)):
-        its, seen, told = _torque_of_each(data, rig, noise, number)
+        # the directions of a run have torques of their own where these differ from the one of both
+        its, seen, told = _torque_of_each(data, rig, noise, number, of_runs)
+        of_runs = its.torque_Nm
         # as many runs as may carry a wrong label say nothing
         away = np.abs(its.torque_Nm - torque)
         most = away <= np.quantile(away, 1.0 - SETTINGS.most_labels)
@@ -114,11 +121,11 @@ def _told_by_others(data: Observations, plain: ComplexArray, seen: ComplexArray,
 
 
 def _torque_of_each(
-    data: Observations, rig: RigModel, noise: FloatArray, number: IntArray
+    data: Observations, rig: RigModel, noise: FloatArray, number: IntArray, believed: FloatArray
 ) -> tuple[Conditions, ComplexArray, float]:
     """Runs at the torques that their orders tell, what each order is by those of the others (n, K), and a share.
 
-    That is how many torques are off by more than their error leaves open.
+    That is how many torques are off those that are believed, (n,), by more than their error leaves open.
     """
     torque, reach, orders = data.at.torque_Nm, float(np.ptp(data.at.torque_Nm)), data.orders.tolist()
     step, its = SETTINGS.torque_step * reach, torque
@@ -128,7 +135,7 @@ def _torque_of_each(
         slope = (rig.coefficients(replace(data.at, torque_Nm=its + step), orders) - model) / step
         found = own_steps(data.values - model, slope, noise, number, step)
         seen, its = model + slope * found.others, its + found.off
-    told = float(np.mean(np.abs(its - torque) > SETTINGS.told * found.error))
+    told = float(np.mean(np.abs(its - believed) > SETTINGS.told * found.error))
     return replace(data.at, torque_Nm=its), seen, told
 
 
@@ -160,6 +167,82 @@ def low_pass(data: Observations, rig: RigModel) -> list[Mistake]:
 
     text = _LOW_PASS.format(1.0 / (2.0 * np.pi * seconds))
     return [Mistake("low_pass", text, corrected, remedy="undo it")]
+
+
+def any_filter(data: Observations, rig: RigModel) -> list[Mistake]:
+    """A filter of any kind that TE went through: of every order what passes depends on its frequency alone.
+
+    A resonance lifts its own orders, an effect changes those that it makes: they share no response. A delay is none.
+    """
+    if not data.both_directions():
+        return []
+    model, noise = rig.coefficients(data.at, data.orders.tolist()), noise_power(data)
+    turns = data.at.speed_rpm / (60.0 * rig.constants.reduction_ratio)
+    hertz = turns[:, None] * data.orders
+    knots = np.linspace(0.0, float(hertz.max(initial=0.0)), SETTINGS.knots_of_filter + 1)
+    passes, of_others = _response(data, model, noise, hertz, knots)
+    if not passes.any():
+        return []
+
+    def passed(conditions: Observations) -> ComplexArray:
+        at = conditions.at.speed_rpm[:, None] / (60.0 * rig.constants.reduction_ratio) * conditions.orders
+        return _between_knots(at, conditions.at.sign, knots, passes)
+
+    # each order is predicted by the response that the others tell: a rig that is a little wrong has none in common
+    columns = [_between_knots(hertz[:, k], data.at.sign, knots, of_others[k]) for k in range(len(data.orders))]
+    seen, every = model * np.stack(columns, axis=1), data.orders > 0
+    delay = _fitted(data, model, noise, lambda s: np.exp(-2j * np.pi * s * data.at.sign[:, None] * hertz))
+    late = model * np.exp(-2j * np.pi * delay * data.at.sign[:, None] * hertz)
+    if min(agreed_gain(data, rig, seen, every), agreed_gain(data, rig, seen, every, late)) < SETTINGS.vote:
+        return []
+
+    def corrected(given: Observations) -> Observations:
+        response = passed(given)
+        told = np.abs(response) > SETTINGS.acts
+        spectral = None if given.spectral_deg is None else given.spectral_deg / np.where(told, np.abs(response), 1.0)
+        whole = replace(given, values=given.values / np.where(told, response, 1.0), spectral_deg=spectral)
+        return whole if told.all() else replace(whole, seen=told if given.seen is None else told & given.seen)
+
+    most = int(np.abs(passes - 1.0).argmax())
+    text = _FILTER.format(knots[most], abs(passes[most]), np.degrees(np.angle(passes[most])))
+    return [Mistake("filter", text, corrected, remedy="undo it, as far as the orders tell it")]
+
+
+def _between_knots(hertz: FloatArray, sign: FloatArray, knots: FloatArray, passes: ComplexArray) -> ComplexArray:
+    """A response at frequencies (n, ..) of rows in a direction (n,), by what it is at knots; backward conjugate."""
+    found = np.interp(hertz, knots, passes.real) + 1j * np.interp(hertz, knots, passes.imag)
+    forward = sign.reshape(-1, *[1] * (hertz.ndim - 1)) > 0
+    return np.asarray(np.where(forward, found, found.conj()))
+
+
+def _response(
+    data: Observations, model: ComplexArray, noise: FloatArray, hertz: FloatArray, knots: FloatArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """What all orders share of a response over the frequency, at the knots (N,), and all but one each, (K, N).
+
+    It is 1 at 0. Each order has about one vote: an order is weighed by its gap and its noise. Zeros where the data tell
+    no response.
+    """
+    sign = data.at.sign[:, None] > 0
+    gap, own = (np.where(sign, part, part.conj()) for part in (data.values - model, model))
+    power = (np.abs(gap) ** 2 + noise).mean(axis=0)
+    waves = np.flatnonzero((data.orders > 0) & (np.abs(own) ** 2).any(axis=0))
+    if len(waves) < SETTINGS.least_votes:
+        return np.zeros(len(knots), np.complex128), np.ones((len(power), len(knots)), np.complex128)
+    count = len(knots) - 1
+    matrix, pull = np.zeros((len(power), count, count)), np.zeros((len(power), count), np.complex128)
+    for k in waves:
+        hats = np.maximum(0.0, 1.0 - np.abs(hertz[:, k, None] - knots[None, 1:]) / knots[1])
+        weight = np.abs(own[:, k]) ** 2 / power[k]
+        matrix[k] = (hats * weight[:, None]).T @ hats
+        pull[k] = hats.T @ (own[:, k].conj() * gap[:, k] / power[k])
+    # where no order tells the response it is 1
+    whole, along = matrix.sum(axis=0) + SETTINGS.huber * np.eye(count), pull.sum(axis=0)
+    passes = np.linalg.solve(
+        np.concatenate([whole[None], whole - matrix]), np.concatenate([along[None], along - pull])[..., None]
+    )
+    found = np.concatenate([np.ones((len(passes), 1)), 1.0 + passes[..., 0]], axis=1)
+    return found[0], found[1:]
 
 
 def mean_of_angles(data: Observations, rig: RigModel) -> list[Mistake]:

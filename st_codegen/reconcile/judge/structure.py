@@ -275,8 +275,9 @@ def _beyond(target: FitData, residual: ComplexArray) -> FloatArray:
 def _wandering(target: FitData, times: FloatArray) -> FloatArray:
     """How much louder than the noise between orders a walk within one turn makes each order, (K,).
 
-    The power of a walk falls with the square of the order; that of its mean over a turn is 2 pi^2 / 3 times that of
-    order 1. How strong it is the lowest orders say where they are clearly louder, each but the one asked about.
+    The power of a walk falls with the square of the order, that of flicker with the order; the mean of a walk over a
+    turn has 2 pi^2 / 3 times the power of order 1. Which of them it is, and how strong, the lowest orders say where
+    they are clearly louder, each but the one asked about.
     """
     orders, found = target.data.orders, np.ones(len(times))
     # the mean power of n runs of noise scatters by 1/sqrt(n)
@@ -285,8 +286,10 @@ def _wandering(target: FitData, times: FloatArray) -> FloatArray:
     for k, order in enumerate(orders):
         others = low[low != k]
         if len(others) > 1:
-            walk = max(0.0, float(np.median(power[others] * orders[others] ** 2)))
-            found[k] = np.sqrt(1.0 + walk * (2 * np.pi**2 / 3 if order == 0 else 1.0 / order**2))
+            at_one = {n: np.maximum(power[others], 1e-300) * orders[others] ** n for n in (2, 1)}
+            falls = min(at_one, key=lambda n: float(np.std(np.log(at_one[n]))))
+            walk = max(0.0, float(np.median(power[others] * orders[others] ** falls)))
+            found[k] = np.sqrt(1.0 + walk * (2 * np.pi**2 / 3 if order == 0 else 1.0 / order**falls))
     return found
 
 

@@ -5,7 +5,7 @@ Whether there is something is decided in `structure`; sizes and causes are measu
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -110,6 +110,16 @@ def of_a_hum(hum: Hum, gap_power: float, orders: IntArray) -> Signature:
     return Signature(-1, rms, share, {"time": 1.0}, "both", hum.text, hum.amplitude_deg, hertz=hum.frequency_Hz)
 
 
+def beside_the_rigs(orders: Collection[int], its: Iterable[int]) -> list[int]:
+    """Orders that lie one beside those of the rig (`its`), where at least half of them do; none where few or others do.
+
+    So they look where these orders change once a turn of the output, or where the angle is read wrong.
+    """
+    made = set(its) - {0}
+    beside = sorted(k for k in orders if k not in made and {k - 1, k + 1} & made)
+    return beside if len(beside) >= SETTINGS.least_beside and 2 * len(beside) >= len(orders) else []
+
+
 def _with_hums(one: Signature, hums: Sequence[Hum]) -> Signature:
     """The signature of an order with what hums made of it before they were taken out: that is unexplained there too."""
     made = float(np.linalg.norm([hum.by_order[one.order] for hum in hums]))
@@ -161,12 +171,12 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
     if of_runs:
         own, what = floor**2, "what runs differ by from others like them"
     where = _where_loud(target, residual[:, k]) or "with no pattern over the conditions"
+    size = float(np.sqrt(max(power - own, 0.0)))
     text = (
-        f"{f'order {order}' if order else 'the mean'}: {np.sqrt(power):.2g} deg RMS, {np.sqrt(power / own):.1f} times "
-        f"{what}, {where}: runs differ, or the structure is sharp"
+        f"{f'order {order}' if order else 'the mean'}: {size:.2g} deg RMS beyond the noise, with it "
+        f"{np.sqrt(power / own):.1f} times {what}, {where}: runs differ, or the structure is sharp"
     )
     text += "" if target.data.repeated else "; repeat some runs"
-    size = float(np.sqrt(max(power - own, 0.0)))
     share = min(1.0, size**2 / max(gap_power, 1e-300))
     return Signature(
         order,

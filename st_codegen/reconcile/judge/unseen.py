@@ -9,6 +9,7 @@ import numpy as np
 
 from st_codegen.reconcile.data.contrasts import axes_together
 from st_codegen.reconcile.data.observations import Observations
+from st_codegen.reconcile.fit.target import FitData
 from st_codegen.reconcile.settings import SETTINGS
 
 
@@ -39,3 +40,21 @@ def cannot_show(data: Observations) -> tuple[str, ...]:
     if data.angle_rad is None and not data.repeated:
         found.append("no run was repeated: what changes from run to run cannot be told from sharp structure")
     return tuple(found)
+
+
+def below_noise(target: FitData) -> tuple[str, ...]:
+    """What is too small to be named: less than the noise of a run; a sentence, or none for samples over time.
+
+    Its size is an RMS over the angle: that of a wave is the noise of one part of its coefficient.
+    """
+    data, good = target.data, target.good
+    if data.angle_rad is not None or not good.any():
+        return ()
+    noise = np.sqrt((target.sigma[good] ** 2).mean(axis=0))
+    most = int(noise.argmax())
+    which = f"order {data.orders[most]}" if data.orders[most] else "the mean"
+    usual = f"{np.median(noise):.2g} deg RMS of an order in the median, " if len(noise) > 1 else ""
+    return (
+        f"what is smaller than the noise of a run has no name, however many runs hold it: less than {usual}"
+        f"{noise[most]:.2g} deg RMS of {which}",
+    )

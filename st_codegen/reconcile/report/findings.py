@@ -140,7 +140,7 @@ def share_text(finding: Finding, *, first: bool) -> str:
     if finding.share is not None and (finding.share >= SETTINGS.much or own is None):
         of = "the gap" if first else "what the larger findings leave"
         rounded = round(100 * finding.share)
-        share = "more than 99" if rounded == 100 and finding.share < 1.0 else str(rounded)
+        share = "more than 99" if rounded == 100 and finding.share < 1.0 else str(rounded) if rounded else "less than 1"
         return f"it explains {share} % of {of}"
     if own is None:
         return ""
@@ -192,9 +192,12 @@ def _how_sure(claim: Claim) -> str:
 
 def _how_sure_of_change(entry: Retuned) -> str:
     """What else may have changed."""
-    others = ", ".join(entry.alternatives)
-    return f"it is in the rig already; {others} in place of the change would do as well" if others else (
-        "it is in the rig already")  # fmt: skip
+    parts = ["it is in the rig already"]
+    if others := ", ".join(name for name in entry.alternatives if name != SOMETHING_ELSE):
+        parts.append(f"{others} in place of the change would do as well")
+    if entry.is_open:
+        parts.append("its orders stay unexplained: what is there may have moved its numbers")
+    return "; ".join(parts)
 
 
 #: what a maintenance engineer looks at first

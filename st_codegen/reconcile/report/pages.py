@@ -269,6 +269,7 @@ def _runs(result: Reconciliation) -> PageSection | None:
         "Runs that lie far from what model and neighbours let expect. They count neither in the gap nor in what stays "
         "unexplained."
     )
+    text += " Or what is unexplained is strongest in them." if result.unexplained else ""
     return PageSection("Suspected bad runs", text, PageTable(["run", "times the usual distance"], rows))
 
 

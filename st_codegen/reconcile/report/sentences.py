@@ -15,6 +15,7 @@ from st_codegen.reconcile.judge.conclusions import Claim
 from st_codegen.reconcile.judge.plausible import explained
 from st_codegen.reconcile.judge.structure import in_both_directions
 from st_codegen.reconcile.judge.surroundings import angle_of_rest
+from st_codegen.reconcile.judge.unexplained import beside_the_rigs
 from st_codegen.reconcile.run import Reconciliation, TakenBack
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Conditions, Effect
@@ -24,10 +25,10 @@ from st_codegen.rig.effects.resonance import StructuralResonance
 #: standard errors by which a parameter must differ to be shown as changed, or as not zero
 CLEARLY = 2.0
 VERDICT_TEXT = {
-    "explained": "What was missing is named; what is left has no pattern over the conditions that were measured.",
-    "partly_explained": "Part of what was missing is named; the rest is explained by no effect of the catalogue.",
-    "nothing_missing": "Nothing is missing that these data show: the differences have no pattern.",
-    "unexplained": "Something is missing that no effect of the catalogue explains.",
+    "explained": "What was missing is named; no pattern over the conditions was found in what is left.",
+    "partly_explained": "Part of what was missing is named; for the rest no effect of the catalogue was found.",
+    "nothing_missing": "Nothing was found missing: no pattern over the conditions was found in the differences.",
+    "unexplained": "Something is missing for which no effect of the catalogue was found.",
 }
 
 
@@ -83,6 +84,8 @@ def between_text(result: Reconciliation) -> str:
         texts.append(
             "The gap on held-out runs is a least value: at other speeds the wave of one frequency makes other orders."
         )
+    elif result.held_out_is_bound and result.carriers > result.unseen_curves / 3 > 0:
+        texts.append(f"The gap on held-out runs is a least value: it comes from {result.unseen_curves} curves.")
     elif result.held_out_is_bound:
         texts.append(
             f"The gap on held-out runs is a least value: few runs carry most of it (it scatters as if there were "
@@ -144,14 +147,18 @@ def together_text(result: Reconciliation) -> str:
 
 def beside_text(orders: Collection[int], its: Iterable[int]) -> str:
     """What is said of unexplained orders that lie beside those of the rig (`its`); empty where few or others do."""
-    made = set(its) - {0}
-    beside = sorted(k for k in orders if k not in made and {k - 1, k + 1} & made)
-    if len(beside) < SETTINGS.least_beside or 2 * len(beside) < len(orders):
-        return ""
+    beside = beside_the_rigs(orders, its)
     return (
         f"Unexplained orders {', '.join(map(str, beside))} lie one beside orders of the rig: so they look where these "
         "orders change once a turn of the output, or where the angle is read wrong once a turn."
+        if beside
+        else ""
     )
+
+
+def suspects_text(result: Reconciliation) -> str:
+    """What is said behind suspected runs where something stays unexplained; empty elsewhere."""
+    return "; or what is unexplained is strongest in them" if result.unexplained else ""
 
 
 def taken_back_text(back: TakenBack) -> str:

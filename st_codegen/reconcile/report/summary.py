@@ -11,6 +11,7 @@ from st_codegen.reconcile.report.sentences import (
     between_text,
     floor_text,
     left_text,
+    suspects_text,
     taken_back_text,
     together_text,
     verdict_text,
@@ -47,7 +48,7 @@ def summary(result: Reconciliation) -> str:
     lines += [f"Not looked at: {text}" for text in result.data.not_looked_at]
     if result.noise.suspects:
         worst = result.data.labels[result.noise.suspects[0][0]]
-        lines.append(f"Suspected bad runs: {len(result.noise.suspects)}, the worst {worst}")
+        lines.append(f"Suspected bad runs: {len(result.noise.suspects)}, the worst {worst}{suspects_text(result)}")
     return "\n".join(lines)
 
 
