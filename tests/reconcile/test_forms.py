@@ -31,6 +31,8 @@ from st_codegen.rig.campaign import Measuring, read_conditions, simulate_campaig
 from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import RigModel, read_rig
 
+from .test_core import effect
+
 KNOWN = catalogue()
 ROOT = Path(__file__).resolve().parents[2]
 RIG = read_rig(ROOT / "examples" / "rv160n" / "rig.toml", KNOWN)
