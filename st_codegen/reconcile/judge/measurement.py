@@ -193,8 +193,23 @@ def _best(sums: PowerSums) -> _Common:
         place = 0 if scores[0] < scores[place] + 1e-6 else place
         trials.append((float(scores[place]), sign, float(grid[place])))
     _, sign, angle = min(trials, key=lambda trial: trial[0] + 1e-6 * (trial[1] < 0))
+    angle = _between_steps(sums, sign, angle) if angle else angle
     along = sign * (sums.product * np.exp(1j * angle * sums.orders)).real
     return _Common(sums, sign, angle, _factors(sums, along))
+
+
+def _between_steps(sums: PowerSums, sign: float, angle: float) -> float:
+    """The angle of home (rad) near one of a grid that the orders agree on, each by how well its noise tells it.
+
+    What the grid is off by would be a turn of every order, and a changed phase of all that the rig has.
+    """
+    for _ in range(SETTINGS.quick_steps):
+        waves = sums.orders > 0
+        turned = (sign * sums.product * np.exp(1j * angle * sums.orders))[:, waves]
+        off = -np.angle(turned) / sums.orders[waves]
+        error = np.sqrt(sums.scatter / np.maximum(2 * sums.rows * sums.model, 1e-300))[:, waves] / sums.orders[waves]
+        angle += float(np.quantile(off, 0.5, method="inverted_cdf", weights=1.0 / np.maximum(error, 1e-12)))
+    return angle
 
 
 def _factors(sums: PowerSums, product: FloatArray) -> FloatArray:

@@ -22,6 +22,7 @@ from st_codegen.reconcile.judge.plausible import (
     law_holds,
 )
 from st_codegen.reconcile.judge.states import in_their_forms
+from st_codegen.reconcile.judge.structure import is_lacking
 from st_codegen.reconcile.judge.surroundings import is_of_its_place, stands_out
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects import Catalogue
@@ -39,10 +40,13 @@ def search(
     current = fit(target.about(current.residual), current.state, steps=SETTINGS.long_steps)
     judged: list[tuple[Candidate, Evidence]] = []
     refused: dict[object, float] = {}
+    softly: dict[object, float] = {}
     for number in range(SETTINGS.most_effects):
         if progress is not None:
             progress(number, SETTINGS.most_effects, f"{len(current.state.pieces)} effects")
-        found = _next(current, known, refused, judged)
+        found = _next(current, current, known, refused, judged)
+        if found is None and is_lacking(target, current.residual).any():
+            found = _next(_softer(current), current, known, softly, judged)
         if found is None:
             break
         current = in_their_forms(found)
@@ -52,16 +56,28 @@ def search(
     return current, judged
 
 
+def _softer(current: Fit) -> Fit:
+    """The fit with no order weighed more sharply than by a part of what the loudest one keeps.
+
+    What touches many orders at once starts with a shape that is not quite right: in clean data the quiet orders would
+    refuse that, however much of the loud ones it explains.
+    """
+    target, good = current.target, current.target.good
+    loudest = float(np.sqrt((np.abs(current.residual[good]) ** 2).mean(axis=0)).max(initial=0.0))
+    return fit(replace(target, wide=np.maximum(target.spread, SETTINGS.form * loudest)), current.state)
+
+
 def _next(
-    current: Fit, known: Catalogue, refused: dict[object, float], judged: list[tuple[Candidate, Evidence]]
+    seen: Fit, current: Fit, known: Catalogue, refused: dict[object, float], judged: list[tuple[Candidate, Evidence]]
 ) -> Fit | None:
-    finder = Search(known, current)
+    """The fit with one more effect, or None; seen: the fit by whose weights candidates are found and tried."""
+    finder = Search(known, seen)
     ranked = [c for c in finder.ranked(least=20.0) if finder.net(c) > 0]
     for _ in range(SETTINGS.rounds):
         ranked = [c for c in ranked if not _failed_before(c, refused)]
         if not ranked:
             break
-        found = _first_that_passes(current, finder, ranked, refused, judged)
+        found = _first_that_passes(seen, current, finder, ranked, refused, judged)
         if found is not None:
             return found
     return None
@@ -74,6 +90,7 @@ def _failed_before(candidate: Candidate, refused: dict[object, float]) -> bool:
 
 
 def _first_that_passes(
+    seen: Fit,
     current: Fit,
     finder: Search,
     ranked: list[Candidate],
@@ -83,16 +100,18 @@ def _first_that_passes(
     # a clear first needs no comparison with others
     likely = [c for c in ranked[: SETTINGS.tries] if finder.net(c) > SETTINGS.clear * finder.net(ranked[0])]
     steps, tolerance = SETTINGS.quick_steps, SETTINGS.quick_tolerance
-    tried = [(fit(current.target, c.put_into(current.state), steps=steps, tolerance=tolerance), c) for c in likely]
+    tried = [(fit(seen.target, c.put_into(seen.state), steps=steps, tolerance=tolerance), c) for c in likely]
     # weighed by how far coefficients scatter about the model as it is, a poor candidate loses little to a good one:
     # they are compared by how far they scatter about the best
-    spreads = [current.target.about(fitted.residual).spread for fitted, _ in tried]
-    sharp = replace(current.target, wide=np.min(spreads, axis=0)) if spreads else current.target
+    spreads = [seen.target.about(fitted.residual).spread for fitted, _ in tried]
+    sharp = replace(seen.target, wide=np.min(spreads, axis=0)) if spreads else seen.target
     tried.sort(
         key=lambda pair: float(sharp.losses(pair[0].residual).sum()) + finder.penalty * len(pair[1].coordinates())
     )
     for fitted, raw in tried:
         refused[raw.identity] = raw.gain
+        # what is judged has reached where it goes
+        fitted = fit(current.target, fitted.state, steps=SETTINGS.long_steps, tolerance=tolerance)
         number = raw.place(fitted.state)
         inside = inside_bounds(fitted, number)
         if inside is None:
