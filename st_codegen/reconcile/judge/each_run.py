@@ -15,9 +15,10 @@ from st_codegen.reconcile.settings import SETTINGS
 
 
 def ramp(gap: ComplexArray, noise: FloatArray, orders: IntArray) -> FloatArray:
-    """The ramp over a turn (deg) of each row that most of its orders agree on, (n,), weighed by the power of their noise.
+    """The ramp over a turn (deg) that most orders of each row of a gap (n, K) agree on, (n,).
 
-    gap, noise: (n, K). Of a ramp s an order k above 0 has i s / (pi k), so that only the lowest show it above the noise.
+    They are weighed by the power of their noise, (n, K): of a ramp s an order k above 0 has i s / (pi k), so that only
+    the lowest show it above the noise.
     """
     sure = 1.0 / (orders * np.sqrt(np.maximum(noise, 1e-300)))
     size = np.pi * orders * gap.imag
