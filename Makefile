@@ -13,8 +13,9 @@ run: $(INSTALLED)  ## compile the example bundle, verify the result
 	$(BIN)/st-codegen verify examples/rv160n/models/ --generated build/rv160n
 
 # Two processes share the cores: threads of libraries inside them would spin beside each other. A process that has nothing
-# left takes tests from the other one.
-TESTS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -q
+# left takes tests from the other one. What is compiled is kept even where the environment says otherwise: both of them,
+# and each command that a test starts, would compile the package anew.
+TESTS := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -q
 
 test: $(INSTALLED)  ## the whole test suite
 	$(TESTS)

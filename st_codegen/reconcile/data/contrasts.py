@@ -95,21 +95,29 @@ def along_axes(at: Conditions, good: BoolArray) -> Iterator[tuple[str, Contrasts
         index, weight, norm = np.zeros((len(at), 2), np.int64), np.zeros((len(at), 2)), np.full(len(at), np.inf)
         order = np.lexsort((own, group.ravel()))
         order = order[good[order]]
-        for rows in np.split(order, np.flatnonzero(np.diff(group.ravel()[order])) + 1):
-            _line(rows, own, index, weight, norm)
+        same = np.diff(group.ravel()[order]) == 0
+        _lines(order, same, own, index, weight, norm)
         yield name, Contrasts(index, weight, norm)
 
 
-def _line(rows: IntArray, own: FloatArray, index: IntArray, weight: FloatArray, norm: FloatArray) -> None:
-    """Contrasts of rows (rising along one axis) with the lines through their neighbours, written in place."""
-    if len(rows) == 2:
-        # the second of a pair: one number of its own
-        index[rows[1]], weight[rows[1]], norm[rows[1]] = rows[0], (1.0, 0.0), np.sqrt(2.0)
-    for before, here, after in zip(rows[:-2], rows[1:-1], rows[2:], strict=True):
-        span = own[after] - own[before]
-        share = 0.5 if span == 0 else float((own[here] - own[before]) / span)
-        index[here], weight[here] = (before, after), (1.0 - share, share)
-        norm[here] = np.sqrt(1.0 + (1.0 - share) ** 2 + share**2)
+def _lines(
+    rows: IntArray, same: BoolArray, own: FloatArray, index: IntArray, weight: FloatArray, norm: FloatArray
+) -> None:
+    """Contrasts of rows (rising along one axis) with the lines through their neighbours, written in place.
+
+    same: of all but the last row, whether the next differs along this axis alone.
+    """
+    ends = np.concatenate([[False], same, [False]])
+    pair = np.flatnonzero(same & ~ends[:-2] & ~ends[2:])
+    # the second of a pair: one number of its own
+    index[rows[pair + 1]], weight[rows[pair + 1]] = rows[pair][:, None], (1.0, 0.0)
+    norm[rows[pair + 1]] = np.sqrt(2.0)
+    inner = np.flatnonzero(same[:-1] & same[1:])
+    before, here, after = rows[inner], rows[inner + 1], rows[inner + 2]
+    span = own[after] - own[before]
+    share = np.divide(own[here] - own[before], span, out=np.full(len(span), 0.5), where=span != 0)
+    index[here], weight[here] = np.stack([before, after], axis=1), np.stack([1.0 - share, share], axis=1)
+    norm[here] = np.sqrt([1.0 + (1.0 - s) ** 2 + s**2 for s in share.tolist()])
 
 
 def neighbours(at: Conditions, good: BoolArray) -> Iterator[tuple[str, IntArray]]:

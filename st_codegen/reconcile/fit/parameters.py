@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -50,11 +51,8 @@ class Piece:
 
     def coordinates(self) -> tuple[Coordinate, ...]:
         """The free coordinates, in the order of the catalogue."""
-        effect = self.effect
-        found = [_of_scalar(scalar) for scalar in effect.scalars if scalar.key in self.free]
-        for phasor in effect.phasors:
-            found += list(_of_phasor(phasor, effect, self.free))
-        return tuple(found)
+        places = len(self.effect.orders) if self.effect.orders_key == "orders" else 1
+        return _coordinates(type(self.effect), places, self.free)
 
     def vector(self) -> FloatArray:
         """The values of the coordinates."""
@@ -100,6 +98,15 @@ def _zero(value: Any) -> Any:
     return tuple(0.0 for _ in value) if isinstance(value, tuple) else 0.0
 
 
+@lru_cache(maxsize=1024)
+def _coordinates(kind: type[Effect], places: int, free: frozenset[str]) -> tuple[Coordinate, ...]:
+    """Those of an effect whose lists have so many places; a search asks for the same ones thousands of times."""
+    found = [_of_scalar(scalar) for scalar in kind.scalars if scalar.key in free]
+    for phasor in kind.phasors:
+        found += list(_of_phasor(phasor, places, free))
+    return tuple(found)
+
+
 def _of_scalar(scalar: Scalar) -> Coordinate:
     lower, upper = scalar.lower, scalar.upper
     if scalar.form is Form.INVERSE:
@@ -107,8 +114,7 @@ def _of_scalar(scalar: Scalar) -> Coordinate:
     return Coordinate(scalar.key, scalar.form, lower, upper, upper - lower)
 
 
-def _of_phasor(phasor: Phasor, effect: Effect, free: frozenset[str]) -> Iterator[Coordinate]:
-    places = len(effect.orders) if effect.orders_key == "orders" else 1
+def _of_phasor(phasor: Phasor, places: int, free: frozenset[str]) -> Iterator[Coordinate]:
     for backward in (False, True) if phasor.own_flanks else (False,):
         amplitude, phase = phasor.keys(backward)
         if amplitude not in free:

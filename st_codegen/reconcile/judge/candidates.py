@@ -230,14 +230,20 @@ class Search:
     ) -> tuple[float, float]:
         """What an effect of this shape would take off the loss, each of its sizes alone, and at which angle (deg)."""
         piece = _started(effect, keys, start | {_CENTRE: 0.0}, orders, self.constants)
-        angles, gain = np.arange(0.0, 360.0, 0.25), np.zeros(1440)
-        turn = np.exp(1j * np.outer(np.radians(angles), self.data.orders))
+        angles, turn = self._turns
+        gain = np.zeros(len(angles))
         for c in piece.coordinates():
             if c.linear:
                 unit = piece.unit(c).contribution(self.data.at, self.data.orders)
                 pull = (self.scorer.weights * unit.conj() * self.fit.residual).sum(axis=0)
                 gain += (turn @ pull).real ** 2 / max(float((self.scorer.weights * np.abs(unit) ** 2).sum()), 1e-300)
         return float(gain.max()), float(angles[np.argmax(gain)])
+
+    @cached_property
+    def _turns(self) -> tuple[FloatArray, ComplexArray]:
+        """Angles (deg) that are tried, and by what each turns each order, (angles, K)."""
+        angles = np.arange(0.0, 360.0, 0.25)
+        return angles, np.exp(1j * np.outer(np.radians(angles), self.data.orders))
 
     # -- effects on several orders at once
 

@@ -14,13 +14,15 @@ from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from st_codegen.reconcile.settings import SETTINGS
 
 
-def ramp(gap: ComplexArray, noise: FloatArray, orders: IntArray) -> float:
-    """The ramp over a turn (deg) that most orders of a gap (K,) agree on, weighed by the power of their noise (K,).
+def ramp(gap: ComplexArray, noise: FloatArray, orders: IntArray) -> FloatArray:
+    """The ramp over a turn (deg) that most orders of each row of a gap (n, K) agree on, (n,).
 
-    Of a ramp s an order k above 0 has i s / (pi k), so that only the lowest show it above the noise.
+    They are weighed by the power of their noise, (n, K): of a ramp s an order k above 0 has i s / (pi k), so that only
+    the lowest show it above the noise.
     """
     sure = 1.0 / (orders * np.sqrt(np.maximum(noise, 1e-300)))
-    return float(np.quantile(np.pi * orders * gap.imag, 0.5, method="inverted_cdf", weights=sure))
+    size = np.pi * orders * gap.imag
+    return np.asarray(np.quantile(size, 0.5, axis=1, method="inverted_cdf", weights=sure))
 
 
 def ramps(gap: ComplexArray, noise: FloatArray, orders: IntArray, start: float) -> FloatArray:
@@ -31,7 +33,7 @@ def ramps(gap: ComplexArray, noise: FloatArray, orders: IntArray, start: float) 
     """
     waves = orders > 0
     k, own, power = orders[waves], gap[:, waves] * np.exp(1j * start * orders[waves]), noise[:, waves]
-    found = np.array([ramp(*row, k) for row in zip(own, power, strict=True)])
+    found = ramp(own, power, k)
     left = own - 1j * found[:, None] / (np.pi * k)
     # of a random walk within the turn a ramp is half the power of each order
     return found if _most_gain(own, left, power, 2 * SETTINGS.vote) else np.zeros(len(gap))

@@ -138,7 +138,7 @@ def _ramp_of_gap(data: Observations, rig: RigModel) -> tuple[float, float]:
     start = start_of_ramp(gap[None], least[None], orders)
     turn = np.exp(1j * start * orders)
     gaps, gap = gaps * turn, gap * turn
-    size = ramp(gap, least, orders)
+    size = float(ramp(gap[None], least[None], orders)[0])
     left, right = (np.abs(part) ** 2 + least for part in (gap, gap - 1j * size / (np.pi * orders)))
     sure = 1.0 / (orders**2 * np.maximum(least, 1e-300))
     each = np.pi * (gaps.imag * orders) @ sure / sure.sum()

@@ -48,12 +48,27 @@ def enough_orders(data: Observations, loud: BoolArray) -> bool:
 
 
 def noise_power(data: Observations) -> FloatArray:
-    """Power of the noise of each coefficient, (n, K): of its curve, or by its neighbours, at most a part of it all."""
+    """Power of the noise of each coefficient, (n, K): of its curve, or by its neighbours, at most a part of it all.
+
+    It is not to be changed: many questions are asked of the same data, whose noise is kept.
+    """
+    if not _KEPT or _KEPT[0][0] is not data:
+        _KEPT[:] = [(data, _noise_power(data))]
+    return _KEPT[0][1]
+
+
+#: the last data that were asked for their noise, and what it is
+_KEPT: list[tuple[Observations, FloatArray]] = []
+
+
+def _noise_power(data: Observations) -> FloatArray:
     parts = np.where(data.orders == 0, 1, 2)
     if data.spectral_deg is not None:
-        return np.asarray(parts * data.spectral_deg**2)
-    sigma = estimate(data, data.values).sigma
-    found: FloatArray = parts * np.minimum(sigma**2, SETTINGS.most_noise * np.abs(data.values) ** 2)
+        found: FloatArray = parts * data.spectral_deg**2
+    else:
+        sigma = estimate(data, data.values).sigma
+        found = parts * np.minimum(sigma**2, SETTINGS.most_noise * np.abs(data.values) ** 2)
+    found.setflags(write=False)
     return found
 
 

@@ -13,6 +13,7 @@ from abc import ABC
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum, IntEnum
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -204,7 +205,7 @@ class Effect(ABC):
 
     # -- what all share
 
-    @property
+    @cached_property
     def orders(self) -> tuple[int, ...]:
         """The orders named by the parameters."""
         if self.orders_key is None:
