@@ -68,8 +68,8 @@ class Settings:
     told: float = 3.0
     #: an order votes for a mistake when its gap falls to half (a logarithm)
     vote: float = 0.7
-    #: an angle of home below this is the rounding of the grid; a factor between columns below this may be the rig's own
-    least_home_deg: float = 0.5
+    #: an angle of home below this is nearer than one is set; a factor of columns below this may be the rig's own
+    least_home_deg: float = 0.05
     column_factor: float = 1.1
     #: another unit of a column must take all but this part (power) off every order that it changes by so many times
     #: what the runs tell; an order of which this part (RMS) of the rig's is left, noise apart, was taken off

@@ -80,3 +80,21 @@ def test_a_fold_that_alone_identifies_a_parameter_does_not_vote():
     (claim,) = result.conclusions.claims
     # four of five folds of torques vote, and all of speeds and temperatures
     assert claim.evidence.votes[1] == 4 + 8 + 3
+
+
+@pytest.mark.parametrize("noise", [1e-6, 1e-5, 1e-4])
+def test_a_worn_sector_is_named_in_clean_data(noise):
+    """It was named in noise of 1e-4 and more, and was sixteen constant orders below: the search began with a width
+    that the quiet orders refused.
+    """
+    at, orders = grid(6, 4, (25, 35)), [*range(17), 39, 40, 78]
+    rig = RIG.with_effects([e for e in RIG.effects if set(e.touched_orders()) & {0, 39, 40, 78} and e.name != "wear"])
+    worn = KNOWN["wear"]({"depth_arcmin": 0.15, "centre_deg": 130.0, "width_deg": 14.0}, RIG.constants)
+    values = rig.with_effects([*rig.effects, worn]).coefficients(at, orders)
+    random = np.random.default_rng(0)
+    error = noise * (random.standard_normal(values.shape) + 1j * random.standard_normal(values.shape))
+    error[:, 0] = error[:, 0].real
+    result = reconcile_observations(rig, Observations(at, labels(at), np.array(orders), values + error), KNOWN)
+    assert names(result) == ["wear"] and result.unexplained == ()
+    effect = result.conclusions.claims[0].piece.effect
+    assert effect.scalar("width_deg") == pytest.approx(14.0, rel=0.05)

@@ -569,3 +569,15 @@ def test_a_label_is_no_matter_of_one_order():
     values = data.values.copy()
     values[:, 0] += np.where(moved, np.tile(other, 2)[: len(mean)] - mean, 0.0)
     assert all(mistake.name != "labels" for mistake in examine(replace(data, values=values), RIG, PATH).mistakes)
+
+
+@pytest.mark.parametrize("angle", [0.2, 1.0, 2.0])
+def test_the_zero_of_the_angle_is_told_between_the_steps_of_its_grid(angle):
+    """1.00 deg was said to be 1.12, and what that is off by made eleven parameters of the rig "changed"."""
+    made = turned(measured(3e-6), angle)
+    with pytest.raises(InputError, match=rf"k times {angle:.2f} deg"):
+        examine(made, RIG, PATH)
+    right = examine(made, RIG, PATH, accept=["home_offset"]).data
+    model = RIG.coefficients(right.at, ORDERS.tolist())
+    off = np.angle((right.values * model.conj()).sum(axis=0)[1:]) / ORDERS[1:]
+    assert np.abs(np.degrees(np.median(off))) < 2e-3

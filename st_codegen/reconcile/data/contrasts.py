@@ -42,7 +42,7 @@ class Contrasts:
 
 def contrasts(at: Conditions, good: BoolArray) -> Contrasts:
     """Contrasts of each run against good runs of the same direction. The last few are kept."""
-    key = (id(at.sign), id(at.speed_rpm), id(at.torque_Nm), good.tobytes())
+    key = (id(at.sign), id(at.speed_rpm), id(at.torque_Nm), id(at.temperature_C), good.tobytes())
     if key not in _KEPT:
         if len(_KEPT) > 8:
             _KEPT.clear()
@@ -51,7 +51,7 @@ def contrasts(at: Conditions, good: BoolArray) -> Contrasts:
 
 
 #: the conditions are kept with the contrasts, so that their identity is theirs
-_KEPT: dict[tuple[int, int, int, bytes], tuple[Conditions, Contrasts]] = {}
+_KEPT: dict[tuple[int, int, int, int, bytes], tuple[Conditions, Contrasts]] = {}
 
 
 def _contrasts(at: Conditions, good: BoolArray) -> Contrasts:

@@ -111,9 +111,9 @@ def _first_that_passes(
     for fitted, raw in tried:
         refused[raw.identity] = raw.gain
         # what is judged has reached where it goes
-        fitted = fit(current.target, fitted.state, steps=SETTINGS.long_steps, tolerance=tolerance)
-        number = raw.place(fitted.state)
-        inside = inside_bounds(fitted, number)
+        reached = fit(current.target, fitted.state, steps=SETTINGS.long_steps, tolerance=tolerance)
+        number = raw.place(reached.state)
+        inside = inside_bounds(reached, number)
         if inside is None:
             continue
         candidate = replace(raw, piece=inside.state.pieces[number])

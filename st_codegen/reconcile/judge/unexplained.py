@@ -123,7 +123,7 @@ def beside_the_rigs(orders: Collection[int], its: Iterable[int]) -> list[int]:
 def _with_hums(one: Signature, hums: Sequence[Hum]) -> Signature:
     """The signature of an order with what hums made of it before they were taken out: that is unexplained there too."""
     made = float(np.linalg.norm([hum.by_order[one.order] for hum in hums]))
-    if made < SETTINGS.form * one.rms_deg:
+    if not made or made < SETTINGS.form * one.rms_deg:
         return one
     whole = float(np.hypot(one.rms_deg, made))
     text = f"{one.text} (beside {made:.2g} deg RMS of a wave of one frequency: this may be left of that)"
@@ -155,7 +155,8 @@ def signatures(
         _scattered(target, residual, int(k), gap_power, floor[k])
         for k in np.flatnonzero(loud & ~found.significant & (of_an_encoder(target, residual) == 0))
     ]
-    return sorted((_with_hums(one, target.data.hums) for one in out), key=lambda signature: -signature.rms_deg)
+    found = [_with_hums(one, target.data.hums) for one in out]
+    return sorted(found, key=lambda signature: -signature.rms_deg)
 
 
 def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float, floor: float) -> Signature:
@@ -172,9 +173,12 @@ def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float
         own, what = floor**2, "what runs differ by from others like them"
     where = _where_loud(target, residual[:, k]) or "with no pattern over the conditions"
     size = float(np.sqrt(max(power - own, 0.0)))
+    name = f"order {order}" if order else "the mean"
     text = (
-        f"{f'order {order}' if order else 'the mean'}: {size:.2g} deg RMS beyond the noise, with it "
-        f"{np.sqrt(power / own):.1f} times {what}, {where}: runs differ, or the structure is sharp"
+        f"{name}: {size:.2g} deg RMS beyond the noise, with it {np.sqrt(power / own):.1f} times {what}, {where}: runs "
+        "differ, or the structure is sharp"
+        if size
+        else f"{name}: no louder than {what} over all runs, but single runs that are not called bad are far off in it"
     )
     text += "" if target.data.repeated else "; repeat some runs"
     share = min(1.0, size**2 / max(gap_power, 1e-300))
