@@ -45,7 +45,7 @@ class _Splits:
 
 @dataclass(frozen=True)
 class _Boxes:
-    """Nodes, their trees, and the cells that reach them: along each axis those from `low` to before `high`, and `last`."""
+    """Nodes, their trees, and the cells that reach them: of each axis those from `low` to before `high`, and `last`."""
 
     node: IntArray
     tree: IntArray

@@ -133,7 +133,7 @@ def _representatives(model: ModelIR, axis: CellAxis) -> FloatArray:
 def _rows(
     model: ModelIR, axes: Sequence[CellAxis], grid: Sequence[FloatArray]
 ) -> Iterator[tuple[FloatArray, tuple[int, ...]]]:
-    """A row of inputs for each cell, in the order of the table, some slices of the first axis at a time; their shape."""
+    """A row of inputs for each cell, in the order of the table, by slices of the first axis; and their shape."""
     shape = tuple(len(points) for points in grid)
     elsewhere = np.array([domain_of(model, feature).inside for feature in range(len(model.features))])
     slices = shape[0] if shape else 1
