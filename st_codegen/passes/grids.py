@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from st_codegen.ir import BoolArray, FloatArray, IntArray, Operation, TreeEnsemble, reference
+from st_codegen.ir import BoolArray, FloatArray, Int32Array, IntArray, Operation, TreeEnsemble, reference
 
 #: Cells of trees that are filled at once: they fit a processor's cache.
 _CELLS = 100_000
@@ -72,8 +72,11 @@ class _Boxes:
 class _GridTrees(reference.TreeEvaluator):
     """One ensemble on rows that are the cells of a grid."""
 
+    _found: Int32Array
+
     def leaves(self, tree: int) -> IntArray:
-        return self._found[tree]
+        found: IntArray = self._found[tree].astype(np.int64)
+        return found
 
     def splits(self, shape: tuple[int, ...]) -> _Splits | None:
         """All splits as cuts of one axis; None where one is something else."""
@@ -118,7 +121,7 @@ class _GridTrees(reference.TreeEvaluator):
             trees = np.arange(first, min(first + step, self.op.n_trees))
             self._found[trees] = self._filled(trees, splits, shape)
 
-    def _filled(self, trees: IntArray, splits: _Splits, shape: tuple[int, ...]) -> FloatArray:
+    def _filled(self, trees: IntArray, splits: _Splits, shape: tuple[int, ...]) -> IntArray:
         """The leaves of all cells, shape (trees, cells): sums along all axes of where boxes of leaves begin and end."""
         boxes = self._boxes(trees, splits, shape)
         place, weight = boxes.tree[:, None], boxes.node[:, None].astype(np.float64)
@@ -131,7 +134,7 @@ class _GridTrees(reference.TreeEvaluator):
         found = np.bincount(place.ravel(), weight.ravel(), size).reshape(len(trees), *shape)
         for axis in range(len(shape)):
             np.cumsum(found, axis=axis + 1, out=found)  # whole numbers: exact
-        return found.reshape(len(trees), -1)
+        return found.reshape(len(trees), -1).astype(np.int64)
 
     def _boxes(self, trees: IntArray, splits: _Splits, shape: tuple[int, ...]) -> _Boxes:
         """The boxes of all leaves that a cell reaches."""

@@ -153,7 +153,8 @@ def compact(columns: tuple[RankColumn, ...], used: list[IntArray]) -> tuple[tupl
     for key, column, thresholds in zip(keys, columns, used, strict=True):
         is_used = np.zeros(column.highest + 1, np.bool_)
         is_used[np.concatenate(shared[key])] = True
-        kept, before = np.flatnonzero(is_used), np.cumsum(is_used) - is_used
+        kept = np.flatnonzero(is_used)
+        before: IntArray = np.cumsum(is_used) - is_used
         edge = column.highest - 1 - kept[::-1] if column.descending else kept
         missing = len(kept) + 1 if column.missing > column.highest else column.missing
         moved = before[np.clip(thresholds, 0, column.highest)]
