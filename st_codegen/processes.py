@@ -33,22 +33,35 @@ _Result = TypeVar("_Result")
 def shared_out(work: Callable[[_Item], _Result], items: Iterable[_Item], *, is_large: bool) -> list[_Result]:
     """What a function makes of each item, in their order, computed on all processors where the work `is_large`.
 
-    Work stays in this process where it is small, where this is a worker itself, where joblib is not installed, and
-    where `LOKY_MAX_CPU_COUNT` (or the system) leaves one processor; the results are the same. Arrays that come from
-    another process are read-only.
+    Work stays in this process where it is small and where there are no `other_processors`; the results are the same.
+    Arrays that come from another process are read-only.
     """
     items = list(items)
-    if is_large and len(items) > 1 and multiprocessing.current_process().name == "MainProcess":
-        with contextlib.suppress(ImportError, BrokenProcessPool):  # the end of a worker is no answer
+    others = min(other_processors(), len(items) - 1) if is_large else 0
+    if others > 0 and can_be_copied():
+        return _in_copies(work, items, others)
+    if others > 0:
+        with contextlib.suppress(BrokenProcessPool):  # the end of a worker is no answer
             import joblib
 
-            processors = min(joblib.cpu_count(), len(items))
-            if processors > 1 and can_be_copied():
-                return _in_copies(work, items, processors - 1)
-            if processors > 1:
-                parallel = joblib.Parallel(n_jobs=-1, batch_size=1, max_nbytes=None)
-                return [_unpacked(*made) for made in parallel(joblib.delayed(_packed)(work, item) for item in items)]
+            parallel = joblib.Parallel(n_jobs=-1, batch_size=1, max_nbytes=None)
+            return [_unpacked(*made) for made in parallel(joblib.delayed(_packed)(work, item) for item in items)]
     return [work(item) for item in items]
+
+
+def other_processors() -> int:
+    """How many processors work may be shared out to beside the one of this process.
+
+    None where this process is a worker itself, where joblib is not installed, and where `LOKY_MAX_CPU_COUNT` (or the
+    system) leaves one.
+    """
+    if multiprocessing.current_process().name != "MainProcess":
+        return 0
+    try:
+        import joblib
+    except ImportError:
+        return 0
+    return int(joblib.cpu_count()) - 1
 
 
 def _in_copies(work: Callable[[_Item], _Result], items: list[_Item], copies: int) -> list[_Result]:
