@@ -16,10 +16,10 @@ from functools import cached_property
 from st_codegen.st.errors import Position, Problem, StSyntaxError
 
 _INTERESTING = re.compile(r"""'(?:[^'$\r\n]|\$.)*+'|"(?:[^"$\r\n]|\$.)*+"|\(\*|//[^\r\n]*|'|"|\{""")
+# How these begin: to look for each alone takes less time than to look for all at once
+_BEGINNINGS = ("'", '"', "(*", "//", "{")
 # a list of at least 16 numbers in which every exponent follows a dot; comments in it are blanks
 _NUMBERS = re.compile(r"\[(?:[\s,+-]*+[0-9]++(?:\.[0-9]++(?:E[+-]?[0-9]++)?+)?+){16,}+\s*+\]")
-#: What it begins with. To look for each alone is six times as fast as to look for all at once.
-_BEGINNINGS = ("'", '"', "(*", "//", "{")
 _COMMENT_EDGE = re.compile(r"\(\*|\*\)")
 _PRAGMA = re.compile(r"\{(?:'[^'\r\n]*'|[^'}])*+\}")
 _VISIBLE = re.compile(r"[^\r\n]")
