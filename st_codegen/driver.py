@@ -32,7 +32,7 @@ from st_codegen.passes.pipeline import Compiled, compile_models, unchanged
 from st_codegen.project.bundle import Bundle, load
 from st_codegen.project.purpose import Purpose
 from st_codegen.proof import predict as predictions
-from st_codegen.proof.emitted import check_emitted
+from st_codegen.proof.emitted import check_emitted, reader
 from st_codegen.proof.isolated import isolated
 from st_codegen.proof.probes import operating_range, range_source
 from st_codegen.proof.prove.range_bound import largest_loss
@@ -43,6 +43,8 @@ from st_codegen.proof.vectors import check_row, reference_vectors
 _UNLIMITED = 2**31 - 1
 #: Larger files are slow in a development environment, and no review reads them; nobody states a limit.
 _LARGE_FILE = 2_000_000
+#: Bytes of tables whose text takes a second to read.
+_LARGE_TABLES = 5_000_000
 #: What the manifest calls the places where arrays were cut, and the limit that they were cut at.
 _CUTS, _CUT_AT = "cuts", "cut_at"
 #: Blocks that an error names
@@ -371,8 +373,13 @@ def _staged(
     known = facts(bundle, compiled, purpose, plans, settings.limits.max_array)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
-    with output.staged(out or Path(tempfile.gettempdir()), files, known) as stage:
-        check_emitted(stage, target.dialect, portable=target.is_portable)
+    is_large = sum(block.table_bytes for plan in plans for block in plan.blocks) > _LARGE_TABLES
+    with (
+        reader(target.dialect, portable=target.is_portable, is_large=is_large) as other,
+        output.staged(out or Path(tempfile.gettempdir()), files, known, other.tell) as stage,
+    ):
+        if not other.finds_in_order(stage):
+            check_emitted(stage, target.dialect, portable=target.is_portable)
         yield _Staged(stage, compiled, purpose, known)
 
 

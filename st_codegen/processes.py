@@ -18,10 +18,11 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import IO, Any, TypeVar
 
 from st_codegen.errors import StCodegenError
 
@@ -32,19 +33,67 @@ _Result = TypeVar("_Result")
 def shared_out(work: Callable[[_Item], _Result], items: Iterable[_Item], *, is_large: bool) -> list[_Result]:
     """What a function makes of each item, in their order, computed on all processors where the work `is_large`.
 
-    Other processes take a second to start. Work stays in this one where it is small, where this is a worker itself,
-    where joblib is not installed, and where `LOKY_MAX_CPU_COUNT` (or the system) leaves one processor; the results are
-    the same. Arrays that come from another process are read-only.
+    Work stays in this process where it is small and where there are no `other_processors`; the results are the same.
+    Arrays that come from another process are read-only.
     """
     items = list(items)
-    if is_large and len(items) > 1 and multiprocessing.current_process().name == "MainProcess":
-        with contextlib.suppress(ImportError, BrokenProcessPool):  # the end of a worker is no answer
+    others = min(other_processors(), len(items) - 1) if is_large else 0
+    if others > 0 and can_be_copied():
+        return _in_copies(work, items, others)
+    if others > 0:
+        with contextlib.suppress(BrokenProcessPool):  # the end of a worker is no answer
             import joblib
 
-            if joblib.cpu_count() > 1:
-                parallel = joblib.Parallel(n_jobs=-1, batch_size=1, max_nbytes=None)
-                return [_unpacked(*made) for made in parallel(joblib.delayed(_packed)(work, item) for item in items)]
+            parallel = joblib.Parallel(n_jobs=-1, batch_size=1, max_nbytes=None)
+            return [_unpacked(*made) for made in parallel(joblib.delayed(_packed)(work, item) for item in items)]
     return [work(item) for item in items]
+
+
+def other_processors() -> int:
+    """How many processors work may be shared out to beside the one of this process.
+
+    None where this process is a worker itself, where joblib is not installed, and where `LOKY_MAX_CPU_COUNT` (or the
+    system) leaves one.
+    """
+    if multiprocessing.current_process().name != "MainProcess":
+        return 0
+    try:
+        import joblib
+    except ImportError:
+        return 0
+    return int(joblib.cpu_count()) - 1
+
+
+def _in_copies(work: Callable[[_Item], _Result], items: list[_Item], copies: int) -> list[_Result]:
+    """What a function makes of each item, computed here and in copies of this process, which need no time to start.
+
+    Each takes the next item when it is done with one. What a copy does not answer is computed here.
+    """
+    with contextlib.ExitStack() as opened:
+        turns = opened.enter_context(os.fdopen(os.memfd_create("turns"), "w+b", buffering=0))
+        answers = [opened.enter_context(os.fdopen(os.memfd_create("answers"), "w+b")) for _ in range(copies)]
+        turns.write(b"".join(number.to_bytes(4) for number in range(len(items))))
+        turns.seek(0)  # the place in a file is common to all copies
+
+        def taken() -> Iterator[int]:
+            while number := turns.read(4):
+                yield int.from_bytes(number)
+
+        def answer(file: IO[bytes]) -> None:
+            pickle.dump([(number, _packed(work, items[number])) for number in taken()], file)
+            file.flush()
+
+        children = [make_copy(partial(answer, file)) for file in answers]
+        try:
+            found = {number: work(items[number]) for number in taken()}
+        finally:
+            for child in children:
+                os.waitpid(child, 0)
+        for file in answers:
+            file.seek(0)
+            with contextlib.suppress(EOFError, pickle.UnpicklingError):
+                found |= {number: _unpacked(*made) for number, made in pickle.load(file)}
+    return [found[number] if number in found else work(item) for number, item in enumerate(items)]
 
 
 def _packed(work: Callable[[_Item], object], item: _Item) -> tuple[bytes, list[bytes]]:

@@ -1,12 +1,14 @@
 """Work on all processors: the same results in the same order, wherever they are computed."""
 
 import os
+import time
 from functools import partial
 
 import joblib
 import numpy as np
 import pytest
 
+from st_codegen import processes
 from st_codegen.driver import generate
 from st_codegen.passes import pipeline
 from st_codegen.processes import shared_out
@@ -14,7 +16,13 @@ from st_codegen.project.bundle import load
 
 
 def _square(number):
+    time.sleep(0.2)  # longer than the others take to begin
     return os.getpid(), np.full(3, number * number)
+
+
+def _reciprocal(number):
+    time.sleep(0.05)
+    return 1 / number
 
 
 def _ends_elsewhere(here, number):
@@ -23,13 +31,23 @@ def _ends_elsewhere(here, number):
     return number
 
 
-def test_results_are_in_order_and_read_only():
+@pytest.mark.parametrize("copies", [True, False])
+def test_results_are_in_order_and_those_of_others_read_only(copies, monkeypatch):
     if joblib.cpu_count() < 2:
         pytest.skip("one processor: work stays in this process")
+    if not copies:
+        monkeypatch.setattr(processes, "can_be_copied", lambda: False)
     found = shared_out(_square, range(5), is_large=True)
     assert [value.tolist() for _, value in found] == [[n * n] * 3 for n in range(5)]
-    assert os.getpid() not in {process for process, _ in found}
-    assert not any(value.flags.writeable for _, value in found)
+    others = [value for process, value in found if process != os.getpid()]
+    assert others
+    assert not any(value.flags.writeable for value in others)
+
+
+def test_what_fails_in_a_copy_fails_here(monkeypatch):
+    monkeypatch.setattr(joblib, "cpu_count", lambda: 2)
+    with pytest.raises(ZeroDivisionError):
+        shared_out(_reciprocal, [1, 2, 0, 4], is_large=True)
 
 
 @pytest.mark.parametrize("lack", ["size", "processors"])

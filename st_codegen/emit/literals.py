@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import math
 import re
+from typing import Any
 
 import numpy as np
 
 from st_codegen.errors import InputError
+from st_codegen.ir import AnyArray
 
 #: Reserved words of IEC 61131-3 and TwinCAT, in upper case, that no name may be. Short ones that are unlikely to be
 #: mistaken (DT, LEFT) are left out: generated names carry a prefix.
@@ -49,6 +51,20 @@ def real(value: float) -> str:
         return text
     mantissa, exponent = text.split("e")
     return f"{mantissa if '.' in mantissa else mantissa + '.0'}E{int(exponent)}"
+
+
+def reals(values: AnyArray) -> list[str]:
+    """What `real` makes of each number, many at a time."""
+    numbers = np.asarray(values, np.float64).tolist()
+    return [
+        real(value) if "e" in text or "n" in text else text
+        for value, text in zip(numbers, texts_of(numbers), strict=True)
+    ]
+
+
+def texts_of(numbers: list[Any]) -> list[str]:
+    """What `repr` makes of each number, many at a time."""
+    return repr(numbers)[1:-1].split(", ") if numbers else []
 
 
 def real32(value: float) -> str:

@@ -14,7 +14,7 @@ import json
 import os
 import shutil
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -143,9 +143,12 @@ def _is_below(name: str) -> bool:
 
 
 @contextlib.contextmanager
-def staged(parent: Path, files: Iterable[RenderedFile], facts: Mapping[str, Any]) -> Iterator[Path]:
+def staged(
+    parent: Path, files: Iterable[RenderedFile], facts: Mapping[str, Any], tell: Callable[[Path], None] | None = None
+) -> Iterator[Path]:
     """Write files and their manifest into a temporary folder in `parent`, removed at the end of the block.
 
+    `tell` is told each file that is written.
     Raises InputError for names that are one name where case does not count, as on Windows.
     """
     with temporary_folder(parent) as folder:
@@ -158,6 +161,8 @@ def staged(parent: Path, files: Iterable[RenderedFile], facts: Mapping[str, Any]
             if other != file.path:
                 raise InputError(f"the generated files {other} and {file.path} differ in case only: rename a model")
             sums[file.path] = _write(stage / file.path, file.pieces)
+            if tell is not None:
+                tell(stage / file.path)
         (stage / MANIFEST).write_text(
             Manifest(dict(sorted(sums.items())), facts).text(), encoding="utf-8", newline="\n"
         )

@@ -31,40 +31,40 @@ def preorder(roots: AnyArray, left: AnyArray, right: AnyArray) -> Preorder:
     form trees (a node with two parents, a cycle, a child out of range, a split with one child).
     """
     total = len(left)
-    levels = [np.asarray(roots, np.int64)]
+    first = here = np.asarray(roots, np.int64)
+    levels: list[tuple[IntArray, IntArray, IntArray]] = []  # splits with their children, level by level
     seen, reached = np.zeros(total, np.bool_), 0
-    while levels[-1].size:
-        here = levels[-1]
+    while here.size:
         if np.any(here >= total):
             raise InputError("tree: a child number outside the tree; the model file is damaged")
         seen[here] = True
         reached += len(here)
         if np.count_nonzero(seen) != reached:
             raise InputError("tree: a node with two parents or a cycle; the model file is damaged")
-        if np.any((left[here] < 0) != (right[here] < 0)):
+        is_split = left.take(here) >= 0
+        if np.any(is_split != (right.take(here) >= 0)):
             raise InputError("tree: a split with only one child; the model file is damaged")
-        inner = here[left[here] >= 0]
-        levels.append(np.concatenate([left[inner], right[inner]]).astype(np.int64))
+        split = here[is_split]
+        levels.append((split, left.take(split).astype(np.int64), right.take(split).astype(np.int64)))
+        here = np.concatenate(levels[-1][1:])
     size = np.ones(total, np.int64)
-    for here in reversed(levels):
-        inner = here[left[here] >= 0]
-        size[inner] += size[left[inner]] + size[right[inner]]
-    position = np.full(total, -1, np.int64)
-    position[levels[0]] = np.concatenate([[0], np.cumsum(size[levels[0]])[:-1]])
-    for here in levels:
-        inner = here[left[here] >= 0]
-        position[left[inner]] = position[inner] + 1
-        position[right[inner]] = position[inner] + 1 + size[left[inner]]
-    order = np.empty(int(seen.sum()), np.int64)
+    for split, lower, upper in reversed(levels):
+        size[split] += size.take(lower) + size.take(upper)
+    position, new_left, new_right = (np.full(total, -1, np.int64) for _ in range(3))
+    position[first] = np.concatenate([[0], np.cumsum(size[first])[:-1]])
+    for split, lower, upper in levels:
+        begin = position.take(split)
+        position[lower] = new_left[begin] = begin + 1
+        position[upper] = new_right[begin] = begin + 1 + size.take(lower)
     kept = np.flatnonzero(seen)
-    order[position[kept]] = kept
-    split = left[order] >= 0
+    order = np.empty(len(kept), np.int64)
+    order[position.take(kept)] = kept
     return Preorder(
         order=order,
-        size=size[order],
-        roots=position[levels[0]].astype(np.int32),
-        left=np.where(split, position[left[order]], -1).astype(np.int32),
-        right=np.where(split, position[right[order]], -1).astype(np.int32),
+        size=size.take(order),
+        roots=position[first].astype(np.int32),
+        left=new_left[: len(order)].astype(np.int32),
+        right=new_right[: len(order)].astype(np.int32),
     )
 
 

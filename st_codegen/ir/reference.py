@@ -51,15 +51,18 @@ from st_codegen.ir import (
 from st_codegen.ir.arrays import BoolArray, FloatArray, Int32Array, IntArray
 from st_codegen.ir.base import COS_REACH
 
+#: What evaluates an operation on its operands, each (rows, width).
+Evaluation = Callable[[Operation, list[FloatArray]], FloatArray]
 
-def evaluate(model: ModelIR, x: FloatArray) -> FloatArray:
-    """Predict rows of `x` (rows, features) -> (rows, outputs).
+
+def evaluate(model: ModelIR, x: FloatArray, by: Evaluation | None = None) -> FloatArray:
+    """Predict rows of `x` (rows, features) -> (rows, outputs), each operation evaluated `by` a function or `apply`.
 
     A row that the library refuses (NaN where it takes none, too large a number), in which a number ceases to exist on
     the way (a logarithm of a negative number) or whose result is infinite gives NaN in every output.
     """
     x = limited(model, x)
-    values = trace(model, x)
+    values = trace(model, x, by)
     usable = valid_rows(model, x)
     for op, result in zip(model.ops, values[1:], strict=True):
         usable &= ~_lost(op, result, [values[number] for number in op.inputs])
@@ -100,12 +103,12 @@ def valid_rows(model: ModelIR, x: FloatArray) -> BoolArray:
     return accepted
 
 
-def trace(model: ModelIR, x: FloatArray) -> list[FloatArray]:
+def trace(model: ModelIR, x: FloatArray, by: Evaluation | None = None) -> list[FloatArray]:
     """All values of the model for rows of `x`: the inputs, then the result of each operation, each (rows, width)."""
     values = [np.array(x, dtype=np.float64)]
     with np.errstate(all="ignore"):
         for op in model.ops:
-            values.append(apply(op, [values[number] for number in op.inputs]))
+            values.append((by or apply)(op, [values[number] for number in op.inputs]))
     return values
 
 
@@ -377,16 +380,16 @@ def _sum(terms: FloatArray, step: Precision) -> FloatArray:
 
 @apply.register
 def _(op: TreeEnsemble, operands: list[FloatArray]) -> FloatArray:
-    return _TreeEvaluator(op, operands[0]).total()
+    return TreeEvaluator(op, operands[0]).total()
 
 
 def leaf_values(op: TreeEnsemble, x: FloatArray, tree: int) -> FloatArray:
     """What one tree gives to rows of the ensemble's operand, shape (rows, width of a leaf)."""
     with np.errstate(all="ignore"):
-        return _TreeEvaluator(op, x).leaf_values(tree)
+        return TreeEvaluator(op, x).leaf_values(tree)
 
 
-class _TreeEvaluator:
+class TreeEvaluator:
     """One ensemble on one set of rows."""
 
     def __init__(self, op: TreeEnsemble, x: FloatArray) -> None:
@@ -421,13 +424,14 @@ class _TreeEvaluator:
         active = np.arange(len(node)) if op.split[op.roots[tree]] >= 0 else np.zeros(0, np.int64)
         while active.size:
             here = node[active]
-            go_left = self._goes_left(here, op.split[here], active)
+            go_left = self.goes_left(here, op.split[here], active)
             here = np.where(go_left, op.left[here], op.right[here])
             node[active] = here
             active = active[op.split[here] >= 0]
         return node
 
-    def _goes_left(self, node: IntArray, column: Int32Array, row: IntArray) -> BoolArray:
+    def goes_left(self, node: IntArray, column: Int32Array, row: IntArray) -> BoolArray:
+        """Whether splits send rows left: node by node, with the column that each reads."""
         op = self.op
         value = self.value[column, row]
         threshold = op.threshold[node]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -57,37 +58,39 @@ def subtrees(op: TreeEnsemble, substitute: IntArray | None = None) -> Subtrees:
 def distinct_families(op: TreeEnsemble, number: IntArray, together: int) -> IntArray:
     """Distinct pairs of children in each run of `together` trees, `number` being that of each subtree."""
     inner = np.flatnonzero(op.split >= 0)
-    run = (np.searchsorted(op.roots, inner, side="right") - 1) // together
-    kinds = int(number.max(initial=0)) + 1
-    pair = number[op.left[inner]] * kinds + number[op.right[inner]]
-    order = np.lexsort((pair, run))
-    first = np.ones(len(inner), np.bool_)
-    first[1:] = (np.diff(pair[order]) != 0) | (np.diff(run[order]) != 0)
-    return np.bincount(run[order][first], minlength=op.n_trees // together)
+    pair = _pairs(number[op.left[inner]], number[op.right[inner]])
+    edges = [0, *np.searchsorted(inner, op.roots[together::together]).tolist(), len(inner)]
+    counts = []
+    for begin, end in pairwise(edges):
+        run = np.sort(pair[begin:end])
+        counts.append(np.count_nonzero(run[1:] != run[:-1]) + (begin < end))
+    return np.array(counts, np.int64)
 
 
 def _numbered(op: TreeEnsemble, nodes: IntArray, left: IntArray, right: IntArray) -> IntArray:
     """Numbers from 0 for splits: the same for the same question with the same answers."""
-    question = (op.split[nodes].astype(np.int64) << 33) + op.threshold[nodes].astype(np.int64)
-    order = np.lexsort((right, left, question))
-    new = np.zeros(len(nodes), np.bool_)
-    for key in (question, left, right):
-        sorted_key = key[order]
-        new[1:] |= sorted_key[1:] != sorted_key[:-1]
-    numbers = np.empty(len(nodes), np.int64)
-    numbers[order] = np.cumsum(new)
-    return numbers
+    threshold = op.threshold[nodes].astype(np.int64)
+    question = _pairs(op.split[nodes].astype(np.int64), threshold - threshold.min())
+    answers = _pairs(left, right)
+    if int(question.max()) >= 2**62 // (int(answers.max()) + 1):
+        answers = np.unique(answers, return_inverse=True)[1]
+    return np.unique(_pairs(question, answers), return_inverse=True)[1]
+
+
+def _pairs(first: IntArray, second: IntArray) -> IntArray:
+    """One number for each pair of numbers from 0 on."""
+    return first * (int(second.max(initial=0)) + 1) + second
 
 
 def _by_height(op: TreeEnsemble, substitute: IntArray, inner: IntArray) -> list[IntArray]:
     """The splits `inner` in groups: first those above two leaves, then those above these, and so on."""
-    height = np.zeros(op.n_nodes, np.int32)
-    levels = []
+    levels: list[IntArray] = []
     here = substitute[op.roots]
     while here.size:
         split = here[op.split[here] >= 0]
         levels.append(split)
         here = np.concatenate([substitute[op.left[split]], substitute[op.right[split]]])
+    height = np.zeros(op.n_nodes, np.min_scalar_type(len(levels)))  # NumPy sorts small integers in linear time
     for split in reversed(levels):
         height[split] = 1 + np.maximum(height[substitute[op.left[split]]], height[substitute[op.right[split]]])
     order = inner[np.argsort(height[inner], kind="stable")]

@@ -203,15 +203,17 @@ class CutTrees(TreeEnsemble):
 
     The ensemble itself says what is computed; `cut` is how: the trees of a cell give the same leaves, in fewer steps.
     Cells are numbered with the last of `slabs` as the fastest; tree t is number `t * cells + c` of `cut` in cell c.
-    What the cells do not share takes `numbers` integers.
+    What the cells do not share takes `numbers` integers; `equal` has the same number for equal subtrees of `cut`.
     """
 
     slabs: tuple[RankSlabs, ...] = field(kw_only=True)
     cut: TreeEnsemble = field(kw_only=True)
     numbers: int = field(kw_only=True)
+    equal: IntArray = field(kw_only=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        freeze(self, "equal", np.int64, (self.cut.n_nodes,))
         if self.cut.n_trees != self.n_trees * self.cells:
             raise InputError(f"CutTrees: {self.cut.n_trees} trees for {self.n_trees} in {self.cells} cells")
 

@@ -151,10 +151,13 @@ def compact(columns: tuple[RankColumn, ...], used: list[IntArray]) -> tuple[tupl
         shared.setdefault(key, []).append(thresholds[(thresholds >= 0) & (thresholds < column.highest)])
     new_columns, new_thresholds = [], []
     for key, column, thresholds in zip(keys, columns, used, strict=True):
-        kept = np.unique(np.concatenate(shared[key]))
+        is_used = np.zeros(column.highest + 1, np.bool_)
+        is_used[np.concatenate(shared[key])] = True
+        kept = np.flatnonzero(is_used)
+        before: IntArray = np.cumsum(is_used) - is_used
         edge = column.highest - 1 - kept[::-1] if column.descending else kept
         missing = len(kept) + 1 if column.missing > column.highest else column.missing
-        moved = np.searchsorted(kept, thresholds)
+        moved = before[np.clip(thresholds, 0, column.highest)]
         moved = np.where(thresholds >= column.highest, len(kept), np.where(thresholds < 0, -1, moved))
         new_columns.append(dataclasses.replace(column, edges=column.edges[edge], missing=missing))
         new_thresholds.append(moved.astype(np.int32))

@@ -57,16 +57,17 @@ def _cut(rank: Rank, op: TreeEnsemble, longest: int, *, accepts_nan: bool) -> Cu
     # along the features in which leaves are short, few of them lie in several slabs
     alone = [_walked(rank, op, [_Axis.of(rank, group, _FEWEST, accepts_nan)], accepts_nan) for group in groups]
     chosen = [groups[at] for at in np.argsort([len(walked.source) for walked in alone], kind="stable")[:_AXES]]
-    whole, wanted = int(_numbers(op, 1).sum()), _MOST
+    whole, wanted = int(_numbers(op, subtrees(op).number, 1).sum()), _MOST
     for _ in range(2):
         axes = [_Axis.of(rank, group, wanted, accepts_nan) for group in chosen]
         slabs = tuple(axis.slabs for axis in axes)
         cut = _in_cells(rank, op, axes, accepts_nan)
-        numbers = _numbers(cut, cut.n_trees // op.n_trees)
+        equal = subtrees(cut).number
+        numbers = _numbers(cut, equal, cut.n_trees // op.n_trees)
         size = int(numbers.sum())
         if size <= _GROWTH * whole and numbers.max() <= longest:
             whole_trees = {field.name: getattr(op, field.name) for field in fields(op)}
-            return CutTrees(**whole_trees, slabs=slabs, cut=cut, numbers=size)
+            return CutTrees(**whole_trees, slabs=slabs, cut=cut, numbers=size, equal=equal)
         # what is added grows about as the number of slabs
         wanted = int(wanted * min((_GROWTH - 1) * whole / max(size - whole, 1), longest / numbers.max()))
         if wanted < _FEWEST:
@@ -74,9 +75,9 @@ def _cut(rank: Rank, op: TreeEnsemble, longest: int, *, accepts_nan: bool) -> Cu
     return None
 
 
-def _numbers(op: TreeEnsemble, together: int) -> IntArray:
+def _numbers(op: TreeEnsemble, equal: IntArray, together: int) -> IntArray:
     """Integers that the nodes of each run of trees take: two a root, four for two children that are written once."""
-    return 4 * distinct_families(op, subtrees(op).number, together) + 2 * together
+    return 4 * distinct_families(op, equal, together) + 2 * together
 
 
 def _columns_by_search(rank: Rank) -> list[list[int]]:
@@ -141,30 +142,37 @@ def _walked(rank: Rank, op: TreeEnsemble, axes: list[_Axis], accepts_nan: bool) 
     low, high = np.tile(low, (cells, 1)), np.tile(high, (cells, 1))
     for axis, slab in zip(axes, np.unravel_index(np.arange(cells), shape), strict=True):
         low[:, axis.columns], high[:, axis.columns] = axis.low[slab], axis.high[slab]
-    low, high = np.tile(low, (op.n_trees, 1)), np.tile(high, (op.n_trees, 1))
-    node = np.repeat(op.roots.astype(np.int64), cells)
-    threshold = op.threshold.astype(np.int32)
-    roots, made = len(low), 0
+    boxes = np.tile(np.concatenate([low, high], axis=1), (op.n_trees, 1))
+    width, used = low.shape[1], len(boxes)
+    threshold, read, is_inner = op.threshold.astype(np.int32), np.maximum(op.split, 0), op.split >= 0
+    node, box = np.repeat(op.roots.astype(np.int64), cells), np.arange(used)
+    roots, made = used, 0
     place = np.arange(roots) - roots  # of a root: below 0; of a child: twice its parent, and 1 for the right one
     old, places = [], []
     while node.size:
-        column, at = np.maximum(op.split[node], 0), threshold[node]
-        inner, row = op.split[node] >= 0, np.arange(len(node))
-        goes_left, goes_right = low[row, column] <= at, high[row, column] > at
+        at, inner, lowest = threshold.take(node), is_inner.take(node), 2 * width * box + read.take(node)
+        goes_left, goes_right = boxes.take(lowest) <= at, boxes.take(lowest + width) > at
         passes = np.flatnonzero(inner & (goes_left != goes_right))
         new = np.flatnonzero(~inner | (goes_left & goes_right))
-        both = np.flatnonzero(inner[new])
-        number, both = made + both, new[both]
-        old.append(node[new])
-        places.append(place[new])
+        both = np.flatnonzero(inner.take(new))
+        number, both = made + both, new.take(both)
+        old.append(node.take(new))
+        places.append(place.take(new))
         made += len(new)
-        upper, lower = high[both].copy(), low[both].copy()
-        upper[np.arange(len(both)), column[both]] = at[both]
-        lower[np.arange(len(both)), column[both]] = at[both] + 1
-        onward = np.where(goes_left[passes], op.left[node[passes]], op.right[node[passes]])
-        place = np.concatenate([place[passes], 2 * number, 2 * number + 1])
-        low, high = np.concatenate([low[passes], low[both], lower]), np.concatenate([high[passes], upper, high[both]])
-        node = np.concatenate([onward, op.left[node[both]], op.right[node[both]]]).astype(np.int64)
+        # the box becomes that of the left child, and the right one gets a new one
+        while used + len(both) > len(boxes):
+            boxes = np.concatenate([boxes, np.empty_like(boxes)])
+        right = np.arange(used, used + len(both))
+        used += len(both)
+        boxes[right] = boxes.take(box.take(both), axis=0)
+        flat, at, lowest = boxes.reshape(-1), at.take(both), lowest.take(both)
+        flat[lowest + width] = at
+        flat[lowest + 2 * width * (right - box.take(both))] = at + 1
+        onward, split = node.take(passes), node.take(both)
+        onward = np.where(goes_left.take(passes), op.left.take(onward), op.right.take(onward))
+        place = np.concatenate([place.take(passes), 2 * number, 2 * number + 1])
+        box = np.concatenate([box.take(passes), box.take(both), right])
+        node = np.concatenate([onward, op.left.take(split), op.right.take(split)])
     found = np.full(2 * made + roots, -1, np.int64)
     found[np.concatenate(places)] = np.arange(made)  # places of roots count from the end
     return _Walked(found[2 * made :], np.concatenate(old), found[: 2 * made : 2], found[1 : 2 * made : 2])

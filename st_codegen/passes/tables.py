@@ -12,6 +12,7 @@ import dataclasses
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -28,9 +29,10 @@ from st_codegen.ir import (
     TreeEnsemble,
     reference,
 )
+from st_codegen.passes import grids
 from st_codegen.passes.monotone import Chain, Column, Dependence, columns_of, domain_of, step_edges
 
-#: Rows that the reference evaluates at once: bounds its memory.
+#: Rows that are evaluated at once, about: bounds the memory.
 _BATCH = 20_000
 
 
@@ -69,7 +71,9 @@ def cells_of(model: ModelIR, most: int) -> Cells | None:
         return None
     grid = [_representatives(model, axis) for axis in axes]
     shape = tuple(len(points) for points in grid)
-    values = np.vstack([reference.evaluate(model, x) for x in _rows(model, axes, grid)])
+    values = np.vstack(
+        [reference.evaluate(model, x, partial(grids.apply, shape=cut)) for x, cut in _rows(model, axes, grid)]
+    )
     if not np.all(np.isfinite(values)):
         return None
     return without_equal_slices(Cells(axes, values.reshape(*shape, len(model.outputs)), model.exact))
@@ -126,17 +130,21 @@ def _representatives(model: ModelIR, axis: CellAxis) -> FloatArray:
     return np.append(points, np.nan) if axis.missing else points
 
 
-def _rows(model: ModelIR, axes: Sequence[CellAxis], grid: Sequence[FloatArray]) -> Iterator[FloatArray]:
-    """A row of inputs for each cell, in the order of the table, batch by batch."""
+def _rows(
+    model: ModelIR, axes: Sequence[CellAxis], grid: Sequence[FloatArray]
+) -> Iterator[tuple[FloatArray, tuple[int, ...]]]:
+    """A row of inputs for each cell, in the order of the table, by slices of the first axis; and their shape."""
     shape = tuple(len(points) for points in grid)
-    total = math.prod(shape)
     elsewhere = np.array([domain_of(model, feature).inside for feature in range(len(model.features))])
-    for start in range(0, total, _BATCH):
-        number = np.arange(start, min(start + _BATCH, total))
-        x = np.broadcast_to(elsewhere, (len(number), len(elsewhere))).copy()
-        for axis, points, at in zip(axes, grid, np.unravel_index(number, shape) if shape else (), strict=True):
-            x[:, axis.feature] = points[at]
-        yield x
+    slices = shape[0] if shape else 1
+    step = max(_BATCH * slices // math.prod(shape), 1)
+    for start in range(0, slices, step):
+        cut = (min(step, slices - start), *shape[1:]) if shape else ()
+        x = np.broadcast_to(elsewhere, (math.prod(cut), len(elsewhere))).copy()
+        cells = np.unravel_index(np.arange(len(x)), cut) if cut else ()
+        for number, (axis, points, at) in enumerate(zip(axes, grid, cells, strict=True)):
+            x[:, axis.feature] = points[at if number else at + start]
+        yield x, cut
 
 
 def without_equal_slices(cells: Cells) -> Cells:

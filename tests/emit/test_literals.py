@@ -2,11 +2,12 @@ import math
 import re
 import struct
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from st_codegen.emit.literals import KEYWORDS, check_text, identifier, real, unit_text
+from st_codegen.emit.literals import KEYWORDS, check_text, identifier, real, reals, unit_text
 from st_codegen.errors import InputError
 
 BITS = st.integers(0, 2**64 - 1).map(lambda bits: struct.unpack("<d", struct.pack("<Q", bits))[0])
@@ -18,6 +19,15 @@ def test_a_real_literal_reads_back_as_the_same_bits_and_has_the_form_strict_comp
     text = real(value)
     assert struct.pack("<d", float(text)) == struct.pack("<d", value)
     assert re.fullmatch(r"-?\d+\.\d+(E-?\d+)?", text)
+
+
+def test_many_reals_are_written_as_one_is():
+    values = np.array([0.1, 1e16, 1e-5, -2.5e-7, 100.0, -0.0, 5e-324, 1.7976931348623157e308])
+    assert reals(values) == [real(value) for value in values]
+    assert reals(values[:0]) == []
+    for wrong in (np.nan, -np.inf):
+        with pytest.raises(InputError, match="cannot be written"):
+            reals(np.array([1.0, wrong]))
 
 
 def test_real_literals_are_the_shortest():

@@ -21,7 +21,7 @@ from st_codegen.ir import (
     digest,
     reference,
 )
-from st_codegen.ir.subtrees import subtrees
+from st_codegen.ir.subtrees import _numbered, subtrees
 from st_codegen.passes import prune
 from st_codegen.passes.choose import Layout, Options
 from st_codegen.passes.domain import limit_inputs
@@ -187,6 +187,20 @@ def test_equal_subtrees_have_equal_numbers_and_are_written_once(tmp_path):
     text = next((tmp_path / "iec").glob("*.st")).read_text()
     # four roots, and two pairs of children, two integers each
     assert "NODE_2 : ARRAY[0..15] OF DINT" in text
+
+
+@pytest.mark.parametrize("largest", [8, 2**30])
+def test_only_equal_splits_with_equal_answers_have_equal_numbers(largest):
+    """Also where a question and its answers together fit no integer."""
+    random = np.random.default_rng(0)
+    op = made_of([(1.0, 2.0)] * 400)
+    nodes = np.flatnonzero(op.split >= 0)
+    threshold = np.zeros(op.n_nodes)
+    threshold[nodes] = random.choice([0, 1, largest], len(nodes))
+    left, right = random.choice([0, 3, largest], (2, len(nodes)))
+    number = _numbered(dataclasses.replace(op, threshold=threshold), nodes, left, right)
+    splits = list(zip(threshold[nodes], left, right, strict=True))
+    assert len(set(number)) == len(set(splits)) == len(set(zip(number, splits, strict=True)))
 
 
 @pytest.mark.parametrize("target", ["iec", "twincat"])

@@ -13,6 +13,7 @@ from st_codegen.driver import generate
 from st_codegen.emit.blocks.model import Limits
 from st_codegen.errors import InputError
 from st_codegen.ir import Comparison, CutTrees, TreeEnsemble, depth_of, reference
+from st_codegen.ir.subtrees import subtrees
 from st_codegen.passes import slabs
 from st_codegen.passes.choose import Layout, Options
 from st_codegen.passes.domain import limit_inputs
@@ -63,7 +64,7 @@ def test_the_trees_of_a_cell_are_shallower_and_share_what_is_equal(cut):
     rank, op = cut.ops
     assert isinstance(op, CutTrees)
     assert depth_of(op.cut) < 0.8 * depth_of(op)
-    assert op.numbers <= slabs._GROWTH * slabs._numbers(op, 1).sum()
+    assert op.numbers <= slabs._GROWTH * slabs._numbers(op, subtrees(op).number, 1).sum()
     # missing values have a slab of their own: beside it, each slab has equal numbers of ranks
     for axis in op.slabs:
         column = rank.columns[axis.column]

@@ -1,12 +1,17 @@
 """Generated text is read back before it is handed out."""
 
+import os
+import signal
+import time
 from pathlib import Path
 
 import pytest
 
 from st_codegen import driver
 from st_codegen.errors import DefectError
-from st_codegen.proof.emitted import check_emitted
+from st_codegen.processes import can_be_copied, children
+from st_codegen.proof import emitted
+from st_codegen.proof.emitted import check_emitted, reader
 
 MODEL = Path(__file__).resolve().parents[2] / "golden" / "lone" / "models" / "lightgbm_gbdt.txt"
 GOOD = """FUNCTION_BLOCK FB_A
@@ -61,3 +66,60 @@ def test_nothing_is_written_where_the_text_is_wrong(tmp_path, monkeypatch):
     with pytest.raises(DefectError):
         driver.generate(MODEL, "iec", tmp_path / "out")
     assert not list(tmp_path.rglob("*.st"))
+
+
+@pytest.fixture
+def two_processors(monkeypatch):
+    """Readers have a processor of their own, and leave no process behind."""
+    if not can_be_copied():
+        pytest.skip("this system cannot copy a process")
+    monkeypatch.setattr(emitted, "other_processors", lambda: 1)
+    before = children(os.getpid())
+    yield
+    assert children(os.getpid()) == before
+
+
+@pytest.mark.parametrize("is_large", [True, False])
+def test_a_reader_along_finds_what_is_in_order(is_large, two_processors, tmp_path):
+    with reader("iec", portable=True, is_large=is_large) as other:
+        for name in "AB":
+            (tmp_path / f"FB_{name}.st").write_text(GOOD.format("1.0").replace("FB_A", f"FB_{name}"))
+            other.tell(tmp_path / f"FB_{name}.st")
+        assert other.finds_in_order(tmp_path) == is_large  # nobody reads what is small
+
+
+@pytest.mark.parametrize("bad", [LOOP, GOOD.format("1E5"), GOOD.format("y"), "no text"])
+@pytest.mark.parametrize("later", [False, True])
+def test_a_reader_along_finds_what_is_wrong(bad, later, two_processors, tmp_path):
+    """Also what was in order when it was told of it."""
+    file = tmp_path / "FB_A.st"
+    file.write_text(GOOD.format("1.0") if later else bad)
+    with reader("iec", portable=True, is_large=True) as other:
+        other.tell(file)
+        if later:
+            time.sleep(0.5)
+            file.write_text(bad)
+        assert not other.finds_in_order(tmp_path)
+
+
+def test_a_reader_that_ends_is_no_answer(two_processors, tmp_path):
+    (tmp_path / "FB_A.st").write_text(GOOD.format("1.0"))
+    before = set(children(os.getpid()))
+    with reader("iec", portable=True, is_large=True) as other:
+        (child,) = set(children(os.getpid())) - before
+        os.kill(child, signal.SIGKILL)
+        time.sleep(0.2)
+        other.tell(tmp_path / "FB_A.st")
+        assert not other.finds_in_order(tmp_path)
+
+
+def test_a_reader_ends_with_what_it_reads_for(two_processors, tmp_path):
+    with pytest.raises(ZeroDivisionError), reader("iec", portable=True, is_large=True) as other:
+        other.tell(tmp_path / "FB_A.st")
+        raise ZeroDivisionError
+
+
+def test_what_was_read_along_is_not_read_again(two_processors, tmp_path, monkeypatch):
+    monkeypatch.setattr(driver, "_LARGE_TABLES", -1)
+    monkeypatch.setattr(driver, "check_emitted", lambda *_, **__: pytest.fail("read twice"))
+    assert driver.generate(MODEL, "twincat", tmp_path / "out").files

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from st_codegen.emit.blocks.wording import meaning
-from st_codegen.emit.literals import real, real32
+from st_codegen.emit.literals import real, real32, reals, texts_of
 from st_codegen.errors import TargetError
 from st_codegen.ir import AnyArray
 
@@ -112,9 +112,13 @@ class Table:
             if label:
                 yield f"(* {label} *)"
             for at in range(0, len(texts), step):
-                line = texts[at : at + step]
-                left -= len(line)
-                yield from _fit(line, final=not left)
+                numbers = texts[at : at + step]
+                left -= len(numbers)
+                line = ", ".join(numbers) + ("," if left else "")
+                if len(line) + _INDENT <= LINE_LENGTH:
+                    yield line
+                else:
+                    yield from _halves(numbers, final=not left)
 
     def labelled(self) -> Iterator[tuple[str, list[str]]]:
         """The label of each group (empty: none) and its numbers as text."""
@@ -122,21 +126,21 @@ class Table:
             yield group.label, self._texts(group)
 
     def _texts(self, group: Group) -> list[str]:
-        values = self.values[group.start : group.stop].tolist()
+        values = self.values[group.start : group.stop]
         if self.type == "LREAL":
-            return [real(value) for value in values]
-        return [real32(value) if self.type == "REAL" else str(value) for value in values]
+            return reals(values)
+        return [real32(value) for value in values.tolist()] if self.type == "REAL" else texts_of(values.tolist())
 
 
-def _fit(texts: Sequence[str], *, final: bool) -> Iterator[str]:
+def _halves(texts: Sequence[str], *, final: bool) -> Iterator[str]:
     """One line, or two halves where it would be too long."""
     line = ", ".join(texts) + ("" if final else ",")
     if len(line) + _INDENT <= LINE_LENGTH or len(texts) == 1:
         yield line
         return
     half = len(texts) // 2
-    yield from _fit(texts[:half], final=False)
-    yield from _fit(texts[half:], final=final)
+    yield from _halves(texts[:half], final=False)
+    yield from _halves(texts[half:], final=final)
 
 
 @dataclass(frozen=True)

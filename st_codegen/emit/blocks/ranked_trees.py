@@ -81,7 +81,8 @@ def lay_out_ranked(op: TreeEnsemble, step: Step, listing: Listing) -> None:
     if isinstance(op, CutTrees):
         listing.locals("DINT", "nCell", "nCellRoot")
         cells = {"slabs": op.slabs, "count": op.cells}
-    parts = _parts(cut, cut.n_trees // op.n_trees, step, listing, keys)
+    equal = op.equal if isinstance(op, CutTrees) else subtrees(op).number
+    parts = _parts(cut, equal, cut.n_trees // op.n_trees, step, listing, keys)
     listing.section(
         f"{op.n_trees:,} trees, {op.n_nodes:,} nodes, at most {comparisons} comparisons a tree",
         "ranked_trees",
@@ -111,9 +112,10 @@ def _keys(op: TreeEnsemble) -> _Keys:
     return _Keys(slots, leaf)
 
 
-def _parts(op: TreeEnsemble, cells: int, step: Step, listing: Listing, keys: _Keys) -> list[dict[str, object]]:
+def _parts(
+    op: TreeEnsemble, equal: IntArray, cells: int, step: Step, listing: Listing, keys: _Keys
+) -> list[dict[str, object]]:
     """The nodes, cut into runs of whole trees that fit an array; each tree has a root in every cell."""
-    equal = subtrees(op).number
     pairs = distinct_families(op, equal, cells)
     runs = listing.chunks(np.maximum(2 * cells + 4 * pairs, (pairs + cells) * op.leaf_value.shape[1]), "tree")
     parts: list[dict[str, object]] = []

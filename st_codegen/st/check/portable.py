@@ -116,7 +116,9 @@ def pieces_of_text(text: Text) -> Iterator[Problem]:
                 yield _at(scanned, comment.start, f"a comment of the form {comment.kind.value}: use (* *), not nested")
         for pragma in scanned.pragmas:
             yield _at(scanned, pragma.start, "pragmas and attributes are not portable")
-        code = _CODE.sub(lambda match: "'" + " " * (len(match[0]) - 2) + "'", scanned.segment.text)
+        code = scanned.segment.text
+        if "'" in code or '"' in code:
+            code = _CODE.sub(lambda match: "'" + " " * (len(match[0]) - 2) + "'", code)
         for pattern, reason in _REFUSED:
             for match in (match for span in scanned.segment.spans for match in pattern.finditer(code, *span)):
                 yield _at(scanned, match.start(), f"'{match[0]}' {reason}")

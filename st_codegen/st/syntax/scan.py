@@ -15,8 +15,9 @@ from functools import cached_property
 
 from st_codegen.st.errors import Position, Problem, StSyntaxError
 
-# every alternative begins with a letter, none with a class: then `re` looks for these letters alone, four times faster
 _INTERESTING = re.compile(r"""'(?:[^'$\r\n]|\$.)*+'|"(?:[^"$\r\n]|\$.)*+"|\(\*|//[^\r\n]*|'|"|\{""")
+# How these begin: to look for each alone takes less time than to look for all at once
+_BEGINNINGS = ("'", '"', "(*", "//", "{")
 # a list of at least 16 numbers in which every exponent follows a dot; comments in it are blanks
 _NUMBERS = re.compile(r"\[(?:[\s,+-]*+[0-9]++(?:\.[0-9]++(?:E[+-]?[0-9]++)?+)?+){16,}+\s*+\]")
 _COMMENT_EDGE = re.compile(r"\(\*|\*\)")
@@ -166,9 +167,19 @@ def scan(segment: Segment) -> Scanned:
 def _blanks(segment: Segment) -> Iterator[tuple[int, int, CommentKind | None]]:
     """Start, end and kind (None: a pragma) of all that is to be blanked, in order."""
     text, at = segment.text, 0
-    while (match := _INTERESTING.search(text, at)) is not None:
-        start, at = match.start(), match.end()
-        token = match[0]
+    following = dict.fromkeys(_BEGINNINGS, -1)
+    while True:
+        for beginning, place in list(following.items()):
+            if place < at and (place := text.find(beginning, at)) < 0:
+                del following[beginning]
+            else:
+                following[beginning] = place
+        if not following:
+            return
+        start = min(following.values())
+        match = _INTERESTING.match(text, start)
+        assert match is not None  # each beginning alone is one
+        at, token = match.end(), match[0]
         if token == "(*":
             at, kind = _comment_end(segment, start)
             yield start, at, kind

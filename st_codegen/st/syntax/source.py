@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,8 @@ _XML = {".tcpou": read_xml, ".tcgvl": read_xml, ".tcdut": read_xml, ".xml": read
 PLAIN = (".st", ".scl")
 SUFFIXES = (*PLAIN, *_XML)
 _EXPECTED = ".st, .scl, .TcPOU, .TcGVL, .TcDUT or PLCopen's .xml"
+#: What files were when they were read ahead, and what they say.
+_AHEAD: dict[str, tuple[bytes, tuple[list[d.Declaration], list[Scanned]]]] = {}
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,14 @@ def read_paths(paths: Iterable[Path | str]) -> ParsedFiles:
     is no Structured Text, or a folder without any.
     """
     return _read((path.as_posix(), _content(path)) for path in _files(paths))
+
+
+def read_ahead(path: Path) -> None:
+    """Parse a file whose folder is read later, by `read_paths` in this process; errors are left to that."""
+    if _is_structured_text(path):
+        with contextlib.suppress(StSyntaxError, InputError):
+            content = _content(path)
+            _AHEAD[path.as_posix()] = content, _read_one(path.as_posix(), content)
 
 
 def _files(paths: Iterable[Path | str]) -> Iterator[Path]:
@@ -87,7 +98,8 @@ def _read(files: Iterable[tuple[str, bytes]]) -> ParsedFiles:
     problems: list[Problem] = []
     for name, content in files:
         try:
-            read[name] = _read_one(name, content)
+            before, known = _AHEAD.pop(name, (None, None))
+            read[name] = known if known is not None and before == content else _read_one(name, content)
         except StSyntaxError as error:
             problems += error.problems
     problems += _without_twins(read)

@@ -7,6 +7,7 @@ regular expression and converted by one NumPy call, so no Python object is made 
 from __future__ import annotations
 
 import re
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,11 @@ _REALS = _list_of(_REAL_CELL)
 _NUMBERS = _list_of(rf"(?:{_REAL_CELL}|{_INTEGER_CELL})")
 _BOOLS = _list_of(_BOOL_CELL)
 _BASED = _list_of(_BASED_CELL)
+# Integers and reals without what NumPy does not read: underscores, blanks behind signs, and what may not fit LINT
+_PLAIN = (
+    (_list_of(r"\s*+[+-]?+[0-9]{1,18}+\s*+"), np.int64, TableKind.INTEGER),
+    (_list_of(r"\s*+[+-]?+[0-9]++\.[0-9]++(?:E[+-]?+[0-9]++)?+\s*+"), np.float64, TableKind.REAL),
+)
 _SPACED_SIGN = re.compile(r"([+-])\s+")
 # Nineteen digits may not fit LINT; beyond that length the exact path decides
 _LONG_INTEGER = re.compile(r"[0-9]{19}")
@@ -74,6 +80,13 @@ def _common(part: NDArray[np.generic], parts: list[NDArray[np.generic]]) -> NDAr
 
 
 def _parse_chunk(text: str) -> tuple[NDArray[np.generic], TableKind]:
+    for pattern, dtype, kind in _PLAIN:
+        if pattern.fullmatch(text):
+            return _finite(np.fromstring(text, dtype, sep=",")), kind
+    return _other_chunk(text)
+
+
+def _other_chunk(text: str) -> tuple[NDArray[np.generic], TableKind]:
     if _INTEGERS.fullmatch(text):
         if _LONG_INTEGER.search(text) or "_" in text:
             return _exact_integers(text), TableKind.INTEGER
@@ -90,8 +103,11 @@ def _parse_chunk(text: str) -> tuple[NDArray[np.generic], TableKind]:
     raise ValueError(_wrong_cell(text))
 
 
-def _reals(text: str) -> NDArray[np.float64]:
-    values = np.fromstring(_SPACED_SIGN.sub(r"\1", text.replace("_", "")), dtype=np.float64, sep=",")
+def _reals(text: str) -> NDArray[np.generic]:
+    return _finite(np.fromstring(_SPACED_SIGN.sub(r"\1", text.replace("_", "")), dtype=np.float64, sep=","))
+
+
+def _finite(values: NDArray[Any]) -> NDArray[np.generic]:
     if not np.isfinite(values).all():
         raise ValueError("a number of this table is larger than the largest LREAL")
     return values
