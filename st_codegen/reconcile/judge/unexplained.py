@@ -155,8 +155,7 @@ def signatures(
         _scattered(target, residual, int(k), gap_power, floor[k])
         for k in np.flatnonzero(loud & ~found.significant & (of_an_encoder(target, residual) == 0))
     ]
-    found = [_with_hums(one, target.data.hums) for one in out]
-    return sorted(found, key=lambda signature: -signature.rms_deg)
+    return sorted((_with_hums(one, target.data.hums) for one in out), key=lambda signature: -signature.rms_deg)
 
 
 def _scattered(target: FitData, residual: ComplexArray, k: int, gap_power: float, floor: float) -> Signature:
