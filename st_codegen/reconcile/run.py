@@ -130,11 +130,17 @@ class Reconciliation:
 
     @property
     def floor_is_bound(self) -> bool:
-        """Whether the noise floor may be smaller.
+        """Whether the noise floor may be smaller, and cannot be larger.
 
         What runs differ by from others holds what is unexplained, or varies between few runs, as well as the noise.
+        What runs differ by without a pattern may be noise, and then there is more of it.
         """
-        return bool(self.unexplained) or self.data.few_points
+        return (bool(self.unexplained) or self.data.few_points) and not self.noise_may_be_larger
+
+    @property
+    def noise_may_be_larger(self) -> bool:
+        """Whether an order differs from run to run by more than the floor, without a pattern over the conditions."""
+        return any("scatter" in one.dependence for one in self.unexplained)
 
 
 def reconcile_files(

@@ -382,3 +382,20 @@ def test_the_mean_of_noise_that_lasts_is_no_faint_pattern(seed):
     lasts = np.where(data.orders == 0, lasts.real, lasts)
     result = reconcile_observations(RIG, replace(data, values=data.values + lasts), KNOWN)
     assert result.verdict == "nothing_missing" and result.unexplained == ()
+
+
+def test_digits_of_a_run_at_another_operating_point_count_nowhere():
+    """Files that were copied over others: four of them were a "block of 0.443 times" the rig."""
+    at, orders = grid(), [0, 39, 40, 78]
+    random = np.random.default_rng(5)
+    values = random.standard_normal((len(at), 4)) + 1j * random.standard_normal((len(at), 4))
+    data = Observations(at, labels(at), np.array(orders), values)
+    assert len(data.without_copies()) == len(data)
+    rows = np.flatnonzero(at.sign > 0)
+    values[rows[7]] = values[rows[3]]
+    found = replace(data, values=values).without_copies()
+    assert len(found) == len(data) - 2
+    assert "2 curves that have the digits of one at another operating point" in found.not_looked_at[-1]
+    # what depends on no condition is alike everywhere
+    same = replace(data, values=np.ones_like(values)).without_copies()
+    assert len(same) == len(data)

@@ -92,12 +92,25 @@ class Observations:
         )
 
     def without_copies(self) -> Observations:
-        """The rows but those that repeat an earlier one digit by digit: as repeated runs they would have no noise."""
-        at = self.at
+        """The rows but those that repeat an earlier one digit by digit: as repeated runs they would have no noise.
+
+        Of a few curves with the digits of another one at another operating point none stays: which label is right
+        nobody knows. Where many are equal, nothing that is measured depends on the conditions.
+        """
+        at, values = self.at, np.concatenate([self.at.sign[:, None], self.values.real, self.values.imag], axis=1)
+        if self.angle_rad is not None:
+            return self
         points = np.stack([at.sign, at.speed_rpm, at.torque_Nm, at.temperature_C], axis=1)
         rows = np.concatenate([points, self.values.real, self.values.imag], axis=1)
         first = np.sort(np.unique(rows, axis=0, return_index=True)[1])
-        if self.angle_rad is not None or len(first) == len(self):
+        alike = np.unique(values[first], axis=0, return_inverse=True, return_counts=True)
+        elsewhere = first[alike[2][alike[1].ravel()] > 1]
+        if 0 < len(elsewhere) <= SETTINGS.most_suspects * len(self):
+            named = ", ".join(self.labels[row] for row in elsewhere[:4]) + (", .." if len(elsewhere) > 4 else "")
+            text = f"{len(elsewhere)} curves that have the digits of one at another operating point: {named}"
+            kept = np.setdiff1d(np.arange(len(self)), elsewhere)
+            return replace(self.rows(kept), not_looked_at=(*self.not_looked_at, text)).without_copies()
+        if len(first) == len(self):
             return self
         copies = np.setdiff1d(np.arange(len(self)), first)
         more = f" and {len(copies) - 1} more curves" if len(copies) > 1 else ""

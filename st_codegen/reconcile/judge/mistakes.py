@@ -110,7 +110,8 @@ def _labels(
     if not wrong or len(texts) > SETTINGS.most_labels * len(runs):
         return []
     shown = "; ".join(texts[:6]) + ("; .." if len(texts) > 6 else "")
-    return [Mistake("labels", f"{len(texts)} runs seem to carry the label of another run: {shown}", rows=tuple(wrong))]
+    said = f"{len(texts)} runs seem" if len(texts) > 1 else "a run seems"
+    return [Mistake("labels", f"{said} to carry the label of another run: {shown}", rows=tuple(wrong))]
 
 
 def _most_agree(

@@ -70,6 +70,9 @@ def floor_text(result: Reconciliation) -> str:
     if result.floor_is_bound:
         also = "what is unexplained" if result.unexplained else "what differs between so few runs"
         text += f". It may be smaller: {also} may be in it as well"
+    if result.noise_may_be_larger:
+        more = math.hypot(*(one.rms_deg for one in result.unexplained if "scatter" in one.dependence))
+        text += f". If what runs differ by without a pattern ({more:.2g} deg RMS) is noise, there is that more of it"
     if result.data.spectral_deg is not None:
         text += ". Orders above 5 were also compared with the noise between the orders of their own curves"
     return text + "."
