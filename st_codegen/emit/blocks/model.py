@@ -149,7 +149,7 @@ def model_outputs(model: ModelIR) -> tuple[BlockVariable, ...]:
 
 def _in_range_text(model: ModelIR) -> str:
     if any(feature.flagged is not None for feature in model.features):
-        return "all inputs lie in their ranges"
+        return "where bValid: no input lies outside of its range"
     return "no input had to be limited to its declared range"
 
 
@@ -225,7 +225,8 @@ def feature_text(feature: Feature) -> str:
         or feature.seen[0] > feature.lower
         or feature.seen[1] < feature.upper
     ):
-        text += f", training data reach {_range_text(feature.seen)}"
+        low, high = map(real, feature.seen)
+        text += f", training data said to reach from {low} to {high} at least"
     return text
 
 
