@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -171,7 +172,8 @@ def finished_block(
         if variable.name.lower() in own:
             raise InputError(f"the output {variable.name} has the name of a variable of the block: rename it")
     clash = own | {variable.name.lower() for variable in outputs}
-    inputs = tuple(_renamed(variable) if variable.name.lower() in clash else variable for variable in inputs)
+    inputs = tuple(renamed(variable) if variable.name.lower() in clash else variable for variable in inputs)
+    _check_different(inputs)
     return Block(
         name=block_name(model.name),
         header=header,
@@ -200,11 +202,21 @@ def input_variables(features: tuple[Feature, ...]) -> tuple[BlockVariable, ...]:
                 f"feature '{feature.name}': its input would be called {name}, as that of another feature: rename one"
             )
         variable = BlockVariable(name, "LREAL", comment=feature_text(feature))
-        variables[name.lower()] = _renamed(variable) if is_foreign(name) else variable
+        variables[name.lower()] = renamed(variable) if is_foreign(name) else variable
+    _check_different(variables.values())
     return tuple(variables.values())
 
 
-def _renamed(variable: BlockVariable) -> BlockVariable:
+def _check_different(inputs: Collection[BlockVariable]) -> None:
+    """Raise InputError where an input that got another name has that of an input beside it."""
+    names = Counter(variable.name.lower() for variable in inputs)
+    for variable in inputs:
+        if names[variable.name.lower()] > 1:
+            raise InputError(f"two inputs would be called {variable.name}: rename their features, or give them names")
+
+
+def renamed(variable: BlockVariable) -> BlockVariable:
+    """The input by the name that it has where its own is taken, by a variable of its block or by a compiler."""
     return BlockVariable(
         f"fInput_{variable.name[1:]}", variable.type, variable.length, variable.initial, variable.comment
     )
