@@ -317,7 +317,8 @@ def check_inputs(
         listing.local("abMissing", "BOOL", len(inputs) + replaced)
     largest = float(np.finfo(np.float64).max)  # the range of a feature that declares none
     lower = upper = limit = flag_lower = flag_upper = None
-    flagged = [feature.flagged or (-largest, largest) for feature in model.features]
+    # that of a feature that is limited is its own: so both checks of it say the same, and prove can see that
+    flagged = [feature.checked or (-largest, largest) for feature in model.features]
     if any(feature.flagged is not None for feature in model.features):
         flag_lower = listing.table("FLAG_LOWER", "LREAL", [low for low, _ in flagged])
         flag_upper = listing.table("FLAG_UPPER", "LREAL", [high for _, high in flagged])
