@@ -285,7 +285,8 @@ def model_header(model: ModelIR, *closing: str, remarks: Iterable[str] = ()) -> 
     if model.classes is not None:
         lines.extend(class_lines(model.classes))
     exact = "Equals the library bit for bit." if model.signs_zeros else "Equals the library, but perhaps for -0."
-    exact = exact if model.exact else "Equals the library within the bound that verify states."
+    open_ = "" if model.classes is None else ", but for classes that it leaves open"
+    exact = exact if model.exact else f"Equals the library within the bound that verify states{open_}."
     lines.extend(closing or (exact,))
     return header_lines(lines)
 
