@@ -57,7 +57,7 @@ def review_sections(found: Review, lines: list[str], *, draw: bool) -> tuple[str
                 output.largest,
                 output.mean,
                 f"{output.moved:.1%}",
-                ", ".join(f"{name} = {value:.6g}" for name, value in output.where.items()),
+                ", ".join(f"{name} = {value:.6g}" for name, value in output.where.items()) if output.largest else "",
             )
             for model, output in moved
         ]
