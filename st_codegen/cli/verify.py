@@ -106,8 +106,8 @@ def command(
         if model.jump:
             console.print(
                 f"{model.name}: trees split behind an inexact step; where the number that a split compares lies "
-                f"near the threshold, their sum may differ by up to {model.jump:.3g}; on the rows of the operating range "
-                f"that were tried, near is within {model.jump_width:.2g}",
+                f"near the threshold, their sum may differ by up to {model.jump:.3g}; on the rows of the operating "
+                f"range that were tried, near is within {model.jump_width:.2g}",
                 soft_wrap=True,
                 markup=False,
             )

@@ -88,8 +88,8 @@ class ModelReport:
     the largest error) compare the emitted text with the library on the rows inside the declared range, `bound` is
     the largest error that the derivation allows there: the error of a sum at an input of 1E30 says nothing. Units
     in the last place are those of float32 where the library or the text answers in float32. On `unbounded` rows no
-    finite bound is known, as behind a division by what may be rounding only; there the library is not judged. By `jump` at
-    most the sum of the trees behind such an operation may differ, where the number that a split compares lies
+    finite bound is known, as behind a division by what may be rounding only; there the library is not judged. By
+    `jump` at most the sum of the trees behind such an operation may differ, where the number that a split compares lies
     within `jump_width` of its threshold (the largest width on these rows, in the operating range).
 
     Of a classifier every row must have the library's label, but for the `open_rows`: rows on which the bound leaves

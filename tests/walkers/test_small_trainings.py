@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 pytest.importorskip("sklearn")
-skops = pytest.importorskip("skops.io")
+pytest.importorskip("skops")
+
+import skops.io
 from sklearn.cluster import BisectingKMeans
 from sklearn.ensemble import AdaBoostRegressor
 from sklearn.linear_model import Ridge
@@ -21,7 +23,7 @@ X = np.random.default_rng(0).normal(size=(60, 3))
 
 def saved(estimator, folder):
     (folder / "models").mkdir()
-    skops.dump(estimator, folder / "models" / "m.skops")
+    skops.io.dump(estimator, folder / "models" / "m.skops")
     return folder / "models"
 
 

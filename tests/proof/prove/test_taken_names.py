@@ -1,4 +1,4 @@
-"""Features whose inputs would have the name of a variable of the block: they are renamed, and proved by the new name."""
+"""Features whose inputs have the name of a variable of the block: they get another one, and are proved by it."""
 
 import re
 from dataclasses import replace
