@@ -232,6 +232,7 @@ DIAGNOSTICS = (
             "emit.blocks.model",
             "emit.blocks.application:Application",
             "emit.foreign_names",
+            "emit.contents",
             "project.bundle:check_names",
         ),
     ),

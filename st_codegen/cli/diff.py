@@ -145,6 +145,6 @@ def _table(models: list[ModelChange]) -> Table:
     for model in models:
         for output in model.outputs:
             name = model.name if len(model.outputs) == 1 else f"{model.name}[{output.output}]"
-            where = ", ".join(f"{key} = {value:.6g}" for key, value in output.where.items())
+            where = ", ".join(f"{key} = {value:.6g}" for key, value in output.where.items()) if output.largest else ""
             table.add_row(name, f"{output.largest:.3g}", f"{output.mean:.3g}", f"{output.moved:.1%}", where)
     return table

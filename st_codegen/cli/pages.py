@@ -57,7 +57,7 @@ def review_sections(found: Review, lines: list[str], *, draw: bool) -> tuple[str
                 output.largest,
                 output.mean,
                 f"{output.moved:.1%}",
-                ", ".join(f"{name} = {value:.6g}" for name, value in output.where.items()),
+                ", ".join(f"{name} = {value:.6g}" for name, value in output.where.items()) if output.largest else "",
             )
             for model, output in moved
         ]
@@ -113,7 +113,8 @@ def verify_sections(report: VerifyReport, proof: ProveReport, bundle: Bundle) ->
     rows = [(m.name, m.n, m.max_abs_err, m.bound, m.max_ulp, m.verdict, ", ".join(m.targets)) for m in report.models]
     columns = ("model", "rows", "largest error", "allowed", "ulp", "result", "targets")
     strong = {(row, 5) for row, model in enumerate(report.models) if not model.passed}
-    notes = "\n\n".join(f"{target}: {note}" for target, note in report.notes.items())
+    remarks = [*report.notes.items(), *((model.name, model.not_judged) for model in report.models if model.unbounded)]
+    notes = "\n\n".join(f"{name}: {remark}" for name, remark in remarks)
     sections = [PageSection("Agreement", notes, PageTable(columns, rows, strong)), _proof_section(proof)]
     sources = [
         (ir.name, ir.source.file, f"{ir.source.library} {ir.source.version}", ir.source.model_class, ir.source.digest)
@@ -128,8 +129,9 @@ def verify_sections(report: VerifyReport, proof: ProveReport, bundle: Bundle) ->
 def _proof_section(proof: ProveReport) -> PageSection:
     """The verdicts on the text for every input, and why some are no proof."""
     text = (
-        "The text was executed on all inputs at once. Of trees it gives the model's bits; of other models it computes "
-        "the model's expression, which lies within the bound from the library. docs/proof.md says what is assumed."
+        "The text was executed on all inputs at once. Where it is proved, trees that compare inputs give the model's "
+        "bits, and of other models the text computes the expression; how far that lies from the library at most is the "
+        "bound, where one is known. docs/proof.md says what is assumed."
     )
     others = [sentence(result) for result in proof.results if result.verdict != "proved"]
     strong = {(number, 2) for number, result in enumerate(proof.results) if result.verdict != "proved"}

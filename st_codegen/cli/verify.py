@@ -106,11 +106,14 @@ def command(
         if model.jump:
             console.print(
                 f"{model.name}: trees split behind an inexact step; where the number that a split compares lies "
-                f"within {model.jump_width:.2g} of the threshold, their sum may differ by up to {model.jump:.3g}",
+                f"near the threshold, their sum may differ by up to {model.jump:.3g}; on the rows of the operating "
+                f"range that were tried, near is within {model.jump_width:.2g}",
                 soft_wrap=True,
                 markup=False,
             )
     for model in report.models:
+        if model.unbounded and not quiet:
+            console.print(f"{model.name}: {model.not_judged}", soft_wrap=True, markup=False)
         if not quiet:
             console.print(_open_rows(model), end="", soft_wrap=True)
         for line in _failures(model):

@@ -9,9 +9,10 @@ from dataclasses import dataclass, field
 from st_codegen.emit.blocks.application import Application
 from st_codegen.emit.blocks.classes import class_type
 from st_codegen.emit.blocks.listing import Block
-from st_codegen.emit.blocks.model import PLAIN, Extras
+from st_codegen.emit.blocks.model import PLAIN, Extras, input_variables
 from st_codegen.emit.blocks.self_test import SELF_TEST, self_test_block
 from st_codegen.emit.blocks.window import Window, window_block
+from st_codegen.errors import InputError
 from st_codegen.ir import ModelIR
 
 #: Models that have nothing to do with each other: nothing surrounds their blocks.
@@ -43,6 +44,8 @@ class Contents:
         Raises InputError for names that Structured Text cannot have, TargetError for tables that are too long.
         """
         found = {model.name: block_of(model, self.extras.get(model.name, PLAIN)) for model in self.models}
+        for model in self.models if self.around.connected else ():
+            _check_callable(model, found[model.name])
         kept = (window_block(found[name], window) for name, window in self.windows.items())
         blocks = (*found.values(), *kept, *self.around.blocks)
         types = tuple(named for model in self.models if (named := class_type(model)) is not None)
@@ -51,3 +54,12 @@ class Contents:
         )
         blocks = (*([self_test_block()] if is_free else []), *blocks)
         return self.extended(dataclasses.replace(self.around, types=(*types, *self.around.types), blocks=blocks))
+
+
+def _check_callable(model: ModelIR, block: Block) -> None:
+    """Raise InputError where an input does not have the name by which other blocks call it."""
+    for feature, wanted, found in zip(model.features, input_variables(model.features), block.inputs, strict=True):
+        if wanted.name != found.name:
+            raise InputError(
+                f"feature '{feature.name}': {block.name} has a variable {wanted.name} of its own: rename the feature"
+            )

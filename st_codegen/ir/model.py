@@ -18,8 +18,8 @@ class Feature:
 
     `lower` and `upper` are the range to which the generated block limits the input, in `unit`; a lone model declares
     none, and where both are the same the model knows that one value. `flagged` is a range outside of which bInRange is
-    FALSE and the input stays as it is. `seen` is a range whose ends were in the training data, which may reach further:
-    nothing is limited to it. `variable` is the name of the block's input where it is not made of `name`.
+    FALSE and the input stays as it is. `seen` is a range whose ends are said to be in the training data, which may
+    reach further: nothing is limited to it. `variable` is the name of the block's input where it is not made of `name`.
     """
 
     name: str

@@ -75,10 +75,12 @@ def initial_configuration(
 
 
 def _check_trained_with(table: Mapping[str, FloatArray], models: Mapping[str, ModelIR]) -> None:
-    """Raise InputError where a model's file knows of training data that the table has not, by more than rounding.
+    """Raise InputError where the table has no rows, or lacks what a model's file knows of, by more than rounding.
 
     A file knows both ends of a range that was there (`Feature.seen`); a table with fewer digits may miss them by some.
     """
+    if not any(column.size for column in table.values()):
+        raise InputError("training data: the table has no rows below its header")
     problems = Problems("training data")
     columns = with_underscores(table)
     for file, feature in ((file, feature) for file, model in models.items() for feature in model.features):
@@ -117,10 +119,12 @@ def _input(feature: Feature, training_data: Mapping[str, FloatArray] | None) -> 
     column = with_underscores(training_data).get(feature.name)
     if column is None:
         raise InputError(f"training data: no column '{feature.name}'; there are {', '.join(training_data)}")
+    if np.isinf(column).any():
+        return [*lines, f"# no range: {np.isinf(column).sum()} of {column.size} values are infinite"]
     column = column[np.isfinite(column)]
-    if column.size:
-        lines.append(f"trained = {toml_value((float(column.min()), float(column.max())))}")
-    return lines
+    if not column.size:
+        return [*lines, "# no range: no value is there"]
+    return [*lines, f"trained = {toml_value((float(column.min()), float(column.max())))}"]
 
 
 def _variable(feature: Feature) -> str:

@@ -124,7 +124,10 @@ class ModelChange:
 
 def tried_text(changed: Sequence[ModelChange]) -> str:
     """At which points the outputs of changed models were compared, in whole sentences."""
-    text = "Both texts were run at random points of the operating range; a larger change may lie between them."
+    text = (
+        "Both texts were run at random points of the operating range, at which no input is missing; a larger change "
+        "may lie elsewhere."
+    )
     guessed = sorted({f"{model.name}: {', '.join(model.guessed)}" for model in changed if model.guessed})
     if guessed:
         text += (
@@ -290,11 +293,17 @@ def _compare_model(
 
 
 def _answers(facts: tuple[dict[str, Any], ...], codes: list[GeneratedCode], x: FloatArray) -> list[BlockResult]:
-    """What the blocks before and after answer."""
+    """What the blocks before and after answer to points in the order of the new features."""
     return [
-        code.run_model(f["block"], x, f.get("block_outputs", len(f["outputs"])))
+        code.run_model(f["block"], x[:, _columns(f, facts[-1])], f.get("block_outputs", len(f["outputs"])))
         for code, f in zip(codes, facts, strict=True)
     ]
+
+
+def _columns(own: dict[str, Any], new: dict[str, Any]) -> list[int]:
+    """Where each feature of a model stands among the new ones: by name where all names are the same, else in order."""
+    names, given = ([feature["name"] for feature in facts["features"]] for facts in (new, own))
+    return [names.index(name) for name in given] if sorted(names) == sorted(given) else list(range(len(given)))
 
 
 def _sweeps(
@@ -339,6 +348,7 @@ def _known(value: Any) -> Any:
 def _operating_points(old: dict[str, Any], new: dict[str, Any], rows: int, seed: int) -> FloatArray:
     """Points at random in the operating range; what only one of two differing ranges covers belongs to it."""
     ends = np.array([[feature["range"] for feature in facts["features"]] for facts in (old, new)])
+    ends[0, _columns(old, new)] = ends[0].copy()
     lower, upper = ends[:, :, 0].min(axis=0), ends[:, :, 1].max(axis=0)
     random = np.random.default_rng(seed)
     points: FloatArray = lower + (upper - lower) * random.random((rows, len(lower)))

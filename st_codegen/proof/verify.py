@@ -87,10 +87,10 @@ class ModelReport:
     did; on `zero_signs` rows the sign of a zero did not. `max_abs_err`, `max_ulp` and `worst_input` (the row with
     the largest error) compare the emitted text with the library on the rows inside the declared range, `bound` is
     the largest error that the derivation allows there: the error of a sum at an input of 1E30 says nothing. Units
-    in the last place are those of float32 where the library or the text answers in float32. `unbounded` rows lie so
-    close to a threshold behind an inexact operation that no finite bound holds; they do not count. By `jump` at
-    most the sum of the trees behind such an operation may differ, where the number that a split compares lies
-    within `jump_width` of its threshold (the largest width on these rows, in the declared range).
+    in the last place are those of float32 where the library or the text answers in float32. On `unbounded` rows no
+    finite bound is known, as behind a division by what may be rounding only; there the library is not judged. By
+    `jump` at most the sum of the trees behind such an operation may differ, where the number that a split compares lies
+    within `jump_width` of its threshold (the largest width on these rows, in the operating range).
 
     Of a classifier every row must have the library's label, but for the `open_rows`: rows on which the bound leaves
     more than one label possible. The first of them are in `open_examples`.
@@ -125,6 +125,16 @@ class ModelReport:
     def cells(self) -> tuple[str, ...]:
         """Name, rows, error, bound and units in the last place, for a table."""
         return self.name, f"{self.n:,}", f"{self.max_abs_err:.2g}", f"{self.bound:.2g}", f"{self.max_ulp:,}"
+
+    @property
+    def not_judged(self) -> str:
+        """What was not compared with the library; empty where all was."""
+        if not self.unbounded:
+            return ""
+        return (
+            f"on {self.unbounded:,} of {self.n:,} rows no bound is known, since rounding may grow there without limit: "
+            "the library's answers to them were not judged"
+        )
 
     @property
     def verdict(self) -> str:

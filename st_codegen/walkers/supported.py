@@ -28,7 +28,11 @@ def supported() -> Iterator[tuple[str, str, tuple[str, ...]]]:
             if gives in found:
                 yield library, gives, tuple(sorted(found[gives]))
         if known_transforms(package):
-            yield library, "columns, in a Pipeline or alone", tuple(sorted(known_transforms(package)))
+            yield (
+                library,
+                "columns, in a Pipeline, or alone where it has no predict",
+                tuple(sorted(known_transforms(package))),
+            )
     yield "LightGBM", "objectives", LIGHTGBM_OBJECTIVES
     yield "XGBoost", "objectives", XGBOOST_OBJECTIVES
     yield "CatBoost", "losses", CATBOOST_LOSSES

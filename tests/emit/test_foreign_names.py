@@ -67,6 +67,11 @@ def test_inputs_of_such_names_are_renamed():
     assert names == ["fInput_Lt_max", "fInput_P_nan", "fSpeed"]
 
 
+def test_two_inputs_of_one_name_are_refused():
+    with pytest.raises(InputError, match="two inputs would be called fInput_Lt_max"):
+        input_variables((Feature("lt_max"), Feature("Input_lt_max")))
+
+
 def test_other_variables_of_such_names_are_refused():
     block = Block("FB_A", ("x",), variables=(BlockVariable("eFault", "DINT"),))
     with pytest.raises(InputError, match="FB_A: eFault"):

@@ -246,7 +246,7 @@ def test_a_range_is_claimed_only_where_it_is_known(lone_folder, tmp_path, capsys
     seen = bundle.models[1].ir.features[0].seen
     assert 100 <= seen[0] < seen[1] <= 1800
     text = (tmp_path / "a/twincat/POUs/FB_Te.TcPOU").read_text(encoding="utf-8")
-    assert re.search(r"speed_rpm, training data reach \d", text)
+    assert re.search(r"speed_rpm, training data said to reach from \d", text)
     assert "training data" not in (tmp_path / "a/twincat/POUs/FB_Guess.TcPOU").read_text(encoding="utf-8")
     # the guess moves with the model: that is no change of a feature
     joblib.dump(tree.DecisionTreeRegressor(max_depth=2).fit(x + 1, x[:, 0]), lone_folder / "guess.pkl")
@@ -271,7 +271,7 @@ def test_a_range_from_a_file_is_what_the_data_reach_at_least(tmp_path):
     low, high = bundle.irs[0].features[0].seen
     assert low in x and high in x and high < x.max()
     text = (generate(bundle, "iec", tmp_path / "out").folder / "FB_Wide.st").read_text()
-    assert "training data reach" in text
+    assert re.search(r"training data said to reach from \S+ to \S+ at least", text)
 
 
 def test_names_from_the_command_line_hold_for_all_commands(lone_folder, tmp_path, capsys):
@@ -384,6 +384,36 @@ def test_init_refuses_a_table_that_a_model_was_not_trained_with(lone_folder, tmp
     with_gap = [(*ends, ends[1]) for ends in shifted]
     with_gap[1] = (*shifted[1], float("nan"))
     assert init_with(with_gap) == 0
+
+
+def test_init_claims_no_range_of_infinite_or_missing_values_and_no_table_without_rows(lone_folder, tmp_path, capsys):
+    known, table = ranges_of(lone_folder), tmp_path / "rows.csv"
+    header = "speed_rpm,torque_Nm,temperature_C\n"
+    table.write_text(header)
+    assert run("init", lone_folder, "--training-data", table) == 2
+    assert "no rows below its header" in capsys.readouterr().err
+    assert not (lone_folder / "st-codegen.toml").exists()
+    table.write_text(header + "".join(f"{speed},{torque},nan\n" for speed, torque in zip(*known[:2], strict=True)))
+    text = (lone_folder / "te.txt").read_text()
+    infos = re.search(r"feature_infos=(.*)", text)[1].split()
+    (lone_folder / "te.txt").write_text(text.replace(" ".join(infos), f"{infos[0]} {infos[1]} none"))
+    with table.open("a") as file:
+        file.write(f"-inf,{known[1][0]},nan\n")
+    assert run("init", lone_folder, "--training-data", table) == 0
+    written = (lone_folder / "st-codegen.toml").read_text(encoding="utf-8")
+    assert written.count("trained = ") == 1
+    assert "# no range: 1 of 3 values are infinite" in written
+    assert "# no range: no value is there" in written
+    assert ranges_of(lone_folder) == [known[0], known[1], None]
+
+
+def test_a_range_that_only_flags_is_not_said_to_limit(lone_folder, tmp_path):
+    (lone_folder / "st-codegen.toml").write_text(
+        '[[input]]\nfeature = "speed_rpm"\nmin = 900.0\nmax = 1e4\noutside = "flag"\n'
+    )
+    text = (generate(load(lone_folder), "iec", tmp_path).folder / "FB_Te.st").read_text()
+    assert "bInside" in text
+    assert "had to be limited" not in text
 
 
 def test_header_has_the_training_data_and_the_metrics_that_are_given(lone_folder, tmp_path):

@@ -7,7 +7,7 @@ from st_codegen.driver import generate
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
 from st_codegen.project.bundle import load
-from st_codegen.proof.review import diff
+from st_codegen.proof.review import diff, tried_text
 
 
 def make(models, out, *targets):
@@ -44,6 +44,26 @@ def test_a_changed_leaf_moves_the_output_where_the_leaf_is(lone_folder, lightgbm
     after = reference.evaluate(load(lone_folder).models[0].ir, point)
     (lone_folder / "te.txt").write_text(lightgbm_text)
     assert after - reference.evaluate(load(lone_folder).models[0].ir, point) == pytest.approx(0.25, rel=1e-9)
+
+
+def test_features_in_another_order_are_the_same_points(lone_folder, lightgbm_text, tmp_path):
+    old = make(lone_folder, tmp_path / "a")
+    names, infos = (re.search(rf"{key}=(.*)", lightgbm_text) for key in ("feature_names", "feature_infos"))
+    text = lightgbm_text
+    for found in (names, infos):
+        first, second, third = found[1].split()
+        text = text.replace(found[1], f"{second} {first} {third}", 1)
+
+    def exchanged(found):
+        split = " ".join({"0": "1", "1": "0"}.get(number, number) for number in found[1].split())
+        return f"split_feature={split}"
+
+    (lone_folder / "te.txt").write_text(re.sub(r"split_feature=(.*)", exchanged, text))
+    (model,) = diff(old, make(lone_folder, tmp_path / "b"), rows=500).models
+    assert model.text_changed
+    assert "features" in [change.what for change in model.facts]
+    assert [(output.largest, output.moved) for output in model.outputs] == [(0.0, 0.0)]
+    assert "at which no input is missing; a larger change may lie elsewhere" in tried_text([model])
 
 
 def test_sizes_models_and_files_before_and_after(lone_folder, lightgbm_text, tmp_path):

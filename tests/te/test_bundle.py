@@ -55,7 +55,9 @@ def test_equal_ends_are_the_one_value_that_a_model_knows(bundle_folder):
     path.write_text(bad(path.read_text(encoding="utf-8"), "min = 25.0", "min = 35.0"), encoding="utf-8")
     oil = load(bundle_folder).models[0].ir.features[2]
     assert (oil.lower, oil.upper) == (35.0, 35.0)
-    assert feature_text(oil).startswith("temperature_C, degC, limited to 35.0 only, training data reach 25.0")
+    assert feature_text(oil).startswith(
+        "temperature_C, degC, limited to 35.0 only, training data said to reach from 25.0"
+    )
 
 
 def test_a_header_says_where_the_training_data_of_the_models_end_inside_of_the_range(bundle_folder):
@@ -65,9 +67,10 @@ def test_a_header_says_where_the_training_data_of_the_models_end_inside_of_the_r
     path = bundle_folder / "bundle.toml"
     path.write_text(bad(path.read_text(encoding="utf-8"), "max = 1800.0", "max = 2500.0"), encoding="utf-8")
     speed, *_ = load(bundle_folder).purpose.te.features
-    assert feature_text(speed) == "speed_rpm, rpm, limited to 100.0 .. 2500.0, training data reach 200.0 .. 1600.0"
+    limited = "speed_rpm, rpm, limited to 100.0 .. 2500.0"
+    assert feature_text(speed) == f"{limited}, training data said to reach from 200.0 to 1600.0 at least"
     wide = dataclasses.replace(speed, seen=(100.0, 2500.0))
-    assert feature_text(wide) == "speed_rpm, rpm, limited to 100.0 .. 2500.0"
+    assert feature_text(wide) == limited
 
 
 def test_models_with_the_same_names_in_another_order_are_reordered(bundle_folder):

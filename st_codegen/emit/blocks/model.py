@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -149,7 +150,7 @@ def model_outputs(model: ModelIR) -> tuple[BlockVariable, ...]:
 
 def _in_range_text(model: ModelIR) -> str:
     if any(feature.flagged is not None for feature in model.features):
-        return "all inputs lie in their ranges"
+        return "where bValid: no input lies outside of its range"
     return "no input had to be limited to its declared range"
 
 
@@ -171,7 +172,8 @@ def finished_block(
         if variable.name.lower() in own:
             raise InputError(f"the output {variable.name} has the name of a variable of the block: rename it")
     clash = own | {variable.name.lower() for variable in outputs}
-    inputs = tuple(_renamed(variable) if variable.name.lower() in clash else variable for variable in inputs)
+    inputs = tuple(renamed(variable) if variable.name.lower() in clash else variable for variable in inputs)
+    _check_different(inputs)
     return Block(
         name=block_name(model.name),
         header=header,
@@ -200,11 +202,21 @@ def input_variables(features: tuple[Feature, ...]) -> tuple[BlockVariable, ...]:
                 f"feature '{feature.name}': its input would be called {name}, as that of another feature: rename one"
             )
         variable = BlockVariable(name, "LREAL", comment=feature_text(feature))
-        variables[name.lower()] = _renamed(variable) if is_foreign(name) else variable
+        variables[name.lower()] = renamed(variable) if is_foreign(name) else variable
+    _check_different(variables.values())
     return tuple(variables.values())
 
 
-def _renamed(variable: BlockVariable) -> BlockVariable:
+def _check_different(inputs: Collection[BlockVariable]) -> None:
+    """Raise InputError where an input that got another name has that of an input beside it."""
+    names = Counter(variable.name.lower() for variable in inputs)
+    for variable in inputs:
+        if names[variable.name.lower()] > 1:
+            raise InputError(f"two inputs would be called {variable.name}: rename their features, or give them names")
+
+
+def renamed(variable: BlockVariable) -> BlockVariable:
+    """The input by the name that it has where its own is taken, by a variable of its block or by a compiler."""
     return BlockVariable(
         f"fInput_{variable.name[1:]}", variable.type, variable.length, variable.initial, variable.comment
     )
@@ -225,7 +237,8 @@ def feature_text(feature: Feature) -> str:
         or feature.seen[0] > feature.lower
         or feature.seen[1] < feature.upper
     ):
-        text += f", training data reach {_range_text(feature.seen)}"
+        low, high = map(real, feature.seen)
+        text += f", training data said to reach from {low} to {high} at least"
     return text
 
 
@@ -272,7 +285,8 @@ def model_header(model: ModelIR, *closing: str, remarks: Iterable[str] = ()) -> 
     if model.classes is not None:
         lines.extend(class_lines(model.classes))
     exact = "Equals the library bit for bit." if model.signs_zeros else "Equals the library, but perhaps for -0."
-    exact = exact if model.exact else "Equals the library within the bound that verify states."
+    open_ = "" if model.classes is None else ", but for classes that it leaves open"
+    exact = exact if model.exact else f"Equals the library within the bound that verify states{open_}."
     lines.extend(closing or (exact,))
     return header_lines(lines)
 
@@ -304,7 +318,8 @@ def check_inputs(
         listing.local("abMissing", "BOOL", len(inputs) + replaced)
     largest = float(np.finfo(np.float64).max)  # the range of a feature that declares none
     lower = upper = limit = flag_lower = flag_upper = None
-    flagged = [feature.flagged or (-largest, largest) for feature in model.features]
+    # that of a feature that is limited is its own: so both checks of it say the same, and prove can see that
+    flagged = [feature.checked or (-largest, largest) for feature in model.features]
     if any(feature.flagged is not None for feature in model.features):
         flag_lower = listing.table("FLAG_LOWER", "LREAL", [low for low, _ in flagged])
         flag_upper = listing.table("FLAG_UPPER", "LREAL", [high for _, high in flagged])

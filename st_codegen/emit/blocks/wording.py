@@ -19,7 +19,7 @@ _MEANINGS = {
     "aFactor": "one exponential for each value of a column",
     "aWork": "sums over the columns so far",
     "bBackward": "direction of rotation",
-    "bInside": "no input had to be limited",
+    "bInside": "no input was found outside of its range",
     "bLeft": "the split goes left",
     "bUsable": "nothing has gone wrong so far",
     "fCosine": "A * cos(phi), deg",

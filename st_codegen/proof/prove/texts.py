@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from st_codegen.emit.blocks.model import input_variables
+from st_codegen.emit.blocks.model import input_variables, renamed
 from st_codegen.ir import ModelIR
 from st_codegen.proof.prove.axis import NotProvedError
 from st_codegen.proof.runner import GeneratedCode
@@ -134,7 +134,9 @@ def check_interface(model: ModelIR, project: Project, block: str, outputs: tuple
 
 
 def _wrong_names(model: ModelIR, unit: t.Pou, outputs: tuple[int, ...]) -> Iterator[tuple[str, str]]:
-    for variable, wanted in zip(unit.section(t.Section.INPUT), input_variables(model.features), strict=True):
+    taken = {variable.key for variable in unit.variables if variable.section is not t.Section.INPUT}
+    for variable, own in zip(unit.section(t.Section.INPUT), input_variables(model.features), strict=True):
+        wanted = renamed(own) if own.name.upper() in taken else own
         if variable.key != wanted.name.upper() or str(variable.type) != "LREAL":
             yield f"{variable.name} : {variable.type}", f"{wanted.name} : LREAL"
     numbers = [variable for variable in unit.section(t.Section.OUTPUT) if str(variable.type) != "BOOL"]

@@ -36,7 +36,7 @@ SUMS, CELLS, TAIL = "sums of trees, tree by tree", "all cells", "the model's exp
 _BESIDE_A_THRESHOLD = (
     "the text is the model's expression, operation by operation; its trees compare numbers that are computed with "
     "rounding, so that the library may take another leaf where such a number lies beside a threshold: the sum of the "
-    "trees then differs {size} (verify says within what width of the threshold)"
+    "trees then differs {size} (verify says what width that was on its rows)"
 )
 
 #: Boxes in which more rows than one are looked at for a difference, and how many in each.

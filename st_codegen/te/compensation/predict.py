@@ -31,7 +31,7 @@ def predict_block(te: TransmissionError) -> Block:
         outputs=_outputs(te),
         variables=(
             boolean("bUsable", "nothing has gone wrong so far"),
-            boolean("bInside", "no input had to be limited"),
+            boolean("bInside", "no input was found outside of its range"),
             *_spread_variables(te),
             *instances.values(),
             lreal("fAmplitude", "A, deg"),

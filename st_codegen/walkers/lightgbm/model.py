@@ -180,9 +180,11 @@ def _loaded(
 
 
 def _seen(info: str) -> tuple[float, float] | None:
-    """What the training data reached by a word of feature_infos: [lowest:highest] for numbers that were used.
+    """What a word of feature_infos says that the training data reach: [lowest:highest] for numbers that were used.
 
     Of the rows that LightGBM drew to make its bins (`bin_construct_sample_cnt`, 200,000): others may reach further.
+    Magnitudes below 1e-35 stand as 0 there, and with use_missing=false missing numbers too; with `reference=`, the
+    range is that of the other data set (`BinMapper::FindBin`).
     """
     low, _, high = info.strip("[]").partition(":")
     try:

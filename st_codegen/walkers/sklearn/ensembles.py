@@ -189,6 +189,8 @@ def walk_ada_boost_regressor(estimator: Any, builder: GraphBuilder, value: int) 
     found = [walk_estimator(part, builder, value) for part in parts]
     if len(weights) != len(parts) or any(builder.width(one) != 1 for one in found):
         raise fitted.fail("estimator_weights_", "not one weight an estimator of one output")
+    if len(found) == 1:  # training ends early where an estimator makes no mistake, or too large ones
+        return found[0]
     return builder.add(WeightedMedian((builder.beside(*found),), weights))
 
 

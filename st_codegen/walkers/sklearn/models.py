@@ -165,6 +165,8 @@ def walk_mlp(estimator: Any, builder: GraphBuilder, value: int) -> Walked:
     if fitted.kind != "MLPClassifier":
         return value
     labels, count = labels_of(fitted), builder.width(value)
+    if len(labels) < 2:
+        raise UnsupportedModelError("MLPClassifier with one class")
     if count != (len(labels) if len(labels) > 2 else 1) or (count > 1) != (fitted.get("out_activation_") == "softmax"):
         raise UnsupportedModelError(f"MLPClassifier with {count} outputs for {len(labels)} labels: train one for each")
     if count > 1:

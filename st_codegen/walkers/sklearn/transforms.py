@@ -202,7 +202,15 @@ def _powered(builder: GraphBuilder, logarithm: int, powers: FloatArray) -> int:
     return builder.select(columns, shared, logarithm)
 
 
-@transforms("KMeans MiniBatchKMeans BisectingKMeans", finite=True)
+@transforms(
+    "KMeans MiniBatchKMeans BisectingKMeans",
+    trusts=(
+        "sklearn.cluster._bisect_k_means._BisectingTree",
+        "sklearn.cluster._kmeans._kmeans_single_elkan",
+        "sklearn.cluster._kmeans._kmeans_single_lloyd",
+    ),
+    finite=True,
+)
 def walk_centre_distances(estimator: Any, builder: GraphBuilder, value: int) -> int:
     """The distance to each centre (`metrics/pairwise.py: euclidean_distances`)."""
     centres = Fitted(estimator).floats("cluster_centers_", (None, builder.width(value)))

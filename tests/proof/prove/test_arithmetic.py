@@ -72,6 +72,15 @@ def test_each_operation_is_the_expression_that_its_model_demands(name, tmp_path)
     assert (proof.operations > 0) == (name not in CONSTANT)
 
 
+def test_ranges_of_which_some_flag_and_some_limit_are_followed(tmp_path):
+    model = SMALL_MODELS["linear"]
+    first, second, *others = model.features
+    ranged = (dataclasses.replace(first, flagged=(-1.0, 1.0)), dataclasses.replace(second, lower=3.0, upper=4.0))
+    model = limit_inputs(dataclasses.replace(model, features=(*ranged, *others)))
+    code, outputs = generated(model, "iec", tmp_path), tuple(range(len(model.outputs)))
+    assert prove_arithmetic(model, code.project, "FB_M", outputs).operations > 0
+
+
 def test_a_range_that_only_flags_is_followed(tmp_path):
     """It was said that bInRange is not what the declared ranges demand, and it is."""
     model = SMALL_MODELS["linear"]
