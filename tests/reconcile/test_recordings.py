@@ -9,7 +9,7 @@ from st_codegen.errors import InputError
 from st_codegen.reconcile.data.recordings import ANGLES, is_recording, observations, read_recordings
 from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge.lines import lines_in_samples, stand_out, waves_of_angle
-from st_codegen.reconcile.judge.links import _judged
+from st_codegen.reconcile.judge.links import _judged, _noise
 from st_codegen.reconcile.report.sentences import left_text
 from st_codegen.reconcile.run import reconcile_files, reconcile_recordings
 from st_codegen.rig.effects import catalogue
@@ -168,3 +168,12 @@ def test_what_a_link_saves_counts_in_noises(left, claimed):
     if claimed:
         assert link.claim.evidence.loss_saved == pytest.approx(50 * 16.0)
     assert (link.before, link.after, link.floor) == pytest.approx((2.0 / 81, (left if claimed else 2.0) / 81, 0.5 / 81))
+
+
+def test_the_noise_of_a_link_is_what_its_digits_are_rounded_by():
+    """An axis that stood most of the time left nothing: its noise was 1e-9 deg, and the rounding "unexplained"."""
+    moves = np.where(np.arange(4000) % 1000 < 400, np.arange(4000) * 0.37, 0.0)
+    rounded = np.round(moves + 0.1 * np.sin(moves), 5) - (moves + 0.1 * np.sin(moves))
+    still = np.where(np.arange(4000) % 1000 < 400, rounded, 0.0)
+    assert _noise([still]) == pytest.approx(1e-5 / np.sqrt(12), rel=0.3)
+    assert _noise([np.zeros(100)]) == 1e-9

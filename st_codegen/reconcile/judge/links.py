@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from st_codegen.ir.arrays import FloatArray
+from st_codegen.reconcile.data.noise import MEDIAN_1
 from st_codegen.reconcile.data.recordings import Recording
 from st_codegen.reconcile.fit.parameters import Piece
 from st_codegen.reconcile.judge.conclusions import Claim, Retuned
@@ -128,9 +129,13 @@ def _least(loss: Callable[[float], float], start: float) -> float:
 
 
 def _noise(parts: Sequence[FloatArray]) -> float:
-    """Standard deviation of white noise, from third differences."""
-    smooth = np.concatenate([np.diff(part, n=3) / np.sqrt(20.0) for part in parts])
-    return float(max(np.median(np.abs(smooth)) / 0.67449, 1e-9))
+    """Standard deviation of white noise, from third differences.
+
+    Those that are nothing are of an axis that stands: what the digits of a file are rounded by shows where it moves.
+    """
+    smooth = np.abs(np.concatenate([np.diff(part, n=3) / np.sqrt(20.0) for part in parts]))
+    apart = smooth[smooth > SETTINGS.least_noise_deg]
+    return float(np.median(apart) / MEDIAN_1) if apart.size else SETTINGS.least_noise_deg
 
 
 def _rms(parts: Sequence[FloatArray]) -> float:
