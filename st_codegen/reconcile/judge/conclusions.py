@@ -201,6 +201,9 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
     changed |= {i: one.p for i, one in left.items()}
     final, stand, offset_changed = without_misfits(final, changed, offset_changed)
     changed = {i: p for i, p in changed.items() if i in stand}
+    for i in standing:
+        # with the rest of the rig held, a shape may be none that the data need
+        final = inside_bounds(final, i) or final
     outside = [i for i in standing if bounds_met(final.state.pieces[i]) or not is_a_peak(final.state.pieces[i])]
     if outside:
         # what holds the rest of the rig put it there: then it was a part of the rest

@@ -43,7 +43,8 @@ def bounds_met(piece: Piece) -> list[Coordinate]:
 def inside_bounds(fitted: Fit, number: int) -> Fit | None:
     """The fit with piece `number` inside its bounds, or None where the data insist on a bound: that is no finding.
 
-    A shape that the data do not tell is put to a start of its own and held there.
+    A shape that the data do not tell, or that matters little beside the whole effect, is put to a start of its own and
+    held there.
     """
     piece = fitted.state.pieces[number]
     met = bounds_met(piece)
@@ -60,7 +61,11 @@ def inside_bounds(fitted: Fit, number: int) -> Fit | None:
         inside = Piece(piece.effect.with_values(held), free, piece.added, piece.origin)
         trials.append(fit(fitted.target, fitted.state.replaced(number, inside), steps=SETTINGS.quick_steps))
     best = min(trials, key=lambda trial: trial.loss)
-    return best if best.loss - fitted.loss < SETTINGS.as_good else None
+    costs = best.loss - fitted.loss
+    if costs < SETTINGS.as_good:
+        return best
+    without = fit(fitted.target, fitted.state.without(number), steps=SETTINGS.quick_steps) if piece.added else fitted
+    return best if costs < SETTINGS.expense * (without.loss - fitted.loss) else None
 
 
 def _inner(scalar: Scalar, c: Coordinate) -> list[float | None]:
