@@ -29,7 +29,7 @@ def ranking_section(result: Reconciliation) -> PageSection | None:
         for candidate, evidence, became in ranked
     ]
     columns = ["effect", "order", "what became of it", "size over noise", "kept when resampled", "left-out runs"]
-    text = "docs/reconcile.md says which tests there are. An effect may have been tried several times."
+    text = "docs/reconcile_rules.md says which tests there are. An effect may have been tried several times."
     return PageSection("What was tried", text, PageTable(columns, rows))
 
 
