@@ -65,7 +65,7 @@ def inside_bounds(fitted: Fit, number: int) -> Fit | None:
     if costs < SETTINGS.as_good:
         return best
     without = fit(fitted.target, fitted.state.without(number), steps=SETTINGS.quick_steps) if piece.added else fitted
-    return best if costs < SETTINGS.expense * (without.loss - fitted.loss) else None
+    return best if costs < SETTINGS.misfit_in_curves * (without.loss - fitted.loss) else None
 
 
 def _inner(scalar: Scalar, c: Coordinate) -> list[float | None]:
