@@ -15,6 +15,7 @@ from st_codegen.reconcile.data.hum import without_hums
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
 from st_codegen.reconcile.judge.each_run import _most_gain, ramps
 from st_codegen.reconcile.judge.measurement import examine
+from st_codegen.reconcile.judge.votes import PowerSums
 from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import read_rig
 
@@ -581,3 +582,11 @@ def test_the_zero_of_the_angle_is_told_between_the_steps_of_its_grid(angle):
     model = RIG.coefficients(right.at, ORDERS.tolist())
     off = np.angle((right.values * model.conj()).sum(axis=0)[1:]) / ORDERS[1:]
     assert np.abs(np.degrees(np.median(off))) < 2e-3
+
+
+@pytest.mark.parametrize(("gap", "runs", "falls"), [(1.5, 1, True), (0.9, 1, False), (0.9, 100, True)])
+def test_orders_with_a_gap_above_the_noise_vote_and_others_are_asked_together(gap, runs, falls):
+    """A gap is above the noise from the least power that a mean of runs tells on, which is 1 here as the noise is."""
+    one = np.ones((2, 5))
+    sums = PowerSums(np.arange(5), one, 0 * one, 0j * one, one, one, np.full((2, 1), runs))
+    assert sums.gap_falls(one + gap, one) is falls
