@@ -2,6 +2,7 @@
 
 import csv
 from dataclasses import astuple, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from click.testing import CliRunner
 from st_codegen.campaign.harmonic_table import HarmonicTable, write_table
 from st_codegen.cli.main import cli
 from st_codegen.reconcile.plan.next_runs import NextRuns, is_known, next_runs
+from st_codegen.reconcile.plan import rivals
 from st_codegen.reconcile.plan.points import _peak_speeds
 from st_codegen.reconcile.run import reconcile_observations
 from st_codegen.reconcile.settings import SETTINGS
@@ -87,6 +89,29 @@ def test_two_explanations_are_told_apart(coarse):
     # in a twentieth of the noise the part of the play that is still open at 100 N m tells them apart by itself
     [claim] = found(BACKLASH, at).conclusions.claims
     assert claim.piece.effect.name == "backlash" and not claim.alternatives
+
+
+def test_refused_effects_that_gain_most_on_open_orders_are_rivals_each_once(monkeypatch):
+    def piece(name, order):
+        return SimpleNamespace(effect=SimpleNamespace(name=name, orders=(order,), touched_orders=lambda: (order,)))
+
+    refused = [
+        (SimpleNamespace(piece=piece(name, order), number=None, put_into=lambda _: None), SimpleNamespace(loss_saved=gain))
+        for name, order, gain in (
+            ("fourth", 3, 1.0), ("third", 3, 2.0), ("second", 3, 4.0), ("first", 3, 8.0), ("first", 3, 7.0),
+            ("there", 3, 9.0), ("elsewhere", 5, 9.0),
+        )
+    ]  # fmt: skip
+    model = SimpleNamespace(state=SimpleNamespace(model=lambda: RIG))
+    monkeypatch.setattr(rivals, "fit", lambda *_, **__: model)
+    final = SimpleNamespace(state=SimpleNamespace(pieces=(piece("there", 3),)), target=None)
+    result = SimpleNamespace(
+        judged=refused,
+        unexplained=[SimpleNamespace(order=3)],
+        conclusions=SimpleNamespace(final=final, claims=(), retuned=()),
+    )
+    found = [rival.other for rival in rivals.other_models(result)]
+    assert found == [f"{name} (refused so far)" for name in ("first", "second", "third")]
 
 
 def test_what_is_unexplained_draws_runs_to_where_it_is_large(coarse):
