@@ -328,6 +328,15 @@ def test_a_small_share_is_told_by_the_gap_of_its_own_orders():
     assert share_text(replace(finding, share=0.05), first=True) == "it explains 5 % of the gap"
 
 
+def test_a_share_counts_the_power_of_a_mean_and_half_the_square_of_a_wave(monkeypatch):
+    gap, own = np.array([[1.0, 2.0j]]), {"mean": [[1.0, 0.0]], "wave": [[0.0, 2.0j]], "too much": [[3.0, 6.0j]]}
+    monkeypatch.setattr(conclusions, "explained", lambda _, piece: np.array(own[piece]))
+    data = SimpleNamespace(orders=np.array([0, 39]))
+    final = SimpleNamespace(target=SimpleNamespace(data=data, good=np.ones(1, bool), residual=lambda _: gap))
+    shares = [conclusions._share(RIG, final, piece) for piece in own]
+    assert shares == pytest.approx([1 / 3, 2 / 3, 1.0])
+
+
 def with_added(data, *effects):
     """A fit of the rig without its first effect to data, with effects added."""
     rig = RigModel(effects=RIG.effects[1:])
