@@ -188,7 +188,9 @@ def test_ulps():
     assert list(ulps_between(np.array([1.0, -0.5]), np.array([1.0 + 2.0**-23, -0.5 - 2.0**-23]))) == [1, 2]
 
 
-@pytest.mark.parametrize(("cuts", "expected"), [([5.0], (0.0, 10.0)), ([0.25], (-0.75, 1.25)), ([2.0, 4.0], (1.8, 4.2))])
+@pytest.mark.parametrize(
+    ("cuts", "expected"), [([5.0], (0.0, 10.0)), ([0.25], (-0.75, 1.25)), ([2.0, 4.0], (1.8, 4.2))]
+)
 def test_a_model_is_tried_on_both_sides_of_its_numbers_of_a_single_one_too(cuts, expected):
     steps = (Exceeds((0,), np.array([cut]), inclusive=False) for cut in cuts)
     assert np.ravel(operating_range(model(*steps, features=1))) == pytest.approx(expected)

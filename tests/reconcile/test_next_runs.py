@@ -10,8 +10,8 @@ from click.testing import CliRunner
 
 from st_codegen.campaign.harmonic_table import HarmonicTable, write_table
 from st_codegen.cli.main import cli
-from st_codegen.reconcile.plan.next_runs import NextRuns, is_known, next_runs
 from st_codegen.reconcile.plan import rivals
+from st_codegen.reconcile.plan.next_runs import NextRuns, is_known, next_runs
 from st_codegen.reconcile.plan.points import _peak_speeds
 from st_codegen.reconcile.run import reconcile_observations
 from st_codegen.reconcile.settings import SETTINGS
@@ -95,8 +95,11 @@ def test_refused_effects_that_gain_most_on_open_orders_are_rivals_each_once(monk
     def piece(name, order):
         return SimpleNamespace(effect=SimpleNamespace(name=name, orders=(order,), touched_orders=lambda: (order,)))
 
+    def candidate(name, order):
+        return SimpleNamespace(piece=piece(name, order), number=None, put_into=lambda _: None)
+
     refused = [
-        (SimpleNamespace(piece=piece(name, order), number=None, put_into=lambda _: None), SimpleNamespace(loss_saved=gain))
+        (candidate(name, order), SimpleNamespace(loss_saved=gain))
         for name, order, gain in (
             ("fourth", 3, 1.0), ("third", 3, 2.0), ("second", 3, 4.0), ("first", 3, 8.0), ("first", 3, 7.0),
             ("there", 3, 9.0), ("elsewhere", 5, 9.0),
