@@ -13,6 +13,7 @@ from st_codegen.cli.main import cli
 from st_codegen.reconcile.plan import rivals
 from st_codegen.reconcile.plan.next_runs import NextRuns, is_known, next_runs
 from st_codegen.reconcile.plan.points import _peak_speeds
+from st_codegen.reconcile.plan.questions import unexplained
 from st_codegen.reconcile.run import reconcile_observations
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.campaign import read_conditions
@@ -115,6 +116,20 @@ def test_refused_effects_that_gain_most_on_open_orders_are_rivals_each_once(monk
     )
     found = [rival.other for rival in rivals.other_models(result)]
     assert found == [f"{name} (refused so far)" for name in ("first", "second", "third")]
+
+
+@pytest.mark.parametrize(("order", "parts"), [(0, 1), (1, 2)])
+def test_what_is_unexplained_counts_by_its_power_over_the_noise(order, parts):
+    """The noise of a mean has one part, that of a wave two."""
+    data = observed(RIG, grid(3, 3, 1))
+    sigma, good = np.full(data.values.shape, 1e-5), np.ones(len(data), bool)
+    target = SimpleNamespace(data=data, sigma=sigma, good=good)
+    final = SimpleNamespace(target=target, residual=np.full(data.values.shape, 4e-5))
+    conclusions = SimpleNamespace(final=final)
+    signature = SimpleNamespace(order=order, dependence={})
+    result = SimpleNamespace(conclusions=conclusions, verdict="unexplained", unexplained=[signature])
+    (*_, question) = unexplained(result, SimpleNamespace(data=data))  # of few runs the gaps stand in front
+    assert question.weight == pytest.approx((4.0**2 - parts) / parts)
 
 
 def test_what_is_unexplained_draws_runs_to_where_it_is_large(coarse):
