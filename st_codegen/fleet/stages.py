@@ -210,8 +210,8 @@ class _Stages:
         return {"models": copy_models(shared, part, self.folder / PLACES[TRAIN]), "shared": found}
 
     def _compile(self) -> dict[str, Any]:
-        # layouts are chosen afresh: the text depends on nothing that stood here before
-        made = generate(self._bundle, self.options.target, self.folder / PLACES[COMPILE], force=True, relayout=True)
+        # what stood here was removed: layouts are chosen afresh
+        made = generate(self._bundle, self.options.target, self.folder / PLACES[COMPILE])
         return {"files": len(made.files), "bytes": sum(made.files.values())}
 
     def _check(self) -> dict[str, Any]:

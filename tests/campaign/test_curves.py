@@ -1,5 +1,6 @@
 """Curve files: every layout that is met, and a reason and a line for each that is not usable."""
 
+import contextlib
 import pickle
 
 import numpy as np
@@ -128,6 +129,15 @@ def test_a_bad_file_has_a_line_and_a_reason(tmp_path, text, fault):
     # the worker processes hand it back whole
     again = pickle.loads(pickle.dumps(error.value))
     assert (again.path, again.line, again.reason) == (path, error.value.line, error.value.reason)
+
+
+@pytest.mark.parametrize(("step_deg", "is_whole"), [(3.5, True), (3.49, False)])
+def test_a_curve_needs_350_deg_of_a_turn(step_deg, is_whole, tmp_path):
+    lines = [f"{step_deg * n},0.001" for n in range(101)]
+    (tmp_path / "run.csv").write_text("\n".join(["Poisition_Output_Reducer_Fw,Transmission_Error_Fw", *lines]))
+    refused = contextlib.nullcontext() if is_whole else pytest.raises(BadFileError, match="covers 349 deg of 360")
+    with refused:
+        assert len(read_run(tmp_path / "run.csv", CONDITIONS).curves[Direction.FORWARD].te_deg) == 101
 
 
 def test_not_text(tmp_path):

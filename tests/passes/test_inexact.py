@@ -94,7 +94,10 @@ def test_inputs_without_a_logarithm_are_refused_and_those_in_a_narrower_range_ne
     open_end = without_inexact_steps(behind(LOG1P))
     assert open_end.accepted[0][0] == np.nextafter(-1.0, 0.0)
     before = dataclasses.replace(behind(LOG1P), features=(Feature("x", lower=0.0, upper=9.0),))
-    assert without_inexact_steps(before).accepted == ()
+    inside = without_inexact_steps(before)
+    assert (inside.accepted, [type(op) for op in inside.ops]) == ((), [TreeEnsemble])
+    nowhere = dataclasses.replace(behind(LOG1P), features=(Feature("x", lower=-9.0, upper=-2.0),))
+    assert Activation in map(type, without_inexact_steps(nowhere).ops)
 
 
 def test_trees_that_only_read_inputs_are_left_alone():

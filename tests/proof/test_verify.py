@@ -8,10 +8,11 @@ import pytest
 from st_codegen.driver import generate
 from st_codegen.emit.targets import TARGETS
 from st_codegen.errors import GeneratedCodeError
-from st_codegen.ir import Comparison, Operator, Scale, reference
+from st_codegen.ir import Comparison, Exceeds, Operator, Scale, reference
 from st_codegen.passes.choose import Layout
 from st_codegen.passes.domain import limit_inputs
 from st_codegen.project.bundle import Bundle, load
+from st_codegen.proof.probes import operating_range
 from st_codegen.proof.verify import ulps_between, verify
 from st_codegen.walkers.base import LoadedModel
 from tests.models import model, random_trees
@@ -185,6 +186,14 @@ def test_ulps():
     other = np.array([np.nextafter(1.0, 2.0), -0.0, 5e-324, -5e-324, -1.0, -1e308])
     assert list(ulps_between(one, other)) == [1, 0, 1, 2, 0, 2**62]
     assert list(ulps_between(np.array([1.0, -0.5]), np.array([1.0 + 2.0**-23, -0.5 - 2.0**-23]))) == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("cuts", "expected"), [([5.0], (0.0, 10.0)), ([0.25], (-0.75, 1.25)), ([2.0, 4.0], (1.8, 4.2))]
+)
+def test_a_model_is_tried_on_both_sides_of_its_numbers_of_a_single_one_too(cuts, expected):
+    steps = (Exceeds((0,), np.array([cut]), inclusive=False) for cut in cuts)
+    assert np.ravel(operating_range(model(*steps, features=1))) == pytest.approx(expected)
 
 
 def test_a_proof_takes_the_place_of_rows_for_every_threshold(tmp_path, monkeypatch):

@@ -14,6 +14,7 @@ from st_codegen.reconcile.fit.target import FitData, groups_of
 from st_codegen.reconcile.judge import conclusions
 from st_codegen.reconcile.judge.candidates import Search, variants
 from st_codegen.reconcile.judge.conclusions import _by_order_alone, conclude, settled
+from st_codegen.reconcile.judge.in_time import _alike
 from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, spread
 from st_codegen.reconcile.judge.plausible import bounds_met, is_its_own, is_no_form_error, lack_of_forms, law_holds
 from st_codegen.reconcile.judge.retuned import changes, with_piece_held
@@ -326,6 +327,29 @@ def test_a_small_share_is_told_by_the_gap_of_its_own_orders():
     finding = Finding("", RIG.effects[0], None, (), (), "", "", 0.002, (3e-3, 4e-4))
     assert share_text(finding, first=True) == "the gap of its orders falls from 0.003 to 0.0004 deg"
     assert share_text(replace(finding, share=0.05), first=True) == "it explains 5 % of the gap"
+
+
+def test_orders_that_do_not_reach_a_frequency_in_the_measured_speeds_are_said():
+    at = grid(5, 3, 2)  # up to 1800 rpm, of 81 to 1: 0.37 turns a second
+    joint = SimpleNamespace(target=SimpleNamespace(data=SimpleNamespace(at=at)))
+    values = {"frequency_Hz": 50.0, "damping_ratio": 0.02, "amplitude_deg": [1e-3, 1e-3]}
+    resonance = piece_of(effect("structural_resonance", orders=[78, 240], **values), added=True)
+    remarks = conclusions._extrapolates(joint, resonance)
+    assert "orders 78 do not reach the frequency in the measured speeds" in remarks
+
+
+def test_runs_that_follow_each_other_are_as_alike_whatever_their_size():
+    series = np.array([[2.0], [2.0], [-2.0], [-2.0]])  # products 4, -4, 4 over a power of 16
+    assert _alike([series]) == _alike([series, 1e3 * series]) == pytest.approx(0.25)
+
+
+def test_a_share_counts_the_power_of_a_mean_and_half_the_square_of_a_wave(monkeypatch):
+    gap, own = np.array([[1.0, 2.0j]]), {"mean": [[1.0, 0.0]], "wave": [[0.0, 2.0j]], "too much": [[3.0, 6.0j]]}
+    monkeypatch.setattr(conclusions, "explained", lambda _, piece: np.array(own[piece]))
+    data = SimpleNamespace(orders=np.array([0, 39]))
+    final = SimpleNamespace(target=SimpleNamespace(data=data, good=np.ones(1, bool), residual=lambda _: gap))
+    shares = [conclusions._share(RIG, final, piece) for piece in own]
+    assert shares == pytest.approx([1 / 3, 2 / 3, 1.0])
 
 
 def with_added(data, *effects):

@@ -197,6 +197,15 @@ def test_a_linear_column_is_what_a_small_step_changes():
     assert column[:, 0] == pytest.approx(expected[:, 0], rel=1e-6)
 
 
+def test_what_measuring_turns_is_all_that_the_rig_makes_sidebands_too():
+    rig = RigModel(effects=(*RIG.effects, effect("carrier_modulation", order=39, upper_ratio=0.5)))
+    at = grid(3, 3, 1)
+    delayed = RigModel(effects=(*rig.effects, effect("measurement_delay", delay_us=250.0)))
+    propagation = Propagation(delayed, observed(delayed, at))
+    expected = rig.coefficients(at, propagation.orders.tolist())
+    assert propagation.before_measuring == pytest.approx(expected, rel=1e-12)
+
+
 def test_chance_counts_one_number_of_a_mean_and_two_of_a_wave():
     """Of five runs: ten numbers of order 1 beside one coordinate, five of the mean."""
     losses = {"before": 13.0, "after": 3.0}

@@ -145,6 +145,13 @@ def test_what_data_cannot_show_is_listed():
     assert "torque never varied" not in said
 
 
+def test_steps_in_time_can_be_seen_where_the_order_of_the_runs_is_known():
+    at = grid([500.0])
+    data = Observations(at, labels(at), np.array([0]), np.zeros((len(at), 1), complex))
+    for known, is_said in ((replace(data, run=np.arange(len(at))), False), (data, True)):
+        assert any("the order in which the runs were made" in text for text in cannot_show(known)) is is_said
+
+
 @pytest.mark.parametrize(("torques", "is_said"), [((0.0, 900.0), False), ((300.0, 900.0), True), ((900.0,), False)])
 def test_backlash_is_not_told_from_friction_where_torques_vary_and_none_is_small(torques, is_said):
     axes = np.meshgrid([300.0, 900.0], torques, [25.0, 35.0], [1.0, -1.0])

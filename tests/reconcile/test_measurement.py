@@ -2,6 +2,7 @@
 
 import contextlib
 import itertools
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +16,9 @@ from st_codegen.reconcile.data.hum import without_hums
 from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
 from st_codegen.reconcile.judge.each_run import _most_gain, ramps
 from st_codegen.reconcile.judge.measurement import examine
+from st_codegen.reconcile.judge.mistakes import _block
+from st_codegen.reconcile.judge.sensors import hidden_wrong_angle
+from st_codegen.reconcile.judge.votes import PowerSums, noise_power, told_power
 from st_codegen.rig.effects import Conditions, catalogue
 from st_codegen.rig.model import read_rig
 
@@ -373,6 +377,16 @@ def test_where_noise_hides_a_misread_angle_that_is_said():
         assert "an angle that is read wrong by up to" in said
 
 
+def test_the_sidebands_of_a_misread_angle_are_half_the_order_times_the_angle_of_its_wave():
+    wave = KNOWN["pin_error"]({"order": 40, "amplitude_deg": 1e-3}, RIG.constants)
+    data = measured()
+    data = replace(data, orders=np.array([40]), values=data.values[:, :1], spectral_deg=np.full((2 * RUNS, 1), 1e-3))
+    least = np.sqrt(2.0 * told_power(noise_power(data)[:RUNS])[0])
+    (said,) = hidden_wrong_angle(data, RIG.with_effects([wave]))
+    degrees = float(re.search(r"by up to (\S+) deg once a turn", said)[1])
+    assert degrees == pytest.approx(np.degrees(least / (1e-3 * 40 / 2)), rel=0.05)  # two digits are said
+
+
 def test_wrong_labels_are_left_out_and_named():
     data, random = measured(), np.random.default_rng(4)
     chosen = random.choice(RUNS, 17, replace=False)
@@ -395,6 +409,12 @@ def test_a_block_of_runs_with_a_factor_is_left_out():
     factor[50:90] = 0.5
     examined = examine(replace(data, values=data.values * np.tile(factor, 2)[:, None]), RIG, PATH)
     assert {row % RUNS for row in examined.left_out} == set(range(50, 90))
+    # runs that have others among them, half as many as they are, are a block still
+    for last, is_block in ((109, True), (110, False)):
+        factor = np.where(np.isin(np.arange(RUNS), [*range(50, 89), last]), 0.5, 1.0)
+        known = RIG.coefficients(data.at, ORDERS.tolist())
+        found = _block(data, known * np.tile(factor, 2)[:, None], known, np.full(known.shape, 1e12))
+        assert bool(found) is is_block
     assert "block of 40 runs is 0.5 times" in examined.mistakes[0].text
 
 
@@ -581,3 +601,11 @@ def test_the_zero_of_the_angle_is_told_between_the_steps_of_its_grid(angle):
     model = RIG.coefficients(right.at, ORDERS.tolist())
     off = np.angle((right.values * model.conj()).sum(axis=0)[1:]) / ORDERS[1:]
     assert np.abs(np.degrees(np.median(off))) < 2e-3
+
+
+@pytest.mark.parametrize(("gap", "runs", "falls"), [(1.5, 1, True), (0.9, 1, False), (0.9, 100, True)])
+def test_orders_with_a_gap_above_the_noise_vote_and_others_are_asked_together(gap, runs, falls):
+    """A gap is above the noise from the least power that a mean of runs tells on, which is 1 here as the noise is."""
+    one = np.ones((2, 5))
+    sums = PowerSums(np.arange(5), one, 0 * one, 0j * one, one, one, np.full((2, 1), runs))
+    assert sums.gap_falls(one + gap, one) is falls

@@ -2,6 +2,7 @@
 
 import csv
 from dataclasses import astuple, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,8 +10,10 @@ from click.testing import CliRunner
 
 from st_codegen.campaign.harmonic_table import HarmonicTable, write_table
 from st_codegen.cli.main import cli
+from st_codegen.reconcile.plan import rivals
 from st_codegen.reconcile.plan.next_runs import NextRuns, is_known, next_runs
 from st_codegen.reconcile.plan.points import _peak_speeds
+from st_codegen.reconcile.plan.questions import unexplained
 from st_codegen.reconcile.run import reconcile_observations
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.campaign import read_conditions
@@ -87,6 +90,46 @@ def test_two_explanations_are_told_apart(coarse):
     # in a twentieth of the noise the part of the play that is still open at 100 N m tells them apart by itself
     [claim] = found(BACKLASH, at).conclusions.claims
     assert claim.piece.effect.name == "backlash" and not claim.alternatives
+
+
+def test_refused_effects_that_gain_most_on_open_orders_are_rivals_each_once(monkeypatch):
+    def piece(name, order):
+        return SimpleNamespace(effect=SimpleNamespace(name=name, orders=(order,), touched_orders=lambda: (order,)))
+
+    def candidate(name, order):
+        return SimpleNamespace(piece=piece(name, order), number=None, put_into=lambda _: None)
+
+    refused = [
+        (candidate(name, order), SimpleNamespace(loss_saved=gain))
+        for name, order, gain in (
+            ("fourth", 3, 1.0), ("third", 3, 2.0), ("second", 3, 4.0), ("first", 3, 8.0), ("first", 3, 7.0),
+            ("there", 3, 9.0), ("elsewhere", 5, 9.0),
+        )
+    ]  # fmt: skip
+    model = SimpleNamespace(state=SimpleNamespace(model=lambda: RIG))
+    monkeypatch.setattr(rivals, "fit", lambda *_, **__: model)
+    final = SimpleNamespace(state=SimpleNamespace(pieces=(piece("there", 3),)), target=None)
+    result = SimpleNamespace(
+        judged=refused,
+        unexplained=[SimpleNamespace(order=3)],
+        conclusions=SimpleNamespace(final=final, claims=(), retuned=()),
+    )
+    found = [rival.other for rival in rivals.other_models(result)]
+    assert found == [f"{name} (refused so far)" for name in ("first", "second", "third")]
+
+
+@pytest.mark.parametrize(("order", "parts"), [(0, 1), (1, 2)])
+def test_what_is_unexplained_counts_by_its_power_over_the_noise(order, parts):
+    """The noise of a mean has one part, that of a wave two."""
+    data = observed(RIG, grid(3, 3, 1))
+    sigma, good = np.full(data.values.shape, 1e-5), np.ones(len(data), bool)
+    target = SimpleNamespace(data=data, sigma=sigma, good=good)
+    final = SimpleNamespace(target=target, residual=np.full(data.values.shape, 4e-5))
+    conclusions = SimpleNamespace(final=final)
+    signature = SimpleNamespace(order=order, dependence={})
+    result = SimpleNamespace(conclusions=conclusions, verdict="unexplained", unexplained=[signature])
+    (*_, question) = unexplained(result, SimpleNamespace(data=data))  # of few runs the gaps stand in front
+    assert question.weight == pytest.approx((4.0**2 - parts) / parts)
 
 
 def test_what_is_unexplained_draws_runs_to_where_it_is_large(coarse):

@@ -1,9 +1,12 @@
 """What happens at one angle of every turn stands in all orders alike: it is named, and bends nothing else."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from st_codegen.reconcile.data.reading import _alone, _of_a_place
+from st_codegen.reconcile.judge.surroundings import angle_of_rest
 from st_codegen.reconcile.report.sentences import beside_text
 from st_codegen.reconcile.report.summary import summary
 from st_codegen.reconcile.run import reconcile_files
@@ -171,6 +174,17 @@ def test_where_in_the_turn_unexplained_orders_stand_together_is_said(tmp_path):
     result = reconciled(tmp_path, "of no form")
     assert not named(result) and len(result.unexplained) > 30
     assert "at one angle of the output: 20" in summary(result).replace("\n", " ")
+
+
+@pytest.mark.parametrize(("half", "reach"), [(2.0, 2.0), (3.0, 4.0), (6.0, 8.0), (12.0, 16.0), (24.0, None)])
+def test_where_orders_stand_together_reaches_no_farther_than_it_has_to(half, reach):
+    """Of a step up and down again, so many deg before and behind 20 deg, three quarters of the power lie within."""
+    orders = np.arange(1, 400)
+    wave = np.sin(orders * np.radians(half)) / orders * np.exp(-1j * orders * np.radians(20.0))
+    data = SimpleNamespace(orders=orders, angle_rad=None, at=SimpleNamespace(sign=np.ones(3)))
+    found = angle_of_rest(SimpleNamespace(data=data, good=np.ones(3, bool)), np.tile(wave, (3, 1)), orders.tolist())
+    assert (found and found[1]) == reach
+    assert found is None or abs(found[0] - 20.0) <= reach
 
 
 def test_noise_alone_has_no_shared_orders(tmp_path):

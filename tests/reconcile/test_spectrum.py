@@ -54,6 +54,9 @@ def test_kinematic_names(tmp_path):
     assert [entry["order"] for entry in report["unexplained"]] == [47]
     gap = report["gap"]["fitted"]
     assert gap["before"] > gap["after"] > gap["noise_floor"] > 0
+    # of a wave the RMS is its size by the root of 2; the floor is made 2e-5 within a tenth, and stands in all orders
+    assert gap["noise_floor"] == pytest.approx(2e-5 * np.sqrt(len(found.spectrum.orders) / 2), rel=0.1)
+    assert gap["after"] ** 2 - gap["noise_floor"] ** 2 == pytest.approx(1.5e-4**2 / 2)
 
 
 def test_nothing_missing(tmp_path):

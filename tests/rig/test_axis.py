@@ -247,7 +247,20 @@ def test_every_parameter_names_a_source_and_holds_its_own_bounds():
             if not dataclasses.is_dataclass(value):
                 assert field.metadata["source"]
                 assert field.metadata["low"] <= value <= field.metadata["high"], field.name
-                assert field.metadata["low"] <= value <= field.metadata["high"]
+
+
+def test_an_axis_may_be_without_friction_and_load():
+    problems = Problems("rig.toml")
+    without = {
+        "motor": {"viscous_Nms_per_rad": 0.0, "coulomb_Nm": 0.0},
+        "coupling": {"damping_Nms_per_rad": 0.0, "backlash_arcmin": 0.0},
+        "reducer": {"coulomb_Nm": 0.0, "viscous_Nms_per_rad": 0.0, "load_friction": 0.0},
+        "load": {"inertia_kgm2": 0.0, "torque_ripple_Nm": 0.0},
+    }
+    axis = read_axis(TomlTable(without, "[axis]", problems))
+    problems.raise_if_any()
+    for group, values in without.items():
+        assert {key: getattr(getattr(axis, group), key) for key in values} == values
 
 
 def test_a_rig_made_by_hand_is_checked_as_one_from_a_file():

@@ -189,6 +189,12 @@ def test_the_mean_does_not_jump_while_the_load_turns_over(linear_rig):
     assert np.abs(np.diff(mean[:, 0])).max() < 0.1 * 2 * 200 / 454 / 60
 
 
+def test_the_axis_stands_until_its_motion_begins(linear_rig):
+    planned = plan(linear_rig, turn())
+    assert planned.first > 0
+    assert not planned.speed_rpm[: planned.first].any() and planned.speed_rpm[planned.first :].any()
+
+
 def test_oil_that_drifts_and_its_slow_sensor(linear_rig):
     warm = with_oil(linear_rig, 28.0, 6.0)
     planned = plan(warm, turn())

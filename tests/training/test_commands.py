@@ -15,8 +15,11 @@ from st_codegen.emit.blocks.model import input_variables
 from st_codegen.emit.targets import TARGETS
 from st_codegen.project.bundle import load
 from st_codegen.st import Machine, load_project
+from st_codegen.training import paper
 from st_codegen.training.export import FEATURES
+from st_codegen.training.study import study
 from st_codegen.training.tables import COLUMNS
+from st_codegen.training.targets import Coordinates
 from tests import browser
 from tests.training.conftest import ORDERS, a_table, write_campaign
 
@@ -174,7 +177,14 @@ def test_tables_without_the_measured_data(tmp_path, capsys):
     assert "make tables DATA=FOLDER" in message
 
 
-def test_tables_of_made_up_data(tmp_path):
+def test_tables_of_made_up_data(tmp_path, monkeypatch):
+    searched = []
+
+    def watched(train, test, settings, *rest, **more):
+        searched.append((settings.turned, settings.kinds))
+        return study(train, test, settings, *rest, **more)
+
+    monkeypatch.setattr(paper, "study", watched)
     table = a_table(noise=1e-6)
     write_table(table, tmp_path / TABLE)
     test = table.rows(np.arange(0, len(table), 5))
@@ -199,3 +209,5 @@ def test_tables_of_made_up_data(tmp_path):
     assert "Table 6" in (tmp_path / "o" / "tables.md").read_text()
     html = (tmp_path / "o" / "tables.html").read_text()
     assert html.count("<svg") == len(ORDERS)
+    # the authors learned amplitudes, and phases as they were measured
+    assert searched == [(True, tuple(Coordinates)), (False, (Coordinates.POLAR,))]

@@ -238,6 +238,8 @@ def test_an_open_number_of_columns_is_stated(tmp_path):
         set_features(11)
         with pytest.raises(InputError, match="takes a multiple of 2"):
             build.load(model, tmp_path)
+        # of one input with a fixed shape it is known already
+        assert len(build.load(one("Conv", (None, 2, 6), [kernel(1, 2, 3)]), tmp_path).ir.features) == 12
     finally:
         set_features(None)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import onnx
 import pytest
-from onnx import helper
+from onnx import AttributeProto, helper
 
 from st_codegen.errors import UnsupportedModelError
 from st_codegen.ir import FLOAT32_OVERFLOW, Activation, Linear, Normalize, Precision, Round, Scale, Select, reference
@@ -271,6 +271,15 @@ def test_svm_regressor(tmp_path, kernel):
         loaded = build.load(model, tmp_path)
         assert loaded.ir.ops[-1].precision is Precision.FLOAT32
         assert_within_bound(loaded, rng.normal(size=(200, 3)))
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_parameters_of_a_kernel_that_are_not_given_are_zero(tmp_path, kernel):
+    vectors = {"n_supports": 2, "support_vectors": [1.0, 2.0, 3.0, 2.0, 1.0, 0.0], "coefficients": [0.5, 1.0]}
+    model = ml("SVMRegressor", 3, kernel_type=kernel, rho=[0.25], **vectors)
+    (node,) = model.graph.node
+    node.attribute.append(helper.make_attribute("kernel_params", [], attr_type=AttributeProto.FLOATS))
+    assert_within_bound(build.load(model, tmp_path), rows(3))
 
 
 def test_svm_regressor_without_support_vectors_is_linear(tmp_path):

@@ -66,6 +66,8 @@ def test_operators_that_move_numbers(tmp_path):
     assert moved(tmp_path, [make("Gather", ["X", "picks"], ["Y"], axis=1)], [picks]) == [5.0, 0.0, 5.0]
     one = constant("one", 4, np.int64)
     assert moved(tmp_path, [make("Gather", ["X", "one"], ["Y"], axis=-1)], [one]) == [4.0]
+    ends = [constant("from", [1], np.int64), constant("to", [4], np.int64), constant("along", [1], np.int64)]
+    assert moved(tmp_path, [make("Slice", ["X", "from", "to", "along"], ["Y"])], ends) == [1.0, 2.0, 3.0]
     picks = constant("picks", [[5, 1]], np.int64)
     extractor = make("ArrayFeatureExtractor", ["X", "picks"], ["Y"], domain="ai.onnx.ml")
     assert moved(tmp_path, [extractor], [picks]) == [5.0, 1.0]
@@ -217,6 +219,10 @@ def test_several_outputs_are_laid_end_to_end(tmp_path):
     assert loaded.ir.outputs == ("out1", "out2", "out3", "out4", "out5", "out6")
     assert assert_equal_bits(loaded, [[1.5, -2.0]]).tolist() == [[-1.5, 2.0, 1.5, -2.0, 1.5, 0.0]]
     assert "outputs in order: second, X2, first" in loaded.ir.source.notes
+    two = build.load(graph_model(nodes, [info("X", (None, 2))], outputs[:2]), tmp_path)
+    assert "outputs in order: second, X2" in two.ir.source.notes
+    one = build.load(graph_model(nodes, [info("X", (None, 2))], outputs[:1]), tmp_path)
+    assert not any("outputs in order" in note for note in one.ir.source.notes)
 
 
 def test_output_of_two_rows_for_one_is_read_as_columns(tmp_path):

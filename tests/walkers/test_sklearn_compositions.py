@@ -11,6 +11,7 @@ from sklearn import cluster, covariance, ensemble, mixture, multiclass, multiout
 from sklearn.calibration import CalibratedClassifierCV
 from sklearn.linear_model import LinearRegression, LogisticRegression, Perceptron, RidgeClassifier
 from sklearn.naive_bayes import GaussianNB
+from sklearn.neighbors import KNeighborsClassifier
 from sklearn.svm import SVC, LinearSVC
 from sklearn.tree import DecisionTreeClassifier, DecisionTreeRegressor
 
@@ -43,6 +44,11 @@ EXACT = {
     ),
     "bag of trees": (ensemble.BaggingClassifier(tree(4), 5, max_features=2, random_state=0, n_jobs=2), WORDS),
     "bag of small samples": (ensemble.BaggingClassifier(tree(4), 5, max_samples=6, random_state=3), THREE - 1),
+    # neighbours have no weights, so that the first of them sees two of the labels alone
+    "bag of few labels": (
+        ensemble.BaggingClassifier(KNeighborsClassifier(1), 3, max_samples=6, random_state=3),
+        THREE - 1,
+    ),
     "boosted": (ensemble.AdaBoostClassifier(tree(1), n_estimators=6, random_state=0), TWO),
     "boosted, three": (ensemble.AdaBoostClassifier(tree(2), n_estimators=5, random_state=0), WORDS),
     "rest of trees": (multiclass.OneVsRestClassifier(tree(3)), WORDS),

@@ -211,7 +211,7 @@ def _convolved(
             weights=kernel[part].reshape(own, -1).astype(np.float64),
             bias=np.zeros(own) if bias is None else bias[part].astype(np.float64),
             starts=at[:, 0] + group * depth * size,
-            offsets=np.ravel(np.arange(depth)[:, None] * size + at[0] - at[0, 0]),
+            offsets=np.ravel(np.arange(depth)[:, None] * size + at[0]),
             precision=image.precision,
         )
         made = walk.computed(walk.builder.add(op), (len(at), own), image.dtype, special=False)
@@ -265,7 +265,7 @@ def _average_pool(call: NodeCall) -> Operand:
     check_size([channels, len(at)])
     starts = np.ravel(np.arange(channels)[:, None] * padded.shape[1] * padded.shape[2] + at[:, 0])
     ones = np.ones((1, at.shape[1]))
-    op = SlidingLinear((walk.settle(padded),), ones, np.zeros(1), starts, at[0] - at[0, 0], image.precision)
+    op = SlidingLinear((walk.settle(padded),), ones, np.zeros(1), starts, at[0], image.precision)
     return _divided(walk, walk.builder.add(op), np.tile(counts, channels), image, (1, channels, *window.places))
 
 

@@ -396,6 +396,15 @@ def test_a_condition_narrows_what_it_compares_in_its_branch_only():
         terms.real("div", 1.0, terms.real("sub", x, 5.0))
 
 
+@pytest.mark.parametrize(("side", "expected"), [("GE", (0.25, 2.0)), ("LE", (-2.0, -0.25))])
+def test_a_divisor_is_as_far_from_zero_as_is_known_where_zero_ends_its_interval(side, expected):
+    terms = Terms()
+    x = terms.leaf("x", "real", (-4.0, 4.0, False))
+    apart, on_a_side = terms.compare("GT", terms.real("abs", x), 0.5), terms.compare(side, x, 0.0)
+    with terms.assuming(apart), terms.assuming(on_a_side):
+        assert terms.interval(terms.real("div", 1.0, x))[:2] == pytest.approx(expected)
+
+
 def test_comparing_what_may_be_nan_is_not_proved():
     terms = Terms()
     x = terms.leaf("x", "real")

@@ -12,6 +12,7 @@ from st_codegen.driver import generate
 from st_codegen.ir import TreeEnsemble
 from st_codegen.passes.choose import Layout, Options
 from st_codegen.project.bundle import Bundle, load
+from st_codegen.proof.prove.axis import InputAxis, to_keys
 from st_codegen.proof.prove.prove import Verdict, prove
 from st_codegen.proof.prove.tree_proof import SUMS, TAIL
 
@@ -98,3 +99,10 @@ def test_the_command_proves_and_writes_the_same_certificate_twice(tmp_path, caps
         table = capsys.readouterr().err
         assert "proved" in table and "[" not in table
     assert contents[0] == contents[1]
+
+
+def test_the_numbers_that_a_model_takes_fill_lanes_of_their_own():
+    first, last = to_keys(np.array([-2.0, 3.0])).tolist()
+    axis = InputAxis(0, first, last)
+    assert {-2.0, np.nextafter(3.0, np.inf)} <= set(axis.low)
+    assert {np.nextafter(-2.0, -np.inf), 3.0} <= set(axis.high)

@@ -8,6 +8,7 @@ import pytest
 
 from st_codegen.errors import InputError
 from st_codegen.reconcile.joint.findings import joint_report
+from st_codegen.reconcile.joint.mode import JointResponse, find_mode
 from st_codegen.reconcile.joint.parts import KINDS
 from st_codegen.reconcile.joint.reading import joint_files, read_joints
 from st_codegen.reconcile.joint.rows import JointRows
@@ -200,6 +201,21 @@ def test_a_spring_between_motor_and_load(tmp_path):
     # shaken alike, a stiff joint shows none
     (stiff,) = report(simulate(replace(joint, spring_Hz=0.0), Measured(seed=4, shake=3.0, seconds=20.0)), tmp_path)
     assert "elasticity" not in named(stiff)
+
+
+def test_of_the_places_where_a_mode_is_sought_the_best_one_counts():
+    resonance_Hz = 60.0
+    random, s = np.random.default_rng(0), 2j * np.pi * np.linspace(2.0, 100.0, 50)
+    above, below = 2 * np.pi * resonance_Hz, 2 * np.pi * resonance_Hz / 1.4
+    inertia = 0.01 * (1 + (s**2 + 0.1 * above * s) / above**2) / (1 + (s**2 + 0.1 * below * s) / below**2)
+    error = 0.01 * np.abs(inertia)
+    whole, *halves = (
+        inertia + size * error * (random.standard_normal(50) + 1j * random.standard_normal(50))
+        for size in (1.0, 2**0.5, 2**0.5)
+    )
+    found = find_mode(JointResponse(s.imag / (2 * np.pi), whole, error, tuple(halves), 2**0.5 * error))
+    assert abs(found.resonance_Hz - resonance_Hz) < 4 * found.resonance_error
+    assert found.damping == pytest.approx(0.05, abs=4 * found.damping_error)
 
 
 def test_one_speed_does_not_tell_dry_from_viscous(tmp_path):
