@@ -484,7 +484,7 @@ def _extrapolates(joint: Fit, piece: Piece) -> tuple[str, ...]:
     at = joint.target.data.at
     fixed = {scalar.key for scalar in piece.effect.scalars if scalar.form is Form.FIXED}
     remarks += [
-        f"{key} is not told by the data: {value:g} is a guess"
+        f"{key} is held at {value:g}: the data do not tell it, or put it at its bound"
         for key, value in piece.effect.values.items()
         if key not in piece.free | fixed | {"order", "orders"}
     ]
