@@ -75,6 +75,8 @@ def command(
     from st_codegen.project.bundle import load
     from st_codegen.proof.predict import read_table, write_table
 
+    if result.exists() and result.samefile(source):
+        raise click.BadParameter(f"{result} is the table of inputs; give another file.", param_hint="'--output'")
     table = read_table(source)
     with progress_bar("loading", quiet=quiet) as progress:
         bundle = load(models, trust_pickle=trust_pickle, outputs=outputs, progress=progress, real=False, **names)

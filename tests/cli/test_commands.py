@@ -107,6 +107,13 @@ def test_predict_writes_full_precision(lone_folder, tmp_path, engine):
     assert float(lines[1]) == float(f"{float(lines[1]):.17g}")
 
 
+def test_predict_does_not_write_over_its_inputs(lone_folder, tmp_path, capsys):
+    table = tmp_path / "x.csv"
+    table.write_text("torque_Nm,speed_rpm,temperature_C\n300,500,27\n")
+    assert run("predict", lone_folder, "--input", table, "--output", tmp_path / "." / "x.csv") == 2
+    assert "is the table of inputs" in capsys.readouterr().err and table.read_text().endswith("300,500,27\n")
+
+
 def test_diff_exits_with_1_on_a_difference(lone_folder, tmp_path, capsys):
     run(lone_folder, "--out", tmp_path / "a", "-q")
     run(lone_folder, "--out", tmp_path / "b", "-q")
