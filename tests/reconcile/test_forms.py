@@ -20,6 +20,7 @@ from st_codegen.reconcile.fit.fitting import fit
 from st_codegen.reconcile.fit.parameters import piece_of
 from st_codegen.reconcile.fit.state import State
 from st_codegen.reconcile.fit.target import FitData, groups_of
+from st_codegen.reconcile.judge.discrepancy import covariance, left_power
 from st_codegen.reconcile.judge.plausible import with_its_orders
 from st_codegen.reconcile.judge.unexplained import beside_the_rigs
 from st_codegen.reconcile.judge.unseen import cannot_show
@@ -307,3 +308,19 @@ def test_an_order_that_a_resonance_does_nothing_for_is_none_of_its_own():
     target, piece = FitData(data, noise.sigma, noise.good, groups_of(at)), piece_of(mode, added=True)
     found = with_its_orders(fit(target, State(RIG.with_effects([]), 0.0, (piece,))), 0).state.pieces[0].effect
     assert found.orders == (78, 80) and found.scalar("frequency_Hz") == pytest.approx(27.0, rel=1e-3)
+
+
+def test_a_discrepancy_makes_errors_as_large_as_what_is_left():
+    """A constant wave fitted to one that saturates with the load: its error is that of the form, not of the noise."""
+    at, orders = grid(np.arange(100, 1801, 100.0), 7), [0, 120]
+    random = np.random.default_rng(0)
+    values = SIGMA * (random.standard_normal((len(at), 2)) + 1j * random.standard_normal((len(at), 2)))
+    values[:, 1] += 5e-4 * np.tanh(at.torque_Nm / 400)
+    data = Observations(at, labels(at), np.array(orders), values)
+    noise = estimate(data, values)
+    wave = effect("pin_error", order=120, amplitude_deg=4e-4, phase_rad=0.0)
+    state = State(RIG.with_effects([]), 0.0, (piece_of(wave, added=True),))
+    found = fit(FitData(data, noise.sigma, noise.good, groups_of(at)), state)
+    left = np.sqrt(left_power(found)[1])
+    errors = np.sqrt(np.diag(covariance(found))[1:])
+    assert left > 3 * SIGMA and errors.max() > 0.3 * left
