@@ -16,10 +16,11 @@ EXCHANGES = ("start", "end")
 TASK_FORMS = ("one", "two", "split")
 FAMILIES = ("SVM", "MLP", "RF", "DT", "ET", "ERT", "GBM", "HGBM", "LGBM", "XGBM", "ELM")
 MODEL_FORMS = ("native", "skops", "onnx")
-#: Mistakes of measuring that `reconcile --accept` corrects.
+#: Mistakes of measuring that `reconcile --accept` corrects, and the word for none of them.
 MISTAKES = (
     "sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "low_pass", "smoothing",
     "filter", "block", "labels", "conditions", "taken_off", "copied",
 )  # fmt: skip
+AS_IS = "as_is"
 #: Where `reconcile --update-models` puts models and code.
 UPDATED_MODELS, UPDATED_CODE = "models", "plc"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from st_codegen.errors import Problems
+from st_codegen.errors import InputError, Problems
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.data.noise import Noise, estimate
 from st_codegen.reconcile.data.observations import Observations, rms_deg
@@ -32,8 +32,9 @@ from st_codegen.reconcile.judge.faint import faint
 from st_codegen.reconcile.judge.held_out import between_states, held_out_rms
 from st_codegen.reconcile.judge.lines import lines_in_samples
 from st_codegen.reconcile.judge.links import coupling_link, servo_link, with_unmeasured_links
-from st_codegen.reconcile.judge.measurement import Examined, examine
-from st_codegen.reconcile.judge.mistakes import Mistake
+from st_codegen.reconcile.judge.measurement import AS_IS, Examined, examine
+from st_codegen.reconcile.judge.misread import Misread
+from st_codegen.reconcile.judge.mistakes import Mistake, mistaken_runs
 from st_codegen.reconcile.judge.plausible import lack_of_forms
 from st_codegen.reconcile.judge.selection import search, with_noise_of
 from st_codegen.reconcile.judge.structure import (
@@ -167,7 +168,59 @@ def reconcile_files(
     with problems.collect():
         examined = examine(data, rig, measured, scale=scale, accept=accept)
     problems.raise_if_any()
-    return reconcile_observations(rig, examined.data, known, progress, examined)
+    return _reread(rig, examined, measured, known, accept, progress)
+
+
+def _reread(
+    rig: RigModel,
+    examined: Examined,
+    measured: Path,
+    known: Catalogue,
+    accept: Collection[str] = (),
+    progress: Progress | None = None,
+) -> Reconciliation:
+    """The result, of data that are read as `accept` says. Raises InputError where one number of the measurement would
+    do what several changes of the rig do, until it is accepted or the data are taken as they are.
+    """
+    for more in range(SETTINGS.rereadings, -1, -1):
+        result = reconcile_observations(rig, examined.data, known, progress, examined)
+        wrong = () if AS_IS in accept else result.conclusions.misread
+        asked = [one for one in wrong if len(one.instead_of) > 1]
+        taken = [one for one in wrong if one.reading.accept in accept] or (asked if "all" in accept else [])
+        if taken and more:
+            read = Mistake(taken[0].reading.accept, f"{taken[0].text} (corrected)")
+            again = examine(taken[0].meant(examined.data), rig, measured, scale=1.0, accept=accept)
+            kept = (mistake for mistake in examined.mistakes if not mistake.rows)
+            examined = replace(again, mistakes=(*kept, read, *again.mistakes), untold=examined.untold)
+        elif asked:
+            raise InputError(f"{measured}: {_question(asked[0], result.conclusions)}")
+        elif (cleared := _cleared(result, examined)) is None:
+            break
+        else:
+            examined = cleared
+    return result
+
+
+def _question(one: Misread, found: Conclusions) -> str:
+    """What is asked about a reading that stands for several changes of the rig."""
+    return (
+        f"it looks like {one.text}: that alone does what {len(one.instead_of)} changes of the rig would have to do "
+        f"({', '.join(found.changes_for(one))}); give --accept {one.reading.accept} to correct it, or "
+        f"--accept {AS_IS} to take the data as they are"
+    )
+
+
+def _cleared(result: Reconciliation, examined: Examined) -> Examined | None:
+    """What was examined, with all runs that have a wrong label for the old rig and none for the new one; None without
+    such runs.
+    """
+    of_runs = [mistake for mistake in examined.mistakes if mistake.rows]
+    again = mistaken_runs(examined.data, result.new_rig) if of_runs and result.new_rig is not result.rig else of_runs
+    rows = {row for mistake in again for row in mistake.rows}
+    if not set(examined.left_out) - rows:
+        return None
+    kept = (mistake for mistake in examined.mistakes if not mistake.rows)
+    return replace(examined, mistakes=(*kept, *again), left_out=tuple(sorted(rows)))
 
 
 def recordings_in(path: Path) -> list[Path]:

@@ -203,6 +203,9 @@ class Settings:
     form: float = 0.1
     #: an effect acts where its contribution is more than this part of its largest
     acts: float = 0.3
+    #: changes of the rig beside a reading that is tried in place of the others, and how often data are read anew
+    beside_reading: int = 2
+    rereadings: int = 3
     #: loss of a run by noise with heavy tails, which a robust estimate of the noise takes for one
     tails: float = 1.4
     #: loss by which another name may be worse and still be as good a name: 1 in 1000 by chance for one parameter

@@ -111,7 +111,7 @@ def test_options_offer_what_the_rooms_have():
     from st_codegen.emit.targets import TARGETS
     from st_codegen.ir import OutputKind
     from st_codegen.passes.choose import Layout, Options
-    from st_codegen.reconcile.judge.measurement import NAMES
+    from st_codegen.reconcile.judge.measurement import AS_IS, NAMES
     from st_codegen.reconcile.models.update import CODE, MODELS
     from st_codegen.rig.tasks import TaskForm
     from st_codegen.te.latency import Exchange
@@ -127,7 +127,7 @@ def test_options_offer_what_the_rooms_have():
     assert tuple(TaskForm) == choices.TASK_FORMS
     assert tuple(FAMILIES) == choices.FAMILIES
     assert choices.MODEL_FORMS == FORMATS
-    assert choices.MISTAKES == NAMES
+    assert (choices.MISTAKES, choices.AS_IS) == (NAMES, AS_IS)
     assert (choices.UPDATED_MODELS, choices.UPDATED_CODE) == (MODELS, CODE)
 
 

@@ -15,6 +15,7 @@ from st_codegen.reconcile.judge import discrepancy
 from st_codegen.reconcile.judge.candidates import STAGES, Candidate, Search
 from st_codegen.reconcile.judge.evidence import Evidence
 from st_codegen.reconcile.judge.held_out import unmeasured_states
+from st_codegen.reconcile.judge.misread import OFFSET, Misread, misread
 from st_codegen.reconcile.judge.peaks import bracket, chance_of_bracket, has_a_frequency, spread
 from st_codegen.reconcile.judge.plausible import (
     bounds_met,
@@ -83,25 +84,42 @@ class Retuned:
     p: float
     others: tuple[Other, ...] = ()
     is_open: bool = False
+    misread: tuple[str, ...] = ()
 
     @property
     def alternatives(self) -> tuple[str, ...]:
-        """Names of effects that explain the data as well as the change does.
+        """Names of effects, and of mistakes of measuring (misread), that explain the data as well as the change does.
 
         `something_else` is among them (is_open) where its orders stay unexplained: what is there may have moved it.
         """
-        return (*sorted({other.name for other in self.others}), *((SOMETHING_ELSE,) if self.is_open else ()))
+        named = sorted({other.name for other in self.others} | set(self.misread))
+        return (*named, *((SOMETHING_ELSE,) if self.is_open else ()))
 
 
 @dataclass(frozen=True)
 class Conclusions:
-    """What is claimed, and the fit behind it (all parameters free: `joint`; unchanged ones held: `final`)."""
+    """What is claimed, and the fit behind it (all parameters free: `joint`; unchanged ones held: `final`).
+
+    misread: what may be read wrong in place of changes of the rig.
+    """
 
     joint: Fit
     final: Fit
     claims: tuple[Claim, ...]
     retuned: tuple[Retuned, ...]
     offset_changed: bool
+    misread: tuple[Misread, ...] = ()
+
+    def changes_for(self, one: Misread) -> list[str]:
+        """Names of what need not have changed where something is read wrong, each once."""
+        pieces = self.final.state.pieces
+        names = sorted({pieces[i].effect.name for i in one.instead_of if i != OFFSET})
+        return [*names, *(["zero_offset_deg"] if OFFSET in one.instead_of else [])]
+
+    @property
+    def of_offset(self) -> tuple[str, ...]:
+        """Names of mistakes of measuring that would do in place of another zero offset."""
+        return tuple(sorted({one.reading.name for one in self.misread if OFFSET in one.instead_of}))
 
 
 @dataclass(frozen=True)
@@ -210,8 +228,15 @@ def conclude(rig: RigModel, joint: Fit, known: Catalogue) -> Conclusions:
         return conclude(rig, fit(joint.target, joint.state.without(outside[0])), known)
     claims = tuple(_claim(rig, joint, final, i, one, known) for i, one in standing.items())
     rivals = {i: _own_rivals(final, one) for i, one in left.items()}
-    retuned = tuple(_retuned(joint, final, i, p, known, rivals.get(i, ())) for i, p in changed.items())
-    return Conclusions(joint, final, claims, retuned, offset_changed)
+    wrong = misread(final, changed, offset_changed)
+    retuned = tuple(
+        replace(
+            _retuned(joint, final, i, p, known, rivals.get(i, ())),
+            misread=tuple(sorted({one.reading.name for one in wrong if i in one.instead_of})),
+        )
+        for i, p in changed.items()
+    )
+    return Conclusions(joint, final, claims, retuned, offset_changed, wrong)
 
 
 def _own_rivals(final: Fit, one: Needed) -> tuple[Other, ...]:

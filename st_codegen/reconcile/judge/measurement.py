@@ -41,6 +41,8 @@ NAMES = (
     "sign", "direction", "home_offset", "column_scale", "ratio", "drift", "axis", "torque", "low_pass", "smoothing",
     "filter", "block", "labels", "conditions", "taken_off", "copied",
 )  # fmt: skip
+#: what `--accept` takes where none of these is corrected
+AS_IS = "as_is"
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,8 @@ class Examined:
 def examine(
     data: Observations, rig: RigModel, path: Path, *, scale: float | None = None, accept: Collection[str] = ()
 ) -> Examined:
-    """Data without the mistakes that `accept` names. Raises one InputError that asks about all others.
+    """Data without the mistakes that `accept` names. Raises one InputError that asks about all others, but where data
+    are taken as they are (AS_IS).
 
     Wrong labels and a scaled block touch single runs: those are left out without being asked about.
     """
@@ -74,6 +77,9 @@ def examine(
     for look in (*of_forms, *of_sizes):
         is_unit = any(mistake.name == "unit" for mistake in found)
         for mistake in () if is_unit and look in of_sizes else look(data, rig):
+            if AS_IS in accept and mistake.name != "unit" and mistake.name not in accept:
+                found.append(replace(mistake, text=f"{mistake.text} (taken as it is)"))
+                continue
             if mistake.corrected is not None:
                 data = mistake.corrected(data)
             found.append(replace(mistake, text=f"{mistake.text} (corrected)"))

@@ -77,7 +77,7 @@ def findings(result: Reconciliation, ahead: NextRuns | None = None) -> list[Find
         old, new = result.rig.zero_offset_deg, result.new_rig.zero_offset_deg
         finding = Finding(
             "the mean is off by a constant, as when the encoders' common zero moves", None, None,
-            (f"zero_offset_deg {old:.4g} -> {new:.4g} deg",), (), "",
+            (f"zero_offset_deg {old:.4g} -> {new:.4g} deg",), found.of_offset, _in_place(found.of_offset),
             "set the zero anew, or take the new offset", None, None,
         )  # fmt: skip
         entries.append((finding, _moved(new)))
@@ -190,11 +190,16 @@ def _how_sure(claim: Claim) -> str:
     return "; ".join(parts)
 
 
+def _in_place(others: Sequence[str]) -> str:
+    """What is said of what would do in place of a change."""
+    return f"{', '.join(others)} in place of the change would do as well" if others else ""
+
+
 def _how_sure_of_change(entry: Retuned) -> str:
     """What else may have changed."""
     parts = ["it is in the rig already"]
-    if others := ", ".join(name for name in entry.alternatives if name != SOMETHING_ELSE):
-        parts.append(f"{others} in place of the change would do as well")
+    if others := _in_place([name for name in entry.alternatives if name != SOMETHING_ELSE]):
+        parts.append(others)
     if entry.is_open:
         parts.append("its orders stay unexplained: what is there may have moved its numbers")
     return "; ".join(parts)

@@ -62,11 +62,13 @@ def report(result: Reconciliation, update: Update | None = None, ahead: NextRuns
         "measurement": {
             "mistakes": [{"name": m.name, "text": m.text, "runs": [result.data.labels[row] for row in m.rows]}
                          for m in result.mistakes],
+            "in_place_of_changes": [one.text for one in result.conclusions.misread],
         },
         "zero_offset_deg": {
             "rig": result.rig.zero_offset_deg,
             "new": result.new_rig.zero_offset_deg,
             "changed": result.conclusions.offset_changed,
+            "alternatives": list(result.conclusions.of_offset),
         },
         "curves": len(result.data),
         "orders": result.data.orders.tolist(),

@@ -19,6 +19,7 @@ from st_codegen.reconcile.report.sentences import (
     between_text,
     floor_text,
     left_text,
+    misread_texts,
     taken_back_text,
     together_text,
     verdict_text,
@@ -104,6 +105,7 @@ def _findings(result: Reconciliation, found: Sequence[Finding]) -> PageSection:
             + (f" The name: {finding.name}." if finding.name else "")
             + f" Next: {finding.todo}."
         )
+    parts += [f"{_begun(text)}." for text in misread_texts(result)]
     if result.taken_back is not None:
         parts.append(taken_back_text(result.taken_back))
     intro = "By size. The share of each is of the power that the larger ones leave, noise included." if found else ""

@@ -110,6 +110,16 @@ _LEAST_SHARE = 0.01
 _MOST_LISTED = 4
 
 
+def misread_texts(result: Reconciliation) -> list[str]:
+    """What would do in place of changes of the rig, and what to do where it is so; one sentence for each."""
+    found = result.conclusions
+    return [
+        f"{one.text} would do in place of the change of {', '.join(found.changes_for(one))}: if it is so, "
+        f"--accept {one.reading.accept} corrects it"
+        for one in found.misread
+    ]
+
+
 def left_text(result: Reconciliation) -> str:
     """What makes most of a held-out gap that is well above the floor, and what is known of it; empty for others."""
     gap, own = result.held_out, result.orders

@@ -11,6 +11,7 @@ from st_codegen.reconcile.report.sentences import (
     between_text,
     floor_text,
     left_text,
+    misread_texts,
     suspects_text,
     taken_back_text,
     together_text,
@@ -29,6 +30,7 @@ def summary(result: Reconciliation) -> str:
     lines = [verdict_text(result)]
     lines += [f"- the measurement: {mistake.text}" for mistake in result.mistakes]
     lines += [f"- {finding_text(finding, first=number == 0)}" for number, finding in enumerate(findings(result))]
+    lines += [f"- {text}" for text in misread_texts(result)]
     if common := together_text(result):
         lines.append(f"- {common}")
     lines += [f"- unexplained: {signature.text}" for signature in result.unexplained[:8]]

@@ -1,0 +1,135 @@
+"""Conditions and angles that are read wrong, where noise or other effects hide it from the votes of the orders."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from st_codegen.errors import InputError
+from st_codegen.reconcile.data.observations import Observations, labels, order_of_runs
+from st_codegen.reconcile.judge.measurement import examine
+from st_codegen.reconcile.report.output import report
+from st_codegen.reconcile.report.summary import summary
+from st_codegen.reconcile.run import _reread
+from st_codegen.rig.effects import Conditions, catalogue
+from st_codegen.rig.model import read_rig
+
+KNOWN = catalogue()
+WHOLE = read_rig(Path(__file__).resolve().parents[2] / "examples" / "rv160n" / "rig.toml", KNOWN)
+PARTS = (
+    "torsional_compliance", "backlash", "friction_windup", "thermal_drift", "pin_error", "load_dependent_mesh",
+    "structural_resonance",
+)  # fmt: skip
+RIG = replace(WHOLE, effects=tuple(effect for effect in WHOLE.effects if effect.name in PARTS))
+ORDERS = np.array(RIG.orders())
+PATH = Path("measured")
+RUNS = 72
+
+
+def points():
+    random = np.random.default_rng(0)
+    levels = ([300.0, 600, 900, 1200, 1500, 1800], [0.0, 450, 900, 1350, 1800], [25.0, 30, 35])
+    drawn = [random.choice(values, RUNS) for values in levels]
+    return Conditions.of(np.repeat([1.0, -1.0], RUNS), *np.tile(drawn, 2))
+
+
+AT = points()
+
+
+def measured(sigma, *, at=AT, read=AT, rig=RIG):
+    """Curves made at some conditions and written down with others."""
+    random, values = np.random.default_rng(1), rig.coefficients(at, ORDERS.tolist())
+    noise = sigma * (random.standard_normal(values.shape) + 1j * random.standard_normal(values.shape))
+    values = values + np.where(ORDERS == 0, noise.real, noise)
+    spectral = np.full(values.shape, sigma)
+    return Observations(read, labels(read), ORDERS, values, run=order_of_runs(read), spectral_deg=spectral)
+
+
+def with_values(name, **values):
+    return replace(
+        RIG, effects=tuple(e.with_values({**e.values, **values}) if e.name == name else e for e in RIG.effects)
+    )
+
+
+def reconciled(data, *accept):
+    return _reread(RIG, examine(data, RIG, PATH, accept=accept), PATH, KNOWN, accept)
+
+
+def asked(data, *accept):
+    with pytest.raises(InputError) as error:
+        reconciled(data, *accept)
+    return str(error.value)
+
+
+def turned(data, degrees):
+    return replace(data, values=data.values * np.exp(-1j * np.radians(degrees) * ORDERS))
+
+
+def slipping(share):
+    return replace(AT, speed_rpm=AT.speed_rpm * (1 - share * AT.torque_Nm / AT.torque_Nm.max()))
+
+
+def test_one_number_of_the_measurement_in_place_of_several_changes_is_asked_about_and_corrected():
+    data = measured(2e-5, read=replace(AT, temperature_C=AT.temperature_C + 6))
+    text = asked(data)
+    assert "all temperatures 6 K too high" in text
+    assert "2 changes of the rig would have to do (friction_windup, zero_offset_deg)" in text
+    right = reconciled(data, "conditions")
+    assert right.verdict == "nothing_missing" and "corrected" in right.mistakes[0].text
+    assert np.allclose(right.data.at.temperature_C, AT.temperature_C, atol=0.1)
+    as_they_are = reconciled(data, "as_is")
+    assert as_they_are.conclusions.offset_changed and as_they_are.conclusions.retuned
+    assert report(as_they_are)["zero_offset_deg"]["alternatives"] == ["misread_temperature"]
+    assert "in place of the change of friction_windup, zero_offset_deg" in summary(as_they_are)
+
+
+def test_degrees_fahrenheit_are_told_beside_another_drift():
+    drift = with_values("thermal_drift", drift_arcmin_per_K=0.03)
+    data = measured(2e-4, rig=drift, read=replace(AT, temperature_C=AT.temperature_C * 1.8 + 32))
+    assert "all temperatures in degF" in asked(data)
+    right = reconciled(data, "conditions")
+    (one,) = right.conclusions.retuned
+    assert one.after.name == "thermal_drift" and not right.conclusions.offset_changed
+    assert abs(one.after.scalar("drift_arcmin_per_K") - 0.03) < 5e-4
+
+
+def test_a_small_turn_of_the_zero_is_no_turn_of_every_wave():
+    data = turned(measured(1e-5), 0.03)
+    assert "every angle 0.0" in asked(data) and "too high" in asked(data)
+    right = reconciled(data, "home_offset")
+    assert right.verdict == "nothing_missing" and not right.conclusions.retuned
+
+
+@pytest.mark.parametrize(
+    ("sigma", "read", "name", "said", "word"),
+    [
+        (1e-3, replace(AT, torque_Nm=AT.torque_Nm * 1.08), "torsional_compliance", "all torques", "torque"),
+        (2e-4, replace(AT, speed_rpm=AT.speed_rpm * 1.03), "structural_resonance", "all speeds", "conditions"),
+    ],
+)
+def test_what_would_do_in_place_of_one_change_is_an_alternative_to_it(sigma, read, name, said, word):
+    data = measured(sigma, read=read)
+    result = reconciled(data)
+    (one,) = result.conclusions.retuned
+    assert one.after.name == name and any("misread" in other for other in one.alternatives)
+    assert said in summary(result)
+    assert not reconciled(data, word).conclusions.retuned
+
+
+def test_speeds_that_fall_with_the_load_would_do_in_place_of_a_frequency_that_moves():
+    result = reconciled(measured(1e-4, at=slipping(0.03)))
+    (one,) = result.conclusions.retuned
+    assert one.after.name == "structural_resonance" and one.alternatives == ("misread_speed",)
+
+
+@pytest.mark.parametrize(
+    "rig",
+    [
+        with_values("torsional_compliance", stiffness_Nm_per_arcmin=400.0),
+        with_values("friction_windup", viscous_arcmin_per_krpm=0.03),
+    ],
+)
+def test_changes_that_no_reading_makes_have_none_beside_them(rig):
+    result = reconciled(measured(2e-5, rig=rig))
+    assert result.conclusions.retuned and not result.conclusions.misread
