@@ -116,7 +116,8 @@ class Reconciliation:
     @property
     def held_out_is_bound(self) -> bool:
         """Whether the held-out gap may be larger: few runs carry it, or at other speeds a hum meets other orders."""
-        return self.data.few_points or bool(self.data.hums) or self.carriers < SETTINGS.least_curves
+        few = self.data.few_points or self.carriers < SETTINGS.least_curves
+        return few or any(one.frequency_Hz for one in self.data.hums)
 
     @property
     def verdict(self) -> str:
@@ -354,7 +355,9 @@ def _result(
     before, after, good = target.residual(rig), final.residual, noise.good
     weight = np.where(data.orders == 0, 1.0, 0.5)
     hum = sum((one.by_order[data.orders] ** 2 for one in data.hums), np.zeros(len(data.orders)))
-    gap_power = float((weight * (np.abs(before[good]) ** 2).mean(axis=0)).sum() + hum.sum())
+    # what was taken out of the curves is in the gap, on orders that nobody looks at as well
+    elsewhere = max(0.0, sum(one.power for one in data.hums) - float(hum.sum()))
+    gap_power = float((weight * (np.abs(before[good]) ** 2).mean(axis=0)).sum() + hum.sum()) + elsewhere
     floor_rms, left = _unexplained(target, final, before, noise, gap_power)
     left = left or faint(replace(final, target=target), judged, gap_power)
     floor_power = weight * np.where(data.orders == 0, 1, 2) * floor_rms**2
@@ -369,11 +372,14 @@ def _result(
         if np.linalg.norm(held_out) < SETTINGS.clearly_larger * np.linalg.norm(unseen):
             held_out, first, unseen_curves = unseen, rms_deg(before[kept], data.orders), int(kept.sum())
             left_out = left_there
-    held_out = np.hypot(held_out, np.sqrt(hum))
 
-    def with_hum(values: ComplexArray, chosen: slice | list[int] = slice(None)) -> float:
+    def with_hum(values: ComplexArray, chosen: list[int]) -> float:
         """The RMS of the chosen orders with the hum that was taken out of the curves."""
         return math.hypot(rms_deg(values[good][:, chosen], data.orders[chosen]), math.sqrt(float(hum[chosen].sum())))
+
+    def whole(part: float) -> float:
+        """The RMS of the curves from what all orders have, with all that was taken out of the curves."""
+        return math.hypot(part, math.sqrt(float(hum.sum()) + elsewhere))
 
     orders = [one.order for one in left if one.order >= 0]
     per_order = tuple(
@@ -382,7 +388,7 @@ def _result(
             with_hum(before, [k]),
             with_hum(after, [k]),
             float(np.sqrt(floor_power[k])),
-            float(held_out[k]),
+            math.hypot(float(held_out[k]), math.sqrt(float(hum[k]))),
         )
         for k, order in enumerate(data.orders)
     )
@@ -395,8 +401,8 @@ def _result(
         conclusions=doubted(conclusions, orders, beside_the_rigs(orders, rig.orders())),
         judged=judged,
         unexplained=tuple(left),
-        fitted=Gap(with_hum(before), with_hum(after), floor),
-        held_out=Gap(math.hypot(first, math.sqrt(float(hum.sum()))), float(np.sqrt((held_out**2).sum())), floor),
+        fitted=Gap(whole(rms_deg(before[good], data.orders)), whole(rms_deg(after[good], data.orders)), floor),
+        held_out=Gap(whole(first), whole(float(np.linalg.norm(held_out))), floor),
         orders=per_order,
         mistakes=examined.mistakes,
         cannot_show=(
@@ -422,7 +428,7 @@ def _unexplained(
     kept = excused(data, after, noise, is_lacking(target, after))
     kept |= loud_and_foreign(target, after, final.state.rig.orders())
     left = signatures(target, after, gap_power, floor_rms, (before != after).any(axis=0), kept)
-    return floor_rms, [*map(partial(of_a_hum, gap_power=gap_power, orders=data.orders), data.hums), *left]
+    return floor_rms, [*map(partial(of_a_hum, gap_power=gap_power), data.hums), *left]
 
 
 def _alike(powers: FloatArray) -> float:

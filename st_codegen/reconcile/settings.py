@@ -170,6 +170,11 @@ class Settings:
     resamplings: int = 60
     stable: float = 0.9
 
+    # --- what the order of the runs tells ---
+    #: runs at which a trend may begin or end; how often a body that follows the oil comes near it in a campaign
+    bends: int = 24
+    lags_in_campaign: float = 5.0
+
     # --- what lies around ---
     #: power of one of many random waves over their mean: exponential, so that one in 8,000 is so large
     stands_out: float = 9.0

@@ -26,11 +26,12 @@ _FINEST = 200
 
 @dataclass(frozen=True)
 class Hum:
-    """A wave of one frequency in time that was taken out of curves.
+    """A wave of one frequency in time, or of no whole number of periods a turn, that was taken out of curves.
 
-    amplitude_deg: root mean square over the curves in which it was seen; curves: how many these are, and all; by_order:
-    (band + 1,) RMS over angle and all curves of what it had made of each order, deg; is_faint: too few curves show it
-    by themselves for it to be taken out of them.
+    frequency_Hz: 0 where it has a number of periods a turn, `order`, instead; amplitude_deg: root mean square over the
+    curves in which it was seen; curves: how many these are, and all; by_order: (band + 1,) RMS over angle and all
+    curves of what it had made of each order, deg; is_faint: too few curves show it by themselves for it to be taken out
+    of them.
     """
 
     frequency_Hz: float
@@ -38,6 +39,13 @@ class Hum:
     curves: tuple[int, int]
     by_order: FloatArray
     is_faint: bool = False
+    order: float = 0.0
+
+    @property
+    def power(self) -> float:
+        """What was taken out, as mean square over the angle and all curves, deg^2; 0 where it was not."""
+        seen, of = self.curves
+        return 0.0 if self.is_faint else self.amplitude_deg**2 * seen / of / 2
 
     def scaled(self, factor: float) -> Hum:
         """The same wave in another unit."""
@@ -47,6 +55,12 @@ class Hum:
     def text(self) -> str:
         """What is said of it."""
         seen, of = self.curves
+        if self.order:
+            return (
+                f"a wave of {self.order:.4g} periods a turn, {self.amplitude_deg:.2g} deg in {seen} of {of} curves: it "
+                "does not come back to where it began, as of a bearing, a belt or another shaft; it was taken out of "
+                "these curves"
+            )
         if self.is_faint:
             return (
                 f"at {self.frequency_Hz:.3g} Hz there is more than at others, {self.amplitude_deg:.2g} deg in "
@@ -95,6 +109,46 @@ def without_hums(
         made[1:] /= 2
         sizes = np.array([size for size, _, _ in fits if size])
         found.append(Hum(frequency, float(np.sqrt((sizes**2).mean())), (len(sizes), len(kept)), np.sqrt(made)))
+    return kept, tuple(found)
+
+
+def without_waves_between(sums: Sequence[Sums], known: Collection[int]) -> tuple[list[Sums], tuple[Hum, ...]]:
+    """Curves without waves of no whole number of periods a turn, about the same number in most curves.
+
+    Over a turn such a wave jumps, and leaks into all orders: what lies around would be called an effect of an angle.
+    known: orders of the rig.
+    """
+    kept, found = list(sums), list[Hum]()
+    band = min(one.band for one in kept)
+    free = np.ones(band + 1, bool)
+    free[[order for order in (*range(SETTINGS.wander_orders), *known) if order <= band]] = False
+    while len(found) < SETTINGS.most_hums:
+        lines = np.stack([one.plain_fft[: band + 1] for one in kept])
+        power = np.abs(lines) ** 2
+        noise = np.median(power, axis=1) / np.log(2.0)
+        usual = np.where(free, np.median(power / np.maximum(noise[:, None], 1e-300), axis=0), 0.0)
+        top = int(usual.argmax())
+        near = np.flatnonzero(free & (np.abs(np.arange(band + 1) - top) <= SETTINGS.orders_of_line))
+        if usual[top] < SETTINGS.loud_line or len(near) < SETTINGS.shared_orders:
+            break
+        told = []
+        for one, line, floor in zip(kept, lines, noise, strict=True):
+            fits = [_wave(one, line, low + 0.5, free) for low in (top - 1, top)]
+            size, order, wave = max(fits, key=lambda fit: fit[0])
+            left, whole = (float((np.abs(part[near]) ** 2).sum()) for part in (line - wave[: band + 1], line))
+            is_one = left - len(near) * floor < SETTINGS.left_of_unit * whole
+            told.append((size if is_one else 0.0, order, wave if is_one else np.zeros_like(wave)))
+        sizes, orders = (np.array([fit[i] for fit in told]) for i in (0, 1))
+        seen = sizes > 0.0
+        middle = float(np.median(orders[seen])) if seen.any() else 0.0
+        is_whole = abs(middle - round(middle)) < _WHOLE
+        if is_whole or seen.mean() < SETTINGS.most_orders or np.median(np.abs(orders[seen] - middle)) > _WHOLE:
+            break
+        kept = [_less(one, wave) for one, (_, _, wave) in zip(kept, told, strict=True)]
+        made = np.mean([np.abs(wave[: band + 1]) ** 2 for _, _, wave in told], axis=0)
+        made[1:] /= 2
+        size = float(np.sqrt((sizes[seen] ** 2).mean()))
+        found.append(Hum(0.0, size, (int(seen.sum()), len(kept)), np.sqrt(made), order=middle))
     return kept, tuple(found)
 
 

@@ -17,7 +17,7 @@ from st_codegen.campaign.reader import Campaign, read_campaign
 from st_codegen.errors import InputError, Problems
 from st_codegen.files.csv_tables import read_csv
 from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from st_codegen.reconcile.data.hum import without_hums
+from st_codegen.reconcile.data.hum import without_hums, without_waves_between
 from st_codegen.reconcile.data.observations import Observations, from_table, labels, order_of_runs
 from st_codegen.reconcile.settings import SETTINGS
 from st_codegen.rig.effects.wear import bump
@@ -49,7 +49,8 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
     campaign = read_campaign(folder, skip_bad=skip_bad, progress=progress)
     _check_ratio(campaign, rig)
     turns = campaign.at.speed_rpm / (60.0 * rig.constants.reduction_ratio)
-    sums, hums = without_hums([curve.sums for curve in campaign.curves], turns, rig.orders())
+    sums, between = without_waves_between([curve.sums for curve in campaign.curves], rig.orders())
+    sums, hums = without_hums(sums, turns, rig.orders())
     curves = tuple(replace(curve, sums=own) for curve, own in zip(campaign.curves, sums, strict=True))
     campaign = replace(campaign, curves=curves)
     bands = np.array([min(curve.sums.band, BAND) for curve in campaign.curves])
@@ -96,7 +97,7 @@ def _campaign(folder: Path, rig: RigModel, progress: Progress | None, skip_bad: 
             *_mistaken_text(campaign, mistaken, bands, files),
         ),
         samples=counts.pop() if len(counts) == 1 else 0,
-        hums=hums,
+        hums=(*between, *hums),
     )
 
 

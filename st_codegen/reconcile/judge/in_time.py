@@ -23,7 +23,7 @@ class Course:
 
 
 def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntArray) -> list[Course | None]:
-    """For each order the step, trend or lag of its residual over the runs; None where noise may look like it.
+    """For each order the step, ramp or lag of its residual over the runs; None where noise may look like it.
 
     z: in noises (n, K), cut, so that single wild runs make no step; whole: the same as it is, which sizes come from;
     both zero for bad runs. None where the order of the runs is not known as well. Noise that lasts over runs wanders:
@@ -37,7 +37,7 @@ def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntA
     numbers = np.unique(run[good])
     place, count = np.searchsorted(numbers, run), len(numbers)
     sums, sizes, in_deg = (_by_run(target, one, place, count) for one in (z, whole, whole * target.sigma))
-    (steps, cuts), trends = _steps(sums, count), _trends(sums, count)
+    (steps, cuts), (trends, bends) = _steps(sums, count), _ramps(sums, count)
     varying, varying_whole = _varying(sums), _varying(sizes)
     total = sum(float(weight.sum()) for _, weight in sums)
     sigma = np.sqrt((target.sigma[good] ** 2).mean(axis=0))
@@ -45,8 +45,8 @@ def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntA
     # where runs were made in any order of conditions, neighbours take a step for noise: what it leaves is the noise
     lefts = np.maximum(varying - gains, 1e-300)
     scales = np.clip(lefts / (total * parts), 1e-6, 1.0)
-    rest = _without_courses(sums, cuts, steps >= trends)
-    again = np.maximum(_steps(rest, count)[0], _trends(rest, count))
+    rest = _without_courses(sums, cuts, bends, steps >= trends)
+    again = np.maximum(_steps(rest, count)[0], _ramps(rest, count)[0])
     degrees = parts * len(sums)
     p_white, p_again = (_p_of_gains(one, scales, degrees, count) for one in (gains, again))
     alone = _others_are_quiet(p_white, cuts, count) & (p_again > SETTINGS.p_wander)
@@ -68,9 +68,11 @@ def course_of(target: FitData, z: ComplexArray, whole: ComplexArray, parts: IntA
             size = max(_step_size(series[:, k], weight, int(cuts[k])) for series, weight in in_deg)
             text = f"a step of {size:.2g} deg between run {cuts[k]} and run {cuts[k] + 1} of {count}, in their order"
         else:
-            power = float(_trends(in_deg, count)[k] / total)
-            size = float(np.sqrt(power * 12.0))
-            text = f"a trend of {size:.2g} deg over the {count} runs in their order"
+            shape = _shapes(count)[bends[k]]
+            own = [(series[:, k : k + 1], weight) for series, weight in in_deg]
+            power = float(sum(_gains_of_ramps(*one, shape[None])[0, 0] for one in own) / total)
+            size = float(max(abs(_slope(*one, shape)[0]) for one in own)) * float(np.ptp(shape))
+            text = _ramp_text(shape, size)
         found[k] = Course(power, size, text if alone[k] else f"{text}, which noise that lasts over runs may look like")
     return found
 
@@ -145,30 +147,72 @@ def _steps(sums: _ByRun, count: int) -> tuple[FloatArray, IntArray]:
     return inner.max(axis=0), best + edge
 
 
-def _trends(sums: _ByRun, count: int) -> FloatArray:
-    """The gain of a straight line over the runs in each order (K,)."""
-    found: FloatArray = np.zeros(sums[0][0].shape[1])
-    for series, weight in sums:
-        x = np.arange(count) - np.average(np.arange(count), weights=np.maximum(weight, 1e-9))
-        mean = series.sum(axis=0) / max(weight.sum(), 1.0)
-        pull = (x[:, None] * (series - weight[:, None] * mean)).sum(axis=0)
-        found = found + np.abs(pull) ** 2 / max(float((weight * x * x).sum()), 1e-300)
-    return found
+def _shapes(count: int) -> FloatArray:
+    """What a ramp may look like over the runs, (m, runs): the whole way first, then from a run on, or until one."""
+    at, edge = np.arange(count, dtype=np.float64), max(2, count // 20)
+    cuts = np.unique(np.linspace(edge, count - 1 - edge, SETTINGS.bends).round())
+    return np.stack([at, *(np.maximum(at - cut, 0.0) for cut in cuts), *(np.minimum(at - cut, 0.0) for cut in cuts)])
 
 
-def _without_courses(sums: _ByRun, cuts: IntArray, is_step: BoolArray) -> _ByRun:
-    """The sums by run without the best step, or the straight line, of each order and direction."""
+def _ramp_text(shape: FloatArray, size: float) -> str:
+    count, moves = len(shape), np.flatnonzero(np.diff(shape))
+    first, last = int(moves[0]) + 1, int(moves[-1]) + 2
+    if (first, last) == (1, count):
+        return f"a trend of {size:.2g} deg over the {count} runs in their order"
+    where = f"from about run {first} on" if last == count else f"until about run {last}"
+    return f"a trend of {size:.2g} deg {where}, of {count} in their order"
+
+
+def _about(shapes: FloatArray, weight: FloatArray) -> FloatArray:
+    """Shapes (.., runs) about their means."""
+    return np.asarray(shapes - np.average(shapes, axis=-1, weights=np.maximum(weight, 1e-9))[..., None])
+
+
+def _slope(series: ComplexArray, weight: FloatArray, shape: FloatArray) -> ComplexArray:
+    """What of a shape (runs,) is in each order beside a constant, (K,)."""
+    x = _about(shape, weight)
+    mean = series.sum(axis=0) / max(float(weight.sum()), 1.0)
+    return np.asarray(x @ (series - weight[:, None] * mean) / max(float((weight * x * x).sum()), 1e-300))
+
+
+def _gains_of_ramps(series: ComplexArray, weight: FloatArray, shapes: FloatArray) -> FloatArray:
+    """The gain of each shape (m, runs) in each order, (m, K)."""
+    x = _about(shapes, weight)
+    mean = series.sum(axis=0) / max(float(weight.sum()), 1.0)
+    pull = x @ (series - weight[:, None] * mean)
+    return np.asarray(np.abs(pull) ** 2 / np.maximum((weight * x * x).sum(axis=1), 1e-300)[:, None])
+
+
+def _ramps(sums: _ByRun, count: int) -> tuple[FloatArray, IntArray]:
+    """The gain of the best ramp over the runs in each order (K,), and which of the shapes it has.
+
+    One the whole way stands where a bend takes off hardly more.
+    """
+    shapes = _shapes(count)
+    gains = np.asarray(sum(_gains_of_ramps(series, weight, shapes) for series, weight in sums))
+    best = gains.argmax(axis=0)
+    left = np.maximum(_varying(sums) - gains.max(axis=0), 0.0)
+    clear = gains.max(axis=0) - gains[0] > SETTINGS.as_good * np.minimum(1.0, left / max(count - 3, 1))
+    best = np.where(clear, best, 0)
+    return gains[best, np.arange(gains.shape[1])], best
+
+
+def _without_courses(sums: _ByRun, cuts: IntArray, bends: IntArray, is_step: BoolArray) -> _ByRun:
+    """The sums by run without the best step, or the best ramp, of each order and direction."""
     found = []
+    shapes = _shapes(len(sums[0][0]))
     for series, weight in sums:
         before = np.arange(len(series))[:, None] < cuts[None, :]
-        level = np.zeros_like(series)
+        level, ramp = np.zeros_like(series), np.zeros_like(series)
         for part in (before, ~before):
             rows = (weight[:, None] * part).sum(axis=0)
             level += part * (series * part).sum(axis=0) / np.maximum(rows, 1e-9)
-        x = np.arange(len(series)) - np.average(np.arange(len(series)), weights=np.maximum(weight, 1e-9))
         mean = series.sum(axis=0) / max(float(weight.sum()), 1e-9)
-        slope = (x[:, None] * (series - weight[:, None] * mean)).sum(axis=0) / max(float((weight * x * x).sum()), 1e-9)
-        found.append((series - weight[:, None] * np.where(is_step, level, mean + x[:, None] * slope), weight))
+        for bend in np.unique(bends):
+            own = bends == bend
+            slope = _slope(series[:, own], weight, shapes[bend])
+            ramp[:, own] = mean[own] + _about(shapes[bend], weight)[:, None] * slope
+        found.append((series - weight[:, None] * np.where(is_step, level, ramp), weight))
     return tuple(found)
 
 
@@ -250,7 +294,9 @@ def _lags(target: FitData, sums: _ByRun, numbers: IntArray, place: IntArray) -> 
     if np.ptp(oil) == 0.0:
         return [None] * len(target.data.orders)
     known, found = _Oil(oil, sums), list[_Lag | None]()
-    for k, tried in enumerate(zip(*map(known.lags, _LAGS), strict=True)):
+    # a body that takes as long as the campaign has a trend, whatever the oil does
+    runs = [lag for lag in _LAGS if lag <= len(numbers) / SETTINGS.lags_in_campaign]
+    for k, tried in enumerate(zip(*map(known.lags, runs), strict=True)):
         # how much a start explains as well differs from lag to lag: what is left decides
         best = min(tried, key=lambda lag: lag.left)
         for step in (0.15, 0.05, 0.015) if best.gain > SETTINGS.least_excess_in_time * best.left else ():

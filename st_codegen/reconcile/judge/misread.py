@@ -85,6 +85,16 @@ def _turned(data: Observations, size: float) -> Observations:
     return replace(data, values=data.values * np.exp(1j * np.radians(size) * data.orders))
 
 
+def _ramp_taken_out(data: Observations, size: float) -> Observations:
+    """TE without a rise of so many deg from the zero of the angle to where the turn ends."""
+    waves = 1j * size / (np.pi * np.maximum(data.orders, 1))
+    return replace(data, values=data.values - np.where(data.orders == 0, size / 2, waves))
+
+
+def _smaller(data: Observations, size: float) -> Observations:
+    return data.scaled(1.0 / (1.0 + size / 100.0))
+
+
 def _exchanged(data: Observations, _size: float) -> Observations:
     return _with(data, "sign", -data.at.sign)
 
@@ -110,6 +120,8 @@ READINGS = (
         30.0,
     ),
     Reading("misread_angle", "home_offset", "every angle {:.3g} deg too {}", _turned, 1e-3, 5.0),
+    Reading("misread_ratio", "ratio", "TE {:.3g} deg too {} at the end of each turn", _ramp_taken_out, 1e-4, 1.0),
+    Reading("misread_te", "column_scale", "all TE {:.3g} % too {}", _smaller, 0.1, 30.0),
     Reading("exchanged_directions", "direction", "forward and backward exchanged", _exchanged, 0.0, 0.0, (1.0,)),
 )
 

@@ -69,7 +69,7 @@ def loud_and_foreign(target: FitData, residual: ComplexArray, made: Sequence[int
     if target.data.spectral_deg is None or not target.good.any():
         return np.zeros(len(orders), bool)
     times = _times_spectral(target, residual)
-    loud = times > sure_times(target) * _wandering(target, times)
+    loud = times > sure_times(target) * _wandering(target, residual)
     return loud & ~np.isin(orders, made) & (orders > SETTINGS.wander_orders)
 
 
@@ -148,15 +148,27 @@ def floors(target: FitData, residual: ComplexArray, of_contrasts: FloatArray) ->
     """RMS of one component of the noise by order, (K,), from that of contrasts between runs.
 
     Of curves it is that between their orders, but where noise lasts over a turn or comes from the lines of an encoder.
-    Contrasts hold what structure is left; where there is some, the noise is that of the orders next to it.
+    Contrasts hold what structure is left; where there is some, the noise is that of the orders next to it. No order has
+    more noise than there is in it.
     """
-    data, found = target.data, of_contrasts.copy()
+    found = of_contrasts.copy()
     if not target.good.any():
         return found
-    own = noise_within(target)
+    return np.asarray(np.minimum(_known_noise(target, residual, found), _most_noise(target, residual)))
+
+
+def _most_noise(target: FitData, residual: ComplexArray) -> FloatArray:
+    """The RMS of one component of a residual, and by how much that of so many numbers scatters beside, (K,)."""
+    count = np.where(target.data.orders == 0, 1, 2) * int(target.good.sum())
+    return np.asarray(rms_of_component(target, residual) * (1.0 + SETTINGS.told / np.sqrt(2.0 * count)))
+
+
+def _known_noise(target: FitData, residual: ComplexArray, found: FloatArray) -> FloatArray:
+    """RMS of one component of the noise by what knows it best, (K,); found: that of contrasts."""
+    data, own = target.data, noise_within(target)
     if data.spectral_deg is not None:
         lasts = (data.orders <= SETTINGS.wander_orders) & (found < _beyond(target, residual) * own)
-        walking = own * _wandering(target, _times_spectral(target, residual))
+        walking = own * _wandering(target, residual)
         return np.where(lasts | (of_an_encoder(target, residual) > 0), found, np.where(data.orders > 0, walking, own))
     left = is_lacking(target, residual)
     return np.where(left, np.minimum(np.minimum(found, own), by_directions(target, residual)[1]), found)
@@ -261,7 +273,7 @@ def _beyond(target: FitData, residual: ComplexArray) -> FloatArray:
     """
     orders, times = target.data.orders, _times_spectral(target, residual)
     if target.data.spectral_deg is not None:
-        found = SETTINGS.beyond_spectral * _wandering(target, times)
+        found = SETTINGS.beyond_spectral * _wandering(target, residual)
         found[orders == 0] *= np.maximum(1.0, target.run_offset_deg / noise_within(target)[orders == 0])
         return found
     apart = np.abs(np.log(np.maximum(times[orders > 0], 1e-9)))
@@ -272,17 +284,20 @@ def _beyond(target: FitData, residual: ComplexArray) -> FloatArray:
     return np.where(orders > SETTINGS.wander_orders, usual, SETTINGS.beyond_beside)
 
 
-def _wandering(target: FitData, times: FloatArray) -> FloatArray:
+def _wandering(target: FitData, residual: ComplexArray) -> FloatArray:
     """How much louder than the noise between orders a walk within one turn makes each order, (K,).
 
     The power of a walk falls with the square of the order, that of flicker with the order; the mean of a walk over a
     turn has 2 pi^2 / 3 times the power of order 1. Which of them it is, and how strong, the lowest orders say where
-    they are clearly louder, each but the one asked about.
+    they are clearly louder, each but the one asked about. Those that follow the conditions, or the order of the runs,
+    do not walk.
     """
-    orders, found = target.data.orders, np.ones(len(times))
+    orders, times = target.data.orders, _times_spectral(target, residual)
+    found = np.ones(len(times))
     # the mean power of n runs of noise scatters by 1/sqrt(n)
     power = times**2 - 1.0 - SETTINGS.clearly_smaller / np.sqrt(max(int(target.good.sum()), 1))
-    low = np.flatnonzero((orders > 0) & (orders <= SETTINGS.wander_orders))
+    walks = (orders > 0) & (orders <= SETTINGS.wander_orders) & ~structure(target, residual).significant
+    low = np.flatnonzero(walks)
     for k, order in enumerate(orders):
         others = low[low != k]
         if len(others) > 1:
@@ -336,7 +351,7 @@ def wander_within_turns(target: FitData, residual: ComplexArray) -> float:
         return 0.0
     times = _times_spectral(target, residual)
     low = (data.orders > 0) & (data.orders <= SETTINGS.wander_orders)
-    walks = low & (_wandering(target, times) > SETTINGS.beyond_spectral) & (times > SETTINGS.beyond_spectral)
+    walks = low & (_wandering(target, residual) > SETTINGS.beyond_spectral) & (times > SETTINGS.beyond_spectral)
     return float(times[walks].max(initial=0.0))
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from st_codegen.ir.arrays import BoolArray, ComplexArray, FloatArray
 from st_codegen.reconcile.data.contrasts import levels_of, speed_levels
 from st_codegen.reconcile.data.hum import Hum
 from st_codegen.reconcile.fit.target import FitData
@@ -80,7 +80,8 @@ def _holds_elsewhere(target: FitData, r: ComplexArray, name: str) -> bool:
 class Signature:
     """One unexplained part.
 
-    order: -1 where it has a frequency (`hertz`) instead, or where several tell it together; rms_deg: of what is no
+    order: -1 where it has a frequency (`hertz`) or a number of periods a turn that is not whole (`periods`) instead, or
+    where several tell it together; rms_deg: of what is no
     noise, over all runs and angles; share of the gap (power); dependence: shares by factor; direction: `both`,
     `forward`, `backward`; text: a sentence; amplitude_deg: the largest of the formula, or of the levels of the
     factor on which it depends most; formula: the simplest expression that the data hold, or None; at_least: the
@@ -100,14 +101,23 @@ class Signature:
     at_least: bool = False
     hertz: float = 0.0
     would_be: str = ""
+    periods: float = 0.0
 
 
-def of_a_hum(hum: Hum, gap_power: float, orders: IntArray) -> Signature:
-    """The signature of a wave that was taken out of the curves; its share is that of the orders that were looked at."""
+def of_a_hum(hum: Hum, gap_power: float) -> Signature:
+    """The signature of a wave of no order, as a share of the whole gap."""
     seen, of = hum.curves
-    rms = hum.amplitude_deg * float(np.sqrt(seen / of / 2))
-    share = float((hum.by_order[orders] ** 2).sum()) / max(gap_power, 1e-300)
-    return Signature(-1, rms, share, {"time": 1.0}, "both", hum.text, hum.amplitude_deg, hertz=hum.frequency_Hz)
+    return Signature(
+        -1,
+        hum.amplitude_deg * float(np.sqrt(seen / of / 2)),
+        min(1.0, hum.power / max(gap_power, 1e-300)),
+        {"time" if hum.frequency_Hz else "constant": 1.0},
+        "both",
+        hum.text,
+        hum.amplitude_deg,
+        hertz=hum.frequency_Hz,
+        periods=hum.order,
+    )
 
 
 def beside_the_rigs(orders: Collection[int], its: Iterable[int]) -> list[int]:
@@ -234,6 +244,8 @@ def _signature(
     side = "" if direction == "both" else f", {direction} only"
     # orders beside an order tell its noise, but nothing tells that of a table's mean
     at_least = not order and target.data.spectral_deg is None
+    # what neighbours in the conditions differ by holds what changed between the times of both
+    at_least |= course is not None and bool(floor > SETTINGS.clearly_larger * noise_within(target)[k])
     what = f"order {order}" if order else "the mean"
     size = f"{'at least ' if at_least else ''}{np.sqrt(power):.2g} deg RMS"
     is_law = formula is not None and said == formula.text

@@ -31,6 +31,7 @@ def report(result: Reconciliation, update: Update | None = None, ahead: NextRuns
             {
                 "order": None if s.order < 0 else s.order,
                 "frequency_Hz": s.hertz or None,
+                "periods_per_turn": s.periods or None,
                 "dependence": {name: round(share, 4) for name, share in s.dependence.items()},
                 "direction": s.direction,
                 "size": s.rms_deg,

@@ -214,7 +214,7 @@ def _unexplained(result: Reconciliation) -> PageSection | None:
         return None
     rows = [
         [
-            f"{s.hertz:.4g} Hz" if s.hertz else "several" if s.order < 0 else s.order or "mean",
+            f"{s.hertz:.4g} Hz" if s.hertz else s.periods or ("several" if s.order < 0 else s.order or "mean"),
             s.rms_deg,
             f"{100 * s.share:.2g} %",
             s.direction,

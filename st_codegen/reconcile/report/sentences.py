@@ -83,7 +83,7 @@ def between_text(result: Reconciliation) -> str:
     texts = []
     if result.data.few_points:
         texts.append("The gap on held-out runs is a least value: so few runs say nothing of what lies between them.")
-    elif result.data.hums:
+    elif any(one.frequency_Hz for one in result.data.hums):
         texts.append(
             "The gap on held-out runs is a least value: at other speeds the wave of one frequency makes other orders."
         )
